@@ -1,0 +1,37 @@
+# A machine needs Python 3.11 or newer and make; git is not required. `make demo` and `make test` do the rest.
+
+# Run each candidate: a shim named python3.11 may exist without the interpreter behind it.
+PYTHON ?= $(shell for candidate in python3.11 python3; do \
+	$$candidate -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$candidate && break; done)
+BIN := .venv/bin
+INSTALLED := .venv/.installed
+
+.PHONY: demo test bench format clean
+
+demo: $(INSTALLED)
+	$(BIN)/jaxmodel demo --out demo-results
+
+# Cheapest first. Each pytest worker compiles for itself, so a file stays with one worker and compiles once.
+test: $(INSTALLED)
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright
+	$(BIN)/pytest -n 2 --dist loadfile
+
+bench: $(INSTALLED)
+	$(BIN)/python -m benchmarks
+
+format: $(INSTALLED)
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+
+# A stamp: the install runs once, and again when what it installs changes.
+$(INSTALLED): pyproject.toml constraints.txt
+	@test -n "$(PYTHON)" || { echo "No Python 3.11 or newer found; install one, or name it: make PYTHON=/path/to/python"; exit 1; }
+	@test -x $(BIN)/pip || $(PYTHON) -m venv .venv
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[test]'
+	@touch $@
+
+clean:
+	rm -rf .venv .jax-cache .hypothesis .pytest_cache .ruff_cache build dist site demo-results *.egg-info
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

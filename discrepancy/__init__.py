@@ -1,0 +1,1 @@
+"""Model against measurement: where the model fails, and which effect it lacks."""

@@ -1,0 +1,126 @@
+"""Turning coloured noise into white noise, one chain of readings at a time.
+
+A *chain* is a stretch of consecutive rows of one run over which the noise is one AR(1) process. Rows of all runs are stacked,
+and a boolean array `starts` is True where a new chain begins: at the first row of every run and after every break in the
+recording. Without whitening a nominal 5 % false-alarm rate becomes nearly 100 % at rho = 0.9.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Integers = NDArray[np.int64]
+
+
+def chain_starts(run_lengths: Iterable[int]) -> Bools:
+    """Mark the first row of every run in the stacked rows of all runs.
+
+    Args:
+        run_lengths: number of rows of each run, in stacking order.
+
+    Returns:
+        (n,) booleans, n the sum of the lengths.
+    """
+    lengths = np.asarray(list(run_lengths), dtype=np.int64)
+    starts = np.zeros(lengths.sum(), dtype=bool)
+    starts[np.cumsum(lengths)[lengths > 0] - lengths[lengths > 0]] = True
+    return starts
+
+
+def break_at_gaps(starts: ArrayLike, time_s: ArrayLike, longest_gap_s: float) -> Bools:
+    """Begin a new chain wherever two rows of a chain are further apart in time than a gap allows.
+
+    Args:
+        starts: (n,) booleans, True where a chain begins.
+        time_s: (n,) time stamps in seconds, increasing within a chain.
+        longest_gap_s: the longest step that still belongs to one recording.
+
+    Returns:
+        (n,) booleans, True where a chain begins.
+    """
+    step = np.diff(np.asarray(time_s, dtype=float), prepend=0.0)
+    return np.asarray(starts, dtype=bool) | (step > longest_gap_s)
+
+
+def block_labels(starts: ArrayLike, block_length: int) -> Integers:
+    """Cut every chain into blocks of equal length, the clusters of cluster-robust statistics.
+
+    A remainder shorter than half a block joins the block before it. Blocks should be at least five correlation times long.
+
+    Args:
+        starts: (n,) booleans, True where a chain begins.
+        block_length: rows per block, at least 1.
+
+    Returns:
+        (n,) block numbers, counted from 0 through all chains.
+    """
+    begins = np.asarray(starts, dtype=bool).copy()
+    if begins.size:
+        begins[0] = True
+    first = np.flatnonzero(begins)
+    lengths = np.diff(np.append(first, begins.size))
+    for start, length in zip(first, lengths, strict=True):
+        whole = max(1, int(length / block_length + 0.5))
+        begins[start + block_length * np.arange(whole)] = True
+    return np.cumsum(begins) - 1
+
+
+def whiten(
+    values: ArrayLike,
+    starts: ArrayLike,
+    rho: float,
+    sd: float | ArrayLike,
+    present: ArrayLike | None = None,
+    elapsed: ArrayLike | None = None,
+) -> Floats:
+    """Whiten columns of readings whose noise is AR(1).
+
+    With u = e / sd and w = rho^k, k the samples since the last reading present in the chain, a row becomes
+    (u_t - w u_{t-k}) / sqrt(1 - w^2); the first reading of a chain becomes u. This is the exact inverse square root of the
+    noise covariance, also across missing readings, which are bridged rather than treated as a fresh start.
+
+    Args:
+        values: (n,) or (n, m); columns are whitened alike (a residual, or sensitivities to m parameters). Rows that are not
+            present may hold anything, NaN included.
+        starts: (n,) booleans, True where a chain begins.
+        rho: correlation of the noise between consecutive rows, or over one unit of `elapsed`; |rho| < 1.
+        sd: standard deviation of one reading's noise in the unit of the readings: one number, or (n,) where it varies.
+        present: (n,) booleans, False for a missing reading; all present when not given. Give the residual's for the
+            sensitivities too, so that both are whitened alike.
+        elapsed: (n,) noise clock in units of the step that rho belongs to, for noise that decays with time rather than with
+            the sample count; then rho must not be negative.
+
+    Returns:
+        The whitened values, same shape; missing rows are 0 (weight 0).
+
+    Raises:
+        ValueError: |rho| >= 1, an sd that is not positive, or a negative rho with `elapsed`.
+    """
+    if not abs(rho) < 1.0:
+        raise ValueError(f"rho must lie between -1 and 1, not {rho}.")
+    if elapsed is not None and rho < 0.0:
+        raise ValueError("A negative rho has no continuous-time form: leave `elapsed` out.")
+    columns = np.asarray(values, dtype=float)
+    is_present = np.ones(len(columns), dtype=bool) if present is None else np.asarray(present, dtype=bool)
+    rows = np.flatnonzero(is_present)
+    scale = np.broadcast_to(np.asarray(sd, dtype=float), len(columns))[rows]
+    if not np.all(scale > 0.0):
+        raise ValueError("Every noise sd must be positive.")
+    clock = np.arange(len(columns)) if elapsed is None else np.asarray(elapsed, dtype=float)
+    chain = np.cumsum(np.asarray(starts, dtype=bool))[rows]
+    weight = np.zeros(len(rows))
+    if len(rows) > 1 and rho != 0.0:
+        weight[1:] = np.where(np.diff(chain) == 0, float(rho) ** np.diff(clock[rows]), 0.0)
+
+    one_column_per_row = columns.reshape(len(columns), -1)
+    standard = one_column_per_row[rows] / scale[:, None]
+    innovation = standard.copy()
+    innovation[1:] -= weight[1:, None] * standard[:-1]
+    whitened = np.zeros_like(one_column_per_row)
+    whitened[rows] = innovation / np.sqrt(1.0 - weight**2)[:, None]
+    return whitened.reshape(columns.shape)

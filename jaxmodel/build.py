@@ -1,0 +1,122 @@
+"""From what a user brings (a case, a preset) to models and profiles."""
+
+from __future__ import annotations
+
+import importlib.util
+import inspect
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from jaxmodel.cases import Case, Run
+from jaxmodel.curves import CURVE_NAMES, CellCurves, Table, look_up_curves
+from jaxmodel.effects import CATALOGUE
+from jaxmodel.errors import EffectError, ParameterError, nearest
+from jaxmodel.model import Model
+from jaxmodel.parameters import Parameters, describe
+from jaxmodel.ports import Effect
+from jaxmodel.profile import Profile
+
+PRESETS = {"paper": "the robot of the paper: 6S1P 5.2 Ah pack, two maxon RE50 motors"}
+FIDELITIES = ("formula", "lut")
+
+
+def make_effect(
+    name: str, values: Mapping[str, Any], where: str, catalogue: Mapping[str, type[Effect]] = CATALOGUE
+) -> Effect:
+    """Return an effect of the catalogue with parameter values, checked against its table.
+
+    Args:
+        name: the effect's name.
+        values: its parameters by name; a sensor effect also takes `column`.
+        where: file and place, for messages.
+        catalogue: the known effects by name.
+
+    Raises:
+        EffectError: unknown effect or parameter; the message gives the nearest name.
+    """
+    if name not in catalogue:
+        raise EffectError(f"{where}: no effect is called '{name}'.{nearest(name, catalogue)}")
+    cls = catalogue[name]
+    table = describe(cls)
+    numbers = {}
+    for field, given in values.items():
+        if field == "column" and cls.is_sensor:
+            continue
+        if field not in table:
+            raise EffectError(
+                f"{where}: effect '{name}' has no parameter '{field}'.{nearest(field, table)} "
+                f"It takes {', '.join([*table, *(['column'] if cls.is_sensor else [])])}."
+            )
+        numbers[field] = table[field].check(given, f"{where}, effect '{name}'")
+    if cls.is_sensor and name != "clock_shift" and not values.get("column"):
+        raise EffectError(f"{where}: effect '{name}' needs a column, as in {name} = {{ column = \"voltage_V\", ... }}.")
+    return cls(**numbers, **({"column": values.get("column", "")} if cls.is_sensor else {}))
+
+
+def load_effect_class(reference: str) -> type[Effect]:
+    """Return the effect class that `path/to/file.py:ClassName` names, from a user's own file.
+
+    Raises:
+        EffectError: the file or class is not there, or the class is not an effect.
+    """
+    file, _, class_name = reference.partition(":")
+    path = Path(file)
+    if not class_name or not path.is_file():
+        raise EffectError(f"--effect {reference}: give an existing file and a class, as in my_effects.py:MagnetAgeing.")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except EffectError:
+        raise
+    except Exception as error:
+        raise EffectError(f"--effect {reference}: the file does not run: {error}.") from error
+    cls = getattr(module, class_name, None)
+    if not (inspect.isclass(cls) and issubclass(cls, Effect)):
+        raise EffectError(f"--effect {reference}: {path.name} has no class '{class_name}' derived from jaxmodel.ports.Effect.")
+    return cls
+
+
+def case_model(
+    case: Case,
+    run: Run | None = None,
+    *,
+    fidelity: str = "formula",
+    catalogue: Mapping[str, type[Effect]] = CATALOGUE,
+) -> Model:
+    """Return the model that a case describes: preset, parameters, tables and effects; of one run, with its overrides.
+
+    Raises:
+        ParameterError: unknown preset.
+        EffectError: an effect is unknown or does not apply to the kind.
+    """
+    where = str(case.path)
+    if case.preset not in PRESETS:
+        raise ParameterError(f"{where}: no preset is called '{case.preset}'.{nearest(case.preset, PRESETS)}")
+    known = {name: entry.value for name, entry in case.parameters.items()}
+    if run is not None:
+        known |= {name: entry.value for name, entry in run.overrides.items()}
+        known["initial_soc"] = run.initial_soc.value
+    curves = CellCurves()
+    if fidelity == "lut":
+        curves = look_up_curves(curves)
+    tables = {
+        name: Table(table.soc, table.values, table.temperature_degC)
+        for name, table in case.tables.items()
+        if name in CURVE_NAMES
+    }
+    curves = CellCurves(**{name: tables.get(name, getattr(curves, name)) for name in CURVE_NAMES})
+    effects = tuple(make_effect(name, values, where, catalogue) for name, values in case.effects.items())
+    for effect in effects:
+        if case.kind not in effect.kinds:
+            raise EffectError(
+                f"{where}: effect '{effect.name}' applies to {' and '.join(effect.kinds)}, not to kind '{case.kind}'; remove it."
+            )
+    return Model(kind=case.kind, parameters=Parameters(**known), curves=curves, effects=effects)
+
+
+def run_profile(run: Run) -> Profile:
+    """Return the inputs of a measured run as a profile."""
+    return Profile(run.measured.time_s, run.measured.inputs)

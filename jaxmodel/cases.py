@@ -1,0 +1,205 @@
+"""A measurement case: case.toml and one CSV per run, read and checked.
+
+The layout is the same for a user's own data and for made data. Everything here is plain numbers in the units
+of their names; the model is built from a case elsewhere.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from jaxmodel.case_schema import KnownEntry, RunEntry, TableEntry, parse_case
+from jaxmodel.errors import MeasurementError, nearest
+from jaxmodel.measurements import KINDS, Measured, file_label, read_measurements, read_utf8
+from jaxmodel.parameters import info
+
+
+@dataclasses.dataclass(frozen=True)
+class Known:
+    """What is known of a number: its value, and its standard deviation (None: known exactly)."""
+
+    value: float
+    sd: float | None = None
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Table:
+    """A curve over SOC, or over SOC and temperature; linear between the points, held at the ends.
+
+    Attributes:
+        soc: strictly increasing states of charge, shape (soc,).
+        values: V of `ocv`, ohm of `R_ints`, `R_TS` and `R_TL`, F of `C_TS` and `C_TL`; shape (soc,), or
+            (temperature, soc) where `temperature_degC` is given.
+        temperature_degC: strictly increasing temperatures, shape (temperature,), or None.
+    """
+
+    soc: np.ndarray
+    values: np.ndarray
+    temperature_degC: np.ndarray | None = None
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Run:
+    """One run of a case.
+
+    Attributes:
+        name: the file's name without its ending.
+        file: the CSV as case.toml names it.
+        split: "fit" may be used to calibrate, "check" only to judge.
+        label: free text.
+        initial_soc: state of charge at the first row.
+        overrides: parameters of the case that are different in this run.
+        measured: times, inputs and outputs.
+        source: the CSV's path.
+    """
+
+    name: str
+    file: str
+    split: Literal["fit", "check"]
+    label: str
+    initial_soc: Known
+    overrides: dict[str, Known]
+    measured: Measured
+    source: Path
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Case:
+    """What a user brings: hardware as far as it is known, sensors, and runs.
+
+    Attributes:
+        name: the folder's name.
+        path: the TOML file.
+        title: free text, the name where the file has none.
+        kind: a key of `KINDS`.
+        preset: where every parameter not named here comes from.
+        parameters: scalar parameters by name. `initial_soc` is not among them: it is each run's own.
+        tables: curves by name (`ocv`, `R_ints`, `R_TS`, `R_TL`, `C_TS`, `C_TL`).
+        effects: effects turned on: their parameters by name, and the `column` of a sensor effect.
+        sensors: by column, the sd of its white noise before rounding, in the column's unit.
+        runs: in the order of the file; at least one.
+        cutoff: end of a discharge: `soc`, `voltage_V`, both or neither.
+    """
+
+    name: str
+    path: Path
+    title: str
+    kind: Literal["cell", "motor", "robot"]
+    preset: str
+    parameters: dict[str, Known]
+    tables: dict[str, Table]
+    effects: dict[str, dict[str, float | str]]
+    sensors: dict[str, float]
+    runs: tuple[Run, ...]
+    cutoff: dict[str, float]
+
+
+def read_case(path: str | Path) -> Case:
+    """Read a case and all its runs.
+
+    Args:
+        path: a folder with a `case.toml`, or a TOML file of that form; CSV paths are relative to the TOML file.
+
+    Raises:
+        MeasurementError: a file is missing or cannot be used as it is; the message says where and what to do.
+        ParameterError: a parameter is unknown, out of its bounds or of the wrong form.
+    """
+    toml = _toml_file(Path(path))
+    where = file_label(toml)
+    entry = parse_case(read_utf8(toml), where)
+
+    scalars = _checked(entry.parameters.__pydantic_extra__, f"{where}: [parameters]")
+    default_soc = scalars.pop("initial_soc", Known(1.0))
+    tables = {name: table for name, table in entry.parameters if isinstance(table, TableEntry)}
+    _check_sensors(entry.sensors, entry.kind, where)
+    files = _files(entry.runs, toml, where)
+    runs = tuple(
+        _run(run, file, entry.kind, default_soc, f"{where}, the run of {run.file}: runs[{number}]")
+        for number, (run, file) in enumerate(zip(entry.runs, files, strict=True), start=1)
+    )
+    return Case(
+        name=toml.parent.name,
+        path=toml,
+        title=entry.title or toml.parent.name,
+        kind=entry.kind,
+        preset=entry.preset,
+        parameters=scalars,
+        tables={name: _table(table) for name, table in tables.items()},
+        effects={name: effect.model_dump(exclude_none=True) for name, effect in entry.effects.items()},
+        sensors=dict(entry.sensors),
+        runs=runs,
+        cutoff=entry.cutoff.model_dump(exclude_none=True),
+    )
+
+
+def _toml_file(path: Path) -> Path:
+    """Return the TOML file that a user means by a folder or a file."""
+    path = path.resolve()
+    toml = path / "case.toml" if path.is_dir() else path
+    if not toml.is_file():
+        raise MeasurementError(
+            f"There is no {file_label(toml)}; give a folder that has a case.toml, or the TOML file itself."
+        )
+    if toml.suffix != ".toml":
+        raise MeasurementError(f"{file_label(toml)} is not a TOML file; give the case.toml that lists this run.")
+    return toml
+
+
+def _run(entry: RunEntry, file: Path, kind: str, default_soc: Known, where: str) -> Run:
+    """Return one run with its readings."""
+    stated_soc = {} if entry.initial_soc is None else {"initial_soc": entry.initial_soc}
+    return Run(
+        name=file.stem,
+        file=entry.file,
+        split=entry.split,
+        label=entry.label,
+        initial_soc=_checked(stated_soc, where).get("initial_soc", default_soc),
+        overrides=_checked(entry.__pydantic_extra__, where),
+        measured=read_measurements(file, kind, entry.ambient_degC),
+        source=file,
+    )
+
+
+def _checked(entries: Mapping[str, KnownEntry], where: str) -> dict[str, Known]:
+    """Return scalar parameters after a look at their bounds."""
+    return {name: Known(info(name, where).check(entry.value, where), entry.sd) for name, entry in entries.items()}
+
+
+def _table(entry: TableEntry) -> Table:
+    temperature_degC = None if entry.temperature_degC is None else np.array(entry.temperature_degC, dtype=float)
+    return Table(np.array(entry.soc, dtype=float), np.array(entry.values, dtype=float), temperature_degC)
+
+
+def _check_sensors(sensors: Mapping[str, float], kind: str, where: str) -> None:
+    """Raise MeasurementError for a sensor whose column this kind does not have."""
+    columns = KINDS[kind].columns
+    for name in sensors:
+        if name not in columns:
+            hint = nearest(name, columns) or f" It has {', '.join(columns)}."
+            raise MeasurementError(f"{where}: [sensors]: a {kind} has no column '{name}'.{hint}")
+
+
+def _files(runs: list[RunEntry], toml: Path, where: str) -> list[Path]:
+    """Return the path of each run's CSV: it exists, and no two runs have the same name."""
+    files: list[Path] = []
+    for number, run in enumerate(runs, start=1):
+        file = (toml.parent / run.file).resolve()
+        if not file.is_file():
+            hint = nearest(run.file, (other.name for other in toml.parent.glob("*.csv")))
+            raise MeasurementError(
+                f"{where}: runs[{number}].file: there is no '{run.file}' beside {toml.name};"
+                f" correct the name or add the file.{hint}"
+            )
+        for earlier, other in enumerate(files, start=1):
+            if other.stem == file.stem:
+                raise MeasurementError(
+                    f"{where}: runs[{earlier}].file and runs[{number}].file are both '{file.stem}'; "
+                    "a run is named by its file, so list each file once, under a name of its own."
+                )
+        files.append(file)
+    return files

@@ -1,0 +1,292 @@
+"""Candidate effects of the cell and the pack."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+
+from jaxmodel.cell import ZERO_DEGC_IN_K
+from jaxmodel.flow import Flow, State, integral, relaxation
+from jaxmodel.parameters import Scalar, parameter
+from jaxmodel.ports import CellContext, Effect
+
+GAS_CONSTANT = 8.314  # J/(mol K)
+FARADAY = 96485.0  # C/mol
+REFERENCE_DEGC = 20.0
+
+CELL = ("cell", "robot")
+
+
+class ArrheniusResistance(Effect):
+    """All resistances follow exp(E_a / 8.314 (1/T_K - 1/293.15)), on top of eq. 9."""
+
+    name: ClassVar[str] = "arrhenius_resistance"
+    kinds: ClassVar[tuple[str, ...]] = CELL
+    equation: ClassVar[str] = "R -> R exp(E_a/8.314 (1/T_K - 1/293.15)) for R_ints + R_cyc, R_TS, R_TL"
+    E_a: Scalar = parameter(
+        20e3, unit="J/mol", meaning="activation energy", null=0.0, lower=-2e4, upper=1.2e5, typical=(5e3, 40e3)
+    )
+
+    def _factor(self, context: CellContext) -> Scalar:
+        kelvin = context.temperature_degC + ZERO_DEGC_IN_K
+        return jnp.exp(self.E_a / GAS_CONSTANT * (1.0 / kelvin - 1.0 / (REFERENCE_DEGC + ZERO_DEGC_IN_K)))
+
+    def series_resistance(self, value: Scalar, context: CellContext) -> Scalar:
+        """Scale R_ints + R_cyc."""
+        return value * self._factor(context)
+
+    def rc_resistance(self, value: Scalar, context: CellContext) -> Scalar:
+        """Scale R_TS and R_TL."""
+        return value * self._factor(context)
+
+
+class CapacityTemperature(Effect):
+    """The usable capacity follows the temperature: Q (1 + a (T - 20))."""
+
+    name: ClassVar[str] = "capacity_temperature"
+    kinds: ClassVar[tuple[str, ...]] = CELL
+    equation: ClassVar[str] = "Q -> Q (1 + a (T - 20))"
+    a: Scalar = parameter(
+        0.004, unit="1/K", meaning="change of capacity", null=0.0, lower=-0.03, upper=0.03, typical=(0.0005, 0.012)
+    )
+
+    def usable_charge(self, value: Scalar, context: CellContext) -> Scalar:
+        """Scale the usable charge; it keeps a twentieth of itself far outside the range of the law."""
+        return value * jnp.maximum(1.0 + self.a * (context.temperature_degC - REFERENCE_DEGC), 0.05)
+
+
+class RateCapacity(Effect):
+    """High currents use up more charge than they deliver (Peukert): i_eff = i (|i|/I_ref)^(p-1) in eq. 1."""
+
+    name: ClassVar[str] = "rate_capacity"
+    kinds: ClassVar[tuple[str, ...]] = CELL
+    equation: ClassVar[str] = "i -> i (|i|/I_ref)^(p-1) in eq. 1 only, I_ref = the nominal capacity in A"
+    p: Scalar = parameter(
+        1.1, unit="", meaning="Peukert exponent", null=1.0, lower=0.7, upper=2.0, typical=(1.0, 1.3)
+    )
+
+    def counted_current(self, value: Scalar, context: CellContext) -> Scalar:
+        """Scale the counted current; below a microampere the current is counted as it is."""
+        flowing = jnp.abs(value) > 1e-6
+        relative = jnp.where(flowing, jnp.abs(value), 1.0) / context.parameters.capacity_Ah
+        return jnp.where(flowing, value * relative ** (self.p - 1.0), value)
+
+
+class OcvHysteresis(Effect):
+    """The open-circuit voltage lies below itself after discharge and above after charge: V -= M h."""
+
+    name: ClassVar[str] = "ocv_hysteresis"
+    kinds: ClassVar[tuple[str, ...]] = CELL
+    equation: ClassVar[str] = "V -= M h; dh/dt = |g i/Q| (sgn(i) - h); h(0) = 0"
+    M_V: Scalar = parameter(
+        0.02, unit="V", meaning="half width of the loop", null=0.0, lower=0.0, upper=0.5, typical=(0.005, 0.06)
+    )
+    g: Scalar = parameter(
+        40.0,
+        unit="",
+        meaning="how fast the loop is crossed, per full charge",
+        lower=0.5,
+        upper=5e3,
+        transform="log",
+        typical=(5.0, 200.0),
+        shape_grid=(8.0, 30.0, 120.0),
+    )
+
+    def initial_state(self, parameters, ambient_degC: Scalar) -> State:
+        """Start in the middle of the loop."""
+        return {"ocv_hysteresis.h": jnp.zeros(())}
+
+    def flows(self, cell: CellContext | None, motor, heat_W) -> dict[str, Flow]:
+        """Relax towards the branch that the current's sign chooses, by charge passed."""
+        if cell is None:
+            return {}
+        pace = jnp.abs(self.g * cell.current_A / cell.usable_charge_C)
+        return {"ocv_hysteresis.h": Flow(jnp.sign(cell.current_A) * pace, pace)}
+
+    def overpotential(self, value: Scalar, context: CellContext) -> Scalar:
+        """Lose M h; as an overpotential it dissipates, and the heat's V_oc is free of it."""
+        return value + self.M_V * context.state["ocv_hysteresis.h"]
+
+
+class EntropicOcv(Effect):
+    """The open-circuit voltage moves with temperature, and reversible heat comes with it."""
+
+    name: ClassVar[str] = "entropic_ocv"
+    kinds: ClassVar[tuple[str, ...]] = CELL
+    equation: ClassVar[str] = "V_oc += dU_dT (T - 20); heat -i T_K dU_dT"
+    dU_dT: Scalar = parameter(
+        2e-4, unit="V/K", meaning="entropy coefficient", null=0.0, lower=-5e-3, upper=5e-3, typical=(5e-5, 1e-3)
+    )
+
+    def open_circuit_voltage(self, value: Scalar, context: CellContext) -> Scalar:
+        """Shift V_oc from its value at 20 degC."""
+        return value + self.dU_dT * (context.temperature_degC - REFERENCE_DEGC)
+
+    def cell_heat(self, value: Scalar, context: CellContext) -> Scalar:
+        """Add the reversible heat."""
+        return value - context.current_A * (context.temperature_degC + ZERO_DEGC_IN_K) * self.dU_dT
+
+
+class SelfHeating(Effect):
+    """The cell warms by its own losses: C_th dT/dt = heat - hA (T - T_amb), T(0) = ambient."""
+
+    name: ClassVar[str] = "self_heating"
+    kinds: ClassVar[tuple[str, ...]] = CELL
+    equation: ClassVar[str] = "C_th dT/dt = heat - hA (T - T_amb)"
+    C_th: Scalar = parameter(
+        80.0,
+        unit="J/K",
+        meaning="heat capacity of one cell",
+        lower=1.0,
+        upper=1e5,
+        transform="log",
+        typical=(30.0, 300.0),
+        shape_grid=(40.0, 120.0),
+    )
+    hA: Scalar = parameter(
+        0.3,
+        unit="W/K",
+        meaning="heat transfer of one cell to the ambient",
+        lower=1e-3,
+        upper=1e3,
+        transform="log",
+        typical=(0.05, 1.0),
+        shape_grid=(0.1, 0.5),
+    )
+
+    def initial_state(self, parameters, ambient_degC: Scalar) -> State:
+        """Start at ambient temperature."""
+        return {"self_heating.T_degC": jnp.asarray(ambient_degC)}
+
+    def flows(self, cell: CellContext | None, motor, heat_W) -> dict[str, Flow]:
+        """Relax towards the ambient, warmed by the heat of the cell."""
+        if cell is None:
+            return {}
+        target = cell.ambient_degC + heat_W / self.hA
+        return {"self_heating.T_degC": relaxation(target, self.C_th / self.hA)}
+
+    def cell_temperature(self, value: Scalar, context: CellContext) -> Scalar:
+        """Give the cell its own temperature."""
+        return context.state["self_heating.T_degC"]
+
+
+class SlowDiffusion(Effect):
+    """A third, slow RC pair: diffusion in the electrodes."""
+
+    name: ClassVar[str] = "slow_diffusion"
+    kinds: ClassVar[tuple[str, ...]] = CELL
+    equation: ClassVar[str] = "V -= V_3; tau_3 dV_3/dt = i R_3 - V_3"
+    R_3: Scalar = parameter(
+        0.015, unit="ohm", meaning="resistance of the pair", null=0.0, lower=0.0, upper=1.0, typical=(0.005, 0.05)
+    )
+    tau_3: Scalar = parameter(
+        800.0,
+        unit="s",
+        meaning="time constant of the pair",
+        lower=1.0,
+        upper=1e5,
+        transform="log",
+        typical=(200.0, 4000.0),
+        shape_grid=(300.0, 800.0, 2500.0),
+    )
+
+    def initial_state(self, parameters, ambient_degC: Scalar) -> State:
+        """Start at rest."""
+        return {"slow_diffusion.v_V": jnp.zeros(())}
+
+    def flows(self, cell: CellContext | None, motor, heat_W) -> dict[str, Flow]:
+        """Relax towards i R_3."""
+        return {} if cell is None else {"slow_diffusion.v_V": relaxation(cell.current_A * self.R_3, self.tau_3)}
+
+    def overpotential(self, value: Scalar, context: CellContext) -> Scalar:
+        """Lose V_3."""
+        return value + context.state["slow_diffusion.v_V"]
+
+
+class ChargeTransfer(Effect):
+    """Activation overpotential of the electrode reaction (Butler-Volmer, symmetric): an asinh of the current."""
+
+    name: ClassVar[str] = "charge_transfer"
+    kinds: ClassVar[tuple[str, ...]] = CELL
+    equation: ClassVar[str] = "V -= (2*8.314 T_K/96485) asinh(i/(2 i_0))"
+    i_0: Scalar = parameter(
+        1.0,
+        unit="A",
+        meaning="exchange current",
+        null=jnp.inf,
+        lower=1e-3,
+        upper=1e3,
+        transform="log",
+        typical=(0.1, 10.0),
+        shape_grid=(0.2, 1.0, 4.0),
+    )
+
+    def overpotential(self, value: Scalar, context: CellContext) -> Scalar:
+        """Lose the activation overpotential."""
+        thermal = 2.0 * GAS_CONSTANT * (context.temperature_degC + ZERO_DEGC_IN_K) / FARADAY
+        return value + thermal * jnp.arcsinh(context.current_A / (2.0 * self.i_0))
+
+
+class SelfDischarge(Effect):
+    """Charge leaks inside the cell: i + V_cell / R_self is counted."""
+
+    name: ClassVar[str] = "self_discharge"
+    kinds: ClassVar[tuple[str, ...]] = CELL
+    equation: ClassVar[str] = "i -> i + V_cell/R_self in eq. 1"
+    R_self: Scalar = parameter(
+        200.0,
+        unit="ohm",
+        meaning="leakage resistance of one cell",
+        null=jnp.inf,
+        lower=1.0,
+        upper=1e7,
+        transform="log",
+        typical=(20.0, 2000.0),
+    )
+
+    def counted_current(self, value: Scalar, context: CellContext) -> Scalar:
+        """Add the leakage."""
+        return value + context.voltage_V / self.R_self
+
+
+class CellImbalance(Effect):
+    """One cell of the pack has less capacity: it starts full like the others and falls behind."""
+
+    name: ClassVar[str] = "cell_imbalance"
+    kinds: ClassVar[tuple[str, ...]] = ("robot",)
+    equation: ClassVar[str] = "one of n_series cells has capacity Q (1 - d)"
+    d: Scalar = parameter(
+        0.1, unit="", meaning="missing share of its capacity", null=0.0, lower=0.0, upper=0.9, typical=(0.03, 0.3)
+    )
+
+    def initial_state(self, parameters, ambient_degC: Scalar) -> State:
+        """Start at the state of charge of the others."""
+        return {"cell_imbalance.soc": parameters.initial_soc}
+
+    def flows(self, cell: CellContext | None, motor, heat_W) -> dict[str, Flow]:
+        """Count the same current on a smaller charge."""
+        if cell is None:
+            return {}
+        return {"cell_imbalance.soc": integral(-cell.counted_current_A / (cell.usable_charge_C * (1.0 - self.d)))}
+
+    def weakest_cell_voltage(self, value: Scalar, context: CellContext) -> Scalar:
+        """Fall short by the difference of the open-circuit voltages."""
+        ocv = context.curves.ocv
+        weak = ocv(context.state["cell_imbalance.soc"], context.temperature_degC)
+        return value + ocv(context.soc, context.temperature_degC) - weak
+
+
+class ResistanceAgeing(Effect):
+    """R_cyc grows linearly too: + c n."""
+
+    name: ClassVar[str] = "resistance_ageing"
+    kinds: ClassVar[tuple[str, ...]] = CELL
+    equation: ClassVar[str] = "R_cyc += c n"
+    c: Scalar = parameter(
+        1e-4, unit="ohm", meaning="resistance gained a cycle", null=0.0, lower=0.0, upper=0.1, typical=(1e-5, 1e-3)
+    )
+
+    def cycle_resistance(self, value: Scalar, context: CellContext) -> Scalar:
+        """Add the linear growth."""
+        return value + self.c * context.parameters.cycles

@@ -1,0 +1,219 @@
+"""Candidate effects of the motor, its gear, its bridge and the on-board electronics."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+
+from jaxmodel.parameters import Scalar, parameter
+from jaxmodel.ports import Effect, MotorContext
+
+MOTOR = ("motor", "robot")
+ROBOT = ("robot",)
+REFERENCE_DEGC = 20.0
+
+
+class MagnetTemperature(Effect):
+    """The magnet weakens as it warms: k_tau (1 + psi_k (T_w - T_0)), in torque and back-EMF (eq. 17)."""
+
+    name: ClassVar[str] = "magnet_temperature"
+    kinds: ClassVar[tuple[str, ...]] = MOTOR
+    equation: ClassVar[str] = "k_tau -> k_tau (1 + psi_k (T_w - T_0))"
+    psi_k: Scalar = parameter(
+        -0.001,
+        unit="1/K",
+        meaning="temperature coefficient of the torque constant",
+        null=0.0,
+        lower=-0.01,
+        upper=0.003,
+        typical=(-0.003, -0.0001),
+    )
+
+    def torque_constant(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Scale the torque constant."""
+        return value * (1.0 + self.psi_k * (context.winding_degC - context.parameters.T_0))
+
+
+class Saturation(Effect):
+    """The iron saturates: torque k_tau i_a / (1 + (i_a/i_s)^2); the back-EMF stays, else the armature is unstable."""
+
+    name: ClassVar[str] = "saturation"
+    kinds: ClassVar[tuple[str, ...]] = MOTOR
+    equation: ClassVar[str] = "tau_D -> k_tau i_a/(1 + (i_a/i_s)^2)"
+    i_s: Scalar = parameter(
+        50.0,
+        unit="A",
+        meaning="current at which half the torque is lost",
+        null=jnp.inf,
+        lower=1.0,
+        upper=1e5,
+        transform="log",
+        typical=(25.0, 80.0),
+    )
+
+    def motor_torque(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Lose torque at high current."""
+        return value / (1.0 + (context.current_A / self.i_s) ** 2)
+
+
+class BrushDrop(Effect):
+    """The brushes cost a voltage that hardly depends on the current: V_M -= V_b tanh(i_a / 0.1 A)."""
+
+    name: ClassVar[str] = "brush_drop"
+    kinds: ClassVar[tuple[str, ...]] = MOTOR
+    equation: ClassVar[str] = "V_M -= V_b tanh(i_a/0.1)"
+    V_b: Scalar = parameter(
+        0.5, unit="V", meaning="drop over both brushes", null=0.0, lower=0.0, upper=5.0, typical=(0.1, 1.5)
+    )
+
+    def armature_voltage_drop(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Lose the drop."""
+        return value + self.V_b * jnp.tanh(context.current_A / 0.1)
+
+
+class ViscousFriction(Effect):
+    """Grease and bearings: a torque b w."""
+
+    name: ClassVar[str] = "viscous_friction"
+    kinds: ClassVar[tuple[str, ...]] = MOTOR
+    equation: ClassVar[str] = "friction += b w"
+    b: Scalar = parameter(
+        2e-5, unit="N m s/rad", meaning="viscous coefficient", null=0.0, lower=0.0, upper=0.1, typical=(1e-6, 2e-4)
+    )
+
+    def friction_torque(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Add a torque in proportion to speed."""
+        return value + self.b * context.speed_rad_s
+
+
+class StribeckFriction(Effect):
+    """Friction is higher near standstill: (tau_s) exp(-(w/w_s)^2) sgn(w)."""
+
+    name: ClassVar[str] = "stribeck_friction"
+    kinds: ClassVar[tuple[str, ...]] = MOTOR
+    equation: ClassVar[str] = "friction += tau_s exp(-(w/w_s)^2) sgn(w)"
+    tau_s: Scalar = parameter(
+        0.01, unit="N m", meaning="excess at standstill", null=0.0, lower=0.0, upper=1.0, typical=(0.002, 0.04)
+    )
+    w_s: Scalar = parameter(
+        30.0,
+        unit="rad/s",
+        meaning="speed at which it fades",
+        lower=0.5,
+        upper=2e3,
+        transform="log",
+        typical=(5.0, 100.0),
+        shape_grid=(10.0, 30.0, 90.0),
+    )
+
+    def coulomb_torque(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Raise the friction, at rest and at low speed."""
+        return value + self.tau_s * jnp.exp(-((context.speed_rad_s / self.w_s) ** 2))
+
+
+class Windage(Effect):
+    """Air drag of rotor and fan: c w |w|."""
+
+    name: ClassVar[str] = "windage"
+    kinds: ClassVar[tuple[str, ...]] = MOTOR
+    equation: ClassVar[str] = "friction += c w |w|"
+    c: Scalar = parameter(
+        5e-8, unit="N m s2/rad2", meaning="drag coefficient", null=0.0, lower=0.0, upper=1e-3, typical=(1e-9, 1e-6)
+    )
+
+    def friction_torque(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Add a torque in proportion to the speed squared."""
+        return value + self.c * context.speed_rad_s * jnp.abs(context.speed_rad_s)
+
+
+class FrictionTemperature(Effect):
+    """Grease thins as the motor warms: tau_0 exp(-b_T (T_c - 20))."""
+
+    name: ClassVar[str] = "friction_temperature"
+    kinds: ClassVar[tuple[str, ...]] = MOTOR
+    equation: ClassVar[str] = "tau_0 -> tau_0 exp(-b_T (T_c - 20))"
+    b_T: Scalar = parameter(
+        0.015, unit="1/K", meaning="thinning", null=0.0, lower=-0.05, upper=0.2, typical=(0.005, 0.05)
+    )
+
+    def coulomb_torque(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Scale the no-load torque itself, not what other effects added to it."""
+        factor = jnp.exp(-self.b_T * (context.case_degC - REFERENCE_DEGC))
+        return value + context.parameters.tau_0 * (factor - 1.0)
+
+
+class GearLoss(Effect):
+    """The gear asks for more torque than it passes on: load torque (1 + e), whichever way power flows."""
+
+    name: ClassVar[str] = "gear_loss"
+    kinds: ClassVar[tuple[str, ...]] = MOTOR
+    equation: ClassVar[str] = "tau_l -> tau_l (1 + e)"
+    e: Scalar = parameter(
+        0.05, unit="", meaning="lost share of the load torque", null=0.0, lower=0.0, upper=3.0, typical=(0.004, 0.4)
+    )
+
+    def load_torque(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Raise the load torque."""
+        return value * (1.0 + self.e)
+
+
+class PwmRipple(Effect):
+    """The switching ripple heats the winding: k_r (rho (1 - rho) V_pack)^2, with the size of rho in reverse."""
+
+    name: ClassVar[str] = "pwm_ripple"
+    kinds: ClassVar[tuple[str, ...]] = ROBOT
+    equation: ClassVar[str] = "P_M += k_r (rho (1 - rho) V_pack)^2"
+    k_r: Scalar = parameter(
+        0.02, unit="W/V2", meaning="ripple loss", null=0.0, lower=0.0, upper=10.0, typical=(1e-3, 0.1)
+    )
+
+    def motor_loss(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Add the ripple's heat."""
+        duty = jnp.abs(context.duty)
+        return value + self.k_r * (duty * (1.0 - duty) * context.pack_voltage_V) ** 2
+
+
+class BridgeResistance(Effect):
+    """The transistors of the bridge drop a voltage: V_M = rho V_pack - i_a R_on; i_Mx unchanged."""
+
+    name: ClassVar[str] = "bridge_resistance"
+    kinds: ClassVar[tuple[str, ...]] = ROBOT
+    equation: ClassVar[str] = "V_M = rho V_pack - i_a R_on"
+    R_on: Scalar = parameter(
+        0.02, unit="ohm", meaning="on-resistance of the bridge", null=0.0, lower=0.0, upper=2.0, typical=(5e-3, 0.1)
+    )
+
+    def bridge_voltage(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Lose the drop."""
+        return value - context.current_A * self.R_on
+
+
+class ConstantPowerLoad(Effect):
+    """Converters draw constant power: I_ob goes from constant (s = 0) to P_ob / V_pack (s = 1)."""
+
+    name: ClassVar[str] = "constant_power_load"
+    kinds: ClassVar[tuple[str, ...]] = ROBOT
+    equation: ClassVar[str] = "I_ob -> (1 - s) I_ob + s I_ob V_nominal/V_pack"
+    s: Scalar = parameter(1.0, unit="", meaning="share of constant power", null=0.0, lower=0.0, upper=1.0, typical=(0.3, 1.0))
+
+    def onboard_current(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Blend towards constant power."""
+        p = context.parameters
+        nominal = p.nominal_cell_voltage_V * p.n_series
+        return value * (1.0 + self.s * (nominal / context.pack_voltage_V - 1.0))
+
+
+class OnboardTemperature(Effect):
+    """The electronics draw more or less as the air warms: I_ob (1 + a (T_amb - 20))."""
+
+    name: ClassVar[str] = "onboard_temperature"
+    kinds: ClassVar[tuple[str, ...]] = ROBOT
+    equation: ClassVar[str] = "I_ob -> I_ob (1 + a (T_amb - 20))"
+    a: Scalar = parameter(
+        0.01, unit="1/K", meaning="change of the draw", null=0.0, lower=-0.1, upper=0.1, typical=(0.002, 0.03)
+    )
+
+    def onboard_current(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Scale the draw."""
+        return value * (1.0 + self.a * (context.ambient_degC - REFERENCE_DEGC))

@@ -1,0 +1,109 @@
+"""Candidate faults of the sensors, written like any other effect, so that a fault is not sold as physics."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import equinox as eqx
+from jaxtyping import Array
+
+from jaxmodel.parameters import Scalar, parameter
+from jaxmodel.ports import Effect
+from jaxmodel.sensors import Signal, lagged, shifted
+
+ANY = ("cell", "motor", "robot")
+
+
+class SensorEffect(Effect):
+    """A fault of one sensor; `column` names the column of the measurements, "" all outputs."""
+
+    is_sensor: ClassVar[bool] = True
+    column: str = eqx.field(static=True, default="")
+
+    @property
+    def label(self) -> str:
+        """Return the name with the column, so that one kind of fault may sit on several sensors."""
+        return f"{self.name}:{self.column}" if self.column else self.name
+
+
+class CurrentOffset(SensorEffect):
+    """The current sensor reads c too much."""
+
+    name: ClassVar[str] = "current_offset"
+    kinds: ClassVar[tuple[str, ...]] = ANY
+    equation: ClassVar[str] = "measured current = true current + c"
+    c: Scalar = parameter(0.05, unit="A", meaning="offset", null=0.0, lower=-50.0, upper=50.0, typical=(-0.5, 0.5))
+
+    def reading(self, value: Array, context: Signal | None) -> Array:
+        """Add the offset."""
+        return value + self.c
+
+    def true_input(self, value: Array, context: None) -> Array:
+        """Take the offset off."""
+        return value - self.c
+
+
+class VoltageGain(SensorEffect):
+    """The voltage sensor's scale is off: it reads (1 + g) times the voltage."""
+
+    name: ClassVar[str] = "voltage_gain"
+    kinds: ClassVar[tuple[str, ...]] = ANY
+    equation: ClassVar[str] = "measured voltage = true voltage (1 + g)"
+    g: Scalar = parameter(0.01, unit="", meaning="gain error", null=0.0, lower=-0.5, upper=0.5, typical=(-0.05, 0.05))
+
+    def reading(self, value: Array, context: Signal | None) -> Array:
+        """Scale the reading."""
+        return value * (1.0 + self.g)
+
+    def true_input(self, value: Array, context: None) -> Array:
+        """Take the gain off."""
+        return value / (1.0 + self.g)
+
+
+class VoltageOffset(SensorEffect):
+    """The voltage sensor reads c too much."""
+
+    name: ClassVar[str] = "voltage_offset"
+    kinds: ClassVar[tuple[str, ...]] = ANY
+    equation: ClassVar[str] = "measured voltage = true voltage + c"
+    c: Scalar = parameter(0.01, unit="V", meaning="offset", null=0.0, lower=-5.0, upper=5.0, typical=(-0.1, 0.1))
+
+    def reading(self, value: Array, context: Signal | None) -> Array:
+        """Add the offset."""
+        return value + self.c
+
+    def true_input(self, value: Array, context: None) -> Array:
+        """Take the offset off."""
+        return value - self.c
+
+
+class TemperatureLag(SensorEffect):
+    """A temperature sensor follows late: first-order lag, starting at the first true value."""
+
+    name: ClassVar[str] = "temperature_lag"
+    kinds: ClassVar[tuple[str, ...]] = ANY
+    equation: ClassVar[str] = "tau dT_read/dt = T - T_read"
+    has_memory: ClassVar[bool] = True
+    tau: Scalar = parameter(
+        30.0, unit="s", meaning="time constant", null=0.0, lower=0.0, upper=5e3, transform="log", typical=(5.0, 300.0), shape_grid=(15.0, 100.0)
+    )
+
+    def reading(self, value: Array, context: Signal) -> Array:
+        """Follow the true course with a lag; what other sensor effects did to the reading stays."""
+        return value + (lagged(context, self.tau) - context.rows)
+
+
+class ClockShift(SensorEffect):
+    """The outputs' clock runs d seconds late against that of the inputs."""
+
+    name: ClassVar[str] = "clock_shift"
+    kinds: ClassVar[tuple[str, ...]] = ANY
+    equation: ClassVar[str] = "y(t) -> y(t - d)"
+    has_memory: ClassVar[bool] = True
+    d: Scalar = parameter(
+        1.0, unit="s", meaning="delay of the outputs", null=0.0, lower=-120.0, upper=120.0, typical=(-20.0, 20.0), shape_grid=(-8.0, -2.0, -0.5, 0.5, 2.0, 8.0)
+    )
+
+    def reading(self, value: Array, context: Signal) -> Array:
+        """Read the true course at another time."""
+        return value + (shifted(context, self.d) - context.rows)

@@ -1,0 +1,37 @@
+"""Errors a user can cause: each says what is wrong, where, and what to do."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class UserError(ValueError):
+    """A mistake in what the user brought; its text is one sentence meant for the terminal."""
+
+
+class ParameterError(UserError):
+    """A parameter is unknown, out of its bounds or of the wrong form."""
+
+
+class MeasurementError(UserError):
+    """A case folder, its TOML or one of its CSV files cannot be used as it is."""
+
+
+class SweepError(UserError):
+    """A sweep study asks for something that cannot be run."""
+
+
+class FitError(UserError):
+    """A calibration cannot be set up from what the case declares."""
+
+
+class EffectError(UserError):
+    """An effect is unknown, does not apply to this kind of model or is wrongly written."""
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return ' Did you mean ...?' for the known name nearest to a misspelt one, or ''."""
+    by_lower_case = {entry.lower(): entry for entry in known}
+    match = difflib.get_close_matches(name.lower(), by_lower_case, n=1, cutoff=0.5)
+    return f" Did you mean '{by_lower_case[match[0]]}'?" if match else ""

@@ -1,0 +1,304 @@
+"""One run's CSV as arrays: the vocabulary of its columns, and a reader that names the line that is wrong.
+
+Units are in the column names and are never converted here. A row's inputs hold over the interval that ends at
+its time, and its readings are taken at that time.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from jaxmodel.errors import MeasurementError, nearest
+
+
+@dataclasses.dataclass(frozen=True)
+class Kind:
+    """The columns that one kind of case knows.
+
+    Attributes:
+        required_inputs: inputs that every run has.
+        outputs: what a sensor can see; any of them may be in a CSV.
+        alternatives: groups of inputs of which a run has one. Where several are there, the first is the input,
+            and the others must be outputs of this kind (a motor driven by its voltage measures its current).
+        optional_inputs: inputs that count as zero where they are absent.
+        only_with: an input, and the other input without which it means nothing.
+    """
+
+    required_inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    alternatives: tuple[tuple[str, ...], ...] = ()
+    optional_inputs: tuple[str, ...] = ()
+    only_with: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Every column name of this kind but the time, each once."""
+        chosen = itertools.chain.from_iterable(self.alternatives)
+        return tuple(dict.fromkeys((*self.required_inputs, *chosen, *self.optional_inputs, *self.outputs)))
+
+
+KINDS: dict[str, Kind] = {
+    "cell": Kind(
+        required_inputs=("current_A", "ambient_degC"),
+        outputs=("voltage_V", "cell_temperature_degC", "soc"),
+    ),
+    "motor": Kind(
+        required_inputs=("load_torque_Nm", "ambient_degC"),
+        alternatives=(("voltage_V", "current_A"),),
+        outputs=("current_A", "speed_rad_s", "winding_temperature_degC", "case_temperature_degC"),
+    ),
+    "robot": Kind(
+        required_inputs=("ambient_degC",),
+        alternatives=(("duty", "V_set"), ("load_torque_Nm", "incline_deg")),
+        optional_inputs=("acceleration_m_s2", "flipper_torque_Nm", "flipper_duty", "arm_torque_Nm", "arm_duty"),
+        only_with={"acceleration_m_s2": "incline_deg"},
+        outputs=(
+            "pack_voltage_V",
+            "pack_current_A",
+            "motor_current_A",
+            "speed_rad_s",
+            "cell_temperature_degC",
+            "winding_temperature_degC",
+            "case_temperature_degC",
+            "soc",
+        ),
+    ),
+}
+
+# The end of a column's name, and the unit that it stands for.
+_UNITS = {"m_s2": "m/s2", "rad_s": "rad/s", "degC": "degC", "deg": "degrees", "Nm": "N m", "V": "V", "A": "A"}
+_UNITLESS = {"duty": "numbers from -1 to 1", "V_set": "V, 0 to 5", "soc": "fractions of 1"}
+
+_DUTY = (-1.0, 1.0, "write a duty of 30 percent as 0.3")
+# Outside these a column is in the wrong unit, or wrong: bounds and remedy.
+_RANGES = {
+    "ambient_degC": (-90.0, 200.0, "temperatures are in degC: if this is kelvin, subtract 273.15"),
+    "duty": _DUTY,
+    "flipper_duty": _DUTY,
+    "arm_duty": _DUTY,
+    "V_set": (0.0, 5.0, "the set voltage of eq. 22 lies in 0 to 5 V"),
+    "incline_deg": (-90.0, 90.0, "an incline is in degrees"),
+    "soc": (-0.5, 1.5, "a state of charge is a fraction: write 80 percent as 0.8"),
+}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Measured:
+    """One run as measured; every array has shape (rows,).
+
+    Attributes:
+        time_s: strictly increasing times [s], at least two.
+        inputs: by column name, finite everywhere. An optional input that is not in the CSV is not here.
+        outputs: by column name, NaN where the field was empty.
+    """
+
+    time_s: np.ndarray
+    inputs: dict[str, np.ndarray]
+    outputs: dict[str, np.ndarray]
+
+
+def read_measurements(path: Path, kind: str, ambient_degC: float | None = None) -> Measured:
+    """Read and check the CSV of one run.
+
+    Args:
+        path: the CSV file: UTF-8, comma separated, `time_s` first; lines that start with '#' may precede the header.
+        kind: a key of `KINDS`.
+        ambient_degC: the ambient temperature of the whole run [degC], for a CSV without that column.
+
+    Returns:
+        Times, inputs and outputs, in the units of the column names.
+
+    Raises:
+        MeasurementError: the file cannot be used; the message names file, line and column.
+    """
+    label = file_label(path)
+    header_line, header, lines, rows = _split(read_utf8(path), label)
+    _check_header(header, kind, f"{label}, line {header_line}")
+    inputs, outputs = _roles(header, kind, ambient_degC, f"{label}, line {header_line}")
+    if len(rows) < 2:
+        raise MeasurementError(
+            f"{label} has {len(rows)} row{'' if len(rows) == 1 else 's'} of readings below its header; "
+            "a run needs at least two."
+        )
+
+    columns = {
+        name: _numbers(fields, lambda row, name=name: f"{label}, line {lines[row]}, column '{name}'")
+        for name, fields in zip(header, zip(*rows, strict=True), strict=True)
+    }
+    for name in ("time_s", *inputs):
+        if name in columns and np.isnan(columns[name]).any():
+            row = int(np.isnan(columns[name]).argmax())
+            raise MeasurementError(
+                f"{label}, line {lines[row]}: '{name}' is empty, and an input has no missing readings; "
+                "fill it in or drop the row."
+            )
+    time_s = columns["time_s"]
+    if (late := np.diff(time_s) <= 0).any():
+        row = int(late.argmax()) + 1
+        raise MeasurementError(
+            f"{label}, line {lines[row]}: time_s = {time_s[row]:.12g} comes after {time_s[row - 1]:.12g}; "
+            "times must increase from row to row, so sort the rows and drop repeated ones."
+        )
+    for name, values in columns.items():
+        _check_range(name, values, lambda row: f"{label}, line {lines[row]}")
+    if ambient_degC is not None:
+        columns["ambient_degC"] = np.full(time_s.shape, float(ambient_degC))
+        _check_range("ambient_degC", columns["ambient_degC"], lambda row: f"{label}, the constant of this run")
+    return Measured(time_s, {name: columns[name] for name in inputs}, {name: columns[name] for name in outputs})
+
+
+def file_label(path: Path) -> str:
+    """Return folder and file name: what a message needs to name a file without its whole path."""
+    path = path.resolve()
+    return f"{path.parent.name}/{path.name}"
+
+
+def read_utf8(path: Path) -> str:
+    """Return the text of a UTF-8 file, with or without a byte-order mark; raise MeasurementError if it has none."""
+    try:
+        return path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise MeasurementError(f"{file_label(path)} cannot be read ({error.strerror}); check its name.") from error
+    except UnicodeDecodeError as error:
+        raise MeasurementError(f"{file_label(path)} is not UTF-8 text; save it again as UTF-8.") from error
+
+
+def _split(text: str, label: str) -> tuple[int, list[str], list[int], list[list[str]]]:
+    """Return the header's line and names, and of every row its line and its fields."""
+    stream = io.StringIO(text, newline="")
+    header_line = 1
+    for first in stream:
+        if first.strip() and not first.lstrip().startswith("#"):
+            break
+        header_line += 1
+    else:
+        raise MeasurementError(f"{label} is empty; its first line must name the columns, time_s first.")
+
+    reader = csv.reader(itertools.chain([first], stream))
+    header: list[str] = []
+    lines: list[int] = []
+    rows: list[list[str]] = []
+    line = header_line
+    try:
+        for fields in reader:
+            if not header:
+                header = [name.strip() for name in fields]
+            elif len(fields) == len(header) and (len(fields) > 1 or fields[0].strip()):
+                lines.append(line)
+                rows.append(fields)
+            elif any(field.strip() for field in fields) or len(fields) > 1:
+                raise MeasurementError(
+                    f"{label}, line {line} has {len(fields)} fields and the header has {len(header)}; leave the field "
+                    "of a missing reading empty between its commas, and write decimals with a point."
+                )
+            line = header_line + reader.line_num
+    except csv.Error as error:
+        raise MeasurementError(f"{label}, line {line} is not CSV ({error}); look for a stray quote.") from error
+    return header_line, header, lines, rows
+
+
+def _check_header(header: Sequence[str], kind: str, where: str) -> None:
+    """Raise MeasurementError unless the header is time_s and then columns of this kind, each once."""
+    if len(header) == 1 and any(separator in header[0] for separator in ";\t"):
+        raise MeasurementError(f"{where}: the fields are not separated by commas; save with ',' and decimal points.")
+    if header[0] != "time_s":
+        raise MeasurementError(
+            f"{where}: the first column is '{header[0]}'; it must be 'time_s', the time in seconds of each row."
+        )
+    known = KINDS[kind].columns
+    for position, name in enumerate(header[1:], start=2):
+        if not name:
+            raise MeasurementError(f"{where}: column {position} has no name; name it or remove it.")
+        if name in header[: position - 1]:
+            raise MeasurementError(f"{where}: there are two columns '{name}'; remove or rename one.")
+        if name not in known:
+            raise MeasurementError(f"{where}: a {kind} has no column '{name}'.{_remedy(name, known)}")
+
+
+def _remedy(name: str, known: Sequence[str]) -> str:
+    """Return which column was probably meant and in which unit, or the list of those there are."""
+    quantity = {column: column.removesuffix(f"_{_ending(column)}").lower() for column in known}
+    same = [column for column in known if name.lower().startswith(quantity[column])]
+    hint = f" Did you mean '{max(same, key=len)}'?" if same else nearest(name, known)
+    for column in known:
+        if hint == f" Did you mean '{column}'?":
+            unit = _UNITLESS.get(column) or _UNITS[_ending(column)]
+            return f"{hint} Convert the readings to {unit} and rename the column, or remove it."
+    return f" Rename it to one of {', '.join(known)}, or remove it."
+
+
+def _ending(column: str) -> str:
+    """Return the unit at the end of a column's name, or ''."""
+    if column in _UNITLESS:
+        return ""
+    return next((ending for ending in _UNITS if column.endswith(f"_{ending}")), "")
+
+
+def _roles(
+    header: Sequence[str], kind: str, ambient_degC: float | None, where: str
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return which columns are inputs and which are outputs; raise MeasurementError where an input is lacking."""
+    vocabulary = KINDS[kind]
+    if ambient_degC is not None and "ambient_degC" in header:
+        raise MeasurementError(f"{where}: 'ambient_degC' is a column and a constant of this run; remove one of them.")
+    given = {*header, "ambient_degC"} if ambient_degC is not None else set(header)
+    for name in vocabulary.required_inputs:
+        if name not in given:
+            constant = ", or write ambient_degC = ... under this run's [[runs]]" if name == "ambient_degC" else ""
+            raise MeasurementError(f"{where}: a {kind} needs the column '{name}'; add it{constant}.")
+    inputs = [name for name in (*vocabulary.required_inputs, *vocabulary.optional_inputs) if name in given]
+    for group in vocabulary.alternatives:
+        present = [name for name in group if name in given]
+        choice = " or ".join(f"'{name}'" for name in group)
+        if not present:
+            raise MeasurementError(f"{where}: a {kind} needs one of the columns {choice}; add one.")
+        if any(name not in vocabulary.outputs for name in present[1:]):
+            raise MeasurementError(f"{where}: a {kind} is driven by {choice}, not by both; remove one.")
+        inputs.append(present[0])
+    for name, other in vocabulary.only_with.items():
+        if name in given and other not in given:
+            raise MeasurementError(f"{where}: '{name}' is used only together with '{other}'; add that or remove this.")
+    return tuple(inputs), tuple(name for name in vocabulary.outputs if name in given and name not in inputs)
+
+
+def _numbers(fields: Sequence[str], where: Callable[[int], str]) -> np.ndarray:
+    """Return the fields of one column as numbers, NaN where a field is empty."""
+    numbers = np.full(len(fields), math.nan)
+    for row, field in enumerate(fields):
+        if not field or field.isspace():
+            continue
+        try:
+            numbers[row] = value = float(field)
+        except ValueError:
+            raise MeasurementError(f"{where(row)}: {_short(field)} is not a number; correct it.") from None
+        if math.isnan(value):
+            raise MeasurementError(f"{where(row)}: {_short(field)}; leave the field empty for a missing reading.")
+        if math.isinf(value):
+            raise MeasurementError(f"{where(row)}: {_short(field)} is not finite; correct it or leave it empty.")
+        if "_" in field:  # Python reads 1_0 as ten; in a log it is a damaged field
+            raise MeasurementError(f"{where(row)}: {_short(field)} is not a number; correct it.")
+    return numbers
+
+
+def _short(field: str) -> str:
+    """Return a field in quotes, cut where a stray quote mark has swallowed the lines below."""
+    field = field.strip()
+    return repr(field if len(field) <= 40 else f"{field[:40]}...")
+
+
+def _check_range(name: str, values: np.ndarray, where: Callable[[int], str]) -> None:
+    """Raise MeasurementError where a column leaves the range in which its unit can be right."""
+    if name not in _RANGES:
+        return
+    lower, upper, remedy = _RANGES[name]
+    if (outside := (values < lower) | (values > upper)).any():
+        row = int(outside.argmax())
+        raise MeasurementError(f"{where(row)}: {name} = {values[row]:g} is outside {lower:g} to {upper:g}; {remedy}.")

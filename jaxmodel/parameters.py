@@ -1,0 +1,418 @@
+"""The one table of parameters: name, symbol, equation, unit, meaning, default, bounds, transform and source.
+
+A parameter is a field of an `equinox.Module`, described where it is declared. From these declarations come
+the validation messages, the vocabulary of case files, the transforms of the fits and the pages of the docs.
+The effects of the catalogue declare theirs with the same `parameter` function.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any, Literal
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jaxmodel.errors import ParameterError, nearest
+
+Scalar = Float[Array, ""]
+Transform = Literal["log", "identity"]
+
+
+@dataclasses.dataclass(frozen=True)
+class ParameterInfo:
+    """What is known of one parameter, beside its value."""
+
+    name: str
+    unit: str
+    meaning: str
+    default: float
+    symbol: str = ""
+    equation: str = ""
+    lower: float = -math.inf
+    upper: float = math.inf
+    transform: Transform = "identity"
+    source: str = "assumed"
+    null: float | None = None
+    typical: tuple[float, float] | None = None
+    shape_grid: tuple[float, ...] = ()
+
+    def check(self, value: float, where: str) -> float:
+        """Return `value` as a float; raise ParameterError where it is not a number within the bounds."""
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ParameterError(f"{where}: '{self.name}' must be a number, not {value!r}; write it without quotes.")
+        if not math.isfinite(value) or not self.lower <= value <= self.upper:
+            raise ParameterError(
+                f"{where}: '{self.name}' = {value:g} is outside its range {self.lower:g} to {self.upper:g}"
+                f"{' ' + self.unit if self.unit else ''}; correct the value or its unit."
+            )
+        return float(value)
+
+
+def parameter(
+    default: float,
+    *,
+    unit: str,
+    meaning: str,
+    symbol: str = "",
+    equation: str = "",
+    lower: float = -math.inf,
+    upper: float = math.inf,
+    transform: Transform = "identity",
+    source: str = "assumed",
+    null: float | None = None,
+    typical: tuple[float, float] | None = None,
+    shape_grid: tuple[float, ...] = (),
+) -> Any:
+    """Declare a parameter as a field of a module, with what the table says of it.
+
+    Args:
+        default: the value where nobody gives one; of an effect, a middling one.
+        unit: SI, or degC, A h and months where the name says so; "" is a pure number.
+        meaning: one line for the table.
+        symbol: the paper's symbol.
+        equation: the paper's equation number.
+        lower: smallest value that makes sense.
+        upper: largest value that makes sense.
+        transform: "log" where only positive values make sense and fits run on the logarithm.
+        source: where the default comes from, or "assumed".
+        null: of an effect's amplitude, the value at which the model is the base model, to the bit.
+        typical: of an effect's parameter, the range that a designer meets often.
+        shape_grid: of a parameter that has no derivative at the effect's null, the values to be tried.
+    """
+    info = {
+        "unit": unit,
+        "meaning": meaning,
+        "default": default,
+        "symbol": symbol,
+        "equation": equation,
+        "lower": lower,
+        "upper": upper,
+        "transform": transform,
+        "source": source,
+        "null": null,
+        "typical": typical,
+        "shape_grid": shape_grid,
+    }
+    return eqx.field(default=default, converter=_as_array, metadata={"parameter": info})
+
+
+def _as_array(value: Any) -> Any:
+    """Make numbers float64 arrays; leave alone what a transformation put there (tracers, None, axes)."""
+    return jnp.asarray(value, dtype=float) if isinstance(value, int | float) else value
+
+
+def describe(module: type[eqx.Module] | eqx.Module) -> dict[str, ParameterInfo]:
+    """Return the table of the parameters that a module declares, by name, in order of declaration."""
+    return {
+        field.name: ParameterInfo(name=field.name, **field.metadata["parameter"])
+        for field in dataclasses.fields(module)  # type: ignore[arg-type]
+        if "parameter" in field.metadata
+    }
+
+
+_PAPER = "Specht et al., section 3"
+_RE50 = "maxon RE50 24 V data sheet"
+
+
+class Parameters(eqx.Module):
+    """Every parameter of the base model; one set serves the kinds cell, motor and robot.
+
+    A pytree whose leaves are scalars: any leaf may be differentiated, and under `vmap` any leaf may carry lanes.
+    """
+
+    capacity_Ah: Scalar = parameter(
+        5.2,
+        unit="A h",
+        meaning="nominal capacity of a cell",
+        symbol="Q",
+        equation="1",
+        lower=1e-3,
+        upper=1e4,
+        transform="log",
+        source=_PAPER,
+    )
+    initial_soc: Scalar = parameter(
+        1.0,
+        unit="",
+        meaning="state of charge at the start of a run",
+        symbol="SOC_0",
+        equation="2",
+        lower=0.0,
+        upper=1.1,
+        source="eq. 2 with T_cell = T_amb gives 0.9998; the paper takes 1",
+    )
+    cycles: Scalar = parameter(
+        25.0, unit="", meaning="charging cycles done", symbol="n", equation="7", lower=0.0, upper=1e5, source=_PAPER
+    )
+    storage_months: Scalar = parameter(
+        18.0,
+        unit="months",
+        meaning="time spent in storage",
+        symbol="t",
+        equation="8",
+        lower=0.0,
+        upper=600.0,
+        source=_PAPER,
+    )
+    storage_temperature_degC: Scalar = parameter(
+        20.0,
+        unit="degC",
+        meaning="temperature of the storage",
+        symbol="T",
+        equation="8",
+        lower=-60.0,
+        upper=100.0,
+    )
+    series_resistance_scale: Scalar = parameter(
+        1.0,
+        unit="",
+        meaning="multiplies R_ints + R_cyc",
+        equation="7, 9, 10",
+        lower=1e-3,
+        upper=1e3,
+        transform="log",
+        source="design: 1 is the formula or table itself",
+    )
+    rc_resistance_scale: Scalar = parameter(
+        1.0,
+        unit="",
+        meaning="multiplies R_TS and R_TL",
+        equation="3, 5",
+        lower=1e-3,
+        upper=1e3,
+        transform="log",
+        source="design: 1 is the formula or table itself",
+    )
+    rc_capacitance_scale: Scalar = parameter(
+        1.0,
+        unit="",
+        meaning="multiplies C_TS and C_TL",
+        equation="4, 6",
+        lower=1e-3,
+        upper=1e3,
+        transform="log",
+        source="design: 1 is the formula or table itself",
+    )
+    ocv_offset_V: Scalar = parameter(
+        0.0,
+        unit="V",
+        meaning="added to the open-circuit voltage of each cell",
+        lower=-1.0,
+        upper=1.0,
+        source="design: 0 is the formula or table itself",
+    )
+    n_series: Scalar = parameter(
+        6.0, unit="", meaning="cells in series in the pack", lower=1.0, upper=1000.0, source=_PAPER
+    )
+    nominal_cell_voltage_V: Scalar = parameter(
+        3.8,
+        unit="V",
+        meaning="nominal voltage of a cell, for a constant-power load",
+        lower=0.5,
+        upper=10.0,
+        source=_PAPER,
+    )
+    R_0: Scalar = parameter(
+        0.103,
+        unit="ohm",
+        meaning="winding resistance at T_0",
+        symbol="R_0",
+        equation="17",
+        lower=1e-5,
+        upper=1e4,
+        transform="log",
+        source=_PAPER,
+    )
+    psi_R: Scalar = parameter(
+        0.0039,
+        unit="1/K",
+        meaning="temperature coefficient of the winding resistance",
+        symbol="psi",
+        equation="17",
+        lower=0.0,
+        upper=0.02,
+        source=_PAPER,
+    )
+    psi_L: Scalar = parameter(
+        0.0,
+        unit="1/K",
+        meaning="temperature coefficient of the armature inductance",
+        symbol="psi",
+        equation="17",
+        lower=-0.005,
+        upper=0.005,
+        source="neglected in the paper's section 4",
+    )
+    k_tau: Scalar = parameter(
+        0.0385,
+        unit="N m/A",
+        meaning="torque constant and, in SI, back-EMF constant",
+        symbol="k_tau",
+        equation="11, 12",
+        lower=1e-6,
+        upper=1e3,
+        transform="log",
+        source=_RE50,
+    )
+    L_a: Scalar = parameter(
+        7.2e-5,
+        unit="H",
+        meaning="armature inductance",
+        symbol="L_a",
+        equation="11",
+        lower=1e-9,
+        upper=10.0,
+        transform="log",
+        source=_RE50,
+    )
+    J: Scalar = parameter(
+        5.42e-5,
+        unit="kg m2",
+        meaning="inertia of the rotor and what it drives, seen by the rotor",
+        symbol="J",
+        equation="13",
+        lower=1e-12,
+        upper=1e3,
+        transform="log",
+        source=_RE50,
+    )
+    tau_0: Scalar = parameter(
+        0.010,
+        unit="N m",
+        meaning="no-load (Coulomb) torque",
+        symbol="tau_0",
+        equation="13",
+        lower=0.0,
+        upper=1e3,
+        transform="log",
+        source=_PAPER,
+    )
+    T_0: Scalar = parameter(
+        25.0,
+        unit="degC",
+        meaning="temperature at which R_0 holds",
+        symbol="T_0",
+        equation="17",
+        lower=-60.0,
+        upper=200.0,
+        source=_RE50,
+    )
+    R_wc: Scalar = parameter(
+        1.2,
+        unit="K/W",
+        meaning="thermal resistance, winding to case",
+        symbol="R_wc",
+        equation="15",
+        lower=1e-6,
+        upper=1e4,
+        transform="log",
+        source=_RE50,
+    )
+    R_ca: Scalar = parameter(
+        3.8,
+        unit="K/W",
+        meaning="thermal resistance, case to ambient",
+        symbol="R_ca",
+        equation="15",
+        lower=1e-6,
+        upper=1e4,
+        transform="log",
+        source=_RE50,
+    )
+    tau_wc: Scalar = parameter(
+        71.7,
+        unit="s",
+        meaning="thermal time constant, winding to case",
+        symbol="tau_wc",
+        equation="15",
+        lower=1e-3,
+        upper=1e7,
+        transform="log",
+        source=_RE50,
+    )
+    tau_ca: Scalar = parameter(
+        1370.0,
+        unit="s",
+        meaning="thermal time constant, case to ambient",
+        symbol="tau_ca",
+        equation="15",
+        lower=1e-3,
+        upper=1e7,
+        transform="log",
+        source=_RE50,
+    )
+    n_motors: Scalar = parameter(
+        2.0, unit="", meaning="track motors, equal and equally loaded", lower=1.0, upper=100.0, source=_PAPER
+    )
+    n_flipper_motors: Scalar = parameter(2.0, unit="", meaning="flipper motors", lower=0.0, upper=100.0)
+    n_arm_motors: Scalar = parameter(1.0, unit="", meaning="arm motors", lower=0.0, upper=100.0)
+    onboard_current_A: Scalar = parameter(
+        0.3,
+        unit="A",
+        meaning="draw of the on-board electronics",
+        symbol="I_ob",
+        equation="20",
+        lower=0.0,
+        upper=1e3,
+        transform="log",
+        source="design: reproduces the paper's Table 2",
+    )
+    mass_kg: Scalar = parameter(
+        40.0, unit="kg", meaning="mass of the robot", symbol="m", equation="18", lower=0.0, upper=1e5, transform="log"
+    )
+    friction_coefficient: Scalar = parameter(
+        0.7,
+        unit="",
+        meaning="friction of the tracks on the ground",
+        symbol="mu",
+        equation="18",
+        lower=0.0,
+        upper=5.0,
+        transform="log",
+        source=_PAPER,
+    )
+    wheel_radius_m: Scalar = parameter(
+        0.1,
+        unit="m",
+        meaning="radius of the drive wheel",
+        symbol="r",
+        equation="18",
+        lower=1e-4,
+        upper=10.0,
+        transform="log",
+    )
+    gear_ratio: Scalar = parameter(
+        156.0,
+        unit="",
+        meaning="motor turns per wheel turn",
+        symbol="G",
+        equation="18",
+        lower=1e-3,
+        upper=1e5,
+        transform="log",
+        source=_PAPER,
+    )
+    drive_efficiency: Scalar = parameter(
+        0.94,
+        unit="",
+        meaning="efficiency of motor and gear",
+        symbol="eta",
+        equation="18",
+        lower=0.01,
+        upper=1.0,
+        transform="log",
+        source=_PAPER,
+    )
+
+
+TABLE = describe(Parameters)
+
+
+def info(name: str, where: str = "parameter table") -> ParameterInfo:
+    """Return the entry of the table for `name`; raise ParameterError with the nearest name if there is none."""
+    if name not in TABLE:
+        raise ParameterError(f"{where}: no parameter is called '{name}'.{nearest(name, TABLE)}")
+    return TABLE[name]

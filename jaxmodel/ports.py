@@ -1,0 +1,139 @@
+"""Ports: the named constitutive relations of the model, and how an effect enters through them.
+
+An effect is one small class. It declares its parameters, names the kinds it applies to, and has a method of the port's name for each
+port it touches, which takes the port's value and the context and returns the new value. The model folds its effects over each
+port, in their order. An effect that has states of its own also gives their initial values and their flows.
+"""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any, ClassVar
+
+import equinox as eqx
+from jaxmodel.curves import CellCurves
+from jaxmodel.errors import EffectError, nearest
+from jaxmodel.flow import Flow, State
+from jaxmodel.parameters import Parameters, Scalar
+
+
+class CellContext(eqx.Module):
+    """What an effect on a port of the cell may know: all of one cell, SI, temperatures in degC.
+
+    Ports that shape the current's effect see the current; those before it (temperature, resistances) see zero there.
+    """
+
+    parameters: Parameters
+    curves: CellCurves
+    state: State
+    soc: Scalar
+    ambient_degC: Scalar
+    temperature_degC: Scalar
+    usable_charge_C: Scalar
+    current_A: Scalar
+    voltage_V: Scalar
+    counted_current_A: Scalar
+
+
+class MotorContext(eqx.Module):
+    """What an effect on a port of the motor, its bridge or the on-board electronics may know.
+
+    Kind motor has neither duty nor pack: there the duty is 1 and the pack voltage that of the terminals.
+    """
+
+    parameters: Parameters
+    state: State
+    ambient_degC: Scalar
+    winding_degC: Scalar
+    case_degC: Scalar
+    duty: Scalar
+    pack_voltage_V: Scalar
+    current_A: Scalar
+    speed_rad_s: Scalar
+
+
+CELL_PORTS = {
+    "cell_temperature": "degC; the ambient in the base model",
+    "usable_charge": "C; eqs. 1 and 8",
+    "counted_current": "A; the current that eq. 1 integrates",
+    "open_circuit_voltage": "V of one cell",
+    "cycle_resistance": "ohm; eq. 7",
+    "series_resistance": "ohm; R_ints + R_cyc, eqs. 7, 9 and 10",
+    "rc_resistance": "ohm; R_TS and R_TL in turn, eqs. 3 and 5",
+    "overpotential": "V lost beside i R, V_TS and V_TL",
+    "cell_heat": "W made in one cell",
+    "weakest_cell_voltage": "V that the weakest cell of the pack falls short of the others",
+}
+MOTOR_PORTS = {
+    "torque_constant": "N m/A and V s/rad; eqs. 11 and 12",
+    "motor_torque": "N m; eq. 12",
+    "winding_resistance": "ohm; eq. 17",
+    "armature_voltage_drop": "V lost beside i R and the back-EMF",
+    "coulomb_torque": "N m; friction of constant size against the motion, which holds at standstill",
+    "friction_torque": "N m; friction that grows smoothly with speed, signed as the speed",
+    "load_torque": "N m; signed, active",
+    "motor_loss": "W that heat the winding; eq. 16",
+    "bridge_voltage": "V at the motor's terminals; eq. 14",
+    "onboard_current": "A; eq. 20",
+}
+SENSOR_PORTS = {
+    "true_input": "a measured input, as it truly was",
+    "reading": "a sensor's reading of an output over the whole run",
+}
+PORTS = CELL_PORTS | MOTOR_PORTS | SENSOR_PORTS
+_HOOKS = {"initial_state", "flows"}
+
+
+class Effect(eqx.Module):
+    """A candidate effect: parameters as fields, one method for each port it touches.
+
+    `switch` is for those who test many effects at once: at 0 the effect is absent to the bit, at 1 present, and the
+    derivative by it at 0 is the direction in which the effect moves the model. None, the default, is a plain 1.
+    """
+
+    name: ClassVar[str]
+    kinds: ClassVar[tuple[str, ...]]
+    equation: ClassVar[str]
+    is_sensor: ClassVar[bool] = False
+    has_memory: ClassVar[bool] = False
+
+    switch: Scalar | None = None
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """Refuse a class whose methods are not ports: a misspelt one would silently do nothing."""
+        super().__init_subclass__(**kwargs)
+        for method, value in vars(cls).items():
+            if inspect.isfunction(value) and not method.startswith("_") and method not in PORTS.keys() | _HOOKS:
+                raise EffectError(
+                    f"effect class {cls.__name__}: '{method}' is not a port.{nearest(method, PORTS)} "
+                    f"Ports are {', '.join(PORTS)}; start a helper's name with an underscore."
+                )
+
+    @property
+    def label(self) -> str:
+        """Return the name that tells this effect from others of the same model."""
+        return self.name
+
+    def initial_state(self, parameters: Parameters, ambient_degC: Scalar) -> State:
+        """Return the effect's own states at the start of a run, named 'effect.state'."""
+        return {}
+
+    def flows(self, cell: CellContext | None, motor: MotorContext | None, heat_W: Scalar | None) -> dict[str, Flow]:
+        """Return the flow of each of the effect's own states; `heat_W` is that of one cell."""
+        return {}
+
+
+def fold(effects: tuple[Effect, ...], port: str, value: Any, context: Any) -> Any:
+    """Pass a port's value through every effect that touches the port, in order."""
+    for effect in effects:
+        method = getattr(effect, port, None)
+        if method is None:
+            continue
+        changed = method(value, context)
+        value = changed if effect.switch is None else value + effect.switch * (changed - value)
+    return value
+
+
+def touches(effects: tuple[Effect, ...], port: str) -> bool:
+    """Return True if any effect acts on the port."""
+    return any(hasattr(effect, port) for effect in effects)

@@ -1,0 +1,105 @@
+"""Profiles: inputs over time, and the grid of steps on which a run is integrated."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from jaxmodel.errors import MeasurementError
+from jaxmodel.robot import duty_of_signal
+
+# The armature is solved exactly where it is linear; the steps after a jump grow from a fraction of its
+# electrical time constant so that what is nonlinear (friction, saturation, brushes) and the heat of the inrush are resolved.
+FIRST_STEP_SHARE = 0.25
+GROWTH = 2.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Profile:
+    """Inputs over time: those of row k hold over (t[k-1], t[k]]; row 0 is the initial state under its own inputs.
+
+    Attributes:
+        time_s: shape (rows,), increasing.
+        inputs: by name, each of shape (rows,).
+    """
+
+    time_s: np.ndarray
+    inputs: dict[str, np.ndarray]
+
+    def __post_init__(self) -> None:
+        """Check shapes and order, and turn the operator's signal into a duty (eq. 22)."""
+        time = np.asarray(self.time_s, dtype=float)
+        inputs = {name: np.broadcast_to(np.asarray(v, dtype=float), time.shape) for name, v in self.inputs.items()}
+        if time.size < 2 or np.any(np.diff(time) <= 0.0):
+            raise MeasurementError("profile: time_s needs at least two values, each later than the one before it.")
+        if "V_set" in inputs:
+            inputs["duty"] = duty_of_signal(inputs.pop("V_set"))
+        object.__setattr__(self, "time_s", time)
+        object.__setattr__(self, "inputs", inputs)
+
+
+def constant(duration_s: float, step_s: float, **inputs: float) -> Profile:
+    """Return a profile of constant inputs from 0 to `duration_s` in steps of `step_s`, both in s."""
+    time = np.arange(0.0, duration_s + 0.5 * step_s, step_s)
+    return Profile(time, {name: np.full_like(time, value) for name, value in inputs.items()})
+
+
+@dataclasses.dataclass(frozen=True)
+class Grid:
+    """The steps of a run: their durations, the profile row each belongs to, and where each row ends.
+
+    Attributes:
+        duration_s: shape (steps,); a padded grid ends in steps of zero length, which change nothing.
+        row: shape (steps,), the row of the profile whose inputs hold over the step.
+        last_step: shape (rows - 1,), the step that ends at each row after the first.
+    """
+
+    duration_s: np.ndarray
+    row: np.ndarray
+    last_step: np.ndarray
+
+    def padded(self, steps: int) -> Grid:
+        """Return the same grid with steps of zero length appended."""
+        extra = steps - self.duration_s.size
+        return Grid(
+            np.append(self.duration_s, np.zeros(extra)),
+            np.append(self.row, np.full(extra, self.row[-1])),
+            self.last_step,
+        )
+
+
+def make_grid(profile: Profile, electrical_time_constant_s: float | None) -> Grid:
+    """Return the grid of a profile: one step a row, and after a jump of the inputs steps that grow from milliseconds.
+
+    Args:
+        profile: inputs over time.
+        electrical_time_constant_s: L_a / R of the motor, or None where there is no motor to start.
+    """
+    rows = np.diff(profile.time_s)
+    if electrical_time_constant_s is None:
+        return Grid(rows, np.arange(1, rows.size + 1), np.arange(rows.size))
+    jumps = _jumps(profile)
+    durations, owners = [], []
+    for index, (span, jump) in enumerate(zip(rows, jumps, strict=True)):
+        parts = growing_steps(span, FIRST_STEP_SHARE * electrical_time_constant_s) if jump else [span]
+        durations.extend(parts)
+        owners.extend([index + 1] * len(parts))
+    row = np.asarray(owners)
+    last_step = np.searchsorted(row, np.arange(1, rows.size + 1), side="right") - 1
+    return Grid(np.asarray(durations), row, last_step)
+
+
+def growing_steps(span: float, first: float) -> list[float]:
+    """Cut a span into steps that start near `first` and grow by a constant factor, in s."""
+    count = max(1, int(np.ceil(np.log1p(span / first * (GROWTH - 1.0)) / np.log(GROWTH))))
+    weights = GROWTH ** np.arange(count)
+    return list(span * weights / weights.sum())
+
+
+def _jumps(profile: Profile) -> np.ndarray:
+    """Tell after which rows an input that moves the motor changed; the first interval starts the motor."""
+    moving = [values for name, values in profile.inputs.items() if name != "ambient_degC"]
+    changed = np.any([np.diff(values) != 0.0 for values in moving], axis=0)
+    changed[0] = True
+    return changed

@@ -1,0 +1,76 @@
+"""From what ideal sensors would read to what the sensors at hand read: offset, gain, lag and clock, over a whole run."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from jaxmodel.flow import State
+from jaxmodel.model import Model, read
+from jaxmodel.ports import fold
+
+
+class Signal(eqx.Module):
+    """The true course of one reading through the steps of a run, for sensors with a memory or a clock of their own.
+
+    `rows` are its values at the rows of the profile. Within step j it goes from `start[j]` to `end[j]`; it jumps between steps where an input jumps.
+    """
+
+    duration_s: Array
+    start: Array
+    end: Array
+    rows: Array
+    at_rows: Array
+
+
+def distort(
+    model: Model, readings: dict[str, Array], states: State, inputs: dict[str, Array], duration_s: Array, at_rows: Array
+) -> dict[str, Array]:
+    """Pass each reading, over its rows, through the sensor effects of its column."""
+    sensors = tuple(effect for effect in model.effects if hasattr(effect, "reading"))
+    if not sensors:
+        return readings
+    signals = {}
+    if any(effect.has_memory for effect in sensors):
+        before = {name: values[:-1] for name, values in states.items()}
+        after = {name: values[1:] for name, values in states.items()}
+        during = {name: values[1:] for name, values in inputs.items()}
+        read_all = jax.vmap(lambda s, u: read(model, s, u))
+        starts, ends = read_all(before, during), read_all(after, during)
+        signals = {
+            name: Signal(duration_s, starts[name], ends[name], readings[name], at_rows) for name in readings
+        }
+    return {
+        name: fold(tuple(e for e in sensors if e.column in ("", name)), "reading", values, signals.get(name))
+        for name, values in readings.items()
+    }
+
+
+def lagged(signal: Signal, time_constant_s) -> Array:
+    """Return the rows of a signal behind a first-order lag, exact for a signal that is straight within each step."""
+    moving = signal.duration_s > 0.0
+    span = jnp.where(moving, signal.duration_s, 1.0)
+    tau = jnp.asarray(time_constant_s)
+    decay = jnp.exp(-span / jnp.maximum(tau, 1e-3 * span))
+    behind = (signal.end - signal.start) / span * tau
+
+    def follow(value, given):
+        start, end, late, kept, runs = given
+        value = jnp.where(runs, end - late + (value - start + late) * kept, value)
+        return value, value
+
+    _, values = jax.lax.scan(follow, signal.rows[0], (signal.start, signal.end, behind, decay, moving))
+    return jnp.concatenate([signal.rows[:1], values])[signal.at_rows]
+
+
+def shifted(signal: Signal, delay_s) -> Array:
+    """Return the rows of a signal that arrives late by `delay_s` (early where negative); its ends are held."""
+    ends = jnp.cumsum(signal.duration_s)
+    times = jnp.concatenate([jnp.zeros(1), ends])[signal.at_rows] - delay_s
+    index = jnp.clip(jnp.searchsorted(ends, times, side="left"), 0, ends.shape[0] - 1)
+    span = jnp.where(signal.duration_s[index] > 0.0, signal.duration_s[index], 1.0)
+    before_end = jnp.clip((ends[index] - times) / span, 0.0, 1.0)
+    values = signal.end[index] - (signal.end[index] - signal.start[index]) * before_end
+    return jnp.where(times <= 0.0, signal.rows[0], values)

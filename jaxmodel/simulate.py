@@ -1,0 +1,149 @@
+"""Running a model over a profile: the scan, the readings, and a status for what went wrong."""
+
+from __future__ import annotations
+
+import enum
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jaxmodel.flow import State
+from jaxmodel.model import Model, initial_state, read, step, valid
+from jaxmodel.profile import Grid, Profile, make_grid
+from jaxmodel.sensors import distort
+
+
+class Status(enum.IntEnum):
+    """How a run, or one lane of a batch, ended."""
+
+    COMPLETE = 0
+    REACHED_CUTOFF = 1
+    NOT_FINITE = 2
+
+
+class Cutoff(eqx.Module):
+    """Where a run ends: below a state of charge, or below a cell's voltage in V; -inf never ends it."""
+
+    soc: float = -jnp.inf
+    voltage_V: float = -jnp.inf
+
+
+class Track(eqx.Module):
+    """A run on the device: steps and, for each row after the first, the step that ends there."""
+
+    duration_s: Array
+    inputs: dict[str, Array]
+    last_step: Array
+
+
+class Trajectory(eqx.Module):
+    """What came of a run, over the rows of its profile (axis 0; lanes, if any, before it).
+
+    Attributes:
+        time_s: time of each row.
+        readings: what the sensors read, by column name.
+        states: all states of the model.
+        valid: False where the equations left the range in which they make sense.
+        status: a `Status`.
+        end_row: last row before the cut-off; the state is held after it.
+    """
+
+    time_s: Array
+    readings: dict[str, Array]
+    states: State
+    valid: Array
+    status: Array
+    end_row: Array
+
+
+def track(model: Model, profile: Profile, steps: int | None = None) -> Track:
+    """Lay a profile out in steps for a model, padded to a number of steps if one is given."""
+    grid = _grid(model, profile)
+    if steps is not None:
+        grid = grid.padded(steps)
+    rows = np.concatenate([[0], grid.row])
+    inputs = {name: jnp.asarray(values[rows]) for name, values in profile.inputs.items()}
+    return Track(jnp.asarray(grid.duration_s), inputs, jnp.asarray(grid.last_step))
+
+
+def _grid(model: Model, profile: Profile) -> Grid:
+    if model.kind == "cell":
+        return make_grid(profile, None)
+    p = model.parameters
+    return make_grid(profile, float(np.min(np.asarray(p.L_a) / np.asarray(p.R_0))))
+
+
+def simulate(model: Model, profile: Profile, cutoff: Cutoff | None = None) -> Trajectory:
+    """Run a model over a profile.
+
+    Args:
+        model: any kind; its leaves are scalars. To run lanes, `jax.vmap` a function that calls `run_track`.
+        profile: inputs over time, names as in case files.
+        cutoff: where the run ends, if before the end of the profile.
+
+    Returns:
+        The trajectory at the rows of the profile, with a status; nothing is raised for what happens in a run.
+    """
+    return run_track(model, track(model, profile), jnp.asarray(profile.time_s), cutoff)
+
+
+@eqx.filter_jit
+def run_track(model: Model, course: Track, time_s: Array, cutoff: Cutoff | None = None) -> Trajectory:
+    """Run a model over steps already laid out; pure, so that it may be vmapped and differentiated."""
+    first_inputs = {name: values[0] for name, values in course.inputs.items()}
+    later_inputs = {name: values[1:] for name, values in course.inputs.items()}
+    start = initial_state(model, first_inputs)
+
+    def advance_one(carry, given):
+        state, running = carry
+        inputs, duration = given
+        state = step(model, state, inputs, jnp.where(running, duration, 0.0))
+        if cutoff is not None:
+            running &= ~_below(model, state, inputs, cutoff)
+        return (state, running), (state, running)
+
+    _, (states, running) = jax.lax.scan(advance_one, (start, jnp.asarray(True)), (later_inputs, course.duration_s))
+
+    def with_start(first, later):
+        return jnp.concatenate([first[None], later])
+
+    fine_states = jax.tree.map(with_start, start, states)
+    at_rows = jnp.concatenate([jnp.zeros(1, dtype=course.last_step.dtype), course.last_step + 1])
+    row_states, row_inputs = jax.tree.map(lambda x: x[at_rows], (fine_states, course.inputs))
+    readings = jax.vmap(lambda s, u: read(model, s, u))(row_states, row_inputs)
+    readings = distort(model, readings, fine_states, course.inputs, course.duration_s, at_rows)
+    finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(values)) for values in row_states.values()]))
+    completed = jnp.sum(running[course.last_step])
+    ended = completed < time_s.shape[0] - 1
+    status = jnp.where(finite, jnp.where(ended, Status.REACHED_CUTOFF, Status.COMPLETE), Status.NOT_FINITE)
+    return Trajectory(
+        time_s=time_s,
+        readings=readings,
+        states=row_states,
+        valid=jax.vmap(lambda s, u: valid(model, s, u))(row_states, row_inputs),
+        status=status,
+        end_row=jnp.minimum(completed + ended, time_s.shape[0] - 1),
+    )
+
+
+def _below(model: Model, state: State, inputs, cutoff: Cutoff) -> Array:
+    readings = read(model, state, inputs)
+    below = jnp.asarray(False)
+    if "soc" in readings:
+        cell_voltage = readings.get("voltage_V")
+        if cell_voltage is None:
+            cell_voltage = readings["pack_voltage_V"] / model.parameters.n_series
+        below = (readings["soc"] < cutoff.soc) | (cell_voltage < cutoff.voltage_V)
+    return below
+
+
+def to_frame(trajectory: Trajectory):
+    """Return a single trajectory as a pandas table: time_s, then every reading."""
+    import pandas as pd
+
+    return pd.DataFrame({"time_s": trajectory.time_s} | dict(trajectory.readings))
+
+

@@ -1,0 +1,1 @@
+"""How results depend on parameters: derivatives, identifiability and global indices."""

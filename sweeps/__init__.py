@@ -1,0 +1,1 @@
+"""Thousands of combinations of parameters, inputs and effects through the model."""

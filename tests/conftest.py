@@ -1,0 +1,31 @@
+"""What every test shares: a compilation cache, repeatable Hypothesis examples, the reference runs."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import hypothesis
+import pytest
+
+REPOSITORY = Path(__file__).parents[1]
+
+# Compiling is most of a test's time. The cache outlives the run and serves every worker; through the environment, so
+# that it serves the programs that tests start, too. An entry depends on the program compiled, so it is never stale.
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(REPOSITORY / ".jax-cache"))
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
+# On a machine with a GPU the workers share it; by default the first would take most of its memory.
+os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
+
+# The same examples on every run, and no deadline: the first example of a test pays for its compilation.
+hypothesis.settings.register_profile("repeatable", derandomize=True, deadline=None)
+hypothesis.settings.load_profile("repeatable")
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """The folder of reference runs and cases that lies beside the repository, where there is one."""
+    folder = REPOSITORY.parent / "shared"
+    if not folder.is_dir():
+        pytest.skip("the reference runs are not beside this copy of the repository")
+    return folder

@@ -1,0 +1,275 @@
+"""The continuous-time equations of cell, motor and robot, written from the design, not from the product.
+
+Plain functions of one state vector. Numbers in brackets are equation numbers of the paper. Every effect of the
+catalogue is always present, at its null value (`effects.NULL`) where nobody asked for it, so that one compiled
+right-hand side serves every case of a kind.
+
+Units: SI, temperatures in degC, current positive on discharge. Inside one call `slide` is the direction in which the
+rotor moves (+1, -1) or 0 where it is stuck: within such a stretch the right-hand side is smooth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+STATES = ("soc", "soc_weak", "v_ts", "v_tl", "v_3", "hysteresis", "t_cell", "i_a", "speed", "x_1", "x_2", "t_lagged")
+ZERO_CELSIUS = 273.15
+GAS_CONSTANT = 8.314
+FARADAY = 96485.0
+GRAVITY = 9.81
+LOWEST_SOC_OF_CURVES = 0.012  # the printed capacitances are negative below it
+Tree = Mapping[str, Any]
+
+
+def open_circuit_voltage(soc: jax.Array, temperature: jax.Array, p: Tree) -> jax.Array:
+    """Return V_oc of one cell over SOC: Chen and Rincon-Mora 2006, or the case's table."""
+    if "ocv" in p:
+        return _table(p["ocv"], soc, temperature)
+    return -1.031 * jnp.exp(-35.0 * soc) + 3.685 + 0.2156 * soc - 0.1178 * soc**2 + 0.3201 * soc**3
+
+
+def series_resistance(soc: jax.Array, temperature: jax.Array, p: Tree) -> jax.Array:
+    """Return R_ints in ohm (9, 10), or the case's table, which is then the whole of it."""
+    if "R_ints" in p:
+        return _table(p["R_ints"], soc, temperature)
+    held = jnp.maximum(soc, LOWEST_SOC_OF_CURVES)
+    return -1.399e-5 * temperature**2 - 2.768e-4 * temperature + 0.1562 * jnp.exp(-24.37 * held) + 0.07446
+
+
+def pair_values(soc: jax.Array, temperature: jax.Array, p: Tree) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
+    """Return R_TS, C_TS, R_TL, C_TL (3-6) in ohm and farad, each from its table where the case has one."""
+    held = jnp.maximum(soc, LOWEST_SOC_OF_CURVES)
+    formulas = {
+        "R_TS": 0.3208 * jnp.exp(-29.14 * held) + 0.04669,
+        "C_TS": -752.9 * jnp.exp(-13.51 * held) + 703.6,
+        "R_TL": 6.603 * jnp.exp(-155.2 * held) + 0.04984,
+        "C_TL": -6056.0 * jnp.exp(-27.12 * held) + 4475.0,
+    }
+    r_ts, c_ts, r_tl, c_tl = (_table(p[k], soc, temperature) if k in p else formulas[k] for k in formulas)
+    return r_ts, c_ts, r_tl, c_tl
+
+
+def _table(table: Tree, soc: jax.Array, temperature: jax.Array) -> jax.Array:
+    """Interpolate linearly over SOC and, where the table has rows for them, temperatures; held at the ends."""
+    if "temperature_degC" not in table:
+        return jnp.interp(soc, table["soc"], table["values"])
+    at_each_temperature = jax.vmap(lambda row: jnp.interp(soc, table["soc"], row))(table["values"])
+    return jnp.interp(temperature, table["temperature_degC"], at_each_temperature)
+
+
+def usable_charge(temperature: jax.Array, p: Tree, e: Tree) -> jax.Array:
+    """Return Q_usable in coulomb (1, 8), with its change over temperature."""
+    stored_kelvin = p["storage_temperature_degC"] + ZERO_CELSIUS
+    storage = 1.0 - 1.544e5 * jnp.exp(-40498.0 / (8.3143 * stored_kelvin)) * p["storage_months"]
+    return 3600.0 * p["capacity_Ah"] * storage * (1.0 + e["capacity_temperature"]["a"] * (temperature - 20.0))
+
+
+def cell_part(y: dict[str, jax.Array], ambient: jax.Array, p: Tree, e: Tree) -> dict[str, jax.Array]:
+    """Return what a cell's voltage and rates are made of, none of which depends on the present current."""
+    heated = e["self_heating"]["on"]
+    temperature = heated * y["t_cell"] + (1.0 - heated) * ambient
+    kelvin = temperature + ZERO_CELSIUS
+    arrhenius = jnp.exp(e["arrhenius_resistance"]["E_a"] / GAS_CONSTANT * (1.0 / kelvin - 1.0 / 293.15))
+    ageing = 0.0015 * jnp.sqrt(p["cycles"]) + e["resistance_ageing"]["c"] * p["cycles"]  # (7)
+    r_ts, c_ts, r_tl, c_tl = pair_values(y["soc"], temperature, p)
+    shift = p["ocv_offset_V"] + e["entropic_ocv"]["dU_dT"] * (temperature - 20.0)
+    return {
+        "temperature": temperature,
+        "kelvin": kelvin,
+        "charge": usable_charge(temperature, p, e),
+        "v_oc": open_circuit_voltage(y["soc"], temperature, p) + shift,
+        "v_oc_weak": open_circuit_voltage(y["soc_weak"], temperature, p) + shift,
+        "slow_drop": y["v_ts"] + y["v_tl"] + y["v_3"] + e["ocv_hysteresis"]["M_V"] * y["hysteresis"],
+        "r_series": (series_resistance(y["soc"], temperature, p) + ageing) * p["series_resistance_scale"] * arrhenius,
+        "r_ts": r_ts * p["rc_resistance_scale"] * arrhenius,
+        "r_tl": r_tl * p["rc_resistance_scale"] * arrhenius,
+        "c_ts": c_ts * p["rc_capacitance_scale"],
+        "c_tl": c_tl * p["rc_capacitance_scale"],
+        "charge_transfer_volt": 2.0 * GAS_CONSTANT * kelvin / FARADAY,
+    }
+
+
+def cell_voltage(cell: dict[str, jax.Array], current: jax.Array, e: Tree) -> jax.Array:
+    """Return the terminal voltage of one cell at `current`."""
+    transfer = cell["charge_transfer_volt"] * jnp.arcsinh(current / (2.0 * e["charge_transfer"]["i_0"]))
+    return cell["v_oc"] - current * cell["r_series"] - cell["slow_drop"] - transfer
+
+
+def pack_voltage(cell: dict[str, jax.Array], current: jax.Array, p: Tree, e: Tree) -> jax.Array:
+    """Return the voltage of n_series cells, one of which may be at another state of charge."""
+    return p["n_series"] * cell_voltage(cell, current, e) + cell["v_oc_weak"] - cell["v_oc"]
+
+
+def robot_draw(
+    cell: dict[str, jax.Array], motors: jax.Array, ambient: jax.Array, p: Tree, e: Tree
+) -> tuple[jax.Array, jax.Array]:
+    """Return the pack's current and voltage (21): the constant-power part of the load depends on the voltage.
+
+    Newton from the constant-current draw; each pass squares a relative error that starts at a few percent.
+    """
+    onboard = p["onboard_current_A"] * (1.0 + e["onboard_temperature"]["a"] * (ambient - 20.0))
+    share = e["constant_power_load"]["s"]
+    nominal = p["nominal_cell_voltage_V"] * p["n_series"]
+    i_0 = e["charge_transfer"]["i_0"]
+    current = motors + onboard
+    for _ in range(6):
+        voltage = pack_voltage(cell, current, p, e)
+        transfer_slope = cell["charge_transfer_volt"] / jnp.sqrt(4.0 * i_0**2 + current**2)
+        slope = -p["n_series"] * (cell["r_series"] + transfer_slope)
+        excess = current - motors - onboard * ((1.0 - share) + share * nominal / voltage)
+        current = current - excess / (1.0 + onboard * share * nominal / voltage**2 * slope)
+    return current, pack_voltage(cell, current, p, e)
+
+
+def motor_part(
+    y: dict[str, jax.Array], load_torque: jax.Array, ambient: jax.Array, slide: jax.Array, p: Tree, e: Tree
+) -> dict[str, jax.Array]:
+    """Return the motor's coefficients, torques and losses (12, 13, 16, 17), bridge apart."""
+    i_a, speed = y["i_a"], y["speed"]
+    case = ambient + y["x_2"]
+    winding = case + y["x_1"]
+    warmer = winding - p["T_0"]
+    resistance = p["R_0"] * (1.0 + p["psi_R"] * warmer)
+    k = p["k_tau"] * (1.0 + e["magnet_temperature"]["psi_k"] * warmer)
+    coulomb = p["tau_0"] * jnp.exp(-e["friction_temperature"]["b_T"] * (case - 20.0))
+    stribeck = e["stribeck_friction"]
+    # `slide` in place of the sign of the speed keeps the equations smooth up to, and a little past, the reversal.
+    friction = (
+        slide * (coulomb + stribeck["tau_s"] * jnp.exp(-((speed / stribeck["w_s"]) ** 2)))
+        + e["viscous_friction"]["b"] * speed
+        + e["windage"]["c"] * slide * speed**2
+    )
+    return {
+        "winding": winding,
+        "case": case,
+        "resistance": resistance,
+        "inductance": p["L_a"] * (1.0 + p["psi_L"] * warmer),
+        "back_emf": k * speed,
+        "brush": e["brush_drop"]["V_b"] * jnp.tanh(i_a / 0.1),
+        "drive": k * i_a / (1.0 + (i_a / e["saturation"]["i_s"]) ** 2) - load_torque * (1.0 + e["gear_loss"]["e"]),
+        "breakaway": coulomb + stribeck["tau_s"],
+        "friction": friction,
+        "loss": i_a**2 * resistance + speed * friction,
+    }
+
+
+def algebra(kind: str, vector: jax.Array, inputs: jax.Array, slide: jax.Array, p: Tree, e: Tree) -> dict[str, Any]:
+    """Return every algebraic quantity of `kind` for one state.
+
+    Args:
+        kind: "cell", "motor" (driven by voltage), "current_motor" or "robot".
+        vector: the state in the order of STATES, shape (12,).
+        inputs: what drives it (current_A, voltage_V or duty), load_torque_Nm, ambient_degC; shape (3,).
+        slide: direction of the rotor's motion, 0 where it is stuck.
+        p: parameters as `prepare_parameters` gives them.
+        e: every effect's parameters as `effects.complete` gives them.
+    """
+    y = dict(zip(STATES, vector, strict=True))
+    drive, load_torque, ambient = inputs
+    out: dict[str, Any] = {"y": y, "ambient": ambient}
+    if kind != "cell":
+        out["motor"] = motor_part(y, load_torque, ambient, slide, p, e)
+    if kind in ("cell", "robot"):
+        out["cell"] = cell_part(y, ambient, p, e)
+    if kind == "cell":
+        out["current"] = drive
+        out["v_cell"] = cell_voltage(out["cell"], drive, e)
+    elif kind == "robot":
+        out["current"], out["v_pack"] = robot_draw(out["cell"], p["n_motors"] * drive * y["i_a"], ambient, p, e)  # (14)
+        out["v_cell"] = cell_voltage(out["cell"], out["current"], e)
+        out["v_motor"] = drive * out["v_pack"] - e["bridge_resistance"]["R_on"] * y["i_a"]
+        out["motor"]["loss"] += e["pwm_ripple"]["k_r"] * (drive * (1.0 - drive) * out["v_pack"]) ** 2
+    elif kind == "motor":
+        out["v_motor"] = drive
+    else:
+        motor = out["motor"]
+        out["v_motor"] = y["i_a"] * motor["resistance"] + motor["back_emf"] + motor["brush"]
+    return out
+
+
+def derivative(kind: str, vector: jax.Array, inputs: jax.Array, slide: jax.Array, p: Tree, e: Tree) -> jax.Array:
+    """Return the time derivative of the state vector; arguments as those of `algebra`."""
+    a = algebra(kind, vector, inputs, slide, p, e)
+    rate = dict.fromkeys(STATES, jnp.zeros(()))
+    if "cell" in a:
+        rate |= _cell_rates(a, p, e)
+    if "motor" in a:
+        rate |= _motor_rates(kind, a, slide, p)
+    rate["t_lagged"] = (_lag_target(a, e) - a["y"]["t_lagged"]) / e["temperature_lag"]["tau"]
+    return jnp.stack([rate[name] for name in STATES])
+
+
+def _cell_rates(a: dict[str, Any], p: Tree, e: Tree) -> dict[str, jax.Array]:
+    y, cell, current = a["y"], a["cell"], a["current"]
+    # abs(i)^(p-1) has no derivative at rest; the floor of 1e-30 A only keeps the Jacobian finite there.
+    stress = jnp.exp((e["rate_capacity"]["p"] - 1.0) * jnp.log(jnp.maximum(jnp.abs(current), 1e-30) / p["capacity_Ah"]))
+    drained = current * stress + a["v_cell"] / e["self_discharge"]["R_self"]
+    heat = current * (cell["v_oc"] - a["v_cell"]) - current * cell["kelvin"] * e["entropic_ocv"]["dU_dT"]
+    heating = e["self_heating"]
+    turn = e["ocv_hysteresis"]["g"] / cell["charge"]
+    return {
+        "soc": -drained / cell["charge"],
+        "soc_weak": -drained / (cell["charge"] * (1.0 - e["cell_imbalance"]["d"])),
+        "v_ts": current / cell["c_ts"] - y["v_ts"] / (cell["r_ts"] * cell["c_ts"]),
+        "v_tl": current / cell["c_tl"] - y["v_tl"] / (cell["r_tl"] * cell["c_tl"]),
+        "v_3": (current * e["slow_diffusion"]["R_3"] - y["v_3"]) / e["slow_diffusion"]["tau_3"],
+        "hysteresis": turn * (current - jnp.abs(current) * y["hysteresis"]),
+        "t_cell": heating["on"] * (heat - heating["hA"] * (y["t_cell"] - a["ambient"])) / heating["C_th"],
+    }
+
+
+def _motor_rates(kind: str, a: dict[str, Any], slide: jax.Array, p: Tree) -> dict[str, jax.Array]:
+    y, motor = a["y"], a["motor"]
+    electrical = a["v_motor"] - y["i_a"] * motor["resistance"] - motor["back_emf"] - motor["brush"]
+    return {
+        "i_a": jnp.zeros(()) if kind == "current_motor" else electrical / motor["inductance"],  # (11)
+        "speed": jnp.where(slide == 0.0, 0.0, (motor["drive"] - motor["friction"]) / p["J"]),  # (13)
+        "x_1": (p["R_wc"] * motor["loss"] - y["x_1"]) / p["tau_wc"],  # (15)
+        "x_2": (p["R_ca"] * motor["loss"] - y["x_2"]) / p["tau_ca"],
+    }
+
+
+def _lag_target(a: dict[str, Any], e: Tree) -> jax.Array:
+    """Return the true temperature that a lagging sensor follows, picked by the effect's weights."""
+    weight = e["temperature_lag"]
+    target = jnp.zeros(())
+    if "cell" in a:
+        target = target + weight["cell"] * a["cell"]["temperature"]
+    if "motor" in a:
+        target = target + weight["winding"] * a["motor"]["winding"] + weight["case"] * a["motor"]["case"]
+    return target
+
+
+def readings(kind: str, vector: jax.Array, inputs: jax.Array, p: Tree, e: Tree) -> dict[str, jax.Array]:
+    """Return what ideal sensors read, and some inner quantities, under the names of the design."""
+    speed = vector[STATES.index("speed")]
+    a = algebra(kind, vector, inputs, jnp.sign(speed), p, e)
+    out: dict[str, jax.Array] = {"lag_target": _lag_target(a, e), "t_lagged": a["y"]["t_lagged"]}
+    if "cell" in a:
+        out |= {
+            "cell_temperature_degC": a["cell"]["temperature"],
+            "soc": a["y"]["soc"],
+            "open_circuit_voltage_V": a["cell"]["v_oc"],
+            "v_ts_V": a["y"]["v_ts"],
+            "v_tl_V": a["y"]["v_tl"],
+        }
+    if "motor" in a:
+        out |= {
+            "speed_rad_s": speed,
+            "winding_temperature_degC": a["motor"]["winding"],
+            "case_temperature_degC": a["motor"]["case"],
+            "motor_loss_W": a["motor"]["loss"],
+        }
+    if kind == "cell":
+        return out | {"voltage_V": a["v_cell"]}
+    if kind == "robot":
+        return out | {
+            "pack_voltage_V": a["v_pack"],
+            "pack_current_A": a["current"],
+            "motor_current_A": a["y"]["i_a"],
+        }
+    return out | ({"current_A": a["y"]["i_a"]} if kind == "motor" else {"voltage_V": a["v_motor"]})

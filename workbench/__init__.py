@@ -1,0 +1,1 @@
+"""Command line, report and web page: the only room that talks to people."""
