@@ -1,8 +1,8 @@
 """Turning coloured noise into white noise, one chain of readings at a time.
 
-A *chain* is a stretch of consecutive rows of one run over which the noise is one AR(1) process. Rows of all runs are stacked,
-and a boolean array `starts` is True where a new chain begins: at the first row of every run and after every break in the
-recording. Without whitening a nominal 5 % false-alarm rate becomes nearly 100 % at rho = 0.9.
+A *chain* is a stretch of consecutive rows of one run over which the noise is one AR(1) process. Rows of all runs are
+stacked, and a boolean array `starts` is True where a new chain begins: at the first row of every run and after every
+break in the recording. Without whitening a nominal 5 % false-alarm rate becomes nearly 100 % at rho = 0.9.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating]
 Bools = NDArray[np.bool_]
-Integers = NDArray[np.int64]
+Integers = NDArray[np.integer]
 
 
 def chain_starts(run_lengths: Iterable[int]) -> Bools:
@@ -50,7 +50,8 @@ def break_at_gaps(starts: ArrayLike, time_s: ArrayLike, longest_gap_s: float) ->
 def block_labels(starts: ArrayLike, block_length: int) -> Integers:
     """Cut every chain into blocks of equal length, the clusters of cluster-robust statistics.
 
-    A remainder shorter than half a block joins the block before it. Blocks should be at least five correlation times long.
+    A remainder shorter than half a block joins the block before it. Blocks should be at least five correlation times
+    long.
 
     Args:
         starts: (n,) booleans, True where a chain begins.
@@ -70,6 +71,37 @@ def block_labels(starts: ArrayLike, block_length: int) -> Integers:
     return np.cumsum(begins) - 1
 
 
+def chain_weights(
+    starts: ArrayLike, rho: float, present: ArrayLike, elapsed: ArrayLike | None = None
+) -> tuple[Integers, Floats]:
+    """Return the rows that were read, and the correlation of each one's noise with that of the one read before it.
+
+    Args:
+        starts: (n,) booleans, True where a chain begins.
+        rho: correlation of the noise between consecutive rows, or over one unit of `elapsed`; |rho| < 1.
+        present: (n,) booleans, False for a missing reading.
+        elapsed: (n,) noise clock in units of the step that rho belongs to, for noise that decays with time rather than
+            with the sample count; then rho must not be negative.
+
+    Returns:
+        Row numbers (k,), and weights (k,): rho^(rows or time since the previous reading), 0 at the first of a chain.
+
+    Raises:
+        ValueError: |rho| >= 1, or a negative rho with `elapsed`.
+    """
+    if not abs(rho) < 1.0:
+        raise ValueError(f"rho must lie between -1 and 1, not {rho}.")
+    if elapsed is not None and rho < 0.0:
+        raise ValueError("A negative rho has no continuous-time form: leave `elapsed` out.")
+    rows = np.flatnonzero(np.asarray(present, dtype=bool))
+    weight = np.zeros(len(rows))
+    if len(rows) > 1 and rho != 0.0:
+        clock = rows if elapsed is None else np.asarray(elapsed, dtype=float)[rows]
+        chain = np.cumsum(np.asarray(starts, dtype=bool))[rows]
+        weight[1:] = np.where(np.diff(chain) == 0, np.float64(rho) ** np.diff(clock), 0.0)
+    return rows, weight
+
+
 def whiten(
     values: ArrayLike,
     starts: ArrayLike,
@@ -80,47 +112,35 @@ def whiten(
 ) -> Floats:
     """Whiten columns of readings whose noise is AR(1).
 
-    With u = e / sd and w = rho^k, k the samples since the last reading present in the chain, a row becomes
-    (u_t - w u_{t-k}) / sqrt(1 - w^2); the first reading of a chain becomes u. This is the exact inverse square root of the
-    noise covariance, also across missing readings, which are bridged rather than treated as a fresh start.
+    With u = e / sd and w the correlation with the last reading present in the chain, a row becomes (u_t - w u_s) /
+    sqrt(1 - w^2), and u_t at the start of a chain. This is the exact inverse square root of the noise covariance, also
+    across missing readings, which are bridged (w = rho^(t-s)) rather than taken for a fresh start.
 
     Args:
-        values: (n,) or (n, m); columns are whitened alike (a residual, or sensitivities to m parameters). Rows that are not
-            present may hold anything, NaN included.
+        values: (n,) or (n, m); columns are whitened alike (a residual, or sensitivities to m parameters). Rows that are
+            not present may hold anything, NaN included.
         starts: (n,) booleans, True where a chain begins.
         rho: correlation of the noise between consecutive rows, or over one unit of `elapsed`; |rho| < 1.
         sd: standard deviation of one reading's noise in the unit of the readings: one number, or (n,) where it varies.
         present: (n,) booleans, False for a missing reading; all present when not given. Give the residual's for the
             sensitivities too, so that both are whitened alike.
-        elapsed: (n,) noise clock in units of the step that rho belongs to, for noise that decays with time rather than with
-            the sample count; then rho must not be negative.
+        elapsed: (n,) noise clock, as in `chain_weights`; rows are counted when not given.
 
     Returns:
         The whitened values, same shape; missing rows are 0 (weight 0).
 
     Raises:
-        ValueError: |rho| >= 1, an sd that is not positive, or a negative rho with `elapsed`.
+        ValueError: |rho| >= 1, a negative rho with `elapsed`, or an sd that is not positive.
     """
-    if not abs(rho) < 1.0:
-        raise ValueError(f"rho must lie between -1 and 1, not {rho}.")
-    if elapsed is not None and rho < 0.0:
-        raise ValueError("A negative rho has no continuous-time form: leave `elapsed` out.")
-    columns = np.asarray(values, dtype=float)
-    is_present = np.ones(len(columns), dtype=bool) if present is None else np.asarray(present, dtype=bool)
-    rows = np.flatnonzero(is_present)
+    shaped = np.asarray(values, dtype=float)
+    columns = shaped.reshape(len(shaped), -1)
+    rows, weight = chain_weights(starts, rho, np.ones(len(columns)) if present is None else present, elapsed)
     scale = np.broadcast_to(np.asarray(sd, dtype=float), len(columns))[rows]
     if not np.all(scale > 0.0):
         raise ValueError("Every noise sd must be positive.")
-    clock = np.arange(len(columns)) if elapsed is None else np.asarray(elapsed, dtype=float)
-    chain = np.cumsum(np.asarray(starts, dtype=bool))[rows]
-    weight = np.zeros(len(rows))
-    if len(rows) > 1 and rho != 0.0:
-        weight[1:] = np.where(np.diff(chain) == 0, float(rho) ** np.diff(clock[rows]), 0.0)
-
-    one_column_per_row = columns.reshape(len(columns), -1)
-    standard = one_column_per_row[rows] / scale[:, None]
+    standard = columns[rows] / scale[:, None]
     innovation = standard.copy()
     innovation[1:] -= weight[1:, None] * standard[:-1]
-    whitened = np.zeros_like(one_column_per_row)
+    whitened = np.zeros_like(columns)
     whitened[rows] = innovation / np.sqrt(1.0 - weight**2)[:, None]
-    return whitened.reshape(columns.shape)
+    return whitened.reshape(shaped.shape)

@@ -10,8 +10,9 @@ import pytest
 
 REPOSITORY = Path(__file__).parents[1]
 
-# Compiling is most of a test's time. The cache outlives the run and serves every worker; through the environment, so
-# that it serves the programs that tests start, too. An entry depends on the program compiled, so it is never stale.
+# Compiling the model costs far more than running it, and reading it back compiled a tenth of that. The cache outlives
+# the run and serves every worker; through the environment, so that it also serves the programs that tests start.
+# Entries are keyed by the program and the version of JAX: an old one is never wrong, only unused.
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(REPOSITORY / ".jax-cache"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
 # On a machine with a GPU the workers share it; by default the first would take most of its memory.

@@ -63,7 +63,7 @@ class RateCapacity(Effect):
     kinds: ClassVar[tuple[str, ...]] = CELL
     equation: ClassVar[str] = "i -> i (|i|/I_ref)^(p-1) in eq. 1 only, I_ref = the nominal capacity in A"
     p: Scalar = parameter(
-        1.1, unit="", meaning="Peukert exponent", null=1.0, lower=0.7, upper=2.0, typical=(1.0, 1.3)
+        1.1, unit="", meaning="Peukert exponent", null=1.0, lower=0.7, upper=2.0, typical=(1.02, 1.3)
     )
 
     def counted_current(self, value: Scalar, context: CellContext) -> Scalar:
@@ -116,7 +116,7 @@ class EntropicOcv(Effect):
     kinds: ClassVar[tuple[str, ...]] = CELL
     equation: ClassVar[str] = "V_oc += dU_dT (T - 20); heat -i T_K dU_dT"
     dU_dT: Scalar = parameter(
-        2e-4, unit="V/K", meaning="entropy coefficient", null=0.0, lower=-5e-3, upper=5e-3, typical=(5e-5, 1e-3)
+        2e-4, unit="V/K", meaning="entropy coefficient", null=0.0, lower=-5e-3, upper=5e-3, typical=(-1e-3, 1e-3)
     )
 
     def open_circuit_voltage(self, value: Scalar, context: CellContext) -> Scalar:

@@ -211,7 +211,7 @@ class OnboardTemperature(Effect):
     kinds: ClassVar[tuple[str, ...]] = ROBOT
     equation: ClassVar[str] = "I_ob -> I_ob (1 + a (T_amb - 20))"
     a: Scalar = parameter(
-        0.01, unit="1/K", meaning="change of the draw", null=0.0, lower=-0.1, upper=0.1, typical=(0.002, 0.03)
+        0.01, unit="1/K", meaning="change of the draw", null=0.0, lower=-0.1, upper=0.1, typical=(-0.03, 0.03)
     )
 
     def onboard_current(self, value: Scalar, context: MotorContext) -> Scalar:

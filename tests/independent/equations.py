@@ -11,6 +11,7 @@ rotor moves (+1, -1) or 0 where it is stuck: within such a stretch the right-han
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import jax
@@ -114,14 +115,15 @@ def robot_draw(
     onboard = p["onboard_current_A"] * (1.0 + e["onboard_temperature"]["a"] * (ambient - 20.0))
     share = e["constant_power_load"]["s"]
     nominal = p["nominal_cell_voltage_V"] * p["n_series"]
-    i_0 = e["charge_transfer"]["i_0"]
-    current = motors + onboard
-    for _ in range(6):
+
+    def newton(_: int, current: jax.Array) -> jax.Array:
         voltage = pack_voltage(cell, current, p, e)
-        transfer_slope = cell["charge_transfer_volt"] / jnp.sqrt(4.0 * i_0**2 + current**2)
+        transfer_slope = cell["charge_transfer_volt"] / jnp.sqrt(4.0 * e["charge_transfer"]["i_0"] ** 2 + current**2)
         slope = -p["n_series"] * (cell["r_series"] + transfer_slope)
         excess = current - motors - onboard * ((1.0 - share) + share * nominal / voltage)
-        current = current - excess / (1.0 + onboard * share * nominal / voltage**2 * slope)
+        return current - excess / (1.0 + onboard * share * nominal / voltage**2 * slope)
+
+    current = jax.lax.fori_loop(0, 6, newton, motors + onboard)
     return current, pack_voltage(cell, current, p, e)
 
 
@@ -157,6 +159,7 @@ def motor_part(
     }
 
 
+@partial(jax.jit, static_argnames="kind")  # traced once, though the solver uses it in many places
 def algebra(kind: str, vector: jax.Array, inputs: jax.Array, slide: jax.Array, p: Tree, e: Tree) -> dict[str, Any]:
     """Return every algebraic quantity of `kind` for one state.
 
@@ -191,6 +194,7 @@ def algebra(kind: str, vector: jax.Array, inputs: jax.Array, slide: jax.Array, p
     return out
 
 
+@partial(jax.jit, static_argnames="kind")  # traced once, though the solver uses it in many places
 def derivative(kind: str, vector: jax.Array, inputs: jax.Array, slide: jax.Array, p: Tree, e: Tree) -> jax.Array:
     """Return the time derivative of the state vector; arguments as those of `algebra`."""
     a = algebra(kind, vector, inputs, slide, p, e)

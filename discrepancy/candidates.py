@@ -1,0 +1,153 @@
+"""The candidate effects of a case, and the coordinates in which they are tried and fitted."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Mapping
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxmodel.cases import Case
+from jaxmodel.effects import CATALOGUE
+from jaxmodel.parameters import ParameterInfo, describe
+from jaxmodel.ports import Effect
+
+
+@dataclasses.dataclass(frozen=True)
+class Coordinate:
+    """One unknown number as a standard normal: number = centre + spread x, or origin + sign exp(centre + spread x).
+
+    The standard normal is the prior: what the case states of a parameter, or the usual range of an effect's (its ends at one
+    standard deviation).
+    """
+
+    name: str
+    centre: float
+    spread: float
+    logarithmic: bool = False
+    origin: float = 0.0
+    sign: float = 1.0
+
+    def number(self, x):
+        """Return the number at the coordinate x; works on traced values."""
+        if self.logarithmic:
+            return self.origin + self.sign * jnp.exp(self.centre + self.spread * x)
+        return self.centre + self.spread * x
+
+    def at(self, number: float) -> float:
+        """Return the coordinate of a number."""
+        if self.logarithmic:
+            return (math.log((number - self.origin) / self.sign) - self.centre) / self.spread
+        return (number - self.centre) / self.spread
+
+    def slope(self, x: float) -> float:
+        """Return d(number)/dx, to carry a standard deviation over."""
+        if self.logarithmic:
+            return abs(self.spread * math.exp(self.centre + self.spread * x))
+        return self.spread
+
+
+def known_coordinate(name: str, value: float, sd: float, info: ParameterInfo) -> Coordinate:
+    """Return the coordinate of a base parameter known to +- sd, on the logarithm where its table says so."""
+    if info.transform == "log" and value > 0.0:
+        return Coordinate(name, math.log(value), sd / value, logarithmic=True)
+    return Coordinate(name, value, sd)
+
+
+def effect_coordinate(name: str, info: ParameterInfo) -> Coordinate:
+    """Return the coordinate of an effect's parameter, from its usual range.
+
+    A range on one side of the null is taken on the logarithm of the distance from it, so that the sign is kept; a range that spans
+    the null is taken as it is.
+    """
+    assert info.typical is not None, f"{name} declares no usual range"
+    low, high = info.typical
+    origin = info.null if info.null is not None and math.isfinite(info.null) else 0.0
+    near, far = sorted((abs(low - origin), abs(high - origin)))
+    if (low - origin) * (high - origin) <= 0.0:
+        return Coordinate(name, origin, max(abs(low), abs(high)))
+    return Coordinate(
+        name,
+        centre=0.5 * (math.log(near) + math.log(far)),
+        spread=0.5 * (math.log(far) - math.log(near)),
+        logarithmic=True,
+        origin=origin,
+        sign=math.copysign(1.0, high - origin),
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class Candidate:
+    """One effect that could be missing: an effect of the catalogue, on one column where it is a sensor's.
+
+    Attributes:
+        effect: the effect at the middle of its usual range.
+        coordinates: of its parameters; the first is its amplitude.
+        probes: for each variant of its shape, the coordinates x at which its direction is taken.
+        one_sided: physics allows one sign of the amplitude only.
+    """
+
+    effect: Effect
+    coordinates: tuple[Coordinate, ...]
+    probes: tuple[tuple[float, ...], ...]
+    one_sided: bool
+
+    @property
+    def label(self) -> str:
+        """Return the effect's name, with its column where it has one."""
+        return self.effect.label
+
+    @property
+    def is_sensor(self) -> bool:
+        """Return True for a fault of a sensor."""
+        return self.effect.is_sensor
+
+
+def make_candidate(effect: Effect) -> Candidate:
+    """Return the candidate that an effect of any origin makes, from its own table."""
+    table = describe(effect)
+    coordinates = tuple(effect_coordinate(f"{effect.label}.{name}", info) for name, info in table.items())
+    choices = []
+    for coordinate, info in zip(coordinates, table.values(), strict=True):
+        if info.shape_grid:
+            choices.append([coordinate.at(number) for number in info.shape_grid])
+        else:
+            choices.append([0.0 if coordinate.logarithmic else 0.5])
+    amplitude = coordinates[0]
+    return Candidate(effect, coordinates, tuple(itertools.product(*choices)), one_sided=amplitude.logarithmic)
+
+
+def candidates(case: Case, catalogue: Mapping[str, type[Effect]] = CATALOGUE) -> list[Candidate]:
+    """Return every effect of the catalogue that could act in a case and is not in its model already."""
+    present = set(case.effects)
+    columns = _columns(case)
+    found = []
+    for name, cls in catalogue.items():
+        if case.kind not in cls.kinds or name in present:
+            continue
+        if not cls.is_sensor:
+            found.append(make_candidate(cls()))
+            continue
+        for column in _sensor_columns(name, columns):
+            found.append(make_candidate(cls(column=column)))
+    return found
+
+
+def _columns(case: Case) -> list[str]:
+    measured: dict[str, None] = {}
+    for run in case.runs:
+        for name, values in (run.measured.outputs | run.measured.inputs).items():
+            if np.any(np.isfinite(values)):
+                measured[name] = None
+    return list(measured)
+
+
+def _sensor_columns(effect: str, columns: list[str]) -> list[str]:
+    """Return the columns a sensor effect may sit on, by the quantity in its name; a clock is one for all outputs."""
+    if effect == "clock_shift":
+        return [""]
+    unit = {"current": "_A", "voltage": "_V", "temperature": "temperature_degC"}[effect.split("_")[0]]
+    return [column for column in columns if column.endswith(unit)]

@@ -1,0 +1,129 @@
+"""The paper's parametric sensitivity test (section 4, Fig. 9): each parameter doubled in turn, beside what derivatives predict.
+
+A doubling is not small: a discharge by a capacity C falls as 1/C, its elasticity is -1 and doubling C halves it. Three predictions of
+the relative change are set beside the simulated one, from one run's derivatives at the parameter's value p:
+
+    linear      (p/y) y'                            the elasticity e itself
+    quadratic   e + (p^2/(2 y)) y''                 with the curvature along the parameter
+    power law   2^e - 1                             straight in logarithms: exact for y = c p^e
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray
+from jaxtyping import Array, Float, Int
+
+from jaxmodel.model import Model
+from jaxmodel.profile import Profile
+from jaxmodel.simulate import Cutoff
+from sensitivity.local import answer_variables, coordinates, relative
+from sensitivity.metrics import Metric
+from sensitivity.response import Answer, Response, make_response, steps
+
+
+class Doubling(eqx.Module):
+    """The answer before and after each parameter's step, and its derivatives along the step.
+
+    Attributes:
+        base: the answer without a step; of all others, the parameters' axis comes first.
+        moved: after the step.
+        slope: first derivative, in steps: the linear prediction of `moved - base`.
+        bend: second derivative, in steps.
+        status: how the run ended, a `jaxmodel.simulate.Status`.
+        valid_share: share of the rows in which the equations make sense.
+    """
+
+    base: Answer
+    moved: Answer
+    slope: Answer
+    bend: Answer
+    status: Int[Array, " parameter"]
+    valid_share: Float[Array, " parameter"]
+
+
+@eqx.filter_jit
+def double(response: Response, values: Float[Array, " parameter"], size: Float[Array, " parameter"]) -> Doubling:
+    """Move each parameter in turn by a step, one lane each, all in one program; a second derivative is a jvp of a jvp."""
+    directions = jnp.diag(size)
+
+    def bend(direction):
+        def slope(at):
+            return jax.jvp(response, (at,), (direction,))
+
+        (base, first), (_, second) = jax.jvp(slope, (values,), (direction,))
+        return base, first, second
+
+    base, first, second = jax.vmap(bend, out_axes=(None, 0, 0))(directions)
+    moved, runs = jax.vmap(lambda direction: response.run(response.named(values + direction)))(directions)
+    return Doubling(base, moved, first, second, runs.status, jnp.mean(runs.valid, axis=1))
+
+
+def doubling_test(
+    model: Model,
+    profile: Profile,
+    names: Iterable[str] | None = None,
+    metrics: Iterable[str | Metric] | None = None,
+    outputs: Iterable[str] | None = None,
+    *,
+    cutoff: Cutoff | None = None,
+) -> xarray.Dataset:
+    """Return the effect of doubling each parameter, beside the predictions of the local derivatives.
+
+    A parameter that has no proportional change (a temperature in degC, a shift, zero) is moved by its stated `step` instead; where value + step is
+    outside the parameter's bounds, what the simulation gave is NaN and the predictions stay.
+
+    Args:
+        model: any kind; its leaves are scalars.
+        profile: inputs over time.
+        names: as in `local_sensitivities`.
+        metrics: as in `local_sensitivities`.
+        outputs: as in `local_sensitivities`.
+        cutoff: where each run ends.
+
+    Returns:
+        A data set over parameter, metric, output and time_s:
+        value, unit, step, doubles, in_bounds, status, valid_share (parameter);
+        metric_value (metric); of (metric, parameter), all relative to the metric: effect = (y(p + step) - y(p)) / y(p), linear,
+        curvature (the second-order term alone) and power_law (NaN where the step is no doubling); and metric_moved, in its unit;
+        output_value (output, time_s); output_moved and output_linear (output, parameter, time_s), both as courses in the output's unit.
+
+    Raises:
+        ParameterError: a parameter, metric or output is unknown; the message gives the nearest name.
+    """
+    response = make_response(model, profile, names, metrics, outputs, cutoff)
+    step = steps(response)
+    result = double(response, response.values(), jnp.asarray(step.size))
+    base, moved, slope, bend = (
+        np.asarray(part.metrics).T for part in (result.base, result.moved, result.slope, result.bend)
+    )
+    moved = np.where(step.in_bounds, moved, np.nan)
+    linear = relative(slope, base)
+    with np.errstate(over="ignore"):  # a metric near zero has an elasticity beyond any power
+        power_law = np.where(step.doubles, np.exp2(linear) - 1.0, np.nan)
+    course, course_moved, course_slope = (
+        np.asarray(part.outputs) for part in (result.base, result.moved, result.slope)
+    )
+    course_moved = np.where(step.in_bounds[:, None, None], course_moved, np.nan)
+    return xarray.Dataset(
+        answer_variables(response, result.base, step)
+        | {
+            "in_bounds": ("parameter", step.in_bounds),
+            "status": ("parameter", np.asarray(result.status)),
+            "valid_share": ("parameter", np.asarray(result.valid_share)),
+            "metric_moved": (("metric", "parameter"), moved),
+            "effect": (("metric", "parameter"), relative(moved - base[:, None], base)),
+            "linear": (("metric", "parameter"), linear),
+            "curvature": (("metric", "parameter"), relative(0.5 * bend, base)),
+            "power_law": (("metric", "parameter"), power_law),
+            "output_moved": (("output", "parameter", "time_s"), np.swapaxes(course_moved, 0, 1)),
+            "output_linear": (("output", "parameter", "time_s"), np.swapaxes(course + course_slope, 0, 1)),
+        },
+        coordinates(response),
+        {"simulations": len(response.names) + 1},
+    )

@@ -1,0 +1,147 @@
+"""Local sensitivities: the exact derivative of every metric and output by every parameter, in one pass."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray
+from jaxtyping import Array, Float
+
+from jaxmodel.model import Model
+from jaxmodel.profile import Profile
+from jaxmodel.simulate import Cutoff
+from sensitivity.metrics import Metric
+from sensitivity.response import Answer, Response, Steps, make_response, steps
+
+Mode = Literal["forward", "reverse"]
+
+# One number pulled back through a run costs about this many parameters pushed through it (benchmarks).
+REVERSE_COST = 8.0
+
+
+def choose_mode(parameters: int, numbers: int) -> Mode:
+    """Return the cheaper way to differentiate some numbers by some parameters."""
+    return "reverse" if parameters > REVERSE_COST * numbers else "forward"
+
+
+@eqx.filter_jit
+def jacobian(response: Response, values: Float[Array, " parameter"], mode: Mode) -> tuple[Answer, Answer]:
+    """Return the answer and its derivatives, the parameters' axis first.
+
+    Args:
+        response: what is asked.
+        values: where, in the units of the table.
+        mode: "forward" pushes a tangent for each parameter through the run; "reverse" pulls a cotangent for each metric
+            back through it.
+
+    Returns:
+        The answer, and its derivatives: shapes (parameter, metric) and (parameter, output, rows), in the unit of the number by
+        that of the parameter.
+
+    Raises:
+        ValueError: reverse mode where outputs are asked for: it would take a pass for each row.
+    """
+    if mode == "forward":
+
+        def push(direction):
+            return jax.jvp(response, (values,), (direction,))
+
+        # out_axes None: the run itself is computed once, beside all its tangents.
+        return jax.vmap(push, out_axes=(None, 0))(jnp.eye(values.size))
+    if response.outputs:
+        raise ValueError("Reverse mode gives the metrics alone: ask for outputs=(), or for mode 'forward'.")
+    answer, pull = jax.vjp(response, values)
+    pulled = jax.vmap(lambda metric: pull(Answer(metric, jnp.zeros_like(answer.outputs)))[0])(
+        jnp.eye(answer.metrics.size)
+    )
+    return answer, Answer(pulled.T, jnp.zeros((values.size, *answer.outputs.shape)))
+
+
+def local_sensitivities(
+    model: Model,
+    profile: Profile,
+    names: Iterable[str] | None = None,
+    metrics: Iterable[str | Metric] | None = None,
+    outputs: Iterable[str] | None = None,
+    *,
+    cutoff: Cutoff | None = None,
+    mode: Mode | None = None,
+) -> xarray.Dataset:
+    """Return the derivatives of metrics and outputs by parameters, in units and as elasticities.
+
+    The elasticity of a number y by a parameter p is (p/y) dy/dp: y changes by so many percent for each percent of p. It means nothing where p is
+    a temperature in degC, a shift or zero, and there it is NaN, as it is where y is zero; the change by a stated `step` is always given.
+
+    Args:
+        model: any kind; its leaves are scalars.
+        profile: inputs over time.
+        names: parameters, those of effects ("effect.parameter") and inputs of the profile (the ambient by a shift in K, any other by a
+            factor); None takes all that enter.
+        metrics: names of `sensitivity.metrics`, or one's own; None takes all that the run has.
+        outputs: readings whose course is asked for; None takes all, () none.
+        cutoff: where the run ends; its last row is held fixed while parameters move.
+        mode: "forward" or "reverse" differentiation; None chooses the cheaper, which the attributes record.
+
+    Returns:
+        A data set over parameter, metric, output and time_s:
+        value, unit, step, doubles (parameter): `doubles` where the step is the parameter's value;
+        metric_value (metric), metric_derivative (metric, parameter), metric_change (derivative times step), elasticity;
+        output_value (output, time_s), output_derivative (output, parameter, time_s), output_change: p dy/dp over time.
+
+    Raises:
+        ParameterError: a parameter, metric or output is unknown; the message gives the nearest name.
+    """
+    response = make_response(model, profile, names, metrics, outputs, cutoff)
+    chosen = mode
+    if chosen is None:
+        chosen = "forward" if response.outputs else choose_mode(len(response.names), len(response.metrics))
+    answer, derivative = jacobian(response, response.values(), chosen)
+    step = steps(response)
+    by_metric, by_output = np.asarray(derivative.metrics).T, np.moveaxis(np.asarray(derivative.outputs), 0, 1)
+    change = by_metric * step.size
+    return xarray.Dataset(
+        answer_variables(response, answer, step)
+        | {
+            "metric_derivative": (("metric", "parameter"), by_metric),
+            "metric_change": (("metric", "parameter"), change),
+            "elasticity": (("metric", "parameter"), np.where(step.doubles, relative(change, answer.metrics), np.nan)),
+            "output_derivative": (("output", "parameter", "time_s"), by_output),
+            "output_change": (("output", "parameter", "time_s"), by_output * step.size[:, None]),
+        },
+        coordinates(response),
+        {"mode": chosen, "passes": len(response.names) if chosen == "forward" else len(response.metrics)},
+    )
+
+
+def relative(change: np.ndarray, base: Any) -> np.ndarray:
+    """Return changes, shape (metric, parameter), by the metrics themselves; NaN where a metric is zero."""
+    base = np.asarray(base)[:, None]
+    return np.divide(change, base, out=np.full_like(change, np.nan), where=base != 0.0)
+
+
+def coordinates(response: Response) -> dict[str, Any]:
+    """Return the coordinates of the data sets of a response."""
+    return {
+        "parameter": list(response.names),
+        "metric": [metric.name for metric in response.metrics],
+        "output": list(response.outputs),
+        "time_s": np.asarray(response.time_s),
+    }
+
+
+def answer_variables(response: Response, answer: Answer, step: Steps) -> dict[str, Any]:
+    """Return what every data set of a response says of its parameters, and of the run itself."""
+    return {
+        "value": ("parameter", np.asarray(response.values())),
+        "unit": ("parameter", [info.unit for info in response.table()]),
+        "step": ("parameter", step.size),
+        "doubles": ("parameter", step.doubles),
+        "metric_value": ("metric", np.asarray(answer.metrics)),
+        "metric_unit": ("metric", [metric.unit for metric in response.metrics]),
+        "output_value": (("output", "time_s"), np.asarray(answer.outputs)),
+    }

@@ -1,0 +1,135 @@
+"""The noise contract: sd, correlation and rounding found in simulated readings whose noise is known."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from discrepancy.noise import break_at_jumps, channel_noise, detect_quantum, local_noise, residual_noise
+from discrepancy.whitening import chain_starts
+
+ROWS = 2000
+ONE_RUN = chain_starts([ROWS])
+
+
+def ar1(rho: float, seed: int, sd: float = 1.0, rows: int = ROWS) -> np.ndarray:
+    innovation = np.random.default_rng(seed).normal(size=rows) * np.sqrt(1.0 - rho**2)
+    innovation[0] /= np.sqrt(1.0 - rho**2)
+    return sd * lfilter([1.0], [1.0, -rho], innovation)
+
+
+def pulsed_voltage() -> tuple[np.ndarray, np.ndarray]:
+    """A current in steps of 50 rows, and the voltage of a resistance and an RC pair of 20 rows under it."""
+    current = np.repeat(np.random.default_rng(5).uniform(0.0, 4.0, ROWS // 50), 50)
+    polarisation = lfilter([0.05 * 0.049], [1.0, -0.951], current)
+    return current, 4.0 - np.linspace(0.0, 0.3, ROWS) - 0.03 * current - polarisation
+
+
+@pytest.mark.parametrize("step", [0.001, 0.005, 0.1, 0.02])
+def test_quantum_of_rounded_readings(step):
+    readings = np.round(np.random.default_rng(0).normal(20.0, 3.0 * step, 500) / step) * step
+    assert detect_quantum(readings) == pytest.approx(step, rel=1e-9)
+
+
+def test_quantum_of_a_converter_that_prints_few_digits():
+    bit = 5.0 / 4096.0
+    readings = np.round(np.round(np.random.default_rng(0).normal(3.7, 0.02, 2000) / bit) * bit, 4)
+    assert detect_quantum(readings) == pytest.approx(bit, rel=0.01)
+
+
+def test_readings_that_were_not_rounded_have_no_quantum():
+    assert detect_quantum(np.random.default_rng(0).normal(size=200)) == 0.0
+    assert detect_quantum(np.array([np.nan, 20.0, 20.0, 20.0])) == 0.0
+
+
+@pytest.mark.parametrize(("rho", "tolerance", "sd_tolerance"), [(0.0, 0.08, 0.04), (0.3, 0.1, 0.08), (0.6, 0.15, 0.2)])
+def test_local_noise_ignores_a_slow_misfit_ten_times_the_noise(rho, tolerance, sd_tolerance):
+    misfit = 10.0 * np.sin(2.0 * np.pi * np.arange(ROWS) / 300.0)
+    found = local_noise(ar1(rho, seed=1) + misfit, ONE_RUN)
+    assert found.rho == pytest.approx(rho, abs=tolerance)
+    assert found.sd == pytest.approx(1.0, rel=sd_tolerance)
+    assert found.is_coloured == (rho > 0.0)
+    whole = residual_noise(ar1(rho, seed=1) + misfit, ONE_RUN)
+    assert whole.sd > 5.0
+    assert whole.rho > 0.95
+
+
+def test_a_known_sd_makes_a_long_memory_measurable():
+    found = local_noise(ar1(0.9, seed=2), ONE_RUN, known_sd=1.0)
+    assert found.rho == pytest.approx(0.9, abs=0.012)
+    assert found.rho_se < 0.01
+    assert local_noise(ar1(0.9, seed=2), ONE_RUN).rho_se > 5.0 * found.rho_se
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.6, 0.95])
+def test_residual_noise_of_a_right_model_is_sharp(rho):
+    residual = ar1(rho, seed=3, sd=0.02)
+    residual[np.random.default_rng(0).random(ROWS) < 0.05] = np.nan
+    found = residual_noise(residual, ONE_RUN)
+    assert found.rho == pytest.approx(rho, abs=4.0 * found.rho_se)
+    assert found.rho_se < 0.03
+    assert found.sd == pytest.approx(0.02, rel=0.2)
+
+
+def test_residual_noise_by_the_clock_finds_the_decay_in_time():
+    generator = np.random.default_rng(4)
+    clock = np.cumsum(generator.choice([0.5, 1.0, 4.0], ROWS))
+    weight = 0.8 ** np.diff(clock, prepend=0.0)
+    residual = np.zeros(ROWS)
+    for row in range(1, ROWS):
+        residual[row] = weight[row] * residual[row - 1] + np.sqrt(1.0 - weight[row] ** 2) * generator.normal()
+    assert residual_noise(residual, ONE_RUN, elapsed=clock).rho == pytest.approx(0.8, abs=0.04)
+
+
+def test_local_noise_does_without_missing_readings_at_unequal_steps():
+    generator = np.random.default_rng(6)
+    time_s = np.cumsum(generator.uniform(0.7, 3.0, ROWS))
+    values = ar1(0.5, seed=6) + 20.0 * np.sin(time_s / 200.0)
+    values[generator.random(ROWS) < 0.03] = np.nan
+    found = local_noise(values, ONE_RUN, time_s)
+    assert found.rho == pytest.approx(0.5, abs=0.15)
+    assert found.sd == pytest.approx(1.0, rel=0.15)
+
+
+def test_readings_alone_show_their_noise_between_the_jumps_of_the_input():
+    current, voltage = pulsed_voltage()
+    measured_current = current + 0.005 * np.random.default_rng(7).normal(size=ROWS)
+    starts = break_at_jumps(ONE_RUN, measured_current)
+    jumps = np.flatnonzero(np.diff(current)) + 1
+    assert starts[jumps].all()
+    assert starts.sum() <= 1 + 2 * len(jumps)
+    readings = np.round(voltage + 0.002 * np.random.default_rng(8).normal(size=ROWS), 3)
+    noise = channel_noise(readings, lambda known_sd: local_noise(readings, starts, known_sd=known_sd))
+    assert noise.quantum == pytest.approx(0.001)
+    assert noise.sd == pytest.approx(np.hypot(0.002, 0.001 / np.sqrt(12.0)), rel=0.05)
+    assert noise.rho == 0.0
+    assert "estimated" in noise.source
+
+
+def test_a_stated_sd_is_kept_with_rounding_and_input_noise_added():
+    readings = np.round(4.0 + ar1(0.6, seed=9, sd=0.002), 3)
+    noise = channel_noise(
+        readings, lambda sd: local_noise(readings, ONE_RUN, known_sd=sd), stated_sd=0.002, input_sd=0.0005
+    )
+    assert noise.sd == pytest.approx(np.sqrt(0.002**2 + 0.001**2 / 12.0 + 0.0005**2))
+    assert noise.rho == pytest.approx(0.6, abs=0.08)
+    for part in ("stated (0.002)", "rounding to 0.001", "measured inputs", "correlation"):
+        assert part in noise.source
+
+
+def test_a_stated_sd_that_the_readings_contradict_is_said_to_be():
+    readings = ar1(0.0, seed=10)
+    told = channel_noise(readings, lambda sd: local_noise(readings, ONE_RUN, known_sd=sd), stated_sd=0.5)
+    assert told.sd == 0.5
+    assert "show 1" in told.source or "show 0.9" in told.source
+
+
+def test_white_noise_is_called_coloured_no_more_often_than_promised():
+    found = [local_noise(ar1(0.0, seed, rows=400), chain_starts([400])).is_coloured for seed in range(40)]
+    assert sum(found) <= 1
+
+
+def test_too_few_readings_leave_rounding_alone():
+    readings = np.array([20.1, 20.2, 20.1, 20.4, 20.1])
+    noise = channel_noise(readings, lambda sd: local_noise(readings, chain_starts([5]), known_sd=sd))
+    assert noise.sd == pytest.approx(0.1 / np.sqrt(12.0))
+    assert "too few" in noise.source
