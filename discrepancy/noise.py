@@ -70,6 +70,9 @@ class NoiseEstimate:
         return self.coloured_chi2 > _COLOURED_CHI2 and abs(self.rho) > _LEAST_RHO_THAT_MATTERS
 
 
+_NO_ESTIMATE = NoiseEstimate(sd=float("nan"), rho=0.0, rho_se=float("inf"), coloured_chi2=0.0, count=0)
+
+
 def channel_noise(
     readings: ArrayLike,
     estimate: Callable[[float | None], NoiseEstimate],
@@ -92,31 +95,30 @@ def channel_noise(
         shown_by: the series that `estimate` looks at, in words.
 
     Returns:
-        The noise model; a sd of rounding alone where the data shows nothing.
+        The noise model; its sd is that of rounding alone where the data shows nothing, and 0 where every reading is the
+        same: such a channel says nothing and cannot be whitened.
     """
     quantum = detect_quantum(readings)
-    added = np.hypot(quantum / np.sqrt(12.0), input_sd)
+    rounding = quantum / np.sqrt(12.0)
     free = estimate(None)
     if stated_sd is None:
         if not np.isfinite(free.sd):
-            return NoiseModel(float(added), 0.0, "nothing stated and too few readings: rounding alone", quantum)
-        # Rounding to a step far above the noise can leave stretches of equal readings: they are not noise-free.
-        return NoiseModel(
-            max(free.sd, quantum / np.sqrt(12.0)), _rho_or_white(free), f"estimated from {shown_by}", quantum
-        )
-    sd = float(np.hypot(stated_sd, added))
+            sd = float(np.hypot(rounding, input_sd))
+            return NoiseModel(sd, 0.0, "nothing stated and too few or equal readings: rounding alone", quantum)
+        # Rounding to a step far above the noise leaves stretches of equal readings, which are not free of noise.
+        rho = free.rho if free.is_coloured else 0.0
+        return NoiseModel(max(free.sd, rounding), rho, f"estimated from {shown_by}", quantum)
+    sd = float(np.sqrt(stated_sd**2 + rounding**2 + input_sd**2))
     given = estimate(sd)
+    # Given a sd that is wrong, white noise seems correlated: both estimates must say so.
+    rho = given.rho if given.is_coloured and free.is_coloured else 0.0
     source = f"stated ({stated_sd:g})"
     source += f", rounding to {quantum:g} added" if quantum else ""
     source += f", noise of measured inputs ({input_sd:.2g}) added" if input_sd else ""
-    source += f"; correlation from {shown_by}" if given.is_coloured else ""
-    if np.isfinite(free.sd) and not 1.0 / _CONTRADICTION < free.sd / sd < _CONTRADICTION:
+    source += f"; correlation from {shown_by}" if rho else ""
+    if not free.is_coloured and abs(np.log(free.sd / sd)) > np.log(_CONTRADICTION):
         source += f"; {shown_by} show {free.sd:.3g}"
-    return NoiseModel(sd, _rho_or_white(given), source, quantum)
-
-
-def _rho_or_white(estimate: NoiseEstimate) -> float:
-    return estimate.rho if estimate.is_coloured else 0.0
+    return NoiseModel(sd, rho, source, quantum)
 
 
 def detect_quantum(readings: ArrayLike) -> float:
@@ -129,12 +131,12 @@ def detect_quantum(readings: ArrayLike) -> float:
         readings: (n,) readings; NaN is a missing one.
 
     Returns:
-        The step in the readings' unit; 0 if fewer than three different values were read or none repeats.
+        The step in the readings' unit; 0 if all readings are equal or all are different.
     """
     values = np.asarray(readings, dtype=float)
     values = values[np.isfinite(values)]
     levels = np.unique(values)
-    if len(levels) < 3 or len(levels) == len(values):
+    if len(levels) < 2 or len(levels) == len(values):
         return 0.0
     decimal = _decimal_step(levels)
     gaps = np.diff(levels)
@@ -203,10 +205,12 @@ def residual_noise(
         known_sd: the sd, where it is known.
 
     Returns:
-        The estimate.
+        The estimate; its sd is NaN where there is no residual.
     """
     values = np.asarray(residual, dtype=float)
     present = np.isfinite(values)
+    if not np.any(values[present]):
+        return _NO_ESTIMATE
 
     def likelihood(rho: float) -> tuple[float, float]:
         _, weight = chain_weights(starts, rho, present, elapsed)
@@ -248,15 +252,17 @@ def local_noise(
         window: rows in a window.
 
     Returns:
-        The estimate; its sd is NaN where no chain is as long as eight rows.
+        The estimate; its sd is NaN where no chain is as long as eight rows, or most windows hold equal readings.
     """
     groups = _windows(np.asarray(values, dtype=float), np.asarray(starts, dtype=bool), time_s, window)
     if not groups:
-        return NoiseEstimate(float("nan"), 0.0, float("inf"), 0.0, 0)
+        return _NO_ESTIMATE
     size = np.concatenate([np.full(len(group.contrast), group.contrast.shape[1]) for group in groups])
     cutoff = chi2.ppf(_KEPT_PROBABILITY, size)
     size_of_kept = size * chi2.cdf(cutoff, size + 2) / _KEPT_PROBABILITY  # mean of a chi-square cut off there
     median = chi2.median(size)
+    if np.median(_distances(groups, 0.0)[0]) <= 1e-20 * np.nanmax(np.abs(values)) ** 2:
+        return _NO_ESTIMATE
 
     def robust_likelihood(rho: float) -> tuple[float, float]:
         squared, log_determinant = _distances(groups, rho)

@@ -32,7 +32,7 @@ class Candidate:
             Stribeck speed, a time constant); a single one where there is no such parameter. Columns are the effect's
             amplitudes.
         signs: +1 or -1 where physics allows an amplitude only on that side of its null, 0 where it is free; one number
-            for all columns, or one per column.
+            for all columns, or one per column (the work doubles with each constrained column: keep to a few).
     """
 
     shapes: Sequence[Floats]
@@ -118,7 +118,7 @@ class Block:
         """Place of its columns of U among those of all blocks side by side."""
         return slice(self.first_column, self.first_column + self.dof)
 
-    def projected_length(self, amplitude: ArrayLike) -> float:
+    def projected_length(self, amplitude: float | ArrayLike) -> float:
         """|P delta|: how many sigma an effect of this amplitude, in its own units, lifts above the noise."""
         delta = np.broadcast_to(np.asarray(amplitude, dtype=float), self.scale.shape) * self.scale
         return float(np.linalg.norm(self.triangle @ delta[list(self.kept)]))
@@ -198,6 +198,14 @@ class Projection:
     def cross(self, first: Block, second: Block) -> Floats:
         """U'U of two blocks, (k of the first, k of the second)."""
         return self.gram[first.columns, second.columns]
+
+    def joint_drop(self, first: Block, second: Block) -> tuple[float, Floats, Floats]:
+        """Drop in chi-square with two blocks together, signs not enforced, and the coordinates of each one's part."""
+        cross = self.cross(first, second)
+        gram = np.block([[np.eye(first.dof), cross], [cross.T, np.eye(second.dof)]])
+        scores = np.concatenate([self.scores(first), self.scores(second)])
+        fitted = np.linalg.lstsq(gram, scores, rcond=1e-9)[0]
+        return float(scores @ fitted), fitted[: first.dof], fitted[first.dof :]
 
 
 def project(

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse.csgraph import connected_components
-from scipy.stats import norm, t
+from scipy.stats import chi2, norm, t
 from statsmodels.stats.multitest import multipletests
 
 from discrepancy.projection import Block, Candidate, Projection, project, z_equivalent
@@ -189,7 +189,7 @@ def _largest_under_null(projection: Projection, draws: int, generator: np.random
 
 def _effect_score(projection: Projection, block: Block, z_eq: float, largest: Floats, tests: int) -> EffectScore:
     scores = projection.scores(block)
-    (chi2,), (fitted,) = block.fit(scores[None])
+    (drop,), (fitted,) = block.fit(scores[None])
     amplitude, amplitude_sd = block.amplitudes(scores if block.dof == 1 else fitted)
     p = float(2.0 * norm.sf(z_eq))
     exceeded = int(np.sum(largest >= z_eq))
@@ -201,8 +201,8 @@ def _effect_score(projection: Projection, block: Block, z_eq: float, largest: Fl
     return EffectScore(
         name=block.candidate,
         shape=block.shape,
-        z=float(np.sign(block.triangle[0, 0]) * scores[0]) if block.dof == 1 else float(np.sqrt(chi2)),
-        chi2=float(chi2),
+        z=float(np.sign(block.triangle[0, 0]) * scores[0]) if block.dof == 1 else float(np.sqrt(drop)),
+        chi2=float(drop),
         dof=block.dof,
         p=p,
         p_familywise=min(1.0, simulated if exceeded else min(simulated, tests * p)),
@@ -213,15 +213,6 @@ def _effect_score(projection: Projection, block: Block, z_eq: float, largest: Fl
         hidden_by=projection.base.names[int(np.argmax(moved))] if moved.any() else "",
         base_shift=shift,
     )
-
-
-def _joint_drop(first: Block, second: Block, projection: Projection) -> tuple[float, Floats, Floats]:
-    """Drop in chi-square of two blocks together, and the fitted coordinates of each."""
-    cross = projection.cross(first, second)
-    gram = np.block([[np.eye(first.dof), cross], [cross.T, np.eye(second.dof)]])
-    scores = np.concatenate([projection.scores(first), projection.scores(second)])
-    fitted = np.linalg.lstsq(gram, scores, rcond=1e-9)[0]
-    return float(scores @ fitted), fitted[: first.dof], fitted[first.dof :]
 
 
 def _compare(
@@ -241,17 +232,19 @@ def _compare(
             if not (blocks[i].dof and blocks[j].dof):
                 continue
             cross = projection.cross(blocks[i], blocks[j])
-            angle = np.linalg.svd(cross, compute_uv=False)[0]
             if cross.size == 1:
                 angle = cross[0, 0] * np.sign(blocks[i].triangle[0, 0] * blocks[j].triangle[0, 0])
+            else:
+                angle = np.linalg.norm(cross, 2)
             (drop_i,), (fit_i,) = fits[i]
             (drop_j,), (fit_j,) = fits[j]
             apart = min(drop_i - np.sum((cross.T @ fit_i) ** 2), drop_j - np.sum((cross @ fit_j) ** 2))
             cosine[i, j] = cosine[j, i] = angle
             separation[i, j] = separation[j, i] = np.sqrt(max(0.0, apart))
-            left = np.sqrt(max(0.0, _joint_drop(blocks[i], blocks[j], projection)[0] - drop_j))
-            rivals = z_eq[i] > critical and separation[i, j] < _SEPARATED_SIGMA and left < _SEPARATED_SIGMA
-            alike[i, j] = abs(angle) > _SAME_COSINE or rivals
+            alike[i, j] = abs(angle) > _SAME_COSINE
+            if not alike[i, j] and z_eq[i] > critical and separation[i, j] < _SEPARATED_SIGMA:
+                left = projection.joint_drop(blocks[i], blocks[j])[0] - drop_j
+                alike[i, j] = left < _SEPARATED_SIGMA**2
     return cosine, separation, alike
 
 
@@ -281,22 +274,24 @@ def pair_scan(table: ScoreTable) -> tuple[PairScore, ...]:
         table: the scores of the single candidates.
 
     Returns:
-        Pairs whose joint drop exceeds the best single one by more than critical_z^2 + 8, best first; each at its best
-        shapes, both amplitudes on their allowed sides. Pairs nearly parallel are left out.
+        Pairs whose joint drop exceeds the best single one by more than critical_z^2 + 8 (for one amplitude more; by the
+        chi-square of the same p for several), best first; each at its best shapes, all amplitudes on their allowed
+        sides. Pairs nearly parallel are left out.
     """
     projection = table.projection
-    best_single = max((effect.chi2 for effect in table.effects), default=0.0)
+    best = max(table.effects, key=lambda effect: effect.chi2)
+    tail = 2.0 * norm.sf(table.critical_z)
     found: dict[tuple[str, str], PairScore] = {}
     blocks = [block for block in projection.blocks if block.dof]
     for i, first in enumerate(blocks):
         for second in blocks[i + 1 :]:
             if first.candidate == second.candidate or np.linalg.norm(projection.cross(first, second), 2) > _SAME_COSINE:
                 continue
-            drop, of_first, of_second = _joint_drop(first, second, projection)
+            drop, of_first, of_second = projection.joint_drop(first, second)
             names = (first.candidate, second.candidate)
-            gain = drop - best_single
-            enough = gain > table.critical_z**2 + _PAIR_MARGIN
-            if not enough or (names in found and drop <= found[names].chi2):
+            gain = drop - best.chi2
+            more_amplitudes = max(1, first.dof + second.dof - best.dof)
+            if gain <= chi2.isf(tail, more_amplitudes) + _PAIR_MARGIN or (names in found and drop <= found[names].chi2):
                 continue
             if first.allows(of_first) and second.allows(of_second):
                 found[names] = PairScore(*names, (first.shape, second.shape), drop, gain)

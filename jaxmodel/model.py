@@ -62,16 +62,22 @@ def step(model: Model, state: State, inputs: Inputs, duration: Scalar) -> State:
     inputs = true_inputs(model, inputs)
     half = 0.5 * duration
     with jax.named_scope("first_half"):
-        here = _parts(model, state, inputs)
-        start = _drive(model, inputs, here, here, half, jnp.zeros(()))
-        middle = advance(state, _flows(model, here, start), half)
+        here = _once(_parts(model, state, inputs))
+        start = _once(_drive(model, inputs, here, here, half, jnp.zeros(())))
+        middle = _once(advance(state, _flows(model, here, start), half))
     with jax.named_scope("whole_step"):
-        there = _parts(model, middle, inputs)
-        drive = _drive(model, inputs, here, there, duration, half)
+        there = _once(_parts(model, middle, inputs))
+        drive = _once(_drive(model, inputs, here, there, duration, half))
         end = advance(state, _flows(model, there, drive), duration)
     if drive.armature is not None:
         end |= {"motor_current_A": drive.armature.current_A, "speed_rad_s": drive.armature.speed_rad_s}
     return end
+
+
+def _once(values):
+    """Keep the compiler from computing these anew in every kernel that uses them."""
+    arrays, rest = eqx.partition(values, eqx.is_array)
+    return eqx.combine(jax.lax.optimization_barrier(arrays), rest)
 
 
 def read(model: Model, state: State, inputs: Inputs) -> Readings:

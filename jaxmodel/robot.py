@@ -66,7 +66,7 @@ def pack(cell: Cell, motor: Motor, accessories_A: Scalar, motor_current_A: Scala
     """Return the pack's voltage (V) and current (A) for a current in each track motor, eqs. 14 and 21.
 
     i_draw = n rho i_a + I_Mf + I_Ma + I_ob and V_pack = n_series V_cell. Where an effect lets the on-board draw depend on the pack's
-    voltage, the loop is closed by Newton's method; four steps reach rounding from any load the pack can carry.
+    voltage, the loop is closed by Newton's method: the draw changes the voltage by some 1e-3 of itself, and two steps reach rounding.
     """
     p = cell.context.parameters
     motors_A = p.n_motors * motor.context.duty * motor_current_A + accessories_A
@@ -81,9 +81,10 @@ def pack(cell: Cell, motor: Motor, accessories_A: Scalar, motor_current_A: Scala
 
     voltage = voltage_at(motors_A + p.onboard_current_A)
     if touches(motor.effects, "onboard_current"):
-        for _ in range(4):
-            residual, slope = jax.value_and_grad(lambda v: v - voltage_at(draw_at(v)))(voltage)
-            voltage = voltage - residual / slope
+        for _ in range(2):
+            draw, draw_slope = jax.value_and_grad(draw_at)(voltage)
+            at_draw, resistance = jax.value_and_grad(voltage_at)(draw)
+            voltage = voltage - (voltage - at_draw) / (1.0 - resistance * draw_slope)
     return voltage, draw_at(voltage)
 
 

@@ -14,7 +14,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.interpreters import partial_eval
 from jaxtyping import Array, Float
 
 from jaxmodel.errors import ParameterError, nearest
@@ -23,6 +22,7 @@ from jaxmodel.names import parameter_table, value, with_values
 from jaxmodel.parameters import ParameterInfo, Scalar
 from jaxmodel.profile import Profile
 from jaxmodel.simulate import Cutoff, Track, Trajectory, run_track, track
+from sensitivity.influence import influential
 from sensitivity.metrics import Log, Metric, choose_metrics
 
 SHIFTED_INPUT = "ambient_degC"
@@ -31,8 +31,8 @@ SHIFTED_INPUT = "ambient_degC"
 class Answer(eqx.Module):
     """What a study asks of a run: single numbers, and readings over time."""
 
-    metrics: Float[Array, " metric"]
-    outputs: Float[Array, "output rows"]
+    metrics: Float[Array, "... metric"]
+    outputs: Float[Array, "... output rows"]
 
 
 class Response(eqx.Module):
@@ -147,7 +147,8 @@ def make_response(
         outputs=chosen_outputs,
     )
     if names is None:
-        return dataclasses.replace(response, names=entering(response))
+        enters = influential(lambda given: response.run(given)[0], response.named(response.values()))
+        return dataclasses.replace(response, names=tuple(name for name in known if name in enters))
     _check(response.names, known, "names", "parameter or input")
     return response
 
@@ -163,20 +164,6 @@ def _check(wanted: Sequence[str], known: Sequence[str], argument: str, what: str
             raise ParameterError(
                 f"{argument}: this run has no {what} '{name}'.{nearest(name, known)} It has {', '.join(known)}."
             )
-
-
-def entering(response: Response) -> tuple[str, ...]:
-    """Return the parameters of a response that enter its answer at all, whatever their values.
-
-    Read off the traced program, not off derivatives: a parameter may have no influence at one point (friction at standstill)
-    and still enter, while the mass of a robot whose load torque is given never does.
-    """
-    # Jax sorts a dictionary's entries by name.
-    names = sorted(response.names)
-    program = jax.make_jaxpr(lambda given: response.run(given)[0])(response.named(response.values())).jaxpr
-    _, used = partial_eval.dce_jaxpr(program, [True] * len(program.outvars))
-    enters = dict(zip(names, used, strict=True))
-    return tuple(name for name in response.names if enters[name])
 
 
 @dataclasses.dataclass(frozen=True)

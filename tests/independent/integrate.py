@@ -20,9 +20,6 @@ import optimistix as optx
 from .effects import Columns, Effects, complete, sensed, true_inputs
 from .equations import GRAVITY, STATES, Tree, algebra, derivative, readings
 
-TOLERANCE = 1e-10
-# The stages are solved to a hundredth of this: tighter, rounding alone makes the chord method give up and the step fail.
-ROOT_FINDER = diffrax.VeryChord(rtol=1e-9, atol=1e-9, norm=optx.max_norm)
 FIRST_STEP_AFTER_JUMP_S = 1e-5  # well below the 0.7 ms of the armature
 ROWS_READ_AT_ONCE = 512  # one compiled shape for readings of any length
 
@@ -67,6 +64,8 @@ def simulate(
     profile: Mapping[str, np.ndarray],
     effects: Effects | None = None,
     initial_soc: float = 1.0,
+    *,
+    tolerance: float = 1e-10,
 ) -> Columns:
     """Return the readings at every row of a profile, and some inner states.
 
@@ -78,6 +77,7 @@ def simulate(
             V_set, and load_torque_Nm or incline_deg with acceleration_m_s2.
         effects: parameters of each effect that is on; a sensor effect has its column.
         initial_soc: state of charge at row 0.
+        tolerance: relative and absolute (in the unit of each state), of every step of the integration.
 
     Returns:
         Each output (SI, degC, current positive on discharge), shape (rows,).
@@ -90,7 +90,7 @@ def simulate(
     p, e = prepare_parameters(parameters), complete(effects)
     columns = true_inputs({name: np.asarray(values, dtype=float) for name, values in profile.items()}, effects)
     equations, inputs = _inputs_of(kind, columns, p)
-    states = _march(equations, columns["time_s"], inputs, p, e, initial_soc)
+    states = _march(equations, columns["time_s"], inputs, p, e, initial_soc, tolerance)
     outputs = _read(equations, states, inputs, p, e)
     if "temperature_lag" in effects:
         outputs[effects["temperature_lag"]["column"]] = outputs["t_lagged"]
@@ -141,7 +141,7 @@ def _track_torque(columns: Columns, p: Mapping[str, Any]) -> np.ndarray:
 
 
 def _march(
-    kind: str, time_s: np.ndarray, inputs: np.ndarray, p: Tree, e: Tree, initial_soc: float
+    kind: str, time_s: np.ndarray, inputs: np.ndarray, p: Tree, e: Tree, initial_soc: float, tolerance: float
 ) -> np.ndarray:
     """Return the state at every row, shape (rows, states)."""
     states = np.zeros((len(time_s), len(STATES)))
@@ -156,41 +156,45 @@ def _march(
         if kind == "current_motor":
             y[STATES.index("i_a")] = inputs[row, 0]
         jumped = row == 1 or bool(np.any(inputs[row] != inputs[row - 1]))
-        y = _hold(kind, y, inputs[row], time_s[row] - time_s[row - 1], jumped, p, e)
+        y = _hold(kind, y, inputs[row], time_s[row] - time_s[row - 1], jumped, p, e, tolerance)
         states[row] = y
     return states
 
 
 def _hold(
-    kind: str, y: np.ndarray, inputs: np.ndarray, interval: float, jumped: bool, p: Tree, e: Tree
+    kind: str, y: np.ndarray, inputs: np.ndarray, interval: float, jumped: bool, p: Tree, e: Tree, tolerance: float
 ) -> np.ndarray:
     """Return the state after `interval` seconds of constant inputs, stretch by stretch between friction events."""
-    speed, elapsed, slide = STATES.index("speed"), 0.0, 0.0
+    speed, elapsed, slide, released = STATES.index("speed"), 0.0, 0.0, False
     for _ in range(200):
         remaining = interval - elapsed
         if remaining <= 1e-14 * interval:
             return y
         if kind != "cell":
-            slide = float(np.sign(y[speed])) or float(_breaks_away(kind, y, inputs, p, e))
+            slide = float(np.sign(y[speed])) or float(_breaks_away(kind, y, inputs, released, p, e))
         first_step = min(FIRST_STEP_AFTER_JUMP_S, remaining) if jumped else remaining
-        after, reached, hit, failed = _solve(kind, y, inputs, slide, remaining, first_step, True, p, e)
+        after, reached, hit, failed = _solve(kind, y, inputs, slide, remaining, first_step, True, p, e, tolerance)
         if hit:
             # The event's state comes from a cubic interpolant; going there again by full steps is exact.
-            after, reached, _, failed = _solve(kind, y, inputs, slide, reached, first_step, False, p, e)
+            after, reached, _, failed = _solve(kind, y, inputs, slide, reached, first_step, False, p, e, tolerance)
         if failed:
             raise RuntimeError(f"the {kind} could not be integrated beyond {elapsed:g} s of an interval")
         y = np.array(after)
         if hit:
             y[speed] = 0.0
+        released = bool(hit) and slide == 0.0
         elapsed, jumped = elapsed + float(reached), True
     raise RuntimeError(f"the {kind} starts and stops more than 200 times within {interval:g} s")
 
 
 @partial(jax.jit, static_argnames="kind")
-def _breaks_away(kind: str, y: jax.Array, inputs: jax.Array, p: Tree, e: Tree) -> jax.Array:
-    """Return the direction in which a rotor at standstill is driven beyond its breakaway torque, or 0."""
+def _breaks_away(kind: str, y: jax.Array, inputs: jax.Array, released: bool, p: Tree, e: Tree) -> jax.Array:
+    """Return the direction in which a rotor at standstill is driven beyond its breakaway torque, or 0.
+
+    A rotor just `released` by an event is at the breakaway torque up to rounding: it goes.
+    """
     motor = algebra(kind, jnp.asarray(y), jnp.asarray(inputs), jnp.zeros(()), p, e)["motor"]
-    return jnp.where(jnp.abs(motor["drive"]) > motor["breakaway"], jnp.sign(motor["drive"]), 0.0)
+    return jnp.where(released | (jnp.abs(motor["drive"]) > motor["breakaway"]), jnp.sign(motor["drive"]), 0.0)
 
 
 @partial(jax.jit, static_argnames="kind")
@@ -204,6 +208,7 @@ def _solve(
     watch: bool,
     p: Tree,
     e: Tree,
+    tolerance: float,
 ) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
     """Return the state, the time reached, whether a friction event ended the stretch, and whether it failed."""
 
@@ -211,24 +216,30 @@ def _solve(
         return derivative(kind, y, *args)
 
     def margin(t: jax.Array, y: jax.Array, args: tuple, **_: object) -> jax.Array:
-        """Positive while the rotor keeps sliding the same way, or stays stuck."""
+        """Positive while the rotor keeps sliding the same way, or stays stuck.
+
+        The offset of the speed lets a reversal within the very first step from standstill be seen.
+        """
         motor = algebra(kind, y, *args)["motor"]
         stuck = motor["breakaway"] - jnp.abs(motor["drive"])
-        return jnp.where(watch, jnp.where(args[1] == 0.0, stuck, args[1] * y[STATES.index("speed")]), 1.0)
+        return jnp.where(watch, jnp.where(args[1] == 0.0, stuck, args[1] * y[STATES.index("speed")] + 1e-12), 1.0)
 
+    # The stages are solved to a hundredth of the chord method's tolerance. Tighter than this, rounding alone makes it
+    # give up, and half of the steps fail.
+    chord = diffrax.VeryChord(rtol=10.0 * tolerance, atol=10.0 * tolerance, norm=optx.max_norm)
     event = None
     if kind != "cell":
         event = diffrax.Event(margin, optx.Bisection(rtol=1e-13, atol=1e-13), direction=False)
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(slope),
-        diffrax.Kvaerno5(root_finder=ROOT_FINDER),
+        diffrax.Kvaerno5(root_finder=chord),
         t0=0.0,
         t1=duration,
         dt0=first_step,
         y0=jnp.asarray(y),
         args=(jnp.asarray(inputs), jnp.asarray(slide), p, e),
         saveat=diffrax.SaveAt(t1=True),
-        stepsize_controller=diffrax.PIDController(rtol=TOLERANCE, atol=TOLERANCE, pcoeff=0.4, icoeff=0.3),
+        stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance, pcoeff=0.4, icoeff=0.3),
         event=event,
         adjoint=diffrax.ForwardMode(),
         max_steps=20_000,

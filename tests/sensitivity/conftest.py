@@ -1,0 +1,72 @@
+"""One short, smooth run of each kind with every effect of the catalogue on in one of them: few programs, compiled once."""
+
+from __future__ import annotations
+
+import pytest
+
+from jaxmodel.effects import CATALOGUE
+from jaxmodel.model import Model
+from jaxmodel.parameters import Parameters
+from jaxmodel.ports import Effect
+from jaxmodel.profile import Profile, constant
+from sensitivity.response import Response, make_response
+
+# Off the kinks: a shift by a whole number of rows, or a start at full charge, has one derivative to each side.
+OFF_A_ROW = {"clock_shift": {"d": 0.4}}
+SENSORS = {"current_offset": "current_A", "voltage_gain": "voltage_V", "voltage_offset": "voltage_V", "clock_shift": ""}
+COLUMNS = {
+    "cell": SENSORS | {"temperature_lag": "cell_temperature_degC"},
+    "motor": SENSORS | {"temperature_lag": "case_temperature_degC"},
+}
+
+PROFILES = {
+    "cell": constant(12.0, 1.0, current_A=4.0, ambient_degC=12.0),
+    "motor": constant(12.0, 1.0, voltage_V=3.0, load_torque_Nm=0.05, ambient_degC=12.0),
+    "robot": constant(
+        12.0,
+        1.0,
+        duty=0.2,
+        incline_deg=5.0,
+        acceleration_m_s2=0.1,
+        flipper_torque_Nm=0.1,
+        flipper_duty=0.3,
+        arm_torque_Nm=0.05,
+        arm_duty=0.1,
+        ambient_degC=12.0,
+    ),
+}
+
+
+def effects_of(kind: str) -> tuple[Effect, ...]:
+    """Every effect that the kind has; of a robot those that nothing else has, as the others run in its parts."""
+    effects = []
+    for name, cls in CATALOGUE.items():
+        if kind not in cls.kinds or (kind == "robot" and len(cls.kinds) > 1):
+            continue
+        sensor = {"column": COLUMNS[kind][name]} if cls.is_sensor else {}
+        effects.append(cls(**OFF_A_ROW.get(name, {}), **sensor))
+    return tuple(effects)
+
+
+def model_of(kind: str, **parameters: float) -> Model:
+    return Model(kind, Parameters(**({"initial_soc": 0.9} | parameters)), effects=effects_of(kind))
+
+
+@pytest.fixture(scope="session", params=["cell", "motor", "robot"])
+def kind(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+@pytest.fixture(scope="session")
+def model(kind: str) -> Model:
+    return model_of(kind)
+
+
+@pytest.fixture(scope="session")
+def profile(kind: str) -> Profile:
+    return PROFILES[kind]
+
+
+@pytest.fixture(scope="session")
+def response(model: Model, profile: Profile) -> Response:
+    return make_response(model, profile)

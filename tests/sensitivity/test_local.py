@@ -1,0 +1,261 @@
+"""Derivatives: against differences, against each other, against closed forms, and where a value or a current is zero."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray
+
+from jaxmodel.cell import cycle_resistance, storage_factor
+from jaxmodel.curves import CellCurves
+from jaxmodel.effects import CATALOGUE
+from jaxmodel.errors import ParameterError
+from jaxmodel.model import Model
+from jaxmodel.names import with_values
+from jaxmodel.parameters import Parameters
+from jaxmodel.profile import Profile, constant
+from jaxmodel.simulate import Cutoff
+from sensitivity.local import choose_mode, jacobian, local_sensitivities
+from sensitivity.metrics import Metric
+from sensitivity.response import Response, make_response, steps
+
+CURRENT_A, AMBIENT_DEGC, DURATION_S = 3.0, 30.0, 8.0
+
+
+@pytest.fixture(scope="module")
+def plain_cell() -> xarray.Dataset:
+    """The cell of the paper at constant current."""
+    profile = constant(DURATION_S, 1.0, current_A=CURRENT_A, ambient_degC=AMBIENT_DEGC)
+    return local_sensitivities(Model("cell"), profile)
+
+
+@eqx.filter_jit
+def answers(response: Response, lanes):
+    return jax.vmap(response)(lanes)
+
+
+def central_difference(response: Response):
+    """Fourth-order differences of the answer by each parameter's step, one compiled batch for all of them."""
+    size = jnp.asarray(steps(response).size)
+    offsets = jnp.diag(size) * 1e-3
+    lanes = jnp.stack([response.values() + k * offsets for k in (-2, -1, 1, 2)])
+    flat = answers(response, lanes.reshape(-1, size.size))
+    weights = jnp.asarray([1.0, -8.0, 8.0, -1.0]) / 12e-3
+    return jax.tree.map(lambda y: jnp.tensordot(weights, y.reshape(4, size.size, *y.shape[1:]), axes=1), flat)
+
+
+def test_derivative_is_the_central_difference(response: Response):
+    """Of every metric and of every output at every row, by every parameter that enters."""
+    answer, derivative = jacobian(response, response.values(), "forward")
+    difference = central_difference(response)
+    size = steps(response).size
+    scaled = jax.tree.map(lambda d: np.asarray(d) * size.reshape(-1, *[1] * (d.ndim - 1)), derivative)
+    # What rounding of the answer leaves of a difference over a thousandth of the parameter; a gradient is a difference itself.
+    for exact, rough, base, precision in (
+        (scaled.metrics[..., None], difference.metrics[..., None], answer.metrics[:, None], 2e-10),
+        (scaled.outputs, difference.outputs, answer.outputs, 1e-12),
+    ):
+        largest = np.max(np.abs(exact), axis=-1, keepdims=True)
+        rounding = precision * np.max(np.abs(base), axis=-1, keepdims=True)
+        error = np.abs(exact - np.asarray(rough)) / (1e-6 * largest + rounding)
+        worst = np.unravel_index(np.argmax(error), error.shape)
+        assert error[worst] < 1.0, (response.names[worst[0]], worst, exact[worst], rough[worst])
+    moved = {name for name, d in zip(response.names, scaled.outputs, strict=True) if np.any(d != 0.0)}
+    assert moved == set(response.names)
+
+
+def test_forward_and_reverse_agree(model: Model, profile: Profile):
+    response = make_response(model, profile, outputs=())
+    forward, reverse = (jacobian(response, response.values(), mode) for mode in ("forward", "reverse"))
+    np.testing.assert_allclose(reverse[0].metrics, forward[0].metrics, rtol=1e-12)
+    scale = np.max(np.abs(forward[1].metrics), axis=0)
+    np.testing.assert_allclose(reverse[1].metrics / scale, forward[1].metrics / scale, rtol=1e-8, atol=1e-14)
+
+
+EXTREMES = {
+    "cell": [
+        ({"initial_soc": 1.0}, {}),
+        ({"initial_soc": 1e-3}, {}),
+        ({}, {"current_A": 0.0}),
+        ({}, {"current_A": -4.0}),
+        ({"cycles": 0.0, "storage_months": 0.0}, {"ambient_degC": 0.0}),
+    ],
+    "motor": [({}, {"voltage_V": 0.0, "load_torque_Nm": 0.0}), ({}, {"load_torque_Nm": 0.0}), ({"tau_0": 0.0}, {})],
+    "robot": [
+        ({"initial_soc": 1.0}, {}),
+        ({"initial_soc": 0.02}, {}),
+        ({}, {"duty": 0.0, "flipper_torque_Nm": 0.0}),
+        ({"tau_0": 0.0}, {"arm_duty": 0.0}),
+    ],
+}
+
+
+def test_every_derivative_is_finite_at_the_edges(kind: str, model: Model, profile: Profile, response: Response):
+    """Full, empty, at rest, charging, without friction: the same compiled program with other numbers in it."""
+    for parameters, inputs in EXTREMES[kind]:
+        changed = {name: np.full(profile.time_s.size, inputs.get(name, v[0])) for name, v in profile.inputs.items()}
+        there = make_response(
+            with_values(model, {name: jnp.asarray(v) for name, v in parameters.items()}),
+            dataclasses.replace(profile, inputs=changed),
+            names=response.names,
+        )
+        for tree in jacobian(there, there.values(), "forward"):
+            assert np.all(np.isfinite(tree.metrics)), (parameters, inputs)
+            assert np.all(np.isfinite(tree.outputs)), (parameters, inputs)
+
+
+def test_state_of_charge_falls_as_current_by_capacity(plain_cell: xarray.Dataset):
+    """Eqs. 1 and 8: gradient -i/(3600 Q F), its derivative by Q exactly i/(3600 Q^2 F)."""
+    p = Parameters()
+    factor = float(storage_factor(p.storage_months, p.storage_temperature_degC))
+    gradient = -CURRENT_A / (3600.0 * 5.2 * factor)
+    row = plain_cell.sel(metric="soc_gradient_per_s")
+    assert float(row.metric_value) == pytest.approx(gradient, rel=1e-12)
+    assert float(row.metric_derivative.sel(parameter="capacity_Ah")) == pytest.approx(-gradient / 5.2, rel=1e-12)
+    by_months = gradient * (1.0 - factor) / 18.0 / factor
+    assert float(row.metric_derivative.sel(parameter="storage_months")) == pytest.approx(by_months, rel=1e-12)
+    elasticity = row.elasticity
+    assert float(elasticity.sel(parameter="capacity_Ah")) == pytest.approx(-1.0, rel=1e-12)
+    assert float(elasticity.sel(parameter="current_A")) == pytest.approx(1.0, rel=1e-12)
+    for name in ("initial_soc", "cycles", "series_resistance_scale", "rc_resistance_scale"):
+        assert abs(float(elasticity.sel(parameter=name))) < 1e-12
+
+
+def test_voltage_moves_by_its_own_equation(plain_cell: xarray.Dataset):
+    """The terminal voltage V_oc - i (R_ints + R_cyc) - ... of eqs. 7 and 9, differentiated by hand at every row."""
+    soc = plain_cell.output_value.sel(output="soc")
+    by = plain_cell.output_derivative.sel(output="voltage_V")
+    r_ints = jax.vmap(lambda s: CellCurves().R_ints(s, jnp.asarray(AMBIENT_DEGC)))(jnp.asarray(soc.values))
+    series = np.asarray(r_ints) + float(cycle_resistance(jnp.asarray(25.0)))
+    np.testing.assert_allclose(by.sel(parameter="ocv_offset_V"), 1.0, rtol=1e-12)
+    np.testing.assert_allclose(by.sel(parameter="series_resistance_scale"), -CURRENT_A * series, rtol=1e-12)
+    np.testing.assert_allclose(by.sel(parameter="cycles"), -CURRENT_A * 0.0015 / (2.0 * np.sqrt(25.0)), rtol=1e-12)
+    by_ambient = CURRENT_A * (2.768e-4 + 2.0 * 1.399e-5 * AMBIENT_DEGC)
+    np.testing.assert_allclose(by.sel(parameter="ambient_degC"), by_ambient, rtol=1e-12)
+
+
+def test_elasticities_know_no_unit_of_voltage():
+    """A motor whose volts, ohms, henries, torques and inertia all grow alike draws the same current at the same speed.
+
+    So the elasticities by these, less those by the thermal resistances (K per watt), add up to the degree of each metric (Euler).
+    """
+    profile = constant(40.0, 1.0, voltage_V=9.0, load_torque_Nm=0.15, ambient_degC=20.0)
+    elasticity = local_sensitivities(Model("motor"), profile, outputs=()).elasticity
+    grow = ["voltage_V", "R_0", "L_a", "k_tau", "tau_0", "J", "load_torque_Nm"]
+    degree = elasticity.sel(parameter=grow).sum("parameter") - elasticity.sel(parameter=["R_wc", "R_ca"]).sum("parameter")
+    expected = {"mean_current_A": 0.0, "final_speed_rad_s": 0.0, "final_winding_rise_K": 0.0, "delivered_energy_J": 1.0}
+    assert set(expected) == set(degree.metric.values)
+    for name, value in expected.items():
+        assert float(degree.sel(metric=name)) == pytest.approx(value, abs=1e-9)
+
+
+def test_where_no_proportional_change_exists_a_stated_step_is_used(plain_cell: xarray.Dataset):
+    names = plain_cell.parameter.values[~plain_cell.doubles.values]
+    assert set(names) == {"ocv_offset_V", "storage_temperature_degC", "ambient_degC"}
+    chosen = plain_cell.sel(parameter=names)
+    assert np.all(np.isnan(chosen.elasticity))
+    assert dict(zip(names, chosen.step.values, strict=True)) == {
+        "ocv_offset_V": 0.02,  # a hundredth of its range
+        "storage_temperature_degC": 1.0,
+        "ambient_degC": 1.0,
+    }
+    np.testing.assert_array_equal(chosen.metric_change, chosen.metric_derivative * chosen.step)
+    assert np.all(chosen.metric_change.sel(metric="final_voltage_V") != 0.0)
+    rest = plain_cell.drop_sel(parameter=names)
+    np.testing.assert_allclose(rest.elasticity * rest.metric_value, rest.metric_derivative * rest.value, rtol=1e-12)
+    np.testing.assert_array_equal(plain_cell.output_change, plain_cell.output_derivative * plain_cell.step)
+
+
+def test_an_effect_at_its_null_moves_by_a_middling_value():
+    effect = CATALOGUE["slow_diffusion"](R_3=0.0)
+    model = Model("cell", effects=(effect, CATALOGUE["charge_transfer"](i_0=float("inf"))))
+    response = make_response(model, constant(2.0, 1.0, current_A=1.0, ambient_degC=20.0))
+    step = dict(zip(response.names, steps(response).size, strict=True))
+    assert step["slow_diffusion.R_3"] == 0.015
+    assert step["charge_transfer.i_0"] == 1.0
+
+
+def test_only_what_enters_is_differentiated():
+    level = constant(2.0, 1.0, duty=0.2, load_torque_Nm=0.1, ambient_degC=20.0)
+    slope = constant(2.0, 1.0, duty=0.2, incline_deg=3.0, ambient_degC=20.0)
+    on_level, on_slope = (set(make_response(Model("robot"), profile).names) for profile in (level, slope))
+    hill = {"mass_kg", "friction_coefficient", "wheel_radius_m", "gear_ratio", "drive_efficiency"}
+    assert on_slope - on_level == hill | {"incline_deg"}
+    assert on_level - on_slope == {"load_torque_Nm"}
+    assert not on_level & {"nominal_cell_voltage_V", "n_arm_motors", "n_flipper_motors"}
+    blended = Model("robot", effects=(CATALOGUE["constant_power_load"](),))
+    with_power = set(make_response(blended, level).names)
+    assert with_power - on_level == {"nominal_cell_voltage_V", "constant_power_load.s"}
+    assert set(make_response(Model("cell"), constant(2.0, 1.0, current_A=1.0, ambient_degC=20.0)).names).isdisjoint(
+        {"R_0", "k_tau", "n_series"}
+    )
+
+
+def test_mode_follows_the_counts_and_is_recorded(plain_cell: xarray.Dataset):
+    assert choose_mode(parameters=27, numbers=1) == "forward"
+    assert choose_mode(parameters=500, numbers=1) == "reverse"
+    assert choose_mode(parameters=500, numbers=400) == "forward"
+    assert (plain_cell.attrs["mode"], plain_cell.attrs["passes"]) == ("forward", plain_cell.sizes["parameter"])
+    profile = constant(DURATION_S, 1.0, current_A=CURRENT_A, ambient_degC=AMBIENT_DEGC)
+    reverse = local_sensitivities(Model("cell"), profile, outputs=(), mode="reverse")
+    assert (reverse.attrs["mode"], reverse.attrs["passes"]) == ("reverse", reverse.sizes["metric"])
+    np.testing.assert_allclose(reverse.metric_derivative, plain_cell.metric_derivative, rtol=1e-9, atol=1e-15)
+    with pytest.raises(ValueError, match="metrics alone"):
+        local_sensitivities(Model("cell"), profile, mode="reverse")
+
+
+def test_metric_of_ones_own_and_no_second_compilation():
+    traced = []
+
+    def energy_Wh(log, voltage):
+        traced.append(voltage)
+        return jnp.sum(log.span_s() * voltage * log.columns["current_A"]) / 3600.0
+
+    own = Metric("energy_Wh", "W h", "as a shop would state it", {"cell": ("voltage_V",)}, energy_Wh)
+    for capacity in (2.0, 3.0):
+        data = local_sensitivities(
+            Model("cell", Parameters(capacity_Ah=capacity)),
+            constant(DURATION_S, 1.0, current_A=CURRENT_A, ambient_degC=AMBIENT_DEGC),
+            names=("capacity_Ah", "rc_resistance_scale"),
+            metrics=("delivered_energy_J", own),
+            outputs=(),
+        )
+        joule, watt_hour = data.elasticity
+        np.testing.assert_allclose(watt_hour, joule, rtol=1e-12)
+        assert len(traced) == 1
+
+
+def test_a_run_that_ends_is_summed_up_to_its_end():
+    """To SOC 0.5: the gradient is that of the run, and the energy stops growing there."""
+    profile = constant(2000.0, 100.0, current_A=5.0, ambient_degC=20.0)
+    cutoff = Cutoff(soc=0.9)
+    metrics = ("soc_gradient_per_s", "delivered_energy_J")
+    ended = local_sensitivities(Model("cell"), profile, metrics=metrics, outputs=("soc",), cutoff=cutoff)
+    whole = local_sensitivities(Model("cell"), profile, metrics=metrics, outputs=("soc",))
+    np.testing.assert_allclose(ended.metric_value[0], whole.metric_value[0], rtol=1e-12)
+    last = int(np.argmin(ended.output_value.values[0]))
+    short = Profile(profile.time_s[: last + 1], {name: v[: last + 1] for name, v in profile.inputs.items()})
+    alone = local_sensitivities(Model("cell"), short, metrics=metrics, outputs=("soc",))
+    assert 0 < last < profile.time_s.size - 1
+    for name in ("metric_value", "metric_derivative"):
+        np.testing.assert_allclose(ended[name], alone[name], rtol=1e-10, atol=1e-18)
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"names": ["capacity"]}, "Did you mean 'capacity_Ah'"),
+        ({"names": ["ambient"]}, "Did you mean 'ambient_degC'"),
+        ({"metrics": ["final_voltage"]}, "Did you mean 'final_voltage_V'"),
+        ({"metrics": ["final_speed_rad_s"]}, "no metric 'final_speed_rad_s'"),
+        ({"outputs": ["voltage"]}, "Did you mean 'voltage_V'"),
+    ],
+)
+def test_a_wrong_name_is_answered_with_the_nearest(asked: dict, message: str):
+    with pytest.raises(ParameterError, match=message):
+        local_sensitivities(Model("cell"), constant(2.0, 1.0, current_A=1.0, ambient_degC=20.0), **asked)
