@@ -1,8 +1,9 @@
-"""Fitting lanes of a problem together, and their derivatives: the two compiled programs of a diagnosis."""
+"""Calibration: trust-region least squares (optimistix) on the whitened residuals and the priors."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax
@@ -13,19 +14,16 @@ from jaxtyping import Array
 
 from discrepancy.problem import Lane, Problem
 
-LANES = 8
-DIRECTIONS = 16
-MAX_STEPS = 60
-SOLVER = optx.LevenbergMarquardt(rtol=1e-5, atol=1e-5)
+MAX_STEPS = 80
+SOLVER = optx.LevenbergMarquardt(rtol=1e-6, atol=1e-6)
+# At a minimum the score of every unknown is zero; above this the score test of what is missing would be invalid.
+GREATEST_BASE_SCORE = 0.1
 
 
 class Task(eqx.Module):
-    """One fit: from where, with which effects on, which unknowns free and which readings counted.
+    """One fit: from where, which unknowns are free (1 or 0) and which readings count (1 or 0)."""
 
-    `free` is padded to a common length with the number one past the last unknown, a place that changes nothing.
-    """
-
-    lane: Lane
+    x: Array
     free: Array
     counted: Array
 
@@ -35,21 +33,19 @@ class Fit:
     """What came of one fit.
 
     Attributes:
-        x: (unknowns,) where it ended.
-        switches: (candidates,) which effects are on.
-        free: numbers of the free unknowns.
-        chi2: of the counted readings.
+        x: (unknowns,) coordinates where it ended.
+        chi2: of the counted readings, whitened.
         prior: squared distance of the free unknowns from their priors.
-        converged: the solver met its tolerances.
+        information: (unknowns, unknowns) J'J of readings and priors at the end.
+        greatest_score: largest |score| of a free unknown, in sd; zero at a minimum.
         steps: iterations used.
     """
 
     x: np.ndarray
-    switches: np.ndarray
-    free: tuple[int, ...]
     chi2: float
     prior: float
-    converged: bool
+    information: np.ndarray
+    greatest_score: float
     steps: int
 
     @property
@@ -58,17 +54,31 @@ class Fit:
         return self.chi2 + self.prior
 
     @property
-    def lane(self) -> Lane:
-        """Return the fitted lane."""
-        return Lane(jnp.asarray(self.x), jnp.asarray(self.switches))
+    def converged(self) -> bool:
+        """Return True at a minimum."""
+        return self.greatest_score < GREATEST_BASE_SCORE
+
+    @property
+    def log_evidence(self) -> float:
+        """Return the log of the model's probability of the readings (Laplace), less a constant common to all models.
+
+        All unknowns have standard normal priors, so that it is -(chi2 + |x|^2)/2 - log det(J'J + I)/2.
+        """
+        return -0.5 * self.objective - 0.5 * float(np.linalg.slogdet(self.information)[1])
+
+    @property
+    def sd(self) -> np.ndarray:
+        """Return the standard deviations of the unknowns' coordinates."""
+        return np.sqrt(np.diag(np.linalg.inv(self.information)))
 
 
 def _objective(y: Array, problem: Problem, task: Task) -> Array:
-    """Return the whitened residuals of the counted readings, then the prior rows."""
-    padded = jnp.append(task.lane.x, 0.0).at[task.free].set(y)
-    errors = problem.residual(Lane(padded[:-1], task.lane.switches)) * task.counted
-    # A model driven out of its range must look bad, not poison the lanes beside it.
-    return jnp.concatenate([jnp.where(jnp.isfinite(errors), errors, 1e3), y])
+    """Return the whitened residuals of the counted readings, then the prior rows (what is not free has none)."""
+    x = jnp.where(task.free > 0.0, y, task.x)
+    errors = problem.residual(Lane(x, jnp.zeros(len(problem.switched))))
+    # A model driven out of its range must look bad, not break the solver.
+    data = jnp.where(task.counted > 0.0, jnp.where(jnp.isfinite(errors), errors, 1e3), 0.0)
+    return jnp.concatenate([data, jnp.where(task.free > 0.0, y, y - task.x)])
 
 
 @eqx.filter_custom_jvp
@@ -94,71 +104,47 @@ def _residuals_jvp(primals, tangents):
 
 
 @eqx.filter_jit
-def _solve(problem: Problem, tasks: Task) -> tuple[Array, Array, Array]:
-    solver = SOLVER
-
-    def one(task: Task):
-        y0 = jnp.append(task.lane.x, 0.0)[task.free]
-        solution = optx.least_squares(
-            _residuals, solver, y0, args=(problem, task), max_steps=MAX_STEPS, throw=False
-        )
-        converged = solution.result == optx.RESULTS.successful
-        return solution.value, solution.state.f_info.as_min(), converged, solution.stats["num_steps"]
-
-    return jax.vmap(one)(tasks)
+def _solve(problem: Problem, task: Task):
+    solution = optx.least_squares(
+        _residuals, SOLVER, task.x, args=(problem, task), max_steps=MAX_STEPS, throw=False
+    )
+    info = solution.state.f_info
+    jacobian = info.jac.as_matrix()
+    return solution.value, info.residual, jacobian.T @ jacobian, jacobian.T @ info.residual, solution.stats["num_steps"]
 
 
-def fit(problem: Problem, starts: list[tuple[np.ndarray, np.ndarray, tuple[int, ...]]], split: str, width: int) -> list[Fit]:
-    """Fit any number of lanes by Levenberg-Marquardt (optimistix), a fixed number at a time.
+def fit(problem: Problem, start: np.ndarray, free: Sequence[int] | None = None, split: str = "fit") -> Fit:
+    """Calibrate from one start.
 
     Args:
-        problem: the case.
-        starts: for each fit the start x (unknowns,), the switches (candidates,) and the free unknowns.
+        problem: the case under one model.
+        start: (unknowns,) coordinates to begin at; those not free stay there.
+        free: numbers of the unknowns to calibrate; all where None.
         split: "fit" or "check", the runs whose readings count.
-        width: number of free unknowns that the program is compiled for.
     """
-    counted = problem.readings.fit if split == "fit" else 1.0 - problem.readings.fit
-    size = problem.layout.size
-    done: list[Fit] = []
-    for first in range(0, len(starts), LANES):
-        batch = starts[first : first + LANES]
-        padded = batch + [batch[-1]] * (LANES - len(batch))
-        tasks = Task(
-            Lane(jnp.asarray([x for x, _, _ in padded]), jnp.asarray([s for _, s, _ in padded])),
-            jnp.asarray([list(free) + [size] * (width - len(free)) for _, _, free in padded]),
-            jnp.broadcast_to(counted, (LANES, counted.shape[0])),
-        )
-        ys, half, converged, steps = jax.device_get(_solve(problem, tasks))
-        for number, (x, switches, free) in enumerate(batch):
-            ended = np.array(x, dtype=float)
-            ended[list(free)] = ys[number, : len(free)]
-            prior = float(np.sum(ys[number, : len(free)] ** 2))
-            done.append(
-                Fit(ended, np.asarray(switches), free, 2.0 * float(half[number]) - prior, prior, bool(converged[number]), int(steps[number]))
-            )
-    return done
+    size = len(problem.unknowns.names)
+    mask = np.ones(size) if free is None else np.isin(np.arange(size), list(free)).astype(float)
+    counted = problem.readings.fit if split == "fit" else problem.readings.check
+    task = Task(jnp.asarray(start, dtype=float), jnp.asarray(mask), counted)
+    x, residual, information, gradient, steps = jax.device_get(_solve(problem, task))
+    moving = mask > 0.0
+    chi2 = float(np.sum(residual[:-size] ** 2))
+    scores = np.abs(gradient[moving]) / np.sqrt(np.diag(information)[moving])
+    return Fit(
+        x=np.where(moving, x, start),
+        chi2=chi2,
+        prior=float(np.sum(np.asarray(x)[moving] ** 2)),
+        information=information,
+        greatest_score=float(scores.max()) if scores.size else 0.0,
+        steps=int(steps),
+    )
 
 
 @eqx.filter_jit
-def _tangents(problem: Problem, lanes: Lane, directions: Lane) -> tuple[Array, Array]:
-    def one(lane: Lane, direction: Lane):
-        return jax.jvp(problem.residual, (lane,), (direction,))
-
-    return jax.vmap(one)(lanes, directions)
+def _predict(problem: Problem, x: Array) -> Array:
+    return problem.predict(Lane(x, jnp.zeros(len(problem.switched))))
 
 
-def tangents(problem: Problem, lanes: list[Lane], directions: list[Lane]) -> tuple[np.ndarray, np.ndarray]:
-    """Return residuals and their derivatives along directions, each of shape (n readings, directions).
-
-    Forward mode: the directions are a hundred at most, the readings tens of thousands.
-    """
-    residuals, derivatives = [], []
-    for first in range(0, len(lanes), DIRECTIONS):
-        batch, ways = lanes[first : first + DIRECTIONS], directions[first : first + DIRECTIONS]
-        count = len(batch)
-        batch, ways = (part + [part[-1]] * (DIRECTIONS - count) for part in (batch, ways))
-        stacked = [jax.tree.map(lambda *leaves: jnp.stack(leaves), *part) for part in (batch, ways)]
-        value, slope = jax.device_get(_tangents(problem, *stacked))
-        residuals.append(value[:count])
-        derivatives.append(slope[:count])
-    return np.concatenate(residuals).T, np.concatenate(derivatives).T
+def predict(problem: Problem, x: np.ndarray) -> np.ndarray:
+    """Return the predicted readings at coordinates x, shape (runs, rows, channels)."""
+    return np.asarray(_predict(problem, jnp.asarray(x)))

@@ -7,7 +7,6 @@ import itertools
 import math
 from collections.abc import Mapping
 
-import jax.numpy as jnp
 import numpy as np
 
 from jaxmodel.cases import Case
@@ -31,10 +30,10 @@ class Coordinate:
     origin: float = 0.0
     sign: float = 1.0
 
-    def number(self, x):
-        """Return the number at the coordinate x; works on traced values."""
+    def number(self, x: float) -> float:
+        """Return the number at the coordinate x."""
         if self.logarithmic:
-            return self.origin + self.sign * jnp.exp(self.centre + self.spread * x)
+            return self.origin + self.sign * math.exp(self.centre + self.spread * x)
         return self.centre + self.spread * x
 
     def at(self, number: float) -> float:
