@@ -33,7 +33,7 @@ class Coordinate:
     def number(self, x: float) -> float:
         """Return the number at the coordinate x."""
         if self.logarithmic:
-            return self.origin + self.sign * math.exp(self.centre + self.spread * x)
+            return self.origin + self.sign * float(np.exp(self.centre + self.spread * x))
         return self.centre + self.spread * x
 
     def at(self, number: float) -> float:
@@ -45,7 +45,7 @@ class Coordinate:
     def slope(self, x: float) -> float:
         """Return d(number)/dx, to carry a standard deviation over."""
         if self.logarithmic:
-            return abs(self.spread * math.exp(self.centre + self.spread * x))
+            return abs(self.spread * float(np.exp(self.centre + self.spread * x)))
         return self.spread
 
 
@@ -87,12 +87,14 @@ class Candidate:
         coordinates: of its parameters; the first is its amplitude.
         probes: for each variant of its shape, the coordinates x at which its direction is taken.
         one_sided: physics allows one sign of the amplitude only.
+        null_at_infinity: the amplitude fades as its parameter grows (an exchange current, a leakage resistance).
     """
 
     effect: Effect
     coordinates: tuple[Coordinate, ...]
     probes: tuple[tuple[float, ...], ...]
     one_sided: bool
+    null_at_infinity: bool
 
     @property
     def label(self) -> str:
@@ -116,7 +118,14 @@ def make_candidate(effect: Effect) -> Candidate:
         else:
             choices.append([0.0 if coordinate.logarithmic else 0.5])
     amplitude = coordinates[0]
-    return Candidate(effect, coordinates, tuple(itertools.product(*choices)), one_sided=amplitude.logarithmic)
+    first = next(iter(table.values()))
+    return Candidate(
+        effect,
+        coordinates,
+        tuple(itertools.product(*choices)),
+        one_sided=amplitude.logarithmic,
+        null_at_infinity=first.null == math.inf,
+    )
 
 
 def candidates(case: Case, catalogue: Mapping[str, type[Effect]] = CATALOGUE) -> list[Candidate]:

@@ -18,6 +18,7 @@ from jaxmodel.build import case_model, run_profile
 from jaxmodel.cases import Case
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import FitError
+from jaxmodel.measurements import KINDS
 from jaxmodel.model import Model
 from jaxmodel.names import with_values
 from jaxmodel.parameters import info
@@ -149,7 +150,10 @@ def make_layout(case: Case, effects: Sequence[Candidate]) -> Layout:
 
 
 class Problem(eqx.Module):
-    """Predictions of all runs for any setting of the unknowns; a pytree, so that cases of one shape share programs."""
+    """Predictions of all runs for any setting of the unknowns; a pytree, so that cases of one shape share programs.
+
+    `channels` are all outputs of the kind, measured or not.
+    """
 
     models: Model
     courses: Track
@@ -215,7 +219,7 @@ def make_problem(
         model = case_model(case, run, catalogue=catalogue)
         models.append(eqx.tree_at(lambda m: m.effects, model, (*model.effects, *added)))
     courses, times = _courses(models, case)
-    readings = _readings(case, noise, times.shape[1])
+    readings = _readings(case, noise, KINDS[case.kind].outputs, times.shape[1])
     if not np.any(readings.fit):
         raise FitError(f'{case.path}: no reading of a run with split = "fit"; mark at least one such run.')
     parts = {
@@ -229,7 +233,7 @@ def make_problem(
         readings=readings,
         unknowns=Unknowns(layout.names, layout.runs, layout.fixed_in, **parts),
         switched=tuple(effect.label for effect in switched),
-        channels=tuple(noise),
+        channels=KINDS[case.kind].outputs,
     )
     return problem, layout
 
@@ -254,18 +258,18 @@ def _round_up(count: int, multiple: int) -> int:
     return -(-count // multiple) * multiple
 
 
-def _readings(case: Case, noise: Mapping[str, NoiseModel], rows: int) -> Readings:
+def _readings(case: Case, noise: Mapping[str, NoiseModel], channels: tuple[str, ...], rows: int) -> Readings:
     """Flatten the readings channel by channel, run by run, in order of time."""
     parts = []
     first = 0
-    for channel, (name, model) in enumerate(noise.items()):
+    for name, model in noise.items():
         for number, run in enumerate(case.runs):
             values = run.measured.outputs.get(name)
             if values is None:
                 continue
             present, weight = chain_weights(chain_starts([values.size]), model.rho, np.isfinite(values))
             count = present.size
-            place = (number * rows + present) * len(noise) + channel
+            place = (number * rows + present) * len(channels) + channels.index(name)
             previous = np.maximum(np.arange(count) - 1, 0) + first
             fit = np.full(count, float(run.split == "fit"))
             parts.append((place, values[present], np.full(count, model.sd), previous, weight, fit, 1.0 - fit))

@@ -14,17 +14,16 @@ ZERO_DEGC_IN_K = 273.15
 STORAGE_GAS_CONSTANT = 8.3143  # J/(mol K), as eq. 8 prints it
 
 
+_RESISTANCES = ("series_resistance_ohm", "R_TS", "C_TS", "R_TL", "C_TL")
+_LATER = (*_RESISTANCES, "current_A", "voltage_V", "counted_current_A")
+
+
 class Cell(eqx.Module):
-    """The quantities of one cell that do not depend on the present current."""
+    """The quantities of one cell that do not depend on the present current; its resistances are in the context."""
 
     context: CellContext
     effects: tuple[Effect, ...]
     open_circuit_voltage_V: Scalar
-    series_resistance_ohm: Scalar
-    R_TS: Scalar
-    C_TS: Scalar
-    R_TL: Scalar
-    C_TL: Scalar
 
 
 def initial_soc(temperature_difference_K: Scalar) -> Scalar:
@@ -67,9 +66,7 @@ def evaluate(
         ambient_degC=ambient_degC,
         temperature_degC=ambient_degC,
         usable_charge_C=nominal_charge,
-        current_A=jnp.zeros(()),
-        voltage_V=jnp.zeros(()),
-        counted_current_A=jnp.zeros(()),
+        **{name: jnp.zeros(()) for name in _LATER},
     )
     temperature = fold(effects, "cell_temperature", ambient_degC, context)
     context = eqx.tree_at(lambda c: c.temperature_degC, context, temperature)
@@ -81,21 +78,20 @@ def evaluate(
     def rc_resistance(curve):
         return fold(effects, "rc_resistance", curve(soc, temperature) * p.rc_resistance_scale, context)
 
-    return Cell(
-        context=context,
-        effects=effects,
-        open_circuit_voltage_V=fold(
-            effects, "open_circuit_voltage", curves.ocv(soc, temperature) + p.ocv_offset_V, context
-        ),
-        series_resistance_ohm=fold(effects, "series_resistance", series, context),
-        R_TS=rc_resistance(curves.R_TS),
-        C_TS=curves.C_TS(soc, temperature) * p.rc_capacitance_scale,
-        R_TL=rc_resistance(curves.R_TL),
-        C_TL=curves.C_TL(soc, temperature) * p.rc_capacitance_scale,
+    voltage = fold(effects, "open_circuit_voltage", curves.ocv(soc, temperature) + p.ocv_offset_V, context)
+    elements = (
+        fold(effects, "series_resistance", series, context),
+        rc_resistance(curves.R_TS),
+        curves.C_TS(soc, temperature) * p.rc_capacitance_scale,
+        rc_resistance(curves.R_TL),
+        curves.C_TL(soc, temperature) * p.rc_capacitance_scale,
     )
+    context = eqx.tree_at(lambda c: tuple(getattr(c, name) for name in _RESISTANCES), context, elements)
+    return Cell(context=context, effects=effects, open_circuit_voltage_V=voltage)
 
 
-def _carrying(cell: Cell, current_A: Scalar) -> CellContext:
+def carrying(cell: Cell, current_A: Scalar) -> CellContext:
+    """Return the cell's context with a current in it (A)."""
     return eqx.tree_at(lambda c: c.current_A, cell.context, current_A)
 
 
@@ -104,10 +100,10 @@ def voltage(cell: Cell, current_A: Scalar) -> Scalar:
 
     V_cell = V_oc - i (R_ints + R_cyc) - V_TS - V_TL - overpotentials of the effects.
     """
-    lost = fold(cell.effects, "overpotential", jnp.zeros(()), _carrying(cell, current_A))
+    lost = fold(cell.effects, "overpotential", jnp.zeros(()), carrying(cell, current_A))
     state = cell.context.state
     return (
-        cell.open_circuit_voltage_V - current_A * cell.series_resistance_ohm - state["v_ts_V"] - state["v_tl_V"] - lost
+        cell.open_circuit_voltage_V - current_A * cell.context.series_resistance_ohm - state["v_ts_V"] - state["v_tl_V"] - lost
     )
 
 
@@ -117,20 +113,20 @@ def heat(cell: Cell, current_A: Scalar, current_variance_A2: Scalar) -> Scalar:
     The variance of the current over the step (A^2) adds its ohmic heat: a start draws ten times the mean.
     """
     polarisation = current_A * (cell.open_circuit_voltage_V - voltage(cell, current_A))
-    ohmic = current_variance_A2 * cell.series_resistance_ohm
-    return fold(cell.effects, "cell_heat", polarisation + ohmic, _carrying(cell, current_A))
+    ohmic = current_variance_A2 * cell.context.series_resistance_ohm
+    return fold(cell.effects, "cell_heat", polarisation + ohmic, carrying(cell, current_A))
 
 
 def flows(cell: Cell, current_A: Scalar, current_variance_A2: Scalar) -> dict[str, Flow]:
     """Return the flows of the cell's states under a mean current: eq. 1 and the RC pairs of eqs. 3-6."""
-    context = _carrying(cell, current_A)
+    context = carrying(cell, current_A)
     context = eqx.tree_at(lambda c: c.voltage_V, context, voltage(cell, current_A))
     counted = fold(cell.effects, "counted_current", current_A, context)
     context = eqx.tree_at(lambda c: c.counted_current_A, context, counted)
     own = {
         "soc": integral(-counted / context.usable_charge_C),
-        "v_ts_V": relaxation(current_A * cell.R_TS, cell.R_TS * cell.C_TS),
-        "v_tl_V": relaxation(current_A * cell.R_TL, cell.R_TL * cell.C_TL),
+        "v_ts_V": relaxation(current_A * context.R_TS, context.R_TS * context.C_TS),
+        "v_tl_V": relaxation(current_A * context.R_TL, context.R_TL * context.C_TL),
     }
     heat_W = heat(cell, current_A, current_variance_A2)
     for effect in cell.effects:

@@ -114,7 +114,7 @@ def valid(model: Model, state: State, inputs: Inputs) -> Any:
     cell, _ = _parts(model, state, true_inputs(model, inputs))
     assert cell is not None
     soc, temperature = cell.context.soc, cell.context.temperature_degC
-    inside = cell.series_resistance_ohm > 0.0
+    inside = cell.context.series_resistance_ohm > 0.0
     for curve in (model.curves.ocv, model.curves.R_ints, model.curves.R_TS, model.curves.R_TL):
         inside &= curve.inside(soc, temperature)
     return inside

@@ -20,7 +20,8 @@ from jaxmodel.parameters import Parameters, Scalar
 class CellContext(eqx.Module):
     """What an effect on a port of the cell may know: all of one cell, SI, temperatures in degC.
 
-    Ports that shape the current's effect see the current; those before it (temperature, resistances) see zero there.
+    The ports come in order: temperature, usable charge, open-circuit voltage and resistances, then what the current does. What a
+    port's order has not reached yet is zero in its context.
     """
 
     parameters: Parameters
@@ -30,6 +31,11 @@ class CellContext(eqx.Module):
     ambient_degC: Scalar
     temperature_degC: Scalar
     usable_charge_C: Scalar
+    series_resistance_ohm: Scalar
+    R_TS: Scalar
+    C_TS: Scalar
+    R_TL: Scalar
+    C_TL: Scalar
     current_A: Scalar
     voltage_V: Scalar
     counted_current_A: Scalar

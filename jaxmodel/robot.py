@@ -72,7 +72,7 @@ def pack(cell: Cell, motor: Motor, accessories_A: Scalar, motor_current_A: Scala
     motors_A = p.n_motors * motor.context.duty * motor_current_A + accessories_A
 
     def voltage_at(current):
-        shortfall = fold(cell.effects, "weakest_cell_voltage", jnp.zeros(()), cell.context)
+        shortfall = fold(cell.effects, "weakest_cell_voltage", jnp.zeros(()), cells.carrying(cell, current))
         return p.n_series * cells.voltage(cell, current) - shortfall
 
     def draw_at(pack_voltage):

@@ -1,11 +1,11 @@
-"""The paper's parametric sensitivity test (section 4, Fig. 9): each parameter doubled in turn, beside what derivatives predict.
+"""The paper's parametric sensitivity test (section 4, Fig. 9): each parameter doubled, beside what derivatives predict.
 
-A doubling is not small: a discharge by a capacity C falls as 1/C, its elasticity is -1 and doubling C halves it. Three predictions of
-the relative change are set beside the simulated one, from one run's derivatives at the parameter's value p:
+A doubling is not small: a discharge by a capacity C falls as 1/C, its elasticity is -1 and doubling C halves it. Three
+predictions of the relative change stand beside the simulated one, all from derivatives at the parameter's value p:
 
-    linear      (p/y) y'                            the elasticity e itself
-    quadratic   e + (p^2/(2 y)) y''                 with the curvature along the parameter
-    power law   2^e - 1                             straight in logarithms: exact for y = c p^e
+    linear       e = (p/y) y'                       the elasticity itself
+    quadratic    e + curvature, (p^2/(2 y)) y''     the next term of the series, which need not converge so far out
+    power law    2^e - 1                            straight in logarithms: exact for y = c p^e
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ from jaxmodel.model import Model
 from jaxmodel.profile import Profile
 from jaxmodel.simulate import Cutoff
 from sensitivity.local import answer_variables, coordinates, relative
-from sensitivity.metrics import Metric
-from sensitivity.response import Answer, Response, make_response, steps
+from sensitivity.metrics import VALID_SHARE
+from sensitivity.response import Answer, Response, make_response, steps_of
+from sweeps.metrics import Metric
 
 
 class Doubling(eqx.Module):
@@ -49,7 +50,7 @@ class Doubling(eqx.Module):
 
 @eqx.filter_jit
 def double(response: Response, values: Float[Array, " parameter"], size: Float[Array, " parameter"]) -> Doubling:
-    """Move each parameter in turn by a step, one lane each, all in one program; a second derivative is a jvp of a jvp."""
+    """Move each parameter in turn by a step, a lane each, in one program; second derivatives are a jvp of a jvp."""
     directions = jnp.diag(size)
 
     def bend(direction):
@@ -61,7 +62,7 @@ def double(response: Response, values: Float[Array, " parameter"], size: Float[A
 
     base, first, second = jax.vmap(bend, out_axes=(None, 0, 0))(directions)
     moved, runs = jax.vmap(lambda direction: response.run(response.named(values + direction)))(directions)
-    return Doubling(base, moved, first, second, runs.status, jnp.mean(runs.valid, axis=1))
+    return Doubling(base, moved, first, second, runs.status, runs.values[VALID_SHARE.name])
 
 
 def doubling_test(
@@ -75,8 +76,8 @@ def doubling_test(
 ) -> xarray.Dataset:
     """Return the effect of doubling each parameter, beside the predictions of the local derivatives.
 
-    A parameter that has no proportional change (a temperature in degC, a shift, zero) is moved by its stated `step` instead; where value + step is
-    outside the parameter's bounds, what the simulation gave is NaN and the predictions stay.
+    A parameter that has no proportional change (a temperature in degC, a shift, zero) is moved by its stated `step`
+    instead. Where value + step is outside the parameter's bounds, what the simulation gave is NaN; predictions stay.
 
     Args:
         model: any kind; its leaves are scalars.
@@ -89,21 +90,24 @@ def doubling_test(
     Returns:
         A data set over parameter, metric, output and time_s:
         value, unit, step, doubles, in_bounds, status, valid_share (parameter);
-        metric_value (metric); of (metric, parameter), all relative to the metric: effect = (y(p + step) - y(p)) / y(p), linear,
-        curvature (the second-order term alone) and power_law (NaN where the step is no doubling); and metric_moved, in its unit;
-        output_value (output, time_s); output_moved and output_linear (output, parameter, time_s), both as courses in the output's unit.
+        metric_value, metric_unit (metric);
+        metric_moved, linear_change, curvature_change (metric, parameter), in the metric's unit;
+        effect = (y(p + step) - y(p)) / y(p), linear, curvature, power_law (metric, parameter), by the metric: NaN
+        where it is zero or a temperature in degC, power_law also where the step is no doubling;
+        output_value (output, time_s); output_moved, output_linear (output, parameter, time_s), in the output's unit.
 
     Raises:
-        ParameterError: a parameter, metric or output is unknown; the message gives the nearest name.
+        ParameterError: a parameter or output is unknown; the message gives the nearest name.
+        SweepError: a metric is unknown.
     """
     response = make_response(model, profile, names, metrics, outputs, cutoff)
-    step = steps(response)
+    step = steps_of(response)
     result = double(response, response.values(), jnp.asarray(step.size))
     base, moved, slope, bend = (
         np.asarray(part.metrics).T for part in (result.base, result.moved, result.slope, result.bend)
     )
     moved = np.where(step.in_bounds, moved, np.nan)
-    linear = relative(slope, base)
+    linear = relative(response, slope, result.base)
     with np.errstate(over="ignore"):  # a metric near zero has an elasticity beyond any power
         power_law = np.where(step.doubles, np.exp2(linear) - 1.0, np.nan)
     course, course_moved, course_slope = (
@@ -117,9 +121,11 @@ def doubling_test(
             "status": ("parameter", np.asarray(result.status)),
             "valid_share": ("parameter", np.asarray(result.valid_share)),
             "metric_moved": (("metric", "parameter"), moved),
-            "effect": (("metric", "parameter"), relative(moved - base[:, None], base)),
+            "linear_change": (("metric", "parameter"), slope),
+            "curvature_change": (("metric", "parameter"), 0.5 * bend),
+            "effect": (("metric", "parameter"), relative(response, moved - base[:, None], result.base)),
             "linear": (("metric", "parameter"), linear),
-            "curvature": (("metric", "parameter"), relative(0.5 * bend, base)),
+            "curvature": (("metric", "parameter"), relative(response, 0.5 * bend, result.base)),
             "power_law": (("metric", "parameter"), power_law),
             "output_moved": (("output", "parameter", "time_s"), np.swapaxes(course_moved, 0, 1)),
             "output_linear": (("output", "parameter", "time_s"), np.swapaxes(course + course_slope, 0, 1)),

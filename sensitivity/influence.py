@@ -1,7 +1,7 @@
 """Which inputs of a program can influence its outputs at all, read off the traced program rather than off its values.
 
-A derivative cannot tell: it may be zero at one point (friction at standstill) and not at the next. The program can: the mass of a
-robot whose load torque is given is nowhere on the way to any output.
+A derivative cannot tell: it may be zero at one point (friction at standstill) and not at the next. The program can: the
+mass of a robot whose load torque is given is nowhere on the way to any output.
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ def influential(function: Callable[[dict[str, Any]], Any], arguments: dict[str, 
     """Return the names of the arguments, scalars by name, on which any output of a function may depend."""
     program = jax.make_jaxpr(function)(arguments).jaxpr
     in_order = sorted(arguments)  # as jax flattens a dictionary
-    return {name for name, live in zip(in_order, _live_inputs(program, [True] * len(program.outvars)), strict=True) if live}
+    return {
+        name for name, live in zip(in_order, _live_inputs(program, [True] * len(program.outvars)), strict=True) if live
+    }
 
 
 def _live_inputs(program: Jaxpr, live_outputs: list[bool]) -> list[bool]:

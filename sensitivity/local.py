@@ -15,18 +15,21 @@ from jaxtyping import Array, Float
 from jaxmodel.model import Model
 from jaxmodel.profile import Profile
 from jaxmodel.simulate import Cutoff
-from sensitivity.metrics import Metric
-from sensitivity.response import Answer, Response, Steps, make_response, steps
+from sensitivity.response import Answer, Response, Steps, make_response, steps_of
+from sweeps.metrics import Metric
 
 Mode = Literal["forward", "reverse"]
 
-# One number pulled back through a run costs about this many parameters pushed through it (benchmarks).
-REVERSE_COST = 8.0
 
+def choose_mode(parameters: int, numbers: int, lanes: int = 1) -> Mode:
+    """Return the cheaper way to differentiate some numbers by some parameters, in one run or in many lanes at once.
 
-def choose_mode(parameters: int, numbers: int) -> Mode:
-    """Return the cheaper way to differentiate some numbers by some parameters."""
-    return "reverse" if parameters > REVERSE_COST * numbers else "forward"
+    Break-even as measured on a processor (benchmarks): reverse mode stores a run and replays it, which costs about
+    fifteen forward tangents and two more for each number; a single run is bound by overhead, and 70 more tangents
+    cost it little.
+    """
+    break_even = 15.0 + 2.0 * numbers + (70.0 + 5.0 * numbers) / lanes
+    return "reverse" if parameters > break_even else "forward"
 
 
 @eqx.filter_jit
@@ -40,8 +43,8 @@ def jacobian(response: Response, values: Float[Array, " parameter"], mode: Mode)
             back through it.
 
     Returns:
-        The answer, and its derivatives: shapes (parameter, metric) and (parameter, output, rows), in the unit of the number by
-        that of the parameter.
+        The answer, and its derivatives: shapes (parameter, metric) and (parameter, output, rows), in the unit of the
+        number by that of the parameter.
 
     Raises:
         ValueError: reverse mode where outputs are asked for: it would take a pass for each row.
@@ -74,15 +77,16 @@ def local_sensitivities(
 ) -> xarray.Dataset:
     """Return the derivatives of metrics and outputs by parameters, in units and as elasticities.
 
-    The elasticity of a number y by a parameter p is (p/y) dy/dp: y changes by so many percent for each percent of p. It means nothing where p is
-    a temperature in degC, a shift or zero, and there it is NaN, as it is where y is zero; the change by a stated `step` is always given.
+    The elasticity of a number y by a parameter p is (p/y) dy/dp: y changes by so many percent for each percent of p. It
+    is NaN where it means nothing: y or p is zero, a temperature in degC or a shift. The change by a stated `step` is
+    always given.
 
     Args:
         model: any kind; its leaves are scalars.
         profile: inputs over time.
-        names: parameters, those of effects ("effect.parameter") and inputs of the profile (the ambient by a shift in K, any other by a
-            factor); None takes all that enter.
-        metrics: names of `sensitivity.metrics`, or one's own; None takes all that the run has.
+        names: parameters, those of effects ("effect.parameter") and inputs of the profile (the ambient by a shift in K,
+            any other by a factor); None takes all that enter.
+        metrics: names of `sensitivity.metrics`, or one's own; None takes all of the kind.
         outputs: readings whose course is asked for; None takes all, () none.
         cutoff: where the run ends; its last row is held fixed while parameters move.
         mode: "forward" or "reverse" differentiation; None chooses the cheaper, which the attributes record.
@@ -90,38 +94,43 @@ def local_sensitivities(
     Returns:
         A data set over parameter, metric, output and time_s:
         value, unit, step, doubles (parameter): `doubles` where the step is the parameter's value;
-        metric_value (metric), metric_derivative (metric, parameter), metric_change (derivative times step), elasticity;
-        output_value (output, time_s), output_derivative (output, parameter, time_s), output_change: p dy/dp over time.
+        metric_value, metric_unit (metric);
+        metric_derivative, metric_change (the derivative times the step), elasticity (metric, parameter);
+        output_value (output, time_s);
+        output_derivative, output_change (output, parameter, time_s): over time, p dy/dp where the step is p.
 
     Raises:
-        ParameterError: a parameter, metric or output is unknown; the message gives the nearest name.
+        ParameterError: a parameter or output is unknown; the message gives the nearest name.
+        SweepError: a metric is unknown.
+        ValueError: reverse mode, and outputs are asked for.
     """
     response = make_response(model, profile, names, metrics, outputs, cutoff)
-    chosen = mode
-    if chosen is None:
-        chosen = "forward" if response.outputs else choose_mode(len(response.names), len(response.metrics))
-    answer, derivative = jacobian(response, response.values(), chosen)
-    step = steps(response)
-    by_metric, by_output = np.asarray(derivative.metrics).T, np.moveaxis(np.asarray(derivative.outputs), 0, 1)
+    if mode is None:
+        mode = "forward" if response.outputs else choose_mode(len(response.names), len(response.metrics))
+    answer, derivative = jacobian(response, response.values(), mode)
+    step = steps_of(response)
+    by_metric, by_output = np.asarray(derivative.metrics).T, np.swapaxes(np.asarray(derivative.outputs), 0, 1)
     change = by_metric * step.size
     return xarray.Dataset(
         answer_variables(response, answer, step)
         | {
             "metric_derivative": (("metric", "parameter"), by_metric),
             "metric_change": (("metric", "parameter"), change),
-            "elasticity": (("metric", "parameter"), np.where(step.doubles, relative(change, answer.metrics), np.nan)),
+            "elasticity": (("metric", "parameter"), np.where(step.doubles, relative(response, change, answer), np.nan)),
             "output_derivative": (("output", "parameter", "time_s"), by_output),
             "output_change": (("output", "parameter", "time_s"), by_output * step.size[:, None]),
         },
         coordinates(response),
-        {"mode": chosen, "passes": len(response.names) if chosen == "forward" else len(response.metrics)},
+        {"mode": mode, "passes": len(response.names) if mode == "forward" else len(response.metrics)},
     )
 
 
-def relative(change: np.ndarray, base: Any) -> np.ndarray:
-    """Return changes, shape (metric, parameter), by the metrics themselves; NaN where a metric is zero."""
-    base = np.asarray(base)[:, None]
-    return np.divide(change, base, out=np.full_like(change, np.nan), where=base != 0.0)
+def relative(response: Response, change: np.ndarray, base: Answer) -> np.ndarray:
+    """Return changes, shape (metric, parameter), by the metrics; NaN where one is zero or a temperature in degC."""
+    proportional = np.array([metric.unit != "degC" for metric in response.metrics], dtype=bool)
+    values = np.asarray(base.metrics)
+    divisor = np.where(proportional & (values != 0.0), values, np.nan)
+    return change / divisor[:, None]
 
 
 def coordinates(response: Response) -> dict[str, Any]:

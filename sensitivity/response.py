@@ -1,7 +1,7 @@
 """A run's answer as a pure function of a vector of parameters: the one thing that every study here differentiates.
 
-Beside the numbers of the model, the inputs of the run are parameters too, under their own names: the ambient temperature by a shift in K,
-every other input by a factor.
+Beside the numbers of the model, the inputs of the run are parameters too, under their own names: the ambient
+temperature by a shift in K, every other input by a factor.
 """
 
 from __future__ import annotations
@@ -21,15 +21,17 @@ from jaxmodel.model import Model, initial_state, read
 from jaxmodel.names import parameter_table, value, with_values
 from jaxmodel.parameters import ParameterInfo, Scalar
 from jaxmodel.profile import Profile
-from jaxmodel.simulate import Cutoff, Track, Trajectory, run_track, track
+from jaxmodel.simulate import Cutoff, Track, run_track, track
 from sensitivity.influence import influential
-from sensitivity.metrics import Log, Metric, choose_metrics
+from sensitivity.metrics import VALID_SHARE, choose_metrics
+from sweeps.lane import Course, Keep, Outcome, lay_out, run_lane
+from sweeps.metrics import Metric
 
 SHIFTED_INPUT = "ambient_degC"
 
 
 class Answer(eqx.Module):
-    """What a study asks of a run: single numbers, and readings over time."""
+    """What a study asks of a run: single numbers, and readings over time; derivatives have further axes in front."""
 
     metrics: Float[Array, "... metric"]
     outputs: Float[Array, "... output rows"]
@@ -39,13 +41,15 @@ class Response(eqx.Module):
     """The answer of a model to a profile, as a function of the parameters called `names`.
 
     The steps of integration are those of the model as it is given: they do not move with the parameters, so that a
-    difference between two answers is due to the parameters alone.
+    difference between two answers is due to the parameters alone. Metrics are of true values, as in a sweep; outputs
+    are what the sensors of the model read.
     """
 
     model: Model
-    course: Track
+    course: Course
     time_s: Float[Array, " rows"]
     cutoff: Cutoff | None
+    sensed: Track | None
     names: tuple[str, ...] = eqx.field(static=True)
     metrics: tuple[Metric, ...] = eqx.field(static=True)
     outputs: tuple[str, ...] = eqx.field(static=True)
@@ -58,45 +62,60 @@ class Response(eqx.Module):
         """Return parameter values by name."""
         return dict(zip(self.names, values, strict=True))
 
-    def run(self, given: Mapping[str, Scalar]) -> tuple[Answer, Trajectory]:
-        """Return the answer at parameter values by name, and the whole run behind it."""
-        inputs = {name: _changed(name, column, given) for name, column in self.course.inputs.items()}
+    def run(self, given: Mapping[str, Scalar]) -> tuple[Answer, Outcome]:
+        """Return the answer at parameter values by name, and how the run behind it went, with its `valid_share`."""
+        inputs = _inputs(self.course)
         model = with_values(self.model, {name: new for name, new in given.items() if name not in inputs})
-        course = eqx.tree_at(lambda c: c.inputs, self.course, inputs)
-        trajectory = run_track(model, course, self.time_s, self.cutoff)
-
-        at_rows = jnp.concatenate([jnp.zeros(1, dtype=course.last_step.dtype), course.last_step + 1])
-        columns = {name: column[at_rows] for name, column in inputs.items()} | trajectory.readings
-        log = Log(self.time_s, columns, trajectory.end_row, model.parameters)
-        numbers = [metric(model.kind, log) for metric in self.metrics]
-        readings = [trajectory.readings[name] for name in self.outputs]
+        course = eqx.tree_at(
+            lambda c: (c.first, c.later, c.steady),
+            self.course,
+            tuple(_changed(part, given) for part in (self.course.first, self.course.later, self.course.steady)),
+        )
+        keep = Keep((*self.metrics, VALID_SHARE), () if self.sensed else self.outputs)
+        outcome = run_lane(keep, model, course, self.cutoff, {})
+        readings = outcome.columns
+        if self.sensed is not None:
+            seen = eqx.tree_at(lambda t: t.inputs, self.sensed, _changed(self.sensed.inputs, given))
+            readings = run_track(model, seen, self.time_s, self.cutoff).readings
+        numbers = [outcome.values[metric.name] for metric in self.metrics]
+        courses = [readings[name] for name in self.outputs]
         answer = Answer(
             metrics=jnp.stack(numbers) if numbers else jnp.zeros(0),
-            outputs=jnp.stack(readings) if readings else jnp.zeros((0, self.time_s.size)),
+            outputs=jnp.stack(courses) if courses else jnp.zeros((0, self.time_s.size)),
         )
-        return answer, trajectory
+        return answer, outcome
 
     def values(self) -> Float[Array, " parameter"]:
         """Return the parameters' values as the model and the profile have them; of an input, shift 0 or factor 1."""
-        neutral = {name: 0.0 if name == SHIFTED_INPUT else 1.0 for name in self.course.inputs}
+        neutral = {name: 0.0 if name == SHIFTED_INPUT else 1.0 for name in _inputs(self.course)}
         return jnp.asarray([neutral[n] if n in neutral else value(self.model, n) for n in self.names], dtype=float)
 
     def table(self) -> list[ParameterInfo]:
         """Return what is known of each parameter."""
-        known = parameter_table(self.model) | input_table(self.course)
+        known = parameter_table(self.model) | _input_table(self.course)
         return [known[name] for name in self.names]
 
 
-def _changed(name: str, column: Array, given: Mapping[str, Scalar]) -> Array:
-    if name not in given:
-        return column
-    return column + given[name] if name == SHIFTED_INPUT else column * given[name]
+def _inputs(course: Course) -> dict[str, Array]:
+    """Return the inputs after the first row by name, those that never change as scalars."""
+    return course.later | course.steady
 
 
-def input_table(course: Track) -> dict[str, ParameterInfo]:
-    """Return the inputs of a run as parameters: by name, a shift in K of the ambient, a factor on any other."""
+def _changed(inputs: Mapping[str, Array], given: Mapping[str, Scalar]) -> dict[str, Array]:
+    """Shift or scale the inputs that are among the parameters."""
+
+    def change(name, column):
+        if name not in given:
+            return column
+        return column + given[name] if name == SHIFTED_INPUT else column * given[name]
+
+    return {name: change(name, column) for name, column in inputs.items()}
+
+
+def _input_table(course: Course) -> dict[str, ParameterInfo]:
+    """Return what is known of the inputs as parameters."""
     table = {}
-    for name, column in course.inputs.items():
+    for name, column in _inputs(course).items():
         if name == SHIFTED_INPUT:
             table[name] = ParameterInfo(name, unit="K", meaning="shift of the ambient temperature", default=0.0)
         else:
@@ -119,42 +138,43 @@ def make_response(
     Args:
         model: any kind; its leaves are scalars.
         profile: inputs over time.
-        names: parameters of the model, of its effects ("effect.parameter") and inputs of the profile; None takes all that
-            enter the answer.
-        metrics: names of `sensitivity.metrics`, or metrics of one's own; None takes all that the run has.
+        names: parameters of the model, of its effects ("effect.parameter") and inputs of the profile; None takes all
+            that enter the answer.
+        metrics: names of `sensitivity.metrics`, or metrics of one's own; None takes all of the kind.
         outputs: readings whose course is asked for; None takes all, () none.
         cutoff: where the run ends, if before the end of the profile.
 
     Raises:
-        ParameterError: a parameter, metric or output is unknown; the message gives the nearest name.
+        ParameterError: a parameter or output is unknown; the message gives the nearest name.
+        SweepError: a metric is unknown.
     """
-    course = track(model, profile)
-    readings = _reading_names(model, course)
-    columns = (*readings, *course.inputs)
-    if outputs is None:
-        chosen_outputs = readings
-    else:
-        chosen_outputs = tuple(outputs)
-        _check(chosen_outputs, readings, "outputs", "output")
-    known = (*parameter_table(model), *course.inputs)
+    steps = track(model, profile)
+    course = lay_out(model, profile, np.arange(profile.time_s.size))
+    readings = _reading_names(model, steps)
+    chosen_outputs = readings if outputs is None else tuple(map(str, outputs))
+    _check(chosen_outputs, readings, "outputs", "output")
+    known = (*parameter_table(model), *_inputs(course))
+    # Ideal sensors read what a sweep's lane keeps; others have a memory of the whole run, and need a run of their own.
+    sensed = steps if chosen_outputs and any(effect.is_sensor for effect in model.effects) else None
     response = Response(
         model=model,
         course=course,
         time_s=jnp.asarray(profile.time_s),
         cutoff=cutoff,
-        names=known if names is None else tuple(names),
-        metrics=choose_metrics(metrics, model.kind, columns),
+        sensed=sensed,
+        names=known if names is None else tuple(map(str, names)),  # NumPy's strings are arrays
+        metrics=choose_metrics(metrics, model.kind),
         outputs=chosen_outputs,
     )
     if names is None:
-        enters = influential(lambda given: response.run(given)[0], response.named(response.values()))
-        return dataclasses.replace(response, names=tuple(name for name in known if name in enters))
+        enter = influential(lambda given: response.run(given)[0], response.named(response.values()))
+        return dataclasses.replace(response, names=tuple(name for name in known if name in enter))
     _check(response.names, known, "names", "parameter or input")
     return response
 
 
-def _reading_names(model: Model, course: Track) -> tuple[str, ...]:
-    first = {name: column[0] for name, column in course.inputs.items()}
+def _reading_names(model: Model, steps: Track) -> tuple[str, ...]:
+    first = {name: column[0] for name, column in steps.inputs.items()}
     return tuple(jax.eval_shape(lambda m, u: read(m, initial_state(m, u), u), model, first))
 
 
@@ -171,7 +191,7 @@ class Steps:
     """By how much each parameter is moved when changes are compared.
 
     Attributes:
-        size: in the parameter's unit: its value, so that the step is a doubling, or where that means nothing a stated step.
+        size: in the parameter's unit: its value, which is a doubling, or where that means nothing a stated step.
         doubles: True where the step is the parameter's value.
         in_bounds: True where value + step is a value that the parameter may have.
     """
@@ -181,20 +201,18 @@ class Steps:
     in_bounds: np.ndarray
 
 
-def steps(response: Response) -> Steps:
+def steps_of(response: Response) -> Steps:
     """Return the step of each parameter of a response.
 
-    A proportional change means nothing for a temperature in degC, whose zero is arbitrary, and for a parameter that is zero (or infinite:
-    an effect at its null). Their steps are 1 K; else the table's default, for an effect a middling value; else, where that is zero too,
-    a hundredth of the parameter's range.
+    A proportional change means nothing for a temperature in degC, whose zero is arbitrary, and for a parameter that is
+    zero (or infinite: an effect at its null). Their steps are 1 K; else the table's default, for an effect a middling
+    value; else, where that is zero too, a hundredth of the parameter's range.
     """
     values = np.asarray(response.values())
     table = response.table()
-    doubles = np.array(
-        [v != 0.0 and math.isfinite(v) and info.unit != "degC" for v, info in zip(values, table, strict=True)], dtype=bool
-    )
-    stated = np.array([_stated_step(info) for info in table])
-    size = np.where(doubles, values, stated)
+    temperature = np.array([info.unit == "degC" for info in table], dtype=bool)
+    doubles = (values != 0.0) & np.isfinite(values) & ~temperature
+    size = np.where(doubles, values, [_stated_step(info) for info in table])
     lower, upper = np.array([(info.lower, info.upper) for info in table]).reshape(-1, 2).T
     moved = values + size
     return Steps(size, doubles, (moved >= lower) & (moved <= upper))

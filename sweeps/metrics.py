@@ -1,8 +1,8 @@
 """What a sweep keeps of each run: numbers reduced while the run advances, so that no trajectory is stored.
 
-A metric is three small pure functions of one lane: `init` from the first row, `update` after each step, `finish` at the end.
-The engine calls `update` for steps that the run takes and leaves out those after its cut-off. A user's own metric is
-written in the same way and put in a study's list as an object.
+A metric is three small pure functions of one lane: `init` from the first row, `update` after each step, `finish` at
+the end. The engine calls `update` for steps that the run takes and leaves out those after its cut-off. A user's own
+metric is written in the same way and put in a study's list as an object.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Array, Bool
 
 from jaxmodel.parameters import Scalar
 
@@ -30,7 +31,7 @@ class Moment(eqx.Module):
     """
 
     columns: Mapping[str, Scalar]
-    valid: Scalar
+    valid: Bool[Array, ""]
 
 
 class Step(eqx.Module):
@@ -46,14 +47,14 @@ class Step(eqx.Module):
     before: Moment
     after: Moment
     duration_s: Scalar
-    ends_row: Scalar
+    ends_row: Bool[Array, ""]
 
 
 class End(eqx.Module):
     """How a run ended: after how many seconds, and whether at its cut-off."""
 
     elapsed_s: Scalar
-    reached_cutoff: Scalar
+    reached_cutoff: Bool[Array, ""]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -204,10 +205,13 @@ _SHIPPED = (
     RowValue("min_pack_voltage_V", "V", "lowest terminal voltage of the pack", _ROBOT, "pack_voltage_V", "least"),
     Integral("mean_speed_rad_s", "rad/s", "speed of the motor, mean over time", _DRIVE, ("speed_rad_s",), mean=True),
     *(
-        RowValue(f"{word}_{part}_temperature_degC", "degC", f"{word} {part} temperature", kinds, column, keep)
+        metric
         for part, kinds in (("cell", _BATTERY), ("winding", _DRIVE), ("case", _DRIVE))
-        for column in (f"{part}_temperature_degC",)
-        for word, keep in (("peak", "greatest"), ("final", "last"))
+        for column, what in ((f"{part}_temperature_degC", f"{part} temperature"),)
+        for metric in (
+            RowValue(f"peak_{column}", "degC", f"highest {what}", kinds, column, "greatest"),
+            RowValue(f"final_{column}", "degC", f"{what} at the end", kinds, column, "last"),
+        )
     ),
     ValidShare("valid_share", "", "share of the rows at which the equations make sense", _ALL),
 )

@@ -1,17 +1,20 @@
 """The form of a study file: what may stand where, and one sentence for what does not.
 
-What a value means (names of parameters, inputs, metrics and files) is checked in `study`.
+What a value means (names of parameters, inputs, metrics and files) is checked in `prepare`.
 """
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_serializer, model_validator
 from pydantic_core import PydanticCustomError
 
+from jaxmodel.case_schema import CutoffEntry
 from jaxmodel.errors import nearest
+from sweeps.metrics import Metric
 
 
 def wrong(sentence: str, **details: Any) -> PydanticCustomError:
@@ -30,7 +33,8 @@ class Form(BaseModel):
         if cls.model_config.get("extra") == "forbid":
             for key in raw if isinstance(raw, Mapping) else ():
                 if key not in cls.model_fields:
-                    raise wrong("knows no '{key}'.{hint}", key=key, hint=nearest(key, cls.model_fields) or " Remove it.")
+                    hint = nearest(key, cls.model_fields) or " Remove it."
+                    raise wrong("knows no '{key}'.{hint}", key=key, hint=hint)
         return raw
 
 
@@ -79,13 +83,40 @@ def _axis_values(raw: Any) -> Any:
     if isinstance(raw, np.ndarray | range | tuple):
         raw = np.asarray(raw).tolist()
     if not isinstance(raw, list):
-        raise wrong("must be a list of numbers, or {{ start = ..., stop = ..., count = ... }}")
+        raise wrong("must be a list of numbers, or { start = ..., stop = ..., count = ... }")
+    if not raw:
+        raise wrong("is empty; give it at least one value")
     if len(set(map(str, raw))) < len(raw):
         raise wrong("has a value twice; each value of an axis is one row of lanes")
     return raw
 
 
-Axis = Annotated[list[float], Field(min_length=1), BeforeValidator(_axis_values)]
+Axis = Annotated[list[float], BeforeValidator(_axis_values)]
+
+
+class StudyForm(Form):
+    """The whole file."""
+
+    model_config = ConfigDict(arbitrary_types_allowed=True)
+
+    title: str = ""
+    kind: Literal["cell", "motor", "robot"] | None = None
+    preset: str = "paper"
+    case: str | None = None
+    fidelity: Literal["formula", "lut"] = "formula"
+    parameters: dict[str, float] = Field(default_factory=dict)
+    effects: dict[str, dict[str, float | str]] = Field(default_factory=dict)
+    profile: ProfileForm
+    axes: dict[str, Axis] = Field(min_length=1)
+    metrics: list[str | Metric] = Field(default_factory=list)
+    store: list[str] = Field(default_factory=list)
+    store_every: int = Field(default=1, ge=1)
+    cutoff: CutoffEntry = CutoffEntry()
+    folder: Path = Field(default=Path(), exclude=True, repr=False)
+
+    @field_serializer("metrics")
+    def _metric_names(self, metrics: list[str | Metric]) -> list[str]:
+        return [metric if isinstance(metric, str) else metric.name for metric in metrics]
 
 
 def complaint(error: ValidationError) -> str:
@@ -97,6 +128,8 @@ def complaint(error: ValidationError) -> str:
     what = first["msg"].removeprefix("Input ")
     if first["type"] == "missing":
         what = "is missing; add it"
+    elif first["type"] == "too_short":
+        what = "must not be empty"
     elif first["type"] != "form":
         what += f", not {_shown(first['input'])}"
     more = f" (and {len(others)} more)" if others else ""

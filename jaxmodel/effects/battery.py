@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from jaxmodel.cell import ZERO_DEGC_IN_K
+from jaxmodel.cell import ZERO_DEGC_IN_K, cycle_resistance
 from jaxmodel.flow import Flow, State, integral, relaxation
 from jaxmodel.parameters import Scalar, parameter
 from jaxmodel.ports import CellContext, Effect
@@ -261,20 +261,42 @@ class CellImbalance(Effect):
     )
 
     def initial_state(self, parameters, ambient_degC: Scalar) -> State:
-        """Start at the state of charge of the others."""
-        return {"cell_imbalance.soc": parameters.initial_soc}
+        """Start at the state of charge of the others, at rest."""
+        at_rest = {f"cell_imbalance.{name}": jnp.zeros(()) for name in ("v_ts_V", "v_tl_V")}
+        return {"cell_imbalance.soc": parameters.initial_soc, **at_rest}
+
+    def _rc(self, context: CellContext, pair: str) -> tuple[Scalar, Scalar]:
+        """Return R (ohm) and C (F) of the weak cell's pair: the curves of the others, at its own state of charge."""
+        weak, temperature = context.state["cell_imbalance.soc"], context.temperature_degC
+
+        def at_own_charge(name: str) -> Scalar:
+            curve = getattr(context.curves, name)
+            return getattr(context, name) * curve(weak, temperature) / curve(context.soc, temperature)
+
+        return at_own_charge(f"R_{pair}"), at_own_charge(f"C_{pair}")
 
     def flows(self, cell: CellContext | None, motor, heat_W) -> dict[str, Flow]:
-        """Count the same current on a smaller charge."""
+        """Count the same current on a smaller charge; polarise by the weak cell's own pairs."""
         if cell is None:
             return {}
-        return {"cell_imbalance.soc": integral(-cell.counted_current_A / (cell.usable_charge_C * (1.0 - self.d)))}
+        flows = {"cell_imbalance.soc": integral(-cell.counted_current_A / (cell.usable_charge_C * (1.0 - self.d)))}
+        for pair in ("TS", "TL"):
+            resistance, capacitance = self._rc(cell, pair)
+            flows[f"cell_imbalance.v_{pair.lower()}_V"] = relaxation(
+                cell.current_A * resistance, resistance * capacitance
+            )
+        return flows
 
     def weakest_cell_voltage(self, value: Scalar, context: CellContext) -> Scalar:
-        """Fall short by the difference of the open-circuit voltages."""
-        ocv = context.curves.ocv
-        weak = ocv(context.state["cell_imbalance.soc"], context.temperature_degC)
-        return value + ocv(context.soc, context.temperature_degC) - weak
+        """Fall short by the difference of open-circuit voltage, series drop and polarisation."""
+        state, temperature = context.state, context.temperature_degC
+        weak, curves = state["cell_imbalance.soc"], context.curves
+        open_circuit = curves.ocv(context.soc, temperature) - curves.ocv(weak, temperature)
+        ageing = cycle_resistance(context.parameters.cycles)
+        ratio = (curves.R_ints(weak, temperature) + ageing) / (curves.R_ints(context.soc, temperature) + ageing)
+        series = context.current_A * context.series_resistance_ohm * (ratio - 1.0)
+        polarised = sum(state[f"cell_imbalance.{name}"] - state[name] for name in ("v_ts_V", "v_tl_V"))
+        return value + open_circuit + series + polarised
 
 
 class ResistanceAgeing(Effect):

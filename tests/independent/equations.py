@@ -81,20 +81,20 @@ def cell_part(y: dict[str, jax.Array], ambient: jax.Array, p: Tree, e: Tree) -> 
     ageing = 0.0015 * jnp.sqrt(p["cycles"]) + e["resistance_ageing"]["c"] * p["cycles"]  # (7)
     shift = p["ocv_offset_V"] + e["entropic_ocv"]["dU_dT"] * (temperature - 20.0)
 
-    def curves(soc: jax.Array, suffix: str) -> dict[str, jax.Array]:
+    def of_cell(soc: jax.Array) -> dict[str, jax.Array]:
         r_ts, c_ts, r_tl, c_tl = pair_values(soc, temperature, p)
-        series = (series_resistance(soc, temperature, p) + ageing) * p["series_resistance_scale"] * arrhenius
-        values = {
+        return {
             "v_oc": open_circuit_voltage(soc, temperature, p) + shift,
-            "r_series": series,
+            "r_series": (series_resistance(soc, temperature, p) + ageing) * p["series_resistance_scale"] * arrhenius,
             "r_ts": r_ts * p["rc_resistance_scale"] * arrhenius,
             "r_tl": r_tl * p["rc_resistance_scale"] * arrhenius,
             "c_ts": c_ts * p["rc_capacitance_scale"],
             "c_tl": c_tl * p["rc_capacitance_scale"],
         }
-        return {name + suffix: value for name, value in values.items()}
 
-    cell = curves(y["soc"], "") | curves(y["soc_weak"], "_weak")
+    both = jax.vmap(of_cell)(jnp.stack([y["soc"], y["soc_weak"]]))
+    cell = {name: values[0] for name, values in both.items()}
+    cell |= {f"{name}_weak": values[1] for name, values in both.items()}
     return cell | {
         "temperature": temperature,
         "kelvin": kelvin,
@@ -180,14 +180,14 @@ def algebra(kind: str, vector: jax.Array, inputs: jax.Array, slide: jax.Array, p
     """Return every algebraic quantity of `kind` for one state.
 
     Args:
-        kind: "cell", "motor" (driven by voltage), "current_motor" or "robot".
+        kind: "cell", "motor" or "robot".
         vector: the state in the order of STATES, shape (14,).
         inputs: what drives it (current_A, voltage_V or duty), load_torque_Nm, ambient_degC; shape (3,).
         slide: direction of the rotor's motion, 0 where it is stuck.
         p: parameters as `prepare_parameters` gives them.
         e: every effect's parameters as `effects.complete` gives them.
     """
-    y = dict(zip(STATES, vector, strict=True))
+    y: dict[str, jax.Array] = dict(zip(STATES, vector, strict=True))
     drive, load_torque, ambient = inputs
     out: dict[str, Any] = {"y": y, "ambient": ambient}
     if kind != "cell":
@@ -202,11 +202,8 @@ def algebra(kind: str, vector: jax.Array, inputs: jax.Array, slide: jax.Array, p
         out["v_cell"] = cell_voltage(out["cell"], out["current"], e)
         out["v_motor"] = drive * out["v_pack"] - e["bridge_resistance"]["R_on"] * y["i_a"]
         out["motor"]["loss"] += e["pwm_ripple"]["k_r"] * (drive * (1.0 - drive) * out["v_pack"]) ** 2
-    elif kind == "motor":
-        out["v_motor"] = drive
     else:
-        motor = out["motor"]
-        out["v_motor"] = y["i_a"] * motor["resistance"] + motor["back_emf"] + motor["brush"]
+        out["v_motor"] = drive
     return out
 
 
@@ -218,7 +215,7 @@ def derivative(kind: str, vector: jax.Array, inputs: jax.Array, slide: jax.Array
     if "cell" in a:
         rate |= _cell_rates(a, p, e)
     if "motor" in a:
-        rate |= _motor_rates(kind, a, slide, p)
+        rate |= _motor_rates(a, slide, p)
     rate["t_lagged"] = (_lag_target(a, e) - a["y"]["t_lagged"]) / e["temperature_lag"]["tau"]
     return jnp.stack([rate[name] for name in STATES])
 
@@ -244,11 +241,11 @@ def _cell_rates(a: dict[str, Any], p: Tree, e: Tree) -> dict[str, jax.Array]:
     }
 
 
-def _motor_rates(kind: str, a: dict[str, Any], slide: jax.Array, p: Tree) -> dict[str, jax.Array]:
+def _motor_rates(a: dict[str, Any], slide: jax.Array, p: Tree) -> dict[str, jax.Array]:
     y, motor = a["y"], a["motor"]
     electrical = a["v_motor"] - y["i_a"] * motor["resistance"] - motor["back_emf"] - motor["brush"]
     return {
-        "i_a": jnp.zeros(()) if kind == "current_motor" else electrical / motor["inductance"],  # (11)
+        "i_a": electrical / motor["inductance"],  # (11)
         "speed": jnp.where(slide == 0.0, 0.0, (motor["drive"] - motor["friction"]) / p["J"]),  # (13)
         "x_1": (p["R_wc"] * motor["loss"] - y["x_1"]) / p["tau_wc"],  # (15)
         "x_2": (p["R_ca"] * motor["loss"] - y["x_2"]) / p["tau_ca"],
@@ -294,4 +291,5 @@ def readings(kind: str, vector: jax.Array, inputs: jax.Array, p: Tree, e: Tree) 
             "pack_current_A": a["current"],
             "motor_current_A": a["y"]["i_a"],
         }
-    return out | ({"current_A": a["y"]["i_a"]} if kind == "motor" else {"voltage_V": a["v_motor"]})
+    held = a["y"]["i_a"] * a["motor"]["resistance"] + a["motor"]["back_emf"] + a["motor"]["brush"]
+    return out | {"current_A": a["y"]["i_a"], "voltage_V": held}  # the voltage of a steady current

@@ -23,6 +23,8 @@ from .equations import GRAVITY, STATES, Tree, algebra, derivative, readings
 FIRST_STEP_AFTER_JUMP_S = 1e-5  # well below the 0.7 ms of the armature
 ROWS_READ_AT_ONCE = 512  # one compiled shape for readings of any length
 
+HOLDS_ITS_CURRENT_H = 1e30  # the inductance of a motor whose current is imposed: no voltage changes it
+
 # The paper's printed numbers, the motor's data sheet, and the design's own where the paper is silent.
 DEFAULTS: dict[str, float] = {
     "capacity_Ah": 5.2,
@@ -89,14 +91,16 @@ def simulate(
     effects = effects or {}
     p, e = prepare_parameters(parameters), complete(effects)
     columns = true_inputs({name: np.asarray(values, dtype=float) for name, values in profile.items()}, effects)
-    equations, inputs = _inputs_of(kind, columns, p)
-    states = _march(equations, columns["time_s"], inputs, p, e, initial_soc, tolerance)
-    outputs = _read(equations, states, inputs, p, e)
+    imposed = columns["current_A"] if kind == "motor" and "voltage_V" not in columns else None
+    if imposed is not None:
+        p["L_a"] = HOLDS_ITS_CURRENT_H
+    inputs = _inputs_of(kind, columns, p)
+    states = _march(kind, columns["time_s"], inputs, imposed, p, e, initial_soc, tolerance)
+    outputs = _read(kind, states, inputs, p, e)
     if "temperature_lag" in effects:
         outputs[effects["temperature_lag"]["column"]] = outputs["t_lagged"]
-    for inner in ("lag_target", "t_lagged"):
-        del outputs[inner]
-    return sensed(columns["time_s"], outputs, effects)
+    known = {"lag_target", "t_lagged", *columns}
+    return sensed(columns["time_s"], {name: read for name, read in outputs.items() if name not in known}, effects)
 
 
 def prepare_parameters(parameters: Mapping[str, Any]) -> dict[str, Any]:
@@ -113,22 +117,20 @@ def prepare_parameters(parameters: Mapping[str, Any]) -> dict[str, Any]:
     return p
 
 
-def _inputs_of(kind: str, columns: Columns, p: Mapping[str, Any]) -> tuple[str, np.ndarray]:
-    """Return which equations to use, and what drives them: drive, load torque and ambient, shape (rows, 3)."""
+def _inputs_of(kind: str, columns: Columns, p: Mapping[str, Any]) -> np.ndarray:
+    """Return what drives the equations: current, voltage or duty, load torque and ambient, shape (rows, 3)."""
     load = np.zeros_like(columns["time_s"])
     if kind == "cell":
-        equations, drive = "cell", columns["current_A"]
+        drive = columns["current_A"]
     elif kind == "motor":
-        by_current = "voltage_V" not in columns
-        equations = "current_motor" if by_current else "motor"
-        drive, load = columns["current_A" if by_current else "voltage_V"], columns["load_torque_Nm"]
+        drive = columns["voltage_V" if "voltage_V" in columns else "current_A"]
+        load = columns["load_torque_Nm"]
     elif kind == "robot":
-        equations = "robot"
         drive = columns["duty"] if "duty" in columns else (columns["V_set"] - 2.5) / 2.5  # (22)
         load = columns["load_torque_Nm"] if "load_torque_Nm" in columns else _track_torque(columns, p)
     else:
         raise ValueError(f"no kind is called {kind!r}")
-    return equations, np.stack([drive, load, columns["ambient_degC"]], axis=1)
+    return np.stack([drive, load, columns["ambient_degC"]], axis=1)
 
 
 def _track_torque(columns: Columns, p: Mapping[str, Any]) -> np.ndarray:
@@ -141,23 +143,30 @@ def _track_torque(columns: Columns, p: Mapping[str, Any]) -> np.ndarray:
 
 
 def _march(
-    kind: str, time_s: np.ndarray, inputs: np.ndarray, p: Tree, e: Tree, initial_soc: float, tolerance: float
+    kind: str,
+    time_s: np.ndarray,
+    inputs: np.ndarray,
+    imposed_current: np.ndarray | None,
+    p: Tree,
+    e: Tree,
+    initial_soc: float,
+    tolerance: float,
 ) -> np.ndarray:
     """Return the state at every row, shape (rows, states)."""
     states = np.zeros((len(time_s), len(STATES)))
-    y = states[0]
-    y[[STATES.index("soc"), STATES.index("soc_weak")]] = initial_soc
-    y[STATES.index("t_cell")] = inputs[0, 2]
-    if kind == "current_motor":
-        y[STATES.index("i_a")] = inputs[0, 0]
-    y[STATES.index("t_lagged")] = _read(kind, states[:1], inputs[:1], p, e)["lag_target"][0]
-    for row in range(1, len(time_s)):
-        y = y.copy()
-        if kind == "current_motor":
-            y[STATES.index("i_a")] = inputs[row, 0]
-        jumped = row == 1 or bool(np.any(inputs[row] != inputs[row - 1]))
-        y = _hold(kind, y, inputs[row], time_s[row] - time_s[row - 1], jumped, p, e, tolerance)
-        states[row] = y
+    for row in range(len(time_s)):
+        y = states[row]
+        if row == 0:
+            y[[STATES.index("soc"), STATES.index("soc_weak")]] = initial_soc
+            y[STATES.index("t_cell")] = inputs[0, 2]
+            y[STATES.index("t_lagged")] = _read(kind, states[:1], inputs[:1], p, e)["lag_target"][0]
+        else:
+            y[:] = states[row - 1]
+        if imposed_current is not None:
+            y[STATES.index("i_a")] = imposed_current[row]
+        if row > 0:
+            jumped = row == 1 or bool(np.any(inputs[row] != inputs[row - 1]))
+            y[:] = _hold(kind, y, inputs[row], time_s[row] - time_s[row - 1], jumped, p, e, tolerance)
     return states
 
 
@@ -212,16 +221,16 @@ def _solve(
 ) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
     """Return the state, the time reached, whether a friction event ended the stretch, and whether it failed."""
 
-    def slope(t: jax.Array, y: jax.Array, args: tuple) -> jax.Array:
+    def slope(t: Any, y: jax.Array, args: tuple) -> jax.Array:
         return derivative(kind, y, *args)
 
-    def margin(t: jax.Array, y: jax.Array, args: tuple, **_: object) -> jax.Array:
+    def margin(t: Any, y: jax.Array, args: tuple, **_: object) -> jax.Array:
         """Positive while the rotor keeps sliding the same way, or stays stuck.
 
-        The offset of the speed lets a reversal within the very first step from standstill be seen.
+        The offsets let a reversal or a release within the very first step, which starts at zero margin, be seen.
         """
         motor = algebra(kind, y, *args)["motor"]
-        stuck = motor["breakaway"] - jnp.abs(motor["drive"])
+        stuck = motor["breakaway"] - jnp.abs(motor["drive"]) + 1e-14
         return jnp.where(watch, jnp.where(args[1] == 0.0, stuck, args[1] * y[STATES.index("speed")] + 1e-12), 1.0)
 
     # The stages are solved to a hundredth of the chord method's tolerance. Tighter than this, rounding alone makes it
@@ -267,5 +276,3 @@ def _read(kind: str, states: np.ndarray, inputs: np.ndarray, p: Tree, e: Tree) -
 @partial(jax.jit, static_argnames="kind")
 def _read_block(kind: str, states: jax.Array, inputs: jax.Array, p: Tree, e: Tree) -> dict[str, jax.Array]:
     return jax.vmap(lambda y, u: readings(kind, y, u, p, e))(jnp.asarray(states), jnp.asarray(inputs))
-
-

@@ -14,7 +14,16 @@ import pandas as pd
 from .effects import Columns, Effects, reported_inputs
 from .integrate import simulate
 
-INPUTS = ("current_A", "voltage_V", "duty", "V_set", "load_torque_Nm", "incline_deg", "acceleration_m_s2", "ambient_degC")
+INPUTS = (
+    "current_A",
+    "voltage_V",
+    "duty",
+    "V_set",
+    "load_torque_Nm",
+    "incline_deg",
+    "acceleration_m_s2",
+    "ambient_degC",
+)
 Stated = float | tuple[float, float] | Mapping[str, Any]
 
 

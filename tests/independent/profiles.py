@@ -32,9 +32,9 @@ def make_profile(
     *,
     duration_s: float = 1800.0,
     step_s: float = 1.0,
-    ambient_degC: float | np.ndarray = 20.0,  # noqa: N803  (the unit's name)
+    ambient_degC: float | np.ndarray = 20.0,
     largest_drive: float = 6.0,
-    largest_load_Nm: float = 0.2,  # noqa: N803
+    largest_load_Nm: float = 0.2,
     reversing: bool = False,
 ) -> Columns:
     """Return time_s and the inputs of `kind`, each of shape (rows,), at rest for the first half minute.

@@ -185,7 +185,9 @@ def test_sensor_faults_change_what_is_read_not_what_happened() -> None:
 
 def test_written_case_holds_the_truth_and_its_noise(tmp_path: Path) -> None:
     profile = make_profile("cell", "load steps", 5, duration_s=900.0)
-    run = Run(profile, initial_soc=0.93, stated_soc=(0.95, 0.01), split="check", label="steps", parameters={"cycles": 60})
+    run = Run(
+        profile, initial_soc=0.93, stated_soc=(0.95, 0.01), split="check", label="steps", parameters={"cycles": 60}
+    )
     hidden = {"ocv_hysteresis": {"M_V": 0.02, "g": 60.0}, "current_offset": {"column": "current_A", "c": 0.05}}
     stated = {"capacity_Ah": (5.2, 0.15), "storage_months": 0}
     made = {"effects": hidden, "sensors": {"voltage_V": 0.002, "current_A": 0.003}, "quantisation": {"voltage_V": 5e-4}}

@@ -1,4 +1,4 @@
-"""One short, smooth run of each kind with every effect of the catalogue on in one of them: few programs, compiled once."""
+"""A short, smooth run of each kind, every effect of the catalogue on in one of them: few programs, compiled once."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ from sensitivity.response import Response, make_response
 
 # Off the kinks: a shift by a whole number of rows, or a start at full charge, has one derivative to each side.
 OFF_A_ROW = {"clock_shift": {"d": 0.4}}
-SENSORS = {"current_offset": "current_A", "voltage_gain": "voltage_V", "voltage_offset": "voltage_V", "clock_shift": ""}
-COLUMNS = {
-    "cell": SENSORS | {"temperature_lag": "cell_temperature_degC"},
-    "motor": SENSORS | {"temperature_lag": "case_temperature_degC"},
+SENSOR_COLUMNS = {
+    "current_offset": "current_A",
+    "voltage_gain": "voltage_V",
+    "voltage_offset": "voltage_V",
+    "temperature_lag": "cell_temperature_degC",
+    "clock_shift": "",
 }
 
 PROFILES = {
@@ -38,14 +40,14 @@ PROFILES = {
 
 
 def effects_of(kind: str) -> tuple[Effect, ...]:
-    """Every effect that the kind has; of a robot those that nothing else has, as the others run in its parts."""
-    effects = []
+    """The effects that no kind before it has, so that each is on in one model; the cell has the sensors."""
+    chosen = []
     for name, cls in CATALOGUE.items():
-        if kind not in cls.kinds or (kind == "robot" and len(cls.kinds) > 1):
-            continue
-        sensor = {"column": COLUMNS[kind][name]} if cls.is_sensor else {}
-        effects.append(cls(**OFF_A_ROW.get(name, {}), **sensor))
-    return tuple(effects)
+        others = {"cell": (), "motor": ("cell",), "robot": ("cell", "motor")}[kind]
+        if kind in cls.kinds and not set(others) & set(cls.kinds):
+            sensor = {"column": SENSOR_COLUMNS[name]} if cls.is_sensor else {}
+            chosen.append(cls(**OFF_A_ROW.get(name, {}), **sensor))
+    return tuple(chosen)
 
 
 def model_of(kind: str, **parameters: float) -> Model:
@@ -60,6 +62,11 @@ def kind(request: pytest.FixtureRequest) -> str:
 @pytest.fixture(scope="session")
 def model(kind: str) -> Model:
     return model_of(kind)
+
+
+@pytest.fixture(scope="session")
+def profiles() -> dict[str, Profile]:
+    return PROFILES
 
 
 @pytest.fixture(scope="session")

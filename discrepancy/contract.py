@@ -1,0 +1,75 @@
+"""The noise contract of a case (step 0 of the method): what each output's sensor adds, and who says so."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import jax
+import numpy as np
+
+from discrepancy.noise import NoiseModel, break_at_jumps, channel_noise, local_noise
+from discrepancy.whitening import chain_starts
+from jaxmodel.build import case_model, run_profile
+from jaxmodel.cases import Case
+from jaxmodel.effects import CATALOGUE
+from jaxmodel.measurements import KINDS
+from jaxmodel.model import read
+from jaxmodel.ports import Effect
+from jaxmodel.simulate import simulate
+
+
+def noise_of_case(case: Case, catalogue: Mapping[str, type[Effect]] = CATALOGUE) -> dict[str, NoiseModel]:
+    """Return the noise of every output that the case measured, in the order of the kind's outputs.
+
+    A stated sd is believed, quantisation and the noise of measured inputs are added; where none is stated it is estimated from
+    the readings between the jumps of the inputs. Channels whose readings never change say nothing and are left out.
+    """
+    noise = {}
+    from_inputs = _noise_from_inputs(case, catalogue)
+    for name in KINDS[case.kind].outputs:
+        runs = [run for run in case.runs if name in run.measured.outputs]
+        readings = [run.measured.outputs[name] for run in runs]
+        if not runs or not any(np.isfinite(values).any() for values in readings):
+            continue
+        values = np.concatenate(readings)
+        starts = chain_starts([part.size for part in readings])
+        inputs = [np.stack(list(run.measured.inputs.values()), axis=1) for run in runs]
+        calm = np.concatenate(
+            [break_at_jumps(chain_starts([len(part)]), part, settling_rows=3) for part in inputs]
+        )
+        times = np.concatenate([run.measured.time_s for run in runs])
+
+        def estimate(known_sd, values=values, calm=calm | starts, times=times):
+            return local_noise(values, calm, times, known_sd=known_sd)
+
+        model = channel_noise(
+            values, estimate, stated_sd=case.sensors.get(name), input_sd=from_inputs.get(name, 0.0)
+        )
+        if model.sd > 0.0:
+            noise[name] = model
+    return noise
+
+
+def _noise_from_inputs(case: Case, catalogue: Mapping[str, type[Effect]]) -> dict[str, float]:
+    """Return the sd that noise of measured inputs adds to each output at once, by the nominal model's own response.
+
+    A noisy current moves the voltage by the resistance of that moment; what it does to the state averages out.
+    """
+    noisy = {name: sd for name, sd in case.sensors.items() if name in case.runs[0].measured.inputs}
+    if not noisy:
+        return {}
+    run = case.runs[0]
+    model = case_model(case, run, catalogue=catalogue)
+    states = simulate(model, run_profile(run)).states
+    variance: dict[str, float] = {}
+    for name, sd in noisy.items():
+        inputs = {key: np.asarray(values) for key, values in run.measured.inputs.items()}
+        direction = {key: np.full_like(values, float(key == name)) for key, values in inputs.items()}
+
+        def response(state, row, way):
+            return jax.jvp(lambda u: read(model, state, u), (row,), (way,))[1]
+
+        slopes = jax.vmap(response)(states, inputs, direction)
+        for output, slope in slopes.items():
+            variance[output] = variance.get(output, 0.0) + float(np.mean(np.asarray(slope) ** 2)) * sd**2
+    return {output: float(np.sqrt(total)) for output, total in variance.items()}

@@ -1,0 +1,126 @@
+"""Screening: the sensitivities of the readings to every unknown and every candidate at once, and their efficient scores.
+
+All are differences of one compiled, purely forward program that holds every candidate behind a switch. Differences, not tangents: the
+forward-mode program of a robot with 31 effects took four times as long to compile, and a switch moves the model so linearly
+that the step of the difference costs 1e-3 of a score.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from discrepancy.calibrate import Fit
+from discrepancy.candidates import Candidate
+from discrepancy.problem import Lane, Layout, Problem
+from discrepancy.projection import Candidate as Direction
+from discrepancy.score import ScoreTable, score_effects
+
+LANES = 16
+BASE_STEP = 1e-3
+SWITCH_STEP = 1e-3
+# Where the effect at full size points elsewhere than its derivative (a cosine below this), both are tried.
+STRAIGHT = 0.98
+
+
+@dataclasses.dataclass(frozen=True)
+class Screen:
+    """What the data say of everything that could be added to a calibrated model.
+
+    Attributes:
+        table: the efficient scores.
+        probes: for each scored effect and each of its shapes, the coordinates at which it was tried.
+        base: (n, unknowns) whitened sensitivities of the fit readings to the model's own unknowns, prior rows appended.
+        residual: (n,) whitened residual, prior rows appended.
+        counted: (readings,) which of the problem's readings are in the rows.
+    """
+
+    table: ScoreTable
+    probes: dict[str, list[tuple[float, ...]]]
+    base: np.ndarray
+    residual: np.ndarray
+    counted: np.ndarray
+
+
+@eqx.filter_jit
+def _residuals(problem: Problem, lanes: Lane) -> Array:
+    return jax.vmap(problem.residual)(lanes)
+
+
+def _evaluate(problem: Problem, lanes: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    """Return the residuals of any number of lanes, shape (lanes, readings), a fixed number at a time."""
+    found = []
+    for first in range(0, len(lanes), LANES):
+        batch = lanes[first : first + LANES]
+        filled = batch + [batch[-1]] * (LANES - len(batch))
+        stacked = Lane(jnp.asarray(np.stack([x for x, _ in filled])), jnp.asarray(np.stack([s for _, s in filled])))
+        found.append(np.asarray(_residuals(problem, stacked))[: len(batch)])
+    return np.concatenate(found)
+
+
+def screen(
+    problem: Problem, layout: Layout, own: Sequence[int], fitted: Fit, candidates: Sequence[Candidate]
+) -> Screen:
+    """Score every candidate at a calibrated model.
+
+    Args:
+        problem: with the model's own effects present and all candidates switched.
+        layout: of the problem's unknowns.
+        own: numbers of the unknowns that the calibrated model has, in the order of the fit's.
+        fitted: the calibrated model.
+        candidates: those to be scored, in the order of the problem's switches.
+    """
+    here = np.zeros(len(layout.coordinates))
+    here[list(own)] = fitted.x
+    off = np.zeros(len(candidates))
+    lanes: list[tuple[np.ndarray, np.ndarray]] = [(here, off)]
+    for number in own:
+        for side in (BASE_STEP, -BASE_STEP):
+            moved = here.copy()
+            moved[number] += side
+            lanes.append((moved, off))
+    for place, candidate in enumerate(candidates):
+        for probe in candidate.probes:
+            moved = here.copy()
+            moved[list(layout.of_effect[candidate.label])] = probe
+            for step in (SWITCH_STEP, 1.0):
+                on = off.copy()
+                on[place] = step
+                lanes.append((moved, on))
+    counted = np.asarray(problem.readings.fit) > 0.0
+    rows = _evaluate(problem, lanes)[:, counted]
+
+    count = len(own)
+    base = -(rows[1 : 1 + 2 * count : 2] - rows[2 : 2 + 2 * count : 2]).T / (2.0 * BASE_STEP)
+    priors = np.zeros(count)
+    directions, probes = {}, {}
+    next_row = 1 + 2 * count
+    for candidate in candidates:
+        shapes, tried = [], []
+        for probe in candidate.probes:
+            slope = -(rows[next_row] - rows[0]) / SWITCH_STEP
+            whole = -(rows[next_row + 1] - rows[0])
+            next_row += 2
+            kept = [slope] if _cosine(slope, whole) > STRAIGHT else [slope, whole]
+            for way in kept:
+                if np.all(np.isfinite(way)) and np.linalg.norm(way) > 1e-6:
+                    shapes.append(np.concatenate([way, priors]))
+                    tried.append(probe)
+        if shapes:
+            probes[candidate.label] = tried
+            directions[candidate.label] = Direction(shapes, signs=1 if candidate.one_sided else 0)
+    base = np.concatenate([base, np.eye(count)])
+    residual = np.concatenate([rows[0], -fitted.x[list(range(count))]])
+    table = score_effects(base, residual, directions, [layout.names[number] for number in own])
+    return Screen(table, probes, base, residual, counted)
+
+
+def _cosine(a: np.ndarray, b: np.ndarray) -> float:
+    lengths = np.linalg.norm(a) * np.linalg.norm(b)
+    return float(a @ b / lengths) if np.isfinite(lengths) and lengths > 0.0 else 1.0

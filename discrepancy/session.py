@@ -1,0 +1,197 @@
+"""One case under many hypotheses: programs are made once for each set of effects, fits and screens are kept."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from discrepancy.calibrate import Fit, fit, predict
+from discrepancy.candidates import Candidate, candidates
+from discrepancy.contract import noise_of_case
+from discrepancy.noise import NoiseModel
+from discrepancy.problem import Layout, Problem, make_problem
+from discrepancy.result import ChannelError, Estimate, Rung
+from discrepancy.screen import Screen, screen
+from jaxmodel.cases import Case
+from jaxmodel.effects import CATALOGUE
+from jaxmodel.names import parameter_table
+from jaxmodel.ports import Effect
+
+Labels = tuple[str, ...]
+FAR_FROM_PRIOR = 3.0
+_SECOND_START = 0.5
+_FAINT = 3.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Hypothesis:
+    """A model with some effects added, calibrated on the fit runs.
+
+    Attributes:
+        labels: of the added effects.
+        problem: the case under this model.
+        layout: of its unknowns.
+        fitted: the calibration.
+    """
+
+    labels: Labels
+    problem: Problem
+    layout: Layout
+    fitted: Fit
+
+    @property
+    def log_evidence(self) -> float:
+        """Return the log of the probability of the readings, less a constant common to all hypotheses of the case."""
+        return self.fitted.log_evidence
+
+
+class Session:
+    """Fits and screens of one case, made when first asked for."""
+
+    def __init__(self, case: Case, extra_effects: Mapping[str, type[Effect]] | None = None) -> None:
+        """Read the case's noise and list what could be missing."""
+        self.case = case
+        self.catalogue = CATALOGUE | dict(extra_effects or {})
+        self.noise: dict[str, NoiseModel] = noise_of_case(case, self.catalogue)
+        self.candidates: dict[str, Candidate] = {c.label: c for c in candidates(case, self.catalogue)}
+        self._hypotheses: dict[Labels, Hypothesis] = {}
+
+    def hypothesis(self, labels: Sequence[str] = (), starts: Sequence[np.ndarray] = ()) -> Hypothesis:
+        """Return the calibrated model with effects added; `starts` are coordinates of the effects' unknowns to try.
+
+        The best of all starts is kept; the base model is also started from a random place within its priors.
+        """
+        key = tuple(sorted(labels))
+        if key in self._hypotheses:
+            return self._hypotheses[key]
+        problem, layout = make_problem(self.case, self.noise, [self.candidates[label] for label in key], (), self.catalogue)
+        size = len(layout.coordinates)
+        first = np.zeros(size)
+        # Where the base model has been calibrated already, it is the place to begin.
+        if () in self._hypotheses:
+            first[: layout.base] = self._hypotheses[()].fitted.x
+        tries = []
+        for start in starts:
+            begin = first.copy()
+            begin[layout.base :] = start
+            tries.append(begin)
+        if not tries:
+            tries = [first]
+            if not key:
+                tries.append(_SECOND_START * np.random.default_rng(0).normal(size=size))
+        fits = [fit(problem, begin) for begin in tries]
+        best = min(fits, key=lambda one: one.objective if np.isfinite(one.objective) else np.inf)
+        if key and best.objective > self.hypothesis().fitted.objective:
+            # An effect can always be faint: a fit worse than without it failed, and is no evidence against the effect.
+            faint = first.copy()
+            faint[layout.base :] = np.concatenate([_faintest(self.candidates[label]) for label in key])
+            best = min(best, fit(problem, faint), key=lambda one: one.objective)
+        self._hypotheses[key] = Hypothesis(key, problem, layout, best)
+        return self._hypotheses[key]
+
+    def hypotheses(self, sets: Sequence[tuple[Labels, Sequence[np.ndarray]]]) -> list[Hypothesis]:
+        """Return several hypotheses; two are compiled and fitted at a time."""
+        with ThreadPoolExecutor(2) as pool:
+            return list(pool.map(lambda one: self.hypothesis(*one), sets))
+
+    def known(self) -> list[Hypothesis]:
+        """Return every hypothesis fitted so far."""
+        return list(self._hypotheses.values())
+
+    def screen(self, hypothesis: Hypothesis) -> Screen:
+        """Return the scores of all other candidates at a calibrated hypothesis."""
+        present = [self.candidates[label] for label in hypothesis.labels]
+        others = [c for label, c in self.candidates.items() if label not in hypothesis.labels]
+        problem, layout = make_problem(self.case, self.noise, present, others, self.catalogue)
+        own = range(len(hypothesis.layout.coordinates))
+        return screen(problem, layout, own, hypothesis.fitted, others)
+
+    def starts(self, screened: Screen, label: str) -> list[np.ndarray]:
+        """Return where to begin fitting a candidate: at its best-scoring shape, with the amplitude the score suggests."""
+        candidate = self.candidates[label]
+        if label not in screened.probes:
+            return [np.array(candidate.probes[0])]
+        scored = screened.table[label]
+        probe = np.array(screened.probes[label][scored.shape], dtype=float)
+        amplitude = float(scored.amplitude[0])
+        suggested = probe.copy()
+        coordinate = candidate.coordinates[0]
+        if coordinate.logarithmic:
+            stronger = np.log(max(amplitude, 1e-3)) / coordinate.spread
+            suggested[0] = np.clip(probe[0] + (-stronger if candidate.null_at_infinity else stronger), -2.5, 2.5)
+        else:
+            suggested[0] = np.clip(probe[0] * amplitude, -2.5, 2.5)
+        return [suggested, probe]
+
+    def rung(self, name: str, hypothesis: Hypothesis | None) -> Rung:
+        """Return one rung of the ladder; None is the base model at its nominal parameters, uncalibrated.
+
+        Check runs judge with everything fixed that the fit runs determined; only what is their own (an initial state of charge
+        known to +- sd) is adjusted on them, within its prior.
+        """
+        nominal = hypothesis is None
+        hypothesis = hypothesis or self.hypothesis()
+        problem, layout, fitted = hypothesis.problem, hypothesis.layout, hypothesis.fitted
+        x = np.zeros_like(fitted.x) if nominal else fitted.x.copy()
+        checks = {number for number, run in enumerate(self.case.runs) if run.split == "check"}
+        own = [i for i, run in enumerate(layout.runs) if run in checks]
+        if own and not nominal:
+            x = fit(problem, x, own, "check").x
+        predicted = predict(problem, x)
+        predictions = {
+            run.name: {
+                channel: predicted[number, : run.measured.time_s.size, place]
+                for place, channel in enumerate(problem.channels)
+            }
+            for number, run in enumerate(self.case.runs)
+        }
+        estimates, far = ({}, ()) if nominal else self._estimates(layout, x, fitted.sd)
+        return Rung(
+            name=name,
+            added=hypothesis.labels,
+            estimates=estimates,
+            at_bound=far,
+            errors={channel: self._error(channel, predictions) for channel in self.noise},
+            predictions=predictions,
+            chi2=float("nan") if nominal else fitted.chi2,
+            readings=int(np.sum(np.asarray(problem.readings.fit))),
+        )
+
+    def _error(self, channel: str, predictions: dict[str, dict[str, np.ndarray]]) -> ChannelError:
+        def rms(split: str) -> float:
+            errors = [
+                run.measured.outputs[channel] - predictions[run.name][channel]
+                for run in self.case.runs
+                if run.split == split and channel in run.measured.outputs
+            ]
+            present = np.concatenate([*errors, np.zeros(0)])
+            present = present[np.isfinite(present)]
+            return float(np.sqrt(np.mean(present**2))) if present.size else float("nan")
+
+        return ChannelError(fit=rms("fit"), check=rms("check"))
+
+    def _estimates(self, layout: Layout, x: np.ndarray, sd: np.ndarray) -> tuple[dict[str, Estimate], Labels]:
+        units = {name: info.unit for name, info in parameter_table(self.hypothesis().problem.models).items()}
+        for label, candidate in self.candidates.items():
+            units |= {f"{label}.{c.name.rpartition('.')[2]}": "" for c in candidate.coordinates}
+        estimates, far = {}, []
+        for number, coordinate in enumerate(layout.coordinates):
+            run = layout.runs[number]
+            name = coordinate.name + (f"[{self.case.runs[run].name}]" if run >= 0 else "")
+            estimates[name] = Estimate(
+                coordinate.number(x[number]), coordinate.slope(x[number]) * sd[number], units.get(coordinate.name, "")
+            )
+            if abs(x[number]) > FAR_FROM_PRIOR:
+                far.append(name)
+        return estimates, tuple(far)
+
+
+def _faintest(candidate: Candidate) -> np.ndarray:
+    """Return coordinates at which the effect is far below its usual size."""
+    x = np.zeros(len(candidate.coordinates))
+    if candidate.coordinates[0].logarithmic:
+        x[0] = _FAINT if candidate.null_at_infinity else -_FAINT
+    return x

@@ -1,0 +1,40 @@
+"""The sensitivity of a sweep study's model: the same file, looked at in one point instead of over its axes."""
+
+from __future__ import annotations
+
+import xarray
+
+from sensitivity.doubling import doubling_test
+from sensitivity.local import local_sensitivities
+from sensitivity.metrics import choose_metrics, has_derivative
+from sweeps.study import Study
+
+
+def sensitivity_of_study(study: Study, doubling: bool = True) -> xarray.Dataset:
+    """Return the local sensitivities of a study's model, with the paper's doubling test beside them.
+
+    The point is the study's model and profile: a parameter on an axis has the value that `parameters` or the preset
+    gives it, an input on an axis its first value. Metrics are those that the study names, as far as they have a
+    derivative, or all; outputs are the columns that it stores, at the rows that it stores, or all.
+
+    Args:
+        study: from `sweeps.study.read_study`, or written in Python.
+        doubling: False leaves out the doubling test, whose program takes several times as long to compile.
+
+    Returns:
+        The variables of `local_sensitivities` and of `doubling_test` in one data set.
+
+    Raises:
+        ParameterError, SweepError: what the study names has no sensitivity.
+    """
+    prepared = study.prepared
+    named = [metric for metric in prepared.metrics if has_derivative(metric)] if study.metrics else None
+    metrics = choose_metrics(named, prepared.model.kind)
+    outputs = study.store or None
+    model, profile, cutoff = prepared.model, prepared.profile, prepared.cutoff
+    data = local_sensitivities(model, profile, None, metrics, outputs, cutoff=cutoff)
+    if doubling:
+        doubled = doubling_test(model, profile, data.parameter.values, metrics, outputs, cutoff=cutoff)
+        # Both hold the run itself, from two programs that may differ in the last bit.
+        data = data.merge(doubled, compat="override").assign_attrs(data.attrs | doubled.attrs)
+    return data.isel(time_s=slice(None, None, study.store_every)).assign_attrs(title=study.title)

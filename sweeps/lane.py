@@ -1,0 +1,136 @@
+"""One lane of a sweep: a run of the model whose metrics are reduced while it advances."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jaxmodel.flow import State
+from jaxmodel.model import Model, initial_state, read, step, valid
+from jaxmodel.names import with_values
+from jaxmodel.profile import Profile
+from jaxmodel.robot import Inputs
+from jaxmodel.simulate import Cutoff, Status, track
+from sweeps.metrics import End, Metric, Moment, Step
+
+
+@dataclasses.dataclass(frozen=True)
+class Keep:
+    """What is kept of each lane: metrics, and the columns whose course is stored."""
+
+    metrics: tuple[Metric, ...]
+    columns: tuple[str, ...] = ()
+
+
+class Course(eqx.Module):
+    """The steps that all lanes share; what lanes have of their own replaces inputs in it.
+
+    Attributes:
+        duration_s: of each step, shape (steps,).
+        ends_row: True where a row of the profile ends with the step, shape (steps,).
+        first: inputs of the first row that change later.
+        later: the same inputs for each step, shape (steps,).
+        steady: inputs that never change; known to be constant, they cost nothing per step.
+        stored: for each stored row, the step that ends there, counted from 1; 0 is the first row.
+    """
+
+    duration_s: Array
+    ends_row: Array
+    first: Inputs
+    later: dict[str, Array]
+    steady: Inputs
+    stored: Array
+
+
+class Outcome(eqx.Module):
+    """What came of a lane.
+
+    Attributes:
+        values: by name of the metric; NaN where the run is not finite.
+        columns: by name, at the stored rows.
+        status: a `jaxmodel.simulate.Status`.
+    """
+
+    values: dict[str, Array]
+    columns: dict[str, Array]
+    status: Array
+
+
+def lay_out(model: Model, profile: Profile, stored_rows: np.ndarray) -> Course:
+    """Lay a profile out in steps for a model, whose leaves may carry lanes, and mark the rows to be stored."""
+    steps = track(model, profile)
+    last_step = np.asarray(steps.last_step)
+    ends_row = np.zeros(steps.duration_s.shape[0], dtype=bool)
+    ends_row[last_step] = True
+    steady = {name: values[0] for name, values in steps.inputs.items() if np.ptp(np.asarray(values)) == 0.0}
+    changing = {name: values for name, values in steps.inputs.items() if name not in steady}
+    return Course(
+        duration_s=steps.duration_s,
+        ends_row=jnp.asarray(ends_row),
+        first={name: values[0] for name, values in changing.items()},
+        later={name: values[1:] for name, values in changing.items()},
+        steady=steady,
+        stored=jnp.asarray(np.concatenate([[0], last_step + 1])[stored_rows]),
+    )
+
+
+def run_lane(keep: Keep, model: Model, course: Course, cutoff: Cutoff | None, own: dict[str, Array]) -> Outcome:
+    """Run one lane: the model over the course with the lane's own inputs and parameters, by name.
+
+    Pure; the physics and the meaning of the cut-off are those of `jaxmodel.simulate.run_track`.
+    """
+    held = {name: value for name, value in own.items() if name in course.steady or name in course.later}
+    model = with_values(model, {name: value for name, value in own.items() if name not in held})
+    held = course.steady | held
+    first_inputs = course.first | held
+    start = initial_state(model, first_inputs)
+    first = _moment(model, start, first_inputs)
+
+    def advance_one(carry, given):
+        state, running, elapsed, carried = carry
+        changing, duration, ends_row = given
+        inputs = changing | held
+        taken = duration if cutoff is None else jnp.where(running, duration, 0.0)
+        before, state = _moment(model, state, inputs), step(model, state, inputs, taken)
+        after = _moment(model, state, inputs)
+        report = Step(before, after, taken, ends_row)
+        updated = tuple(metric.update(c, report) for metric, c in zip(keep.metrics, carried, strict=True))
+        if cutoff is not None:
+            updated = jax.tree.map(lambda new, old: jnp.where(running, new, old), updated, carried)
+            running &= ~_below(model, after, cutoff)
+        courses = {name: after.columns[name] for name in keep.columns}
+        return (state, running, elapsed + taken, updated), courses
+
+    carried = tuple(metric.init(first) for metric in keep.metrics)
+    begin = (start, jnp.asarray(True), jnp.zeros(()), carried)
+    (state, running, elapsed, carried), courses = jax.lax.scan(
+        advance_one, begin, (course.later, course.duration_s, course.ends_row)
+    )
+    # What is not finite stays so: the last state tells of all.
+    finite = jnp.all(jnp.stack([jnp.isfinite(value) for value in state.values()]))
+    end = End(elapsed, ~running)
+    values = {m.name: jnp.where(finite, m.finish(c, end), jnp.nan) for m, c in zip(keep.metrics, carried, strict=True)}
+    ended = jnp.where(running, Status.COMPLETE, Status.REACHED_CUTOFF)
+    return Outcome(
+        values=values,
+        columns={n: jnp.concatenate([first.columns[n][None], later])[course.stored] for n, later in courses.items()},
+        status=jnp.where(finite, ended, Status.NOT_FINITE),
+    )
+
+
+def _moment(model: Model, state: State, inputs: Inputs) -> Moment:
+    return Moment(inputs | read(model, state, inputs), valid(model, state, inputs))
+
+
+def _below(model: Model, moment: Moment, cutoff: Cutoff) -> Array:
+    """Return True below the cut-off; a motor has none."""
+    columns = moment.columns
+    if "soc" not in columns:
+        return jnp.asarray(False)
+    voltage = columns["voltage_V"] if model.kind == "cell" else columns["pack_voltage_V"] / model.parameters.n_series
+    return (columns["soc"] < cutoff.soc) | (voltage < cutoff.voltage_V)

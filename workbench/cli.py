@@ -1,0 +1,163 @@
+"""The command line: what each command takes, and one sentence for every mistake.
+
+The commands themselves are in `workbench.commands` and are imported when one is called, so that help is shown at once.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+import typer.core
+
+MISTAKE = 2
+_STOPPED = 130
+
+
+class OneSentence(typer.core.TyperGroup):
+    """A group of commands that says a user's mistake in one sentence on stderr and leaves with exit code 2."""
+
+    def main(self, *args: Any, standalone_mode: bool = True, **kwargs: Any) -> Any:
+        """Run, as every click command does; without `standalone_mode` errors are raised instead."""
+        if not standalone_mode:
+            return super().main(*args, standalone_mode=False, **kwargs)
+        sys.exit(self._exit_code(*args, **kwargs))
+
+    def _exit_code(self, *args: Any, **kwargs: Any) -> int:
+        try:
+            code = super().main(*args, standalone_mode=False, **kwargs)
+        except typer.TyperException as error:
+            sentence = error.format_message()
+            hint = "" if sentence.endswith("?") else "; --help shows what there is."
+            return _mistake(sentence.rstrip("." if hint else "") + hint)
+        except (typer.Abort, KeyboardInterrupt):
+            _mistake("Stopped.")
+            return _STOPPED
+        except OSError as error:
+            return _mistake(f"{error.filename or 'file'}: {error.strerror or error}; give a file or folder that can be used.")
+        except ValueError as error:
+            from jaxmodel.errors import UserError
+
+            if isinstance(error, UserError):
+                return _mistake(str(error))
+            raise
+        return code if isinstance(code, int) else 0
+
+
+def _mistake(sentence: str) -> int:
+    from workbench.terminal import complain
+
+    complain(sentence)
+    return MISTAKE
+
+
+app = typer.Typer(
+    cls=OneSentence,
+    name="jaxmodel",
+    help="Electro-thermal models of battery-powered DC drives: simulate, sweep, differentiate, and find what the model misses.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+)
+
+CasePath = Annotated[Path, typer.Argument(metavar="CASE", help="A folder with a case.toml, or the TOML file.", show_default=False)]
+CasePaths = Annotated[
+    list[Path], typer.Argument(metavar="CASE...", help="Folders with a case.toml each, or TOML files.", show_default=False)
+]
+StudyPath = Annotated[Path, typer.Argument(metavar="STUDY.toml", help="The study file.", show_default=False)]
+Out = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the results; made if need be.")]
+Effects = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--effect",
+        metavar="FILE.py:CLASS",
+        help="An effect of your own, added to the catalogue; may be given several times.",
+        show_default=False,
+    ),
+]
+
+
+@app.command(epilog="Example: jaxmodel simulate examples/samsung_30q --out results")
+def simulate(
+    case: CasePath,
+    out: Out = Path("results"),
+    fidelity: Annotated[str, typer.Option(metavar="formula|lut", help="The paper's formulas, or its look-up tables.")] = "formula",
+    effect: Effects = None,
+) -> None:
+    """Run the model of a case over every run: a CSV and a picture for each."""
+    from workbench.commands.simulate import simulate
+
+    simulate(case, out, fidelity, effect or [])
+
+
+@app.command(epilog="Example: jaxmodel sweep examples/paper_sweep.toml --out results")
+def sweep(study: StudyPath, out: Out = Path("results"), effect: Effects = None) -> None:
+    """Run every combination of a study's axes: tables, a Zarr store and pictures."""
+    from workbench.commands.sweep import sweep
+
+    sweep(study, out, effect or [])
+
+
+@app.command(epilog="Example: jaxmodel sensitivity examples/paper_sweep.toml --at ambient_degC=20 --out results")
+def sensitivity(
+    study: StudyPath,
+    out: Out = Path("results"),
+    at: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--at",
+            metavar="NAME=VALUE",
+            help="A parameter or input of the point to look at, instead of the study's; may be given several times.",
+            show_default=False,
+        ),
+    ] = None,
+    gradient_only: Annotated[bool, typer.Option("--gradient-only", help="Leave out the doubling of each parameter.")] = False,
+    effect: Effects = None,
+) -> None:
+    """Differentiate a study's run by its parameters, and double each beside it: tables, a Zarr store and pictures."""
+    from workbench.commands.sensitivity import sensitivity
+
+    sensitivity(study, out, at or [], effect or [], doubling=not gradient_only)
+
+
+@app.command(epilog="Example: jaxmodel compare examples/samsung_30q --out results")
+def compare(case: CasePath, out: Out = Path("results"), effect: Effects = None) -> None:
+    """Calibrate the base model to a case and show where it fails, without trying any effect."""
+    from workbench.commands.diagnose import diagnose_all
+
+    diagnose_all([case], out, effect or [], try_effects=False)
+
+
+@app.command(epilog="Example: jaxmodel diagnose examples/samsung_30q --out results")
+def diagnose(
+    cases: CasePaths,
+    out: Out = Path("results"),
+    effect: Effects = None,
+    answer_only: Annotated[bool, typer.Option("--answer-only", help="Write answer.json and extended.toml, no pictures.")] = False,
+) -> None:
+    """Find which physics a model misses: answer.json, extended.toml, pictures and report.html for each case."""
+    from workbench.commands.diagnose import diagnose_all
+
+    diagnose_all(cases, out, effect or [], answer_only=answer_only)
+
+
+@app.command(epilog="Example: jaxmodel demo --out demo-results")
+def demo(
+    out: Out = Path("demo-results"),
+    case: Annotated[
+        Path | None,
+        typer.Option("--case", metavar="CASE", help="A case of your own instead of the real cell.", show_default=False),
+    ] = None,
+) -> None:
+    """Do the whole job on real input in a few minutes: sweep, sensitivities, diagnosis, one page."""
+    from workbench.commands.demo import demo
+
+    demo(out, case)
+
+
+def main() -> None:
+    """Run the command line."""
+    app()

@@ -1,0 +1,183 @@
+"""`jaxmodel diagnose` and `jaxmodel compare`: model against measurement, case by case."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import typer
+
+from discrepancy.diagnose import compare, diagnose
+from discrepancy.result import Diagnosis, write_answer
+from jaxmodel.cases import Case, read_case
+from jaxmodel.errors import MeasurementError, UserError
+from jaxmodel.ports import Effect
+from workbench import terminal
+from workbench.commands.start import catalogue_with, own_effects, start
+from workbench.extended import extended_case, left_out, write_case
+from workbench.pictures import evidence
+from workbench.pictures.runs import fit_and_residuals, residuals_by_condition
+from workbench.pictures.style import png
+from workbench.report import channel_labels, ladder_rows, write_report
+from workbench.runs import Outcome, simulate_case
+from workbench.wording import final_name, verdict_sentence
+
+_CONDITIONS = {
+    "cell": ("soc", "current_A", "cell_temperature_degC"),
+    "motor": ("current_A", "speed_rad_s", "winding_temperature_degC"),
+    "robot": ("soc", "pack_current_A", "speed_rad_s", "winding_temperature_degC"),
+}
+
+
+def diagnose_all(
+    paths: Sequence[Path],
+    out: Path,
+    effects: Sequence[str],
+    *,
+    try_effects: bool = True,
+    answer_only: bool = False,
+) -> list[Diagnosis]:
+    """Diagnose cases one after the other, each into `out/CASE/`; go on where one cannot be used.
+
+    Args:
+        paths: folders or TOML files.
+        out: folder for the results.
+        effects: the user's own, as `file.py:Class`.
+        try_effects: False calibrates the base model only.
+        answer_only: leave out pictures and report.
+
+    Raises:
+        UserError: the only case, or an effect, cannot be used, or two cases have one name.
+        typer.Exit: with code 2, after all others, where one of several cases could not be diagnosed.
+    """
+    own = own_effects(effects)
+    _check_names(paths)
+    start(out)
+    done: list[Diagnosis] = []
+    failed: list[str] = []
+    for path in paths:
+        try:
+            done.append(_diagnose_one(path, out, own, try_effects, answer_only))
+        except Exception as error:
+            if len(paths) == 1:
+                raise
+            if not isinstance(error, UserError):  # ours, not the user's: the others must not suffer, and we must hear of it
+                traceback.print_exc(file=sys.stderr)
+            terminal.complain(str(error))
+            failed.append(path.name)
+    if len(paths) > 1:
+        _print_all(done, failed)
+    if failed:
+        raise typer.Exit(2)
+    return done
+
+
+def _check_names(paths: Sequence[Path]) -> None:
+    """Raise where two cases would be written to one folder."""
+    names = [(path if path.is_dir() else path.parent).resolve().name for path in paths]
+    for name in names:
+        if names.count(name) > 1:
+            raise MeasurementError(f"Two of the cases are called '{name}'; diagnose them one by one, each with an --out of its own.")
+
+
+def _diagnose_one(
+    path: Path, out: Path, own: Mapping[str, type[Effect]], try_effects: bool, answer_only: bool
+) -> Diagnosis:
+    case = read_case(path)
+    with terminal.told(case.name) as progress:
+        diagnosis = (diagnose if try_effects else compare)(case, extra_effects=own, progress=progress)
+        folder = out / case.name
+        folder.mkdir(parents=True, exist_ok=True)
+        write_answer(diagnosis, folder / "answer.json")
+        extended = extended_case(diagnosis)
+        write_case(extended, folder / "extended.toml", _comments(diagnosis, own))
+        if not answer_only:
+            progress("pictures and report")
+            write_pictures_and_report(diagnosis, extended, folder, catalogue_with(own))
+    print_diagnosis(diagnosis)
+    terminal.say(f"Everything is in {folder}." if answer_only else f"Everything is in {folder}; open report.html there.")
+    return diagnosis
+
+
+def write_pictures_and_report(
+    diagnosis: Diagnosis, extended: Case, folder: Path, catalogue: Mapping[str, type[Effect]]
+) -> dict[str, bytes]:
+    """Write all pictures of a diagnosis and its report; return the pictures as PNG by name."""
+    pictures = pictures_of(diagnosis, simulate_case(extended, catalogue=catalogue))
+    for name, picture in pictures.items():
+        (folder / f"{name}.png").write_bytes(picture)
+    write_report(diagnosis, folder / "report.html", pictures, catalogue)
+    return pictures
+
+
+def pictures_of(diagnosis: Diagnosis, outcomes: Sequence[Outcome]) -> dict[str, bytes]:
+    """Return all pictures of a diagnosis as PNG by name.
+
+    Args:
+        diagnosis: what to draw.
+        outcomes: of the final model, for the conditions under which the readings were taken.
+    """
+    noise_sd = {channel: noise.sd for channel, noise in diagnosis.noise.items()}
+    models = {"calibrated base model": diagnosis.base.predictions}
+    if diagnosis.final is not diagnosis.base:
+        models[final_name(diagnosis)] = diagnosis.final.predictions
+    pictures = {"ladder": png(evidence.ladder(diagnosis))}
+    residuals = {name: _residuals(diagnosis, predictions) for name, predictions in models.items()}
+    pictures["residuals-by-condition"] = png(residuals_by_condition(residuals, _conditions(diagnosis.case, outcomes), noise_sd))
+    if diagnosis.candidates:
+        pictures["candidates"] = png(evidence.candidates(diagnosis))
+    if diagnosis.scores:
+        pictures["scores"] = png(evidence.scores(diagnosis))
+    for run in diagnosis.case.runs:
+        of_run = {name: predictions[run.name] for name, predictions in models.items()}
+        pictures[f"run-{run.name}"] = png(fit_and_residuals(run, of_run, noise_sd))
+    return pictures
+
+
+def _residuals(diagnosis: Diagnosis, predictions: Mapping[str, Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Return measured less predicted of every channel, run after run; NaN where a run has no such reading."""
+    runs = diagnosis.case.runs
+    return {
+        channel: np.concatenate(
+            [run.measured.outputs.get(channel, np.full(run.measured.time_s.size, np.nan)) - predictions[run.name][channel] for run in runs]
+        )
+        for channel in diagnosis.noise
+    }
+
+
+def _conditions(case: Case, outcomes: Sequence[Outcome]) -> dict[str, np.ndarray]:
+    """Return the conditions that matter for a kind, run after run: inputs as measured, the rest as modelled."""
+    return {
+        name: np.concatenate(
+            [o.run.measured.inputs[name] if name in o.run.measured.inputs else o.table[name].to_numpy() for o in outcomes]
+        )
+        for name in _CONDITIONS[case.kind]
+    }
+
+
+def _comments(diagnosis: Diagnosis, own: Mapping[str, type[Effect]]) -> list[str]:
+    lines = [f"The case '{diagnosis.case.name}' as calibrated {final_name(diagnosis)}.".replace("calibrated calibrated base model", "calibrated")]
+    lines += [f"Left out, because a case holds one effect of a name: {label}" for label in left_out(diagnosis)]
+    if needed := [label for label in diagnosis.final.added if label in own]:
+        lines.append(f"Give --effect FILE.py:CLASS again for {', '.join(needed)}.")
+    return lines
+
+
+def print_diagnosis(diagnosis: Diagnosis) -> None:
+    """Print the ladder as a table, and the verdict."""
+    columns, floors = ["model"], ["noise floor of the sensor"]
+    for label, floor in channel_labels(diagnosis):
+        columns += [f"{label}: fit", "check"]
+        floors += [floor, ""]
+    rows = [[row["name"], *(text for pair in row["errors"] for text in pair)] for row in ladder_rows(diagnosis)]
+    terminal.table(diagnosis.case.title, columns, [*rows, floors], right=range(1, len(columns)))
+    terminal.say(verdict_sentence(diagnosis))
+
+
+def _print_all(done: Sequence[Diagnosis], failed: Sequence[str]) -> None:
+    rows = [[d.case.name, d.verdict, ", ".join(f"{e.label} {e.probability:.2f}" for e in d.effects)] for d in done]
+    rows += [[name, "failed", ""] for name in failed]
+    terminal.table(f"{len(rows)} cases", ("case", "verdict", "effects"), rows)

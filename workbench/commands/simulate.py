@@ -1,0 +1,44 @@
+"""`jaxmodel simulate`: the model of a case over its runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from jaxmodel.build import FIDELITIES
+from jaxmodel.cases import read_case
+from jaxmodel.errors import ParameterError, nearest
+from workbench import terminal
+from workbench.commands.start import catalogue_with, own_effects, start
+from workbench.pictures.runs import simulation
+from workbench.pictures.style import png
+from workbench.runs import Outcome, simulate_case
+
+
+def simulate(path: Path, out: Path, fidelity: str, effects: Sequence[str]) -> None:
+    """Simulate every run of a case; write `out/RUN.csv` and `out/RUN.png`.
+
+    Raises:
+        UserError: the case, an effect or the fidelity cannot be used.
+    """
+    if fidelity not in FIDELITIES:
+        known = " or ".join(FIDELITIES)
+        raise ParameterError(f"--fidelity: there is no '{fidelity}', only {known}.{nearest(fidelity, FIDELITIES)}")
+    catalogue = catalogue_with(own_effects(effects))
+    case = read_case(path)
+    start(out)
+    with terminal.told(case.name) as progress:
+        outcomes = simulate_case(case, fidelity=fidelity, catalogue=catalogue, progress=progress)
+    for outcome in outcomes:
+        write_csv(outcome, out / f"{outcome.run.name}.csv")
+        (out / f"{outcome.run.name}.png").write_bytes(png(simulation(outcome.run.name, outcome.table, outcome.run)))
+    rows = [(o.run.name, o.run.label, str(len(o.table)), f"{o.end_s:g}", o.status.name.lower().replace("_", " ")) for o in outcomes]
+    terminal.table(case.title, ("run", "label", "rows", "end [s]", "status"), rows, right=(2, 3))
+    for sentence in filter(None, (outcome.sentence() for outcome in outcomes)):
+        terminal.say(sentence)
+    terminal.say(f"{len(outcomes)} CSV files and pictures are in {out}.")
+
+
+def write_csv(outcome: Outcome, path: Path) -> None:
+    """Write a run's table with twelve significant digits; rows after the end are empty."""
+    outcome.table.to_csv(path, index=False, float_format="%.12g")

@@ -1,0 +1,57 @@
+"""What every command does first: compiled programs are kept, effects of the user's own are known."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from jaxmodel.build import load_effect_class
+from jaxmodel.effects import CATALOGUE
+from jaxmodel.errors import EffectError
+from jaxmodel.ports import Effect
+from workbench.compiled import keep_compiled_programs
+
+
+def start(out: Path) -> None:
+    """Make the folder for the results and switch on the cache of compiled programs.
+
+    Raises:
+        OSError: the folder cannot be made.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    keep_compiled_programs()
+
+
+def own_effects(references: Sequence[str]) -> dict[str, type[Effect]]:
+    """Return the effect classes that `file.py:Class` names, by their names.
+
+    Raises:
+        EffectError: a class cannot be loaded, has no name, or takes that of another effect.
+    """
+    found: dict[str, type[Effect]] = {}
+    for reference in references:
+        cls = load_effect_class(reference)
+        name = getattr(cls, "name", None)
+        if not isinstance(name, str):
+            raise EffectError(f"--effect {reference}: the class has no name; add name: ClassVar[str] = \"my_effect\".")
+        if name in CATALOGUE or name in found:
+            raise EffectError(f"--effect {reference}: there is an effect called '{name}' already; give it another name.")
+        found[name] = cls
+    return found
+
+
+def catalogue_with(effects: Mapping[str, type[Effect]]) -> dict[str, type[Effect]]:
+    """Return the catalogue with effects of the user's own."""
+    return {**CATALOGUE, **effects}
+
+
+@contextlib.contextmanager
+def in_catalogue(effects: Mapping[str, type[Effect]]) -> Iterator[None]:
+    """Put effects of the user's own into the catalogue itself for a while: a study file looks them up there."""
+    CATALOGUE.update(effects)
+    try:
+        yield
+    finally:
+        for name in effects:
+            del CATALOGUE[name]

@@ -1,0 +1,37 @@
+"""HTML pages that need nothing but themselves: styles and pictures are inside."""
+
+from __future__ import annotations
+
+import base64
+import functools
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+from workbench.wording import number
+
+
+def write_page(path: Path, template: str, **content: Any) -> None:
+    """Fill a template of `templates/` and write it; text is escaped, pictures are given as PNG."""
+    path.write_text(_environment().get_template(template).render(**content), encoding="utf-8")
+
+
+@functools.cache
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("workbench"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    environment.filters["png"] = _embedded
+    environment.filters["number"] = number
+    return environment
+
+
+def _embedded(picture: bytes) -> Markup:
+    """Return a PNG as a data address, safe inside an attribute."""
+    return Markup("data:image/png;base64,") + Markup(base64.b64encode(picture).decode("ascii"))

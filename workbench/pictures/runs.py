@@ -1,0 +1,194 @@
+"""One run: what was measured, what the models predict, and what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from jaxmodel.cases import Run
+from workbench.pictures.style import (
+    BASE,
+    BLACK,
+    FINAL,
+    FLOOR,
+    GREY,
+    LINES,
+    MEASURED,
+    PAGE_CM,
+    axis_label,
+    column_label,
+    difference_unit,
+    minutes_or_seconds,
+    new_figure,
+    readable,
+    residual_scale,
+    split_unit,
+    styled,
+)
+
+Predictions = Mapping[str, np.ndarray]
+
+
+@styled
+def fit_and_residuals(run: Run, models: Mapping[str, Predictions], noise_sd: Mapping[str, float]) -> Figure:
+    """Draw measurement, models and residuals of one run, a column for each measured channel.
+
+    Args:
+        run: the run.
+        models: predictions by channel of one or two models, by the name in the legend; the better one last.
+        noise_sd: the noise floor of each channel to draw, in the channel's unit.
+    """
+    channels = [name for name in noise_sd if np.any(np.isfinite(run.measured.outputs.get(name, np.nan)))]
+    factor, unit = minutes_or_seconds(run.measured.time_s)
+    time = (run.measured.time_s - run.measured.time_s[0]) * factor
+    figure = new_figure(PAGE_CM, 9.5)
+    grid = figure.subplots(2, len(channels), sharex=True, squeeze=False, gridspec_kw={"height_ratios": (3, 2)})
+    for column, channel in enumerate(channels):
+        above, below = grid[:, column]
+        measured = run.measured.outputs[channel]
+        above.plot(time, measured, ".", color=MEASURED, markersize=2.5, label="measured", rasterized=True)
+        for colour, (name, predictions) in zip(_model_colours(len(models)), models.items(), strict=True):
+            above.plot(time, predictions[channel], color=colour, label=name)
+        above.set_ylabel(column_label(channel))
+        residuals = {name: measured - predictions[channel] for name, predictions in models.items()}
+        draw_residuals(below, time, residuals, noise_sd[channel], split_unit(channel)[1])
+        below.set_xlabel(f"time [{unit}]")
+    figure.align_ylabels()
+    legend = dict(zip(*reversed(grid[0, 0].get_legend_handles_labels()), strict=True))
+    legend |= dict(zip(*reversed(grid[1, 0].get_legend_handles_labels()), strict=True))
+    figure.legend(legend.values(), legend.keys(), loc="outside lower center", ncols=_legend_columns(legend), markerscale=2)
+    return figure
+
+
+def draw_residuals(
+    axes: Axes, x: np.ndarray, residuals: Mapping[str, np.ndarray], noise_sd: float, unit: str
+) -> None:
+    """Draw residuals of some models over x, with the band in which noise alone would leave them."""
+    everything = np.concatenate(list(residuals.values()))
+    scale, shown_unit = readable(everything, difference_unit(unit))
+    axes.axhspan(-2 * noise_sd * scale, 2 * noise_sd * scale, color=FLOOR, alpha=0.25, lw=0, label="noise, ±2 sd")
+    axes.axhline(0.0, color=GREY, lw=0.7)
+    for colour, values in zip(_model_colours(len(residuals)), residuals.values(), strict=True):
+        axes.plot(x, values * scale, ".", color=colour, markersize=2.0, rasterized=True)
+    residual_scale(axes, [values * scale for values in residuals.values()], noise_sd * scale)
+    axes.set_ylabel(axis_label("residual", shown_unit))
+
+
+def _model_colours(count: int) -> tuple[str, ...]:
+    return (FINAL,) if count == 1 else (BASE, FINAL, *LINES[2:])[:count]
+
+
+@styled
+def residuals_by_condition(
+    residuals: Mapping[str, Mapping[str, np.ndarray]],
+    conditions: Mapping[str, np.ndarray],
+    noise_sd: Mapping[str, float],
+) -> Figure:
+    """Draw residuals against the conditions under which they arose, with the mean in each of twelve equal parts.
+
+    Args:
+        residuals: by model, then by channel, all runs one after the other, shape (n,); NaN where nothing was read.
+        conditions: by column name (state of charge, current, temperature), each of shape (n,).
+        noise_sd: the noise floor of each channel to draw.
+    """
+    channels = [name for name in noise_sd if any(np.any(np.isfinite(r[name])) for r in residuals.values())]
+    figure = new_figure(PAGE_CM, 1.5 + 5.2 * len(channels))
+    grid = figure.subplots(len(channels), len(conditions), sharex="col", sharey="row", squeeze=False)
+    for row, channel in enumerate(channels):
+        unit = difference_unit(split_unit(channel)[1])
+        everything = np.concatenate([by_channel[channel] for by_channel in residuals.values()])
+        scale, shown_unit = readable(everything, unit)
+        floor = noise_sd[channel] * scale
+        for column, (condition, x) in enumerate(conditions.items()):
+            axes = grid[row, column]
+            axes.axhspan(-2 * floor, 2 * floor, color=FLOOR, alpha=0.25, lw=0, label="noise, ±2 sd")
+            for colour, (name, by_channel) in zip(_model_colours(len(residuals)), residuals.items(), strict=True):
+                y = by_channel[channel] * scale
+                axes.plot(x, y, ".", color=colour, markersize=1.3, alpha=0.18, rasterized=True)
+                axes.plot(*_means(x, y), "o-", color=colour, markersize=3.0, lw=1.3, label=name)
+            axes.axhline(0.0, color=GREY, lw=0.7)
+            if row == len(channels) - 1:
+                axes.set_xlabel(column_label(condition))
+        residual_scale(grid[row, 0], [by_channel[channel] * scale for by_channel in residuals.values()], floor)
+        grid[row, 0].set_ylabel(axis_label(f"{split_unit(channel)[0]} residual", shown_unit))
+    figure.align_ylabels()
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=_legend_columns(labels))
+    return figure
+
+
+def _legend_columns(labels: Collection[str]) -> int:
+    """Return how many entries of a legend stand side by side on a page."""
+    return len(labels) if sum(len(label) + 6 for label in labels) < 90 else 2
+
+
+def _means(x: np.ndarray, y: np.ndarray, parts: int = 12) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mean of x and of y in parts of equal count; values of x that repeat stay in one part."""
+    read = np.isfinite(x) & np.isfinite(y)
+    x, y = x[read], y[read]
+    if x.size == 0:
+        return x, y
+    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, parts + 1)))
+    part = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, max(edges.size - 2, 0))
+    groups = [part == number for number in np.unique(part)]
+    return np.array([x[g].mean() for g in groups]), np.array([y[g].mean() for g in groups])
+
+
+@styled
+def simulation(name: str, table: pd.DataFrame, run: Run, shown_inputs: Sequence[str] | None = None) -> Figure:
+    """Draw a simulated run: its inputs, then every reading, with the measured values where there are any.
+
+    Args:
+        name: for the title.
+        table: time_s, readings and `valid`.
+        run: the run that was simulated.
+        shown_inputs: inputs to draw; None takes all that change, or the first where none does.
+    """
+    inputs = run.measured.inputs
+    if shown_inputs is None:
+        shown_inputs = [n for n, values in inputs.items() if np.ptp(values) > 0.0] or list(inputs)[:1]
+    readings = [n for n in table.columns if n not in ("time_s", "valid")]
+    time_s = table["time_s"].to_numpy()
+    factor, unit = minutes_or_seconds(time_s)
+    time = (time_s - time_s[0]) * factor
+    panels = [*shown_inputs, *readings]
+    columns = 2 if len(panels) > 6 else 1
+    rows = -(-len(panels) // columns)
+    figure = new_figure(PAGE_CM, 2.2 + 3.0 * rows)
+    grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
+    legend_shown = False
+    for axes, panel in zip(grid.T.flat, panels, strict=False):
+        if panel in shown_inputs:
+            axes.step(time, inputs[panel], where="pre", color=BLACK, lw=1.0)
+        else:
+            axes.plot(time, table[panel], color=BASE, label="model")
+            measured = run.measured.outputs.get(panel)
+            if measured is not None and np.any(np.isfinite(measured)):
+                axes.plot(time, measured, ".", color=MEASURED, markersize=2.5, zorder=1.5, label="measured")
+                if not legend_shown:
+                    axes.legend(loc="best", markerscale=3)
+                legend_shown = True
+        axes.set_ylabel(column_label(panel).replace(" [", "\n["))
+        _shade(axes, time, ~table["valid"].to_numpy(dtype=bool))
+    for axes in grid.T.flat[len(panels) :]:
+        axes.set_visible(False)
+    for column in range(columns):
+        last = grid[min(rows, len(panels) - column * rows) - 1, column]
+        last.tick_params(labelbottom=True)
+    figure.align_ylabels()
+    figure.supxlabel(f"time [{unit}]", fontsize=9.0)
+    figure.suptitle(f"{name}: {run.label}" if run.label else name, fontsize=10.5, x=0.01, ha="left")
+    return figure
+
+
+def _shade(axes: Axes, time: np.ndarray, invalid: np.ndarray) -> None:
+    """Shade the rows in which the equations left the range in which they make sense."""
+    if not invalid.any():
+        return
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], invalid.astype(int), [0]])))
+    for first, after in edges.reshape(-1, 2):
+        axes.axvspan(time[first], time[min(after, time.size - 1)], color=LINES[3], alpha=0.15, lw=0)

@@ -1,0 +1,146 @@
+"""How a run depends on its parameters: derivatives beside the paper's doubling, and derivatives over time."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import matplotlib
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from workbench.pictures.style import (
+    BLUE,
+    GREY,
+    LINES,
+    ORANGE,
+    PAGE_CM,
+    axis_label,
+    difference_unit,
+    minutes_or_seconds,
+    new_figure,
+    power_of_ten,
+    readable,
+    split_unit,
+    styled,
+)
+
+_SEEN = 1e-3  # of the largest change: what is smaller is not drawn
+_DIAMOND: dict[str, Any] = {"color": "white", "markeredgecolor": "black", "markersize": 4.5, "ls": "none"}
+
+
+@styled
+def doubling_beside_gradient(data: xr.Dataset, metric: str, most: int = 16) -> Figure:
+    """Draw the change of a metric when each parameter is doubled, beside what its derivative alone predicts.
+
+    A metric that has no proportional change, a temperature, is drawn in its own unit.
+
+    Args:
+        data: as `sensitivity.study.sensitivity_of_study` returns it, with the doubling test.
+        metric: one of its metrics.
+        most: parameters to draw, those with the largest changes; such as change nothing are left out.
+    """
+    chosen = data.sel(metric=metric)
+    proportional = bool(np.isfinite(chosen["linear"]).any())
+    if proportional:
+        by_gradient, simulated, power_law = (100.0 * chosen[name] for name in ("linear", "effect", "power_law"))
+        unit = "%"
+    else:
+        by_gradient, simulated = chosen["linear_change"], chosen["metric_moved"] - chosen["metric_value"]
+        power_law, unit = xr.full_like(by_gradient, np.nan), difference_unit(str(chosen["metric_unit"].item()))
+    size = np.fmax(np.abs(by_gradient), np.abs(simulated)).fillna(0.0).to_numpy()
+    order = [place for place in np.argsort(-size)[:most] if size[place] > _SEEN * size.max()]
+    names = [_with_step(chosen.isel(parameter=place)) for place in order]
+    places = np.arange(len(order))
+    figure = new_figure(PAGE_CM, 3.0 + 0.8 * len(order))
+    axes = figure.subplots()
+    axes.barh(places - 0.2, by_gradient[order], height=0.36, color=BLUE, label="predicted by the gradient")
+    axes.barh(places + 0.2, simulated[order], height=0.36, color=ORANGE, label="simulated, the parameter doubled")
+    if proportional:
+        axes.plot(power_law[order], places + 0.2, "D", label="predicted by the power law 2ᵉ − 1, e the elasticity", **_DIAMOND)
+    axes.axvline(0.0, color=GREY, lw=0.8)
+    axes.set_yticks(places, names)
+    axes.invert_yaxis()
+    axes.grid(visible=False, axis="y")
+    axes.set_xlabel(axis_label(f"change of {split_unit(metric)[0]}", unit))
+    figure.legend(loc="outside lower center", ncols=3 if len(names) and max(map(len, names)) < 26 else 2)
+    return figure
+
+
+def _with_step(one: xr.Dataset) -> str:
+    """Return a parameter's name, with its step where that is no doubling."""
+    name = str(one["parameter"].item())
+    if bool(one["doubles"]):
+        return name
+    unit = difference_unit(str(one["unit"].item()))
+    return f"{name} ({float(one['step']):+g}{' ' if unit else ''}{unit})"
+
+
+@styled
+def elasticities(local: xr.Dataset, most: int = 14) -> Figure:
+    """Draw the elasticity of every metric by every parameter as a table of colours.
+
+    Args:
+        local: as `sensitivity.local.local_sensitivities` returns it.
+        most: parameters to draw, those that matter most to any metric.
+    """
+    table = local["elasticity"].transpose("parameter", "metric").dropna("metric", how="all")
+    size = np.abs(table).max("metric").fillna(0.0).to_numpy()
+    order = [place for place in np.argsort(-size)[:most] if size[place] > 0.0]
+    numbers = table.isel(parameter=order).to_numpy()
+    figure = new_figure(PAGE_CM, 4.2 + 0.66 * len(order))
+    axes = figure.subplots()
+    limit = float(np.nanmax(np.abs(numbers))) if numbers.size else 1.0
+    # Signed square roots: an elasticity of 0.05 is still seen beside one of 2.
+    mesh = axes.pcolormesh(np.sign(numbers) * np.sqrt(np.abs(numbers) / limit), cmap=_diverging(), vmin=-1.0, vmax=1.0)
+    mesh.set_edgecolor("white")
+    for (row, column), number in np.ndenumerate(numbers):
+        if np.isfinite(number):
+            strong = abs(number) > 0.45 * limit
+            shown = f"{number:.2f}" if abs(number) >= 0.005 else "0"
+            axes.text(column + 0.5, row + 0.5, shown, ha="center", va="center", fontsize=7.5, color="white" if strong else "black")
+    axes.set_xticks(np.arange(numbers.shape[1]) + 0.5, [m.replace("_", " ") for m in table["metric"].to_numpy()], rotation=28, ha="right")
+    axes.set_yticks(np.arange(len(order)) + 0.5, table["parameter"].to_numpy()[order])
+    axes.invert_yaxis()
+    axes.grid(visible=False)
+    axes.tick_params(length=0)
+    axes.set_title("elasticity: change in % for 1 % of the parameter", fontweight="normal", fontsize=8.5, color="#555555")
+    return figure
+
+
+def _diverging() -> matplotlib.colors.Colormap:
+    return matplotlib.colors.LinearSegmentedColormap.from_list("elasticity", [BLUE, "#ffffff", ORANGE])
+
+
+@styled
+def over_time(local: xr.Dataset, output: str, most: int = 6) -> Figure:
+    """Draw by how much one percent of each parameter moves a reading, over the run.
+
+    Args:
+        local: as `sensitivity.local.local_sensitivities` returns it.
+        output: the reading.
+        most: parameters to draw, those that move it most at any time; only such as have a proportional change.
+    """
+    change = 0.01 * local["output_change"].sel(output=output)
+    change = change.isel(parameter=np.flatnonzero(local["doubles"].to_numpy()))
+    size = np.abs(change).max("time_s").to_numpy()
+    order = [place for place in np.argsort(-size)[:most] if size[place] > 0.0]
+    time_s = local["time_s"].to_numpy()
+    factor, unit = minutes_or_seconds(time_s)
+    quantity, own_unit = split_unit(output)
+    scale, shown_unit = readable(size, difference_unit(own_unit))
+    extra, power = power_of_ten(size * scale)
+    figure = new_figure(PAGE_CM, 8.5)
+    axes = figure.subplots()
+    # Thick first, thin last: of two lines that coincide both are seen.
+    widths = np.linspace(3.4, 1.1, max(len(order), 1))
+    for place, colour, width in zip(order, itertools.cycle(LINES), widths, strict=False):
+        course = change.isel(parameter=place)
+        axes.plot((time_s - time_s[0]) * factor, course * scale * extra, color=colour, lw=width, label=str(course["parameter"].item()))
+    axes.axhline(0.0, color=GREY, lw=0.7)
+    axes.set_xlim(0.0, (time_s[-1] - time_s[0]) * factor)
+    axes.set_xlabel(f"time [{unit}]")
+    axes.set_ylabel(axis_label(f"change of {quantity}\nfor +1 % of the parameter", f"{power}{shown_unit}".strip()))
+    figure.legend(loc="outside right upper")
+    return figure

@@ -1,0 +1,42 @@
+"""Where a result comes from: the files by their SHA-256, the versions of what computed it, the date."""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import hashlib
+import importlib.metadata
+import platform
+from collections.abc import Iterable
+from pathlib import Path
+
+_PACKAGES = ("jaxmodel", "jax", "jaxlib", "equinox", "optimistix", "numpy", "scipy")
+
+
+@dataclasses.dataclass(frozen=True)
+class Provenance:
+    """What a reader needs to repeat a result.
+
+    Attributes:
+        date: of the result, UTC.
+        files: each file's name and SHA-256.
+        versions: of Python and the packages that computed it.
+        machine: operating system and processor.
+    """
+
+    date: str
+    files: tuple[tuple[str, str], ...]
+    versions: tuple[tuple[str, str], ...]
+    machine: str
+
+
+def provenance(files: Iterable[Path]) -> Provenance:
+    """Return the provenance of a result made now from some files."""
+    installed = [("python", platform.python_version())]
+    installed += [(package, importlib.metadata.version(package)) for package in _PACKAGES]
+    return Provenance(
+        date=datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        files=tuple((file.name, hashlib.sha256(file.read_bytes()).hexdigest()) for file in files),
+        versions=tuple(installed),
+        machine=f"{platform.system()} {platform.machine()}",
+    )

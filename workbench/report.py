@@ -1,0 +1,206 @@
+"""The report of one diagnosis: a single HTML page that opens offline and prints well."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from discrepancy.result import ChannelError, Diagnosis, Estimate
+from jaxmodel.cases import Known
+from jaxmodel.effects import CATALOGUE
+from jaxmodel.parameters import TABLE, describe
+from jaxmodel.ports import Effect
+from workbench.page import write_page
+from workbench.pictures.style import axis_label, difference_unit, readable, split_unit
+from workbench.provenance import provenance
+from workbench.wording import (
+    VERDICT_TITLES,
+    candidate_name,
+    effect_name,
+    final_name,
+    join,
+    number,
+    rung_name,
+    verdict_sentence,
+    with_sd,
+)
+
+_LARGE_PULL = 2.0
+
+
+def write_report(
+    diagnosis: Diagnosis,
+    path: Path,
+    pictures: Mapping[str, bytes],
+    catalogue: Mapping[str, type[Effect]] = CATALOGUE,
+) -> None:
+    """Write the report of a diagnosis.
+
+    Args:
+        diagnosis: what to report.
+        path: the HTML file.
+        pictures: PNG by name, as `commands.diagnose.pictures_of` makes them.
+        catalogue: the known effects, for what they are.
+    """
+    case = diagnosis.case
+    write_page(
+        path,
+        "diagnosis.html",
+        diagnosis=diagnosis,
+        case=case,
+        pictures=pictures,
+        verdict_title=VERDICT_TITLES[diagnosis.verdict],
+        verdict=verdict_sentence(diagnosis),
+        summary=summary(diagnosis),
+        channels=channel_labels(diagnosis),
+        ladder=ladder_rows(diagnosis),
+        named=[
+            {
+                "label": effect.label,
+                "probability": effect.probability,
+                "parameters": [f"{name} = {with_sd(estimate)}" for name, estimate in effect.parameters.items()],
+                "equation": catalogue[effect.name].equation if effect.name in catalogue else "",
+                "rivals": ", ".join(effect_name(label) for label in effect.cannot_tell_apart_from),
+            }
+            for effect in diagnosis.effects
+        ],
+        alike=[
+            f"{effect_name(effect.label)}: {join([effect_name(label) for label in effect.cannot_tell_apart_from])}"
+            for effect in diagnosis.effects
+            if effect.cannot_tell_apart_from
+        ],
+        blind=join([effect_name(label) for label in diagnosis.blind_to]),
+        runs=case.runs,
+        parameters=_parameter_rows(diagnosis, catalogue),
+        at_bound=join(list(diagnosis.final.at_bound)),
+        noise=[_noise_row(diagnosis, channel) for channel in diagnosis.noise],
+        origin=provenance([case.path, *(run.source for run in case.runs)]),
+    )
+
+
+def summary(diagnosis: Diagnosis) -> list[str]:
+    """Return the result in a few lines: named, how good it gets, where it failed, what could not be seen."""
+    lines = []
+    if diagnosis.effects:
+        for effect in diagnosis.effects:
+            fitted = join([f"{name} = {with_sd(e)}" for name, e in effect.parameters.items()])
+            lines.append(f"Named: {effect_name(effect.label)}, {fitted}.")
+    elif diagnosis.candidates:
+        name, probability = diagnosis.candidates[0]
+        lines.append(f"Most probable: {candidate_name(name)} ({probability:.2f}).")
+    for channel in diagnosis.noise:
+        lines.append(error_sentence(diagnosis, channel))
+    if diagnosis.where:
+        lines.append(f"Where the base model fails: {diagnosis.where[0].rstrip('.')}.")
+    if diagnosis.blind_to:
+        lines.append(f"Blind to: {join([effect_name(label) for label in diagnosis.blind_to])}.")
+    return lines
+
+
+def error_sentence(diagnosis: Diagnosis, channel: str) -> str:
+    """Say a channel's error before and after, on the runs held out where there are any."""
+    before, after = diagnosis.base.errors[channel], diagnosis.final.errors[channel]
+    held_out = np.isfinite(before.check)
+    pair = (before.check, after.check) if held_out else (before.fit, after.fit)
+    quantity, unit = split_unit(channel)
+    floor = diagnosis.noise[channel].sd
+    scale, unit = readable([*pair, floor], difference_unit(unit))
+    where = "on the runs held out" if held_out else "on the runs fitted (none was held out)"
+    values = number(pair[0] * scale)
+    if diagnosis.final is not diagnosis.base:
+        values += f" before, {number(pair[1] * scale)} after"
+    unit = f" {unit}" if unit else ""
+    return f"Error of {quantity}, in{unit or ' its unit'}, {where}: {values}; noise floor {number(floor * scale)}."
+
+
+def ladder_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """Return the ladder as a table: name, (fit, check) of each channel as text, chi-square per reading."""
+    rows = []
+    for place, rung in enumerate(diagnosis.ladder):
+        scales = [_scale(diagnosis, channel)[0] for channel in diagnosis.noise]
+        errors: list[ChannelError] = [rung.errors[channel] for channel in diagnosis.noise]
+        shown = [(number(e.fit * s), number(e.check * s)) for e, s in zip(errors, scales, strict=True)]
+        chi2 = rung.chi2 / rung.readings if rung.readings else np.nan
+        rows.append({"name": rung_name(diagnosis, place), "errors": shown, "chi2_per_reading": chi2})
+    return rows
+
+
+def _scale(diagnosis: Diagnosis, channel: str) -> tuple[float, str]:
+    """Return factor and unit for the errors of a channel, one for all rungs."""
+    errors = [e for rung in diagnosis.ladder for e in (rung.errors[channel].fit, rung.errors[channel].check)]
+    return readable(errors, difference_unit(split_unit(channel)[1]))
+
+
+def channel_labels(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    """Return each channel's label and its noise floor, in the unit of the ladder's errors."""
+    found = []
+    for channel, noise in diagnosis.noise.items():
+        scale, unit = _scale(diagnosis, channel)
+        found.append((axis_label(split_unit(channel)[0], unit), number(noise.sd * scale)))
+    return found
+
+
+def _noise_row(diagnosis: Diagnosis, channel: str) -> dict[str, str]:
+    noise = diagnosis.noise[channel]
+    unit = difference_unit(split_unit(channel)[1])
+    unit = f" {unit}" if unit else ""
+    return {
+        "channel": channel,
+        "sd": f"{number(noise.sd)}{unit}",
+        "rho": number(noise.rho) if noise.rho else "none",
+        "quantum": f"{number(noise.quantum)}{unit}" if noise.quantum else "-",
+        "source": noise.source,
+    }
+
+
+def _parameter_rows(diagnosis: Diagnosis, catalogue: Mapping[str, type[Effect]]) -> list[dict[str, Any]]:
+    """Return one row for each number that was calibrated, in the order of the final model."""
+    base, final = diagnosis.base.estimates, diagnosis.final.estimates
+    stated = _stated(diagnosis)
+    rows = []
+    for name in dict.fromkeys((*base, *final)):
+        known = stated.get(name)
+        pull = np.nan
+        if known is not None and known.sd and name in final:
+            pull = (final[name].value - known.value) / known.sd
+        rows.append(
+            {
+                "name": name,
+                "stated": _of(Estimate(known.value, known.sd or 0.0, ""), final.get(name)) if known else "-",
+                "base": _of(base.get(name), base.get(name)),
+                "final": _of(final.get(name), final.get(name)),
+                "pull": f"{pull:+.1f}" if np.isfinite(pull) else "-",
+                "flagged": bool(np.isfinite(pull) and abs(pull) > _LARGE_PULL),
+                "meaning": _meaning(name, catalogue),
+            }
+        )
+    return rows
+
+
+def _of(estimate: Estimate | None, with_unit: Estimate | None) -> str:
+    if estimate is None:
+        return "-"
+    return with_sd(dataclasses.replace(estimate, unit=with_unit.unit if with_unit else estimate.unit))
+
+
+def _stated(diagnosis: Diagnosis) -> dict[str, Known]:
+    """Return what the case states, under the names of the estimates."""
+    stated = dict(diagnosis.case.parameters)
+    for run in diagnosis.case.runs:
+        own = {**run.overrides, "initial_soc": run.initial_soc}
+        stated |= {f"{name}[{run.name}]": known for name, known in own.items()}
+    return stated
+
+
+def _meaning(name: str, catalogue: Mapping[str, type[Effect]]) -> str:
+    label, _, field = name.rpartition(".")
+    if label:
+        cls = catalogue.get(label.partition(":")[0])
+        return describe(cls)[field].meaning if cls is not None and field in describe(cls) else ""
+    plain = re.sub(r"\[.*\]$", "", name)
+    return TABLE[plain].meaning if plain in TABLE else ""

@@ -1,0 +1,85 @@
+"""Talking to a person at a terminal: tables, progress with an estimate, and plain lines where nobody watches."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+
+_PLAIN_WIDTH = 120
+_PLAIN_SHARE = 0.25  # of the work, between two plain lines
+
+
+def console(stderr: bool = False) -> Console:
+    """Return a console on today's stdout or stderr, wide where its output goes to a file."""
+    stream = sys.stderr if stderr else sys.stdout
+    return Console(file=stream, width=None if stream.isatty() else _PLAIN_WIDTH, highlight=False, soft_wrap=not stream.isatty())
+
+
+def say(sentence: str) -> None:
+    """Print a sentence to stdout, as it is."""
+    console().print(sentence, markup=False)
+
+
+def complain(sentence: str) -> None:
+    """Print a sentence to stderr, on one line."""
+    print(" ".join(sentence.split()), file=sys.stderr)
+
+
+def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> None:
+    """Print a table; `right` are the numbers of the columns to align to the right."""
+    shown = Table(title=Text(title), title_justify="left", title_style="bold", header_style="bold")
+    for number, name in enumerate(columns):
+        shown.add_column(Text(name), justify="right" if number in right else "left", overflow="fold")
+    for row in rows:
+        shown.add_row(*map(Text, row))  # a unit in brackets is no markup
+    console().print(shown)
+
+
+@contextlib.contextmanager
+def counted(what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
+    """Show how far some work of known size is, with the time left.
+
+    Yields:
+        A function to be called with (done, total).
+    """
+    if sys.stderr.isatty():
+        columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TextColumn(unit), TimeElapsedColumn(), TimeRemainingColumn())
+        with Progress(*columns, console=console(stderr=True), transient=True) as bar:
+            task = bar.add_task(what, total=None)
+            yield lambda done, total: bar.update(task, completed=done, total=total)
+        return
+    began, said = time.perf_counter(), 0.0
+
+    def tell(done: int, total: int) -> None:
+        nonlocal said
+        share = done / total
+        if share >= said + _PLAIN_SHARE and done < total:
+            left = (time.perf_counter() - began) * (1.0 - share) / share
+            say(f"{what}: {done:,} of {total:,} {unit}, about {left:.0f} s left")
+            said = share
+
+    yield tell
+
+
+@contextlib.contextmanager
+def told(what: str) -> Iterator[Callable[[str], None]]:
+    """Show what some work is doing now, and since when.
+
+    Yields:
+        A function to be called with what is done next.
+    """
+    if sys.stderr.isatty():
+        columns = (SpinnerColumn(), TextColumn(what), TextColumn("{task.fields[now]}"), TimeElapsedColumn())
+        with Progress(*columns, console=console(stderr=True), transient=True) as bar:
+            task = bar.add_task(what, total=None, now="")
+            yield lambda now: bar.update(task, now=now)
+        return
+    began = time.perf_counter()
+    yield lambda now: say(f"{what}: {now} ({time.perf_counter() - began:.0f} s)")
