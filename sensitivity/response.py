@@ -169,6 +169,8 @@ def make_response(
     if names is None:
         enter = influential(lambda given: response.run(given)[0], response.named(response.values()))
         return dataclasses.replace(response, names=tuple(name for name in known if name in enter))
+    if not response.names:
+        raise ParameterError("names: there is none; name at least one parameter or input, or leave names out for all.")
     _check(response.names, known, "names", "parameter or input")
     return response
 

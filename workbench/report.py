@@ -47,19 +47,24 @@ def write_report(
         pictures: PNG by name, as `commands.diagnose.pictures_of` makes them.
         catalogue: the known effects, for what they are.
     """
+    write_page(path, "diagnosis.html", **report_content(diagnosis, pictures, catalogue))
+
+
+def report_content(
+    diagnosis: Diagnosis, pictures: Mapping[str, bytes], catalogue: Mapping[str, type[Effect]] = CATALOGUE
+) -> dict[str, Any]:
+    """Return what the templates of a diagnosis show; arguments as `write_report`."""
     case = diagnosis.case
-    write_page(
-        path,
-        "diagnosis.html",
-        diagnosis=diagnosis,
-        case=case,
-        pictures=pictures,
-        verdict_title=VERDICT_TITLES[diagnosis.verdict],
-        verdict=verdict_sentence(diagnosis),
-        summary=summary(diagnosis),
-        channels=channel_labels(diagnosis),
-        ladder=ladder_rows(diagnosis),
-        named=[
+    return {
+        "diagnosis": diagnosis,
+        "case": case,
+        "pictures": pictures,
+        "verdict_title": VERDICT_TITLES[diagnosis.verdict],
+        "verdict": verdict_sentence(diagnosis),
+        "summary": summary(diagnosis),
+        "channels": channel_labels(diagnosis),
+        "ladder": ladder_rows(diagnosis),
+        "named": [
             {
                 "label": effect.label,
                 "probability": effect.probability,
@@ -69,18 +74,18 @@ def write_report(
             }
             for effect in diagnosis.effects
         ],
-        alike=[
+        "alike": [
             f"{effect_name(effect.label)}: {join([effect_name(label) for label in effect.cannot_tell_apart_from])}"
             for effect in diagnosis.effects
             if effect.cannot_tell_apart_from
         ],
-        blind=join([effect_name(label) for label in diagnosis.blind_to]),
-        runs=case.runs,
-        parameters=_parameter_rows(diagnosis, catalogue),
-        at_bound=join(list(diagnosis.final.at_bound)),
-        noise=[_noise_row(diagnosis, channel) for channel in diagnosis.noise],
-        origin=provenance([case.path, *(run.source for run in case.runs)]),
-    )
+        "blind": join([effect_name(label) for label in diagnosis.blind_to]),
+        "runs": case.runs,
+        "parameters": _parameter_rows(diagnosis, catalogue),
+        "at_bound": join(list(diagnosis.final.at_bound)),
+        "noise": [_noise_row(diagnosis, channel) for channel in diagnosis.noise],
+        "origin": provenance([case.path, *(run.source for run in case.runs)]),
+    }
 
 
 def summary(diagnosis: Diagnosis) -> list[str]:

@@ -72,14 +72,18 @@ def rung_name(diagnosis: Diagnosis, number: int) -> str:
 
 
 def final_name(diagnosis: Diagnosis) -> str:
-    """Return the model that the diagnosis ends with in words."""
-    added = diagnosis.final.added
+    """Return the model that the diagnosis ends with in words, its effects in the order of the ladder."""
+    added = dict.fromkeys(label for rung in diagnosis.ladder for label in rung.added)
     return f"with {join([effect_name(label) for label in added])}" if added else "calibrated base model"
 
 
 def number(value: float, digits: int = 3) -> str:
-    """Return a number with significant digits, '-' where there is none."""
-    return f"{value:.{digits}g}" if np.isfinite(value) else "-"
+    """Return a number to some significant digits, '-' where there is none."""
+    if not np.isfinite(value):
+        return "-"
+    if 1e3 <= abs(value) < 1e7:
+        return f"{float(f'{value:.{digits}g}'):,.0f}"
+    return f"{value:.{digits}g}"
 
 
 def with_sd(estimate: Estimate) -> str:

@@ -302,6 +302,7 @@ def test_a_run_that_ends_is_summed_up_to_its_end():
     ("asked", "error", "message"),
     [
         ({"names": ["capacity"]}, ParameterError, "Did you mean 'capacity_Ah'"),
+        ({"names": []}, ParameterError, "at least one"),
         ({"names": ["ambient"]}, ParameterError, "Did you mean 'ambient_degC'"),
         ({"metrics": ["final_voltage"]}, SweepError, "Did you mean 'final_voltage_V'"),
         ({"metrics": ["mean_speed_rad_s"]}, SweepError, "no metric 'mean_speed_rad_s'"),

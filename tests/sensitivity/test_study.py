@@ -48,7 +48,7 @@ def test_study_is_looked_at_in_its_own_point(study: Study, data: xarray.Dataset)
     assert float(data.value.sel(parameter="cycles")) == 25.0
     assert list(data.time_s.values) == [0.0, 40.0, 80.0]
     assert list(data.output.values) == ["voltage_V"]
-    assert data.attrs["simulations"] == data.sizes["parameter"] + 1
+    assert data.attrs["simulations"] == 4 * data.sizes["parameter"]
     np.testing.assert_allclose(data.linear_change, data.metric_change, rtol=1e-9, atol=1e-15)
 
 

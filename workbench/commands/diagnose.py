@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import sys
+import time
 import traceback
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,7 +13,7 @@ import numpy as np
 import typer
 
 from discrepancy.diagnose import compare, diagnose
-from discrepancy.result import Diagnosis, write_answer
+from discrepancy.result import Diagnosis, answer, write_answer
 from jaxmodel.cases import Case, read_case
 from jaxmodel.errors import MeasurementError, UserError
 from jaxmodel.ports import Effect
@@ -58,9 +60,11 @@ def diagnose_all(
     start(out)
     done: list[Diagnosis] = []
     failed: list[str] = []
-    for path in paths:
+    began = time.perf_counter()
+    for number, path in enumerate(paths):
+        place = _place(number, len(paths), time.perf_counter() - began)
         try:
-            done.append(_diagnose_one(path, out, own, try_effects, answer_only))
+            done.append(_diagnose_one(path, place, out, own, try_effects, answer_only))
         except Exception as error:
             if len(paths) == 1:
                 raise
@@ -83,17 +87,28 @@ def _check_names(paths: Sequence[Path]) -> None:
             raise MeasurementError(f"Two of the cases are called '{name}'; diagnose them one by one, each with an --out of its own.")
 
 
+def _place(number: int, of: int, elapsed_s: float) -> str:
+    """Say which of several cases this is, and how long all of them may still take."""
+    if of == 1:
+        return ""
+    left = f", about {elapsed_s / number * (of - number) / 60.0:.0f} min left" if number else ""
+    return f" ({number + 1} of {of}{left})"
+
+
 def _diagnose_one(
-    path: Path, out: Path, own: Mapping[str, type[Effect]], try_effects: bool, answer_only: bool
+    path: Path, place: str, out: Path, own: Mapping[str, type[Effect]], try_effects: bool, answer_only: bool
 ) -> Diagnosis:
     case = read_case(path)
-    with terminal.told(case.name) as progress:
+    with terminal.told(f"{case.name}{place}") as progress:
         diagnosis = (diagnose if try_effects else compare)(case, extra_effects=own, progress=progress)
         folder = out / case.name
         folder.mkdir(parents=True, exist_ok=True)
-        write_answer(diagnosis, folder / "answer.json")
         extended = extended_case(diagnosis)
-        write_case(extended, folder / "extended.toml", _comments(diagnosis, own))
+        if try_effects:
+            write_answer(diagnosis, folder / "answer.json")
+        else:
+            (folder / "errors.json").write_text(json.dumps(answer(diagnosis)["error"], indent=2) + "\n", encoding="utf-8")
+        write_case(extended, folder / ("extended.toml" if try_effects else "calibrated.toml"), _comments(diagnosis, own))
         if not answer_only:
             progress("pictures and report")
             write_pictures_and_report(diagnosis, extended, folder, catalogue_with(own))
@@ -159,7 +174,8 @@ def _conditions(case: Case, outcomes: Sequence[Outcome]) -> dict[str, np.ndarray
 
 
 def _comments(diagnosis: Diagnosis, own: Mapping[str, type[Effect]]) -> list[str]:
-    lines = [f"The case '{diagnosis.case.name}' as calibrated {final_name(diagnosis)}.".replace("calibrated calibrated base model", "calibrated")]
+    model = final_name(diagnosis)
+    lines = [f"The case '{diagnosis.case.name}', calibrated {model if diagnosis.final.added else 'without any effect'}."]
     lines += [f"Left out, because a case holds one effect of a name: {label}" for label in left_out(diagnosis)]
     if needed := [label for label in diagnosis.final.added if label in own]:
         lines.append(f"Give --effect FILE.py:CLASS again for {', '.join(needed)}.")

@@ -103,7 +103,7 @@ def scores(diagnosis: Diagnosis, most: int = 24) -> Figure:
         axes.plot(abs(entry.z), place, "o", color=colour, markerfacecolor=face, markersize=5.5)
         if not entry.blind:
             axes.annotate(
-                f"{entry.z:+.3g}", (abs(entry.z), place), xytext=(6, 0), textcoords="offset points", va="center", fontsize=7.5
+                _signed(entry.z), (abs(entry.z), place), xytext=(6, 0), textcoords="offset points", va="center", fontsize=7.5
             )
     for entry in {_score_style(e)[2]: e for e in entries}.values():
         colour, face, label = _score_style(entry)
@@ -125,6 +125,13 @@ def scores(diagnosis: Diagnosis, most: int = 24) -> Figure:
     axes.set_xlabel("|z|, size of the standard score of the effect's amplitude (its sign is printed)")
     figure.legend(loc="outside lower center", ncols=2)
     return figure
+
+
+def _signed(z: float) -> str:
+    """Return a score with its sign, to three digits."""
+    if abs(z) < 0.005:
+        return "0"
+    return f"{z:+,.0f}" if abs(z) >= 100.0 else f"{z:+.3g}"
 
 
 def _score_style(entry: ScoreEntry) -> tuple[str, str, str]:

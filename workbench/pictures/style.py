@@ -143,9 +143,11 @@ def residual_scale(axes: Axes, models: Sequence[np.ndarray], floor: float) -> No
     axes.set_yscale("symlog", linthresh=smallest, linscale=1.0)
     decade = 10.0 ** np.ceil(np.log10(smallest))
     decades = [decade * 10.0**k for k in range(int(np.log10(2.0 * largest / decade)) + 1)]
+    lowest, highest = (float(f([f(r[np.isfinite(r)], initial=0.0) for r in models])) for f in (np.min, np.max))
     axes.set_yticks([*(-d for d in reversed(decades)), 0.0, *decades])
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.yaxis.set_minor_locator(SymmetricalLogLocator(base=10.0, linthresh=smallest, subs=[2, 5]))
+    axes.set_ylim(min(1.5 * lowest, -smallest), max(1.5 * highest, smallest))
 
 
 def plain_log(axis: Any) -> None:

@@ -1,0 +1,290 @@
+"""The diagnosis of a case: calibrate, score every effect, refit the likely ones, add what is needed, and say what is left.
+
+Steps 1, 2, 4, 6, 7 and 8 of the method. An effect is named when its score is beyond the critical value for all effects together and the
+refitted model's evidence (Laplace, with the stated priors) says so; a second one likewise. What neither explains is found by
+the deficiency map and called unknown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from discrepancy.misfit import Block, deficiency_map
+from discrepancy.posterior import SOMETHING_ELSE, hypothesis_name, probabilities
+from discrepancy.result import Diagnosis, NamedEffect, ScoreEntry
+from discrepancy.score import sight
+from discrepancy.screen import Screen
+from discrepancy.session import Hypothesis, Session
+from discrepancy.conditions import conditions, failing_sentences
+from jaxmodel.cases import Case
+from jaxmodel.ports import Effect
+
+Progress = Callable[[str], None]
+
+# How many effects are refitted at each stage, strongest scores first. A score is local: a large effect nearby may
+# outscore the true one, seldom four of them.
+SHORTLIST = 5
+# A second effect must raise the log evidence by this much (odds of 150 to 1) over the best single one.
+SECOND_EFFECT_GAIN = 5.0
+# Odds below which two hypotheses are told apart by nothing (3 to 1 on the log scale is 20 to 1).
+TOLD_APART = 3.0
+# Below this probability the best hypothesis is not named.
+NAMED = 0.5
+# What is partly explained is named all the same where this share of the excess error goes with it.
+PARTIAL_SHARE = 0.8
+
+
+def compare(
+    case: Case, *, extra_effects: Mapping[str, type[Effect]] | None = None, progress: Progress | None = None
+) -> Diagnosis:
+    """Calibrate a case's model and hold it against the measurements, without asking what is missing.
+
+    Args:
+        case: with at least one fit run.
+        extra_effects: the user's own, by name.
+        progress: told what is being done.
+    """
+    session = Session(case, extra_effects)
+    _tell(progress, "calibrating")
+    base = session.hypothesis()
+    ladder = (session.rung("nominal", None), session.rung("calibrated", base))
+    return Diagnosis(
+        case=case,
+        verdict="",
+        effects=(),
+        candidates=(),
+        unexplained=None,
+        blind_to=(),
+        noise=session.noise,
+        ladder=ladder,
+        scores=(),
+        critical_z=float("nan"),
+        where=failing_sentences(session, base),
+        remarks=_remarks(base),
+    )
+
+
+def diagnose(
+    case: Case, *, extra_effects: Mapping[str, type[Effect]] | None = None, progress: Progress | None = None
+) -> Diagnosis:
+    """Find which physical effect or sensor fault a case's model is missing.
+
+    Args:
+        case: with at least one fit run.
+        extra_effects: the user's own, by name; they take part like those of the catalogue.
+        progress: told what is being done.
+
+    Raises:
+        FitError: nothing is uncertain, or no run may be used to calibrate.
+    """
+    session = Session(case, extra_effects)
+    _tell(progress, "calibrating the base model")
+    base = session.hypothesis()
+    _tell(progress, f"scoring {len(session.candidates)} candidate effects")
+    first = session.screen(base)
+
+    best, screened = base, first
+    if first.table.significant:
+        best, screened = _search(session, first, progress)
+    left = misfit(session, best, screened)
+    unexplained = next((block for block in left if block.significant), None)
+    _tell(progress, "weighing")
+    weighed = probabilities(session.known(), best, left, session.candidates)
+    verdict = _verdict(session, base, best, weighed, unexplained)
+
+    ladder = [session.rung("nominal", None), session.rung("calibrated", base)]
+    for count in range(1, len(best.labels) + 1):
+        added = _order(session, best)[:count]
+        ladder.append(session.rung("with " + " + ".join(added), session.hypothesis(added)))
+    named = _named(session, best, weighed) if verdict in ("missing_effect", "sensor_fault", "unknown_effect") else ()
+    return Diagnosis(
+        case=case,
+        verdict=verdict,
+        effects=named,
+        candidates=tuple((name, p) for name, p in weighed.items() if p >= 5e-4),
+        unexplained=unexplained.sentence() if unexplained is not None and verdict == "unknown_effect" else None,
+        blind_to=_blind(session, first),
+        noise=session.noise,
+        ladder=tuple(ladder),
+        scores=_scores(first, _blind(session, first)),
+        critical_z=first.table.critical_z,
+        where=failing_sentences(session, base),
+        remarks=_remarks(best),
+    )
+
+
+def _search(session: Session, first: Screen, progress: Progress | None) -> tuple[Hypothesis, Screen]:
+    """Return the best model of one or two effects, and the screen of what could still be added to it."""
+    likely = _shortlist(first)
+    _tell(progress, f"refitting with {', '.join(likely)}")
+    singles = session.hypotheses([((label,), session.starts(first, label)) for label in likely])
+    best = max([session.hypothesis(), *singles], key=lambda one: one.log_evidence)
+    if not best.labels:
+        return best, first
+    screened = session.screen(best)
+    if not screened.table.significant:
+        return best, screened
+
+    seconds = _shortlist(screened)
+    _tell(progress, f"refitting {best.labels[0]} with {', '.join(seconds)}")
+    own = best.fitted.x[best.layout.base :]
+    sets = []
+    for label in seconds:
+        key = tuple(sorted((best.labels[0], label)))
+        starts = [
+            np.concatenate([own if one == best.labels[0] else start for one in key])
+            for start in session.starts(screened, label)
+        ]
+        sets.append((key, starts))
+    couples = session.hypotheses(sets)
+    couple = max(couples, key=lambda one: one.log_evidence)
+    if couple.log_evidence < best.log_evidence + SECOND_EFFECT_GAIN:
+        return best, screened
+    # Swap: where the second effect alone explains as much as both, the first was only its stand-in.
+    alone = _order(session, couple)
+    swapped = [label for label in alone if (label,) not in {one.labels for one in session.known()}]
+    session.hypotheses([((label,), session.starts(first, label)) for label in swapped])
+    single = max((one for one in session.known() if len(one.labels) == 1), key=lambda one: one.log_evidence)
+    if single.log_evidence > couple.log_evidence - SECOND_EFFECT_GAIN:
+        couple = single
+    return couple, session.screen(couple)
+
+
+def _shortlist(screened: Screen) -> list[str]:
+    """Return the significant effects with the strongest scores, and what cannot be told apart from the first."""
+    significant = [effect.name for effect in screened.table.effects if effect.name in screened.table.significant]
+    chosen = significant[:SHORTLIST]
+    for alike in screened.table.classes:
+        if chosen[0] in alike:
+            chosen += [name for name in alike if name not in chosen][:3]
+    return chosen
+
+
+def misfit(session: Session, hypothesis: Hypothesis, screened: Screen) -> list[Block]:
+    """Return the deficiency map of a calibrated model, strongest block first."""
+    problem = hypothesis.problem
+    counted = screened.counted
+    channel = np.asarray(problem.readings.index)[counted] % len(problem.channels)
+    variables = conditions(session, hypothesis)
+    current = next((name for name in variables if name.endswith("current_A")), None)
+    multipliers = {"": np.ones(counted.sum())}
+    if current is not None:
+        multipliers[current] = variables[current]
+    return deficiency_map(
+        screened.base,
+        screened.residual,
+        channel,
+        problem.channels,
+        np.asarray(problem.readings.sd)[counted],
+        {name: values for name, values in variables.items() if name != "run"},
+        multipliers,
+    )
+
+
+def _verdict(
+    session: Session, base: Hypothesis, best: Hypothesis, weighed: dict[str, float], unexplained: Block | None
+) -> str:
+    if unexplained is not None and weighed[SOMETHING_ELSE] > NAMED:
+        return "unknown_effect"
+    if not best.labels:
+        return "adequate"
+    if weighed.get(hypothesis_name(best.labels), 0.0) < NAMED:
+        return "adequate" if weighed["base"] > NAMED else "undecided"
+    if all(session.candidates[label].is_sensor for label in best.labels):
+        return "sensor_fault"
+    return "missing_effect"
+
+
+def _order(session: Session, best: Hypothesis) -> list[str]:
+    """Return a model's effects, the one that explains more by itself first."""
+    alone = {one.labels[0]: one.log_evidence for one in session.known() if len(one.labels) == 1}
+    return sorted(best.labels, key=lambda label: alone.get(label, -np.inf), reverse=True)
+
+
+def _named(session: Session, best: Hypothesis, weighed: dict[str, float]) -> tuple[NamedEffect, ...]:
+    base = session.hypothesis()
+    readings = float(np.sum(np.asarray(base.problem.readings.fit)))
+    excess = base.fitted.chi2 - readings
+    explained = (base.fitted.chi2 - best.fitted.chi2) / excess if excess > 0.0 else 0.0
+    if weighed[SOMETHING_ELSE] > NAMED and explained < PARTIAL_SHARE:
+        return ()
+    estimates = session.rung("", best).estimates
+    named = []
+    for label in _order(session, best):
+        effect = session.candidates[label].effect
+        holding = sum(p for name, p in weighed.items() if label in name.split("+"))
+        if weighed[SOMETHING_ELSE] > NAMED:
+            holding = min(0.99, explained)
+        prefix = f"{label}."
+        named.append(
+            NamedEffect(
+                label=label,
+                name=effect.name,
+                column=getattr(effect, "column", ""),
+                probability=holding,
+                parameters={n.removeprefix(prefix): e for n, e in estimates.items() if n.startswith(prefix)},
+                cannot_tell_apart_from=_rivals(session, best, label),
+            )
+        )
+    return tuple(named)
+
+
+def _rivals(session: Session, best: Hypothesis, label: str) -> tuple[str, ...]:
+    """Return the effects that, put in an effect's place and refitted, explain the readings as well."""
+    rest = set(best.labels) - {label}
+    return tuple(
+        next(iter(set(one.labels) - rest))
+        for one in session.known()
+        if len(one.labels) == len(best.labels)
+        and rest < set(one.labels)
+        and one.labels != best.labels
+        and one.log_evidence > best.log_evidence - TOLD_APART
+    )
+
+
+def _blind(session: Session, screened: Screen) -> tuple[str, ...]:
+    """Return what this data could not have shown: effects at the low end of their usual range below four sigma."""
+    smallest = {}
+    for name in screened.probes:
+        coordinate = session.candidates[name].coordinates[0]
+        smallest[name] = float(np.exp(-coordinate.spread)) if coordinate.logarithmic else 0.2
+    unseen = [entry.name for entry in sight(screened.table, smallest) if entry.cell == "blind"]
+    unscored = [label for label in session.candidates if label not in screened.probes]
+    return tuple(dict.fromkeys(session.candidates[label].effect.name for label in [*unseen, *unscored]))
+
+
+def _scores(screened: Screen, blind: tuple[str, ...]) -> tuple[ScoreEntry, ...]:
+    return tuple(
+        ScoreEntry(
+            label=effect.name,
+            z=float(np.copysign(effect.z_equivalent, effect.z)),
+            significant=effect.name in screened.table.significant,
+            blind=effect.name.split(":")[0] in blind,
+            hidden_by=effect.hidden_by,
+        )
+        for effect in screened.table.effects
+    )
+
+
+def _remarks(hypothesis: Hypothesis) -> tuple[str, ...]:
+    """Return what a reader should know of the fit itself."""
+    remarks = []
+    if not hypothesis.fitted.converged:
+        remarks.append(
+            f"the fit did not reach a minimum (score {hypothesis.fitted.greatest_score:.2g} where 0.1 is the limit); "
+            "its numbers are not to be relied on"
+        )
+    for place, coordinate in enumerate(hypothesis.layout.coordinates):
+        if abs(hypothesis.fitted.x[place]) > 3.0:
+            remarks.append(
+                f"{coordinate.name} is {abs(hypothesis.fitted.x[place]):.1f} sd from what the case states; "
+                "it may be standing in for something the model lacks"
+            )
+    return tuple(remarks)
+
+
+def _tell(progress: Progress | None, what: str) -> None:
+    if progress is not None:
+        progress(what)

@@ -1,0 +1,158 @@
+"""`jaxmodel demo`: the whole job on real input, ending in one page."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+# First of ours: sweeps gives JAX every core, which must happen before the first array.
+import sweeps
+from discrepancy.diagnose import diagnose
+from discrepancy.result import Diagnosis, write_answer
+from jaxmodel.cases import read_case
+from jaxmodel.effects import CATALOGUE
+from jaxmodel.errors import MeasurementError
+from sensitivity.study import sensitivity_of_study
+from workbench import terminal
+from workbench.commands.diagnose import print_diagnosis, write_pictures_and_report
+from workbench.commands.sensitivity import largest_elasticity, moved_to, print_sensitivity
+from workbench.commands.start import start
+from workbench.commands.sweep import lanes_per_second, print_sweep, run_study
+from workbench.extended import extended_case, write_case
+from workbench.page import write_page
+from workbench.pictures.sensitivities import doubling_beside_gradient, elasticities, over_time
+from workbench.pictures.style import png
+from workbench.pictures.sweeps import against_paper, family, heat_map
+from workbench.report import error_sentence, report_content
+from workbench.wording import effect_name, join, verdict_sentence
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+POINT = {"ambient_degC": 20.0, "load_torque_Nm": 0.175}
+# The paper's Tables 1 and 2: change of the state of charge [1/s] over ambient [degC], and over torque [N m].
+TABLE_1 = {-20.0: -2.8e-4, 0.0: -2.5e-4, 20.0: -2.1e-4, 40.0: -1.6e-4, 60.0: -1.3e-4, 80.0: -0.9e-4, 100.0: -0.5e-4}
+TABLE_2 = {0.175: -2.0e-4, 0.25: -2.8e-4, 0.3: -3.4e-4, 0.35: -3.8e-4}
+_PAPERS_AGE = {"storage_months": 18.0, "cycles": 25.0}
+_STORED_EVERY_S = 30
+_GRADIENT = "soc_gradient"
+
+
+def demo(out: Path, case_path: Path | None) -> None:
+    """Sweep the paper's robot, differentiate it, diagnose a real cell; write `out/index.html`.
+
+    Raises:
+        UserError: the examples are not there, or the case cannot be used.
+    """
+    began = time.perf_counter()
+    study_path = EXAMPLES / "paper_sweep.toml"
+    if not study_path.is_file():
+        raise MeasurementError(
+            "The demo needs the folder examples/ that lies beside the packages; run it from a copy of the repository."
+        )
+    case = read_case(case_path or EXAMPLES / "samsung_30q")
+    start(out)
+    study = sweeps.read_study(study_path)
+
+    dataset = run_study(moved_to(study, {}, store=["soc"], store_every=_STORED_EVERY_S))
+    sweeps.save(dataset, out / "sweep")
+    print_sweep(dataset)
+    pictures = _sweep_pictures(dataset)
+
+    with terminal.told("sensitivity") as progress:
+        progress("differentiating and doubling")
+        at_point = moved_to(study, POINT, metrics=[_GRADIENT, "delivered_energy_Wh", "min_pack_voltage_V"], store=["pack_voltage_V"])
+        data = sensitivity_of_study(at_point)
+    print_sensitivity(data)
+    pictures |= {
+        "doubling": png(doubling_beside_gradient(data, _GRADIENT)),
+        "elasticities": png(elasticities(data)),
+        "over-time": png(over_time(data, "pack_voltage_V")),
+    }
+    for name, picture in pictures.items():
+        (out / f"{name}.png").write_bytes(picture)
+
+    folder = out / case.name
+    folder.mkdir(exist_ok=True)
+    with terminal.told(case.name) as progress:
+        diagnosis = diagnose(case, progress=progress)
+        write_answer(diagnosis, folder / "answer.json")
+        extended = extended_case(diagnosis)
+        write_case(extended, folder / "extended.toml")
+        progress("pictures and report")
+        pictures |= write_pictures_and_report(diagnosis, extended, folder, CATALOGUE)
+    print_diagnosis(diagnosis)
+
+    numbers = numbers_that_matter(dataset, data, diagnosis)
+    write_page(
+        out / "index.html",
+        "demo.html",
+        numbers=numbers,
+        lanes=dataset["status"].size,
+        age=_age(dataset),
+        minutes=(time.perf_counter() - began) / 60.0,
+        **report_content(diagnosis, pictures),
+    )
+    for name, value in numbers.items():
+        terminal.say(f"{name}: {value}")
+    terminal.say(f"Everything is on one page: {out / 'index.html'}")
+
+
+def _at_papers_age(dataset: xr.Dataset) -> xr.Dataset:
+    """Return the lanes nearest to the paper's battery: 18 months stored, 25 cycles."""
+    return dataset.sel(_PAPERS_AGE, method="nearest")
+
+
+def _age(dataset: xr.Dataset) -> str:
+    chosen = _at_papers_age(dataset)
+    return f"{float(chosen['storage_months']):g} months of storage and {float(chosen['cycles']):g} cycles"
+
+
+def _rate(dataset: xr.Dataset, **at: float) -> float:
+    return float(_at_papers_age(dataset)[_GRADIENT].sel(at, method="nearest"))
+
+
+def _sweep_pictures(dataset: xr.Dataset) -> dict[str, bytes]:
+    """Return figures 6 and 7 of the paper, its tables beside ours, and the lowest voltage over both axes."""
+    paper = _at_papers_age(dataset)
+    over_ambient = {float(t): _rate(dataset, **(POINT | {"ambient_degC": float(t)})) for t in paper["ambient_degC"]}
+    over_torque = {float(t): _rate(dataset, **(POINT | {"load_torque_Nm": float(t)})) for t in paper["load_torque_Nm"]}
+    panels = [
+        ("ambient [°C], at 175 mN m", over_ambient, TABLE_1),
+        ("load torque [mN m], at 20 °C", _in_milli(over_torque), _in_milli(TABLE_2)),
+    ]
+    at_torque = paper.sel(load_torque_Nm=POINT["load_torque_Nm"], method="nearest")
+    at_ambient = paper.sel(ambient_degC=POINT["ambient_degC"], method="nearest")
+    age = _age(dataset)
+    return {
+        "figure-6": png(family(at_torque, "soc", "ambient_degC", f"175 mN m, {age}", TABLE_1)),
+        "figure-7": png(family(at_ambient, "soc", "load_torque_Nm", f"20 °C, {age}", TABLE_2)),
+        "against-paper": png(against_paper(panels)),
+        "lowest-voltage": png(heat_map(paper, "min_pack_voltage_V", "load_torque_Nm", "ambient_degC", age)),
+    }
+
+
+def _in_milli(values: Mapping[float, float]) -> dict[float, float]:
+    return {1e3 * key: value for key, value in values.items()}
+
+
+def numbers_that_matter(dataset: xr.Dataset, data: xr.Dataset, diagnosis: Diagnosis) -> dict[str, str]:
+    """Return the five results that a reader should take away, by what they are."""
+    ours, papers = _rate(dataset, **POINT), TABLE_2[POINT["load_torque_Nm"]]
+    name, elasticity = largest_elasticity(data, _GRADIENT)
+    named = [f"{effect_name(e.label)} ({e.probability:.2f})" for e in diagnosis.effects]
+    errors = " ".join(error_sentence(diagnosis, channel) for channel in diagnosis.noise)
+    return {
+        "Swept": f"{dataset['status'].size:,} lanes at {lanes_per_second(dataset):,.0f} lanes/s",
+        "Discharge at 20 °C and 175 mN m": f"{_power(ours)} per second; the paper's Table 2 has {_power(papers)}",
+        "Largest elasticity of the discharge": f"{elasticity:+.2f} by {name}",
+        "Missing from the model of the real cell": join(named) or verdict_sentence(diagnosis),
+        "Error before and after": errors,
+    }
+
+
+def _power(value: float) -> str:
+    exponent = int(np.floor(np.log10(abs(value))))
+    return f"{value / 10.0**exponent:.2f}e{exponent}"
