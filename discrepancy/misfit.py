@@ -12,6 +12,8 @@ import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
 KNOTS = 9
+# A direction of which the model's own unknowns imitate all but this share is theirs.
+ABSORBED = 0.03
 # Probability, over all blocks together, that a right model is called wrong.
 FAMILYWISE = 1e-3
 
@@ -96,14 +98,18 @@ def deficiency_map(
                     continue
                 columns = np.zeros((base.shape[0], hats.shape[1]))
                 columns[np.flatnonzero(mine)] = hats * (factor[mine] / scale[mine])[:, None]
+                length = np.linalg.norm(columns, axis=0)
+                columns, hats_kept = columns[:, length > 0.0] / length[length > 0.0], length > 0.0
                 columns -= q @ (q.T @ columns)
-                basis, triangle = np.linalg.qr(columns)
-                kept = np.abs(np.diag(triangle)) > 1e-8 * np.linalg.norm(columns, axis=0).max(initial=1e-300)
-                if not kept.any():
+                basis, size, mix = np.linalg.svd(columns, full_matrices=False)
+                own = size > ABSORBED
+                if not own.any():
                     continue
-                explained = float(np.sum((basis[:, kept].T @ left) ** 2)) / variance
-                law = np.linalg.lstsq(columns, left, rcond=1e-6)[0]
-                found.append((channel, multiplier, variable, explained, int(kept.sum()), knots, law))
+                along = basis[:, own].T @ left
+                explained = float(np.sum(along**2)) / variance
+                law = np.zeros(knots.size)
+                law[hats_kept] = (mix[own].T @ (along / size[own])) / length[hats_kept]
+                found.append((channel, multiplier, variable, explained, int(own.sum()), knots, law))
     blocks = [
         Block(*entry[:5], min(1.0, len(found) * float(chi2_distribution.sf(entry[3], entry[4]))), *entry[5:])
         for entry in found

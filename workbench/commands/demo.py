@@ -92,6 +92,8 @@ def demo(out: Path, case_path: Path | None) -> None:
         numbers=numbers,
         lanes=dataset["status"].size,
         age=_age(dataset),
+        misfit_1=_misfit(dataset, "ambient_degC", TABLE_1),
+        misfit_2=_misfit(dataset, "load_torque_Nm", TABLE_2),
         minutes=(time.perf_counter() - began) / 60.0,
         **report_content(diagnosis, pictures),
     )
@@ -112,6 +114,12 @@ def _age(dataset: xr.Dataset) -> str:
 
 def _rate(dataset: xr.Dataset, **at: float) -> float:
     return float(_at_papers_age(dataset)[_GRADIENT].sel(at, method="nearest"))
+
+
+def _misfit(dataset: xr.Dataset, axis: str, table: Mapping[float, float]) -> str:
+    """Return the largest difference of our rates from those of a table of the paper, in percent."""
+    off = [abs(_rate(dataset, **(POINT | {axis: at})) / printed - 1.0) for at, printed in table.items()]
+    return f"{100.0 * max(off):.0f} %"
 
 
 def _sweep_pictures(dataset: xr.Dataset) -> dict[str, bytes]:

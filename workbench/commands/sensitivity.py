@@ -33,7 +33,7 @@ def sensitivity(path: Path, out: Path, at: Sequence[str], effects: Sequence[str]
         progress("compiling and running, half a minute the first time" if doubling else "compiling and running")
         data = sensitivity_of_study(study, doubling)
         progress("tables and pictures")
-        data.to_zarr(out / "sensitivity.zarr", mode="w", consolidated=False)
+        _save(data, out / "sensitivity.zarr")
         by_pair(data).to_csv(out / "sensitivity.csv", index=False, float_format="%.12g")
         for name, picture in pictures_of(data):
             (out / f"{name}.png").write_bytes(picture)
@@ -66,6 +66,12 @@ def moved_to(study: sweeps.Study, point: Mapping[str, float], **changes: Any) ->
     return sweeps.Study(**(fields | changes))
 
 
+def _save(data: xr.Dataset, store: Path) -> None:
+    # Text of fixed width has no place in the Zarr format yet, text of any length has.
+    texts = {name: (v.dims, v.to_numpy().astype(object)) for name, v in data.variables.items() if v.dtype.kind == "U"}
+    data.assign(texts).to_zarr(store, mode="w", consolidated=False)
+
+
 def by_pair(data: xr.Dataset):
     """Return one line for each metric and parameter, as a pandas table."""
     pairs = data.drop_dims(["output", "time_s"], errors="ignore")
@@ -79,8 +85,9 @@ def pictures_of(data: xr.Dataset) -> Iterator[tuple[str, bytes]]:
         for metric in map(str, data["metric"].to_numpy()):
             if float(np.abs(data["linear_change"].sel(metric=metric)).max()) > 0.0:
                 yield f"doubling-{metric}", png(doubling_beside_gradient(data, metric))
+    moved = np.abs(data["output_change"].where(data["doubles"])).max(["parameter", "time_s"])
     for output in map(str, data["output"].to_numpy()):
-        if float(np.abs(data["output_change"].sel(output=output)).max()) > 0.0:
+        if float(moved.sel(output=output)) > 0.0:
             yield f"over-time-{output}", png(over_time(data, output))
 
 

@@ -52,7 +52,8 @@ def ladder(diagnosis: Diagnosis) -> Figure:
 def _ladder_of_channel(axes: Axes, diagnosis: Diagnosis, channel: str) -> None:
     quantity, unit = split_unit(channel)
     floor = diagnosis.noise[channel].sd
-    errors = [(rung.errors[channel].fit, rung.errors[channel].check) for rung in diagnosis.ladder]
+    rungs = diagnosis.ladder
+    errors = [(rung.errors[channel].fit, rung.errors[channel].check) for rung in rungs]
     positive = [e for pair in errors for e in pair if np.isfinite(e) and e > 0.0]
     scale, shown_unit = readable([*positive, floor], difference_unit(unit))
     places = np.arange(len(errors))
@@ -80,7 +81,7 @@ def _ladder_of_channel(axes: Axes, diagnosis: Diagnosis, channel: str) -> None:
     axes.set_xlim(low / (high / low) ** 0.06 / 1.05, high * (high / low) ** 0.18 * 1.3)
     plain_log(axes.xaxis)
     axes.grid(visible=False, axis="y")
-    axes.set_yticks(places, [rung_name(diagnosis, number) for number in places])
+    axes.set_yticks(places, [rung_name(diagnosis, number) for number in range(len(rungs))])
     axes.set_xlabel(axis_label(f"RMS error, {quantity}", shown_unit))
 
 

@@ -1,0 +1,126 @@
+"""Pictures and report of a diagnosis: complete, readable offline, safe against what a user's file may hold."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from discrepancy.result import Diagnosis
+from workbench.commands.diagnose import pictures_of
+from workbench.extended import extended_case
+from workbench.report import write_report
+from workbench.runs import simulate_case
+
+VOID = {"meta", "img", "br", "hr", "link", "input"}
+
+
+class Page(HTMLParser):
+    """A page as its tags and attributes; raises where a tag is not closed in order."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.addresses: list[str] = []
+        self.images: list[dict[str, str | None]] = []
+        self.text = ""
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.addresses += [value or "" for name, value in attrs if name in ("src", "href", "srcset", "action")]
+        if tag == "img":
+            self.images.append(dict(attrs))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+@pytest.fixture(scope="module")
+def page(diagnosis: Diagnosis, tmp_path_factory: pytest.TempPathFactory) -> Page:
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    write_report(diagnosis, path, pictures_of(diagnosis, simulate_case(extended_case(diagnosis))))
+    return Page(path.read_text(encoding="utf-8"))
+
+
+def test_report_needs_nothing_but_itself(page: Page) -> None:
+    assert page.addresses
+    assert all(address.startswith("data:image/png;base64,") for address in page.addresses)
+    assert not re.search(r"https?://|@import|url\(", page.text)
+
+
+def test_report_has_every_picture_with_its_caption(page: Page, diagnosis: Diagnosis) -> None:
+    assert len(page.images) == 4 + len(diagnosis.case.runs)  # ladder, conditions, candidates, scores
+    assert all(image["alt"] for image in page.images)
+
+
+def test_report_says_what_the_diagnosis_says(page: Page, diagnosis: Diagnosis) -> None:
+    text = re.sub(r"\s+", " ", page.text)
+    assert "The base model misses self_heating (probability 0.97) and arrhenius_resistance (probability 0.81)." in text
+    assert "C_th = 82.0 ± 3.0 J/K" in text
+    assert "arrhenius_resistance: charge_transfer" in text
+    assert "Blind to: self_discharge and clock_shift." in text
+    assert diagnosis.where[0] in text
+    assert "series_resistance_scale" in text
+    for rung in diagnosis.ladder:
+        for error in rung.errors.values():
+            assert f"{error.check:.3g}" in text or f"{1e3 * error.check:.3g}" in text
+
+
+def test_report_names_its_data_by_their_digests(page: Page, diagnosis: Diagnosis) -> None:
+    for file in (diagnosis.case.path, *(run.source for run in diagnosis.case.runs)):
+        assert hashlib.sha256(file.read_bytes()).hexdigest() in page.text
+
+
+def test_what_a_user_writes_is_text_and_no_markup(page: Page) -> None:
+    """The case's title has an angle bracket in it; were it markup, the parser would have opened a tag `bench`."""
+    assert "Small cell <bench> & load" in page.text
+
+
+@pytest.mark.parametrize(
+    ("verdict", "said"),
+    [
+        ("adequate", "nothing is missing"),
+        ("sensor_fault", "a sensor is not"),
+        ("unknown_effect", "no effect of the catalogue explains: a torque that grows with speed."),
+        ("undecided", "cannot tell between"),
+        ("", "no effects were tried"),
+    ],
+)
+def test_every_verdict_is_one_sentence(diagnosis: Diagnosis, tmp_path: Path, verdict: str, said: str) -> None:
+    from workbench.wording import verdict_sentence
+
+    named = () if verdict in ("adequate", "", "undecided") else diagnosis.effects
+    other = dataclasses.replace(diagnosis, verdict=verdict, effects=named, unexplained="a torque that grows with speed")
+    sentence = verdict_sentence(other)
+    assert said in sentence
+    assert sentence.endswith(".")
+    assert sentence.count(". ") == 0
+
+
+def test_comparison_without_effects_has_a_report_too(diagnosis: Diagnosis, tmp_path: Path) -> None:
+    compared = dataclasses.replace(
+        diagnosis,
+        verdict="",
+        effects=(),
+        candidates=(),
+        scores=(),
+        blind_to=(),
+        critical_z=float("nan"),
+        ladder=diagnosis.ladder[:2],
+    )
+    pictures = pictures_of(compared, simulate_case(extended_case(compared)))
+    write_report(compared, tmp_path / "report.html", pictures)
+    page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert "no effects were tried" in page.text
+    assert "What this data cannot say" not in page.text
+    assert "scores" not in pictures
