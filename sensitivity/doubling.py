@@ -27,9 +27,8 @@ from sensitivity.metrics import VALID_SHARE
 from sensitivity.response import Answer, Response, make_response, steps_of
 from sweeps.metrics import Metric
 
-
-# Curvatures are central differences, over this share of a step to both sides, of exact slopes: good to eight digits. The
-# exact second derivative, a jvp of a jvp, took up to ten times as long to compile.
+# Curvatures are central differences of exact slopes, this share of a step to both sides: good to some seven digits. The
+# exact second derivative, a jvp of a jvp, took five to ten times as long to compile.
 NEARBY = 1e-4
 
 

@@ -35,7 +35,7 @@ def test_runs_of_different_length_are_simulated_as_if_alone(case: Case) -> None:
 
 
 def test_run_that_reaches_its_cutoff_is_empty_after_it(case: Case) -> None:
-    short = cut_short(case.runs[0], 20)  # it ends before the cut-off
+    short = cut_short(case.runs[0], 15)  # it ends before the cut-off
     stopped = dataclasses.replace(case, cutoff={"soc": 0.9}, runs=(case.runs[2], short))
     first, second = simulate_case(stopped)
     alone = simulate(case_model(stopped, first.run), run_profile(first.run), Cutoff(soc=0.9))
