@@ -105,9 +105,7 @@ def _residuals_jvp(primals, tangents):
 
 @eqx.filter_jit
 def _solve(problem: Problem, task: Task):
-    solution = optx.least_squares(
-        _residuals, SOLVER, task.x, args=(problem, task), max_steps=MAX_STEPS, throw=False
-    )
+    solution = optx.least_squares(_residuals, SOLVER, task.x, args=(problem, task), max_steps=MAX_STEPS, throw=False)
     info = solution.state.f_info
     jacobian = info.jac.as_matrix()
     return solution.value, info.residual, jacobian.T @ jacobian, jacobian.T @ info.residual, solution.stats["num_steps"]

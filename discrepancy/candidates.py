@@ -10,8 +10,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from jaxmodel.cases import Case
+from jaxmodel.declaration import ParameterInfo, describe
 from jaxmodel.effects import CATALOGUE
-from jaxmodel.parameters import ParameterInfo, describe
 from jaxmodel.ports import Effect
 
 
@@ -19,8 +19,8 @@ from jaxmodel.ports import Effect
 class Coordinate:
     """One unknown number as a standard normal: number = centre + spread x, or origin + sign exp(centre + spread x).
 
-    The standard normal is the prior: what the case states of a parameter, or the usual range of an effect's (its ends at one
-    standard deviation).
+    The standard normal is the prior: what the case states of a parameter, or the usual range of an effect's (its ends
+    at one standard deviation).
     """
 
     name: str
@@ -59,8 +59,8 @@ def known_coordinate(name: str, value: float, sd: float, info: ParameterInfo) ->
 def effect_coordinate(name: str, info: ParameterInfo) -> Coordinate:
     """Return the coordinate of an effect's parameter, from its usual range.
 
-    A range on one side of the null is taken on the logarithm of the distance from it, so that the sign is kept; a range that spans
-    the null is taken as it is.
+    A range on one side of the null is taken on the logarithm of the distance from it, so that the sign is kept; a range
+    that spans the null is taken as it is.
     """
     assert info.typical is not None, f"{name} declares no usual range"
     low, high = info.typical

@@ -42,8 +42,8 @@ def conditions(session: Session, hypothesis: Hypothesis) -> dict[str, np.ndarray
 def of_neighbours(values: np.ndarray, sd: float) -> np.ndarray:
     """Return a measured input at each row as its neighbours on the same level read it.
 
-    The noise of a measured input is in the residual of its own row too; as a function of the row's own reading that would look like a
-    law of nature.
+    The noise of a measured input is in the residual of its own row too; as a function of the row's own reading that
+    would look like a law of nature.
     """
     before, after = np.roll(values, 1), np.roll(values, -1)
     before[0], after[-1] = np.nan, np.nan

@@ -21,8 +21,9 @@ from jaxmodel.simulate import simulate
 def noise_of_case(case: Case, catalogue: Mapping[str, type[Effect]] = CATALOGUE) -> dict[str, NoiseModel]:
     """Return the noise of every output that the case measured, in the order of the kind's outputs.
 
-    A stated sd is believed, quantisation and the noise of measured inputs are added; where none is stated it is estimated from
-    the readings between the jumps of the inputs. Channels whose readings never change say nothing and are left out.
+    A stated sd is believed, quantisation and the noise of measured inputs are added; where none is stated it is
+    estimated from the readings between the jumps of the inputs. Channels whose readings never change say nothing and
+    are left out.
     """
     noise = {}
     from_inputs = _noise_from_inputs(case, catalogue)
@@ -34,17 +35,13 @@ def noise_of_case(case: Case, catalogue: Mapping[str, type[Effect]] = CATALOGUE)
         values = np.concatenate(readings)
         starts = chain_starts([part.size for part in readings])
         inputs = [np.stack(list(run.measured.inputs.values()), axis=1) for run in runs]
-        calm = np.concatenate(
-            [break_at_jumps(chain_starts([len(part)]), part, settling_rows=3) for part in inputs]
-        )
+        calm = np.concatenate([break_at_jumps(chain_starts([len(part)]), part, settling_rows=3) for part in inputs])
         times = np.concatenate([run.measured.time_s for run in runs])
 
         def estimate(known_sd, values=values, calm=calm | starts, times=times):
             return local_noise(values, calm, times, known_sd=known_sd)
 
-        model = channel_noise(
-            values, estimate, stated_sd=case.sensors.get(name), input_sd=from_inputs.get(name, 0.0)
-        )
+        model = channel_noise(values, estimate, stated_sd=case.sensors.get(name), input_sd=from_inputs.get(name, 0.0))
         if model.sd > 0.0:
             noise[name] = model
     return noise

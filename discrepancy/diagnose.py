@@ -1,8 +1,8 @@
-"""The diagnosis of a case: calibrate, score every effect, refit the likely ones, add what is needed, and say what is left.
+"""The diagnosis of a case: calibrate, score every effect, refit the likely ones, add what is needed, say what is left.
 
-Steps 1, 2, 4, 6, 7 and 8 of the method. An effect is named when its score is beyond the critical value for all effects together and the
-refitted model's evidence (Laplace, with the stated priors) says so; a second one likewise. What neither explains is found by
-the deficiency map and called unknown.
+Steps 1, 2, 4, 6, 7 and 8 of the method. An effect is named when its score is beyond the critical value for all effects
+together and the refitted model's evidence (Laplace, with the stated priors) says so; a second one likewise. What
+neither explains is found by the deficiency map and called unknown.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from discrepancy.conditions import conditions, failing_sentences
 from discrepancy.misfit import Block, deficiency_map
 from discrepancy.posterior import SOMETHING_ELSE, hypothesis_name, probabilities
 from discrepancy.result import Diagnosis, NamedEffect, ScoreEntry
 from discrepancy.score import sight
 from discrepancy.screen import Screen
 from discrepancy.session import Hypothesis, Session
-from discrepancy.conditions import conditions, failing_sentences
 from jaxmodel.cases import Case
 from jaxmodel.ports import Effect
 
@@ -214,7 +214,7 @@ def _named(session: Session, best: Hypothesis, weighed: dict[str, float]) -> tup
     named = []
     for label in _order(session, best):
         effect = session.candidates[label].effect
-        holding = sum(p for name, p in weighed.items() if label in name.split("+"))
+        holding = sum(p for name, p in weighed.items() if effect.name in name.split("+"))
         if weighed[SOMETHING_ELSE] > NAMED:
             holding = min(0.99, explained)
         prefix = f"{label}."

@@ -1,7 +1,8 @@
 """What is left in the residuals of a fitted model, and in which equation it acts: the deficiency map.
 
-Each block is a smooth unknown law: a channel's error as multiplier x f(variable), f piecewise linear on a few knots, projected off
-what the model's own unknowns can imitate. Under a model that is right the chi-square of a block is that of its rank.
+Each block is a smooth unknown law: a channel's error as multiplier x f(variable), f piecewise linear on a few knots,
+projected off what the model's own unknowns can imitate. Under a model that is right the chi-square of a block is that
+of its rank.
 """
 
 from __future__ import annotations
@@ -87,15 +88,16 @@ def deficiency_map(
         mine = channel_of == number
         if mine.sum() < 10 * KNOTS:
             continue
-        # The channel's own level is what the errors scatter by from one reading to the next: a noise sd stated to two digits is
-        # itself uncertain by some percent, which is no law.
+        # The channel's own level is what the errors scatter by from one reading to the next: a noise sd stated to two
+        # digits is itself uncertain by some percent, which is no law.
         fast = np.diff(left[:rows][mine])
         variance = max(float(np.mean(fast**2)) / 2.0, 1e-12)
         for multiplier, factor in multipliers.items():
             for variable, values in variables.items():
-                hats, knots = _hats(values[mine])
-                if hats is None:
+                made = _hats(values[mine])
+                if made is None:
                     continue
+                hats, knots = made
                 columns = np.zeros((base.shape[0], hats.shape[1]))
                 columns[np.flatnonzero(mine)] = hats * (factor[mine] / scale[mine])[:, None]
                 length = np.linalg.norm(columns, axis=0)
@@ -111,15 +113,24 @@ def deficiency_map(
                 law[hats_kept] = (mix[own].T @ (along / size[own])) / length[hats_kept]
                 found.append((channel, multiplier, variable, explained, int(own.sum()), knots, law))
     blocks = [
-        Block(*entry[:5], min(1.0, len(found) * float(chi2_distribution.sf(entry[3], entry[4]))), *entry[5:])
-        for entry in found
+        Block(
+            channel=channel,
+            multiplier=multiplier,
+            variable=variable,
+            chi2=explained,
+            rank=rank,
+            p_value=min(1.0, len(found) * float(chi2_distribution.sf(explained, rank))),
+            knots=knots,
+            law=law,
+        )
+        for channel, multiplier, variable, explained, rank, knots, law in found
     ]
     return sorted(blocks, key=lambda block: block.chi2 - 2.0 * block.rank, reverse=True)
 
 
-def _hats(values: np.ndarray) -> tuple[np.ndarray, np.ndarray] | tuple[None, None]:
+def _hats(values: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """Return piecewise linear hat functions on quantile knots, shape (n, knots)."""
     knots = np.unique(np.quantile(values, np.linspace(0.0, 1.0, KNOTS)))
     if knots.size < 2 or np.ptp(knots) < 1e-9 * max(1.0, float(np.abs(knots).max())):
-        return None, None
+        return None
     return np.stack([np.interp(values, knots, unit) for unit in np.eye(knots.size)], axis=1), knots

@@ -12,8 +12,8 @@ from discrepancy.session import Hypothesis, Labels
 
 SOMETHING_ELSE = "something_else"
 
-# Before any data: nothing missing, one effect, two, something in no catalogue. Assumed, as in a mixed set of benches; the shares
-# are spread evenly over the effects of the kind and over their pairs.
+# Before any data: nothing missing, one effect, two, something in no catalogue. Assumed, as in a mixed set of benches;
+# the shares are spread evenly over the effects of the kind and over their pairs.
 PRIOR = {0: 0.3, 1: 0.45, 2: 0.15}
 PRIOR_SOMETHING_ELSE = 0.1
 # Nothing is printed as surer than this.
@@ -35,7 +35,8 @@ def probabilities(
     """
     count = len(candidates)
     number_of = {0: 1, 1: count, 2: count * (count - 1) // 2}
-    # The noise sd is known to some percent; where the best model leaves more or less than one, odds are scaled by what it leaves.
+    # The noise sd is known to some percent; where the best model leaves more or less than one, odds are scaled by what
+    # it leaves.
     readings = float(np.sum(np.asarray(best.problem.readings.fit)))
     temperature = max(1.0, best.fitted.chi2 / readings) if not _wrong(left) else 1.0
     logs: dict[str, float] = {}
@@ -57,5 +58,3 @@ def probabilities(
 
 def _wrong(left: Sequence[Block]) -> bool:
     return any(block.significant for block in left)
-
-

@@ -26,7 +26,7 @@ class Estimate:
 
 @dataclasses.dataclass(frozen=True)
 class ChannelError:
-    """RMS of measured less predicted of one channel, in its unit, on the runs of each split; NaN where there is none."""
+    """RMS of measured less predicted of one channel, in its unit, by split; NaN where there is none."""
 
     fit: float
     check: float

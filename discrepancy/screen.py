@@ -1,8 +1,8 @@
-"""Screening: the sensitivities of the readings to every unknown and every candidate at once, and their efficient scores.
+"""Screening: sensitivities of the readings to every unknown and every candidate, and the efficient scores.
 
-All are differences of one compiled, purely forward program that holds every candidate behind a switch. Differences, not tangents: the
-forward-mode program of a robot with 31 effects took four times as long to compile, and a switch moves the model so linearly
-that the step of the difference costs 1e-3 of a score.
+All are differences of one compiled, purely forward program that holds every candidate behind a switch. Differences, not
+tangents: the forward-mode program of a robot with 31 effects took four times as long to compile, and a switch moves the
+model so linearly that the step of the difference costs 1e-3 of a score.
 """
 
 from __future__ import annotations

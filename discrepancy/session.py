@@ -67,7 +67,9 @@ class Session:
         key = tuple(sorted(labels))
         if key in self._hypotheses:
             return self._hypotheses[key]
-        problem, layout = make_problem(self.case, self.noise, [self.candidates[label] for label in key], (), self.catalogue)
+        problem, layout = make_problem(
+            self.case, self.noise, [self.candidates[label] for label in key], (), self.catalogue
+        )
         size = len(layout.coordinates)
         first = np.zeros(size)
         # Where the base model has been calibrated already, it is the place to begin.
@@ -110,7 +112,7 @@ class Session:
         return screen(problem, layout, own, hypothesis.fitted, others)
 
     def starts(self, screened: Screen, label: str) -> list[np.ndarray]:
-        """Return where to begin fitting a candidate: at its best-scoring shape, with the amplitude the score suggests."""
+        """Return where to begin fitting a candidate: at its best-scoring shape and the amplitude it suggests."""
         candidate = self.candidates[label]
         if label not in screened.probes:
             return [np.array(candidate.probes[0])]
@@ -129,8 +131,8 @@ class Session:
     def rung(self, name: str, hypothesis: Hypothesis | None) -> Rung:
         """Return one rung of the ladder; None is the base model at its nominal parameters, uncalibrated.
 
-        Check runs judge with everything fixed that the fit runs determined; only what is their own (an initial state of charge
-        known to +- sd) is adjusted on them, within its prior.
+        Check runs judge with everything fixed that the fit runs determined; only what is their own (an initial state of
+        charge known to +- sd) is adjusted on them, within its prior.
         """
         nominal = hypothesis is None
         hypothesis = hypothesis or self.hypothesis()

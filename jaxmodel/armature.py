@@ -1,10 +1,10 @@
 """The armature and rotor: stiff, coupled, and solved exactly over a step as a linear pair with dry friction.
 
-The pair dx/dt = f(x), x = (i_a, w), is linear in the base model. Here it is linearised at the start of the step (the exponential
-Rosenbrock method; exact where the pair is linear), so that a step may be far shorter or far longer than its time
-constants (0.7 ms and 4 ms). Coulomb friction enters as in the time stepping of contact mechanics (Moreau): its torque over the step is
-the one within [-level, +level] that lets the rotor slide, or that holds it at standstill. There is no event to find, standstill is
-exact, and a reversal inside a step is right to first order in that step.
+The pair dx/dt = f(x), x = (i_a, w), is linear in the base model. Here it is linearised at the start of the step (the
+exponential Rosenbrock method; exact where the pair is linear), so that a step may be far shorter or far longer than its
+time constants (0.7 ms and 4 ms). Coulomb friction enters as in the time stepping of contact mechanics (Moreau): its
+torque over the step is the one within [-level, +level] that lets the rotor slide, or that holds it at standstill. There
+is no event to find, standstill is exact, and a reversal inside a step is right to first order in that step.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jaxmodel.declaration import Scalar
 from jaxmodel.flow import mean_exponential
-from jaxmodel.parameters import Scalar
 
 Pair = Float[Array, "2"]
 Matrix = Float[Array, "2 2"]

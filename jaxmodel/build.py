@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from jaxmodel.cases import Case, Run
-from jaxmodel.curves import CURVE_NAMES, CellCurves, Table, look_up_curves
+from jaxmodel.curves import CURVE_NAMES, CellCurves, Curve, Table, look_up_curves
+from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import EffectError, ParameterError, nearest
 from jaxmodel.model import Model
-from jaxmodel.parameters import Parameters, describe
+from jaxmodel.parameters import Parameters
 from jaxmodel.ports import Effect
 from jaxmodel.profile import Profile
 
@@ -65,7 +66,8 @@ def load_effect_class(reference: str) -> type[Effect]:
     if not class_name or not path.is_file():
         raise EffectError(f"--effect {reference}: give an existing file and a class, as in my_effects.py:MagnetAgeing.")
     spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None and spec.loader is not None
+    assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
@@ -75,7 +77,9 @@ def load_effect_class(reference: str) -> type[Effect]:
         raise EffectError(f"--effect {reference}: the file does not run: {error}.") from error
     cls = getattr(module, class_name, None)
     if not (inspect.isclass(cls) and issubclass(cls, Effect)):
-        raise EffectError(f"--effect {reference}: {path.name} has no class '{class_name}' derived from jaxmodel.ports.Effect.")
+        raise EffectError(
+            f"--effect {reference}: {path.name} has no class '{class_name}' derived from jaxmodel.ports.Effect."
+        )
     return cls
 
 
@@ -95,26 +99,27 @@ def case_model(
     where = str(case.path)
     if case.preset not in PRESETS:
         raise ParameterError(f"{where}: no preset is called '{case.preset}'.{nearest(case.preset, PRESETS)}")
-    known = {name: entry.value for name, entry in case.parameters.items()}
+    known: dict[str, Any] = {name: entry.value for name, entry in case.parameters.items()}
     if run is not None:
         known |= {name: entry.value for name, entry in run.overrides.items()}
         known["initial_soc"] = run.initial_soc.value
     curves = CellCurves()
     if fidelity == "lut":
         curves = look_up_curves(curves)
-    tables = {
+    chosen: dict[str, Curve] = {name: getattr(curves, name) for name in CURVE_NAMES}
+    chosen |= {
         name: Table(table.soc, table.values, table.temperature_degC)
         for name, table in case.tables.items()
         if name in CURVE_NAMES
     }
-    curves = CellCurves(**{name: tables.get(name, getattr(curves, name)) for name in CURVE_NAMES})
     effects = tuple(make_effect(name, values, where, catalogue) for name, values in case.effects.items())
     for effect in effects:
         if case.kind not in effect.kinds:
             raise EffectError(
-                f"{where}: effect '{effect.name}' applies to {' and '.join(effect.kinds)}, not to kind '{case.kind}'; remove it."
+                f"{where}: effect '{effect.name}' applies to {' and '.join(effect.kinds)}, "
+                f"not to kind '{case.kind}'; remove it."
             )
-    return Model(kind=case.kind, parameters=Parameters(**known), curves=curves, effects=effects)
+    return Model(kind=case.kind, parameters=Parameters(**known), curves=CellCurves(**chosen), effects=effects)
 
 
 def run_profile(run: Run) -> Profile:

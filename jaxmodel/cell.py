@@ -6,8 +6,9 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from jaxmodel.curves import CellCurves
+from jaxmodel.declaration import Scalar
 from jaxmodel.flow import Flow, State, integral, relaxation
-from jaxmodel.parameters import Parameters, Scalar
+from jaxmodel.parameters import Parameters
 from jaxmodel.ports import CellContext, Effect, fold
 
 ZERO_DEGC_IN_K = 273.15
@@ -103,7 +104,11 @@ def voltage(cell: Cell, current_A: Scalar) -> Scalar:
     lost = fold(cell.effects, "overpotential", jnp.zeros(()), carrying(cell, current_A))
     state = cell.context.state
     return (
-        cell.open_circuit_voltage_V - current_A * cell.context.series_resistance_ohm - state["v_ts_V"] - state["v_tl_V"] - lost
+        cell.open_circuit_voltage_V
+        - current_A * cell.context.series_resistance_ohm
+        - state["v_ts_V"]
+        - state["v_tl_V"]
+        - lost
     )
 
 

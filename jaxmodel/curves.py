@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxmodel.parameters import Scalar
+from jaxmodel.declaration import Scalar
 
 # Eqs. 3-6 and 10 turn negative or explode just below this state of charge (C_TS at 0.005, C_TL at 0.011):
 # they are held at their value here.
@@ -131,8 +131,8 @@ CURVE_NAMES = ("ocv", "R_ints", "R_TS", "C_TS", "R_TL", "C_TL")
 def look_up(curve: Curve, soc=LUT_SOC, temperature_degC=LUT_TEMPERATURE_DEGC) -> Table:
     """Return the table that the paper's `lut` fidelity would hold for a curve.
 
-    The paper used 6 SOC breakpoints and 7 temperatures (-20 to 100 in steps of 20) and prints neither the breakpoints nor the values;
-    the breakpoints here are assumed, denser where the curves bend.
+    The paper used 6 SOC breakpoints and 7 temperatures (-20 to 100 in steps of 20) and prints neither the breakpoints
+    nor the values; the breakpoints here are assumed, denser where the curves bend.
     """
     over_soc = jax.vmap(curve, in_axes=(0, None))
     over_both = jax.vmap(over_soc, in_axes=(None, 0))

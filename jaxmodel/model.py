@@ -14,9 +14,10 @@ from jaxmodel import robot as robots
 from jaxmodel.armature import ArmatureStep
 from jaxmodel.cell import Cell
 from jaxmodel.curves import CellCurves
+from jaxmodel.declaration import Scalar
 from jaxmodel.flow import State, advance
 from jaxmodel.motor import Motor
-from jaxmodel.parameters import Parameters, Scalar
+from jaxmodel.parameters import Parameters
 from jaxmodel.ports import Effect
 from jaxmodel.robot import Inputs
 
@@ -24,7 +25,7 @@ Readings = dict[str, Scalar]
 
 
 class Model(eqx.Module):
-    """One model: a pytree whose leaves are all the numbers in it, so that any of them may carry lanes or derivatives."""
+    """A pytree whose leaves are all the numbers of one model: any of them may carry lanes or derivatives."""
 
     kind: str = eqx.field(static=True)
     parameters: Parameters = Parameters()
@@ -56,8 +57,9 @@ def initial_state(model: Model, inputs: Inputs) -> State:
 def step(model: Model, state: State, inputs: Inputs, duration: Scalar) -> State:
     """Return the state after `duration` seconds (>= 0) under constant inputs: second order, stable at any step.
 
-    Exponential midpoint: the slow states move half a step with the coefficients of the start, then the whole step with those of the
-    middle; each time the fast ones (armature current and speed) are solved exactly for their means over the span.
+    Exponential midpoint: the slow states move half a step with the coefficients of the start, then the whole step with
+    those of the middle; each time the fast ones (armature current and speed) are solved exactly for their means over
+    the span.
     """
     inputs = true_inputs(model, inputs)
     half = 0.5 * duration
@@ -89,7 +91,8 @@ def read(model: Model, state: State, inputs: Inputs) -> Readings:
         assert cell is not None
         readings["voltage_V"] = cells.voltage(cell, inputs["current_A"])
     if model.kind == "robot":
-        assert cell is not None and motor is not None
+        assert cell is not None
+        assert motor is not None
         accessories = robots.accessory_draw(model.parameters, inputs)
         voltage, current = robots.pack(cell, motor, accessories, state["motor_current_A"])
         readings |= {"pack_voltage_V": voltage, "pack_current_A": current}

@@ -9,8 +9,9 @@ import jax
 import jax.numpy as jnp
 
 from jaxmodel.armature import ArmatureStep, Pair, solve_pair, solve_speed, stable
+from jaxmodel.declaration import Scalar
 from jaxmodel.flow import Flow, State, relaxation
-from jaxmodel.parameters import Parameters, Scalar
+from jaxmodel.parameters import Parameters
 from jaxmodel.ports import Effect, MotorContext, fold
 
 TerminalVoltage = Callable[[Scalar], Scalar]
@@ -60,9 +61,7 @@ def evaluate(
     return Motor(
         context=context,
         effects=effects,
-        winding_resistance_ohm=fold(
-            effects, "winding_resistance", p.R_0 * (1.0 + p.psi_R * above_reference), context
-        ),
+        winding_resistance_ohm=fold(effects, "winding_resistance", p.R_0 * (1.0 + p.psi_R * above_reference), context),
         inductance_H=p.L_a * (1.0 + p.psi_L * above_reference),
         torque_constant=fold(effects, "torque_constant", p.k_tau, context),
         load_torque_Nm=fold(effects, "load_torque", load_torque_Nm, context),
@@ -98,7 +97,12 @@ def _coulomb_torque(motor: Motor, speed_rad_s: Scalar) -> Scalar:
 
 
 def run(
-    now: Motor, later: Motor, voltage_now: TerminalVoltage, voltage_later: TerminalVoltage, duration: Scalar, lead: Scalar
+    now: Motor,
+    later: Motor,
+    voltage_now: TerminalVoltage,
+    voltage_later: TerminalVoltage,
+    duration: Scalar,
+    lead: Scalar,
 ) -> ArmatureStep:
     """Advance current and speed over a step, the voltage given.
 
@@ -134,9 +138,7 @@ def run_at_current(motor: Motor, current_A: Scalar, duration: Scalar) -> Armatur
 
     rate, slope = jax.value_and_grad(acceleration)(speed)
     level = _coulomb_torque(motor, speed)
-    return solve_speed(
-        current_A, speed, rate, jnp.minimum(slope, 0.0), level, motor.context.parameters.J, duration
-    )
+    return solve_speed(current_A, speed, rate, jnp.minimum(slope, 0.0), level, motor.context.parameters.J, duration)
 
 
 def loss(motor: Motor, step: ArmatureStep) -> Scalar:
@@ -160,5 +162,5 @@ def flows(motor: Motor, step: ArmatureStep) -> dict[str, Flow]:
     }
     context = _running(motor, step.mean_current_A, step.mean_speed_rad_s)
     for effect in motor.effects:
-        own |= effect.flows(None, context, None)
+        own |= effect.flows(None, context, jnp.zeros(()))
     return own

@@ -7,9 +7,10 @@ from typing import Any
 
 import equinox as eqx
 
+from jaxmodel.declaration import ParameterInfo, describe
 from jaxmodel.errors import ParameterError, nearest
 from jaxmodel.model import Model
-from jaxmodel.parameters import TABLE, ParameterInfo, describe
+from jaxmodel.parameters import TABLE
 
 
 def parameter_table(model: Model) -> dict[str, ParameterInfo]:

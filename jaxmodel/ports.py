@@ -1,8 +1,9 @@
 """Ports: the named constitutive relations of the model, and how an effect enters through them.
 
-An effect is one small class. It declares its parameters, names the kinds it applies to, and has a method of the port's name for each
-port it touches, which takes the port's value and the context and returns the new value. The model folds its effects over each
-port, in their order. An effect that has states of its own also gives their initial values and their flows.
+An effect is one small class. It declares its parameters, names the kinds it applies to, and has a method of the port's
+name for each port it touches, which takes the port's value and the context and returns the new value. The model folds
+its effects over each port, in their order. An effect that has states of its own also gives their initial values and
+their flows.
 """
 
 from __future__ import annotations
@@ -11,17 +12,19 @@ import inspect
 from typing import Any, ClassVar
 
 import equinox as eqx
+
 from jaxmodel.curves import CellCurves
+from jaxmodel.declaration import Scalar
 from jaxmodel.errors import EffectError, nearest
 from jaxmodel.flow import Flow, State
-from jaxmodel.parameters import Parameters, Scalar
+from jaxmodel.parameters import Parameters
 
 
 class CellContext(eqx.Module):
     """What an effect on a port of the cell may know: all of one cell, SI, temperatures in degC.
 
-    The ports come in order: temperature, usable charge, open-circuit voltage and resistances, then what the current does. What a
-    port's order has not reached yet is zero in its context.
+    The ports come in order: temperature, usable charge, open-circuit voltage and resistances, then what the current
+    does. What a port's order has not reached yet is zero in its context.
     """
 
     parameters: Parameters
@@ -93,8 +96,9 @@ _HOOKS = {"initial_state", "flows"}
 class Effect(eqx.Module):
     """A candidate effect: parameters as fields, one method for each port it touches.
 
-    `switch` is for those who test many effects at once: at 0 the effect is absent to the bit, at 1 present, and the
-    derivative by it at 0 is the direction in which the effect moves the model. None, the default, is a plain 1.
+    `column` is that of a sensor effect, "" for others. `switch` is for those who test many effects at once: at 0 the
+    effect is absent to the bit, at 1 present, and the derivative by it at 0 is the direction in which the effect moves
+    the model. None, the default, is a plain 1.
     """
 
     name: ClassVar[str]
@@ -103,6 +107,7 @@ class Effect(eqx.Module):
     is_sensor: ClassVar[bool] = False
     has_memory: ClassVar[bool] = False
 
+    column: str = eqx.field(static=True, default="")
     switch: Scalar | None = None
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -124,7 +129,7 @@ class Effect(eqx.Module):
         """Return the effect's own states at the start of a run, named 'effect.state'."""
         return {}
 
-    def flows(self, cell: CellContext | None, motor: MotorContext | None, heat_W: Scalar | None) -> dict[str, Flow]:
+    def flows(self, cell: CellContext | None, motor: MotorContext | None, heat_W: Scalar) -> dict[str, Flow]:
         """Return the flow of each of the effect's own states; `heat_W` is that of one cell."""
         return {}
 

@@ -9,8 +9,8 @@ import numpy as np
 from jaxmodel.errors import MeasurementError
 from jaxmodel.robot import duty_of_signal
 
-# The armature is solved exactly where it is linear; the steps after a jump grow from a fraction of its
-# electrical time constant so that what is nonlinear (friction, saturation, brushes) and the heat of the inrush are resolved.
+# The armature is solved exactly where it is linear; the steps after a jump grow from a fraction of its electrical time
+# constant so that what is nonlinear (friction, saturation, brushes) and the heat of the inrush are resolved.
 FIRST_STEP_SHARE = 0.25
 GROWTH = 2.0
 

@@ -8,8 +8,9 @@ import jax.numpy as jnp
 
 from jaxmodel import cell as cells
 from jaxmodel.cell import Cell
+from jaxmodel.declaration import Scalar
 from jaxmodel.motor import Motor
-from jaxmodel.parameters import Parameters, Scalar
+from jaxmodel.parameters import Parameters
 from jaxmodel.ports import MotorContext, fold, touches
 
 GRAVITY_M_S2 = 9.80665
@@ -65,8 +66,9 @@ def accessory_draw(p: Parameters, inputs: Inputs) -> Scalar:
 def pack(cell: Cell, motor: Motor, accessories_A: Scalar, motor_current_A: Scalar) -> tuple[Scalar, Scalar]:
     """Return the pack's voltage (V) and current (A) for a current in each track motor, eqs. 14 and 21.
 
-    i_draw = n rho i_a + I_Mf + I_Ma + I_ob and V_pack = n_series V_cell. Where an effect lets the on-board draw depend on the pack's
-    voltage, the loop is closed by Newton's method: the draw changes the voltage by some 1e-3 of itself, and two steps reach rounding.
+    i_draw = n rho i_a + I_Mf + I_Ma + I_ob and V_pack = n_series V_cell. Where an effect lets the on-board draw depend
+    on the pack's voltage, the loop is closed by Newton's method: the draw changes the voltage by some 1e-3 of itself,
+    and two steps reach rounding.
     """
     p = cell.context.parameters
     motors_A = p.n_motors * motor.context.duty * motor_current_A + accessories_A

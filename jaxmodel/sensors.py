@@ -1,4 +1,4 @@
-"""From what ideal sensors would read to what the sensors at hand read: offset, gain, lag and clock, over a whole run."""
+"""From what ideal sensors would read to what those at hand read: offset, gain, lag and clock."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from jaxmodel.ports import fold
 class Signal(eqx.Module):
     """The true course of one reading through the steps of a run, for sensors with a memory or a clock of their own.
 
-    `rows` are its values at the rows of the profile. Within step j it goes from `start[j]` to `end[j]`; it jumps between steps where an input jumps.
+    `rows` are its values at the rows of the profile. Within step j it goes from `start[j]` to `end[j]`; it jumps
+    between steps where an input jumps.
     """
 
     duration_s: Array
@@ -39,9 +40,7 @@ def distort(
         during = {name: values[1:] for name, values in inputs.items()}
         read_all = jax.vmap(lambda s, u: read(model, s, u))
         starts, ends = read_all(before, during), read_all(after, during)
-        signals = {
-            name: Signal(duration_s, starts[name], ends[name], readings[name], at_rows) for name in readings
-        }
+        signals = {name: Signal(duration_s, starts[name], ends[name], readings[name], at_rows) for name in readings}
     return {
         name: fold(tuple(e for e in sensors if e.column in ("", name)), "reading", values, signals.get(name))
         for name, values in readings.items()

@@ -145,5 +145,3 @@ def to_frame(trajectory: Trajectory):
     import pandas as pd
 
     return pd.DataFrame({"time_s": trajectory.time_s} | dict(trajectory.readings))
-
-

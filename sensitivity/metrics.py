@@ -7,8 +7,8 @@ from collections.abc import Iterable
 
 import jax.numpy as jnp
 
+from jaxmodel.declaration import Scalar
 from jaxmodel.errors import SweepError, nearest
-from jaxmodel.parameters import Scalar
 from sweeps import metrics as of_sweeps
 from sweeps.metrics import Carry, End, Metric, Moment, RowValue, Step
 

@@ -16,10 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxmodel.declaration import ParameterInfo, Scalar
 from jaxmodel.errors import ParameterError, nearest
 from jaxmodel.model import Model, initial_state, read
 from jaxmodel.names import parameter_table, value, with_values
-from jaxmodel.parameters import ParameterInfo, Scalar
 from jaxmodel.profile import Profile
 from jaxmodel.simulate import Cutoff, Track, run_track, track
 from sensitivity.influence import influential

@@ -17,7 +17,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from jaxmodel.parameters import Scalar
+from jaxmodel.declaration import Scalar
 
 Carry = Any
 

@@ -11,12 +11,12 @@ import numpy as np
 
 from jaxmodel.build import PRESETS, case_model
 from jaxmodel.cases import Case, read_case
+from jaxmodel.declaration import ParameterInfo
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import SweepError, nearest
 from jaxmodel.measurements import KINDS, read_measurements, read_utf8
 from jaxmodel.model import Model
 from jaxmodel.names import parameter_table, with_values
-from jaxmodel.parameters import ParameterInfo
 from jaxmodel.profile import Profile, constant
 from jaxmodel.simulate import Cutoff
 from sweeps.metrics import Metric, metrics_of

@@ -36,7 +36,9 @@ class OneSentence(typer.core.TyperGroup):
             _mistake("Stopped.")
             return _STOPPED
         except OSError as error:
-            return _mistake(f"{error.filename or 'file'}: {error.strerror or error}; give a file or folder that can be used.")
+            return _mistake(
+                f"{error.filename or 'file'}: {error.strerror or error}; give a file or folder that can be used."
+            )
         except ValueError as error:
             from jaxmodel.errors import UserError
 
@@ -56,16 +58,19 @@ def _mistake(sentence: str) -> int:
 app = typer.Typer(
     cls=OneSentence,
     name="jaxmodel",
-    help="Electro-thermal models of battery-powered DC drives: simulate, sweep, differentiate, and find what the model misses.",
+    help="Models of battery-powered DC drives: simulate, sweep, differentiate, and find what they miss.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )
 
-CasePath = Annotated[Path, typer.Argument(metavar="CASE", help="A folder with a case.toml, or the TOML file.", show_default=False)]
+CasePath = Annotated[
+    Path, typer.Argument(metavar="CASE", help="A folder with a case.toml, or the TOML file.", show_default=False)
+]
 CasePaths = Annotated[
-    list[Path], typer.Argument(metavar="CASE...", help="Folders with a case.toml each, or TOML files.", show_default=False)
+    list[Path],
+    typer.Argument(metavar="CASE...", help="Folders with a case.toml each, or TOML files.", show_default=False),
 ]
 StudyPath = Annotated[Path, typer.Argument(metavar="STUDY.toml", help="The study file.", show_default=False)]
 Out = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the results; made if need be.")]
@@ -84,7 +89,9 @@ Effects = Annotated[
 def simulate(
     case: CasePath,
     out: Out = Path("results"),
-    fidelity: Annotated[str, typer.Option(metavar="formula|lut", help="The paper's formulas, or its look-up tables.")] = "formula",
+    fidelity: Annotated[
+        str, typer.Option(metavar="formula|lut", help="The paper's formulas, or its look-up tables.")
+    ] = "formula",
     effect: Effects = None,
 ) -> None:
     """Run the model of a case over every run: a CSV and a picture for each."""
@@ -114,7 +121,9 @@ def sensitivity(
             show_default=False,
         ),
     ] = None,
-    gradient_only: Annotated[bool, typer.Option("--gradient-only", help="Leave out the doubling of each parameter.")] = False,
+    gradient_only: Annotated[
+        bool, typer.Option("--gradient-only", help="Leave out the doubling of each parameter.")
+    ] = False,
     effect: Effects = None,
 ) -> None:
     """Differentiate a study's run by its parameters, and double each beside it: tables, a Zarr store and pictures."""
@@ -136,7 +145,9 @@ def diagnose(
     cases: CasePaths,
     out: Out = Path("results"),
     effect: Effects = None,
-    answer_only: Annotated[bool, typer.Option("--answer-only", help="Write answer.json and extended.toml, no pictures.")] = False,
+    answer_only: Annotated[
+        bool, typer.Option("--answer-only", help="Write answer.json and extended.toml, no pictures.")
+    ] = False,
 ) -> None:
     """Find which physics a model misses: answer.json, extended.toml, pictures and report.html for each case."""
     from workbench.commands.diagnose import diagnose_all
@@ -161,3 +172,7 @@ def demo(
 def main() -> None:
     """Run the command line."""
     app()
+
+
+if __name__ == "__main__":
+    main()

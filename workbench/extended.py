@@ -4,57 +4,55 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from discrepancy.result import Diagnosis, Estimate
+from discrepancy.result import Diagnosis
 from jaxmodel.case_schema import parse_case
 from jaxmodel.cases import Case, Known, Run, Table
+from jaxmodel.declaration import ParameterInfo, describe
+from jaxmodel.effects import CATALOGUE
+from jaxmodel.parameters import info
+from jaxmodel.ports import Effect
 from workbench import toml
 
 _VALUE_KEYS = {"ocv": "voltage_V", "R_ints": "ohm", "R_TS": "ohm", "R_TL": "ohm", "C_TS": "farad", "C_TL": "farad"}
 
 
-def extended_case(diagnosis: Diagnosis) -> Case:
-    """Return the case with the final model's numbers, known exactly, and its effects.
+def extended_case(diagnosis: Diagnosis, catalogue: Mapping[str, type[Effect]] = CATALOGUE) -> tuple[Case, list[str]]:
+    """Return the case with the final model's numbers, known exactly, and its effects; and what of them it cannot hold.
 
-    Two faults of one kind on two columns have one name in a case file: of those only the first is kept, see `left_out`.
+    A wrong model may fit numbers beyond the bounds of their table: these are moved to the bound. Two faults of one kind
+    on two columns have one name in a case file: the first is kept. Both are said in the second result.
     """
-    case, estimates = diagnosis.case, diagnosis.final.estimates
+    case, estimates, notes = diagnosis.case, diagnosis.final.estimates, []
+
+    def fitted(name: str, number: float, entry: ParameterInfo) -> float:
+        value = estimates[name].value if name in estimates else number
+        bounded = min(max(value, entry.lower), entry.upper)
+        if bounded != value:
+            notes.append(f"{name} was fitted as {value:g}, which is outside its range; here it is {bounded:g}.")
+        return bounded
+
+    def of_run(run: Run) -> Run:
+        known = run.overrides | {"initial_soc": run.initial_soc}
+        values = {name: Known(fitted(f"{name}[{run.name}]", k.value, info(name))) for name, k in known.items()}
+        return dataclasses.replace(run, initial_soc=values.pop("initial_soc"), overrides=values)
+
     effects = dict(case.effects)
     for label in diagnosis.final.added:
         name, _, column = label.partition(":")
-        if name not in effects:
-            effects[name] = _values(label, estimates) | ({"column": column} if column else {})
-    return dataclasses.replace(
-        case,
-        parameters={name: _fitted(name, known, estimates) for name, known in case.parameters.items()},
-        effects=effects,
-        runs=tuple(_with_fitted_start(run, estimates) for run in case.runs),
-    )
-
-
-def left_out(diagnosis: Diagnosis) -> list[str]:
-    """Return the labels of effects that a case file cannot hold beside another of the same name."""
-    seen: dict[str, str] = {name: name for name in diagnosis.case.effects}
-    return [label for label in diagnosis.final.added if seen.setdefault(label.partition(":")[0], label) != label]
-
-
-def _values(label: str, estimates: dict[str, Estimate]) -> dict[str, float | str]:
-    prefix = f"{label}."
-    return {name.removeprefix(prefix): e.value for name, e in estimates.items() if name.startswith(prefix)}
-
-
-def _fitted(name: str, known: Known, estimates: dict[str, Estimate]) -> Known:
-    return Known(estimates[name].value) if name in estimates else Known(known.value)
-
-
-def _with_fitted_start(run: Run, estimates: dict[str, Estimate]) -> Run:
-    def of_run(name: str, known: Known) -> Known:
-        return _fitted(f"{name}[{run.name}]", known, estimates)
-
-    overrides = {name: of_run(name, known) for name, known in run.overrides.items()}
-    return dataclasses.replace(run, initial_soc=of_run("initial_soc", run.initial_soc), overrides=overrides)
+        if name in effects:
+            notes.append(f"{label} is left out: a case file holds one effect of a name.")
+            continue
+        table = describe(catalogue[name])
+        fields = [field for field in table if f"{label}.{field}" in estimates]
+        effects[name] = {field: fitted(f"{label}.{field}", 0.0, table[field]) for field in fields}
+        effects[name] |= {"column": column} if column else {}
+    parameters = {name: Known(fitted(name, known.value, info(name))) for name, known in case.parameters.items()}
+    runs = tuple(of_run(run) for run in case.runs)
+    return dataclasses.replace(case, parameters=parameters, effects=effects, runs=runs), notes
 
 
 def write_case(case: Case, path: Path, comments: list[str] | None = None) -> None:

@@ -12,8 +12,9 @@ import numpy as np
 
 from discrepancy.result import ChannelError, Diagnosis, Estimate
 from jaxmodel.cases import Known
+from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
-from jaxmodel.parameters import TABLE, describe
+from jaxmodel.parameters import TABLE
 from jaxmodel.ports import Effect
 from workbench.page import write_page
 from workbench.pictures.style import axis_label, difference_unit, readable, split_unit
@@ -22,7 +23,6 @@ from workbench.wording import (
     VERDICT_TITLES,
     candidate_name,
     effect_name,
-    final_name,
     join,
     number,
     rung_name,

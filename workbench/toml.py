@@ -12,7 +12,7 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def document(content: Mapping[str, Any]) -> str:
-    """Return a TOML document: plain values, then a [table] for each mapping and a [[block]] for each entry of a list of mappings.
+    """Return a document: plain values, a [table] for each mapping, a [[block]] for each entry of a list of mappings.
 
     A table's own mappings stand inline, `{ a = 1 }`, or under a heading of their own where that line would be long.
     """

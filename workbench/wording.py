@@ -41,7 +41,11 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         case "undecided":
             rivals = [candidate_name(name) for name, p in diagnosis.candidates if p >= 0.05] or ["the candidates"]
             found = f"This data shows {named}, but it" if named else "This data"
-            return f"{found} cannot tell between {join(rivals)}." if len(rivals) > 1 else f"{found} cannot decide on {rivals[0]}."
+            return (
+                f"{found} cannot tell between {join(rivals)}."
+                if len(rivals) > 1
+                else f"{found} cannot decide on {rivals[0]}."
+            )
     return "The base model is calibrated; no effects were tried."
 
 

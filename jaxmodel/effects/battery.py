@@ -7,8 +7,8 @@ from typing import ClassVar
 import jax.numpy as jnp
 
 from jaxmodel.cell import ZERO_DEGC_IN_K, cycle_resistance
+from jaxmodel.declaration import Scalar, parameter
 from jaxmodel.flow import Flow, State, integral, relaxation
-from jaxmodel.parameters import Scalar, parameter
 from jaxmodel.ports import CellContext, Effect
 
 GAS_CONSTANT = 8.314  # J/(mol K)
@@ -62,9 +62,7 @@ class RateCapacity(Effect):
     name: ClassVar[str] = "rate_capacity"
     kinds: ClassVar[tuple[str, ...]] = CELL
     equation: ClassVar[str] = "i -> i (|i|/I_ref)^(p-1) in eq. 1 only, I_ref = the nominal capacity in A"
-    p: Scalar = parameter(
-        1.1, unit="", meaning="Peukert exponent", null=1.0, lower=0.7, upper=2.0, typical=(1.02, 1.3)
-    )
+    p: Scalar = parameter(1.1, unit="", meaning="Peukert exponent", null=1.0, lower=0.7, upper=2.0, typical=(1.02, 1.3))
 
     def counted_current(self, value: Scalar, context: CellContext) -> Scalar:
         """Scale the counted current; below a microampere the current is counted as it is."""

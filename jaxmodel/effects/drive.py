@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from jaxmodel.parameters import Scalar, parameter
+from jaxmodel.declaration import Scalar, parameter
 from jaxmodel.ports import Effect, MotorContext
 
 MOTOR = ("motor", "robot")
@@ -195,7 +195,9 @@ class ConstantPowerLoad(Effect):
     name: ClassVar[str] = "constant_power_load"
     kinds: ClassVar[tuple[str, ...]] = ROBOT
     equation: ClassVar[str] = "I_ob -> (1 - s) I_ob + s I_ob V_nominal/V_pack"
-    s: Scalar = parameter(1.0, unit="", meaning="share of constant power", null=0.0, lower=0.0, upper=1.0, typical=(0.3, 1.0))
+    s: Scalar = parameter(
+        1.0, unit="", meaning="share of constant power", null=0.0, lower=0.0, upper=1.0, typical=(0.3, 1.0)
+    )
 
     def onboard_current(self, value: Scalar, context: MotorContext) -> Scalar:
         """Blend towards constant power."""

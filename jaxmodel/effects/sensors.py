@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-import equinox as eqx
 from jaxtyping import Array
 
-from jaxmodel.parameters import Scalar, parameter
+from jaxmodel.declaration import Scalar, parameter
 from jaxmodel.ports import Effect
 from jaxmodel.sensors import Signal, lagged, shifted
 
@@ -18,7 +17,6 @@ class SensorEffect(Effect):
     """A fault of one sensor; `column` names the column of the measurements, "" all outputs."""
 
     is_sensor: ClassVar[bool] = True
-    column: str = eqx.field(static=True, default="")
 
     @property
     def label(self) -> str:
@@ -85,7 +83,15 @@ class TemperatureLag(SensorEffect):
     equation: ClassVar[str] = "tau dT_read/dt = T - T_read"
     has_memory: ClassVar[bool] = True
     tau: Scalar = parameter(
-        30.0, unit="s", meaning="time constant", null=0.0, lower=0.0, upper=5e3, transform="log", typical=(5.0, 300.0), shape_grid=(15.0, 100.0)
+        30.0,
+        unit="s",
+        meaning="time constant",
+        null=0.0,
+        lower=0.0,
+        upper=5e3,
+        transform="log",
+        typical=(5.0, 300.0),
+        shape_grid=(15.0, 100.0),
     )
 
     def reading(self, value: Array, context: Signal) -> Array:
@@ -101,7 +107,14 @@ class ClockShift(SensorEffect):
     equation: ClassVar[str] = "y(t) -> y(t - d)"
     has_memory: ClassVar[bool] = True
     d: Scalar = parameter(
-        1.0, unit="s", meaning="delay of the outputs", null=0.0, lower=-120.0, upper=120.0, typical=(-20.0, 20.0), shape_grid=(-8.0, -2.0, -0.5, 0.5, 2.0, 8.0)
+        1.0,
+        unit="s",
+        meaning="delay of the outputs",
+        null=0.0,
+        lower=-120.0,
+        upper=120.0,
+        typical=(-20.0, 20.0),
+        shape_grid=(-8.0, -2.0, -0.5, 0.5, 2.0, 8.0),
     )
 
     def reading(self, value: Array, context: Signal) -> Array:

@@ -1,4 +1,4 @@
-"""A small case whose truth is known, and a diagnosis of it put together by hand: what pictures and reports are tried on."""
+"""A small case whose truth is known, and a diagnosis of it put together by hand, to try pictures and reports on."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ class Page(HTMLParser):
 @pytest.fixture(scope="module")
 def page(diagnosis: Diagnosis, tmp_path_factory: pytest.TempPathFactory) -> Page:
     path = tmp_path_factory.mktemp("report") / "report.html"
-    write_report(diagnosis, path, pictures_of(diagnosis, simulate_case(extended_case(diagnosis))))
+    write_report(diagnosis, path, pictures_of(diagnosis, simulate_case(extended_case(diagnosis)[0])))
     return Page(path.read_text(encoding="utf-8"))
 
 
@@ -118,7 +118,7 @@ def test_comparison_without_effects_has_a_report_too(diagnosis: Diagnosis, tmp_p
         critical_z=float("nan"),
         ladder=diagnosis.ladder[:2],
     )
-    pictures = pictures_of(compared, simulate_case(extended_case(compared)))
+    pictures = pictures_of(compared, simulate_case(extended_case(compared)[0]))
     write_report(compared, tmp_path / "report.html", pictures)
     page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert "no effects were tried" in page.text

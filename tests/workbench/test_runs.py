@@ -49,7 +49,9 @@ def test_run_that_reaches_its_cutoff_is_empty_after_it(case: Case) -> None:
 
 
 def test_run_outside_the_range_of_the_equations_says_so(case: Case) -> None:
-    hot = dataclasses.replace(case.runs[0].measured, inputs=case.runs[0].measured.inputs | {"ambient_degC": np.full(61, 90.0)})
+    hot = dataclasses.replace(
+        case.runs[0].measured, inputs=case.runs[0].measured.inputs | {"ambient_degC": np.full(61, 90.0)}
+    )
     (outcome,) = simulate_case(dataclasses.replace(case, runs=(dataclasses.replace(case.runs[0], measured=hot),)))
     assert not outcome.table["valid"].all()
     assert "leaves the range in which the cell's equations make sense" in outcome.sentence()

@@ -63,7 +63,9 @@ def demo(out: Path, case_path: Path | None) -> None:
 
     with terminal.told("sensitivity") as progress:
         progress("differentiating and doubling")
-        at_point = moved_to(study, POINT, metrics=[_GRADIENT, "delivered_energy_Wh", "min_pack_voltage_V"], store=["pack_voltage_V"])
+        at_point = moved_to(
+            study, POINT, metrics=[_GRADIENT, "delivered_energy_Wh", "min_pack_voltage_V"], store=["pack_voltage_V"]
+        )
         data = sensitivity_of_study(at_point)
     print_sensitivity(data)
     pictures |= {
@@ -79,8 +81,8 @@ def demo(out: Path, case_path: Path | None) -> None:
     with terminal.told(case.name) as progress:
         diagnosis = diagnose(case, progress=progress)
         write_answer(diagnosis, folder / "answer.json")
-        extended = extended_case(diagnosis)
-        write_case(extended, folder / "extended.toml")
+        extended, notes = extended_case(diagnosis)
+        write_case(extended, folder / "extended.toml", notes)
         progress("pictures and report")
         pictures |= write_pictures_and_report(diagnosis, extended, folder, CATALOGUE)
     print_diagnosis(diagnosis)

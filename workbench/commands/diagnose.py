@@ -19,7 +19,7 @@ from jaxmodel.errors import MeasurementError, UserError
 from jaxmodel.ports import Effect
 from workbench import terminal
 from workbench.commands.start import catalogue_with, own_effects, start
-from workbench.extended import extended_case, left_out, write_case
+from workbench.extended import extended_case, write_case
 from workbench.pictures import evidence
 from workbench.pictures.runs import fit_and_residuals, residuals_by_condition
 from workbench.pictures.style import png
@@ -68,7 +68,9 @@ def diagnose_all(
         except Exception as error:
             if len(paths) == 1:
                 raise
-            if not isinstance(error, UserError):  # ours, not the user's: the others must not suffer, and we must hear of it
+            if not isinstance(
+                error, UserError
+            ):  # ours, not the user's: the others must not suffer, and we must hear of it
                 traceback.print_exc(file=sys.stderr)
             terminal.complain(str(error))
             failed.append(path.name)
@@ -84,7 +86,9 @@ def _check_names(paths: Sequence[Path]) -> None:
     names = [(path if path.is_dir() else path.parent).resolve().name for path in paths]
     for name in names:
         if names.count(name) > 1:
-            raise MeasurementError(f"Two of the cases are called '{name}'; diagnose them one by one, each with an --out of its own.")
+            raise MeasurementError(
+                f"Two of the cases are called '{name}'; diagnose them one by one, each with an --out of its own."
+            )
 
 
 def _place(number: int, of: int, elapsed_s: float) -> str:
@@ -103,17 +107,23 @@ def _diagnose_one(
         diagnosis = (diagnose if try_effects else compare)(case, extra_effects=own, progress=progress)
         folder = out / case.name
         folder.mkdir(parents=True, exist_ok=True)
-        extended = extended_case(diagnosis)
+        extended, notes = extended_case(diagnosis, catalogue_with(own))
         if try_effects:
             write_answer(diagnosis, folder / "answer.json")
         else:
-            (folder / "errors.json").write_text(json.dumps(answer(diagnosis)["error"], indent=2) + "\n", encoding="utf-8")
-        write_case(extended, folder / ("extended.toml" if try_effects else "calibrated.toml"), _comments(diagnosis, own))
+            (folder / "errors.json").write_text(
+                json.dumps(answer(diagnosis)["error"], indent=2) + "\n", encoding="utf-8"
+            )
+        write_case(
+            extended, folder / ("extended.toml" if try_effects else "calibrated.toml"), _comments(diagnosis, own, notes)
+        )
         if not answer_only:
             progress("pictures and report")
             write_pictures_and_report(diagnosis, extended, folder, catalogue_with(own))
     print_diagnosis(diagnosis)
-    terminal.say(f"Everything is in {folder}." if answer_only else f"Everything is in {folder}; open report.html there.")
+    terminal.say(
+        f"Everything is in {folder}." if answer_only else f"Everything is in {folder}; open report.html there."
+    )
     return diagnosis
 
 
@@ -141,7 +151,9 @@ def pictures_of(diagnosis: Diagnosis, outcomes: Sequence[Outcome]) -> dict[str, 
         models[final_name(diagnosis)] = diagnosis.final.predictions
     pictures = {"ladder": png(evidence.ladder(diagnosis))}
     residuals = {name: _residuals(diagnosis, predictions) for name, predictions in models.items()}
-    pictures["residuals-by-condition"] = png(residuals_by_condition(residuals, _conditions(diagnosis.case, outcomes), noise_sd))
+    pictures["residuals-by-condition"] = png(
+        residuals_by_condition(residuals, _conditions(diagnosis.case, outcomes), noise_sd)
+    )
     if diagnosis.candidates:
         pictures["candidates"] = png(evidence.candidates(diagnosis))
     if diagnosis.scores:
@@ -157,7 +169,11 @@ def _residuals(diagnosis: Diagnosis, predictions: Mapping[str, Mapping[str, np.n
     runs = diagnosis.case.runs
     return {
         channel: np.concatenate(
-            [run.measured.outputs.get(channel, np.full(run.measured.time_s.size, np.nan)) - predictions[run.name][channel] for run in runs]
+            [
+                run.measured.outputs.get(channel, np.full(run.measured.time_s.size, np.nan))
+                - predictions[run.name][channel]
+                for run in runs
+            ]
         )
         for channel in diagnosis.noise
     }
@@ -167,16 +183,19 @@ def _conditions(case: Case, outcomes: Sequence[Outcome]) -> dict[str, np.ndarray
     """Return the conditions that matter for a kind, run after run: inputs as measured, the rest as modelled."""
     return {
         name: np.concatenate(
-            [o.run.measured.inputs[name] if name in o.run.measured.inputs else o.table[name].to_numpy() for o in outcomes]
+            [
+                o.run.measured.inputs[name] if name in o.run.measured.inputs else o.table[name].to_numpy()
+                for o in outcomes
+            ]
         )
         for name in _CONDITIONS[case.kind]
     }
 
 
-def _comments(diagnosis: Diagnosis, own: Mapping[str, type[Effect]]) -> list[str]:
-    model = final_name(diagnosis)
-    lines = [f"The case '{diagnosis.case.name}', calibrated {model if diagnosis.final.added else 'without any effect'}."]
-    lines += [f"Left out, because a case holds one effect of a name: {label}" for label in left_out(diagnosis)]
+def _comments(diagnosis: Diagnosis, own: Mapping[str, type[Effect]], notes: Sequence[str]) -> list[str]:
+    """Return what stands on top of the extended case."""
+    model = final_name(diagnosis) if diagnosis.final.added else "without any effect"
+    lines = [f"The case '{diagnosis.case.name}', calibrated {model}.", *notes]
     if needed := [label for label in diagnosis.final.added if label in own]:
         lines.append(f"Give --effect FILE.py:CLASS again for {', '.join(needed)}.")
     return lines

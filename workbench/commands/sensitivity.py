@@ -85,7 +85,7 @@ def pictures_of(data: xr.Dataset) -> Iterator[tuple[str, bytes]]:
         for metric in map(str, data["metric"].to_numpy()):
             if float(np.abs(data["linear_change"].sel(metric=metric)).max()) > 0.0:
                 yield f"doubling-{metric}", png(doubling_beside_gradient(data, metric))
-    moved = np.abs(data["output_change"].where(data["doubles"])).max(["parameter", "time_s"])
+    moved = abs(data["output_change"].where(data["doubles"])).max(["parameter", "time_s"])
     for output in map(str, data["output"].to_numpy()):
         if float(moved.sel(output=output)) > 0.0:
             yield f"over-time-{output}", png(over_time(data, output))

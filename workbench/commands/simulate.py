@@ -32,7 +32,10 @@ def simulate(path: Path, out: Path, fidelity: str, effects: Sequence[str]) -> No
     for outcome in outcomes:
         write_csv(outcome, out / f"{outcome.run.name}.csv")
         (out / f"{outcome.run.name}.png").write_bytes(png(simulation(outcome.run.name, outcome.table, outcome.run)))
-    rows = [(o.run.name, o.run.label, str(len(o.table)), f"{o.end_s:g}", o.status.name.lower().replace("_", " ")) for o in outcomes]
+    rows = [
+        (o.run.name, o.run.label, str(len(o.table)), f"{o.end_s:g}", o.status.name.lower().replace("_", " "))
+        for o in outcomes
+    ]
     terminal.table(case.title, ("run", "label", "rows", "end [s]", "status"), rows, right=(2, 3))
     for sentence in filter(None, (outcome.sentence() for outcome in outcomes)):
         terminal.say(sentence)

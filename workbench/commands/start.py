@@ -34,9 +34,11 @@ def own_effects(references: Sequence[str]) -> dict[str, type[Effect]]:
         cls = load_effect_class(reference)
         name = getattr(cls, "name", None)
         if not isinstance(name, str):
-            raise EffectError(f"--effect {reference}: the class has no name; add name: ClassVar[str] = \"my_effect\".")
+            raise EffectError(f'--effect {reference}: the class has no name; add name: ClassVar[str] = "my_effect".')
         if name in CATALOGUE or name in found:
-            raise EffectError(f"--effect {reference}: there is an effect called '{name}' already; give it another name.")
+            raise EffectError(
+                f"--effect {reference}: there is an effect called '{name}' already; give it another name."
+            )
         found[name] = cls
     return found
 

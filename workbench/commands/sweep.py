@@ -51,7 +51,11 @@ def lanes_per_second(dataset: xr.Dataset) -> float:
 
 def metrics_in(dataset: xr.Dataset) -> list[str]:
     """Return the metrics of a result that have a value anywhere."""
-    names = [str(name) for name, values in dataset.data_vars.items() if name not in _NO_METRIC and "time_s" not in values.dims]
+    names = [
+        str(name)
+        for name, values in dataset.data_vars.items()
+        if name not in _NO_METRIC and "time_s" not in values.dims
+    ]
     return [name for name in names if np.isfinite(dataset[name]).any()]
 
 
@@ -101,11 +105,16 @@ def print_sweep(dataset: xr.Dataset) -> None:
         values = dataset[metric]
         numbers = [float(values.min()), float(values.median()), float(values.max())]
         rows.append((metric, dataset[metric].attrs.get("units", ""), *(f"{n:.5g}" for n in numbers)))
-    terminal.table(dataset.attrs["title"] or "Sweep", ("metric", "unit", "least", "median", "greatest"), rows, right=(2, 3, 4))
+    terminal.table(
+        dataset.attrs["title"] or "Sweep", ("metric", "unit", "least", "median", "greatest"), rows, right=(2, 3, 4)
+    )
     lanes = dataset["status"].size
     terminal.say(f"{lanes:,} lanes, {lanes_per_second(dataset):,.0f} lanes/s.")
-    for status, what in ((Status.REACHED_CUTOFF, "reached their cut-off"), (Status.NOT_FINITE, "ran into numbers that are not finite")):
+    for status, what in (
+        (Status.REACHED_CUTOFF, "reached their cut-off"),
+        (Status.NOT_FINITE, "ran into numbers that are not finite"),
+    ):
         if count := int((dataset["status"] == int(status)).sum()):
             terminal.say(f"{count:,} of {lanes:,} lanes {what}.")
     if "valid_share" in dataset and (count := int((dataset["valid_share"] < 1.0).sum())):
-        terminal.say(f"{count:,} of {lanes:,} lanes left, for some of the time, the range in which the cell's equations make sense.")
+        terminal.say(f"{count:,} of {lanes:,} lanes left the range in which the cell's equations make sense at times.")

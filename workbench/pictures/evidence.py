@@ -30,8 +30,8 @@ from workbench.wording import candidate_name, rung_name
 def ladder(diagnosis: Diagnosis) -> Figure:
     """Draw each channel's error at each rung, on the runs fitted and on those held out, as bars from the noise floor.
 
-    A bar's length is on a logarithmic scale how many times the noise floor the error is; one that ends left of the floor is
-    better than the sensor.
+    A bar's length is on a logarithmic scale how many times the noise floor the error is; one that ends left of the
+    floor is better than the sensor.
     """
     channels = list(diagnosis.noise)
     rungs = diagnosis.ladder
@@ -72,7 +72,12 @@ def _ladder_of_channel(axes: Axes, diagnosis: Diagnosis, channel: str) -> None:
         )
         for place, value in zip(places[shown] + offset, values[shown], strict=True):
             axes.annotate(
-                f"{value:.3g}", (max(value, lowest * scale), place), xytext=(3, 0), textcoords="offset points", va="center", fontsize=8.0
+                f"{value:.3g}",
+                (max(value, lowest * scale), place),
+                xytext=(3, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=8.0,
             )
     if floor > 0.0:
         axes.axvline(floor * scale, color=FLOOR, lw=2.0, label="noise floor of the sensor")
@@ -104,12 +109,19 @@ def scores(diagnosis: Diagnosis, most: int = 24) -> Figure:
         axes.plot(abs(entry.z), place, "o", color=colour, markerfacecolor=face, markersize=5.5)
         if not entry.blind:
             axes.annotate(
-                _signed(entry.z), (abs(entry.z), place), xytext=(6, 0), textcoords="offset points", va="center", fontsize=7.5
+                _signed(entry.z),
+                (abs(entry.z), place),
+                xytext=(6, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=7.5,
             )
     for entry in {_score_style(e)[2]: e for e in entries}.values():
         colour, face, label = _score_style(entry)
         axes.plot([], [], "o", color=colour, markerfacecolor=face, markersize=5.5, label=label)
-    axes.axvline(critical, color=BLACK, lw=1.2, ls=(0, (4, 2)), label=f"critical value {critical:.2f}, for all effects together")
+    axes.axvline(
+        critical, color=BLACK, lw=1.2, ls=(0, (4, 2)), label=f"critical value {critical:.2f}, for all effects together"
+    )
     largest = max([abs(entry.z) for entry in entries], default=critical)
     if largest > 10.0 * critical:
         axes.set_xscale("symlog", linthresh=critical, linscale=1.0)

@@ -60,13 +60,13 @@ def fit_and_residuals(run: Run, models: Mapping[str, Predictions], noise_sd: Map
     figure.align_ylabels()
     legend = dict(zip(*reversed(grid[0, 0].get_legend_handles_labels()), strict=True))
     legend |= dict(zip(*reversed(grid[1, 0].get_legend_handles_labels()), strict=True))
-    figure.legend(legend.values(), legend.keys(), loc="outside lower center", ncols=_legend_columns(legend), markerscale=2)
+    figure.legend(
+        legend.values(), legend.keys(), loc="outside lower center", ncols=_legend_columns(legend), markerscale=2
+    )
     return figure
 
 
-def draw_residuals(
-    axes: Axes, x: np.ndarray, residuals: Mapping[str, np.ndarray], noise_sd: float, unit: str
-) -> None:
+def draw_residuals(axes: Axes, x: np.ndarray, residuals: Mapping[str, np.ndarray], noise_sd: float, unit: str) -> None:
     """Draw residuals of some models over x, with the band in which noise alone would leave them."""
     everything = np.concatenate(list(residuals.values()))
     scale, shown_unit = readable(everything, difference_unit(unit))
@@ -191,4 +191,4 @@ def _shade(axes: Axes, time: np.ndarray, invalid: np.ndarray) -> None:
         return
     edges = np.flatnonzero(np.diff(np.concatenate([[0], invalid.astype(int), [0]])))
     for first, after in edges.reshape(-1, 2):
-        axes.axvspan(time[first], time[min(after, time.size - 1)], color=LINES[3], alpha=0.15, lw=0)
+        axes.axvspan(float(time[first]), float(time[min(after, time.size - 1)]), color=LINES[3], alpha=0.15, lw=0)

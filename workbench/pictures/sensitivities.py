@@ -5,9 +5,9 @@ from __future__ import annotations
 import itertools
 from typing import Any
 
-import matplotlib
 import numpy as np
 import xarray as xr
+from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.figure import Figure
 
 from workbench.pictures.style import (
@@ -49,7 +49,7 @@ def doubling_beside_gradient(data: xr.Dataset, metric: str, most: int = 16) -> F
     else:
         by_gradient, simulated = chosen["linear_change"], chosen["metric_moved"] - chosen["metric_value"]
         power_law, unit = xr.full_like(by_gradient, np.nan), difference_unit(str(chosen["metric_unit"].item()))
-    size = np.fmax(np.abs(by_gradient), np.abs(simulated)).fillna(0.0).to_numpy()
+    size = np.nan_to_num(np.fmax(abs(by_gradient.to_numpy()), abs(simulated.to_numpy())))
     order = [place for place in np.argsort(-size)[:most] if size[place] > _SEEN * size.max()]
     names = [_with_step(chosen.isel(parameter=place)) for place in order]
     places = np.arange(len(order))
@@ -58,7 +58,9 @@ def doubling_beside_gradient(data: xr.Dataset, metric: str, most: int = 16) -> F
     axes.barh(places - 0.2, by_gradient[order], height=0.36, color=BLUE, label="predicted by the gradient")
     axes.barh(places + 0.2, simulated[order], height=0.36, color=ORANGE, label="simulated, the parameter doubled")
     if proportional:
-        axes.plot(power_law[order], places + 0.2, "D", label="predicted by the power law 2ᵉ − 1, e the elasticity", **_DIAMOND)
+        axes.plot(
+            power_law[order], places + 0.2, "D", label="predicted by the power law 2ᵉ - 1, e the elasticity", **_DIAMOND
+        )
     axes.axvline(0.0, color=GREY, lw=0.8)
     axes.set_yticks(places, names)
     axes.invert_yaxis()
@@ -86,7 +88,7 @@ def elasticities(local: xr.Dataset, most: int = 14) -> Figure:
         most: parameters to draw, those that matter most to any metric.
     """
     table = local["elasticity"].transpose("parameter", "metric").dropna("metric", how="all")
-    size = np.abs(table).max("metric").fillna(0.0).to_numpy()
+    size = abs(table).max("metric").fillna(0.0).to_numpy()
     order = [place for place in np.argsort(-size)[:most] if size[place] > 0.0]
     numbers = table.isel(parameter=order).to_numpy()
     figure = new_figure(PAGE_CM, 4.2 + 0.66 * len(order))
@@ -99,18 +101,33 @@ def elasticities(local: xr.Dataset, most: int = 14) -> Figure:
         if np.isfinite(number):
             strong = abs(number) > 0.45 * limit
             shown = f"{number:.2f}" if abs(number) >= 0.005 else "0"
-            axes.text(column + 0.5, row + 0.5, shown, ha="center", va="center", fontsize=7.5, color="white" if strong else "black")
-    axes.set_xticks(np.arange(numbers.shape[1]) + 0.5, [m.replace("_", " ") for m in table["metric"].to_numpy()], rotation=28, ha="right")
+            axes.text(
+                column + 0.5,
+                row + 0.5,
+                shown,
+                ha="center",
+                va="center",
+                fontsize=7.5,
+                color="white" if strong else "black",
+            )
+    axes.set_xticks(
+        np.arange(numbers.shape[1]) + 0.5,
+        [m.replace("_", " ") for m in table["metric"].to_numpy()],
+        rotation=28,
+        ha="right",
+    )
     axes.set_yticks(np.arange(len(order)) + 0.5, table["parameter"].to_numpy()[order])
     axes.invert_yaxis()
     axes.grid(visible=False)
     axes.tick_params(length=0)
-    axes.set_title("elasticity: change in % for 1 % of the parameter", fontweight="normal", fontsize=8.5, color="#555555")
+    axes.set_title(
+        "elasticity: change in % for 1 % of the parameter", fontweight="normal", fontsize=8.5, color="#555555"
+    )
     return figure
 
 
-def _diverging() -> matplotlib.colors.Colormap:
-    return matplotlib.colors.LinearSegmentedColormap.from_list("elasticity", [BLUE, "#ffffff", ORANGE])
+def _diverging() -> Colormap:
+    return LinearSegmentedColormap.from_list("elasticity", [BLUE, "#ffffff", ORANGE])
 
 
 @styled
@@ -124,7 +141,7 @@ def over_time(local: xr.Dataset, output: str, most: int = 6) -> Figure:
     """
     change = 0.01 * local["output_change"].sel(output=output)
     change = change.isel(parameter=np.flatnonzero(local["doubles"].to_numpy()))
-    size = np.abs(change).max("time_s").to_numpy()
+    size = abs(change).max("time_s").to_numpy()
     order = [place for place in np.argsort(-size)[:most] if size[place] > 0.0]
     time_s = local["time_s"].to_numpy()
     factor, unit = minutes_or_seconds(time_s)
@@ -137,7 +154,13 @@ def over_time(local: xr.Dataset, output: str, most: int = 6) -> Figure:
     widths = np.linspace(3.4, 1.1, max(len(order), 1))
     for place, colour, width in zip(order, itertools.cycle(LINES), widths, strict=False):
         course = change.isel(parameter=place)
-        axes.plot((time_s - time_s[0]) * factor, course * scale * extra, color=colour, lw=width, label=str(course["parameter"].item()))
+        axes.plot(
+            (time_s - time_s[0]) * factor,
+            course * scale * extra,
+            color=colour,
+            lw=width,
+            label=str(course["parameter"].item()),
+        )
     axes.axhline(0.0, color=GREY, lw=0.7)
     axes.set_xlim(0.0, (time_s[-1] - time_s[0]) * factor)
     axes.set_xlabel(f"time [{unit}]")

@@ -54,7 +54,19 @@ _RC: dict[Any, Any] = {
 }
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"))
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_UNITS = {"m_s2": "m/s²", "rad_s": "rad/s", "degC": "°C", "deg": "°", "Nm": "N m", "V": "V", "A": "A", "s": "s", "Ah": "A h", "Wh": "W h", "per_s": "1/s"}
+_UNITS = {
+    "m_s2": "m/s²",
+    "rad_s": "rad/s",
+    "degC": "°C",
+    "deg": "°",
+    "Nm": "N m",
+    "V": "V",
+    "A": "A",
+    "s": "s",
+    "Ah": "A h",
+    "Wh": "W h",
+    "per_s": "1/s",
+}
 
 
 def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
@@ -118,7 +130,7 @@ def difference_unit(unit: str) -> str:
 
 
 def readable(values: Iterable[float], unit: str) -> tuple[float, str]:
-    """Return the factor and unit (V, mV, µV) in which the largest of some values has one to three digits before the point."""
+    """Return the factor and unit (V, mV, µV) in which the largest of some values is read best."""
     if unit not in ("V", "A", "s", "ohm", "K"):
         return 1.0, unit
     finite = [abs(v) for v in values if np.isfinite(v) and v != 0.0]

@@ -35,7 +35,9 @@ def label_of(dataset: xr.Dataset, name: str, power: str = "") -> str:
 
 
 @styled
-def family(dataset: xr.Dataset, column: str, by: str, title: str = "", stated_slopes: Mapping[float, float] | None = None) -> Figure:
+def family(
+    dataset: xr.Dataset, column: str, by: str, title: str = "", stated_slopes: Mapping[float, float] | None = None
+) -> Figure:
     """Draw the course of a stored column over time, one line for each value of an axis.
 
     Args:
@@ -43,7 +45,7 @@ def family(dataset: xr.Dataset, column: str, by: str, title: str = "", stated_sl
         column: what is drawn.
         by: the axis; its values are told apart by a colour from dark to light, and named at the lines' ends.
         title: what is held fixed.
-        stated_slopes: by value of the axis, the slope [1/s] that somebody else states, drawn dashed from the same start.
+        stated_slopes: by value of the axis, the slope [1/s] that the paper prints, drawn dashed from the same start.
     """
     time_s = dataset["time_s"].to_numpy()
     factor, unit = minutes_or_seconds(time_s)
@@ -136,15 +138,23 @@ def heat_map(dataset: xr.Dataset, metric: str, x: str, y: str, title: str = "") 
     axes = figure.subplots()
     finite = table[np.isfinite(table)]
     norm = Normalize(finite.min(), finite.max()) if finite.size else Normalize(0.0, 1.0)
-    mesh = axes.pcolormesh(np.arange(table.shape[1] + 1), np.arange(table.shape[0] + 1), table, cmap=SEQUENCE, norm=norm)
-    outside = dataset["valid_share"].transpose(y, x).to_numpy() < 1.0 if "valid_share" in dataset else np.zeros(table.shape, bool)
+    mesh = axes.pcolormesh(
+        np.arange(table.shape[1] + 1), np.arange(table.shape[0] + 1), table, cmap=SEQUENCE, norm=norm
+    )
+    outside = (
+        dataset["valid_share"].transpose(y, x).to_numpy() < 1.0
+        if "valid_share" in dataset
+        else np.zeros(table.shape, bool)
+    )
     for row, column in np.argwhere(outside):
         axes.add_patch(Rectangle((column, row), 1, 1, fill=False, hatch="////", lw=0.0, edgecolor="#ffffff60"))
     if table.size <= 120:
         for (row, column), number in np.ndenumerate(table):
             if np.isfinite(number):
                 colour = "white" if norm(number) < 0.55 else "black"
-                axes.text(column + 0.5, row + 0.5, f"{number:.3g}", ha="center", va="center", fontsize=7.5, color=colour)
+                axes.text(
+                    column + 0.5, row + 0.5, f"{number:.3g}", ha="center", va="center", fontsize=7.5, color=colour
+                )
     _name_cells(axes.xaxis, dataset[x].to_numpy())
     _name_cells(axes.yaxis, dataset[y].to_numpy())
     note = "\nhatched: for some of the time outside the range of the cell's equations" if outside.any() else ""
@@ -202,7 +212,14 @@ def against_paper(panels: Sequence[tuple[str, Mapping[float, float], Mapping[flo
     grid = figure.subplots(1, len(panels), squeeze=False, sharey=True)
     for axes, (label, ours, printed) in zip(grid.flat, panels, strict=True):
         axes.plot(list(ours), [1e4 * v for v in ours.values()], "o-", color=BLUE, label="this model, eqs. 1 to 22")
-        axes.plot(list(printed), [1e4 * v for v in printed.values()], "s--", color=ORANGE, markerfacecolor="white", label="as the paper prints it")
+        axes.plot(
+            list(printed),
+            [1e4 * v for v in printed.values()],
+            "s--",
+            color=ORANGE,
+            markerfacecolor="white",
+            label="as the paper prints it",
+        )
         axes.set_xlabel(label)
     grid[0, 0].set_ylabel("change of the state of charge [10⁻⁴ / s]")
     figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)

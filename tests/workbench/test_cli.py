@@ -1,0 +1,239 @@
+"""The command line from end to end: what each command writes, and that one command takes what another gives."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from discrepancy.result import VERDICTS, Diagnosis
+from jaxmodel.build import case_model, run_profile
+from jaxmodel.cases import Case, read_case
+from jaxmodel.effects import CATALOGUE
+from jaxmodel.simulate import simulate
+from tests.workbench.conftest import Run
+from workbench.commands import diagnose as diagnose_command
+from workbench.compiled import cache_folder
+
+PNG = b"\x89PNG\r\n\x1a\n"
+STUDY = """
+title = "a small cell"
+kind = "cell"
+metrics = ["soc_gradient", "final_soc", "min_voltage_V", "valid_share"]
+store = ["voltage_V"]
+[effects]
+self_heating = {}
+[profile]
+duration_s = 40
+step_s = 10
+current_A = 2.0
+ambient_degC = 20.0
+[axes]
+capacity_Ah = [2.0, 3.0, 4.0]
+ambient_degC = [0.0, 80.0]
+"""
+OWN_EFFECT = '''
+from typing import ClassVar
+
+from jaxmodel.declaration import parameter
+from jaxmodel.ports import Effect
+
+
+class ContactResistance(Effect):
+    """A contact in series with the cell."""
+
+    name: ClassVar[str] = "contact_resistance"
+    kinds: ClassVar[tuple[str, ...]] = ("cell",)
+    equation: ClassVar[str] = "V -= i R_c"
+    R_c: object = parameter(0.01, unit="ohm", meaning="contact", null=0.0, lower=0.0, upper=1.0, typical=(0.001, 0.1))
+
+    def overpotential(self, value, context):
+        return value + context.current_A * self.R_c
+'''
+
+
+def test_help_comes_at_once_and_gives_an_example() -> None:
+    began = time.perf_counter()
+    result = subprocess.run(
+        [sys.executable, "-m", "workbench.cli", "--help"], capture_output=True, text=True, timeout=60
+    )
+    assert result.returncode == 0
+    assert "diagnose" in result.stdout
+    assert time.perf_counter() - began < 5.0  # a second on a quiet machine: no JAX is loaded for it
+    loaded = "import sys, workbench.cli; print(*sorted(sys.modules))"
+    modules = subprocess.run([sys.executable, "-c", loaded], capture_output=True, text=True, timeout=60).stdout.split()
+    assert {"jax", "pandas", "matplotlib", "xarray"}.isdisjoint(modules)
+
+
+@pytest.mark.parametrize("command", ["simulate", "sweep", "sensitivity", "compare", "diagnose", "demo"])
+def test_every_command_has_an_example(command: str, run: Run) -> None:
+    result = run(command, "--help")
+    assert result.exit_code == 0
+    assert f"Example: jaxmodel {command}" in result.stdout
+    assert "--out" in result.stdout
+
+
+def test_simulate_writes_what_the_model_gives(run: Run, made_case: Path, case: Case, tmp_path: Path) -> None:
+    result = run("simulate", made_case, "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    assert result.stderr == ""
+    for measured in case.runs:
+        table = pd.read_csv(tmp_path / f"{measured.name}.csv")
+        alone = simulate(case_model(case, measured), run_profile(measured))
+        assert list(table.columns) == ["time_s", "voltage_V", "cell_temperature_degC", "soc", "valid"]
+        assert table["valid"].all()
+        np.testing.assert_allclose(table["time_s"], measured.measured.time_s)
+        for name, values in alone.readings.items():
+            np.testing.assert_allclose(table[name], values, rtol=1e-11)
+        assert (tmp_path / f"{measured.name}.png").read_bytes().startswith(PNG)
+
+
+def test_simulate_takes_effects_of_the_case_and_of_the_users_own(run: Run, case_folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(OWN_EFFECT, encoding="utf-8")
+    own = ("--effect", f"{tmp_path / 'own.py'}:ContactResistance")
+    assert run("simulate", case_folder, "--out", tmp_path / "without").exit_code == 0
+    toml = case_folder / "case.toml"
+    toml.write_text(toml.read_text() + "\n[effects]\ncontact_resistance = { R_c = 0.02 }\n", encoding="utf-8")
+    result = run("simulate", case_folder, *own, "--out", tmp_path / "with")
+    assert result.exit_code == 0, result.output
+    before, after = (pd.read_csv(tmp_path / out / "run-01.csv") for out in ("without", "with"))
+    np.testing.assert_allclose(before["voltage_V"] - after["voltage_V"], 0.02 * 3.0, rtol=1e-6)
+    assert "contact_resistance" not in CATALOGUE
+
+
+def test_lut_fidelity_is_another_model(run: Run, made_case: Path, tmp_path: Path) -> None:
+    for fidelity in ("formula", "lut"):
+        assert run("simulate", made_case, "--fidelity", fidelity, "--out", tmp_path / fidelity).exit_code == 0
+    formula, lut = (pd.read_csv(tmp_path / fidelity / "run-03.csv") for fidelity in ("formula", "lut"))
+    difference = np.abs(formula["voltage_V"] - lut["voltage_V"]).max()
+    assert 1e-5 < difference < 0.3
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("study") / "study.toml"
+    file.write_text(STUDY, encoding="utf-8")
+    return file
+
+
+def test_sweep_writes_tables_store_and_pictures(run: Run, study: Path, tmp_path: Path) -> None:
+    result = run("sweep", study, "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    assert "6 lanes" in result.stdout
+    assert (
+        "2 of 6 lanes left" in result.stdout or "3 of 6 lanes left" in result.stdout
+    )  # 80 degC is out of eq. 9's range
+    store = xr.open_zarr(tmp_path / "result.zarr", consolidated=False)
+    assert store["soc_gradient"].shape == (3, 2)
+    for name in ("soc_gradient", "final_soc-curves", "voltage_V-over-time"):
+        assert (tmp_path / f"{name}.png").read_bytes().startswith(PNG)
+
+
+def test_sensitivity_of_the_same_study_at_another_point(run: Run, study: Path, tmp_path: Path) -> None:
+    result = run("sensitivity", study, "--at", "capacity_Ah=2.5", "--at", "ambient_degC=10", "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    data = xr.open_zarr(tmp_path / "sensitivity.zarr", consolidated=False)
+    assert float(data["value"].sel(parameter="capacity_Ah")) == 2.5
+    assert float(data["elasticity"].sel(metric="soc_gradient", parameter="capacity_Ah")) == pytest.approx(
+        -1.0, abs=1e-3
+    )
+    assert float(data["effect"].sel(metric="soc_gradient", parameter="capacity_Ah")) == pytest.approx(-0.5, abs=1e-3)
+    table = pd.read_csv(tmp_path / "sensitivity.csv")
+    assert len(table) == data.sizes["metric"] * data.sizes["parameter"]
+    assert (tmp_path / "doubling-soc_gradient.png").read_bytes().startswith(PNG)
+    assert "capacity_Ah -1.00" in result.stdout
+
+
+@pytest.fixture(scope="module")
+def diagnosed(made_case: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a real diagnosis of the small case, whose truth is self-heating."""
+    from typer.testing import CliRunner
+
+    from workbench.cli import app
+
+    out = tmp_path_factory.mktemp("diagnosed")
+    result = CliRunner().invoke(app, ["diagnose", str(made_case), "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    assert "self_heating" in result.stdout
+    return out / "small"
+
+
+def test_diagnose_finds_what_the_case_hides(diagnosed: Path) -> None:
+    answer = json.loads((diagnosed / "answer.json").read_text())
+    assert answer["verdict"] == "missing_effect"
+    assert answer["verdict"] in VERDICTS
+    assert [effect["name"] for effect in answer["effects"]] == ["self_heating"]
+    for error in answer["error"].values():
+        assert error["after"]["check"] < 1.5 * error["noise_floor"] < error["before"]["check"]
+    assert (diagnosed / "report.html").stat().st_size > 100_000
+
+
+def test_simulate_takes_what_diagnose_wrote(run: Run, diagnosed: Path, tmp_path: Path) -> None:
+    result = run("simulate", diagnosed / "extended.toml", "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    extended = read_case(diagnosed / "extended.toml")
+    answer = json.loads((diagnosed / "answer.json").read_text())
+    assert list(extended.effects) == ["self_heating"]
+    for channel, error in answer["error"].items():
+        for split in ("fit", "check"):
+            residuals = [
+                run.measured.outputs[channel] - pd.read_csv(tmp_path / f"{run.name}.csv")[channel]
+                for run in extended.runs
+                if run.split == split
+            ]
+            assert np.sqrt(np.mean(np.concatenate(residuals) ** 2)) == pytest.approx(error["after"][split], rel=1e-4)
+
+
+def test_sweep_and_sensitivity_take_what_diagnose_wrote(run: Run, diagnosed: Path, tmp_path: Path) -> None:
+    study = STUDY.replace('kind = "cell"', f'case = "{(diagnosed / "extended.toml").as_posix()}"')
+    study = study.replace("[effects]\nself_heating = {}\n", "")
+    (tmp_path / "study.toml").write_text(study, encoding="utf-8")
+    for command in (["sweep"], ["sensitivity", "--gradient-only"]):
+        result = run(*command, tmp_path / "study.toml", "--out", tmp_path / command[0])
+        assert result.exit_code == 0, result.output
+
+
+def test_compare_calibrates_and_tries_no_effect(run: Run, made_case: Path, tmp_path: Path) -> None:
+    result = run("compare", made_case, "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    assert "no effects were tried" in result.stdout
+    assert not (tmp_path / "small" / "answer.json").exists()
+    assert read_case(tmp_path / "small" / "calibrated.toml").effects == {}
+    errors = json.loads((tmp_path / "small" / "errors.json").read_text())
+    assert errors["voltage_V"]["after"] == errors["voltage_V"]["before"]
+    assert (tmp_path / "small" / "report.html").is_file()
+
+
+def test_other_cases_go_on_where_one_fails(
+    run: Run, case_folder: Path, tmp_path: Path, diagnosis: Diagnosis, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The diagnosis itself is made up here: what is tested is what the command does around it."""
+    monkeypatch.setattr(diagnose_command, "diagnose", lambda case, **_: diagnosis)
+    spoilt = Path(shutil.copytree(case_folder, tmp_path / "spoilt"))
+    (spoilt / "run-02.csv").unlink()
+    result = run("diagnose", spoilt, case_folder, "--answer-only", "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert "there is no 'run-02.csv'" in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert json.loads((tmp_path / "out" / "small" / "answer.json").read_text())["verdict"] == "missing_effect"
+    assert not (tmp_path / "out" / "small" / "report.html").exists()
+    lines = [line.split() for line in result.stdout.splitlines()]
+    assert any("spoilt" in line and "failed" in line for line in lines)
+    assert any("small" in line and "missing_effect" in line for line in lines)
+
+
+def test_compiled_programs_are_kept_where_the_user_says(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("JAXMODEL_CACHE", str(tmp_path / "mine"))
+    assert cache_folder() == tmp_path / "mine"
+    monkeypatch.delenv("JAXMODEL_CACHE")
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert cache_folder() == tmp_path / "jaxmodel"
