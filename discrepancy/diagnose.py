@@ -32,6 +32,8 @@ SECOND_EFFECT_GAIN = 5.0
 TOLD_APART = 3.0
 # Below this probability the best hypothesis is not named.
 NAMED = 0.5
+# A channel whose residual is this many times its sensor's noise is not explained by any means.
+FAR_FROM_FLOOR = 3.0
 # What is partly explained is named all the same where this share of the excess error goes with it.
 PARTIAL_SHARE = 0.8
 
@@ -81,51 +83,67 @@ def diagnose(
     """
     session = Session(case, extra_effects)
     _tell(progress, "calibrating the base model")
-    base = session.hypothesis()
-    _tell(progress, f"scoring {len(session.candidates)} candidate effects")
-    first = session.screen(base)
-
-    best, screened = base, first
-    if first.table.significant:
-        best, screened = _search(session, first, progress)
+    best, first, screened = _search(session, progress)
     left = misfit(session, best, screened)
     unexplained = next((block for block in left if block.significant), None)
+    remarks: tuple[str, ...] = ()
+    far = [
+        name
+        for name, error in session.rung("", best).errors.items()
+        if error.fit > FAR_FROM_FLOOR * session.noise[name].sd
+    ]
+    if unexplained is not None and far:
+        _tell(progress, "no model comes near the sensors' noise; weighing the channels by what is left")
+        session = session.reweighted(best)
+        best, first, screened = _search(session, progress)
+        remarks = (
+            f"no model of one or two effects comes near the noise of {', '.join(far)}; "
+            "channels are weighed by what the best model leaves in them",
+        )
+        left = misfit(session, best, screened)
+    base = session.hypothesis()
     _tell(progress, "weighing")
     weighed = probabilities(session.known(), best, left, session.candidates)
-    verdict = _verdict(session, base, best, weighed, unexplained)
+    verdict = "unknown_effect" if remarks else _verdict(session, best, weighed, unexplained)
 
     ladder = [session.rung("nominal", None), session.rung("calibrated", base)]
     for count in range(1, len(best.labels) + 1):
         added = _order(session, best)[:count]
         ladder.append(session.rung("with " + " + ".join(added), session.hypothesis(added)))
-    named = _named(session, best, weighed) if verdict in ("missing_effect", "sensor_fault", "unknown_effect") else ()
+    named = _named(session, best, weighed, verdict)
+    blind = _blind(session, first)
     return Diagnosis(
         case=case,
         verdict=verdict,
         effects=named,
         candidates=tuple((name, p) for name, p in weighed.items() if p >= 5e-4),
         unexplained=unexplained.sentence() if unexplained is not None and verdict == "unknown_effect" else None,
-        blind_to=_blind(session, first),
+        blind_to=blind,
         noise=session.noise,
         ladder=tuple(ladder),
-        scores=_scores(first, _blind(session, first)),
+        scores=_scores(first, blind),
         critical_z=first.table.critical_z,
         where=failing_sentences(session, base),
-        remarks=_remarks(best),
+        remarks=(*remarks, *_remarks(best)),
     )
 
 
-def _search(session: Session, first: Screen, progress: Progress | None) -> tuple[Hypothesis, Screen]:
-    """Return the best model of one or two effects, and the screen of what could still be added to it."""
+def _search(session: Session, progress: Progress | None) -> tuple[Hypothesis, Screen, Screen]:
+    """Return the best model of at most two effects, the screen of the base model, and that of the best one."""
+    base = session.hypothesis()
+    _tell(progress, f"scoring {len(session.candidates)} candidate effects")
+    first = session.screen(base)
+    if not first.table.significant:
+        return base, first, first
     likely = _shortlist(first)
     _tell(progress, f"refitting with {', '.join(likely)}")
     singles = session.hypotheses([((label,), session.starts(first, label)) for label in likely])
     best = max([session.hypothesis(), *singles], key=lambda one: one.log_evidence)
     if not best.labels:
-        return best, first
+        return best, first, first
     screened = session.screen(best)
     if not screened.table.significant:
-        return best, screened
+        return best, first, screened
 
     seconds = _shortlist(screened)
     _tell(progress, f"refitting {best.labels[0]} with {', '.join(seconds)}")
@@ -141,7 +159,7 @@ def _search(session: Session, first: Screen, progress: Progress | None) -> tuple
     couples = session.hypotheses(sets)
     couple = max(couples, key=lambda one: one.log_evidence)
     if couple.log_evidence < best.log_evidence + SECOND_EFFECT_GAIN:
-        return best, screened
+        return best, first, screened
     # Swap: where the second effect alone explains as much as both, the first was only its stand-in.
     alone = _order(session, couple)
     swapped = [label for label in alone if (label,) not in {one.labels for one in session.known()}]
@@ -149,7 +167,7 @@ def _search(session: Session, first: Screen, progress: Progress | None) -> tuple
     single = max((one for one in session.known() if len(one.labels) == 1), key=lambda one: one.log_evidence)
     if single.log_evidence > couple.log_evidence - SECOND_EFFECT_GAIN:
         couple = single
-    return couple, session.screen(couple)
+    return couple, first, session.screen(couple)
 
 
 def _shortlist(screened: Screen) -> list[str]:
@@ -183,9 +201,7 @@ def misfit(session: Session, hypothesis: Hypothesis, screened: Screen) -> list[B
     )
 
 
-def _verdict(
-    session: Session, base: Hypothesis, best: Hypothesis, weighed: dict[str, float], unexplained: Block | None
-) -> str:
+def _verdict(session: Session, best: Hypothesis, weighed: dict[str, float], unexplained: Block | None) -> str:
     if unexplained is not None and weighed[SOMETHING_ELSE] > NAMED:
         return "unknown_effect"
     if not best.labels:
@@ -203,19 +219,31 @@ def _order(session: Session, best: Hypothesis) -> list[str]:
     return sorted(best.labels, key=lambda label: alone.get(label, -np.inf), reverse=True)
 
 
-def _named(session: Session, best: Hypothesis, weighed: dict[str, float]) -> tuple[NamedEffect, ...]:
-    base = session.hypothesis()
-    readings = float(np.sum(np.asarray(base.problem.readings.fit)))
-    excess = base.fitted.chi2 - readings
-    explained = (base.fitted.chi2 - best.fitted.chi2) / excess if excess > 0.0 else 0.0
-    if weighed[SOMETHING_ELSE] > NAMED and explained < PARTIAL_SHARE:
+def _explained(session: Session, best: Hypothesis) -> float:
+    """Return the share of the base model's excess error (mean square above the sensors' noise) that a model removes.
+
+    The mean over the channels in which the base model fails, so that no unit outweighs another.
+    """
+    before, after = session.rung("", session.hypothesis()).errors, session.rung("", best).errors
+    shares = []
+    for name, model in session.noise.items():
+        excess = before[name].fit ** 2 - model.sd**2
+        if excess > 0.1 * model.sd**2:
+            shares.append(1.0 - max(0.0, after[name].fit ** 2 - model.sd**2) / excess)
+    return float(np.mean(shares)) if shares else 0.0
+
+
+def _named(session: Session, best: Hypothesis, weighed: dict[str, float], verdict: str) -> tuple[NamedEffect, ...]:
+    """Return the effects to be named; beside an unknown one only those that explain most of the error."""
+    explained = _explained(session, best) if verdict == "unknown_effect" else 1.0
+    if verdict not in ("missing_effect", "sensor_fault", "unknown_effect") or explained < PARTIAL_SHARE:
         return ()
     estimates = session.rung("", best).estimates
     named = []
     for label in _order(session, best):
         effect = session.candidates[label].effect
         holding = sum(p for name, p in weighed.items() if effect.name in name.split("+"))
-        if weighed[SOMETHING_ELSE] > NAMED:
+        if verdict == "unknown_effect":
             holding = min(0.99, explained)
         prefix = f"{label}."
         named.append(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -57,7 +58,23 @@ class Session:
         self.catalogue = CATALOGUE | dict(extra_effects or {})
         self.noise: dict[str, NoiseModel] = noise_of_case(case, self.catalogue)
         self.candidates: dict[str, Candidate] = {c.label: c for c in candidates(case, self.catalogue)}
+        self.weights = self.noise
         self._hypotheses: dict[Labels, Hypothesis] = {}
+
+    def reweighted(self, best: Hypothesis) -> Session:
+        """Return a session of the same case that weighs each channel by what the best model leaves there.
+
+        Where no model comes near the sensors' noise, a channel with a very fine sensor would decide everything alone. The
+        noise itself, and with it the verdict, stays what the sensors say.
+        """
+        other = copy.copy(self)
+        rms = self.rung("", best).errors
+        other.weights = {
+            name: dataclasses.replace(model, sd=max(model.sd, rms[name].fit), rho=0.0)
+            for name, model in self.noise.items()
+        }
+        other._hypotheses = {}
+        return other
 
     def hypothesis(self, labels: Sequence[str] = (), starts: Sequence[np.ndarray] = ()) -> Hypothesis:
         """Return the calibrated model with effects added; `starts` are coordinates of the effects' unknowns to try.
@@ -68,7 +85,7 @@ class Session:
         if key in self._hypotheses:
             return self._hypotheses[key]
         problem, layout = make_problem(
-            self.case, self.noise, [self.candidates[label] for label in key], (), self.catalogue
+            self.case, self.weights, [self.candidates[label] for label in key], (), self.catalogue
         )
         size = len(layout.coordinates)
         first = np.zeros(size)
@@ -107,7 +124,7 @@ class Session:
         """Return the scores of all other candidates at a calibrated hypothesis."""
         present = [self.candidates[label] for label in hypothesis.labels]
         others = [c for label, c in self.candidates.items() if label not in hypothesis.labels]
-        problem, layout = make_problem(self.case, self.noise, present, others, self.catalogue)
+        problem, layout = make_problem(self.case, self.weights, present, others, self.catalogue)
         own = range(len(hypothesis.layout.coordinates))
         return screen(problem, layout, own, hypothesis.fitted, others)
 

@@ -71,16 +71,23 @@ def _integral_of_outer(matrix: Matrix, start: Pair, end: Pair) -> Matrix:
     return -(determinant * drop + shifted @ drop @ shifted.T) / (2.0 * trace * determinant)
 
 
-def stable(jacobian: Matrix) -> Matrix:
+def stable(jacobian: Matrix, torque_slope: Scalar, duration: Scalar) -> Matrix:
     """Bound a Jacobian where an effect would make the pair unstable or singular: deep saturation, falling friction.
 
     The method stays consistent with an inexact Jacobian; only its order falls, and only there.
+
+    Args:
+        jacobian: of the rates by (i_a, w).
+        torque_slope: k_tau / J, of a motor that does not saturate; a torque that is flat beside it is taken as not flat.
+        duration: of the step, s. A growth slow beside it is followed; a faster one would run away within the step.
     """
     a, b, c, d = jacobian[0, 0], jacobian[0, 1], jacobian[1, 0], jacobian[1, 1]
     a = jnp.minimum(a, -1e-9)
     b = jnp.minimum(b, -1e-9)
-    c = jnp.maximum(c, 1e-9)
-    d = jnp.minimum(d, 0.5 * b * c / a)
+    flat = 1e-3 * torque_slope
+    c = jnp.maximum(c, -0.5 * a / (b * jnp.where(duration > 0.0, duration, 1.0)))
+    c = jnp.where(jnp.abs(c) < flat, flat, c)
+    d = jnp.minimum(d, 0.5 * b * jnp.maximum(c, flat) / a)
     return jnp.array([[a, b], [c, d]])
 
 

@@ -69,7 +69,7 @@ def step(model: Model, state: State, inputs: Inputs, duration: Scalar) -> State:
         middle = _once(advance(state, _flows(model, here, start), half))
     with jax.named_scope("whole_step"):
         there = _once(_parts(model, middle, inputs))
-        drive = _once(_drive(model, inputs, here, there, duration, half))
+        drive = _once(_drive(model, inputs, here, there, duration, half, start.armature))
         end = advance(state, _flows(model, there, drive), duration)
     if drive.armature is not None:
         end |= {"motor_current_A": drive.armature.current_A, "speed_rad_s": drive.armature.speed_rad_s}
@@ -164,9 +164,18 @@ def _parts(model: Model, state: State, inputs: Inputs) -> tuple[Cell | None, Mot
     return cell, motor
 
 
-def _drive(model: Model, inputs: Inputs, now: tuple, later: tuple, duration: Scalar, lead: Scalar) -> Drive:
+def _drive(
+    model: Model,
+    inputs: Inputs,
+    now: tuple,
+    later: tuple,
+    duration: Scalar,
+    lead: Scalar,
+    first: ArmatureStep | None = None,
+) -> Drive:
     """Solve the fast quantities from the state `now` over a span whose slow coefficients are those of `later`."""
     zero = jnp.zeros(())
+    expected = jnp.zeros(2) if first is None else jnp.stack([first.current_A, first.speed_rad_s])
     if model.kind == "cell":
         return Drive(inputs["current_A"], zero, None, None)
     if model.kind == "motor":
@@ -175,7 +184,7 @@ def _drive(model: Model, inputs: Inputs, now: tuple, later: tuple, duration: Sca
             def voltage(current):
                 return inputs["voltage_V"]
 
-            armature = motors.run(now[1], later[1], voltage, voltage, duration, lead)
+            armature = motors.run(now[1], later[1], voltage, voltage, duration, lead, expected)
         else:
             armature = motors.run_at_current(later[1], inputs["current_A"], duration)
         return Drive(zero, zero, later[1], armature)
@@ -185,7 +194,7 @@ def _drive(model: Model, inputs: Inputs, now: tuple, later: tuple, duration: Sca
     def terminal_voltage(parts):
         return lambda current: robots.bridge_voltage(parts[0], parts[1], accessories, current)
 
-    armature = motors.run(now[1], later[1], terminal_voltage(now), terminal_voltage(later), duration, lead)
+    armature = motors.run(now[1], later[1], terminal_voltage(now), terminal_voltage(later), duration, lead, expected)
     cell, motor = later
     pack_voltage, pack_current = robots.pack(cell, motor, accessories, armature.mean_current_A)
     ratio = model.parameters.n_motors * inputs["duty"]

@@ -8,13 +8,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxmodel.armature import ArmatureStep, Pair, solve_pair, solve_speed, stable
+from jaxmodel.armature import ArmatureStep, Matrix, Pair, solve_pair, solve_speed, stable
 from jaxmodel.declaration import Scalar
 from jaxmodel.flow import Flow, State, relaxation
 from jaxmodel.parameters import Parameters
-from jaxmodel.ports import Effect, MotorContext, fold
+from jaxmodel.ports import Effect, MotorContext, fold, touches
 
 TerminalVoltage = Callable[[Scalar], Scalar]
+BENDING_PORTS = ("armature_voltage_drop", "motor_torque", "friction_torque")
 
 
 class Motor(eqx.Module):
@@ -78,17 +79,31 @@ def rates(motor: Motor, terminal_voltage: TerminalVoltage, pair: Pair) -> Pair:
     L_a di_a/dt = V_M - R i_a - k_e w - drops; J dw/dt = tau_D - tau_l - smooth friction.
     """
     current, speed = pair
-    context = _running(motor, current, speed)
+    across = terminal_voltage(current) - motor.winding_resistance_ohm * current - motor.torque_constant * speed
+    torque = motor.torque_constant * current - motor.load_torque_Nm
+    return jnp.stack([across / motor.inductance_H, torque / motor.context.parameters.J]) + _departure(motor, pair)
+
+
+def _departure(motor: Motor, pair: Pair) -> Pair:
+    """Return what effects on drop, torque and friction add to the rates of the linear pair."""
+    context = _running(motor, pair[0], pair[1])
     drop = fold(motor.effects, "armature_voltage_drop", jnp.zeros(()), context)
-    torque = fold(motor.effects, "motor_torque", motor.torque_constant * current, context)
+    linear_torque = motor.torque_constant * pair[0]
+    torque = fold(motor.effects, "motor_torque", linear_torque, context) - linear_torque
     friction = fold(motor.effects, "friction_torque", jnp.zeros(()), context)
-    across = terminal_voltage(current) - drop - motor.winding_resistance_ohm * current - motor.torque_constant * speed
-    return jnp.stack(
-        [
-            across / motor.inductance_H,
-            (torque - motor.load_torque_Nm - friction) / motor.context.parameters.J,
-        ]
-    )
+    return jnp.stack([-drop / motor.inductance_H, (torque - friction) / motor.context.parameters.J])
+
+
+def _secant(function: Callable[[Pair], Pair], start: Pair, end: Pair) -> Matrix:
+    """Return the matrix that takes end - start to f(end) - f(start), less the Jacobian at the start."""
+    tangent = jax.jacfwd(function)(start)
+    at_start, at_end = function(start), function(end)
+    at_corner = function(jnp.stack([end[0], start[1]]))
+    change = end - start
+    apart = jnp.abs(change) > 1e-6 * (1.0 + jnp.abs(start))
+    safe = jnp.where(apart, change, 1.0)
+    columns = jnp.stack([(at_corner - at_start) / safe[0], (at_end - at_corner) / safe[1]], axis=1)
+    return jnp.where(apart, columns, tangent) - tangent
 
 
 def _coulomb_torque(motor: Motor, speed_rad_s: Scalar) -> Scalar:
@@ -103,6 +118,7 @@ def run(
     voltage_later: TerminalVoltage,
     duration: Scalar,
     lead: Scalar,
+    expected: Pair,
 ) -> ArmatureStep:
     """Advance current and speed over a step, the voltage given.
 
@@ -113,6 +129,8 @@ def run(
         voltage_later: the same, at the later state.
         duration: of the step, s.
         lead: seconds from the start to the later state; 0 where it is the same.
+        expected: i_a and w towards which the step goes, as far as is known; zeros where it is not. Effects that bend
+            (brush drop, saturation) enter with their secant up to there: a tangent would step over the bend.
     """
     pair = jnp.stack([now.context.current_A, now.context.speed_rad_s])
     inertia = now.context.parameters.J
@@ -121,12 +139,14 @@ def run(
         return rates(later, voltage_later, x)
 
     rate_later, jacobian = later_rates(pair), jax.jacfwd(later_rates)(pair)
+    if any(touches(later.effects, port) for port in BENDING_PORTS):
+        jacobian = jacobian + _secant(lambda x: _departure(later, x), pair, expected)
     rate_now = rates(now, voltage_now, pair)
     drift = jnp.where(lead > 0.0, (rate_later - rate_now) / jnp.where(lead > 0.0, lead, 1.0), 0.0)
 
     level, slope = jax.value_and_grad(lambda w: _coulomb_torque(later, w))(pair[1])
     jacobian = jacobian.at[1, 1].add(-jnp.sign(pair[1]) * slope / inertia)
-    return solve_pair(pair, rate_now, drift, stable(jacobian), level, inertia, duration)
+    return solve_pair(pair, rate_now, drift, stable(jacobian, later.torque_constant / inertia, duration), level, inertia, duration)
 
 
 def run_at_current(motor: Motor, current_A: Scalar, duration: Scalar) -> ArmatureStep:

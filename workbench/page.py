@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
-from markupsafe import Markup
 
 from workbench.wording import number
 
@@ -32,6 +31,6 @@ def _environment() -> jinja2.Environment:
     return environment
 
 
-def _embedded(picture: bytes) -> Markup:
-    """Return a PNG as a data address, safe inside an attribute."""
-    return Markup("data:image/png;base64,") + Markup(base64.b64encode(picture).decode("ascii"))
+def _embedded(picture: bytes) -> str:
+    """Return a PNG as a data address."""
+    return "data:image/png;base64," + base64.b64encode(picture).decode("ascii")

@@ -62,8 +62,9 @@ def report_content(
         "verdict_title": VERDICT_TITLES[diagnosis.verdict],
         "verdict": verdict_sentence(diagnosis),
         "summary": summary(diagnosis),
-        "channels": channel_labels(diagnosis),
-        "ladder": ladder_rows(diagnosis),
+        "rungs": [rung_name(diagnosis, place) for place in range(len(diagnosis.ladder))],
+        "errors": error_rows(diagnosis),
+        "chi2": [number(rung.chi2 / rung.readings) if rung.readings else "-" for rung in diagnosis.ladder],
         "named": [
             {
                 "label": effect.label,
@@ -109,29 +110,43 @@ def summary(diagnosis: Diagnosis) -> list[str]:
 
 def error_sentence(diagnosis: Diagnosis, channel: str) -> str:
     """Say a channel's error before and after, on the runs held out where there are any."""
+    quantity, before, after, floor, unit = _before_and_after(diagnosis, channel)
+    held_out = np.isfinite(diagnosis.base.errors[channel].check)
+    where = "on the runs held out" if held_out else "on the runs fitted (none was held out)"
+    values = before if diagnosis.final is diagnosis.base else f"{before} before, {after} after"
+    return f"Error of {quantity} {where}: {values}, noise floor {floor}{unit}."
+
+
+def error_in_short(diagnosis: Diagnosis, channel: str) -> str:
+    """Return 'voltage 24.7 → 0.9 mV (noise 0.8)'."""
+    quantity, before, after, floor, unit = _before_and_after(diagnosis, channel)
+    return f"{quantity} {before} → {after}{unit} (noise {floor})"
+
+
+def _before_and_after(diagnosis: Diagnosis, channel: str) -> tuple[str, str, str, str, str]:
+    """Return the quantity, its error before and after, the noise floor, and the unit of all three."""
     before, after = diagnosis.base.errors[channel], diagnosis.final.errors[channel]
-    held_out = np.isfinite(before.check)
-    pair = (before.check, after.check) if held_out else (before.fit, after.fit)
+    pair = (before.check, after.check) if np.isfinite(before.check) else (before.fit, after.fit)
     quantity, unit = split_unit(channel)
     floor = diagnosis.noise[channel].sd
     scale, unit = readable([*pair, floor], difference_unit(unit))
-    where = "on the runs held out" if held_out else "on the runs fitted (none was held out)"
-    values = number(pair[0] * scale)
-    if diagnosis.final is not diagnosis.base:
-        values += f" before, {number(pair[1] * scale)} after"
-    unit = f" {unit}" if unit else ""
-    return f"Error of {quantity}, in{unit or ' its unit'}, {where}: {values}; noise floor {number(floor * scale)}."
+    shown = [number(value * scale) for value in (*pair, floor)]
+    return quantity, shown[0], shown[1], shown[2], f" {unit}" if unit else ""
 
 
-def ladder_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """Return the ladder as a table: name, (fit, check) of each channel as text, chi-square per reading."""
+def error_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """Return a row for each channel: its label, its noise floor, and the errors (fit, check) of every rung, as text."""
     rows = []
-    for place, rung in enumerate(diagnosis.ladder):
-        scales = [_scale(diagnosis, channel)[0] for channel in diagnosis.noise]
-        errors: list[ChannelError] = [rung.errors[channel] for channel in diagnosis.noise]
-        shown = [(number(e.fit * s), number(e.check * s)) for e, s in zip(errors, scales, strict=True)]
-        chi2 = rung.chi2 / rung.readings if rung.readings else np.nan
-        rows.append({"name": rung_name(diagnosis, place), "errors": shown, "chi2_per_reading": chi2})
+    for channel, noise in diagnosis.noise.items():
+        scale, unit = _scale(diagnosis, channel)
+        errors: list[ChannelError] = [rung.errors[channel] for rung in diagnosis.ladder]
+        rows.append(
+            {
+                "label": axis_label(split_unit(channel)[0], unit),
+                "floor": number(noise.sd * scale),
+                "errors": [(number(error.fit * scale), number(error.check * scale)) for error in errors],
+            }
+        )
     return rows
 
 
@@ -139,15 +154,6 @@ def _scale(diagnosis: Diagnosis, channel: str) -> tuple[float, str]:
     """Return factor and unit for the errors of a channel, one for all rungs."""
     errors = [e for rung in diagnosis.ladder for e in (rung.errors[channel].fit, rung.errors[channel].check)]
     return readable(errors, difference_unit(split_unit(channel)[1]))
-
-
-def channel_labels(diagnosis: Diagnosis) -> list[tuple[str, str]]:
-    """Return each channel's label and its noise floor, in the unit of the ladder's errors."""
-    found = []
-    for channel, noise in diagnosis.noise.items():
-        scale, unit = _scale(diagnosis, channel)
-        found.append((axis_label(split_unit(channel)[0], unit), number(noise.sd * scale)))
-    return found
 
 
 def _noise_row(diagnosis: Diagnosis, channel: str) -> dict[str, str]:

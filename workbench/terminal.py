@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from rich.console import Console
 from rich.progress import (
@@ -86,17 +86,29 @@ def counted(what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
 
 
 @contextlib.contextmanager
-def told(what: str) -> Iterator[Callable[[str], None]]:
-    """Show what some work is doing now, and since when.
+def told(what: str, shares: Mapping[str, float] | None = None) -> Iterator[Callable[[str], None]]:
+    """Show what some work is doing now, since when, and roughly how long it may still take.
+
+    Args:
+        what: the work.
+        shares: by the beginning of what is told, the share of the work that is usually done by then.
 
     Yields:
         A function to be called with what is done next.
     """
+    began = time.perf_counter()
+
+    def left(now: str) -> str:
+        known = [start for start in shares or {} if now.startswith(start)]
+        share = (shares or {})[max(known, key=len)] if known else 0.0
+        if share <= 0.0:
+            return ""
+        return f", about {(time.perf_counter() - began) * (1.0 - share) / share:.0f} s left"
+
     if sys.stderr.isatty():
         columns = (SpinnerColumn(), TextColumn(what), TextColumn("{task.fields[now]}"), TimeElapsedColumn())
         with Progress(*columns, console=console(stderr=True), transient=True) as bar:
             task = bar.add_task(what, total=None, now="")
-            yield lambda now: bar.update(task, now=now)
+            yield lambda now: bar.update(task, now=f"{now}{left(now)}")
         return
-    began = time.perf_counter()
-    yield lambda now: say(f"{what}: {now} ({time.perf_counter() - began:.0f} s)")
+    yield lambda now: say(f"{what}: {now} ({time.perf_counter() - began:.0f} s{left(now)})")

@@ -18,7 +18,7 @@ from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import MeasurementError
 from sensitivity.study import sensitivity_of_study
 from workbench import terminal
-from workbench.commands.diagnose import print_diagnosis, write_pictures_and_report
+from workbench.commands.diagnose import DONE_BY, print_diagnosis, write_pictures_and_report
 from workbench.commands.sensitivity import largest_elasticity, moved_to, print_sensitivity
 from workbench.commands.start import start
 from workbench.commands.sweep import lanes_per_second, print_sweep, run_study
@@ -27,7 +27,7 @@ from workbench.page import write_page
 from workbench.pictures.sensitivities import doubling_beside_gradient, elasticities, over_time
 from workbench.pictures.style import png
 from workbench.pictures.sweeps import against_paper, family, heat_map
-from workbench.report import error_sentence, report_content
+from workbench.report import error_in_short, report_content
 from workbench.wording import effect_name, join, verdict_sentence
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -36,7 +36,7 @@ POINT = {"ambient_degC": 20.0, "load_torque_Nm": 0.175}
 TABLE_1 = {-20.0: -2.8e-4, 0.0: -2.5e-4, 20.0: -2.1e-4, 40.0: -1.6e-4, 60.0: -1.3e-4, 80.0: -0.9e-4, 100.0: -0.5e-4}
 TABLE_2 = {0.175: -2.0e-4, 0.25: -2.8e-4, 0.3: -3.4e-4, 0.35: -3.8e-4}
 _PAPERS_AGE = {"storage_months": 18.0, "cycles": 25.0}
-_STORED_EVERY_S = 30
+_STORED_EVERY_ROWS = 30
 _GRADIENT = "soc_gradient"
 
 
@@ -56,7 +56,7 @@ def demo(out: Path, case_path: Path | None) -> None:
     start(out)
     study = sweeps.read_study(study_path)
 
-    dataset = run_study(moved_to(study, {}, store=["soc"], store_every=_STORED_EVERY_S))
+    dataset = run_study(moved_to(study, {}, store=["soc"], store_every=_STORED_EVERY_ROWS))
     sweeps.save(dataset, out / "sweep")
     print_sweep(dataset)
     pictures = _sweep_pictures(dataset)
@@ -78,7 +78,7 @@ def demo(out: Path, case_path: Path | None) -> None:
 
     folder = out / case.name
     folder.mkdir(exist_ok=True)
-    with terminal.told(case.name) as progress:
+    with terminal.told(case.name, DONE_BY) as progress:
         diagnosis = diagnose(case, progress=progress)
         write_answer(diagnosis, folder / "answer.json")
         extended, notes = extended_case(diagnosis)
@@ -153,13 +153,14 @@ def numbers_that_matter(dataset: xr.Dataset, data: xr.Dataset, diagnosis: Diagno
     ours, papers = _rate(dataset, **POINT), TABLE_2[POINT["load_torque_Nm"]]
     name, elasticity = largest_elasticity(data, _GRADIENT)
     named = [f"{effect_name(e.label)} ({e.probability:.2f})" for e in diagnosis.effects]
-    errors = " ".join(error_sentence(diagnosis, channel) for channel in diagnosis.noise)
+    errors = "; ".join(error_in_short(diagnosis, channel) for channel in diagnosis.noise)
+    held_out = any(run.split == "check" for run in diagnosis.case.runs)
     return {
         "Swept": f"{dataset['status'].size:,} lanes at {lanes_per_second(dataset):,.0f} lanes/s",
         "Discharge at 20 °C and 175 mN m": f"{_power(ours)} per second; the paper's Table 2 has {_power(papers)}",
         "Largest elasticity of the discharge": f"{elasticity:+.2f} by {name}",
         "Missing from the model of the real cell": join(named) or verdict_sentence(diagnosis),
-        "Error before and after": errors,
+        f"Error on the runs {'held out' if held_out else 'fitted'}, before → after": errors,
     }
 
 

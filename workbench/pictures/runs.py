@@ -31,6 +31,7 @@ from workbench.pictures.style import (
 )
 
 Predictions = Mapping[str, np.ndarray]
+_SIDE_BY_SIDE = 3  # channels on a page
 
 
 @styled
@@ -45,18 +46,29 @@ def fit_and_residuals(run: Run, models: Mapping[str, Predictions], noise_sd: Map
     channels = [name for name in noise_sd if np.any(np.isfinite(run.measured.outputs.get(name, np.nan)))]
     factor, unit = minutes_or_seconds(run.measured.time_s)
     time = (run.measured.time_s - run.measured.time_s[0]) * factor
-    figure = new_figure(PAGE_CM, 9.5)
-    grid = figure.subplots(2, len(channels), sharex=True, squeeze=False, gridspec_kw={"height_ratios": (3, 2)})
-    for column, channel in enumerate(channels):
-        above, below = grid[:, column]
+    columns = _SIDE_BY_SIDE if len(channels) > _SIDE_BY_SIDE else len(channels)
+    blocks = -(-len(channels) // columns)
+    figure = new_figure(PAGE_CM, 2.0 + (7.5 if blocks == 1 else 6.2) * blocks)
+    grid = figure.subplots(
+        2 * blocks, columns, sharex=True, squeeze=False, gridspec_kw={"height_ratios": (3, 2) * blocks}
+    )
+    for place, channel in enumerate(channels):
+        block, column = divmod(place, columns)
+        above, below = grid[2 * block : 2 * block + 2, column]
         measured = run.measured.outputs[channel]
         above.plot(time, measured, ".", color=MEASURED, markersize=2.5, label="measured", rasterized=True)
         for colour, (name, predictions) in zip(_model_colours(len(models)), models.items(), strict=True):
             above.plot(time, predictions[channel], color=colour, label=name)
-        above.set_ylabel(column_label(channel))
+        above.set_ylabel(_in_two_lines(channel) if blocks > 1 else column_label(channel))
         residuals = {name: measured - predictions[channel] for name, predictions in models.items()}
         draw_residuals(below, time, residuals, noise_sd[channel], split_unit(channel)[1])
-        below.set_xlabel(f"time [{unit}]")
+        if blocks > 1:
+            below.set_ylabel(below.get_ylabel().replace(" ", "\n", 1))
+        if place + columns >= len(channels):
+            below.set_xlabel(f"time [{unit}]")
+            below.tick_params(labelbottom=True)
+    for axes in grid[-2:, len(channels) - (blocks - 1) * columns :].flat:
+        axes.set_visible(False)
     figure.align_ylabels()
     legend = dict(zip(*reversed(grid[0, 0].get_legend_handles_labels()), strict=True))
     legend |= dict(zip(*reversed(grid[1, 0].get_legend_handles_labels()), strict=True))
@@ -64,6 +76,10 @@ def fit_and_residuals(run: Run, models: Mapping[str, Predictions], noise_sd: Map
         legend.values(), legend.keys(), loc="outside lower center", ncols=_legend_columns(legend), markerscale=2
     )
     return figure
+
+
+def _in_two_lines(column: str) -> str:
+    return column_label(column).replace(" [", "\n[")
 
 
 def draw_residuals(axes: Axes, x: np.ndarray, residuals: Mapping[str, np.ndarray], noise_sd: float, unit: str) -> None:
@@ -79,7 +95,7 @@ def draw_residuals(axes: Axes, x: np.ndarray, residuals: Mapping[str, np.ndarray
 
 
 def _model_colours(count: int) -> tuple[str, ...]:
-    return (FINAL,) if count == 1 else (BASE, FINAL, *LINES[2:])[:count]
+    return (BASE, FINAL, *LINES[2:])[:count]
 
 
 @styled
@@ -96,7 +112,8 @@ def residuals_by_condition(
         noise_sd: the noise floor of each channel to draw.
     """
     channels = [name for name in noise_sd if any(np.any(np.isfinite(r[name])) for r in residuals.values())]
-    figure = new_figure(PAGE_CM, 1.5 + 5.2 * len(channels))
+    crowded = len(channels) > _SIDE_BY_SIDE
+    figure = new_figure(PAGE_CM, 2.0 + (3.6 if crowded else 5.2) * len(channels))
     grid = figure.subplots(len(channels), len(conditions), sharex="col", sharey="row", squeeze=False)
     for row, channel in enumerate(channels):
         unit = difference_unit(split_unit(channel)[1])
@@ -109,12 +126,17 @@ def residuals_by_condition(
             for colour, (name, by_channel) in zip(_model_colours(len(residuals)), residuals.items(), strict=True):
                 y = by_channel[channel] * scale
                 axes.plot(x, y, ".", color=colour, markersize=1.3, alpha=0.18, rasterized=True)
-                axes.plot(*_means(x, y), "o-", color=colour, markersize=3.0, lw=1.3, label=name)
+                axes.plot(
+                    *_means(x, y), "o-", color=colour, markersize=4.0, lw=1.3, markeredgecolor="white", label=name
+                )
             axes.axhline(0.0, color=GREY, lw=0.7)
             if row == len(channels) - 1:
-                axes.set_xlabel(column_label(condition))
+                axes.set_xlabel(_in_two_lines(condition))
         residual_scale(grid[row, 0], [by_channel[channel] * scale for by_channel in residuals.values()], floor)
-        grid[row, 0].set_ylabel(axis_label(f"{split_unit(channel)[0]} residual", shown_unit))
+        quantity = split_unit(channel)[0].replace(" ", "\n" if crowded else " ")
+        grid[row, 0].set_ylabel(
+            axis_label(f"{quantity} residual", shown_unit).replace(" [", "\n[" if crowded else " [")
+        )
     figure.align_ylabels()
     handles, labels = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=_legend_columns(labels))
@@ -172,7 +194,7 @@ def simulation(name: str, table: pd.DataFrame, run: Run, shown_inputs: Sequence[
                 if not legend_shown:
                     axes.legend(loc="best", markerscale=3)
                 legend_shown = True
-        axes.set_ylabel(column_label(panel).replace(" [", "\n["))
+        axes.set_ylabel(_in_two_lines(panel))
         _shade(axes, time, ~table["valid"].to_numpy(dtype=bool))
     for axes in grid.T.flat[len(panels) :]:
         axes.set_visible(False)

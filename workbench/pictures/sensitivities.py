@@ -113,8 +113,8 @@ def elasticities(local: xr.Dataset, most: int = 14) -> Figure:
     axes.set_xticks(
         np.arange(numbers.shape[1]) + 0.5,
         [m.replace("_", " ") for m in table["metric"].to_numpy()],
-        rotation=28,
-        ha="right",
+        rotation=28 if numbers.shape[1] > 4 else 0,
+        ha="right" if numbers.shape[1] > 4 else "center",
     )
     axes.set_yticks(np.arange(len(order)) + 0.5, table["parameter"].to_numpy()[order])
     axes.invert_yaxis()
