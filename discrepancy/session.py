@@ -64,8 +64,8 @@ class Session:
     def reweighted(self, best: Hypothesis) -> Session:
         """Return a session of the same case that weighs each channel by what the best model leaves there.
 
-        Where no model comes near the sensors' noise, a channel with a very fine sensor would decide everything alone. The
-        noise itself, and with it the verdict, stays what the sensors say.
+        Where no model comes near the sensors' noise, a channel with a very fine sensor would decide everything alone.
+        The noise itself, and with it the verdict, stays what the sensors say.
         """
         other = copy.copy(self)
         rms = self.rung("", best).errors
@@ -79,7 +79,8 @@ class Session:
     def hypothesis(self, labels: Sequence[str] = (), starts: Sequence[np.ndarray] = ()) -> Hypothesis:
         """Return the calibrated model with effects added; `starts` are coordinates of the effects' unknowns to try.
 
-        The best of all starts is kept; the base model is also started from a random place within its priors.
+        They are tried in turn until one converges to something better than the base model. The base model itself is
+        also started from a random place within its priors, and the better of the two kept.
         """
         key = tuple(sorted(labels))
         if key in self._hypotheses:
@@ -101,8 +102,12 @@ class Session:
             tries = [first]
             if not key:
                 tries.append(_SECOND_START * np.random.default_rng(0).normal(size=size))
-        fits = [fit(problem, begin) for begin in tries]
-        best = min(fits, key=lambda one: one.objective if np.isfinite(one.objective) else np.inf)
+        best = fit(problem, tries[0])
+        for begin in tries[1:]:
+            # Another start is worth its time for the base model, and where the first one made nothing better.
+            if key and best.converged and best.objective < self.hypothesis().fitted.objective:
+                break
+            best = min(best, fit(problem, begin), key=lambda one: one.objective)
         if key and best.objective > self.hypothesis().fitted.objective:
             # An effect can always be faint: a fit worse than without it failed, and is no evidence against the effect.
             faint = first.copy()

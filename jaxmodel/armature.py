@@ -78,8 +78,8 @@ def stable(jacobian: Matrix, torque_slope: Scalar, duration: Scalar) -> Matrix:
 
     Args:
         jacobian: of the rates by (i_a, w).
-        torque_slope: k_tau / J, of a motor that does not saturate; a torque that is flat beside it is taken as not flat.
-        duration: of the step, s. A growth slow beside it is followed; a faster one would run away within the step.
+        torque_slope: k_tau / J of a motor that does not saturate; against a slope far smaller the inverse is lost.
+        duration: of the step, s; a growth that is slow beside it is followed, a faster one is not.
     """
     a, b, c, d = jacobian[0, 0], jacobian[0, 1], jacobian[1, 0], jacobian[1, 1]
     a = jnp.minimum(a, -1e-9)

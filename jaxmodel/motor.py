@@ -146,7 +146,8 @@ def run(
 
     level, slope = jax.value_and_grad(lambda w: _coulomb_torque(later, w))(pair[1])
     jacobian = jacobian.at[1, 1].add(-jnp.sign(pair[1]) * slope / inertia)
-    return solve_pair(pair, rate_now, drift, stable(jacobian, later.torque_constant / inertia, duration), level, inertia, duration)
+    jacobian = stable(jacobian, later.torque_constant / inertia, duration)
+    return solve_pair(pair, rate_now, drift, jacobian, level, inertia, duration)
 
 
 def run_at_current(motor: Motor, current_A: Scalar, duration: Scalar) -> ArmatureStep:

@@ -24,11 +24,11 @@ Mode = Literal["forward", "reverse"]
 def choose_mode(parameters: int, numbers: int, lanes: int = 1) -> Mode:
     """Return the cheaper way to differentiate some numbers by some parameters, in one run or in many lanes at once.
 
-    Break-even as measured on a processor (benchmarks): reverse mode stores a run and replays it, which costs about
-    fifteen forward tangents and two more for each number; a single run is bound by overhead, and 70 more tangents
-    cost it little.
+    Break-even as measured on a processor (benchmarks): reverse mode stores a run and replays it, which costs as much as
+    a dozen forward tangents, and two or three more for each number; a single run leaves the processor room for some
+    forty tangents more.
     """
-    break_even = 15.0 + 2.0 * numbers + (70.0 + 5.0 * numbers) / lanes
+    break_even = 12.0 + 2.5 * numbers + 40.0 / lanes
     return "reverse" if parameters > break_even else "forward"
 
 
