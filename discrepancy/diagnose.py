@@ -34,6 +34,8 @@ TOLD_APART = 3.0
 NAMED = 0.5
 # A channel whose residual is this many times its sensor's noise is not explained by any means.
 FAR_FROM_FLOOR = 3.0
+# Where the base model leaves this many times the noise, weights by the noise would let one fine sensor decide alone.
+HOPELESS = 30.0
 # What is partly explained is named all the same where this share of the excess error goes with it.
 PARTIAL_SHARE = 0.8
 
@@ -83,24 +85,21 @@ def diagnose(
     """
     session = Session(case, extra_effects)
     _tell(progress, "calibrating the base model")
+    remarks: tuple[str, ...] = ()
+    if _beyond(session, session.hypothesis(), HOPELESS):
+        _tell(progress, "the base model is far from the sensors' noise; looking for what explains most")
+        coarse = session.reweighted(session.hypothesis())
+        most = _search(coarse, progress)[0]
+        far = _beyond(coarse, most, FAR_FROM_FLOOR)
+        if far:
+            session = coarse.reweighted(most)
+            remarks = (
+                f"no model of one or two effects comes near the noise of {' and '.join(far)}; "
+                "channels are weighed by what the best model leaves in them",
+            )
     best, first, screened = _search(session, progress)
     left = misfit(session, best, screened)
     unexplained = next((block for block in left if block.significant), None)
-    remarks: tuple[str, ...] = ()
-    far = [
-        name
-        for name, error in session.rung("", best).errors.items()
-        if error.fit > FAR_FROM_FLOOR * session.noise[name].sd
-    ]
-    if unexplained is not None and far:
-        _tell(progress, "no model comes near the sensors' noise; weighing the channels by what is left")
-        session = session.reweighted(best)
-        best, first, screened = _search(session, progress)
-        remarks = (
-            f"no model of one or two effects comes near the noise of {', '.join(far)}; "
-            "channels are weighed by what the best model leaves in them",
-        )
-        left = misfit(session, best, screened)
     base = session.hypothesis()
     _tell(progress, "weighing")
     weighed = probabilities(session.known(), best, left, session.candidates)
@@ -126,6 +125,12 @@ def diagnose(
         where=failing_sentences(session, base),
         remarks=(*remarks, *_remarks(best)),
     )
+
+
+def _beyond(session: Session, hypothesis: Hypothesis, times: float) -> list[str]:
+    """Return the channels in which a model leaves more than so many times their sensors' noise."""
+    errors = session.rung("", hypothesis).errors
+    return [name for name, model in session.noise.items() if errors[name].fit > times * model.sd]
 
 
 def _search(session: Session, progress: Progress | None) -> tuple[Hypothesis, Screen, Screen]:

@@ -87,7 +87,7 @@ def stable(jacobian: Matrix, torque_slope: Scalar, duration: Scalar) -> Matrix:
     flat = 1e-3 * torque_slope
     c = jnp.maximum(c, -0.5 * a / (b * jnp.where(duration > 0.0, duration, 1.0)))
     c = jnp.where(jnp.abs(c) < flat, flat, c)
-    d = jnp.minimum(d, 0.5 * b * jnp.maximum(c, flat) / a)
+    d = jnp.minimum(d, jnp.minimum(0.5 * b * jnp.maximum(c, flat) / a, -0.5 * a))
     return jnp.array([[a, b], [c, d]])
 
 

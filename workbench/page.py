@@ -9,8 +9,6 @@ from typing import Any
 
 import jinja2
 
-from workbench.wording import number
-
 
 def write_page(path: Path, template: str, **content: Any) -> None:
     """Fill a template of `templates/` and write it; text is escaped, pictures are given as PNG."""
@@ -27,7 +25,7 @@ def _environment() -> jinja2.Environment:
         undefined=jinja2.StrictUndefined,
     )
     environment.filters["png"] = _embedded
-    environment.filters["number"] = number
+    environment.filters["breakable"] = lambda name: name.replace("_", "_\u200b")  # a long name may break there
     return environment
 
 

@@ -20,7 +20,7 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
-_PLAIN_WIDTH = 120
+_PLAIN_WIDTH = 140
 _PLAIN_SHARE = 0.25  # of the work, between two plain lines
 
 

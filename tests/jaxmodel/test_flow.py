@@ -39,7 +39,11 @@ def test_two_steps_are_one(tau: float, duration: float, share: float):
 def test_no_time_changes_no_bit():
     start = {"x": jnp.asarray(0.1), "y": jnp.asarray(1e-300), "z": jnp.asarray(-7.0)}
     flows = {"x": relaxation(3.0, 1e-3), "y": integral(1e6), "z": Flow(jnp.asarray(2.0), jnp.asarray(1e9))}
-    assert {name: float(value) for name, value in advance(start, flows, 0.0).items()} == {"x": 0.1, "y": 1e-300, "z": -7}
+    assert {name: float(value) for name, value in advance(start, flows, 0.0).items()} == {
+        "x": 0.1,
+        "y": 1e-300,
+        "z": -7,
+    }
 
 
 def test_a_state_without_a_flow_stays_and_a_relaxation_may_stop():

@@ -67,7 +67,7 @@ def test_derivative_is_the_central_difference(response: Response):
     # What rounding leaves of a difference over a thousandth of a parameter; a gradient is a difference itself.
     for exact, rough, base, precision in (
         (scaled.metrics[..., None], difference.metrics[..., None], answer.metrics[:, None], 2e-10),
-        (scaled.outputs, difference.outputs, answer.outputs, 1e-12),
+        (scaled.outputs, difference.outputs, answer.outputs, 1e-11),
     ):
         largest = np.max(np.abs(exact), axis=-1, keepdims=True)
         rounding = precision * np.max(np.abs(base), axis=-1, keepdims=True)
@@ -78,13 +78,13 @@ def test_derivative_is_the_central_difference(response: Response):
     assert moved == set(response.names)
 
 
-def test_forward_and_reverse_agree(profiles: dict[str, Profile]):
-    """On the robot of the paper, which has a cell and a motor in it; the plain cell's is compared below."""
-    response = make_response(Model("robot"), profiles["robot"], outputs=())
-    forward, reverse = (jacobian(response, response.values(), mode) for mode in ("forward", "reverse"))
-    np.testing.assert_allclose(reverse[0].metrics, forward[0].metrics, rtol=1e-12)
-    scale = np.max(np.abs(forward[1].metrics), axis=0)
-    np.testing.assert_allclose(reverse[1].metrics / scale, forward[1].metrics / scale, rtol=1e-8, atol=1e-14)
+def test_forward_and_reverse_agree(plain_motor: xarray.Dataset):
+    """On the stiff part of the model; the cell's are compared below."""
+    profile = Profile(plain_motor.time_s.values, {"voltage_V": 9.0, "load_torque_Nm": 0.15, "ambient_degC": 10.0})
+    reverse = local_sensitivities(Model("motor"), profile, outputs=(), mode="reverse")
+    scale = np.abs(plain_motor.metric_change).max("parameter")
+    np.testing.assert_allclose(reverse.metric_value, plain_motor.metric_value, rtol=1e-12)
+    np.testing.assert_allclose(reverse.metric_change / scale, plain_motor.metric_change / scale, rtol=1e-8, atol=1e-14)
 
 
 EXTREMES = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -32,6 +33,7 @@ from workbench.pictures.style import (
 
 Predictions = Mapping[str, np.ndarray]
 _SIDE_BY_SIDE = 3  # channels on a page
+_WHITE_EDGE: dict[str, Any] = {"markeredgecolor": "white", "markeredgewidth": 0.5}
 
 
 @styled
@@ -126,9 +128,7 @@ def residuals_by_condition(
             for colour, (name, by_channel) in zip(_model_colours(len(residuals)), residuals.items(), strict=True):
                 y = by_channel[channel] * scale
                 axes.plot(x, y, ".", color=colour, markersize=1.3, alpha=0.18, rasterized=True)
-                axes.plot(
-                    *_means(x, y), "o-", color=colour, markersize=4.0, lw=1.3, markeredgecolor="white", label=name
-                )
+                axes.plot(*_means(x, y), "o-", color=colour, markersize=4.0, lw=1.3, label=name, **_WHITE_EDGE)
             axes.axhline(0.0, color=GREY, lw=0.7)
             if row == len(channels) - 1:
                 axes.set_xlabel(_in_two_lines(condition))

@@ -1,0 +1,85 @@
+"""The whole diagnosis on measurements made by another path: the same equations through diffrax at tight tolerance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from discrepancy.diagnose import diagnose
+from discrepancy.result import VERDICTS, Diagnosis, answer
+from tests.discrepancy.made_cases import NOISE_V, TRUE, made_cell, made_cell_with_unknown_law
+
+HIDDEN = {
+    "ocv_hysteresis": {"M_V": 0.02, "g": 60.0},
+    "arrhenius_resistance": {"E_a": 12e3},
+}
+
+
+@pytest.fixture(scope="module", params=list(HIDDEN))
+def found(request, tmp_path_factory) -> tuple[str, Diagnosis]:
+    """One hidden effect and its diagnosis."""
+    name = request.param
+    return name, diagnose(made_cell(tmp_path_factory.mktemp(name), {name: HIDDEN[name]}))
+
+
+def test_hidden_effect_is_named_with_its_parameters(found):
+    """The effect is the only one named, and its true parameters lie within four standard deviations."""
+    name, diagnosis = found
+    assert diagnosis.verdict == "missing_effect"
+    assert [effect.name for effect in diagnosis.effects] == [name]
+    for parameter, true in HIDDEN[name].items():
+        estimate = diagnosis.effects[0].parameters[parameter]
+        assert abs(estimate.value - true) < 4.0 * estimate.sd
+
+
+def test_error_on_the_held_out_run_falls_to_the_noise(found):
+    """Before, the check run is missed by more than the noise; after, by the noise."""
+    _, diagnosis = found
+    assert diagnosis.base.errors["voltage_V"].check > 1.1 * NOISE_V
+    assert diagnosis.final.errors["voltage_V"].check == pytest.approx(NOISE_V, rel=0.07)
+
+
+def test_base_parameters_are_recovered_too(found):
+    """With the effect in the model, nothing has to stand in for it."""
+    _, diagnosis = found
+    for name in ("capacity_Ah", "series_resistance_scale", "rc_resistance_scale"):
+        estimate = diagnosis.final.estimates[name]
+        assert abs(estimate.value - TRUE[name]) < 4.0 * estimate.sd
+
+
+def test_answer_keeps_the_contract(found):
+    """The answer has the keys of the contract, and probabilities that are probabilities."""
+    _, diagnosis = found
+    said = answer(diagnosis)
+    keys = {"verdict", "effects", "candidates", "unexplained", "blind_to", "error"}
+    assert set(said) == keys
+    assert said["verdict"] in VERDICTS
+    assert 0.0 < said["effects"][0]["probability"] <= 0.99
+    assert sum(candidate["probability"] for candidate in said["candidates"]) < 1.05
+    assert set(said["error"]["voltage_V"]) == {"noise_floor", "before", "after"}
+
+
+def test_nothing_hidden_nothing_named(tmp_path):
+    """A model that is right is adequate."""
+    diagnosis = diagnose(made_cell(tmp_path, {}))
+    assert diagnosis.verdict == "adequate"
+    assert diagnosis.effects == ()
+    assert np.isclose(diagnosis.base.errors["voltage_V"].check, NOISE_V, rtol=0.07)
+
+
+def test_sensor_fault_is_not_sold_as_physics(tmp_path):
+    """An offset of the current sensor is called what it is, with the share of belief that goes with it."""
+    fault = {"current_offset": {"column": "current_A", "c": 0.08}}
+    diagnosis = diagnose(made_cell(tmp_path, fault))
+    assert diagnosis.verdict == "sensor_fault"
+    assert [(effect.name, effect.column) for effect in diagnosis.effects] == [("current_offset", "current_A")]
+    assert diagnosis.effects[0].probability > 0.5
+
+
+def test_law_in_no_catalogue_is_unknown(tmp_path):
+    """A resistance that grows below half charge is called unknown, and the sentence says where it acts."""
+    diagnosis = diagnose(made_cell_with_unknown_law(tmp_path, ohm_per_soc=0.1))
+    assert diagnosis.verdict == "unknown_effect"
+    assert diagnosis.unexplained is not None
+    assert "voltage_V" in diagnosis.unexplained
+    assert "soc" in diagnosis.unexplained
