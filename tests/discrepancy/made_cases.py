@@ -5,14 +5,18 @@ All cases have the same layout, so that they share compiled programs.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from jaxmodel.cases import Case, read_case
-from tests.independent import Run, make_profile, simulate, write_case
+from jaxmodel.cases import Case, Known, Run, read_case
+from jaxmodel.measurements import Measured
+from tests.independent import Run as Drive
+from tests.independent import make_profile, simulate, write_case
 
 NOISE_V = 0.002
 TRUE = {"capacity_Ah": 2.05, "series_resistance_scale": 1.09, "rc_resistance_scale": 0.93, "storage_months": 0}
@@ -32,41 +36,94 @@ RUNS = (
 SOC_SD = 0.01
 
 
-def made_runs(duration_s: float = 1200.0) -> list[Run]:
-    """Return what was done to the cell: readings every three seconds, charging and discharging at up to 6 A."""
-    runs = []
-    for number, (ambient, pattern, reversing, soc, off, split) in enumerate(RUNS):
+@dataclasses.dataclass(frozen=True)
+class MadeCell:
+    """A case, and the noise that was really added to each run's voltage."""
+
+    case: Case
+    noise_V: dict[str, np.ndarray]
+
+    def noise_rms(self, split: str) -> float:
+        """The RMS that a perfect model would be left with."""
+        noise = [self.noise_V[run.name] for run in self.case.runs if run.split == split]
+        return float(np.sqrt(np.mean(np.concatenate(noise) ** 2)))
+
+
+def drives() -> list[Drive]:
+    """What was done to the cell: 401 readings a run, three seconds apart, at up to 6 A."""
+    made = []
+    for number, (ambient, pattern, reversing, soc, off, split) in enumerate(RUNS, start=1):
         profile = make_profile(
             "cell",
             pattern,
-            number + 1,
-            duration_s=duration_s,
+            number,
+            duration_s=1200.0,
             step_s=3.0,
             ambient_degC=ambient,
             largest_drive=6.0,
             reversing=reversing,
         )
-        runs.append(Run(profile, initial_soc=soc, stated_soc=(soc + off, SOC_SD), split=split))
-    return runs
+        made.append(Drive(profile, initial_soc=soc, stated_soc=(soc + off, SOC_SD), split=split))
+    return made
 
 
-def made_cell(folder: Path, effects: Mapping[str, Mapping[str, float | str]], seed: int = 0, **options) -> Case:
+def made_cell(folder: Path, effects: Mapping[str, Mapping[str, Any]], seed: int = 0, **options: Any) -> MadeCell:
     """Write and read a cell with hidden effects; `options` are those of the referee's `write_case`."""
     options = {"sensors": {"voltage_V": NOISE_V}} | options
-    write_case(folder, "cell", TRUE, STATED, made_runs(), effects=effects, seed=seed, **options)
-    return read_case(folder)
+    clean = write_case(folder, "cell", TRUE, STATED, drives(), effects=effects, seed=seed, **options)
+    case = read_case(folder)
+    noise = {
+        run.name: run.measured.outputs["voltage_V"] - truth["voltage_V"]
+        for run, truth in zip(case.runs, clean, strict=True)
+    }
+    return MadeCell(case, noise)
 
 
-def made_cell_with_unknown_law(folder: Path, ohm_per_soc: float, seed: int = 0) -> Case:
-    """Write and read a cell whose resistance grows below half charge, which no effect of the catalogue does.
+def made_cell_with_unknown_law(folder: Path, ohm_per_soc: float, seed: int = 0) -> MadeCell:
+    """Write and read a cell whose resistance grows below half charge, as under no effect of the catalogue.
 
-    It is taken off the voltages that the referee made: in a cell driven by its current nothing feeds back.
+    Its drop is taken off the voltages that the referee made: in a cell driven by its current nothing feeds back.
     """
-    made_cell(folder, {}, seed)
-    for number, run in enumerate(made_runs(), start=1):
-        soc = simulate("cell", TRUE, run.profile, {}, run.initial_soc)["soc"]
-        file = folder / f"run-{number:02d}.csv"
-        table = pd.read_csv(file)
+    made = made_cell(folder, {}, seed)
+    for run, drive in zip(made.case.runs, drives(), strict=True):
+        soc = simulate("cell", TRUE, drive.profile, {}, drive.initial_soc)["soc"]
+        table = pd.read_csv(run.source)
         table["voltage_V"] -= table["current_A"] * ohm_per_soc * np.maximum(0.5 - soc, 0.0)
-        table.to_csv(file, index=False)
-    return read_case(folder)
+        table.to_csv(run.source, index=False)
+    return MadeCell(read_case(folder), made.noise_V)
+
+
+def run_of(
+    number: int,
+    inputs: Mapping[str, np.ndarray],
+    outputs: Mapping[str, np.ndarray],
+    *,
+    initial_soc: Known = Known(0.9, 0.01),  # noqa: B008  (frozen)
+    step_s: float = 3.0,
+    split: str = "fit",
+    **overrides: Known,
+) -> Run:
+    """A run in memory, its rows a constant step apart."""
+    rows = len(next(iter(inputs.values())))
+    name = f"run-{number:02d}"
+    measured = Measured(step_s * np.arange(rows), dict(inputs), dict(outputs))
+    return Run(name, f"{name}.csv", split, "", initial_soc, overrides, measured, Path(f"{name}.csv"))
+
+
+def case_of(
+    kind: str, parameters: Mapping[str, Known], runs: list[Run], sensors: Mapping[str, float] | None = None
+) -> Case:
+    """A case in memory."""
+    return Case(
+        name="small",
+        path=Path("small/case.toml"),
+        title="small",
+        kind=kind,
+        preset="paper",
+        parameters=dict(parameters),
+        tables={},
+        effects={},
+        sensors=dict(sensors or {}),
+        runs=tuple(runs),
+        cutoff={},
+    )

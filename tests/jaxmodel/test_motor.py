@@ -2,64 +2,45 @@
 
 from __future__ import annotations
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxmodel.model import Model
 from jaxmodel.parameters import Parameters
 from jaxmodel.profile import Profile, constant
-from jaxmodel.simulate import Trajectory, run_track, simulate, track
+from tests.jaxmodel.runs import readings, staircase
 
 # Coefficients that do not depend on temperature: what follows is then exact.
 COLD = {"psi_R": 0.0}
 R, K, TAU_0, J, L = 0.103, 0.0385, 0.010, 5.42e-5, 7.2e-5
 
 
-def staircase(seed: int, rows: int, largest: float) -> np.ndarray:
-    """Levels of a few rows each, some of them zero, of either sign."""
-    rng = np.random.default_rng(seed)
-    levels = rng.uniform(-largest, largest, rows) * (rng.uniform(size=rows) < 0.7)
-    return np.round(np.repeat(levels, rng.integers(1, 6, rows))[:rows], 3)
-
-
-def run_motor(parameters: dict, **inputs: np.ndarray) -> Trajectory:
+def run_motor(parameters: dict[str, float], **inputs: np.ndarray) -> dict[str, np.ndarray]:
     """A motor with a row a second."""
     rows = len(next(iter(inputs.values())))
     profile = Profile(np.arange(rows), {"load_torque_Nm": np.zeros(rows), "ambient_degC": np.full(rows, 20.0)} | inputs)
-    return simulate(Model("motor", Parameters(**parameters)), profile)
+    return readings(Model("motor", Parameters(**parameters)), profile)
 
 
-@settings(max_examples=30)
 @given(st.floats(2.0, 24.0), st.floats(0.0, 0.3), st.sampled_from([-1.0, 1.0]))
 def test_steady_state(voltage: float, load: float, direction: float):
-    """V = R i + k w and k i = tau_l + tau_0, from the first second on."""
-    model = Model("motor", Parameters(**COLD))
-    profile = constant(4.0, 1.0, voltage_V=24.0, load_torque_Nm=0.1, ambient_degC=20.0)
-    course = eqx.tree_at(
-        lambda c: (c.inputs["voltage_V"], c.inputs["load_torque_Nm"]),
-        track(model, profile),
-        (jnp.full_like(track(model, profile).inputs["voltage_V"], direction * voltage),) * 2,
-    )
-    torque = jnp.full_like(course.inputs["voltage_V"], direction * load)
-    course = eqx.tree_at(lambda c: c.inputs["load_torque_Nm"], course, torque)
-    found = run_track(model, course, jnp.asarray(profile.time_s)).readings
+    """V = R i + k w and k i = tau_l + tau_0, a second after the start."""
     current = (load + TAU_0) / K
-    if voltage - R * current < 0.05 * K:  # it would hold, or creep
-        return
+    speed = (voltage - R * current) / K
+    profile = constant(4.0, 1.0, voltage_V=direction * voltage, load_torque_Nm=direction * load, ambient_degC=20.0)
+    found = readings(Model("motor", Parameters(**COLD)), profile)
     np.testing.assert_allclose(found["current_A"][1:], direction * current, rtol=1e-9)
-    np.testing.assert_allclose(found["speed_rad_s"][1:], direction * (voltage - R * current) / K, rtol=1e-9)
+    np.testing.assert_allclose(found["speed_rad_s"][1:], direction * speed, rtol=1e-9)
 
 
 def test_temperatures_settle_where_the_loss_of_the_warm_motor_puts_them():
     profile = Profile(
-        np.concatenate([np.arange(0.0, 60.0, 5.0), np.arange(60.0, 20000.0, 60.0)]),
-        {"voltage_V": 12.0, "load_torque_Nm": 0.15, "ambient_degC": 35.0},
+        (time := np.concatenate([np.arange(0.0, 60.0, 5.0), np.arange(60.0, 25000.0, 250.0)])),
+        {"voltage_V": 0.0 * time + 12.0, "load_torque_Nm": 0.0 * time + 0.15, "ambient_degC": 0.0 * time + 35.0},
     )
-    found = simulate(Model("motor"), profile).readings
+    found = readings(Model("motor"), profile)
     current, speed, winding = (
         float(found[name][-1]) for name in ("current_A", "speed_rad_s", "winding_temperature_degC")
     )
@@ -73,7 +54,7 @@ def test_temperatures_settle_where_the_loss_of_the_warm_motor_puts_them():
 
 def test_a_held_motor_warms_in_two_exponentials():
     profile = constant(3000.0, 50.0, current_A=4.0, load_torque_Nm=4.0 * K, ambient_degC=25.0)
-    found = simulate(Model("motor", Parameters(**COLD)), profile).readings
+    found = readings(Model("motor", Parameters(**COLD)), profile)
     loss, time = 4.0**2 * R, profile.time_s
     case = 3.8 * loss * -np.expm1(-time / 1370.0)
     winding = 1.2 * loss * -np.expm1(-time / 71.7)
@@ -85,7 +66,7 @@ def test_a_held_motor_warms_in_two_exponentials():
 @pytest.mark.parametrize(("voltage", "load"), [(0.0, 0.0099), (0.0, -0.0099), (0.5, 0.19), (-0.5, -0.19)])
 def test_standstill_holds_below_breakaway(voltage: float, load: float):
     """At 0.5 V the motor's own torque is 0.187 N m: it holds loads from 0.177 to 0.197."""
-    found = run_motor(COLD, voltage_V=np.full(20, voltage), load_torque_Nm=np.full(20, load)).readings
+    found = run_motor(COLD, voltage_V=np.full(20, voltage), load_torque_Nm=np.full(20, load))
     np.testing.assert_allclose(found["speed_rad_s"], 0.0, atol=1e-12)
     np.testing.assert_allclose(found["current_A"][1:], voltage / R, rtol=1e-9, atol=1e-12)
 
@@ -93,7 +74,7 @@ def test_standstill_holds_below_breakaway(voltage: float, load: float):
 @pytest.mark.parametrize("load", [0.0101, -0.0101, 0.2])
 def test_a_load_beyond_breakaway_drives_the_motor(load: float):
     """At zero voltage the motor then brakes itself: k w = -R i."""
-    found = run_motor(COLD, voltage_V=np.zeros(30), load_torque_Nm=np.full(30, load)).readings
+    found = run_motor(COLD, voltage_V=np.zeros(30), load_torque_Nm=np.full(30, load))
     current = (load - np.sign(load) * TAU_0) / K
     assert float(found["current_A"][-1]) == pytest.approx(current, rel=1e-9)
     assert float(found["speed_rad_s"][-1]) == pytest.approx(-R * current / K, rel=1e-9)
@@ -102,17 +83,15 @@ def test_a_load_beyond_breakaway_drives_the_motor(load: float):
 @pytest.mark.parametrize("seed", range(3))
 def test_a_reversed_run_is_the_mirror_image(seed: int):
     voltage, load = staircase(seed, 120, 15.0), staircase(seed + 10, 120, 0.2)
-    forward, backward = (
-        run_motor({}, voltage_V=sign * voltage, load_torque_Nm=sign * load).readings for sign in (1.0, -1.0)
-    )
+    forward, backward = (run_motor({}, voltage_V=sign * voltage, load_torque_Nm=sign * load) for sign in (1.0, -1.0))
     for name in ("current_A", "speed_rad_s"):
-        assert float(jnp.abs(forward[name]).max()) > 1.0
+        assert float(np.abs(forward[name]).max()) > 1.0
         np.testing.assert_array_equal(backward[name], -forward[name])
     for name in ("winding_temperature_degC", "case_temperature_degC"):
         np.testing.assert_array_equal(backward[name], forward[name])
 
 
-@pytest.mark.parametrize("step_s", [0.05, 1.0, 30.0])
+@pytest.mark.parametrize("step_s", [0.3, 1.0, 30.0])
 @pytest.mark.parametrize("overshoot", [1.0, 20.0], ids=["smooth start", "overshooting start"])
 def test_the_heat_of_a_start_is_the_energy_that_went_nowhere_else(step_s: float, overshoot: float):
     """Every joule of the first seconds, the 4 ms of inrush included, whatever the step.
@@ -123,7 +102,7 @@ def test_the_heat_of_a_start_is_the_energy_that_went_nowhere_else(step_s: float,
     voltage, load, inductance = 12.0, 0.1, L * overshoot
     profile = constant(30.0, step_s, voltage_V=voltage, load_torque_Nm=load, ambient_degC=20.0)
     slow = {"tau_wc": 1e7, "tau_ca": 1e7, "R_wc": 1.0, "R_ca": 1.0, "L_a": inductance}
-    found = simulate(Model("motor", Parameters(**COLD, **slow)), profile).readings
+    found = readings(Model("motor", Parameters(**COLD, **slow)), profile)
     current, speed = (float(found[name][-1]) for name in ("current_A", "speed_rad_s"))
     charge = (J * speed + (load + TAU_0) * 30.0) / K
     angle = (voltage * 30.0 - R * charge - inductance * current) / K
@@ -133,7 +112,7 @@ def test_the_heat_of_a_start_is_the_energy_that_went_nowhere_else(step_s: float,
 
 
 def test_speed_at_an_imposed_current_is_a_straight_line():
-    found = run_motor(COLD, current_A=np.full(11, 2.0), load_torque_Nm=np.full(11, 0.06)).readings
+    found = run_motor(COLD, current_A=np.full(11, 2.0), load_torque_Nm=np.full(11, 0.06))
     np.testing.assert_allclose(found["speed_rad_s"], (2.0 * K - 0.07) / J * np.arange(11.0), rtol=1e-12)
     np.testing.assert_array_equal(found["current_A"][1:], 2.0)
 
@@ -146,6 +125,6 @@ def test_a_coefficient_of_temperature_counts_from_its_reference(name: str):
         for psi in (0.0, 0.004):
             profile = constant(1e-3, 1e-4, voltage_V=12.0, load_torque_Nm=0.1, ambient_degC=degC)
             model = Model("motor", Parameters(**({"psi_R": 0.0, "psi_L": 0.0} | {name: psi})))
-            found[degC, psi] = np.asarray(simulate(model, profile).readings["current_A"])
+            found[degC, psi] = np.asarray(readings(model, profile)["current_A"])
     np.testing.assert_allclose(found[25.0, 0.004], found[25.0, 0.0], rtol=1e-4)
     assert np.abs(found[75.0, 0.004] / found[75.0, 0.0] - 1.0)[-1] > 0.02

@@ -11,7 +11,7 @@ from jaxmodel.effects import CATALOGUE
 from jaxmodel.model import Model
 from jaxmodel.parameters import Parameters
 from jaxmodel.profile import Profile, constant
-from jaxmodel.simulate import simulate
+from tests.jaxmodel.runs import readings
 
 
 @pytest.mark.parametrize(("signal", "duty"), [(0.0, -1.0), (2.5, 0.0), (3.25, 0.3), (5.0, 1.0)])
@@ -54,8 +54,8 @@ def drive():
         "arm_duty": np.repeat([0.0, 0.25], 20),
         "ambient_degC": np.full(rows, 20.0),
     }
-    found = simulate(Model("robot", Parameters(initial_soc=0.8)), Profile(np.arange(rows), inputs)).readings
-    return {name: np.asarray(values) for name, values in found.items()}, inputs
+    found = readings(Model("robot", Parameters(initial_soc=0.8)), Profile(np.arange(rows), inputs))
+    return found, inputs
 
 
 def test_the_pack_carries_all_that_is_drawn(drive):
@@ -71,7 +71,7 @@ def test_the_pack_is_its_cells_in_series(drive):
     """A cell driven alone by the pack's current, where that is constant, reads a sixth of the pack's voltage."""
     found, _ = drive
     resting = constant(9.0, 1.0, current_A=0.3, ambient_degC=20.0)
-    alone = simulate(Model("cell", Parameters(initial_soc=0.8)), resting).readings
+    alone = readings(Model("cell", Parameters(initial_soc=0.8)), resting)
     np.testing.assert_allclose(found["pack_voltage_V"][:10], 6.0 * alone["voltage_V"], rtol=1e-13)
     np.testing.assert_allclose(found["soc"][:10], alone["soc"], rtol=1e-14)
 
@@ -88,10 +88,10 @@ def test_the_motors_see_the_pack_through_the_bridge(drive):
 def test_incline_and_its_torque_are_the_same_run():
     time, incline = np.arange(20.0), np.repeat([0.0, 12.0], 10)
     weight = 40.0 * 9.80665 * (0.7 * np.cos(np.deg2rad(incline)) + np.sin(np.deg2rad(incline)))
-    both = {"duty": 0.4, "ambient_degC": 20.0}
-    sloping = simulate(Model("robot"), Profile(time, {**both, "incline_deg": incline})).readings
+    both = {"duty": np.full(20, 0.4), "ambient_degC": np.full(20, 20.0)}
+    sloping = readings(Model("robot"), Profile(time, {**both, "incline_deg": incline}))
     torque = 0.5 * weight * 0.1 / (156.0 * 0.94)
-    loaded = simulate(Model("robot"), Profile(time, {**both, "load_torque_Nm": torque})).readings
+    loaded = readings(Model("robot"), Profile(time, {**both, "load_torque_Nm": torque}))
     for name, values in loaded.items():
         np.testing.assert_allclose(sloping[name], values, rtol=1e-10, err_msg=name)
 
@@ -101,7 +101,7 @@ def test_a_constant_power_load_draws_its_power(share: float):
     """The draw depends on the voltage that it changes: at every row both hold at once."""
     load = CATALOGUE["constant_power_load"](s=share)
     profile = constant(20.0, 1.0, duty=0.0, load_torque_Nm=0.0, ambient_degC=-15.0)
-    found = simulate(
+    found = readings(
         Model("robot", Parameters(onboard_current_A=5.0, initial_soc=0.2), effects=(load,)), profile
     ).readings
     expected = 5.0 * (1.0 - share) + share * 5.0 * 6.0 * 3.8 / found["pack_voltage_V"]

@@ -80,7 +80,7 @@ def test_derivative_is_the_central_difference(response: Response):
 
 def test_forward_and_reverse_agree(plain_motor: xarray.Dataset):
     """On the stiff part of the model; the cell's are compared below."""
-    profile = Profile(plain_motor.time_s.values, {"voltage_V": 9.0, "load_torque_Nm": 0.15, "ambient_degC": 10.0})
+    profile = constant(20.0, 2.0, voltage_V=9.0, load_torque_Nm=0.15, ambient_degC=10.0)
     reverse = local_sensitivities(Model("motor"), profile, outputs=(), mode="reverse")
     scale = np.abs(plain_motor.metric_change).max("parameter")
     np.testing.assert_allclose(reverse.metric_value, plain_motor.metric_value, rtol=1e-12)

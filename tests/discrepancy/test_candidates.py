@@ -1,0 +1,111 @@
+"""Coordinates are exact changes of variable that keep physics' signs; candidates are what a case could show."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from discrepancy.candidates import Coordinate, candidates, effect_coordinate, known_coordinate, make_candidate
+from jaxmodel.cases import Known
+from jaxmodel.declaration import describe
+from jaxmodel.effects import CATALOGUE
+from jaxmodel.effects.battery import ChargeTransfer, EntropicOcv, OcvHysteresis, SelfHeating
+from jaxmodel.effects.drive import MagnetTemperature
+from jaxmodel.effects.sensors import VoltageGain
+from jaxmodel.parameters import info
+from tests.discrepancy.made_cases import case_of, run_of
+
+COORDINATES = st.builds(
+    Coordinate,
+    name=st.just("x"),
+    centre=st.floats(-5.0, 5.0),
+    spread=st.floats(0.05, 3.0),
+    logarithmic=st.booleans(),
+    origin=st.sampled_from([0.0, 1.0]),
+    sign=st.sampled_from([-1.0, 1.0]),
+)
+EFFECT_PARAMETERS = [(effect, name) for effect, cls in CATALOGUE.items() for name in describe(cls)]
+
+
+@given(COORDINATES, st.floats(-3.0, 3.0))
+def test_number_and_coordinate_are_each_others_inverse(coordinate: Coordinate, x: float) -> None:
+    # Near 1 + exp(-14) five digits are lost to the difference from the origin.
+    assert coordinate.at(coordinate.number(x)) == pytest.approx(x, abs=1e-7)
+
+
+@given(COORDINATES, st.floats(-3.0, 3.0))
+def test_slope_is_the_derivative(coordinate: Coordinate, x: float) -> None:
+    difference = (coordinate.number(x + 1e-4) - coordinate.number(x - 1e-4)) / 2e-4
+    assert coordinate.slope(x) == pytest.approx(abs(difference), rel=1e-5, abs=1e-9)
+
+
+@pytest.mark.parametrize(("name", "value", "sd"), [("capacity_Ah", 5.2, 0.15), ("initial_soc", 0.97, 0.01)])
+def test_stated_parameter_is_its_value_with_its_sd(name: str, value: float, sd: float) -> None:
+    coordinate = known_coordinate(name, value, sd, info(name))
+    assert coordinate.logarithmic == (name == "capacity_Ah")
+    assert coordinate.number(0.0) == pytest.approx(value)
+    assert coordinate.slope(0.0) == pytest.approx(sd)
+    assert coordinate.number(-40.0) > 0.0 or not coordinate.logarithmic
+
+
+@pytest.mark.parametrize(("effect", "name"), EFFECT_PARAMETERS)
+def test_usual_range_of_an_effect_ends_at_one_sd_on_its_side_of_the_null(effect: str, name: str) -> None:
+    entry = describe(CATALOGUE[effect])[name]
+    low, high = entry.typical
+    coordinate = effect_coordinate(name, entry)
+    ends = sorted(coordinate.number(x) for x in (-1.0, 1.0))
+    if coordinate.logarithmic:
+        assert ends == pytest.approx([low, high])
+        far = [coordinate.number(x) for x in (-8.0, 8.0)]
+        assert all(math.copysign(1.0, number - coordinate.origin) == coordinate.sign for number in far)
+        assert (low - coordinate.origin) * coordinate.sign > 0.0
+    else:
+        assert low <= coordinate.centre <= high
+        assert max(abs(low), abs(high)) == pytest.approx(abs(ends[1] - coordinate.centre))
+
+
+def test_candidate_is_tried_at_every_shape_of_its_grid() -> None:
+    hysteresis = make_candidate(OcvHysteresis())
+    assert [c.name for c in hysteresis.coordinates] == ["ocv_hysteresis.M_V", "ocv_hysteresis.g"]
+    tried = [[c.number(x) for c, x in zip(hysteresis.coordinates, probe, strict=True)] for probe in hysteresis.probes]
+    middle = np.sqrt(0.005 * 0.06)
+    np.testing.assert_allclose(tried, [[middle, 8.0], [middle, 30.0], [middle, 120.0]])
+    assert len(make_candidate(SelfHeating()).probes) == 4
+
+
+def test_sign_that_physics_allows_is_known() -> None:
+    assert make_candidate(OcvHysteresis()).one_sided
+    assert make_candidate(MagnetTemperature()).one_sided
+    assert make_candidate(MagnetTemperature()).coordinates[0].number(5.0) < 0.0
+    assert not make_candidate(EntropicOcv()).one_sided
+    assert make_candidate(ChargeTransfer()).null_at_infinity
+    assert not make_candidate(OcvHysteresis()).null_at_infinity
+    gain = make_candidate(VoltageGain(column="voltage_V"))
+    assert (gain.label, gain.is_sensor) == ("voltage_gain:voltage_V", True)
+
+
+def test_candidates_are_the_effects_of_the_kind_and_the_sensors_that_were_read() -> None:
+    rows = np.zeros(20)
+    inputs = {"current_A": rows, "ambient_degC": rows}
+    outputs = {"voltage_V": rows, "cell_temperature_degC": np.full(20, np.nan)}
+    case = case_of("cell", {"capacity_Ah": Known(5.2, 0.1)}, [run_of(1, inputs, outputs)])
+    found = {candidate.label: candidate for candidate in candidates(case)}
+    physics = {name for name, cls in CATALOGUE.items() if "cell" in cls.kinds and not cls.is_sensor}
+    sensors = {
+        "current_offset:current_A",
+        "voltage_gain:voltage_V",
+        "voltage_offset:voltage_V",
+        "temperature_lag:ambient_degC",
+        "clock_shift",
+    }
+    assert {label for label, candidate in found.items() if not candidate.is_sensor} == physics
+    assert {label for label, candidate in found.items() if candidate.is_sensor} <= sensors
+    assert sensors - found.keys() <= {"temperature_lag:ambient_degC"}
+
+    present = dataclasses.replace(case, effects={"ocv_hysteresis": {"M_V": 0.02}})
+    assert {c.label for c in candidates(present)} == found.keys() - {"ocv_hysteresis"}
