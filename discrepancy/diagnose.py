@@ -36,8 +36,8 @@ NAMED = 0.5
 FAR_FROM_FLOOR = 3.0
 # Where the base model leaves this many times the noise, weights by the noise would let one fine sensor decide alone.
 HOPELESS = 30.0
-# What is partly explained is named all the same where this share of the excess error goes with it. Of the two development
-# cases with an effect outside the catalogue the best effects of the catalogue remove 0.3 and less.
+# What is partly explained is named all the same where this share of the excess error goes with it. In the development
+# case with a law outside the catalogue that was looked at, the best effects of the catalogue remove 0.3.
 PARTIAL_SHARE = 0.6
 
 

@@ -17,6 +17,7 @@ from discrepancy.problem import Layout, Problem, make_problem
 from discrepancy.result import ChannelError, Estimate, Rung
 from discrepancy.screen import Screen, screen
 from jaxmodel.cases import Case
+from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.names import parameter_table
 from jaxmodel.ports import Effect
@@ -200,7 +201,7 @@ class Session:
     def _estimates(self, layout: Layout, x: np.ndarray, sd: np.ndarray) -> tuple[dict[str, Estimate], Labels]:
         units = {name: info.unit for name, info in parameter_table(self.hypothesis().problem.models).items()}
         for label, candidate in self.candidates.items():
-            units |= {f"{label}.{c.name.rpartition('.')[2]}": "" for c in candidate.coordinates}
+            units |= {f"{label}.{name}": info.unit for name, info in describe(candidate.effect).items()}
         estimates, far = {}, []
         for number, coordinate in enumerate(layout.coordinates):
             run = layout.runs[number]

@@ -96,16 +96,9 @@ def test_candidates_are_the_effects_of_the_kind_and_the_sensors_that_were_read()
     case = case_of("cell", {"capacity_Ah": Known(5.2, 0.1)}, [run_of(1, inputs, outputs)])
     found = {candidate.label: candidate for candidate in candidates(case)}
     physics = {name for name, cls in CATALOGUE.items() if "cell" in cls.kinds and not cls.is_sensor}
-    sensors = {
-        "current_offset:current_A",
-        "voltage_gain:voltage_V",
-        "voltage_offset:voltage_V",
-        "temperature_lag:ambient_degC",
-        "clock_shift",
-    }
+    sensors = {"current_offset:current_A", "voltage_gain:voltage_V", "voltage_offset:voltage_V", "clock_shift"}
     assert {label for label, candidate in found.items() if not candidate.is_sensor} == physics
-    assert {label for label, candidate in found.items() if candidate.is_sensor} <= sensors
-    assert sensors - found.keys() <= {"temperature_lag:ambient_degC"}
+    assert {label for label, candidate in found.items() if candidate.is_sensor} == sensors
 
     present = dataclasses.replace(case, effects={"ocv_hysteresis": {"M_V": 0.02}})
     assert {c.label for c in candidates(present)} == found.keys() - {"ocv_hysteresis"}

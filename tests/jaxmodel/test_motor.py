@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from jaxmodel import motor as motors
 from jaxmodel.model import Model
 from jaxmodel.parameters import Parameters
 from jaxmodel.profile import Profile, constant
@@ -117,14 +119,13 @@ def test_speed_at_an_imposed_current_is_a_straight_line():
     np.testing.assert_array_equal(found["current_A"][1:], 2.0)
 
 
-@pytest.mark.parametrize("name", ["psi_R", "psi_L"])
-def test_a_coefficient_of_temperature_counts_from_its_reference(name: str):
-    """Eq. 17: at an ambient of T_0 a cold motor is the same motor with or without it; warmer, it is another."""
-    found = {}
-    for degC in (25.0, 75.0):
-        for psi in (0.0, 0.004):
-            profile = constant(1e-3, 1e-4, voltage_V=12.0, load_torque_Nm=0.1, ambient_degC=degC)
-            model = Model("motor", Parameters(**({"psi_R": 0.0, "psi_L": 0.0} | {name: psi})))
-            found[degC, psi] = np.asarray(readings(model, profile)["current_A"])
-    np.testing.assert_allclose(found[25.0, 0.004], found[25.0, 0.0], rtol=1e-4)
-    assert np.abs(found[75.0, 0.004] / found[75.0, 0.0] - 1.0)[-1] > 0.02
+def test_a_warm_winding_is_equation_17():
+    parameters = Parameters(psi_R=0.004, psi_L=-0.001)
+    state = {"x_winding_K": 30.0, "x_case_K": 12.0, "motor_current_A": 2.0, "speed_rad_s": 50.0}
+    state = {name: jnp.asarray(value) for name, value in state.items()}
+    torque, duty, voltage = jnp.asarray(0.1), jnp.asarray(1.0), jnp.asarray(12.0)
+    motor = motors.evaluate(parameters, (), state, jnp.asarray(8.0), torque, duty, voltage)
+    assert (float(motor.context.winding_degC), float(motor.context.case_degC)) == (50.0, 20.0)
+    assert float(motor.winding_resistance_ohm) == pytest.approx(R * 1.1, rel=1e-14)
+    assert float(motor.inductance_H) == pytest.approx(L * 0.975, rel=1e-14)
+    assert float(motor.torque_constant) == K

@@ -101,8 +101,6 @@ def test_a_constant_power_load_draws_its_power(share: float):
     """The draw depends on the voltage that it changes: at every row both hold at once."""
     load = CATALOGUE["constant_power_load"](s=share)
     profile = constant(20.0, 1.0, duty=0.0, load_torque_Nm=0.0, ambient_degC=-15.0)
-    found = readings(
-        Model("robot", Parameters(onboard_current_A=5.0, initial_soc=0.2), effects=(load,)), profile
-    ).readings
+    found = readings(Model("robot", Parameters(onboard_current_A=5.0, initial_soc=0.2), effects=(load,)), profile)
     expected = 5.0 * (1.0 - share) + share * 5.0 * 6.0 * 3.8 / found["pack_voltage_V"]
     np.testing.assert_allclose(found["pack_current_A"], expected, rtol=1e-13)
