@@ -1,4 +1,4 @@
-"""Cells measured by the referee: four runs at four temperatures, true parameters off their stated values, effects hidden.
+"""Cells measured by the referee: runs at four temperatures, true parameters off the stated ones, effects hidden.
 
 All cases have the same layout, so that they share compiled programs.
 """
