@@ -125,8 +125,9 @@ def solve_pair(
     equilibrium = equilibrium + per_torque * torque
     away_start = start - equilibrium
     away_end = decay @ away_start
-    end = equilibrium + creep * duration + away_end
-    safe = jnp.where(duration > 0.0, duration, 1.0)
+    moving = duration > 0.0
+    end = jnp.where(moving, equilibrium + creep * duration + away_end, start)
+    safe = jnp.where(moving, duration, 1.0)
     away_mean = inverse @ (away_end - away_start) / safe
     mean = equilibrium + 0.5 * creep * duration + away_mean
     variance = _integral_of_outer(jacobian, away_start, away_end)[0, 0] / safe - away_mean[0] ** 2

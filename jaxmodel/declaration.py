@@ -38,7 +38,7 @@ class ParameterInfo:
     typical: tuple[float, float] | None = None
     shape_grid: tuple[float, ...] = ()
 
-    def check(self, value: float, where: str) -> float:
+    def check(self, value: Any, where: str) -> float:
         """Return `value` as a float; raise ParameterError where it is not a number within the bounds."""
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ParameterError(f"{where}: '{self.name}' must be a number, not {value!r}; write it without quotes.")

@@ -48,7 +48,7 @@ class Trajectory(eqx.Module):
         states: all states of the model.
         valid: False where the equations left the range in which they make sense.
         status: a `Status`.
-        end_row: last row before the cut-off; the state is held after it.
+        end_row: the row at which the cut-off was reached, from where the state is held; else the last.
     """
 
     time_s: Array

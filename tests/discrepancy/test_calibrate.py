@@ -16,7 +16,7 @@ from discrepancy.calibrate import Fit, fit, predict
 from discrepancy.problem import Lane, Problem
 from discrepancy.session import Hypothesis, Session
 
-DRAWS = 20
+DRAWS = 40
 
 
 @pytest.fixture(scope="module")
@@ -57,8 +57,8 @@ def test_information_is_that_of_central_differences(problem: Problem, base: Hypo
     left = residual_at(problem, x)[counted]
     assert base.fitted.chi2 == pytest.approx(np.sum(left**2), rel=1e-9)
     assert base.fitted.prior == pytest.approx(np.sum(x**2))
-    assert np.max(np.abs(jacobian.T @ left + x) / scale) < 0.02
-    assert base.fitted.converged
+    assert np.max(np.abs(jacobian.T @ left + x) / scale) < 1e-3
+    assert base.fitted.greatest_score < 1e-3
 
 
 def test_all_starts_end_at_the_same_minimum(problem: Problem, base: Hypothesis) -> None:
@@ -158,13 +158,8 @@ def test_evidence_prefers_the_model_that_made_the_readings() -> None:
 
 def test_model_out_of_its_range_looks_bad_and_breaks_nothing(problem: Problem, base: Hypothesis) -> None:
     worse = base.fitted.x.copy()
-    worse[0] = 1e4  # a capacity beyond any number
+    worse[0] = -1e4  # a capacity that the first second uses up
     assert not np.all(np.isfinite(residual_at(problem, worse)))
     found = fit(problem, worse)
     assert np.isfinite(found.objective)
     assert found.objective > base.fitted.objective
-
-
-def test_layout_of_the_made_cell(base: Hypothesis) -> None:
-    assert base.layout.names == ("capacity_Ah", "series_resistance_scale", "rc_resistance_scale", *["initial_soc"] * 4)
-    assert base.layout.runs == (-1, -1, -1, 0, 1, 2, 3)

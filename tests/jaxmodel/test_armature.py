@@ -111,9 +111,10 @@ def test_a_sliding_step_is_the_fine_integration(damping: str, duration: float, d
     assert float(step.coulomb_torque_Nm) == pytest.approx(0.01, rel=1e-12)
 
 
-def test_no_time_changes_no_bit_of_the_pair():
-    step = advance([3.0, 150.0], 12.0, 0.1, duration=0.0)
-    assert (float(step.current_A), float(step.speed_rad_s)) == (3.0, 150.0)
+@given(st.floats(-100.0, 100.0), st.floats(-600.0, 600.0), st.floats(-24.0, 24.0))
+def test_no_time_changes_no_bit_of_the_pair(current: float, speed: float, voltage: float):
+    step = advance([current, speed], voltage, 0.1, drift=(300.0, -5.0), duration=0.0)
+    assert (float(step.current_A), float(step.speed_rad_s)) == (current, speed)
 
 
 @given(st.floats(-0.25, 0.25), st.sampled_from([1e-4, 1e-2, 1.0, 300.0]))

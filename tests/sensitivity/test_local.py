@@ -49,7 +49,7 @@ def answers(response: Response, lanes):
 
 
 def central_difference(response: Response):
-    """Fourth-order differences of the answer by each parameter's step, one compiled batch for all of them."""
+    """Fourth-order differences of the answer by each parameter's step, from one compiled batch of plain runs."""
     size = jnp.asarray(steps_of(response).size)
     offsets = jnp.diag(size) * 1e-3
     lanes = jnp.stack([response.values() + k * offsets for k in (-2, -1, 1, 2)])

@@ -1,0 +1,113 @@
+"""Probabilities: the prior and the evidence and nothing else, ordered, and never more than one in all."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from discrepancy.misfit import Block
+from discrepancy.posterior import MOST, PRIOR, PRIOR_SOMETHING_ELSE, SOMETHING_ELSE, hypothesis_name, probabilities
+from discrepancy.session import Hypothesis, Session
+
+
+@pytest.fixture(scope="module")
+def base(plain_session: Session) -> Hypothesis:
+    """The base model as if it had left exactly what the noise leaves, and no unknown had been learnt anything of."""
+    made = plain_session.hypothesis()
+    readings = float(np.sum(np.asarray(made.problem.readings.fit)))
+    size = made.fitted.x.size
+    fitted = dataclasses.replace(
+        made.fitted, x=np.zeros(size), chi2=readings, prior=0.0, information=np.eye(size), greatest_score=0.0
+    )
+    return dataclasses.replace(made, fitted=fitted)
+
+
+def with_effects(base: Hypothesis, *labels: str, gain: float, chi2: float | None = None) -> Hypothesis:
+    """A hypothesis whose log evidence is that of the base model plus `gain`."""
+    chi2 = base.fitted.chi2 if chi2 is None else chi2
+    prior = base.fitted.objective - 2.0 * gain - chi2
+    return dataclasses.replace(base, labels=labels, fitted=dataclasses.replace(base.fitted, chi2=chi2, prior=prior))
+
+
+def block(chi2: float, p_value: float = 1.0) -> Block:
+    return Block("voltage_V", "", "soc", chi2, 9, p_value, np.linspace(0.0, 1.0, 9), np.zeros(9))
+
+
+def test_effects_are_named_without_their_columns() -> None:
+    assert hypothesis_name(()) == "base"
+    assert hypothesis_name(("ocv_hysteresis", "current_offset:current_A")) == "ocv_hysteresis+current_offset"
+
+
+def test_odds_are_evidence_times_prior(base: Hypothesis, plain_session: Session) -> None:
+    candidates = plain_session.candidates
+    one = with_effects(base, "entropic_ocv", gain=1.0)
+    two = with_effects(base, "entropic_ocv", "ocv_hysteresis", gain=2.5)
+    found = probabilities([base, one, two], base, [], candidates)
+    count = len(candidates)
+    expected = {
+        "base": PRIOR[0],
+        "entropic_ocv": PRIOR[1] / count * np.exp(1.0),
+        "entropic_ocv+ocv_hysteresis": PRIOR[2] / (count * (count - 1) / 2) * np.exp(2.5),
+        SOMETHING_ELSE: PRIOR_SOMETHING_ELSE,
+    }
+    total = sum(expected.values())
+    assert found == pytest.approx({name: weight / total for name, weight in expected.items()})
+    assert sum(found.values()) == pytest.approx(1.0)
+    assert list(found.values()) == sorted(found.values(), reverse=True)
+
+
+def test_nothing_is_surer_than_the_most_and_the_sum_never_exceeds_one(base: Hypothesis, plain_session: Session) -> None:
+    for gain in (-2000.0, 0.0, 5.0, 20.0, 2000.0):
+        one = with_effects(base, "entropic_ocv", gain=gain)
+        best = one if gain > 0.0 else base
+        found = probabilities([base, one], best, [block(5.0)], plain_session.candidates)
+        assert sum(found.values()) <= 1.0 + 1e-12
+        assert max(found.values()) <= MOST
+        assert min(found.values()) >= 0.0
+    assert found["entropic_ocv"] == MOST
+    assert next(iter(found)) == "entropic_ocv"
+
+
+def test_the_same_effect_on_two_sensors_counts_once_at_its_best(base: Hypothesis, plain_session: Session) -> None:
+    faults = [
+        with_effects(base, "current_offset:pack_current_A", gain=3.0),
+        with_effects(base, "current_offset:motor_current_A", gain=1.0),
+    ]
+    both = probabilities([base, *faults], faults[0], [], plain_session.candidates)
+    alone = probabilities([base, faults[0]], faults[0], [], plain_session.candidates)
+    assert both == pytest.approx(alone)
+
+
+def test_what_is_left_speaks_for_something_else_once_it_pays_for_its_freedom(
+    base: Hypothesis, plain_session: Session
+) -> None:
+    readings = base.fitted.chi2
+    price = 9.0 * np.log(readings)
+
+    def something(chi2: float, others: int = 0) -> float:
+        left = [block(chi2, p_value=1e-9), *[block(0.0)] * others]
+        found = probabilities([base], base, left, plain_session.candidates)
+        return found[SOMETHING_ELSE] / found["base"]
+
+    prior_odds = PRIOR_SOMETHING_ELSE / PRIOR[0]
+    assert something(price) == pytest.approx(prior_odds)
+    assert something(price + 4.0) == pytest.approx(prior_odds * np.exp(2.0))
+    assert something(price + 4.0, others=9) == pytest.approx(prior_odds * np.exp(2.0) / 10.0)
+    assert something(9.0) < 1e-6  # what chance leaves
+
+
+def test_noise_larger_than_stated_makes_every_odd_shorter(base: Hypothesis, plain_session: Session) -> None:
+    readings = base.fitted.chi2
+    noisy = with_effects(base, gain=0.0, chi2=1.44 * readings)
+    one = with_effects(noisy, "entropic_ocv", gain=6.0, chi2=1.44 * readings)
+    count = len(plain_session.candidates)
+
+    def odds(left: list[Block]) -> float:
+        found = probabilities([noisy, one], one, left, plain_session.candidates)
+        return found["entropic_ocv"] / found["base"] * PRIOR[0] / PRIOR[1] * count
+
+    assert odds([]) == pytest.approx(np.exp(6.0 / 1.44))
+    # Where a law is left, the excess is the law's, and no reason to distrust the noise.
+    assert odds([block(300.0, p_value=1e-9)]) == pytest.approx(np.exp(6.0))

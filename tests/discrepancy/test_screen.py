@@ -1,0 +1,148 @@
+"""Screening: the differences are derivatives, the scores are standard normal without an effect, and foretell refits."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.stats import binom, chi2
+
+from discrepancy.calibrate import fit, predict
+from discrepancy.problem import Lane, Layout, Problem, make_problem
+from discrepancy.projection import Candidate as Direction
+from discrepancy.projection import project
+from discrepancy.screen import Screen, screen
+from discrepancy.session import Hypothesis, Session
+from tests.discrepancy.made_cases import made_cell
+
+DRAWS = 16
+
+
+@pytest.fixture(scope="module")
+def base(plain_session: Session) -> Hypothesis:
+    return plain_session.hypothesis()
+
+
+@pytest.fixture(scope="module")
+def switched(plain_session: Session) -> tuple[Problem, Layout]:
+    session = plain_session
+    return make_problem(session.case, session.noise, [], list(session.candidates.values()), session.catalogue)
+
+
+@pytest.fixture(scope="module")
+def screened(plain_session: Session, base: Hypothesis) -> Screen:
+    return plain_session.screen(base)
+
+
+@eqx.filter_jit
+def derivative(problem: Problem, at: Lane, way: Lane) -> jax.Array:
+    """Return the derivative of the residuals along a way, exact to rounding."""
+    return jax.jvp(problem.residual, (at,), (way,))[1]
+
+
+def test_differences_are_the_derivatives(
+    plain_session: Session, switched: tuple[Problem, Layout], base: Hypothesis, screened: Screen
+) -> None:
+    problem, layout = switched
+    count, size, switches = base.fitted.x.size, len(layout.names), len(plain_session.candidates)
+    here, off, stay = np.zeros(size), jnp.zeros(switches), jnp.zeros(size)
+    here[:count] = base.fitted.x
+
+    def sensitivity(at: np.ndarray, x: np.ndarray | jax.Array, switch: np.ndarray | jax.Array) -> np.ndarray:
+        way = Lane(jnp.asarray(x), jnp.asarray(switch))
+        return -np.asarray(derivative(problem, Lane(jnp.asarray(at), off), way))[screened.counted]
+
+    sensitivities = [sensitivity(here, way, off) for way in np.eye(size)[:count]]
+    a = np.concatenate([np.stack(sensitivities, axis=1), np.eye(count)])
+    length = np.linalg.norm(a, axis=0)
+    np.testing.assert_allclose(screened.base / length, a / length, atol=1e-5)
+
+    directions, of_screen = {}, {}
+    for place, (label, candidate) in enumerate(plain_session.candidates.items()):
+        probe = candidate.probes[-1]
+        at = here.copy()
+        at[list(layout.of_effect[label])] = probe
+        slope = sensitivity(at, stay, np.eye(switches)[place])
+        directions[label] = Direction([np.concatenate([slope, np.zeros(count)])])
+        of_screen[label] = screened.probes[label].index(probe)
+    projection = project(a, screened.residual, directions)
+    for exact in projection.blocks:
+        name = exact.candidate
+        found = next(
+            block
+            for block in screened.table.projection.blocks
+            if (block.candidate, block.shape) == (name, of_screen[name])
+        )
+        assert found.dof == exact.dof
+        if exact.dof:
+            z = projection.scores(exact)[0] * np.sign(exact.triangle[0, 0])
+            z_found = screened.table.projection.scores(found)[0] * np.sign(found.triangle[0, 0])
+            assert z_found == pytest.approx(z, abs=1e-3), name
+            assert found.projected_length(1.0) == pytest.approx(exact.projected_length(1.0), rel=1e-3), name
+
+
+def test_scores_are_standard_normal_where_nothing_is_missing(
+    plain_session: Session, base: Hypothesis, switched: tuple[Problem, Layout]
+) -> None:
+    problem, layout = switched
+    readings = base.problem.readings
+    generator = np.random.default_rng(0)
+    count = base.fitted.x.size
+    candidates = list(plain_session.candidates.values())
+    squares: dict[str, list[float]] = {}
+    alarms = 0
+    for _ in range(DRAWS):
+        truth = 0.5 * generator.standard_normal(count)
+        clean = predict(base.problem, truth).reshape(-1)[np.asarray(readings.index)]
+        anew = jnp.asarray(clean + np.asarray(readings.sd) * generator.standard_normal(clean.size))
+        fitted = fit(eqx.tree_at(lambda p: p.readings.value, base.problem, anew), truth)
+        table = screen(
+            eqx.tree_at(lambda p: p.readings.value, problem, anew), layout, range(count), fitted, candidates
+        ).table
+        assert np.max(np.abs(table.projection.base_z)) < 0.1
+        alarms += bool(table.significant)
+        for block in table.projection.blocks:
+            if block.shape == 0 and block.dof == 1:
+                squares.setdefault(block.candidate, []).append(table.projection.scores(block)[0] ** 2)
+    tested = {name: values for name, values in squares.items() if len(values) == DRAWS}
+    assert len(tested) >= 10
+    low, high = chi2.interval(1.0 - 1e-3 / len(tested), DRAWS)
+    for name, values in tested.items():
+        assert low < np.sum(values) < high, name
+    assert alarms <= binom.isf(1e-3, DRAWS, 0.05)
+
+
+def test_squared_score_is_the_drop_that_a_refit_brings(tmp_path: Path) -> None:
+    # As faint as this the model is linear in the effect; its prior, far wider than the data's word, costs next to nothing.
+    session = Session(made_cell(tmp_path / "faint", {"entropic_ocv": {"dU_dT": 3e-4}}, seed=5).case)
+    base = session.hypothesis()
+    scored = session.screen(base)
+    effect = scored.table["entropic_ocv"]
+    assert effect.z > 4.0
+    refitted = session.hypothesis(["entropic_ocv"], session.starts(scored, "entropic_ocv"))
+    drop = base.fitted.objective - refitted.fitted.objective
+    assert drop == pytest.approx(effect.chi2, rel=0.03)
+    (own,) = refitted.layout.of_effect["entropic_ocv"]
+    coordinate = refitted.layout.coordinates[own]
+    probe = session.candidates["entropic_ocv"].probes[0][0]
+    suggested = effect.amplitude[0] * coordinate.number(probe)
+    found, sd = coordinate.number(refitted.fitted.x[own]), coordinate.spread * refitted.fitted.sd[own]
+    assert suggested == pytest.approx(found, abs=0.1 * sd)
+    assert found == pytest.approx(3e-4, abs=4.0 * sd)
+
+
+def test_what_no_reading_shows_is_not_scored(
+    plain_session: Session, base: Hypothesis, switched: tuple[Problem, Layout]
+) -> None:
+    problem, layout = switched
+    candidates = list(plain_session.candidates.values())
+    dead = [dataclasses.replace(c, probes=((-400.0,),)) if c.label == "resistance_ageing" else c for c in candidates]
+    scored = screen(problem, layout, range(base.fitted.x.size), base.fitted, dead)
+    assert "resistance_ageing" not in scored.probes
+    assert "resistance_ageing" not in scored.table.names
+    assert set(scored.table.names) == set(plain_session.candidates) - {"resistance_ageing"}
