@@ -19,7 +19,7 @@ HIDDEN = {
 def found(request, tmp_path_factory) -> tuple[str, Diagnosis]:
     """One hidden effect and its diagnosis."""
     name = request.param
-    return name, diagnose(made_cell(tmp_path_factory.mktemp(name), {name: HIDDEN[name]}))
+    return name, diagnose(made_cell(tmp_path_factory.mktemp(name), {name: HIDDEN[name]}).case)
 
 
 def test_hidden_effect_is_named_with_its_parameters(found):
@@ -61,7 +61,7 @@ def test_answer_keeps_the_contract(found):
 
 def test_nothing_hidden_nothing_named(tmp_path):
     """A model that is right is adequate."""
-    diagnosis = diagnose(made_cell(tmp_path, {}))
+    diagnosis = diagnose(made_cell(tmp_path, {}).case)
     assert diagnosis.verdict == "adequate"
     assert diagnosis.effects == ()
     assert np.isclose(diagnosis.base.errors["voltage_V"].check, NOISE_V, rtol=0.07)
@@ -70,7 +70,7 @@ def test_nothing_hidden_nothing_named(tmp_path):
 def test_sensor_fault_is_not_sold_as_physics(tmp_path):
     """An offset of the current sensor is called what it is, with the share of belief that goes with it."""
     fault = {"current_offset": {"column": "current_A", "c": 0.08}}
-    diagnosis = diagnose(made_cell(tmp_path, fault))
+    diagnosis = diagnose(made_cell(tmp_path, fault).case)
     assert diagnosis.verdict == "sensor_fault"
     assert [(effect.name, effect.column) for effect in diagnosis.effects] == [("current_offset", "current_A")]
     assert diagnosis.effects[0].probability > 0.5
@@ -78,7 +78,7 @@ def test_sensor_fault_is_not_sold_as_physics(tmp_path):
 
 def test_law_in_no_catalogue_is_unknown(tmp_path):
     """A resistance that grows below half charge is called unknown, and the sentence says where it acts."""
-    diagnosis = diagnose(made_cell_with_unknown_law(tmp_path, ohm_per_soc=0.1))
+    diagnosis = diagnose(made_cell_with_unknown_law(tmp_path, ohm_per_soc=0.1).case)
     assert diagnosis.verdict == "unknown_effect"
     assert diagnosis.unexplained is not None
     assert "voltage_V" in diagnosis.unexplained

@@ -40,25 +40,23 @@ def screened(plain_session: Session, base: Hypothesis) -> Screen:
 
 
 @eqx.filter_jit
-def derivative(problem: Problem, at: Lane, way: Lane) -> jax.Array:
-    """Return the derivative of the residuals along a way, exact to rounding."""
-    return jax.jvp(problem.residual, (at,), (way,))[1]
+def derivatives(problem: Problem, at: Lane, ways: Lane) -> jax.Array:
+    """Return the derivatives of the residuals along many ways, exact to rounding."""
+    return jax.vmap(lambda way: jax.jvp(problem.residual, (at,), (way,))[1])(ways)
 
 
 def test_differences_are_the_derivatives(
     plain_session: Session, switched: tuple[Problem, Layout], base: Hypothesis, screened: Screen
 ) -> None:
     problem, layout = switched
-    count, size, switches = base.fitted.x.size, len(layout.names), len(plain_session.candidates)
-    here, off, stay = np.zeros(size), jnp.zeros(switches), jnp.zeros(size)
+    count = base.fitted.x.size
+    here = np.zeros(len(layout.names))
     here[:count] = base.fitted.x
-
-    def sensitivity(at: np.ndarray, x: np.ndarray | jax.Array, switch: np.ndarray | jax.Array) -> np.ndarray:
-        way = Lane(jnp.asarray(x), jnp.asarray(switch))
-        return -np.asarray(derivative(problem, Lane(jnp.asarray(at), off), way))[screened.counted]
-
-    sensitivities = [sensitivity(here, way, off) for way in np.eye(size)[:count]]
-    a = np.concatenate([np.stack(sensitivities, axis=1), np.eye(count)])
+    off = np.zeros(len(plain_session.candidates))
+    own = Lane(jnp.asarray(np.eye(len(here))[:count]), jnp.zeros((count, off.size)))
+    counted = screened.counted
+    sensitivities = -np.asarray(derivatives(problem, Lane(jnp.asarray(here), jnp.asarray(off)), own))[:, counted].T
+    a = np.concatenate([sensitivities, np.eye(count)])
     length = np.linalg.norm(a, axis=0)
     np.testing.assert_allclose(screened.base / length, a / length, atol=1e-5)
 
@@ -67,7 +65,8 @@ def test_differences_are_the_derivatives(
         probe = candidate.probes[-1]
         at = here.copy()
         at[list(layout.of_effect[label])] = probe
-        slope = sensitivity(at, stay, np.eye(switches)[place])
+        on = Lane(jnp.zeros((1, here.size)), jnp.asarray(np.eye(off.size)[place][None]))
+        slope = -np.asarray(derivatives(problem, Lane(jnp.asarray(at), jnp.asarray(off)), on))[0, counted]
         directions[label] = Direction([np.concatenate([slope, np.zeros(count)])])
         of_screen[label] = screened.probes[label].index(probe)
     projection = project(a, screened.residual, directions)
@@ -118,7 +117,8 @@ def test_scores_are_standard_normal_where_nothing_is_missing(
 
 
 def test_squared_score_is_the_drop_that_a_refit_brings(tmp_path: Path) -> None:
-    # As faint as this the model is linear in the effect; its prior, far wider than the data's word, costs next to nothing.
+    # As faint as this the model is linear in the effect; its prior, far wider than the data's word, costs next to
+    # nothing.
     session = Session(made_cell(tmp_path / "faint", {"entropic_ocv": {"dU_dT": 3e-4}}, seed=5).case)
     base = session.hypothesis()
     scored = session.screen(base)
