@@ -85,6 +85,7 @@ def diagnose(
         FitError: nothing is uncertain, or no run may be used to calibrate.
     """
     session = Session(case, extra_effects)
+    session.warm_up()
     _tell(progress, "calibrating the base model")
     remarks: tuple[str, ...] = ()
     found = None
@@ -160,7 +161,7 @@ def _search(session: Session, progress: Progress | None, effects: int = 2) -> tu
     own = best.fitted.x[best.layout.base :]
     sets = []
     for label in seconds:
-        key = tuple(sorted((best.labels[0], label)))
+        key = session.key((best.labels[0], label))
         starts = [
             np.concatenate([own if one == best.labels[0] else start for one in key])
             for start in session.starts(screened, label)

@@ -8,7 +8,7 @@ model so linearly that the step of the difference costs 1e-3 of a score.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import equinox as eqx
 import jax
@@ -64,33 +64,45 @@ def _evaluate(problem: Problem, lanes: list[tuple[np.ndarray, np.ndarray]]) -> n
     return np.concatenate(found)
 
 
+def warm_up(problem: Problem, layout: Layout) -> None:
+    """Compile the program that screens a problem; it serves every model of the case."""
+    _evaluate(problem, [(np.zeros(len(layout.coordinates)), np.zeros(len(problem.switched)))])
+
+
 def screen(
-    problem: Problem, layout: Layout, own: Sequence[int], fitted: Fit, candidates: Sequence[Candidate]
+    problem: Problem,
+    layout: Layout,
+    own: Sequence[int],
+    fitted: Fit,
+    candidates: Sequence[Candidate],
+    present: Collection[str] = (),
 ) -> Screen:
-    """Score every candidate at a calibrated model.
+    """Score at a calibrated model every candidate that is not in it.
 
     Args:
-        problem: with the model's own effects present and all candidates switched.
+        problem: with all candidates switched.
         layout: of the problem's unknowns.
         own: numbers of the unknowns that the calibrated model has, in the order of the fit's.
         fitted: the calibrated model.
-        candidates: those to be scored, in the order of the problem's switches.
+        candidates: in the order of the problem's switches.
+        present: labels of those that the calibrated model has.
     """
     here = np.zeros(len(layout.coordinates))
     here[list(own)] = fitted.x
-    off = np.zeros(len(candidates))
-    lanes: list[tuple[np.ndarray, np.ndarray]] = [(here, off)]
+    at_model = np.array([float(candidate.label in present) for candidate in candidates])
+    lanes: list[tuple[np.ndarray, np.ndarray]] = [(here, at_model)]
     for number in own:
         for side in (BASE_STEP, -BASE_STEP):
             moved = here.copy()
             moved[number] += side
-            lanes.append((moved, off))
-    for place, candidate in enumerate(candidates):
+            lanes.append((moved, at_model))
+    absent = [(place, candidate) for place, candidate in enumerate(candidates) if candidate.label not in present]
+    for place, candidate in absent:
         for probe in candidate.probes:
             moved = here.copy()
             moved[list(layout.of_effect[candidate.label])] = probe
             for step in (SWITCH_STEP, 1.0):
-                on = off.copy()
+                on = at_model.copy()
                 on[place] = step
                 lanes.append((moved, on))
     counted = np.asarray(problem.readings.fit) > 0.0
@@ -101,7 +113,7 @@ def screen(
     priors = np.zeros(count)
     directions, probes = {}, {}
     next_row = 1 + 2 * count
-    for candidate in candidates:
+    for _, candidate in absent:
         shapes, tried = [], []
         for probe in candidate.probes:
             slope = -(rows[next_row] - rows[0]) / SWITCH_STEP

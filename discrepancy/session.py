@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from threading import Thread
 
 import numpy as np
 
@@ -15,7 +17,7 @@ from discrepancy.contract import noise_of_case
 from discrepancy.noise import NoiseModel
 from discrepancy.problem import Layout, Problem, make_problem
 from discrepancy.result import ChannelError, Estimate, Rung
-from discrepancy.screen import Screen, screen
+from discrepancy.screen import Screen, screen, warm_up
 from jaxmodel.cases import Case
 from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
@@ -62,6 +64,21 @@ class Session:
         self.weights = self.noise
         self._hypotheses: dict[Labels, Hypothesis] = {}
 
+    @functools.cached_property
+    def _switchable(self) -> tuple[Problem, Layout]:
+        """The case with every candidate behind a switch: one program that screens whatever model is calibrated."""
+        return make_problem(self.case, self.weights, (), list(self.candidates.values()), self.catalogue)
+
+    def warm_up(self) -> Thread:
+        """Begin to compile the screening program, which takes as long as the first fits, beside them."""
+        thread = Thread(target=lambda: warm_up(*self._switchable), daemon=True)
+        thread.start()
+        return thread
+
+    def key(self, labels: Sequence[str]) -> Labels:
+        """Return effects in the order in which they act on a port they share, that of the catalogue."""
+        return tuple(label for label in self.candidates if label in labels)
+
     def reweighted(self, best: Hypothesis) -> Session:
         """Return a session of the same case that weighs each channel by what the best model leaves there.
 
@@ -75,6 +92,7 @@ class Session:
             for name, model in self.noise.items()
         }
         other._hypotheses = {}
+        other.__dict__.pop("_switchable", None)
         return other
 
     def hypothesis(self, labels: Sequence[str] = (), starts: Sequence[np.ndarray] = ()) -> Hypothesis:
@@ -83,7 +101,7 @@ class Session:
         They are tried in turn until one converges to something better than the base model. The base model itself is
         also started from a random place within its priors, and the better of the two kept.
         """
-        key = tuple(sorted(labels))
+        key = self.key(labels)
         if key in self._hypotheses:
             return self._hypotheses[key]
         problem, layout = make_problem(
@@ -128,11 +146,11 @@ class Session:
 
     def screen(self, hypothesis: Hypothesis) -> Screen:
         """Return the scores of all other candidates at a calibrated hypothesis."""
-        present = [self.candidates[label] for label in hypothesis.labels]
-        others = [c for label, c in self.candidates.items() if label not in hypothesis.labels]
-        problem, layout = make_problem(self.case, self.weights, present, others, self.catalogue)
-        own = range(len(hypothesis.layout.coordinates))
-        return screen(problem, layout, own, hypothesis.fitted, others)
+        problem, layout = self._switchable
+        effects = [number for label in hypothesis.labels for number in layout.of_effect[label]]
+        own = [*range(layout.base), *effects]
+        candidates = list(self.candidates.values())
+        return screen(problem, layout, own, hypothesis.fitted, candidates, hypothesis.labels)
 
     def starts(self, screened: Screen, label: str) -> list[np.ndarray]:
         """Return where to begin fitting a candidate: at its best-scoring shape and the amplitude it suggests."""

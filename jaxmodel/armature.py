@@ -9,15 +9,60 @@ is no event to find, standstill is exact, and a reversal inside a step is right 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from jaxmodel.declaration import Scalar
 from jaxmodel.flow import mean_exponential
 
-Pair = Float[Array, "2"]
-Matrix = Float[Array, "2 2"]
+
+class Pair(NamedTuple):
+    """A current (A) and a speed (rad/s), or what changes with them; scalars, which a compiler keeps in registers."""
+
+    current: Scalar
+    speed: Scalar
+
+    def plus(self, other: Pair, times: Scalar | float = 1.0) -> Pair:
+        """Return self + times other."""
+        return Pair(self.current + times * other.current, self.speed + times * other.speed)
+
+    def times(self, factor: Scalar | float) -> Pair:
+        """Return factor self."""
+        return Pair(factor * self.current, factor * self.speed)
+
+
+class Matrix(NamedTuple):
+    """A 2 x 2 matrix [[a, b], [c, d]] over pairs."""
+
+    a: Scalar
+    b: Scalar
+    c: Scalar
+    d: Scalar
+
+    def __matmul__(self, pair: Pair) -> Pair:
+        """Return the product with a pair."""
+        return Pair(self.a * pair.current + self.b * pair.speed, self.c * pair.current + self.d * pair.speed)
+
+    @property
+    def trace(self) -> Scalar:
+        """Return a + d."""
+        return self.a + self.d
+
+    @property
+    def determinant(self) -> Scalar:
+        """Return a d - b c."""
+        return self.a * self.d - self.b * self.c
+
+    def inverse(self) -> Matrix:
+        """Return the inverse."""
+        determinant = self.determinant
+        return Matrix(self.d / determinant, -self.b / determinant, -self.c / determinant, self.a / determinant)
+
+    def times(self, factor: Scalar, plus: Scalar) -> Matrix:
+        """Return factor self + plus identity."""
+        return Matrix(factor * self.a + plus, factor * self.b, factor * self.c, factor * self.d + plus)
 
 
 class ArmatureStep(eqx.Module):
@@ -33,9 +78,8 @@ class ArmatureStep(eqx.Module):
 
 def matrix_exponential(matrix: Matrix, duration: Scalar) -> Matrix:
     """Return exp(A h) of a stable 2 x 2 matrix: over- and underdamped, and smooth where the two meet."""
-    a, b, c, d = matrix[0, 0], matrix[0, 1], matrix[1, 0], matrix[1, 1]
-    mean = 0.5 * (a + d)
-    determinant = a * d - b * c
+    mean = 0.5 * matrix.trace
+    determinant = matrix.determinant
     discriminant = mean * mean - determinant
     scaled = discriminant * duration * duration
 
@@ -53,22 +97,19 @@ def matrix_exponential(matrix: Matrix, duration: Scalar) -> Matrix:
     odd = jnp.where(overdamped, 0.5 * (slow_decay - fast_decay), mean_decay * jnp.sin(angle)) / root
     even = jnp.where(series, mean_decay * cosh_series, even)
     odd = jnp.where(series, mean_decay * duration * sinh_series, odd)
-    return even * jnp.eye(2) + odd * (matrix - mean * jnp.eye(2))
+    return matrix.times(odd, plus=even - odd * mean)
 
 
-def _inverse(matrix: Matrix) -> Matrix:
-    determinant = matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0]
-    adjugate = jnp.array([[matrix[1, 1], -matrix[0, 1]], [-matrix[1, 0], matrix[0, 0]]])
-    return adjugate / determinant
+def _integral_of_square(matrix: Matrix, start: Pair, end: Pair) -> Scalar:
+    """Return the integral of i^2 for dy/dt = A y, y = (i, w), from start to end.
 
-
-def _integral_of_outer(matrix: Matrix, start: Pair, end: Pair) -> Matrix:
-    """Return the integral of y y' for dy/dt = A y from start to end: A S + S A' = end end' - start start'."""
-    drop = jnp.outer(start, start) - jnp.outer(end, end)
-    trace = matrix[0, 0] + matrix[1, 1]
-    determinant = matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0]
-    shifted = matrix - trace * jnp.eye(2)
-    return -(determinant * drop + shifted @ drop @ shifted.T) / (2.0 * trace * determinant)
+    It is the first entry of the matrix S with A S + S A' = end end' - start start', written out.
+    """
+    currents = start.current**2 - end.current**2
+    mixed = start.current * start.speed - end.current * end.speed
+    speeds = start.speed**2 - end.speed**2
+    crossed = matrix.d * matrix.d * currents - 2.0 * matrix.b * matrix.d * mixed + matrix.b * matrix.b * speeds
+    return -(matrix.determinant * currents + crossed) / (2.0 * matrix.trace * matrix.determinant)
 
 
 def stable(jacobian: Matrix, torque_slope: Scalar, duration: Scalar) -> Matrix:
@@ -81,14 +122,14 @@ def stable(jacobian: Matrix, torque_slope: Scalar, duration: Scalar) -> Matrix:
         torque_slope: k_tau / J of a motor that does not saturate; against a slope far smaller the inverse is lost.
         duration: of the step, s; a growth that is slow beside it is followed, a faster one is not.
     """
-    a, b, c, d = jacobian[0, 0], jacobian[0, 1], jacobian[1, 0], jacobian[1, 1]
+    a, b, c, d = jacobian
     a = jnp.minimum(a, -1e-9)
     b = jnp.minimum(b, -1e-9)
     flat = 1e-3 * torque_slope
     c = jnp.maximum(c, -0.5 * a / (b * jnp.where(duration > 0.0, duration, 1.0)))
     c = jnp.where(jnp.abs(c) < flat, flat, c)
     d = jnp.minimum(d, jnp.minimum(0.5 * b * jnp.maximum(c, flat) / a, -0.5 * a))
-    return jnp.array([[a, b], [c, d]])
+    return Matrix(a, b, c, d)
 
 
 def _hold_or_slide(free_speed: Scalar, speed_per_torque: Scalar, level: Scalar, past_speed: Scalar) -> Scalar:
@@ -112,31 +153,30 @@ def solve_pair(
         inertia: J in kg m^2.
         duration: s; zero leaves the pair as it is.
     """
-    inverse = _inverse(jacobian)
+    inverse = jacobian.inverse()
     decay = matrix_exponential(jacobian, duration)
-    creep = -inverse @ drift  # velocity of the moving equilibrium
-    equilibrium = start - inverse @ rate + inverse @ creep
-    per_torque = inverse @ jnp.array([0.0, 1.0]) / inertia
+    creep = (inverse @ drift).times(-1.0)  # velocity of the moving equilibrium
+    equilibrium = start.plus(inverse @ rate, -1.0).plus(inverse @ creep)
+    per_torque = Pair(inverse.b / inertia, inverse.d / inertia)
 
-    free_end = equilibrium + creep * duration + decay @ (start - equilibrium)
-    response = per_torque - decay @ per_torque
-    torque = _hold_or_slide(free_end[1], -response[1], level, start[1])
+    free_end = equilibrium.plus(creep, duration).plus(decay @ start.plus(equilibrium, -1.0))
+    response = per_torque.plus(decay @ per_torque, -1.0)
+    torque = _hold_or_slide(free_end.speed, -response.speed, level, start.speed)
 
-    equilibrium = equilibrium + per_torque * torque
-    away_start = start - equilibrium
+    equilibrium = equilibrium.plus(per_torque, torque)
+    away_start = start.plus(equilibrium, -1.0)
     away_end = decay @ away_start
+    end = equilibrium.plus(creep, duration).plus(away_end)
     moving = duration > 0.0
-    end = jnp.where(moving, equilibrium + creep * duration + away_end, start)
     safe = jnp.where(moving, duration, 1.0)
-    away_mean = inverse @ (away_end - away_start) / safe
-    mean = equilibrium + 0.5 * creep * duration + away_mean
-    variance = _integral_of_outer(jacobian, away_start, away_end)[0, 0] / safe - away_mean[0] ** 2
+    away_mean = (inverse @ away_end.plus(away_start, -1.0)).times(1.0 / safe)
+    mean = equilibrium.plus(creep, 0.5 * duration).plus(away_mean)
     return ArmatureStep(
-        current_A=end[0],
-        speed_rad_s=end[1],
-        mean_current_A=mean[0],
-        mean_speed_rad_s=mean[1],
-        current_variance_A2=variance,
+        current_A=jnp.where(moving, end.current, start.current),
+        speed_rad_s=jnp.where(moving, end.speed, start.speed),
+        mean_current_A=mean.current,
+        mean_speed_rad_s=mean.speed,
+        current_variance_A2=_integral_of_square(jacobian, away_start, away_end) / safe - away_mean.current**2,
         coulomb_torque_Nm=torque,
     )
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxmodel import cell as cells
 from jaxmodel import motor as motors
 from jaxmodel import robot as robots
-from jaxmodel.armature import ArmatureStep
+from jaxmodel.armature import ArmatureStep, Pair
 from jaxmodel.cell import Cell
 from jaxmodel.curves import CellCurves
 from jaxmodel.declaration import Scalar
@@ -175,7 +175,7 @@ def _drive(
 ) -> Drive:
     """Solve the fast quantities from the state `now` over a span whose slow coefficients are those of `later`."""
     zero = jnp.zeros(())
-    expected = jnp.zeros(2) if first is None else jnp.stack([first.current_A, first.speed_rad_s])
+    expected = Pair(zero, zero) if first is None else Pair(first.current_A, first.speed_rad_s)
     if model.kind == "cell":
         return Drive(inputs["current_A"], zero, None, None)
     if model.kind == "motor":

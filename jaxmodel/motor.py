@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 
 from jaxmodel.armature import ArmatureStep, Matrix, Pair, solve_pair, solve_speed, stable
 from jaxmodel.declaration import Scalar
 from jaxmodel.flow import Flow, State, relaxation
 from jaxmodel.parameters import Parameters
-from jaxmodel.ports import Effect, MotorContext, fold, touches
+from jaxmodel.ports import Effect, MotorContext, fold
 
 TerminalVoltage = Callable[[Scalar], Scalar]
-BENDING_PORTS = ("armature_voltage_drop", "motor_torque", "friction_torque")
+# A secant is never shorter than this share of its variable (and of 1 A or 1 rad/s): short enough to be a tangent, long
+# enough to lose but 1e-11 of it to rounding.
+SMALLEST_SECANT = 1e-5
 
 
 class Motor(eqx.Module):
@@ -73,41 +74,33 @@ def _running(motor: Motor, current_A: Scalar, speed_rad_s: Scalar) -> MotorConte
     return eqx.tree_at(lambda c: (c.current_A, c.speed_rad_s), motor.context, (current_A, speed_rad_s))
 
 
-def rates(motor: Motor, terminal_voltage: TerminalVoltage, pair: Pair) -> Pair:
-    """Return (di_a/dt, dw/dt) in A/s and rad/s^2, eqs. 11-13, without the Coulomb friction.
+def rates(motor: Motor, terminal_voltage_V: Scalar, pair: Pair) -> Pair:
+    """Return (di_a/dt, dw/dt) in A/s and rad/s^2 at a voltage on the terminals, eqs. 11-13, without Coulomb friction.
 
     L_a di_a/dt = V_M - R i_a - k_e w - drops; J dw/dt = tau_D - tau_l - smooth friction.
     """
-    current, speed = pair
-    across = terminal_voltage(current) - motor.winding_resistance_ohm * current - motor.torque_constant * speed
-    torque = motor.torque_constant * current - motor.load_torque_Nm
-    return jnp.stack([across / motor.inductance_H, torque / motor.context.parameters.J]) + _departure(motor, pair)
-
-
-def _departure(motor: Motor, pair: Pair) -> Pair:
-    """Return what effects on drop, torque and friction add to the rates of the linear pair."""
-    context = _running(motor, pair[0], pair[1])
+    context = _running(motor, pair)
     drop = fold(motor.effects, "armature_voltage_drop", jnp.zeros(()), context)
-    linear_torque = motor.torque_constant * pair[0]
-    torque = fold(motor.effects, "motor_torque", linear_torque, context) - linear_torque
+    torque = fold(motor.effects, "motor_torque", motor.torque_constant * pair.current, context)
     friction = fold(motor.effects, "friction_torque", jnp.zeros(()), context)
-    return jnp.stack([-drop / motor.inductance_H, (torque - friction) / motor.context.parameters.J])
+    ohmic, back_emf = motor.winding_resistance_ohm * pair.current, motor.torque_constant * pair.speed
+    across = terminal_voltage_V - ohmic - back_emf - drop
+    return Pair(across / motor.inductance_H, (torque - motor.load_torque_Nm - friction) / context.parameters.J)
 
 
-def _secant(function: Callable[[Pair], Pair], start: Pair, end: Pair) -> Matrix:
-    """Return the matrix that takes end - start to f(end) - f(start), less the Jacobian at the start."""
-    tangent = jax.jacfwd(function)(start)
-    at_start, at_end = function(start), function(end)
-    at_corner = function(jnp.stack([end[0], start[1]]))
-    change = end - start
-    apart = jnp.abs(change) > 1e-6 * (1.0 + jnp.abs(start))
-    safe = jnp.where(apart, change, 1.0)
-    columns = jnp.stack([(at_corner - at_start) / safe[0], (at_end - at_corner) / safe[1]], axis=1)
-    return jnp.where(apart, columns, tangent) - tangent
+def _running(motor: Motor, pair: Pair) -> MotorContext:
+    return eqx.tree_at(lambda c: (c.current_A, c.speed_rad_s), motor.context, (pair.current, pair.speed))
+
+
+def _secant_end(start: Scalar, expected: Scalar, rate: Scalar) -> Scalar:
+    """Return where a secant from `start` ends: at what is expected; too near for that, just ahead, as a tangent."""
+    ahead = SMALLEST_SECANT * (1.0 + jnp.abs(start))
+    change = expected - start
+    return start + jnp.where(jnp.abs(change) > ahead, change, jnp.where(rate < 0.0, -ahead, ahead))
 
 
 def _coulomb_torque(motor: Motor, speed_rad_s: Scalar) -> Scalar:
-    context = _running(motor, motor.context.current_A, speed_rad_s)
+    context = _running(motor, Pair(motor.context.current_A, speed_rad_s))
     return fold(motor.effects, "coulomb_torque", motor.context.parameters.tau_0, context)
 
 
@@ -129,23 +122,26 @@ def run(
         voltage_later: the same, at the later state.
         duration: of the step, s.
         lead: seconds from the start to the later state; 0 where it is the same.
-        expected: i_a and w towards which the step goes, as far as is known; zeros where it is not. Effects that bend
-            (brush drop, saturation) enter with their secant up to there: a tangent would step over the bend.
+        expected: i_a and w towards which the step goes, as far as is known; zeros where it is not. The linearisation is
+            the secant up to there: exact where the pair is linear, and a tangent would step over the bend of an effect
+            (brush drop, saturation).
     """
-    pair = jnp.stack([now.context.current_A, now.context.speed_rad_s])
+    pair = Pair(now.context.current_A, now.context.speed_rad_s)
     inertia = now.context.parameters.J
+    volts_at_start = voltage_later(pair.current)
+    at_start = rates(later, volts_at_start, pair)
+    rate_now = at_start if now is later else rates(now, voltage_now(pair.current), pair)
+    end = Pair(*(_secant_end(*each) for each in zip(pair, expected, at_start, strict=True)))
+    volts_at_end = voltage_later(end.current)
+    at_corner = rates(later, volts_at_end, Pair(end.current, pair.speed))
+    at_end = rates(later, volts_at_end, end)
+    by_current = at_corner.plus(at_start, -1.0).times(1.0 / (end.current - pair.current))
+    by_speed = at_end.plus(at_corner, -1.0).times(1.0 / (end.speed - pair.speed))
+    drift = at_start.plus(rate_now, -1.0).times(jnp.where(lead > 0.0, 1.0 / jnp.where(lead > 0.0, lead, 1.0), 0.0))
 
-    def later_rates(x):
-        return rates(later, voltage_later, x)
-
-    rate_later, jacobian = later_rates(pair), jax.jacfwd(later_rates)(pair)
-    if any(touches(later.effects, port) for port in BENDING_PORTS):
-        jacobian = jacobian + _secant(lambda x: _departure(later, x), pair, expected)
-    rate_now = rates(now, voltage_now, pair)
-    drift = jnp.where(lead > 0.0, (rate_later - rate_now) / jnp.where(lead > 0.0, lead, 1.0), 0.0)
-
-    level, slope = jax.value_and_grad(lambda w: _coulomb_torque(later, w))(pair[1])
-    jacobian = jacobian.at[1, 1].add(-jnp.sign(pair[1]) * slope / inertia)
+    level, level_at_end = _coulomb_torque(later, pair.speed), _coulomb_torque(later, end.speed)
+    friction_slope = jnp.sign(pair.speed) * (level_at_end - level) / (end.speed - pair.speed) / inertia
+    jacobian = Matrix(by_current.current, by_speed.current, by_current.speed, by_speed.speed - friction_slope)
     jacobian = stable(jacobian, later.torque_constant / inertia, duration)
     return solve_pair(pair, rate_now, drift, jacobian, level, inertia, duration)
 
@@ -155,9 +151,11 @@ def run_at_current(motor: Motor, current_A: Scalar, duration: Scalar) -> Armatur
     speed = motor.context.speed_rad_s
 
     def acceleration(w):
-        return rates(motor, lambda _: jnp.zeros(()), jnp.stack([current_A, w]))[1]
+        return rates(motor, jnp.zeros(()), Pair(current_A, w)).speed
 
-    rate, slope = jax.value_and_grad(acceleration)(speed)
+    rate = acceleration(speed)
+    ahead = _secant_end(speed, speed, rate)
+    slope = (acceleration(ahead) - rate) / (ahead - speed)
     level = _coulomb_torque(motor, speed)
     return solve_speed(current_A, speed, rate, jnp.minimum(slope, 0.0), level, motor.context.parameters.J, duration)
 
@@ -167,7 +165,7 @@ def loss(motor: Motor, step: ArmatureStep) -> Scalar:
 
     P_M = i_a^2 R + |w| (sum of the motor's friction torques), the first with the variance of i_a over the step.
     """
-    context = _running(motor, step.mean_current_A, step.mean_speed_rad_s)
+    context = _running(motor, Pair(step.mean_current_A, step.mean_speed_rad_s))
     copper = (step.mean_current_A**2 + step.current_variance_A2) * motor.winding_resistance_ohm
     friction = step.coulomb_torque_Nm + fold(motor.effects, "friction_torque", jnp.zeros(()), context)
     return fold(motor.effects, "motor_loss", copper + friction * step.mean_speed_rad_s, context)
@@ -181,7 +179,7 @@ def flows(motor: Motor, step: ArmatureStep) -> dict[str, Flow]:
         "x_winding_K": relaxation(p.R_wc * power, p.tau_wc),
         "x_case_K": relaxation(p.R_ca * power, p.tau_ca),
     }
-    context = _running(motor, step.mean_current_A, step.mean_speed_rad_s)
+    context = _running(motor, Pair(step.mean_current_A, step.mean_speed_rad_s))
     for effect in motor.effects:
         own |= effect.flows(None, context, jnp.zeros(()))
     return own

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 
 from jaxmodel import cell as cells
@@ -67,8 +66,8 @@ def pack(cell: Cell, motor: Motor, accessories_A: Scalar, motor_current_A: Scala
     """Return the pack's voltage (V) and current (A) for a current in each track motor, eqs. 14 and 21.
 
     i_draw = n rho i_a + I_Mf + I_Ma + I_ob and V_pack = n_series V_cell. Where an effect lets the on-board draw depend
-    on the pack's voltage, the loop is closed by Newton's method: the draw changes the voltage by some 1e-3 of itself,
-    and two steps reach rounding.
+    on the pack's voltage, the loop is closed by repetition on the secant of the pack's voltage over its current: the
+    draw changes the voltage by some 1e-3 of itself, so that three rounds reach rounding.
     """
     p = cell.context.parameters
     motors_A = p.n_motors * motor.context.duty * motor_current_A + accessories_A
@@ -81,12 +80,16 @@ def pack(cell: Cell, motor: Motor, accessories_A: Scalar, motor_current_A: Scala
         context = _at_pack_voltage(motor.context, pack_voltage)
         return motors_A + fold(motor.effects, "onboard_current", p.onboard_current_A, context)
 
-    voltage = voltage_at(motors_A + p.onboard_current_A)
+    current = motors_A + p.onboard_current_A
+    voltage = voltage_at(current)
     if touches(motor.effects, "onboard_current"):
-        for _ in range(2):
-            draw, draw_slope = jax.value_and_grad(draw_at)(voltage)
-            at_draw, resistance = jax.value_and_grad(voltage_at)(draw)
-            voltage = voltage - (voltage - at_draw) / (1.0 - resistance * draw_slope)
+        first = draw_at(voltage)
+        differs = jnp.abs(first - current) > 1e-9
+        slope = jnp.where(differs, (voltage_at(first) - voltage) / jnp.where(differs, first - current, 1.0), 0.0)
+        start = voltage
+        for _ in range(3):
+            current = draw_at(voltage)
+            voltage = start + slope * (current - (motors_A + p.onboard_current_A))
     return voltage, draw_at(voltage)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxmodel.flow import State
+from jaxmodel.kernel import as_one_kernel
 from jaxmodel.model import Model, initial_state, read, step, valid
 from jaxmodel.profile import Grid, Profile, make_grid
 from jaxmodel.sensors import distort
@@ -105,7 +106,11 @@ def run_track(model: Model, course: Track, time_s: Array, cutoff: Cutoff | None 
             running &= ~_below(model, state, inputs, cutoff)
         return (state, running), (state, running)
 
-    _, (states, running) = jax.lax.scan(advance_one, (start, jnp.asarray(True)), (later_inputs, course.duration_s))
+    def advance_all(begin, given):
+        return jax.lax.scan(advance_one, begin, given)[1]
+
+    begin = (start, jnp.asarray(True))
+    states, running = as_one_kernel(advance_all, begin, (later_inputs, course.duration_s))
 
     def with_start(first, later):
         return jnp.concatenate([first[None], later])

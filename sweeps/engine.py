@@ -12,9 +12,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jax.experimental.xla_metadata import set_xla_metadata
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from jaxmodel.kernel import as_one_kernel
 from jaxmodel.model import Model
 from jaxmodel.names import with_values
 from sweeps.devices import ACCELERATOR_BLOCK, CPU_BLOCK, CPU_COMPILER_OPTIONS, lane_mesh
@@ -110,33 +110,19 @@ def _signature(arguments: Any):
 @functools.lru_cache(maxsize=32)
 def _program(keep: Keep, width: int, mesh: Mesh, signature: Any):
     """Return the compiled program (model, course, cutoff, lanes) -> outcomes, kept for the next sweep of its like."""
-    arguments = jax.tree.unflatten(*signature)
-    if mesh.devices.flat[0].platform != "cpu":
-        return _jitted(keep, width, mesh, one_kernel=False).lower(*arguments).compile()
-    try:
-        return _jitted(keep, width, mesh, one_kernel=True).lower(*arguments).compile(CPU_COMPILER_OPTIONS)
-    except jax.errors.JaxRuntimeError:  # an operation that one kernel cannot hold, in an effect or metric of the user's
-        return _jitted(keep, width, mesh, one_kernel=False).lower(*arguments).compile(CPU_COMPILER_OPTIONS)
-
-
-def _jitted(keep: Keep, width: int, mesh: Mesh, one_kernel: bool):
-    """Return the program of one device, over its share of the lanes, block after block."""
+    options = CPU_COMPILER_OPTIONS if mesh.devices.flat[0].platform == "cpu" else None
 
     def run_share(model, course, cutoff, own):
-        def run_block(block):
-            return jax.vmap(functools.partial(run_lane, keep, model, course, cutoff))(block)
+        """Run one device's share of the lanes, block after block."""
+
+        def run_blocks(blocks):
+            return jax.lax.map(jax.vmap(functools.partial(run_lane, keep, model, course, cutoff)), blocks)
 
         blocks = jax.tree.map(lambda x: x.reshape(-1, width), own)
-        return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), jax.lax.map(run_block, blocks))
+        return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), as_one_kernel(run_blocks, blocks))
 
-    def run_as_one_kernel(*arguments):
-        # A processor runs each operation of a loop as a kernel of its own, with a dispatch and a pass through memory;
-        # these marks ask XLA to compile the whole loop as one, which measured 2 to 3 times as fast.
-        with set_xla_metadata(inlineable="false", xla_cpu_small_call="true"):
-            return jax.jit(run_share)(*arguments)
-
-    share = run_as_one_kernel if one_kernel else run_share
     whole, lanes = PartitionSpec(), PartitionSpec("lanes")
-    return jax.jit(
-        jax.shard_map(share, mesh=mesh, in_specs=(whole, whole, whole, lanes), out_specs=lanes, check_vma=False)
+    program = jax.jit(
+        jax.shard_map(run_share, mesh=mesh, in_specs=(whole, whole, whole, lanes), out_specs=lanes, check_vma=False)
     )
+    return program.lower(*jax.tree.unflatten(*signature)).compile(options)

@@ -11,9 +11,23 @@ from hypothesis import strategies as st
 from scipy.integrate import quad_vec, solve_ivp
 from scipy.linalg import expm
 
-from jaxmodel.armature import ArmatureStep, matrix_exponential, solve_pair, solve_speed, stable
+from jaxmodel.armature import ArmatureStep, Matrix, Pair, matrix_exponential, solve_pair, solve_speed, stable
 
 R, L, K, J = 0.103, 7.2e-5, 0.0385, 5.42e-5
+
+
+def scalars(matrix) -> Matrix:
+    return Matrix(*(jnp.asarray(x) for x in np.ravel(matrix)))
+
+
+def pair(values) -> Pair:
+    return Pair(*(jnp.asarray(x, dtype=float) for x in values))
+
+
+def array(matrix: Matrix) -> np.ndarray:
+    return np.asarray(matrix).reshape(2, 2)
+
+
 exponential = jax.jit(matrix_exponential)
 solve = jax.jit(solve_pair)
 solve_at_current = jax.jit(solve_speed)
@@ -43,7 +57,7 @@ DURATIONS = [0.0, 1e-6, 1e-4, 1.7e-3, 0.02, 1.0, 300.0]
 @pytest.mark.parametrize("duration", DURATIONS)
 def test_matrix_exponential_is_scipys(damping: str, duration: float):
     matrix = MATRICES[damping]
-    found = np.asarray(exponential(jnp.asarray(matrix), jnp.asarray(duration)))
+    found = array(exponential(scalars(matrix), jnp.asarray(duration)))
     np.testing.assert_allclose(found, expm(matrix * duration), rtol=1e-9, atol=1e-11 * np.abs(matrix).max() / 1e3)
 
 
@@ -51,22 +65,23 @@ def test_matrix_exponential_is_scipys(damping: str, duration: float):
 def test_matrix_exponential_of_any_stable_matrix(a: float, b: float, c: float, spread: float, duration: float):
     matrix = np.array([[a, b], [c, -a - spread]])
     assume(np.linalg.eigvals(matrix).real.max() < 0.0)
-    found = np.asarray(exponential(jnp.asarray(matrix), jnp.asarray(duration)))
+    found = array(exponential(scalars(matrix), jnp.asarray(duration)))
     np.testing.assert_allclose(found, expm(matrix * duration), rtol=1e-7, atol=1e-9)
 
 
 @pytest.mark.parametrize("damping", ["overdamped", "underdamped", "critical"])
 def test_derivative_of_the_matrix_exponential(damping: str):
     """Where the two time constants meet, the square root has no derivative; the exponential has."""
-    matrix, step = jnp.asarray(MATRICES[damping]), 1e-4
+    matrix, step = MATRICES[damping], 1e-4
 
     def at(scale):
-        return matrix_exponential(matrix * jnp.array([[1.0, scale], [1.0, 1.0]]), jnp.asarray(1e-3))
+        scaled = scalars(matrix)._replace(b=matrix[0, 1] * scale)
+        return matrix_exponential(scaled, jnp.asarray(1e-3))
 
-    found = jax.jit(jax.jacfwd(at))(jnp.asarray(1.0))
+    found = array(jax.jit(jax.jacfwd(at))(jnp.asarray(1.0)))
     weights = {-2.0: 1.0, -1.0: -8.0, 1.0: 8.0, 2.0: -1.0}
-    entry = np.array([[0.0, 1.0], [0.0, 0.0]]) * np.asarray(matrix)
-    expected = sum(w * expm((np.asarray(matrix) + k * step * entry) * 1e-3) for k, w in weights.items()) / (12 * step)
+    entry = np.array([[0.0, 1.0], [0.0, 0.0]]) * matrix
+    expected = sum(w * expm((matrix + k * step * entry) * 1e-3) for k, w in weights.items()) / (12 * step)
     np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-9)
 
 
@@ -76,8 +91,8 @@ def advance(
     """One step of a motor at a voltage (V) under a load (N m)."""
     matrix = motor_matrix() if matrix is None else matrix
     rate = matrix @ np.asarray(start) + [voltage / inductance, -load / J]
-    arguments = (start, rate, drift, matrix, level, J, duration)
-    return solve(*(jnp.asarray(x, dtype=float) for x in arguments))
+    scalar_arguments = (jnp.asarray(x, dtype=float) for x in (level, J, duration))
+    return solve(pair(start), pair(rate), pair(drift), scalars(matrix), *scalar_arguments)
 
 
 @pytest.mark.parametrize("damping", MATRICES)
@@ -169,12 +184,12 @@ def test_speed_at_an_imposed_current(current: float, speed: float, viscous: floa
 
 @given(st.floats(-3e5, 1e3), st.floats(-1e3, 1e3), st.floats(-500.0, 5e3), st.floats(1e-5, 300.0))
 def test_a_bounded_jacobian_does_not_run_away_within_the_step(a: float, c: float, d: float, duration: float):
-    bounded = np.asarray(stable(jnp.array([[a, -K / L], [c, d]]), jnp.asarray(K / J), jnp.asarray(duration)))
+    bounded = array(stable(scalars([a, -K / L, c, d]), jnp.asarray(K / J), jnp.asarray(duration)))
     assert np.linalg.eigvals(bounded).real.max() * duration < 1.0
     assert np.isfinite(np.linalg.inv(bounded)).all()
 
 
 def test_the_jacobian_of_a_plain_motor_is_left_as_it_is():
     for matrix in MATRICES.values():
-        found = stable(jnp.asarray(matrix), jnp.asarray(K / J), jnp.asarray(1.0))
-        np.testing.assert_array_equal(found, matrix)
+        found = stable(scalars(matrix), jnp.asarray(K / J), jnp.asarray(1.0))
+        np.testing.assert_array_equal(array(found), matrix)
