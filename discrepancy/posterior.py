@@ -12,9 +12,9 @@ from discrepancy.session import Hypothesis, Labels
 
 SOMETHING_ELSE = "something_else"
 
-# Before any data: nothing missing, one effect, two, something in no catalogue. Assumed, as in a mixed set of benches;
-# the shares are spread evenly over the effects of the kind and over their pairs.
-PRIOR = {0: 0.3, 1: 0.45, 2: 0.15}
+# Before any data: nothing missing, one effect, two; and beside whichever of these it is, something in no catalogue.
+# Assumed, as in a mixed set of benches; the shares are spread evenly over the effects of the kind and over their pairs.
+PRIOR = {0: 0.35, 1: 0.5, 2: 0.15}
 PRIOR_SOMETHING_ELSE = 0.1
 # Nothing is printed as surer than this.
 MOST = 0.99
@@ -49,7 +49,8 @@ def probabilities(
     gain = 0.0
     if block is not None:
         gain = 0.5 * block.chi2 - 0.5 * block.rank * np.log(readings) - np.log(len(left))
-    logs[SOMETHING_ELSE] = best.log_evidence / temperature + gain + np.log(PRIOR_SOMETHING_ELSE)
+    odds = PRIOR_SOMETHING_ELSE / (1.0 - PRIOR_SOMETHING_ELSE)
+    logs[SOMETHING_ELSE] = logs[hypothesis_name(best.labels)] + gain + np.log(odds)
     values = np.array(list(logs.values()))
     weights = np.exp(values - values.max())
     weights = np.minimum(weights / weights.sum(), MOST)

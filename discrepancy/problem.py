@@ -210,15 +210,17 @@ def make_problem(
         FitError: no run may be used to calibrate, no reading is there, or nothing is uncertain.
     """
     layout = make_layout(case, [*present, *switched])
-    added = tuple(effect.effect for effect in present) + tuple(
+    behind_switches = tuple(
         eqx.tree_at(lambda e: e.switch, effect.effect, jnp.zeros(()), is_leaf=lambda x: x is None)
         for effect in switched
     )
-    models = []
-    for run in case.runs:
-        model = case_model(case, run, catalogue=catalogue)
-        models.append(eqx.tree_at(lambda m: m.effects, model, (*model.effects, *added)))
+    models = [
+        _with_effects(case_model(case, run, catalogue=catalogue), tuple(effect.effect for effect in present))
+        for run in case.runs
+    ]
+    # Steps are as fine as what is in the model needs; what is only tried by a switch is not worth finer ones.
     courses, times = _courses(models, case)
+    models = [_with_effects(model, behind_switches) for model in models]
     readings = _readings(case, noise, KINDS[case.kind].outputs, times.shape[1])
     if not np.any(readings.fit):
         raise FitError(f'{case.path}: no reading of a run with split = "fit"; mark at least one such run.')
@@ -236,6 +238,10 @@ def make_problem(
         channels=KINDS[case.kind].outputs,
     )
     return problem, layout
+
+
+def _with_effects(model: Model, added: tuple[Effect, ...]) -> Model:
+    return eqx.tree_at(lambda m: m.effects, model, (*model.effects, *added))
 
 
 def _courses(models: list[Model], case: Case) -> tuple[Track, Array]:

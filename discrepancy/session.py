@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from threading import Thread
 
+import equinox as eqx
 import numpy as np
 
 from discrepancy.calibrate import Fit, fit, predict
@@ -147,6 +148,7 @@ class Session:
     def screen(self, hypothesis: Hypothesis) -> Screen:
         """Return the scores of all other candidates at a calibrated hypothesis."""
         problem, layout = self._switchable
+        problem = eqx.tree_at(lambda p: p.courses, problem, hypothesis.problem.courses)
         effects = [number for label in hypothesis.labels for number in layout.of_effect[label]]
         own = [*range(layout.base), *effects]
         candidates = list(self.candidates.values())

@@ -9,9 +9,10 @@ import jax.numpy as jnp
 
 from jaxmodel.armature import ArmatureStep, Matrix, Pair, solve_pair, solve_speed, stable
 from jaxmodel.declaration import Scalar
-from jaxmodel.flow import Flow, State, relaxation
+from jaxmodel.flow import Flow, State, mean_exponential, relaxation
 from jaxmodel.parameters import Parameters
-from jaxmodel.ports import Effect, MotorContext, fold
+from jaxmodel.ports import Effect, MotorContext, fold, touches
+from jaxmodel.root import rising_root
 
 TerminalVoltage = Callable[[Scalar], Scalar]
 # A secant is never shorter than this share of its variable (and of 1 A or 1 rad/s): short enough to be a tangent, long
@@ -131,19 +132,55 @@ def run(
     volts_at_start = voltage_later(pair.current)
     at_start = rates(later, volts_at_start, pair)
     rate_now = at_start if now is later else rates(now, voltage_now(pair.current), pair)
-    end = Pair(*(_secant_end(*each) for each in zip(pair, expected, at_start, strict=True)))
-    volts_at_end = voltage_later(end.current)
-    at_corner = rates(later, volts_at_end, Pair(end.current, pair.speed))
-    at_end = rates(later, volts_at_end, end)
-    by_current = at_corner.plus(at_start, -1.0).times(1.0 / (end.current - pair.current))
-    by_speed = at_end.plus(at_corner, -1.0).times(1.0 / (end.speed - pair.speed))
     drift = at_start.plus(rate_now, -1.0).times(jnp.where(lead > 0.0, 1.0 / jnp.where(lead > 0.0, lead, 1.0), 0.0))
+    level = _coulomb_torque(later, pair.speed)
 
-    level, level_at_end = _coulomb_torque(later, pair.speed), _coulomb_torque(later, end.speed)
-    friction_slope = jnp.sign(pair.speed) * (level_at_end - level) / (end.speed - pair.speed) / inertia
-    jacobian = Matrix(by_current.current, by_speed.current, by_current.speed, by_speed.speed - friction_slope)
-    jacobian = stable(jacobian, later.torque_constant / inertia, duration)
-    return solve_pair(pair, rate_now, drift, jacobian, level, inertia, duration)
+    def solve(expected: Pair) -> ArmatureStep:
+        end = Pair(*(_secant_end(*each) for each in zip(pair, expected, at_start, strict=True)))
+        volts_at_end = voltage_later(end.current)
+        at_corner = rates(later, volts_at_end, Pair(end.current, pair.speed))
+        at_end = rates(later, volts_at_end, end)
+        by_current = at_corner.plus(at_start, -1.0).times(1.0 / (end.current - pair.current))
+        by_speed = at_end.plus(at_corner, -1.0).times(1.0 / (end.speed - pair.speed))
+        level_slope = (_coulomb_torque(later, end.speed) - level) / (end.speed - pair.speed)
+        friction_slope = jnp.sign(pair.speed) * level_slope / inertia
+        jacobian = Matrix(by_current.current, by_speed.current, by_current.speed, by_speed.speed - friction_slope)
+        jacobian = stable(jacobian, later.torque_constant / inertia, duration)
+        step = solve_pair(pair, rate_now, drift, jacobian, level, inertia, duration)
+        if not touches(later.effects, "armature_voltage_drop"):
+            return step
+        return _on_the_law_of_the_drop(later, pair.current, end.current, step, jacobian, duration)
+
+    step = solve(expected)
+    if now is not later and touches(later.effects, "armature_voltage_drop"):
+        step = solve(Pair(step.current_A, step.speed_rad_s))
+    return step
+
+
+def _on_the_law_of_the_drop(
+    motor: Motor, start: Scalar, secant_end: Scalar, step: ArmatureStep, jacobian: Matrix, duration: Scalar
+) -> ArmatureStep:
+    """Move the current at the end of a step to where the drop is that of the effects, not of its linearisation.
+
+    A drop that bends sharply near zero current is far off its linearisation after a step across the bend. What the drop exceeds its linearisation by acts on the current through armature resistance and inductance: a scalar
+    equation with a rising left side, i - i_linear + reach (drop(i) - drop_linear(i)) = 0.
+    """
+    reach = duration * mean_exponential(-jacobian.a * duration) / motor.inductance_H
+    speed = step.speed_rad_s
+
+    def drop(current: Scalar) -> Scalar:
+        context = _running(motor, Pair(current, speed))
+        return fold(motor.effects, "armature_voltage_drop", jnp.zeros(()), context)
+
+    linear = step.current_A
+    at_start = drop(start)
+    slope = (drop(secant_end) - at_start) / (secant_end - start)
+    end = rising_root(
+        lambda i: i - linear + reach * (drop(i) - at_start - slope * (i - start)),
+        near=linear,
+        least_slope=1.0 - reach * jnp.maximum(slope, 0.0),
+    )
+    return eqx.tree_at(lambda s: s.current_A, step, end)
 
 
 def run_at_current(motor: Motor, current_A: Scalar, duration: Scalar) -> ArmatureStep:

@@ -13,6 +13,7 @@ from jaxtyping import Array
 from jaxmodel.flow import State
 from jaxmodel.kernel import as_one_kernel
 from jaxmodel.model import Model, initial_state, read, step, valid
+from jaxmodel.ports import touches
 from jaxmodel.profile import Grid, Profile, make_grid
 from jaxmodel.sensors import distort
 
@@ -73,8 +74,10 @@ def track(model: Model, profile: Profile, steps: int | None = None) -> Track:
 def _grid(model: Model, profile: Profile) -> Grid:
     if model.kind == "cell":
         return make_grid(profile, None)
-    p = model.parameters
-    return make_grid(profile, float(np.min(np.asarray(p.L_a) / np.asarray(p.R_0))))
+    p = jax.tree.map(np.asarray, model.parameters)
+    electrical = float(np.min(p.L_a / p.R_0))
+    bends = touches(model.effects, "armature_voltage_drop")
+    return make_grid(profile, electrical, float(np.min(p.R_0 * p.J / p.k_tau**2)) if bends else None)
 
 
 def simulate(model: Model, profile: Profile, cutoff: Cutoff | None = None) -> Trajectory:
