@@ -15,7 +15,7 @@ from jaxtyping import Array
 from discrepancy.problem import Lane, Problem
 
 MAX_STEPS = 50
-SOLVER = optx.LevenbergMarquardt(rtol=1e-4, atol=1e-4)
+SOLVER = optx.Dogleg(rtol=1e-4, atol=1e-4)
 DIFFERENCE_STEP = 1e-3
 # At a minimum the score of every unknown is zero; above this the score test of what is missing would be invalid.
 GREATEST_BASE_SCORE = 0.1

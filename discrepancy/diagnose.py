@@ -7,7 +7,7 @@ neither explains is found by the deficiency map and called unknown.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -26,6 +26,8 @@ Progress = Callable[[str], None]
 # How many effects are refitted at each stage, strongest scores first. A score is local: a large effect nearby may
 # outscore the true one, seldom four of them.
 SHORTLIST = 5
+# How many models of each size, found with coarse weights, are refitted with those of the sensors.
+SEEDS = 3
 # A second effect must raise the log evidence by this much (odds of 150 to 1) over the best single one.
 SECOND_EFFECT_GAIN = 5.0
 # Odds below which two hypotheses are told apart by nothing (3 to 1 on the log scale is 20 to 1).
@@ -101,7 +103,8 @@ def diagnose(
                 f"no model of one or two effects comes near the noise of {' and '.join(far)}; "
                 "channels are weighed by what the best single effect leaves in them",
             )
-    best, first, screened = found if found is not None and remarks else _search(session, progress)
+    seeds = () if found is None else _strongest(coarse)
+    best, first, screened = found if found is not None and remarks else _search(session, progress, seeds=seeds)
     left = misfit(session, best, screened)
     unexplained = next((block for block in left if block.significant), None)
     base = session.hypothesis()
@@ -137,20 +140,36 @@ def _beyond(session: Session, hypothesis: Hypothesis, times: float) -> list[str]
     return [name for name, model in session.noise.items() if errors[name].fit > times * model.sd]
 
 
-def _search(session: Session, progress: Progress | None, effects: int = 2) -> tuple[Hypothesis, Screen, Screen]:
-    """Return the best model of at most one or two effects, the screen of the base model, and that of the best one."""
+def _strongest(session: Session) -> list[Hypothesis]:
+    """Return the hypotheses with effects that explain the readings best, a few of each size."""
+    ranked = sorted(session.known(), key=lambda one: one.log_evidence, reverse=True)
+    return [one for size in (1, 2) for one in [each for each in ranked if len(each.labels) == size][:SEEDS]]
+
+
+def _search(
+    session: Session, progress: Progress | None, effects: int = 2, seeds: Sequence[Hypothesis] = ()
+) -> tuple[Hypothesis, Screen, Screen]:
+    """Return the best model of at most one or two effects, the screen of the base model, and that of the best one.
+
+    `seeds` are models fitted under other weights, to be refitted from where they stand in place of a shortlist.
+    """
     base = session.hypothesis()
     _tell(progress, f"scoring {len(session.candidates)} candidate effects")
     first = session.screen(base)
     if not first.table.significant:
         return base, first, first
-    likely = _shortlist(first)
-    _tell(progress, f"refitting with {', '.join(likely)}")
-    singles = session.hypotheses([((label,), session.starts(first, label)) for label in likely])
-    best = max([session.hypothesis(), *singles], key=lambda one: one.log_evidence)
-    if not best.labels:
-        return best, first, first
-    if effects == 1:
+    if seeds:
+        _tell(progress, f"refitting {', '.join(hypothesis_name(seed.labels) for seed in seeds)}")
+        refitted = session.hypotheses([(seed.labels, [seed.fitted.x]) for seed in seeds])
+    else:
+        likely = _shortlist(first)
+        _tell(progress, f"refitting with {', '.join(likely)}")
+        refitted = session.hypotheses([((label,), session.starts(first, label)) for label in likely])
+    best = max((one for one in [base, *refitted] if len(one.labels) < 2), key=lambda one: one.log_evidence)
+    couple = max(refitted, key=lambda one: one.log_evidence)
+    if len(couple.labels) == 2 and couple.log_evidence > best.log_evidence + SECOND_EFFECT_GAIN:
+        return couple, first, session.screen(couple)
+    if not best.labels or effects == 1:
         return best, first, first
     screened = session.screen(best)
     if not screened.table.significant:

@@ -97,7 +97,8 @@ class Session:
         return other
 
     def hypothesis(self, labels: Sequence[str] = (), starts: Sequence[np.ndarray] = ()) -> Hypothesis:
-        """Return the calibrated model with effects added; `starts` are coordinates of the effects' unknowns to try.
+        """Return the calibrated model with effects added; `starts` are coordinates of the effects' unknowns to try,
+        or of all unknowns.
 
         They are tried in turn until one converges to something better than the base model. The base model itself is
         also started from a random place within its priors, and the better of the two kept.
@@ -116,7 +117,7 @@ class Session:
         tries = []
         for start in starts:
             begin = first.copy()
-            begin[layout.base :] = start
+            begin[size - start.size :] = start
             tries.append(begin)
         if not tries:
             tries = [first]
