@@ -13,6 +13,7 @@ from jaxmodel.curves import CURVE_NAMES, CellCurves, Curve, Table, look_up_curve
 from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import EffectError, ParameterError, nearest
+from jaxmodel.measurements import file_label
 from jaxmodel.model import Model
 from jaxmodel.parameters import Parameters
 from jaxmodel.ports import Effect
@@ -96,7 +97,7 @@ def case_model(
         ParameterError: unknown preset.
         EffectError: an effect is unknown or does not apply to the kind.
     """
-    where = str(case.path)
+    where = file_label(case.path)
     if case.preset not in PRESETS:
         raise ParameterError(f"{where}: no preset is called '{case.preset}'.{nearest(case.preset, PRESETS)}")
     known: dict[str, Any] = {name: entry.value for name, entry in case.parameters.items()}

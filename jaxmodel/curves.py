@@ -109,8 +109,11 @@ def _interpolate(x: Scalar, knots: Float[Array, " knots"], values: Float[Array, 
     """Interpolate by a sum over the segments: no gather, so that lanes stay vectorised and the slope is exact."""
     if knots.shape[0] == 1:
         return values[0]
-    width = jnp.diff(knots)
-    covered = jnp.clip((x - knots[:-1]) / width, 0.0, 1.0)
+    # The ends are held here, not by the clipping of their segments: at an end the slope is then the inner one.
+    held = jnp.where(x < knots[0], knots[0], jnp.where(x > knots[-1], knots[-1], x))
+    share = (held - knots[:-1]) / jnp.diff(knots)
+    inner = jnp.concatenate([share[:1], jnp.maximum(share[1:], 0.0)])
+    covered = jnp.concatenate([jnp.minimum(inner[:-1], 1.0), inner[-1:]])
     return values[0] + jnp.sum(covered * jnp.diff(values))
 
 

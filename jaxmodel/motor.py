@@ -71,10 +71,6 @@ def evaluate(
     )
 
 
-def _running(motor: Motor, current_A: Scalar, speed_rad_s: Scalar) -> MotorContext:
-    return eqx.tree_at(lambda c: (c.current_A, c.speed_rad_s), motor.context, (current_A, speed_rad_s))
-
-
 def rates(motor: Motor, terminal_voltage_V: Scalar, pair: Pair) -> Pair:
     """Return (di_a/dt, dw/dt) in A/s and rad/s^2 at a voltage on the terminals, eqs. 11-13, without Coulomb friction.
 
@@ -162,8 +158,9 @@ def _on_the_law_of_the_drop(
 ) -> ArmatureStep:
     """Move the current at the end of a step to where the drop is that of the effects, not of its linearisation.
 
-    A drop that bends sharply near zero current is far off its linearisation after a step across the bend. What the drop exceeds its linearisation by acts on the current through armature resistance and inductance: a scalar
-    equation with a rising left side, i - i_linear + reach (drop(i) - drop_linear(i)) = 0.
+    A drop that bends sharply near zero current is far off its linearisation after a step across the bend. What the drop
+    exceeds its linearisation by acts on the current through armature resistance and inductance: a scalar equation with
+    a rising left side, i - i_linear + reach (drop(i) - drop_linear(i)) = 0.
     """
     reach = duration * mean_exponential(-jacobian.a * duration) / motor.inductance_H
     speed = step.speed_rad_s

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from jaxmodel.errors import MeasurementError
 from jaxmodel.robot import duty_of_signal
@@ -13,8 +16,8 @@ from jaxmodel.robot import duty_of_signal
 # constant so that what is nonlinear (friction, saturation, brushes) and the heat of the inrush are resolved.
 FIRST_STEP_SHARE = 0.25
 GROWTH = 2.0
-# A bend that is crossed within a step costs the speed some share^2 / 8 of the acceleration there; a motor has settled to
-# 1 part in 150 after five time constants.
+# A bend that is crossed within a step costs the speed some share^2 / 8 of the acceleration there; a motor has settled
+# to 1 part in 150 after five time constants.
 BENDING_STEP_SHARE = 0.25
 SETTLED = 5.0
 
@@ -71,6 +74,22 @@ class Grid:
             np.append(self.row, np.full(extra, self.row[-1])),
             self.last_step,
         )
+
+
+class Track(eqx.Module):
+    """A run on the device: steps, inputs of the first row and of each step, and the step that ends at each later row.
+
+    Steps are counted from 0 in `last_step`, shape (rows - 1,); `inputs` have shape (1 + steps,).
+    """
+
+    duration_s: Array
+    inputs: dict[str, Array]
+    last_step: Array
+
+    @property
+    def at_rows(self) -> Array:
+        """Return where the rows are among the start and the ends of all steps, shape (rows,)."""
+        return jnp.concatenate([jnp.zeros(1, dtype=self.last_step.dtype), self.last_step + 1])
 
 
 def make_grid(

@@ -9,7 +9,8 @@ from jaxtyping import Array
 
 from jaxmodel.flow import State
 from jaxmodel.model import Model, read
-from jaxmodel.ports import fold
+from jaxmodel.ports import Effect, fold
+from jaxmodel.profile import Track
 
 
 class Signal(eqx.Module):
@@ -26,21 +27,30 @@ class Signal(eqx.Module):
     at_rows: Array
 
 
-def distort(
-    model: Model, readings: dict[str, Array], states: State, inputs: dict[str, Array], duration_s: Array, at_rows: Array
-) -> dict[str, Array]:
-    """Pass each reading, over its rows, through the sensor effects of its column."""
+def distort(model: Model, readings: dict[str, Array], states: State, course: Track) -> dict[str, Array]:
+    """Pass each reading, over its rows, through the sensor effects of its column; `states` are after every step."""
     sensors = tuple(effect for effect in model.effects if hasattr(effect, "reading"))
-    if not sensors:
-        return readings
+    return _distort(sensors, model, readings, states, course) if sensors else readings
+
+
+@eqx.filter_jit
+def _distort(
+    sensors: tuple[Effect, ...], model: Model, readings: dict[str, Array], states: State, course: Track
+) -> dict[str, Array]:
     signals = {}
     if any(effect.has_memory for effect in sensors):
         before = {name: values[:-1] for name, values in states.items()}
         after = {name: values[1:] for name, values in states.items()}
-        during = {name: values[1:] for name, values in inputs.items()}
+        during = {name: values[1:] for name, values in course.inputs.items()}
         read_all = jax.vmap(lambda s, u: read(model, s, u))
         starts, ends = read_all(before, during), read_all(after, during)
-        signals = {name: Signal(duration_s, starts[name], ends[name], readings[name], at_rows) for name in readings}
+        signals = {
+            # Where a row ends the signal is its reading to the bit, so that a sensor without delay changes none.
+            name: Signal(
+                course.duration_s, starts[name], ends[name].at[course.last_step].set(values[1:]), values, course.at_rows
+            )
+            for name, values in readings.items()
+        }
     return {
         name: fold(tuple(e for e in sensors if e.column in ("", name)), "reading", values, signals.get(name))
         for name, values in readings.items()

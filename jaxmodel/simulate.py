@@ -14,7 +14,7 @@ from jaxmodel.flow import State
 from jaxmodel.kernel import as_one_kernel
 from jaxmodel.model import Model, initial_state, read, step, valid
 from jaxmodel.ports import touches
-from jaxmodel.profile import Grid, Profile, make_grid
+from jaxmodel.profile import Grid, Profile, Track, make_grid
 from jaxmodel.sensors import distort
 
 
@@ -27,18 +27,10 @@ class Status(enum.IntEnum):
 
 
 class Cutoff(eqx.Module):
-    """Where a run ends: below a state of charge, or below a cell's voltage in V; -inf never ends it."""
+    """Where a run ends: at the first row below a state of charge or a cell's voltage in V; -inf never ends it."""
 
     soc: float = -jnp.inf
     voltage_V: float = -jnp.inf
-
-
-class Track(eqx.Module):
-    """A run on the device: steps and, for each row after the first, the step that ends there."""
-
-    duration_s: Array
-    inputs: dict[str, Array]
-    last_step: Array
 
 
 class Trajectory(eqx.Module):
@@ -94,40 +86,49 @@ def simulate(model: Model, profile: Profile, cutoff: Cutoff | None = None) -> Tr
     return run_track(model, track(model, profile), jnp.asarray(profile.time_s), cutoff)
 
 
-@eqx.filter_jit
 def run_track(model: Model, course: Track, time_s: Array, cutoff: Cutoff | None = None) -> Trajectory:
-    """Run a model over steps already laid out; pure, so that it may be vmapped and differentiated."""
+    """Run a model over steps already laid out; pure, so that it may be vmapped and differentiated.
+
+    The run and its sensors are two programs: a sensor without fault then changes no bit of the run.
+    """
+    truth, states = _run_true(model, course, time_s, cutoff)
+    return eqx.tree_at(lambda t: t.readings, truth, distort(model, truth.readings, states, course))
+
+
+@eqx.filter_jit
+def _run_true(model: Model, course: Track, time_s: Array, cutoff: Cutoff | None) -> tuple[Trajectory, State]:
+    """Return what ideal sensors read, and the states at the start and after every step."""
     first_inputs = {name: values[0] for name, values in course.inputs.items()}
     later_inputs = {name: values[1:] for name, values in course.inputs.items()}
     start = initial_state(model, first_inputs)
 
     def advance_one(carry, given):
         state, running = carry
-        inputs, duration = given
+        inputs, duration, ends_row = given
         state = step(model, state, inputs, jnp.where(running, duration, 0.0))
         if cutoff is not None:
-            running &= ~_below(model, state, inputs, cutoff)
+            running &= ~(ends_row & _below(model, state, inputs, cutoff))
         return (state, running), (state, running)
 
     def advance_all(begin, given):
         return jax.lax.scan(advance_one, begin, given)[1]
 
+    # Only where a row ends: the inrush of a start pulls the voltage below any cut-off for some milliseconds.
+    ends_row = jnp.zeros(course.duration_s.shape, dtype=bool).at[course.last_step].set(True)
     begin = (start, jnp.asarray(True))
-    states, running = as_one_kernel(advance_all, begin, (later_inputs, course.duration_s))
+    states, running = as_one_kernel(advance_all, begin, (later_inputs, course.duration_s, ends_row))
 
     def with_start(first, later):
         return jnp.concatenate([first[None], later])
 
     fine_states = jax.tree.map(with_start, start, states)
-    at_rows = jnp.concatenate([jnp.zeros(1, dtype=course.last_step.dtype), course.last_step + 1])
-    row_states, row_inputs = jax.tree.map(lambda x: x[at_rows], (fine_states, course.inputs))
+    row_states, row_inputs = jax.tree.map(lambda x: x[course.at_rows], (fine_states, course.inputs))
     readings = jax.vmap(lambda s, u: read(model, s, u))(row_states, row_inputs)
-    readings = distort(model, readings, fine_states, course.inputs, course.duration_s, at_rows)
     finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(values)) for values in row_states.values()]))
     completed = jnp.sum(running[course.last_step])
     ended = completed < time_s.shape[0] - 1
     status = jnp.where(finite, jnp.where(ended, Status.REACHED_CUTOFF, Status.COMPLETE), Status.NOT_FINITE)
-    return Trajectory(
+    truth = Trajectory(
         time_s=time_s,
         readings=readings,
         states=row_states,
@@ -135,6 +136,7 @@ def run_track(model: Model, course: Track, time_s: Array, cutoff: Cutoff | None 
         status=status,
         end_row=jnp.minimum(completed + ended, time_s.shape[0] - 1),
     )
+    return truth, fine_states
 
 
 def _below(model: Model, state: State, inputs, cutoff: Cutoff) -> Array:

@@ -102,7 +102,7 @@ def run_lane(keep: Keep, model: Model, course: Course, cutoff: Cutoff | None, ow
         updated = tuple(metric.update(c, report) for metric, c in zip(keep.metrics, carried, strict=True))
         if cutoff is not None:
             updated = jax.tree.map(lambda new, old: jnp.where(running, new, old), updated, carried)
-            running &= ~_below(model, after, cutoff)
+            running &= ~(ends_row & _below(model, after, cutoff))
         courses = {name: after.columns[name] for name in keep.columns}
         return (state, running, elapsed + taken, updated), courses
 

@@ -159,7 +159,11 @@ class GearLoss(Effect):
 
 
 class PwmRipple(Effect):
-    """The switching ripple heats the winding: k_r (rho (1 - rho) V_pack)^2, with the size of rho in reverse."""
+    """The switching ripple heats the winding: k_r (rho (1 - rho) V_pack)^2, rho signed as in eq. 14.
+
+    Forward it peaks at half duty and vanishes at full. In reverse the form, taken as it stands, grows all the way to
+    2 V_pack at rho = -1, where the ripple of a real bridge would mirror that of forward.
+    """
 
     name: ClassVar[str] = "pwm_ripple"
     kinds: ClassVar[tuple[str, ...]] = ROBOT
@@ -170,7 +174,7 @@ class PwmRipple(Effect):
 
     def motor_loss(self, value: Scalar, context: MotorContext) -> Scalar:
         """Add the ripple's heat."""
-        duty = jnp.abs(context.duty)
+        duty = context.duty
         return value + self.k_r * (duty * (1.0 - duty) * context.pack_voltage_V) ** 2
 
 

@@ -116,6 +116,15 @@ def test_slope_of_a_table_is_that_of_the_segment_and_none_beyond():
     np.testing.assert_allclose(slopes, [0.0, 2.0, 1.0, 0.0], atol=1e-14)
 
 
+def test_slope_at_the_ends_of_a_table_is_the_inner_one():
+    """A full cell is where every run starts: half a slope there would halve the derivative by the initial charge."""
+    table = Table([0.0, 0.4, 1.0], [3.0, 3.6, 4.2])
+    slopes = [float(jax.grad(table)(jnp.asarray(soc), jnp.asarray(20.0))) for soc in (0.0, 1.0)]
+    np.testing.assert_allclose(slopes, [1.5, 1.0], rtol=1e-14)
+    warm = jax.grad(LUT.R_ints, argnums=1)(jnp.asarray(0.5), jnp.asarray(100.0))
+    assert float(warm) == pytest.approx(-2.768e-4 - 1.399e-5 * 180.0, rel=1e-10)
+
+
 @pytest.mark.parametrize("name", CURVE_NAMES)
 def test_look_up_table_is_the_formula_at_its_breakpoints(name: str):
     formula, table = getattr(CURVES, name), getattr(LUT, name)
