@@ -32,7 +32,7 @@ def conditions(session: Session, hypothesis: Hypothesis) -> dict[str, np.ndarray
                 padded[number, : one.time_s.size] = values
         found[name] = padded[runs, rows]
     for place, name in enumerate(problem.channels):
-        if name not in found and name.split("_")[0] in ("soc", "speed", "cell", "winding", "motor"):
+        if name not in found and name.split("_")[0] in ("soc", "speed", "cell", "winding", "case", "motor"):
             found[name] = predicted[runs, rows, place]
     found["time_s"] = np.asarray(problem.times)[runs, rows]
     found["run"] = runs.astype(float)

@@ -69,7 +69,7 @@ def compare(
         scores=(),
         critical_z=float("nan"),
         where=failing_sentences(session, base),
-        remarks=_remarks(base),
+        remarks=_remarks(session, base),
     )
 
 
@@ -100,23 +100,27 @@ def diagnose(
         if far:
             session = coarse
             remarks = (
-                f"no model of one or two effects comes near the noise of {' and '.join(far)}; "
-                "channels are weighed by what the best single effect leaves in them",
+                f"No model of one or two effects comes near the noise of {' and '.join(far)}: "
+                "channels are weighed by what the best single effect leaves in them.",
             )
     seeds = () if found is None else _strongest(coarse)
     best, first, screened = found if found is not None and remarks else _search(session, progress, seeds=seeds)
-    left = misfit(session, best, screened)
-    unexplained = next((block for block in left if block.significant), None)
     base = session.hypothesis()
     _tell(progress, "weighing")
+    # A law in no catalogue may stand beside the best effects, or in place of effects that only come near it.
+    left = {base.labels: misfit(session, base, first), best.labels: misfit(session, best, screened)}
     weighed = probabilities(session.known(), best, left, session.candidates)
+    blocks = left[best.labels]
+    if not any(block.significant for block in blocks):
+        blocks = left[base.labels]
+    unexplained = next((block for block in blocks if block.significant), None)
     verdict = "unknown_effect" if remarks else _verdict(session, best, weighed, unexplained)
 
-    ladder = [session.rung("nominal", None), session.rung("calibrated", base)]
-    for count in range(1, len(best.labels) + 1):
-        added = _order(session, best)[:count]
-        ladder.append(session.rung("with " + " + ".join(added), session.hypothesis(added)))
     named = _named(session, best, weighed, verdict)
+    ladder = [session.rung("nominal", None), session.rung("calibrated", base)]
+    for count in range(1, len(named) + 1):
+        added = [effect.label for effect in named[:count]]
+        ladder.append(session.rung("with " + " + ".join(added), session.hypothesis(added)))
     blind = _blind(session, first)
     return Diagnosis(
         case=case,
@@ -130,7 +134,7 @@ def diagnose(
         scores=_scores(first, blind),
         critical_z=first.table.critical_z,
         where=failing_sentences(session, base),
-        remarks=(*remarks, *_remarks(best)),
+        remarks=(*remarks, *_remarks(session, best)),
     )
 
 
@@ -292,14 +296,15 @@ def _named(session: Session, best: Hypothesis, weighed: dict[str, float], verdic
 def _rivals(session: Session, best: Hypothesis, label: str) -> tuple[str, ...]:
     """Return the effects that, put in an effect's place and refitted, explain the readings as well."""
     rest = set(best.labels) - {label}
-    return tuple(
+    others = [
         next(iter(set(one.labels) - rest))
         for one in session.known()
         if len(one.labels) == len(best.labels)
         and rest < set(one.labels)
         and one.labels != best.labels
         and one.log_evidence > best.log_evidence - TOLD_APART
-    )
+    ]
+    return tuple(dict.fromkeys(session.candidates[other].effect.name for other in others))
 
 
 def _blind(session: Session, screened: Screen) -> tuple[str, ...]:
@@ -326,19 +331,21 @@ def _scores(screened: Screen, blind: tuple[str, ...]) -> tuple[ScoreEntry, ...]:
     )
 
 
-def _remarks(hypothesis: Hypothesis) -> tuple[str, ...]:
+def _remarks(session: Session, hypothesis: Hypothesis) -> tuple[str, ...]:
     """Return what a reader should know of the fit itself."""
     remarks = []
     if not hypothesis.fitted.converged:
         remarks.append(
-            f"the fit did not reach a minimum (score {hypothesis.fitted.greatest_score:.2g} where 0.1 is the limit); "
-            "its numbers are not to be relied on"
+            f"The fit did not reach a minimum (score {hypothesis.fitted.greatest_score:.2g} where 0.1 is the limit): "
+            "its numbers are not to be relied on."
         )
-    for place, coordinate in enumerate(hypothesis.layout.coordinates):
+    for place, coordinate in enumerate(hypothesis.layout.coordinates[: hypothesis.layout.base]):
+        run = hypothesis.layout.runs[place]
+        where = f" of {session.case.runs[run].name}" if run >= 0 else ""
         if abs(hypothesis.fitted.x[place]) > 3.0:
             remarks.append(
-                f"{coordinate.name} is {abs(hypothesis.fitted.x[place]):.1f} sd from what the case states; "
-                "it may be standing in for something the model lacks"
+                f"{coordinate.name}{where} is {abs(hypothesis.fitted.x[place]):.1f} sd from what the case states: "
+                "it may be standing in for something the model lacks."
             )
     return tuple(remarks)
 

@@ -94,7 +94,8 @@ def deficiency_map(
         variance = max(float(np.mean(fast**2)) / 2.0, 1e-12)
         for multiplier, factor in multipliers.items():
             for variable, values in variables.items():
-                made = _hats(values[mine])
+                # x f(x) is but another f(x).
+                made = _hats(values[mine]) if variable != multiplier else None
                 if made is None:
                     continue
                 hats, knots = made

@@ -26,35 +26,49 @@ def hypothesis_name(labels: Labels) -> str:
 
 
 def probabilities(
-    known: Sequence[Hypothesis], best: Hypothesis, left: Sequence[Block], candidates: Mapping[str, Candidate]
+    known: Sequence[Hypothesis],
+    best: Hypothesis,
+    left: Mapping[Labels, Sequence[Block]],
+    candidates: Mapping[str, Candidate],
 ) -> dict[str, float]:
     """Return the probability of every hypothesis fitted, of the base model and of something else, largest first.
 
-    Something else is the best model with its strongest smooth unknown law added, which pays for its free numbers as in
-    the Bayesian information criterion and for having been chosen among all laws.
+    Something else is one of the models of `left` with its strongest smooth unknown law beside it, which pays for its
+    free numbers as in the Bayesian information criterion and for having been chosen among all laws.
+
+    Args:
+        known: all hypotheses fitted.
+        best: the one with the best evidence.
+        left: deficiency maps, strongest block first, by the labels of the model they were made at; `best` among them.
+        candidates: all that could be missing, by label.
     """
     count = len(candidates)
     number_of = {0: 1, 1: count, 2: count * (count - 1) // 2}
     # The noise sd is known to some percent; where the best model leaves more or less than one, odds are scaled by what
     # it leaves.
     readings = float(np.sum(np.asarray(best.problem.readings.fit)))
-    temperature = max(1.0, best.fitted.chi2 / readings) if not _wrong(left) else 1.0
+    temperature = max(1.0, best.fitted.chi2 / readings) if not _wrong(left[best.labels]) else 1.0
     logs: dict[str, float] = {}
+    beside = []
     for one in known:
         size = len(one.labels)
-        prior = np.log(PRIOR[size] / max(1, number_of[size]))
+        log = one.log_evidence / temperature + np.log(PRIOR[size] / max(1, number_of[size]))
         name = hypothesis_name(one.labels)
-        logs[name] = max(logs.get(name, -np.inf), one.log_evidence / temperature + prior)
-    block = left[0] if left else None
-    gain = 0.0
-    if block is not None:
-        gain = 0.5 * block.chi2 - 0.5 * block.rank * np.log(readings) - np.log(len(left))
-    odds = PRIOR_SOMETHING_ELSE / (1.0 - PRIOR_SOMETHING_ELSE)
-    logs[SOMETHING_ELSE] = logs[hypothesis_name(best.labels)] + gain + np.log(odds)
+        logs[name] = max(logs.get(name, -np.inf), log)
+        if one.labels in left:
+            beside.append(log + _gain(left[one.labels], readings))
+    logs[SOMETHING_ELSE] = max(beside) + np.log(PRIOR_SOMETHING_ELSE / (1.0 - PRIOR_SOMETHING_ELSE))
     values = np.array(list(logs.values()))
     weights = np.exp(values - values.max())
     weights = np.minimum(weights / weights.sum(), MOST)
     return dict(sorted(zip(logs, weights.tolist(), strict=True), key=lambda pair: -pair[1]))
+
+
+def _gain(blocks: Sequence[Block], readings: float) -> float:
+    """Return what the strongest unknown law adds to the log evidence of the model it was found at."""
+    if not blocks:
+        return 0.0
+    return 0.5 * blocks[0].chi2 - 0.5 * blocks[0].rank * np.log(readings) - np.log(len(blocks))
 
 
 def _wrong(left: Sequence[Block]) -> bool:

@@ -25,6 +25,8 @@ from discrepancy.score import ScoreTable, score_effects
 LANES = 16
 BASE_STEP = 1e-3
 SWITCH_STEP = 1e-3
+# A direction of which less than this survives the projection is not told from the error of its differences.
+ABSORBED_BELOW = 3e-3
 # Where the effect at full size points elsewhere than its derivative (a cosine below this), both are tried.
 STRAIGHT = 0.98
 
@@ -129,7 +131,8 @@ def screen(
             directions[candidate.label] = Direction(shapes, signs=1 if candidate.one_sided else 0)
     base = np.concatenate([base, np.eye(count)])
     residual = np.concatenate([rows[0], -fitted.x[list(range(count))]])
-    table = score_effects(base, residual, directions, [layout.names[number] for number in own])
+    names = [layout.names[number] for number in own]
+    table = score_effects(base, residual, directions, names, absorbed_below=ABSORBED_BELOW)
     return Screen(table, probes, base, residual, counted)
 
 

@@ -97,10 +97,9 @@ class Session:
         return other
 
     def hypothesis(self, labels: Sequence[str] = (), starts: Sequence[np.ndarray] = ()) -> Hypothesis:
-        """Return the calibrated model with effects added; `starts` are coordinates of the effects' unknowns to try,
-        or of all unknowns.
+        """Return the calibrated model with effects added.
 
-        They are tried in turn until one converges to something better than the base model. The base model itself is
+        `starts` are coordinates of the effects' unknowns, or of all unknowns, to begin at. They are tried in turn until one converges to something better than the base model. The base model itself is
         also started from a random place within its priors, and the better of the two kept.
         """
         key = self.key(labels)

@@ -1,0 +1,232 @@
+"""Blind cases: hardware, profiles, noise and a hidden effect drawn from a seed, simulated by the independent referee."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from jaxmodel.declaration import describe
+from jaxmodel.effects import CATALOGUE
+from tests.independent.integrate import DEFAULTS
+from tests.independent.make_case import Run, write_case
+from tests.independent.profiles import make_profile
+
+KINDS = {"cell": 0.45, "motor": 0.3, "robot": 0.25}
+CLASSES = {"null": 0.25, "single": 0.42, "double": 0.1, "sensor": 0.11, "outside": 0.12}
+PATTERNS = ("load steps", "varying load", "pulse train", "rests with pulses", "constant load")
+
+# What a user knows of the hardware, as a share of the value; the truth is drawn from it.
+KNOWN_TO = {
+    "cell": {
+        "capacity_Ah": 0.03,
+        "series_resistance_scale": 0.15,
+        "rc_resistance_scale": 0.15,
+        "rc_capacitance_scale": 0.15,
+    },
+    "motor": {
+        "R_0": 0.03,
+        "k_tau": 0.025,
+        "tau_0": 0.15,
+        "R_wc": 0.12,
+        "R_ca": 0.12,
+        "tau_wc": 0.12,
+        "tau_ca": 0.12,
+    },
+    "robot": {
+        "capacity_Ah": 0.03,
+        "series_resistance_scale": 0.15,
+        "rc_resistance_scale": 0.15,
+        "R_0": 0.03,
+        "k_tau": 0.025,
+        "tau_0": 0.15,
+        "R_wc": 0.12,
+        "R_ca": 0.12,
+        "onboard_current_A": 0.1,
+    },
+}
+# Noise of each sensor as (smallest, largest) sd; which temperatures are measured is drawn.
+NOISE = {
+    "cell": {"voltage_V": (5e-4, 4e-3), "current_A": (2e-3, 0.02)},
+    "motor": {"current_A": (0.01, 0.05), "speed_rad_s": (0.2, 1.0), "winding_temperature_degC": (0.1, 0.4)},
+    "robot": {
+        "pack_voltage_V": (5e-3, 0.03),
+        "pack_current_A": (0.02, 0.1),
+        "speed_rad_s": (0.2, 1.0),
+        "winding_temperature_degC": (0.1, 0.4),
+    },
+}
+TEMPERATURES = {"cell": "cell_temperature_degC", "motor": "case_temperature_degC", "robot": "case_temperature_degC"}
+
+
+@dataclasses.dataclass(frozen=True)
+class Blind:
+    """What was hidden in a case.
+
+    Attributes:
+        kind: "cell", "motor" or "robot".
+        group: a name of CLASSES.
+        effects: the hidden effects of the catalogue with their parameters.
+        outside: the name of a law outside the catalogue, or "".
+        hostile: whether the noise is coloured, heavy-tailed or unstated.
+    """
+
+    kind: str
+    group: str
+    effects: dict[str, dict[str, Any]]
+    outside: str
+    hostile: bool
+
+    @property
+    def verdict(self) -> str:
+        """Return the verdict that is right if the effect can be seen at all."""
+        return {"null": "adequate", "sensor": "sensor_fault", "outside": "unknown_effect"}.get(
+            self.group, "missing_effect"
+        )
+
+
+# Laws in no catalogue. Those of a cell act on the voltage, and nothing feeds back; those of a drive distort what truly
+# acts on it, given what the bench reports.
+def _low_soc_resistance(columns, strength):
+    columns["voltage_V"] -= columns["current_A"] * 0.06 * strength * np.maximum(0.5 - columns["soc"], 0.0)
+
+
+def _quadratic_resistance(columns, strength):
+    columns["voltage_V"] -= 1.5e-3 * strength * columns["current_A"] * np.abs(columns["current_A"])
+
+
+def _contact_that_loosens(columns, strength):
+    columns["voltage_V"] -= columns["current_A"] * 0.01 * strength * (columns["time_s"] / 1800.0) ** 2
+
+
+OUTSIDE_CELL: dict[str, Callable] = {
+    "low_soc_resistance": _low_soc_resistance,
+    "quadratic_resistance": _quadratic_resistance,
+    "contact_that_loosens": _contact_that_loosens,
+}
+OUTSIDE_DRIVE: dict[str, Callable] = {
+    "amplifier_that_saturates": lambda p, s, drive: p | {drive: p[drive] * (1.0 - 0.05 * s * _share(p[drive]))},
+    "brake_that_fades": lambda p, s, drive: p
+    | {"load_torque_Nm": p["load_torque_Nm"] * (1.0 - 0.05 * s * p["time_s"] / 1800.0)},
+    "torque_sensor_that_bends": lambda p, s, drive: p
+    | {"load_torque_Nm": p["load_torque_Nm"] * (1.0 + 0.1 * s * _share(p["load_torque_Nm"]) ** 2)},
+}
+
+
+def _share(values):
+    return np.abs(values) / max(1e-9, float(np.abs(values).max()))
+
+
+def make(folder: Path, seed: int) -> Blind:
+    """Write the blind case of a seed and return what is hidden in it."""
+    rng = np.random.default_rng([7, seed])
+    kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
+    group = str(rng.choice(list(CLASSES), p=list(CLASSES.values())))
+    effects = _effects(rng, kind, group)
+    law = ""
+    if group == "outside":
+        law = str(rng.choice(list(OUTSIDE_CELL if kind == "cell" else OUTSIDE_DRIVE)))
+    hostile = bool(group == "null" and rng.uniform() < 0.5)
+    stated, true = {}, {}
+    for name, share in KNOWN_TO[kind].items():
+        nominal = DEFAULTS[name] * (rng.uniform(0.6, 1.6) if name in ("capacity_Ah", "R_0", "onboard_current_A") else 1.0)
+        stated[name] = (nominal, share * nominal)
+        true[name] = nominal * (1.0 + share * float(np.clip(rng.standard_normal(), -2.0, 2.0)))
+    if kind != "motor":
+        stated |= {"storage_months": 0.0, "cycles": 25.0}
+        true |= {"storage_months": 0.0, "cycles": 25.0}
+    sensors = {name: float(np.exp(rng.uniform(*np.log(span)))) for name, span in NOISE[kind].items()}
+    if rng.uniform() < 0.5 or any(e.get("column") == TEMPERATURES[kind] for e in effects.values()):
+        sensors[TEMPERATURES[kind]] = float(rng.uniform(0.05, 0.3))
+    runs = _runs(rng, kind, true, effects, law)
+    strength = float(np.exp(rng.uniform(np.log(0.5), np.log(2.0))))
+    reported = [run.profile for run in runs]
+    if law and kind != "cell":
+        drive = {"motor": "voltage_V", "robot": "duty"}[kind]
+        runs = [dataclasses.replace(r, profile=OUTSIDE_DRIVE[law](r.profile, strength, drive)) for r in runs]
+    options: dict[str, Any] = {}
+    if hostile:
+        first = next(iter(sensors))
+        options = {"autocorrelation": {first: float(rng.uniform(0.3, 0.9))}, "unstated_sensors": [first]}
+    if rng.uniform() < 0.5:
+        options["quantisation"] = {name: 10.0 ** np.floor(np.log10(sd)) for name, sd in sensors.items()}
+    clean = write_case(
+        folder, kind, true, stated, runs, effects=effects, sensors=sensors, seed=seed, tolerance=1e-7, **options
+    )
+    if law:
+        _apply(folder, kind, law, strength, clean, reported)
+    return Blind(kind, group, effects, law, hostile)
+
+
+def _apply(folder: Path, kind: str, law: str, strength: float, clean: list, reported: list) -> None:
+    """Put an unknown law of a cell on its voltages; for a drive put back the inputs that the bench reports."""
+    for number, (truth, profile) in enumerate(zip(clean, reported, strict=True), start=1):
+        path = folder / f"run-{number:02d}.csv"
+        table = pd.read_csv(path)
+        if kind == "cell":
+            columns = {name: table[name].to_numpy().copy() for name in table} | {"soc": np.asarray(truth["soc"])}
+            OUTSIDE_CELL[law](columns, strength)
+            table["voltage_V"] = columns["voltage_V"]
+        else:
+            for name in profile:
+                table[name] = profile[name]
+        table.to_csv(path, index=False)
+
+
+def _runs(rng, kind: str, true: Mapping[str, float], effects: Mapping[str, Any], law: str) -> list[Run]:
+    """Draw three or four fit runs and a check run, at one to four temperatures."""
+    count = int(rng.integers(4, 6))
+    spread = rng.uniform() < 0.6
+    runs = []
+    for number in range(count):
+        ambient = float(rng.choice([-10, 0, 10, 25, 30, 40])) if spread else 20.0
+        pattern = str(rng.choice(PATTERNS))
+        drive = {"cell": 1.2 * true.get("capacity_Ah", 5.0), "motor": 14.0, "robot": 0.8}[kind]
+        profile = make_profile(
+            kind,
+            pattern,
+            int(rng.integers(1_000_000)),
+            duration_s=2400.0,
+            step_s=1.5,
+            ambient_degC=ambient,
+            largest_drive=drive,
+            largest_load_Nm=0.18,
+            reversing=bool(rng.uniform() < 0.3),
+        )
+        soc = float(rng.uniform(0.75, 1.0))
+        stated = (float(np.clip(soc + 0.01 * rng.standard_normal(), 0.0, 1.0)), 0.01)
+        split = "check" if number == 2 else "fit"
+        runs.append(Run(profile, soc, stated, split, f"{ambient:.0f} degC, {pattern}"))
+    if "resistance_ageing" in effects:
+        runs = [dataclasses.replace(r, parameters={"cycles": float(rng.choice([20, 150, 300]))}) for r in runs]
+    return runs
+
+
+def _effects(rng, kind: str, group: str) -> dict[str, dict[str, Any]]:
+    count = {"single": 1, "double": 2, "sensor": 1}.get(group, 0)
+    names = [n for n, e in CATALOGUE.items() if kind in e.kinds and e.is_sensor == (group == "sensor")]
+    return {str(name): _amplitude(rng, kind, str(name)) for name in rng.choice(names, size=count, replace=False)}
+
+
+def _amplitude(rng, kind: str, name: str) -> dict[str, Any]:
+    """Draw an effect's parameters from their usual ranges, log-uniform."""
+    values: dict[str, Any] = {}
+    for parameter, info in describe(CATALOGUE[name]).items():
+        low, high = info.typical
+        if low > 0.0:
+            values[parameter] = float(np.exp(rng.uniform(np.log(low), np.log(high))))
+        else:
+            values[parameter] = float(rng.choice([low, high]) * rng.uniform(0.3, 1.0))
+    column = {
+        "current_offset": {"cell": "current_A", "motor": "current_A", "robot": "pack_current_A"},
+        "voltage_gain": {"cell": "voltage_V", "motor": "voltage_V", "robot": "pack_voltage_V"},
+        "voltage_offset": {"cell": "voltage_V", "motor": "voltage_V", "robot": "pack_voltage_V"},
+        "temperature_lag": TEMPERATURES,
+    }
+    if name in column:
+        values["column"] = column[name][kind]
+    return values
