@@ -1,0 +1,134 @@
+"""Write parameters.md and effects.md from the tables in the code: `python docs/make_parameters.py`."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from jaxmodel.declaration import ParameterInfo, describe
+from jaxmodel.effects import CATALOGUE, battery, drive, sensors
+from jaxmodel.parameters import TABLE
+from jaxmodel.ports import PORTS, Effect
+
+HERE = Path(__file__).parent
+NOTE = "<!-- Made by make_parameters.py from the code; do not edit. -->\n"
+GROUPS = {
+    battery: ("Cell and pack", "T is the cell's temperature where `self_heating` is on, else the ambient."),
+    drive: (
+        "Motor, gear, bridge, electronics",
+        "T_w is the winding's temperature, T_c the case's, w the rotor's speed.",
+    ),
+    sensors: (
+        "Sensors",
+        "Each but `clock_shift` sits on one `column`. Where that is a measured input, the fault is taken off what was "
+        "reported.",
+    ),
+}
+
+
+def parameters_page() -> str:
+    """Return the page of the base model's parameters."""
+    rows = [
+        (
+            f"`{info.name}`",
+            info.symbol,
+            info.equation,
+            info.meaning,
+            info.unit or "-",
+            f"{info.default:g}",
+            _range(info),
+            "log" if info.transform == "log" else "",
+            info.source,
+        )
+        for info in TABLE.values()
+    ]
+    head = ("name", "symbol", "eq.", "meaning", "unit", "default", "bounds", "fitted", "source of the default")
+    return f"""{NOTE}
+# Parameters
+
+Every number of the base model, under the name that case files, studies and `--at` use. Equation numbers are those of
+[the model](model.md). `fitted` is `log` where a fit runs on the logarithm, so that the number stays positive. A default
+whose source is "assumed" is nobody's measurement: state your own.
+
+A value outside its bounds is refused. The parameters of effects are in [the catalogue of effects](effects.md) and are
+named `effect.parameter`.
+
+{_table(head, rows)}
+Six curves over state of charge belong to the cell too: `ocv`, `R_ints`, `R_TS`, `C_TS`, `R_TL`, `C_TL`. They are the
+paper's formulas unless a case gives tables; see [cases](cases.md#tables).
+"""
+
+
+def effects_page() -> str:
+    """Return the page of the catalogue of effects."""
+    parts = [
+        f"""{NOTE}
+# Catalogue of effects
+
+{len(CATALOGUE)} candidates for what a model may be missing. None is active unless a case, a study or a diagnosis turns
+it on; at its null the model is the base model to the bit. An effect acts through [ports](your_own_effect.md#ports),
+the named relations of the model.
+
+The usual range is what a designer meets often. A diagnosis takes it as the prior (its ends at one standard deviation),
+and a file's value may lie anywhere within the bounds. A parameter without a null gives the effect its shape; where
+"tried at" has values, a diagnosis tries the effect at each of them. `self_heating` has no null: it is on or off.
+"""
+    ]
+    for module, (title, note) in GROUPS.items():
+        classes = [cls for cls in CATALOGUE.values() if cls.__module__ == module.__name__]
+        parts.append(f"## {title}\n\n{note}\n\n{_effects(classes)}\n{_effect_parameters(classes)}")
+    return "\n".join(parts)
+
+
+def _effects(classes: Iterable[type[Effect]]) -> str:
+    rows = [
+        (
+            f"`{cls.name}`",
+            (inspect.getdoc(cls) or "").partition(":")[0].rstrip("."),
+            f"`{cls.equation}`",
+            ", ".join(cls.kinds),
+            ", ".join(f"`{port}`" for port in PORTS if hasattr(cls, port)),
+        )
+        for cls in classes
+    ]
+    return _table(("effect", "what", "equation", "kinds", "ports"), rows)
+
+
+def _effect_parameters(classes: Iterable[type[Effect]]) -> str:
+    rows = [
+        (
+            f"`{cls.name}.{info.name}`",
+            info.meaning,
+            info.unit or "-",
+            f"{info.default:g}",
+            "" if info.typical is None else f"{info.typical[0]:g} to {info.typical[1]:g}",
+            "" if info.null is None else _number(info.null),
+            ", ".join(f"{value:g}" for value in info.shape_grid),
+            _range(info),
+        )
+        for cls in classes
+        for info in describe(cls).values()
+    ]
+    return _table(("parameter", "meaning", "unit", "default", "usual range", "null", "tried at", "bounds"), rows)
+
+
+def _range(info: ParameterInfo) -> str:
+    return f"{_number(info.lower)} to {_number(info.upper)}"
+
+
+def _number(value: float) -> str:
+    return f"{value:g}" if math.isfinite(value) else ("infinity" if value > 0.0 else "-infinity")
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
+
+
+PAGES = {"parameters.md": parameters_page, "effects.md": effects_page}
+
+if __name__ == "__main__":
+    for name, page in PAGES.items():
+        (HERE / name).write_text(page(), encoding="utf-8")

@@ -1,0 +1,167 @@
+"""The documentation says what the code does: made pages, keys, metrics, ports, constants, examples, links."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import re
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jaxmodel.build import load_effect_class, make_effect
+from jaxmodel.case_schema import CaseEntry, RunEntry, parse_case
+from jaxmodel.cases import read_case
+from jaxmodel.curves import CellCurves
+from jaxmodel.effects import CATALOGUE
+from jaxmodel.errors import UserError
+from jaxmodel.measurements import KINDS
+from jaxmodel.model import Model
+from jaxmodel.parameters import Parameters
+from jaxmodel.ports import PORTS
+from jaxmodel.profile import constant
+from sensitivity import metrics as of_sensitivity
+from sweeps import metrics_of, read_study
+from sweeps.study_form import ProfileForm, StudyForm
+from tests.jaxmodel.runs import readings
+from workbench.commands.start import in_catalogue
+
+REPOSITORY = Path(__file__).parents[1]
+DOCS = REPOSITORY / "docs"
+PAGES = sorted(DOCS.glob("*.md"))
+OWN_EFFECT = f"{REPOSITORY / 'examples' / 'my_effects.py'}:HotContact"
+
+
+def text_of(name: str) -> str:
+    return (DOCS / name).read_text(encoding="utf-8")
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+
+
+def anchors(page: Path) -> set[str]:
+    titles = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+@pytest.mark.parametrize("name", ["parameters.md", "effects.md"])
+def test_page_is_what_the_code_says(name: str) -> None:
+    spec = importlib.util.spec_from_file_location("make_parameters", DOCS / "make_parameters.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert text_of(name) == module.PAGES[name](), "run: python docs/make_parameters.py"
+
+
+@pytest.mark.parametrize("page", [*PAGES, REPOSITORY / "README.md"], ids=lambda page: page.name)
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+        if target.startswith("http"):
+            continue
+        file, _, anchor = target.partition("#")
+        found = (page.parent / file).resolve() if file else page
+        assert found.exists(), target
+        assert not anchor or anchor in anchors(found), target
+
+
+def test_every_page_is_on_the_map() -> None:
+    assert {page.name for page in PAGES} - {"index.md"} == set(re.findall(r"\((\w+\.md)\)", text_of("index.md")))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_toml_is_toml_and_a_whole_case_is_a_case(page: Path) -> None:
+    for block in blocks(page, "toml"):
+        content = tomllib.loads(block)
+        if "runs" in content:
+            parse_case(block, page.name)
+        elif "axes" in content:
+            StudyForm(**content)
+
+
+def test_cases_page_has_every_key_and_column() -> None:
+    page = text_of("cases.md")
+    keys = [*CaseEntry.model_fields, *RunEntry.model_fields, *(c for kind in KINDS.values() for c in kind.columns)]
+    assert [key for key in keys if not re.search(rf"`\[*{key}\]*`", page)] == []
+
+
+def test_sweeps_page_has_every_key_and_no_other() -> None:
+    table = text_of("sweeps.md").partition("## Keys")[2].partition("\n- ")[0]
+    named = set(re.findall(r"^\| `\[?(\w+)\]?` \|", table, re.MULTILINE))
+    assert named == StudyForm.model_fields.keys() - {"folder"}
+    assert set(re.findall(r"^\| `profile\.(\w+)`", table, re.MULTILINE)) == set(ProfileForm.model_fields)
+
+
+def test_sweeps_page_has_every_metric_and_no_other() -> None:
+    table = text_of("sweeps.md").partition("## Metrics")[2].partition("\nIntegrals")[0]
+    for kind in KINDS:
+        rows = [line.split("|") for line in table.splitlines() if line.startswith("| `")]
+        named = {name for row in rows if kind in row[3] or "all" in row[3] for name in re.findall(r"`(\w+)`", row[1])}
+        assert named == set(metrics_of(kind))
+    added = {name for kind in KINDS for name in of_sensitivity.metrics_of(kind).keys() - metrics_of(kind).keys()}
+    assert all(f"`{name}`" in text_of("sensitivity.md") for name in added)
+
+
+def test_own_effect_page_has_every_port() -> None:
+    table = text_of("your_own_effect.md").partition("| port | value |")[2].partition("\n\n")[0]
+    assert set(re.findall(r"`(\w+)`", table)) == set(PORTS)
+
+
+def test_constants_of_the_diagnosis_are_as_printed() -> None:
+    printed = re.findall(r"^\| `(\w+)\.([A-Z_]+)` \| ([\d.]+) \|", text_of("discrepancy.md"), re.MULTILINE)
+    assert len(printed) > 10
+    for module, name, value in printed:
+        assert getattr(importlib.import_module(f"discrepancy.{module}"), name) == float(value), name
+
+
+def test_commands_name_files_that_are_there() -> None:
+    for page in PAGES:
+        for command in "\n".join(blocks(page, "sh")).splitlines():
+            for path in re.findall(r"(?:examples|docs)/[\w./]+", command):
+                assert (REPOSITORY / path).exists(), command
+
+
+def test_files_of_the_own_effect_are_read_with_it_alone() -> None:
+    cls = load_effect_class(OWN_EFFECT)
+    read_case(DOCS / "own_effect")
+    study = DOCS / "own_effect" / "study.toml"
+    with pytest.raises(UserError, match="hot_contact"):
+        read_study(study)
+    with in_catalogue({cls.name: cls}):
+        assert read_study(study).prepared.model.effects[0].label == "hot_contact"
+    assert cls.name not in CATALOGUE
+
+
+def cell(**effects: dict[str, float]) -> Model:
+    own = load_effect_class(OWN_EFFECT)
+    catalogue = CATALOGUE | {own.name: own}
+    made = tuple(make_effect(name, values, "test", catalogue) for name, values in effects.items())
+    return Model("cell", Parameters(), CellCurves(), made)
+
+
+def test_own_effect_is_absent_at_its_null() -> None:
+    profile = constant(100.0, 1.0, current_A=3.0, ambient_degC=20.0)
+    base, null = readings(cell(), profile), readings(cell(hot_contact={"R_c": 0.0}), profile)
+    assert all(np.array_equal(base[name], null[name]) for name in base)
+
+
+def test_own_effect_settles_where_its_equation_does() -> None:
+    current, cold, thermal = 3.0, 0.02, 40.0
+    profile = constant(100.0, 1.0, current_A=current, ambient_degC=20.0)
+    with_contact = cell(hot_contact={"R_c": cold, "R_th": thermal, "tau_c": 2.0})
+    lost = readings(cell(), profile)["voltage_V"][-1] - readings(with_contact, profile)["voltage_V"][-1]
+    # x = R_th i^2 R_c (1 + a x), solved for the rise x.
+    rise = thermal * current**2 * cold / (1.0 - 0.0039 * thermal * current**2 * cold)
+    np.testing.assert_allclose(lost, current * cold * (1.0 + 0.0039 * rise), rtol=1e-9)
+
+
+def test_own_effect_heats_its_contact_and_not_the_cell() -> None:
+    heating = {"C_th": 20.0, "hA": 0.1}
+    profile = constant(100.0, 1.0, current_A=3.0, ambient_degC=20.0)
+    alone = readings(cell(self_heating=heating), profile)["cell_temperature_degC"]
+    with_contact = readings(cell(self_heating=heating, hot_contact={}), profile)["cell_temperature_degC"]
+    assert alone[-1] > 22.0
+    np.testing.assert_allclose(with_contact, alone, rtol=0.0, atol=1e-9)
