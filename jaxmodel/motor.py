@@ -128,8 +128,12 @@ def run(
     volts_at_start = voltage_later(pair.current)
     at_start = rates(later, volts_at_start, pair)
     rate_now = at_start if now is later else rates(now, voltage_now(pair.current), pair)
-    drift = at_start.plus(rate_now, -1.0).times(jnp.where(lead > 0.0, 1.0 / jnp.where(lead > 0.0, lead, 1.0), 0.0))
     level = _coulomb_torque(later, pair.speed)
+    if now is not later and touches(later.effects, "coulomb_torque"):
+        # The level below is that of the later state; what it has yet to grow until then is missing from the start.
+        growth = jnp.sign(pair.speed) * (level - _coulomb_torque(now, pair.speed)) / inertia
+        rate_now = Pair(rate_now.current, rate_now.speed + growth)
+    drift = at_start.plus(rate_now, -1.0).times(jnp.where(lead > 0.0, 1.0 / jnp.where(lead > 0.0, lead, 1.0), 0.0))
 
     def solve(expected: Pair) -> ArmatureStep:
         end = Pair(*(_secant_end(*each) for each in zip(pair, expected, at_start, strict=True)))
