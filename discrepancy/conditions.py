@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from discrepancy.calibrate import predict
+from discrepancy.contract import of_neighbours
 from discrepancy.problem import Lane
 from discrepancy.session import Hypothesis, Session
 from discrepancy.where import Regressor, worst_region
@@ -37,19 +38,6 @@ def conditions(session: Session, hypothesis: Hypothesis) -> dict[str, np.ndarray
     found["time_s"] = np.asarray(problem.times)[runs, rows]
     found["run"] = runs.astype(float)
     return found
-
-
-def of_neighbours(values: np.ndarray, sd: float) -> np.ndarray:
-    """Return a measured input at each row as its neighbours on the same level read it.
-
-    The noise of a measured input is in the residual of its own row too; as a function of the row's own reading that
-    would look like a law of nature.
-    """
-    before, after = np.roll(values, 1), np.roll(values, -1)
-    before[0], after[-1] = np.nan, np.nan
-    near = [np.where(np.abs(other - values) < 8.0 * sd, other, np.nan) for other in (before, after)]
-    count = np.sum(np.isfinite(near), axis=0)
-    return np.where(count > 0, np.nansum(near, axis=0) / np.maximum(count, 1), values)
 
 
 def failing_sentences(session: Session, hypothesis: Hypothesis) -> tuple[str, ...]:

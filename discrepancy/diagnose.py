@@ -105,6 +105,11 @@ def diagnose(
             )
     seeds = () if found is None else _strongest(coarse)
     best, first, screened = found if found is not None and remarks else _search(session, progress, seeds=seeds)
+    finer = None if remarks else session.with_noise_of_inputs(best)
+    if finer is not None:
+        seeds = _strongest(session)
+        session = finer
+        best, first, screened = _search(session, progress, seeds=seeds)
     base = session.hypothesis()
     _tell(progress, "weighing")
     # A law in no catalogue may stand beside the best effects, or in place of effects that only come near it.

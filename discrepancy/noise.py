@@ -37,12 +37,19 @@ class NoiseModel:
         rho: correlation between two consecutive readings, 0 for white noise.
         source: where the two numbers come from, in words for a report.
         quantum: step to which the readings are rounded, 0 if none was seen.
+        from_inputs: the part of `sd` that noise of measured inputs makes, on average over the runs.
     """
 
     sd: float
     rho: float
     source: str
     quantum: float = 0.0
+    from_inputs: float = 0.0
+
+    @property
+    def own_sd(self) -> float:
+        """Return the sd without the part from the inputs; where that was overestimated, a tenth of the whole."""
+        return float(np.sqrt(max(self.sd**2 - self.from_inputs**2, 0.01 * self.sd**2)))
 
 
 @dataclass(frozen=True)

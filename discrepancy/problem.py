@@ -19,7 +19,7 @@ from jaxmodel.cases import Case
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import FitError
 from jaxmodel.measurements import KINDS
-from jaxmodel.model import Model
+from jaxmodel.model import Model, read
 from jaxmodel.names import with_values
 from jaxmodel.parameters import info
 from jaxmodel.ports import Effect
@@ -163,8 +163,8 @@ class Problem(eqx.Module):
     switched: tuple[str, ...] = eqx.field(static=True)
     channels: tuple[str, ...] = eqx.field(static=True)
 
-    def predict(self, lane: Lane) -> Array:
-        """Return the predicted readings, shape (runs, rows, channels), rows past a run's end repeating its last."""
+    def models_at(self, lane: Lane) -> Model:
+        """Return the model of each run, its leaves of shape (runs, ...)."""
         runs = self.times.shape[0]
         found = self.unknowns.numbers(lane.x)
         numbers: dict[str, Array] = {}
@@ -175,9 +175,35 @@ class Problem(eqx.Module):
             numbers[name] = jnp.where(chosen, found[place], before)
         for place, label in enumerate(self.switched):
             numbers[f"{label}.switch"] = jnp.broadcast_to(lane.switches[place], (runs,))
-        models = with_values(self.models, numbers)
-        trajectories = jax.vmap(run_track)(models, self.courses, self.times)
+        return with_values(self.models, numbers)
+
+    def predict(self, lane: Lane) -> Array:
+        """Return the predicted readings, shape (runs, rows, channels), rows past a run's end repeating its last."""
+        trajectories = jax.vmap(run_track)(self.models_at(lane), self.courses, self.times)
         return jnp.stack([trajectories.readings[name] for name in self.channels], axis=-1)
+
+    def variance_from_inputs(self, lane: Lane, input_sd: Mapping[str, Array]) -> Array:
+        """Return the variance that noise of measured inputs adds to each reading at once, shaped as `predict`.
+
+        A noisy current moves the voltage by the resistance of that moment; what it does to the state averages out.
+        """
+
+        def of_run(model, course, time_s):
+            states = run_track(model, course, time_s).states
+            at_rows = jnp.concatenate([jnp.zeros(1, dtype=course.last_step.dtype), course.last_step + 1])
+            inputs = {name: values[at_rows] for name, values in course.inputs.items()}
+
+            def slopes(state, row, name):
+                way = {key: jnp.asarray(float(key == name)) for key in row}
+                found = jax.jvp(lambda u: read(model, state, u), (row,), (way,))[1]
+                return jnp.stack([found[channel] for channel in self.channels])
+
+            return sum(
+                (jax.vmap(lambda s, u, n=name: slopes(s, u, n))(states, inputs) * sd) ** 2
+                for name, sd in input_sd.items()
+            )
+
+        return jax.vmap(of_run)(self.models_at(lane), self.courses, self.times)
 
     def residual(self, lane: Lane) -> Array:
         """Return the whitened residuals of all readings, measured less predicted, shape (n,)."""
@@ -196,6 +222,7 @@ def make_problem(
     present: Sequence[Candidate] = (),
     switched: Sequence[Candidate] = (),
     catalogue: Mapping[str, type[Effect]] = CATALOGUE,
+    variance_from_inputs: np.ndarray | None = None,
 ) -> tuple[Problem, Layout]:
     """Lay a case out for fitting.
 
@@ -205,6 +232,7 @@ def make_problem(
         present: effects added to the case's model, their parameters unknown.
         switched: effects added behind a switch, their parameters unknown.
         catalogue: the known effects, for those that the case itself names.
+        variance_from_inputs: of each reading, shape (runs, rows, channels), in place of its average over a channel.
 
     Raises:
         FitError: no run may be used to calibrate, no reading is there, or nothing is uncertain.
@@ -221,7 +249,7 @@ def make_problem(
     # Steps are as fine as what is in the model needs; what is only tried by a switch is not worth finer ones.
     courses, times = _courses(models, case)
     models = [_with_effects(model, behind_switches) for model in models]
-    readings = _readings(case, noise, KINDS[case.kind].outputs, times.shape[1])
+    readings = _readings(case, noise, KINDS[case.kind].outputs, times.shape[1], variance_from_inputs)
     if not np.any(readings.fit):
         raise FitError(f'{case.path}: no reading of a run with split = "fit"; mark at least one such run.')
     parts = {
@@ -264,7 +292,13 @@ def _round_up(count: int, multiple: int) -> int:
     return -(-count // multiple) * multiple
 
 
-def _readings(case: Case, noise: Mapping[str, NoiseModel], channels: tuple[str, ...], rows: int) -> Readings:
+def _readings(
+    case: Case,
+    noise: Mapping[str, NoiseModel],
+    channels: tuple[str, ...],
+    rows: int,
+    variance_from_inputs: np.ndarray | None,
+) -> Readings:
     """Flatten the readings channel by channel, run by run, in order of time."""
     parts = []
     first = 0
@@ -278,7 +312,10 @@ def _readings(case: Case, noise: Mapping[str, NoiseModel], channels: tuple[str, 
             place = (number * rows + present) * len(channels) + channels.index(name)
             previous = np.maximum(np.arange(count) - 1, 0) + first
             fit = np.full(count, float(run.split == "fit"))
-            parts.append((place, values[present], np.full(count, model.sd), previous, weight, fit, 1.0 - fit))
+            sd = np.full(count, model.sd)
+            if variance_from_inputs is not None:
+                sd = np.sqrt(model.own_sd**2 + variance_from_inputs.reshape(-1)[place])
+            parts.append((place, values[present], sd, previous, weight, fit, 1.0 - fit))
             first += count
     extra = _round_up(max(first, 1), _READINGS) - first
     filler = (np.zeros(extra, int), np.zeros(extra), np.ones(extra), np.zeros(extra, int), *(np.zeros(extra),) * 3)

@@ -78,6 +78,7 @@ def screen(
     fitted: Fit,
     candidates: Sequence[Candidate],
     present: Collection[str] = (),
+    quiet: Problem | None = None,
 ) -> Screen:
     """Score at a calibrated model every candidate that is not in it.
 
@@ -88,6 +89,8 @@ def screen(
         fitted: the calibrated model.
         candidates: in the order of the problem's switches.
         present: labels of those that the calibrated model has.
+        quiet: the problem with its measured inputs freed of noise, for the sensitivities: a sensitivity to resistance
+            made with the noise of a row's own current is correlated with the residual of that row.
     """
     here = np.zeros(len(layout.coordinates))
     here[list(own)] = fitted.x
@@ -108,7 +111,8 @@ def screen(
                 on[place] = step
                 lanes.append((moved, on))
     counted = np.asarray(problem.readings.fit) > 0.0
-    rows = _evaluate(problem, lanes)[:, counted]
+    residual = _evaluate(problem, lanes[:1])[0, counted]
+    rows = _evaluate(quiet or problem, lanes)[:, counted]
 
     count = len(own)
     base = -(rows[1 : 1 + 2 * count : 2] - rows[2 : 2 + 2 * count : 2]).T / (2.0 * BASE_STEP)
@@ -130,7 +134,7 @@ def screen(
             probes[candidate.label] = tried
             directions[candidate.label] = Direction(shapes, signs=1 if candidate.one_sided else 0)
     base = np.concatenate([base, np.eye(count)])
-    residual = np.concatenate([rows[0], -fitted.x[list(range(count))]])
+    residual = np.concatenate([residual, -fitted.x])
     names = [layout.names[number] for number in own]
     table = score_effects(base, residual, directions, names, absorbed_below=ABSORBED_BELOW)
     return Screen(table, probes, base, residual, counted)

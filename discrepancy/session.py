@@ -8,13 +8,14 @@ import functools
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from threading import Thread
+from typing import Any
 
 import equinox as eqx
 import numpy as np
 
-from discrepancy.calibrate import Fit, fit, predict
+from discrepancy.calibrate import Fit, fit, predict, variance_from_inputs
 from discrepancy.candidates import Candidate, candidates
-from discrepancy.contract import noise_of_case
+from discrepancy.contract import noise_of_case, noisy_inputs, without_input_noise
 from discrepancy.noise import NoiseModel
 from discrepancy.problem import Layout, Problem, make_problem
 from discrepancy.result import ChannelError, Estimate, Rung
@@ -27,6 +28,9 @@ from jaxmodel.ports import Effect
 
 Labels = tuple[str, ...]
 FAR_FROM_PRIOR = 3.0
+# How far off, and for what share of the readings, the assumed noise must be to be worth refitting.
+NOISE_CHANGED = 0.05
+NOISE_CHANGED_SHARE = 0.02
 _SECOND_START = 0.5
 _FAINT = 3.0
 
@@ -63,12 +67,18 @@ class Session:
         self.noise: dict[str, NoiseModel] = noise_of_case(case, self.catalogue)
         self.candidates: dict[str, Candidate] = {c.label: c for c in candidates(case, self.catalogue)}
         self.weights = self.noise
+        self._variance_from_inputs: np.ndarray | None = None
         self._hypotheses: dict[Labels, Hypothesis] = {}
 
     @functools.cached_property
     def _switchable(self) -> tuple[Problem, Layout]:
         """The case with every candidate behind a switch: one program that screens whatever model is calibrated."""
-        return make_problem(self.case, self.weights, (), list(self.candidates.values()), self.catalogue)
+        return self._problem((), list(self.candidates.values()))
+
+    def _problem(self, present: Sequence[Candidate], switched: Sequence[Candidate] = ()) -> tuple[Problem, Layout]:
+        return make_problem(
+            self.case, self.weights, present, switched, self.catalogue, variance_from_inputs=self._variance_from_inputs
+        )
 
     def warm_up(self) -> Thread:
         """Begin to compile the screening program, which takes as long as the first fits, beside them."""
@@ -86,28 +96,47 @@ class Session:
         Where no model comes near the sensors' noise, a channel with a very fine sensor would decide everything alone.
         The noise itself, and with it the verdict, stays what the sensors say.
         """
-        other = copy.copy(self)
         rms = self.rung("", best).errors
-        other.weights = {
-            name: dataclasses.replace(model, sd=max(model.sd, rms[name].fit), rho=0.0)
-            for name, model in self.noise.items()
-        }
-        other._hypotheses = {}
+        return self._again(
+            weights={
+                name: dataclasses.replace(model, sd=max(model.sd, rms[name].fit), rho=0.0, from_inputs=0.0)
+                for name, model in self.noise.items()
+            }
+        )
+
+    def with_noise_of_inputs(self, best: Hypothesis) -> Session | None:
+        """Return a session with each reading's noise as the best model passes it on from noisy inputs.
+
+        None where that is what is assumed already, within some percent.
+        """
+        input_sd = noisy_inputs(self.case)
+        if not input_sd:
+            return None
+        variance = variance_from_inputs(best.problem, best.fitted.x, input_sd)
+        other = self._again(_variance_from_inputs=variance)
+        old, new = (np.asarray(problem.readings.sd) for problem in (best.problem, other.hypothesis().problem))
+        counted = np.asarray(best.problem.readings.fit) > 0.0
+        changed = np.abs(new / old - 1.0)[counted] > NOISE_CHANGED
+        return other if np.mean(changed) > NOISE_CHANGED_SHARE else None
+
+    def _again(self, **changes: Any) -> Session:
+        """Return a session of the same case with other weights, nothing fitted yet."""
+        other = copy.copy(self)
         other.__dict__.pop("_switchable", None)
+        other.__dict__.update(changes, _hypotheses={})
         return other
 
     def hypothesis(self, labels: Sequence[str] = (), starts: Sequence[np.ndarray] = ()) -> Hypothesis:
         """Return the calibrated model with effects added.
 
-        `starts` are coordinates of the effects' unknowns, or of all unknowns, to begin at. They are tried in turn until one converges to something better than the base model. The base model itself is
-        also started from a random place within its priors, and the better of the two kept.
+        `starts` are coordinates of the effects' unknowns, or of all unknowns. They are tried in turn until one
+        converges to something better than the base model. The base model itself is also started from a random place
+        within its priors, and the better of the two kept.
         """
         key = self.key(labels)
         if key in self._hypotheses:
             return self._hypotheses[key]
-        problem, layout = make_problem(
-            self.case, self.weights, [self.candidates[label] for label in key], (), self.catalogue
-        )
+        problem, layout = self._problem([self.candidates[label] for label in key])
         size = len(layout.coordinates)
         first = np.zeros(size)
         # Where the base model has been calibrated already, it is the place to begin.
@@ -149,10 +178,15 @@ class Session:
         """Return the scores of all other candidates at a calibrated hypothesis."""
         problem, layout = self._switchable
         problem = eqx.tree_at(lambda p: p.courses, problem, hypothesis.problem.courses)
+        quiet = None
+        if noisy_inputs(self.case):
+            present = [self.candidates[label] for label in hypothesis.labels]
+            without = make_problem(without_input_noise(self.case), self.weights, present, (), self.catalogue)[0]
+            quiet = eqx.tree_at(lambda p: p.courses, problem, without.courses)
         effects = [number for label in hypothesis.labels for number in layout.of_effect[label]]
         own = [*range(layout.base), *effects]
         candidates = list(self.candidates.values())
-        return screen(problem, layout, own, hypothesis.fitted, candidates, hypothesis.labels)
+        return screen(problem, layout, own, hypothesis.fitted, candidates, hypothesis.labels, quiet)
 
     def starts(self, screened: Screen, label: str) -> list[np.ndarray]:
         """Return where to begin fitting a candidate: at its best-scoring shape and the amplitude it suggests."""
