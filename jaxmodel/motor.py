@@ -18,6 +18,8 @@ TerminalVoltage = Callable[[Scalar], Scalar]
 # A secant is never shorter than this share of its variable (and of 1 A or 1 rad/s): short enough to be a tangent, long
 # enough to lose but 1e-11 of it to rounding.
 SMALLEST_SECANT = 1e-5
+# Below this speed in rad/s a rotor that friction holds is at rest: its sign is that of a rounding error.
+STANDSTILL = 1e-9
 
 
 class Motor(eqx.Module):
@@ -131,7 +133,8 @@ def run(
     level = _coulomb_torque(later, pair.speed)
     if now is not later and touches(later.effects, "coulomb_torque"):
         # The level below is that of the later state; what it has yet to grow until then is missing from the start.
-        growth = jnp.sign(pair.speed) * (level - _coulomb_torque(now, pair.speed)) / inertia
+        direction = jnp.where(jnp.abs(pair.speed) > STANDSTILL, jnp.sign(pair.speed), 0.0)
+        growth = direction * (level - _coulomb_torque(now, pair.speed)) / inertia
         rate_now = Pair(rate_now.current, rate_now.speed + growth)
     drift = at_start.plus(rate_now, -1.0).times(jnp.where(lead > 0.0, 1.0 / jnp.where(lead > 0.0, lead, 1.0), 0.0))
 

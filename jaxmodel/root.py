@@ -9,13 +9,15 @@ import jax.numpy as jnp
 
 from jaxmodel.declaration import Scalar
 
-# Halving takes over where Newton's method leaves the bracket: seven halvings and five steps of Newton find a bend of a
-# hundredth of the bracket to rounding.
-ROUNDS = 14
+# Of 400,000 brush drops, bends of 1 to 1e-3 of the bracket anywhere in it, all are met to rounding after these.
+ROUNDS = 18
 
 
 def rising_root(function: Callable[[Scalar], Scalar], near: Scalar, least_slope: Scalar) -> Scalar:
-    """Return the x where a rising function is zero: Newton's method within a bracket that always holds the root.
+    """Return the x where a rising function is zero: Chandrupatla's method in a bracket, and one step of Newton's.
+
+    Newton's method alone goes to and fro for ever between the straight sides of a bend. This one halves the bracket
+    unless the inverse quadratic through its last three points can be trusted (Chandrupatla 1997).
 
     Args:
         function: of one scalar; its slope is at least `least_slope` everywhere.
@@ -24,17 +26,30 @@ def rising_root(function: Callable[[Scalar], Scalar], near: Scalar, least_slope:
     """
     value = function(near)
     far = near - value / least_slope
-    bracket = (jnp.minimum(near, far), jnp.maximum(near, far), near)
 
-    def narrow(_, bracket):
-        low, high, x = bracket
-        value, slope = jax.jvp(function, (x,), (jnp.ones(()),))
-        low, high = jnp.where(value < 0.0, x, low), jnp.where(value > 0.0, x, high)
-        newton = x - value / jnp.maximum(slope, least_slope)
-        inside = (newton >= low) & (newton <= high)
-        return low, high, jnp.where(inside, newton, 0.5 * (low + high))
+    def narrow(_, points):
+        share, (a, b, c), (at_a, at_b, at_c) = points
+        x = a + share * (b - a)
+        at_x = jax.lax.stop_gradient(function(x))
+        same_side = jnp.sign(at_x) == jnp.sign(at_a)
+        c, at_c = jnp.where(same_side, a, b), jnp.where(same_side, at_a, at_b)
+        b, at_b = jnp.where(same_side, b, a), jnp.where(same_side, at_b, at_a)
+        a, at_a = x, at_x
+        place, height = _ratio(a - b, c - b), _ratio(at_a - at_b, at_c - at_b)
+        trusted = (height**2 < place) & ((1.0 - height) ** 2 < 1.0 - place)
+        quadratic = _ratio(at_a, at_b - at_a) * _ratio(at_c, at_b - at_c)
+        quadratic += _ratio(c - a, b - a) * _ratio(at_a, at_c - at_a) * _ratio(at_b, at_c - at_b)
+        share = jnp.where(trusted, jnp.clip(quadratic, 1e-9, 1.0 - 1e-9), 0.5)
+        return share, (a, b, c), (at_a, at_b, at_c)
 
-    found = jax.lax.stop_gradient(jax.lax.fori_loop(0, ROUNDS, narrow, jax.lax.stop_gradient(bracket)))[2]
+    bracket = jnp.asarray(0.5), (near, far, near), (value, function(far), value)
+    _, (a, b, _), (at_a, at_b, _) = jax.lax.fori_loop(0, ROUNDS, narrow, jax.lax.stop_gradient(bracket))
+    found = jax.lax.stop_gradient(jnp.where(jnp.abs(at_a) < jnp.abs(at_b), a, b))
     # One more step from the root, now with derivatives: those of the root by whatever the function depends on.
     slope = jax.lax.stop_gradient(jax.jvp(function, (found,), (jnp.ones(()),))[1])
     return found - function(found) / jnp.maximum(slope, least_slope)
+
+
+def _ratio(numerator: Scalar, denominator: Scalar) -> Scalar:
+    """Return the quotient, or the numerator where the denominator is zero and no quotient is asked for."""
+    return numerator / jnp.where(denominator == 0.0, 1.0, denominator)
