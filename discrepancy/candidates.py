@@ -87,6 +87,7 @@ class Candidate:
         coordinates: of its parameters; the first is its amplitude.
         probes: for each variant of its shape, the coordinates x at which its direction is taken.
         one_sided: physics allows one sign of the amplitude only.
+        amplitude_on_grid: the amplitude itself has several probes; the readings depend on it with many local optima.
         null_at_infinity: the amplitude fades as its parameter grows (an exchange current, a leakage resistance).
     """
 
@@ -95,6 +96,7 @@ class Candidate:
     probes: tuple[tuple[float, ...], ...]
     one_sided: bool
     null_at_infinity: bool
+    amplitude_on_grid: bool = False
 
     @property
     def label(self) -> str:
@@ -125,6 +127,7 @@ def make_candidate(effect: Effect) -> Candidate:
         tuple(itertools.product(*choices)),
         one_sided=amplitude.logarithmic,
         null_at_infinity=first.null == math.inf,
+        amplitude_on_grid=bool(first.shape_grid),
     )
 
 

@@ -114,14 +114,14 @@ def diagnose(
     _tell(progress, "weighing")
     # A law in no catalogue may stand beside the best effects, or in place of effects that only come near it.
     left = {base.labels: misfit(session, base, first), best.labels: misfit(session, best, screened)}
-    weighed = probabilities(session.known(), best, left, session.candidates)
-    blocks = left[best.labels]
-    if not any(block.significant for block in blocks):
-        blocks = left[base.labels]
-    unexplained = next((block for block in blocks if block.significant), None)
+    weighed, beside = probabilities(session.known(), best, left, session.candidates)
+    unexplained = next((block for block in left[beside] if block.significant), None)
     verdict = "unknown_effect" if remarks else _verdict(session, best, weighed, unexplained)
 
-    named = _named(session, best, weighed, verdict)
+    # Far from the sensors' noise no law is found to the end either, and what explains most is worth its name.
+    named = (
+        () if verdict == "unknown_effect" and not beside and not remarks else _named(session, best, weighed, verdict)
+    )
     ladder = [session.rung("nominal", None), session.rung("calibrated", base)]
     for count in range(1, len(named) + 1):
         added = [effect.label for effect in named[:count]]
@@ -225,10 +225,8 @@ def misfit(session: Session, hypothesis: Hypothesis, screened: Screen) -> list[B
     counted = screened.counted
     channel = np.asarray(problem.readings.index)[counted] % len(problem.channels)
     variables = conditions(session, hypothesis)
-    current = next((name for name in variables if name.endswith("current_A")), None)
-    multipliers = {"": np.ones(counted.sum())}
-    if current is not None:
-        multipliers[current] = variables[current]
+    factors = [next((name for name in variables if name.endswith("current_A")), None), "load_torque_Nm"]
+    multipliers = {"": np.ones(counted.sum())} | {name: variables[name] for name in factors if name in variables}
     return deficiency_map(
         screened.base,
         screened.residual,

@@ -126,7 +126,7 @@ def deficiency_map(
         )
         for channel, multiplier, variable, explained, rank, knots, law in found
     ]
-    return sorted(blocks, key=lambda block: block.chi2 - 2.0 * block.rank, reverse=True)
+    return sorted(blocks, key=lambda block: block.chi2 - block.rank * np.log(rows), reverse=True)
 
 
 def _hats(values: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:

@@ -30,11 +30,12 @@ def probabilities(
     best: Hypothesis,
     left: Mapping[Labels, Sequence[Block]],
     candidates: Mapping[str, Candidate],
-) -> dict[str, float]:
-    """Return the probability of every hypothesis fitted, of the base model and of something else, largest first.
+) -> tuple[dict[str, float], Labels]:
+    """Return the probability of every hypothesis fitted and of something else, largest first, and beside what that is.
 
-    Something else is one of the models of `left` with its strongest smooth unknown law beside it, which pays for its
-    free numbers as in the Bayesian information criterion and for having been chosen among all laws.
+    Something else is one of the models of `left` with the strongest smooth unknown law of each channel beside it. A law
+    pays for its free numbers as in the Bayesian information criterion and for having been chosen among all laws. The
+    labels returned are those of the model that such laws stand beside best.
 
     Args:
         known: all hypotheses fitted.
@@ -49,26 +50,30 @@ def probabilities(
     readings = float(np.sum(np.asarray(best.problem.readings.fit)))
     temperature = max(1.0, best.fitted.chi2 / readings) if not _wrong(left[best.labels]) else 1.0
     logs: dict[str, float] = {}
-    beside = []
+    beside: dict[Labels, float] = {}
     for one in known:
         size = len(one.labels)
         log = one.log_evidence / temperature + np.log(PRIOR[size] / max(1, number_of[size]))
         name = hypothesis_name(one.labels)
         logs[name] = max(logs.get(name, -np.inf), log)
         if one.labels in left:
-            beside.append(log + _gain(left[one.labels], readings))
-    logs[SOMETHING_ELSE] = max(beside) + np.log(PRIOR_SOMETHING_ELSE / (1.0 - PRIOR_SOMETHING_ELSE))
+            beside[one.labels] = log + _gain(left[one.labels], readings)
+    basis = max(beside, key=lambda labels: beside[labels])
+    logs[SOMETHING_ELSE] = beside[basis] + np.log(PRIOR_SOMETHING_ELSE / (1.0 - PRIOR_SOMETHING_ELSE))
     values = np.array(list(logs.values()))
     weights = np.exp(values - values.max())
     weights = np.minimum(weights / weights.sum(), MOST)
-    return dict(sorted(zip(logs, weights.tolist(), strict=True), key=lambda pair: -pair[1]))
+    return dict(sorted(zip(logs, weights.tolist(), strict=True), key=lambda pair: -pair[1])), basis
 
 
 def _gain(blocks: Sequence[Block], readings: float) -> float:
-    """Return what the strongest unknown law adds to the log evidence of the model it was found at."""
-    if not blocks:
-        return 0.0
-    return 0.5 * blocks[0].chi2 - 0.5 * blocks[0].rank * np.log(readings) - np.log(len(blocks))
+    """Return what the strongest unknown laws, one for each channel that needs one, add to a model's log evidence."""
+    gains: dict[str, float] = {}
+    for block in blocks:
+        gain = 0.5 * block.chi2 - 0.5 * block.rank * np.log(readings) - np.log(len(blocks))
+        gains[block.channel] = max(gains.get(block.channel, -np.inf), gain)
+    needed = [gain for gain in gains.values() if gain > 0.0]
+    return sum(needed) if needed else max(gains.values(), default=0.0)
 
 
 def _wrong(left: Sequence[Block]) -> bool:

@@ -135,9 +135,37 @@ def screen(
             directions[candidate.label] = Direction(shapes, signs=1 if candidate.one_sided else 0)
     base = np.concatenate([base, np.eye(count)])
     residual = np.concatenate([residual, -fitted.x])
+    for place, candidate in absent:
+        if candidate.label in probes and candidate.amplitude_on_grid:
+            between = _between_the_best(base, residual, directions[candidate.label].shapes, probes[candidate.label])
+            lanes = [_switched_on(here, at_model, place, layout.of_effect[candidate.label], x) for x in between]
+            whole = -(_evaluate(quiet or problem, lanes)[:, counted] - rows[0])
+            directions[candidate.label].shapes.extend(np.concatenate([way, priors]) for way in whole)
+            probes[candidate.label].extend(between)
     names = [layout.names[number] for number in own]
     table = score_effects(base, residual, directions, names, absorbed_below=ABSORBED_BELOW)
     return Screen(table, probes, base, residual, counted)
+
+
+def _switched_on(here: np.ndarray, at_model: np.ndarray, place: int, numbers: Sequence[int], probe: Sequence[float]):
+    moved, on = here.copy(), at_model.copy()
+    moved[list(numbers)] = probe
+    on[place] = 1.0
+    return moved, on
+
+
+def _between_the_best(
+    base: np.ndarray, residual: np.ndarray, shapes: Sequence[np.ndarray], probes: Sequence[tuple[float, ...]]
+) -> list[tuple[float, ...]]:
+    """Return amplitudes between the neighbours of the one that explains most: its law has many local optima."""
+    q, _ = np.linalg.qr(base)
+    left = residual - q @ (q.T @ residual)
+    projected = [shape - q @ (q.T @ shape) for shape in shapes]
+    best = probes[int(np.argmax([abs(p @ left) / max(float(np.linalg.norm(p)), 1e-9) for p in projected]))]
+    amplitudes = sorted({probe[0] for probe in probes} | {0.0})
+    nearest = amplitudes.index(best[0])
+    low, high = amplitudes[max(nearest - 1, 0)], amplitudes[min(nearest + 1, len(amplitudes) - 1)]
+    return [(float(x), *best[1:]) for x in np.linspace(low, high, LANES + 2)[1:-1]]
 
 
 def _cosine(a: np.ndarray, b: np.ndarray) -> float:

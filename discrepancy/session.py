@@ -151,17 +151,25 @@ class Session:
             tries = [first]
             if not key:
                 tries.append(_SECOND_START * np.random.default_rng(0).normal(size=size))
-        best = fit(problem, tries[0])
+
+        def calibrated(begin: np.ndarray) -> Fit:
+            """Let the base model follow the effects at their first amplitude, then free all."""
+            if not key:
+                return fit(problem, begin)
+            followed = fit(problem, begin, range(layout.base)).x
+            return fit(problem, followed)
+
+        best = calibrated(tries[0])
         for begin in tries[1:]:
             # Another start is worth its time for the base model, and where the first one made nothing better.
             if key and best.converged and best.objective < self.hypothesis().fitted.objective:
                 break
-            best = min(best, fit(problem, begin), key=lambda one: one.objective)
+            best = min(best, calibrated(begin), key=lambda one: one.objective)
         if key and best.objective > self.hypothesis().fitted.objective:
             # An effect can always be faint: a fit worse than without it failed, and is no evidence against the effect.
             faint = first.copy()
             faint[layout.base :] = np.concatenate([_faintest(self.candidates[label]) for label in key])
-            best = min(best, fit(problem, faint), key=lambda one: one.objective)
+            best = min(best, calibrated(faint), key=lambda one: one.objective)
         self._hypotheses[key] = Hypothesis(key, problem, layout, best)
         return self._hypotheses[key]
 

@@ -114,7 +114,7 @@ class ClockShift(SensorEffect):
         lower=-120.0,
         upper=120.0,
         typical=(-20.0, 20.0),
-        shape_grid=(-18.0, -13.0, -8.0, -4.0, -1.5, -0.5, 0.5, 1.5, 4.0, 8.0, 13.0, 18.0),
+        shape_grid=(-20.0, -13.0, -8.0, -4.0, -1.5, -0.5, 0.5, 1.5, 4.0, 8.0, 13.0, 20.0),
     )
 
     def reading(self, value: Array, context: Signal) -> Array:

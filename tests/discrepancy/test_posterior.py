@@ -48,7 +48,7 @@ def test_odds_are_evidence_times_prior(base: Hypothesis, plain_session: Session)
     candidates = plain_session.candidates
     one = with_effects(base, "entropic_ocv", gain=1.0)
     two = with_effects(base, "entropic_ocv", "ocv_hysteresis", gain=2.5)
-    found = probabilities([base, one, two], base, {(): []}, candidates)
+    found, _ = probabilities([base, one, two], base, {(): []}, candidates)
     count = len(candidates)
     expected = {
         "base": PRIOR[0],
@@ -66,7 +66,7 @@ def test_nothing_is_surer_than_the_most_and_the_sum_never_exceeds_one(base: Hypo
     for gain in (-2000.0, 0.0, 5.0, 20.0, 2000.0):
         one = with_effects(base, "entropic_ocv", gain=gain)
         best = one if gain > 0.0 else base
-        found = probabilities([base, one], best, {best.labels: [block(5.0)]}, plain_session.candidates)
+        found, _ = probabilities([base, one], best, {best.labels: [block(5.0)]}, plain_session.candidates)
         assert sum(found.values()) <= 1.0 + 1e-12
         assert max(found.values()) <= MOST
         assert min(found.values()) >= 0.0
@@ -79,8 +79,8 @@ def test_the_same_effect_on_two_sensors_counts_once_at_its_best(base: Hypothesis
         with_effects(base, "current_offset:pack_current_A", gain=3.0),
         with_effects(base, "current_offset:motor_current_A", gain=1.0),
     ]
-    both = probabilities([base, *faults], faults[0], {faults[0].labels: []}, plain_session.candidates)
-    alone = probabilities([base, faults[0]], faults[0], {faults[0].labels: []}, plain_session.candidates)
+    both, _ = probabilities([base, *faults], faults[0], {faults[0].labels: []}, plain_session.candidates)
+    alone, _ = probabilities([base, faults[0]], faults[0], {faults[0].labels: []}, plain_session.candidates)
     assert both == pytest.approx(alone)
 
 
@@ -92,7 +92,7 @@ def test_what_is_left_speaks_for_something_else_once_it_pays_for_its_freedom(
 
     def something(chi2: float, others: int = 0) -> float:
         left = [block(chi2, p_value=1e-9), *[block(0.0)] * others]
-        found = probabilities([base], base, {(): left}, plain_session.candidates)
+        found, _ = probabilities([base], base, {(): left}, plain_session.candidates)
         return found[SOMETHING_ELSE] / found["base"]
 
     assert something(price) == pytest.approx(BESIDE)
@@ -108,7 +108,7 @@ def test_noise_larger_than_stated_makes_every_odd_shorter(base: Hypothesis, plai
     count = len(plain_session.candidates)
 
     def odds(left: list[Block]) -> float:
-        found = probabilities([noisy, one], one, {one.labels: left}, plain_session.candidates)
+        found, _ = probabilities([noisy, one], one, {one.labels: left}, plain_session.candidates)
         return found["entropic_ocv"] / found["base"] * PRIOR[0] / PRIOR[1] * count
 
     assert odds([]) == pytest.approx(np.exp(6.0 / 1.44))
@@ -122,8 +122,9 @@ def test_an_unknown_law_may_stand_in_place_of_an_effect_that_comes_near_it(
     """Beside the base model it explains what the effect explains, and more; beside the effect nothing is left."""
     near = with_effects(base, "slow_diffusion", gain=300.0)
     left = {(): [block(900.0, p_value=1e-99)], near.labels: [block(9.0)]}
-    found = probabilities([base, near], near, left, plain_session.candidates)
+    found, beside = probabilities([base, near], near, left, plain_session.candidates)
     assert found[SOMETHING_ELSE] > 0.9
+    assert beside == ()
     left[()] = [block(500.0, p_value=1e-99)]
-    found = probabilities([base, near], near, left, plain_session.candidates)
+    found, _ = probabilities([base, near], near, left, plain_session.candidates)
     assert found["slow_diffusion"] > 0.9
