@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jaxmodel.declaration import Scalar
 from jaxmodel.flow import State
 from jaxmodel.kernel import as_one_kernel
 from jaxmodel.model import Model, initial_state, read, step, valid
@@ -26,11 +27,16 @@ class Status(enum.IntEnum):
     NOT_FINITE = 2
 
 
+def _as_array(value) -> Array:
+    """Make a limit data of the compiled run, not a constant of it: another limit then compiles nothing."""
+    return jnp.asarray(value, dtype=float)
+
+
 class Cutoff(eqx.Module):
     """Where a run ends: at the first row below a state of charge or a cell's voltage in V; -inf never ends it."""
 
-    soc: float = -jnp.inf
-    voltage_V: float = -jnp.inf
+    soc: Scalar = eqx.field(default=-np.inf, converter=_as_array)
+    voltage_V: Scalar = eqx.field(default=-np.inf, converter=_as_array)
 
 
 class Trajectory(eqx.Module):

@@ -81,19 +81,19 @@ def traces(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 @pytest.mark.parametrize("kind", ["cell", "motor", "robot"])
 def test_a_second_case_of_the_same_shape_is_not_traced_again(kind: str, traces: list[str]):
-    """Other parameters, other inputs, another ambient: the same program."""
+    """Other parameters, other inputs, another ambient, another cut-off: the same program."""
     drive = {"cell": {"current_A": 1.5}, "motor": {"voltage_V": 6.0}, "robot": {"duty": 0.2}}[kind]
     load = {} if kind == "cell" else {"load_torque_Nm": 0.05}
 
-    def case(capacity: float, strength: float, ambient: float):
+    def case(capacity: float, strength: float, ambient: float, lowest_V: float):
         inputs = {name: strength * value for name, value in (drive | load).items()}
         profile = constant(17.0, 1.0, **inputs, ambient_degC=ambient)
-        return simulate(Model(kind, Parameters(capacity_Ah=capacity, k_tau=0.03)), profile)
+        return simulate(Model(kind, Parameters(capacity_Ah=capacity, k_tau=0.03)), profile, Cutoff(voltage_V=lowest_V))
 
-    first = case(5.2, 1.0, 20.0)
+    first = case(5.2, 1.0, 20.0, 3.0)
     count = len(traces)
     assert count > 0
-    second = case(3.1, 0.8, -5.0)
+    second = case(3.1, 0.8, -5.0, 2.5)
     assert len(traces) == count
     assert not eqx.tree_equal(first.readings, second.readings)
 
