@@ -182,7 +182,7 @@ class Problem(eqx.Module):
         trajectories = jax.vmap(run_track)(self.models_at(lane), self.courses, self.times)
         return jnp.stack([trajectories.readings[name] for name in self.channels], axis=-1)
 
-    def variance_from_inputs(self, lane: Lane, input_sd: Mapping[str, Array]) -> Array:
+    def variance_from_inputs(self, lane: Lane, input_sd: Mapping[str, float]) -> Array:
         """Return the variance that noise of measured inputs adds to each reading at once, shaped as `predict`.
 
         A noisy current moves the voltage by the resistance of that moment; what it does to the state averages out.
@@ -198,10 +198,10 @@ class Problem(eqx.Module):
                 found = jax.jvp(lambda u: read(model, state, u), (row,), (way,))[1]
                 return jnp.stack([found[channel] for channel in self.channels])
 
-            return sum(
-                (jax.vmap(lambda s, u, n=name: slopes(s, u, n))(states, inputs) * sd) ** 2
-                for name, sd in input_sd.items()
-            )
+            parts = [
+                jax.vmap(lambda s, u, n=name: slopes(s, u, n))(states, inputs) * sd for name, sd in input_sd.items()
+            ]
+            return jnp.sum(jnp.stack(parts) ** 2, axis=0)
 
         return jax.vmap(of_run)(self.models_at(lane), self.courses, self.times)
 

@@ -1,4 +1,4 @@
-"""Blind cases: hardware, profiles, noise and a hidden effect drawn from a seed, simulated by the independent referee."""
+"""Blind cases: hardware, profiles, noise and hidden effect drawn from a seed, simulated by the independent referee."""
 
 from __future__ import annotations
 
@@ -110,10 +110,12 @@ OUTSIDE_CELL: dict[str, Callable] = {
 }
 OUTSIDE_DRIVE: dict[str, Callable] = {
     "amplifier_that_saturates": lambda p, s, drive: p | {drive: p[drive] * (1.0 - 0.05 * s * _share(p[drive]))},
-    "brake_that_fades": lambda p, s, drive: p
-    | {"load_torque_Nm": p["load_torque_Nm"] * (1.0 - 0.05 * s * p["time_s"] / 1800.0)},
-    "torque_sensor_that_bends": lambda p, s, drive: p
-    | {"load_torque_Nm": p["load_torque_Nm"] * (1.0 + 0.1 * s * _share(p["load_torque_Nm"]) ** 2)},
+    "brake_that_fades": lambda p, s, drive: (
+        p | {"load_torque_Nm": p["load_torque_Nm"] * (1.0 - 0.05 * s * p["time_s"] / 1800.0)}
+    ),
+    "torque_sensor_that_bends": lambda p, s, drive: (
+        p | {"load_torque_Nm": p["load_torque_Nm"] * (1.0 + 0.1 * s * _share(p["load_torque_Nm"]) ** 2)}
+    ),
 }
 
 
@@ -133,7 +135,8 @@ def make(folder: Path, seed: int) -> Blind:
     hostile = bool(group == "null" and rng.uniform() < 0.5)
     stated, true = {}, {}
     for name, share in KNOWN_TO[kind].items():
-        nominal = DEFAULTS[name] * (rng.uniform(0.6, 1.6) if name in ("capacity_Ah", "R_0", "onboard_current_A") else 1.0)
+        other_hardware = name in ("capacity_Ah", "R_0", "onboard_current_A")
+        nominal = DEFAULTS[name] * (rng.uniform(0.6, 1.6) if other_hardware else 1.0)
         stated[name] = (nominal, share * nominal)
         true[name] = nominal * (1.0 + share * float(np.clip(rng.standard_normal(), -2.0, 2.0)))
     if kind != "motor":
