@@ -115,7 +115,7 @@ def forward(kind: str, x: np.ndarray, steps: Track, cutoff: Cutoff = NEVER) -> n
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_forward_derivatives_are_differences(kind: str):
-    """To 1e-6 of the largest over the run, and what rounding leaves of a difference (the shortest secants lose most)."""
+    """To 1e-6 of the largest over the run, and what rounding leaves of a difference, most from short secants."""
     x, steps = values(kind), course(kind, profile(kind))
     expected, h = differences(kind, x, steps)
     largest = np.abs(np.asarray(compiled(kind)["values"](jnp.asarray(x[None]), steps, NEVER))[0]).max(axis=1)

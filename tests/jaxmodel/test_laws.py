@@ -1,0 +1,221 @@
+"""Laws: what leaves the chemistry is work or heat, mirrored drives mirror, an absent effect is absent.
+
+Heat is read off the model's own stages, made so heavy that their rise is its integral. One model of a kind holds every
+effect behind a switch, so that a kind compiles once.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import simpson
+from scipy.interpolate import CubicSpline
+
+from jaxmodel.declaration import describe
+from jaxmodel.effects import CATALOGUE
+from jaxmodel.model import Model, read
+from jaxmodel.names import with_values
+from jaxmodel.parameters import Parameters
+from jaxmodel.profile import Profile
+from jaxmodel.simulate import Trajectory, run_track
+from tests.jaxmodel.runs import STEPS, padded, run, staircase
+
+STAGE = 1e7  # s, or J/K: a thermal stage so slow that it only adds up
+KINDS = ("cell", "motor", "robot")
+
+
+def effects_of(kind: str) -> list[str]:
+    """All but the brushes, whose grid is another, and the sensors, which carry no energy."""
+    return [n for n, cls in CATALOGUE.items() if kind in cls.kinds and not cls.is_sensor and n != "brush_drop"]
+
+
+@functools.cache
+def switched(kind: str) -> Model:
+    effects = (CATALOGUE[name](switch=jnp.zeros(())) for name in effects_of(kind))
+    return Model(kind, Parameters(), effects=tuple(effects))
+
+
+def changed(model: Model, **numbers: float) -> Model:
+    return with_values(model, {n.replace("__", "."): jnp.asarray(x, dtype=float) for n, x in numbers.items()})
+
+
+def chemistry(soc: np.ndarray) -> np.ndarray:
+    """The integral of the open-circuit voltage over the charge from empty, in V."""
+    return 1.031 / 35.0 * np.exp(-35.0 * soc) + soc * (
+        3.685 + soc * (0.2156 / 2 + soc * (-0.1178 / 3 + soc * 0.3201 / 4))
+    )
+
+
+def on(effect: str) -> dict[str, float]:
+    return {f"{effect}__switch": 1.0} if effect else {}
+
+
+def levels(currents: list[float], rows: int, step_s: float) -> Profile:
+    values = np.repeat(currents, rows)
+    values = np.append(values[:1], values)
+    return Profile(np.arange(values.size) * step_s, {"current_A": values, "ambient_degC": np.full(values.size, 20.0)})
+
+
+def over_levels(model: Model, profile: Profile, ran: Trajectory, rows: int, column: str) -> list[float]:
+    """The integral of a reading over each level, with the jump at its start."""
+    found = []
+    for first in range(0, profile.time_s.size - 1, rows):
+        states = {name: values[first : first + rows + 1] for name, values in ran.states.items()}
+        inputs = {name: jnp.asarray(values[first + 1]) for name, values in profile.inputs.items()}
+        course = jax.vmap(lambda state, u=inputs: read(model, state, u)[column])(states)
+        found.append(
+            float(
+                CubicSpline(profile.time_s[first : first + rows + 1], course).integrate(
+                    profile.time_s[first], profile.time_s[first + rows]
+                )
+            )
+        )
+    return found
+
+
+@settings(max_examples=8)
+@given(st.lists(st.floats(0.3, 5.0), min_size=4, max_size=4), st.floats(0.3, 1.0))
+@pytest.mark.parametrize("effect", ["", *effects_of("cell")])
+def test_what_leaves_the_chemistry_of_a_cell_is_work_or_heat_or_leaks(effect: str, currents: list[float], soc: float):
+    rows, step_s = 30, 0.5
+    currents[2] *= -0.5
+    heavy = {"self_heating__switch": 1.0, "self_heating__C_th": STAGE, "self_heating__hA": 1e-3}
+    model = changed(switched("cell"), initial_soc=soc, **(heavy | on(effect)))
+    profile = levels(currents, rows, step_s)
+    ran = run(model, profile)
+    temperature = np.asarray(ran.readings["cell_temperature_degC"])
+    charge = 3600.0 * 5.2 * (1.0 - 1.544e5 * np.exp(-40498.0 / (8.3143 * 293.15)) * 18.0)
+    released = charge * (chemistry(np.asarray(ran.states["soc"][0])) - chemistry(np.asarray(ran.states["soc"][-1])))
+    passed = float(np.sum(np.array(currents)) * rows * step_s)
+    lost_inside = 0.0
+    if effect == "entropic_ocv":  # reversible heat is drawn from the surroundings, not from the chemistry
+        released -= 2e-4 * (273.15 + 20.0) * passed
+    if effect == "rate_capacity":
+        shares = (np.abs(currents) / 5.2) ** 0.1
+        sums = over_levels_of_ocv(ran, profile, rows)
+        lost_inside = float(np.sum((shares - 1.0) * np.array(currents) * sums))
+    if effect == "self_discharge":
+        lost_inside = leaked(model, ran, profile, rows)
+    work = float(np.dot(currents, over_levels(model, profile, ran, rows, "voltage_V")))
+    heat = STAGE * (temperature[-1] - 20.0)
+    turned_over = float(np.sum(np.abs(currents))) * rows * step_s * 4.0
+    assert abs(released - lost_inside - work - heat) < 1e-6 * turned_over
+
+
+def over_levels_of_ocv(ran: Trajectory, profile: Profile, rows: int) -> np.ndarray:
+    soc = np.asarray(ran.states["soc"])
+    ocv = -1.031 * np.exp(-35.0 * soc) + 3.685 + soc * (0.2156 + soc * (-0.1178 + soc * 0.3201))
+    edges = range(0, profile.time_s.size - 1, rows)
+    return np.array([simpson(ocv[a : a + rows + 1], x=profile.time_s[a : a + rows + 1]) for a in edges])
+
+
+def leaked(model: Model, ran: Trajectory, profile: Profile, rows: int) -> float:
+    """The energy of V/R through the leakage resistance of 200 ohm, at the open-circuit voltage."""
+    soc = np.asarray(ran.states["soc"])
+    mean_ocv = np.mean(-1.031 * np.exp(-35.0 * soc) + 3.685 + soc * (0.2156 + soc * (-0.1178 + soc * 0.3201)))
+    return float(mean_ocv * sum(over_levels(model, profile, ran, rows, "voltage_V")) / 200.0)
+
+
+def imbalance_of_a_start(effect: str, load: float, parts: int = 1) -> float:
+    """What a start from standstill takes less where it went, as a share of the first.
+
+    From 10 microseconds on rows grow by an eighth, so that all of the inrush is there to be integrated.
+    """
+    voltage, resistance, inertia, inductance = 10.0, 0.103, 5.42e-5, 7.2e-5
+    time = np.append(0.0, np.geomspace(1e-5, 10.0, 125))
+    inputs = {"voltage_V": 0.0 * time + voltage, "load_torque_Nm": 0.0 * time + load, "ambient_degC": 0.0 * time + 25.0}
+    adding_up = {"tau_wc": STAGE, "tau_ca": STAGE, "R_wc": 1.0, "R_ca": 1.0, "psi_R": 0.0, "R_0": resistance}
+    model, profile = changed(switched("motor"), **adding_up, **on(effect)), Profile(time, inputs)
+    course, time_s = padded(model, profile)
+    used = (STEPS // parts) * parts
+    finer = jnp.repeat(course.duration_s[: used // parts] / parts, parts)
+    course = eqx.tree_at(lambda c: c.duration_s, course, jnp.append(finer, jnp.zeros(STEPS - used)))
+    course = eqx.tree_at(lambda c: c.last_step, course, (course.last_step + 1) * parts - 1)
+    ran = jax.tree.map(lambda x: x[:126] if x.ndim else x, run_track(model, course, time_s))
+    current, speed = (np.asarray(ran.readings[name]) for name in ("current_A", "speed_rad_s"))
+
+    def integral(values: np.ndarray) -> float:
+        return float(CubicSpline(time, values).integrate(0.0, 10.0))
+
+    beside = 0.0  # what eq. 16 leaves out of the winding's heat
+    if effect == "saturation":
+        beside = integral(0.0385 * current * speed * (current / 50.0) ** 2 / (1.0 + (current / 50.0) ** 2))
+    if effect == "gear_loss":
+        beside = integral(0.05 * load * speed)
+    given_in = voltage * integral(current)
+    stored = 0.5 * inertia * speed[-1] ** 2 + 0.5 * inductance * current[-1] ** 2
+    heat = float(ran.states["x_case_K"][-1]) * STAGE
+    return abs(given_in - load * integral(speed) - stored - heat - beside) / given_in
+
+
+@pytest.mark.parametrize("effect", ["", *(name for name in effects_of("motor") if name != "saturation")])
+@pytest.mark.parametrize("load", [0.02, 0.15])
+def test_what_a_start_takes_is_motion_load_or_heat(effect: str, load: float):
+    assert imbalance_of_a_start(effect, load) < 2e-6
+
+
+@pytest.mark.parametrize("load", [0.02, 0.15])
+def test_what_a_saturated_start_takes_closes_with_the_square_of_the_step(load: float):
+    """An inrush of twice i_s bends the torque within a step; what is missing is the step's error, and goes with it."""
+    whole, quarter = (imbalance_of_a_start("saturation", load, parts) for parts in (1, 4))
+    assert whole < 1e-4
+    assert quarter < whole / 8.0
+
+
+@pytest.mark.parametrize("effect", ["", *effects_of("motor")])
+def test_a_motor_driven_backwards_mirrors_itself(effect: str):
+    """Nothing in the motor knows left from right: currents and speeds change sign, temperatures do not."""
+    drive = staircase(3, 60, 12.0)
+    load = 0.012 * drive
+
+    def turned(sign: float) -> Trajectory:
+        inputs = {"voltage_V": sign * drive, "load_torque_Nm": sign * load, "ambient_degC": np.full(60, 30.0)}
+        return run(changed(switched("motor"), **on(effect)), Profile(np.arange(60.0), inputs))
+
+    one, other = turned(1.0).readings, turned(-1.0).readings
+    for name in ("current_A", "speed_rad_s"):
+        np.testing.assert_allclose(other[name], -np.asarray(one[name]), rtol=1e-9, atol=1e-9, err_msg=name)
+    for name in ("winding_temperature_degC", "case_temperature_degC"):
+        np.testing.assert_allclose(other[name], one[name], rtol=1e-12, err_msg=name)
+
+
+def drive(kind: str) -> Profile:
+    shape = staircase(8, 40, 1.0)
+    inputs = {
+        "cell": {"current_A": 4.0 * shape},
+        "motor": {"voltage_V": 12.0 * shape, "load_torque_Nm": 0.1 * shape},
+        "robot": {"duty": 0.5 * shape, "load_torque_Nm": 0.1 * shape},
+    }[kind]
+    return Profile(np.arange(40.0), inputs | {"ambient_degC": np.linspace(5.0, 40.0, 40)})
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_switched_off_every_effect_is_absent(kind: str):
+    """To the bit whatever its numbers are; beside the model without effects, another program, to rounding."""
+    off = changed(switched(kind), initial_soc=0.8)
+    others = {f"{e}__{n}": 1.1 * i.default for e in effects_of(kind) for n, i in describe(CATALOGUE[e]).items()}
+    found, moved = (run(model, drive(kind)).readings for model in (off, changed(off, **others)))
+    base = run(Model(kind, Parameters(initial_soc=0.8)), drive(kind)).readings
+    for name, values in found.items():
+        np.testing.assert_array_equal(moved[name], values, err_msg=name)
+        np.testing.assert_allclose(values, base[name], rtol=1e-12, atol=1e-10, err_msg=name)
+
+
+NULLS = {name: {n: i.null for n, i in describe(cls).items() if i.null is not None} for name, cls in CATALOGUE.items()}
+
+
+@pytest.mark.parametrize(("kind", "effect"), [(k, e) for k in KINDS for e in effects_of(k) if NULLS[e]])
+def test_at_its_null_an_effect_changes_nothing(kind: str, effect: str):
+    off = changed(switched(kind), initial_soc=0.8)
+    null = {f"{effect}__{name}": value for name, value in NULLS[effect].items()}
+    at_null = changed(off, **{f"{effect}__switch": 1.0}, **null)
+    base, found = run(off, drive(kind)).readings, run(at_null, drive(kind)).readings
+    for name, values in found.items():
+        np.testing.assert_array_equal(values, base[name], err_msg=name)
