@@ -169,6 +169,36 @@ def test_what_a_saturated_start_takes_closes_with_the_square_of_the_step(load: f
     assert quarter < whole / 8.0
 
 
+ROBOTS = ["", "bridge_resistance", "constant_power_load", "onboard_temperature", "ocv_hysteresis", "charge_transfer"]
+
+
+@pytest.mark.parametrize("effect", [*ROBOTS, "slow_diffusion", "arrhenius_resistance", "viscous_friction", "windage"])
+def test_what_leaves_the_chemistry_of_a_robot_is_load_motion_draw_or_heat(effect: str):
+    """From the six cells to the wheels of two motors, through a start."""
+    duty, load = 0.4, 0.1
+    time = np.append(0.0, np.geomspace(1e-5, 10.0, 125))
+    inputs = {"duty": 0.0 * time + duty, "load_torque_Nm": 0.0 * time + load, "ambient_degC": 0.0 * time + 20.0}
+    heavy = {"tau_wc": STAGE, "tau_ca": STAGE, "R_wc": 1.0, "R_ca": 1.0}
+    heavy |= {"self_heating__switch": 1.0, "self_heating__C_th": STAGE, "self_heating__hA": 1e-3}
+    model = changed(switched("robot"), initial_soc=0.8, storage_months=0.0, **heavy, **on(effect))
+    ran = run(model, Profile(time, inputs))
+    read_off = {name: np.asarray(values) for name, values in ran.readings.items()}
+    current, speed = read_off["motor_current_A"], read_off["speed_rad_s"]
+
+    def integral(values: np.ndarray) -> float:
+        return float(CubicSpline(time, values).integrate(0.0, 10.0))
+
+    cells = 6.0 * 3600.0 * 5.2 * (chemistry(read_off["soc"][0]) - chemistry(read_off["soc"][-1]))
+    cells -= 6.0 * STAGE * (read_off["cell_temperature_degC"][-1] - 20.0)
+    pack = integral(read_off["pack_voltage_V"] * read_off["pack_current_A"])
+    assert cells == pytest.approx(pack, rel=2e-6)
+    onboard = integral(read_off["pack_voltage_V"] * (read_off["pack_current_A"] - 2.0 * duty * current))
+    stored = 0.5 * 5.42e-5 * speed[-1] ** 2 + 0.5 * 7.2e-5 * current[-1] ** 2
+    bridge = 0.02 * integral(current**2) if effect == "bridge_resistance" else 0.0
+    one_motor = load * integral(speed) + stored + bridge + STAGE * float(ran.states["x_case_K"][-1])
+    assert pack == pytest.approx(2.0 * one_motor + onboard, rel=2e-6)
+
+
 @pytest.mark.parametrize("effect", ["", *effects_of("motor")])
 def test_a_motor_driven_backwards_mirrors_itself(effect: str):
     """Nothing in the motor knows left from right: currents and speeds change sign, temperatures do not."""
