@@ -19,6 +19,7 @@ from discrepancy.score import sight
 from discrepancy.screen import Screen
 from discrepancy.session import Hypothesis, Session
 from jaxmodel.cases import Case
+from jaxmodel.errors import EffectError
 from jaxmodel.ports import Effect
 
 Progress = Callable[[str], None]
@@ -74,28 +75,37 @@ def compare(
 
 
 def diagnose(
-    case: Case, *, extra_effects: Mapping[str, type[Effect]] | None = None, progress: Progress | None = None
+    case: Case,
+    *,
+    extra_effects: Mapping[str, type[Effect]] | None = None,
+    add: Sequence[str] = (),
+    without: Sequence[str] = (),
+    progress: Progress | None = None,
 ) -> Diagnosis:
     """Find which physical effect or sensor fault a case's model is missing.
 
     Args:
         case: with at least one fit run.
         extra_effects: the user's own, by name; they take part like those of the catalogue.
+        add: names of effects that the user wants in the model, whatever the data say; nothing else is then sought.
+        without: names of effects that the user rules out.
         progress: told what is being done.
 
     Raises:
         FitError: nothing is uncertain, or no run may be used to calibrate.
+        EffectError: a name that is no candidate of this case, or a sensor's effect without its column.
     """
-    session = Session(case, extra_effects)
+    session = Session(case, extra_effects, without)
+    wanted = _one_column_each(session, add)
     session.warm_up()
     _tell(progress, "calibrating the base model")
     remarks: tuple[str, ...] = ()
-    found = None
-    if _beyond(session, session.hypothesis(), HOPELESS):
+    found = seeds = None
+    if not wanted and _beyond(session, session.hypothesis(), HOPELESS):
         _tell(progress, "the base model is far from the sensors' noise; looking for what explains most")
         coarse = session.reweighted(session.hypothesis())
         coarse = coarse.reweighted(_search(coarse, progress, effects=1)[0])
-        found = _search(coarse, progress)
+        found, seeds = _search(coarse, progress), _strongest(coarse)
         far = _beyond(coarse, found[0], FAR_FROM_FLOOR)
         if far:
             session = coarse
@@ -103,13 +113,15 @@ def diagnose(
                 f"No model of one or two effects comes near the noise of {' and '.join(far)}: "
                 "channels are weighed by what the best single effect leaves in them.",
             )
-    seeds = () if found is None else _strongest(coarse)
-    best, first, screened = found if found is not None and remarks else _search(session, progress, seeds=seeds)
-    finer = None if remarks else session.with_noise_of_inputs(best)
+    if wanted:
+        found = _fitted(session, progress, wanted)
+    elif found is None or not remarks:
+        found = _search(session, progress, seeds=seeds or ())
+    finer = None if remarks else session.with_noise_of_inputs(found[0])
     if finer is not None:
-        seeds = _strongest(session)
-        session = finer
-        best, first, screened = _search(session, progress, seeds=seeds)
+        seeds, session = _strongest(session), finer
+        found = _fitted(session, progress, wanted) if wanted else _search(session, progress, seeds=seeds)
+    best, first, screened = found
     base = session.hypothesis()
     _tell(progress, "weighing")
     # A law in no catalogue may stand beside the best effects, or in place of effects that only come near it.
@@ -119,9 +131,8 @@ def diagnose(
     verdict = "unknown_effect" if remarks else _verdict(session, best, weighed, unexplained)
 
     # Far from the sensors' noise no law is found to the end either, and what explains most is worth its name.
-    named = (
-        () if verdict == "unknown_effect" and not beside and not remarks else _named(session, best, weighed, verdict)
-    )
+    law_alone = verdict == "unknown_effect" and not beside and not remarks
+    named = () if law_alone and not wanted else _named(session, best, weighed, verdict, asked_for=bool(wanted))
     ladder = [session.rung("nominal", None), session.rung("calibrated", base)]
     for count in range(1, len(named) + 1):
         added = [effect.label for effect in named[:count]]
@@ -153,6 +164,26 @@ def _strongest(session: Session) -> list[Hypothesis]:
     """Return the hypotheses with effects that explain the readings best, a few of each size."""
     ranked = sorted(session.known(), key=lambda one: one.log_evidence, reverse=True)
     return [one for size in (1, 2) for one in [each for each in ranked if len(each.labels) == size][:SEEDS]]
+
+
+def _one_column_each(session: Session, names: Sequence[str]) -> tuple[str, ...]:
+    """Return the labels of effects that the user wants added."""
+    labels = session.labels_of(names)
+    for label in labels:
+        others = [other for other in labels if other != label and other.split(":")[0] == label.split(":")[0]]
+        if others:
+            raise EffectError(f"--add {label.split(':')[0]}: say of which column, as in --add {label}.")
+    return session.key(labels)
+
+
+def _fitted(session: Session, progress: Progress | None, labels: Sequence[str]) -> tuple[Hypothesis, Screen, Screen]:
+    """Return the model with the effects that the user wants, the screen of the base model, and that of the model."""
+    first = session.screen(session.hypothesis())
+    _tell(progress, f"fitting {', '.join(labels)}")
+    starts = [session.starts(first, label) for label in labels]
+    tries = [np.concatenate([own[min(number, len(own) - 1)] for own in starts]) for number in range(2)]
+    model = session.hypothesis(labels, tries)
+    return model, first, session.screen(model)
 
 
 def _search(
@@ -270,10 +301,13 @@ def _explained(session: Session, best: Hypothesis) -> float:
     return float(np.mean(shares)) if shares else 0.0
 
 
-def _named(session: Session, best: Hypothesis, weighed: dict[str, float], verdict: str) -> tuple[NamedEffect, ...]:
-    """Return the effects to be named; beside an unknown one only those that explain most of the error."""
+def _named(
+    session: Session, best: Hypothesis, weighed: dict[str, float], verdict: str, asked_for: bool
+) -> tuple[NamedEffect, ...]:
+    """Return the effects to be named: those asked for; beside an unknown one only those that explain most."""
     explained = _explained(session, best) if verdict == "unknown_effect" else 1.0
-    if verdict not in ("missing_effect", "sensor_fault", "unknown_effect") or explained < PARTIAL_SHARE:
+    nothing = verdict not in ("missing_effect", "sensor_fault", "unknown_effect") or explained < PARTIAL_SHARE
+    if nothing and not asked_for:
         return ()
     estimates = session.rung("", best).estimates
     named = []

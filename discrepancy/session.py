@@ -23,6 +23,7 @@ from discrepancy.screen import Screen, screen, warm_up
 from jaxmodel.cases import Case
 from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
+from jaxmodel.errors import EffectError, nearest
 from jaxmodel.names import parameter_table
 from jaxmodel.ports import Effect
 
@@ -60,12 +61,16 @@ class Hypothesis:
 class Session:
     """Fits and screens of one case, made when first asked for."""
 
-    def __init__(self, case: Case, extra_effects: Mapping[str, type[Effect]] | None = None) -> None:
-        """Read the case's noise and list what could be missing."""
+    def __init__(
+        self, case: Case, extra_effects: Mapping[str, type[Effect]] | None = None, without: Sequence[str] = ()
+    ) -> None:
+        """Read the case's noise and list what could be missing, without the effects that the user rules out."""
         self.case = case
         self.catalogue = CATALOGUE | dict(extra_effects or {})
         self.noise: dict[str, NoiseModel] = noise_of_case(case, self.catalogue)
         self.candidates: dict[str, Candidate] = {c.label: c for c in candidates(case, self.catalogue)}
+        ruled_out = self.labels_of(without)
+        self.candidates = {label: c for label, c in self.candidates.items() if label not in ruled_out}
         self.weights = self.noise
         self._variance_from_inputs: np.ndarray | None = None
         self._hypotheses: dict[Labels, Hypothesis] = {}
@@ -85,6 +90,23 @@ class Session:
         thread = Thread(target=lambda: warm_up(*self._switchable), daemon=True)
         thread.start()
         return thread
+
+    def labels_of(self, names: Sequence[str]) -> Labels:
+        """Return the candidates that a user's names mean: an effect, or a sensor's effect on one column as 'a:b'.
+
+        Raises:
+            EffectError: no candidate of this case is called so.
+        """
+        found: list[str] = []
+        for name in names:
+            meant = [label for label, c in self.candidates.items() if name in (label, c.effect.name)]
+            if not meant:
+                raise EffectError(
+                    f"{self.case.name}: no effect that could be added to this case is called '{name}'."
+                    f"{nearest(name, self.candidates)}"
+                )
+            found.extend(meant)
+        return tuple(dict.fromkeys(found))
 
     def key(self, labels: Sequence[str]) -> Labels:
         """Return effects in the order in which they act on a port they share, that of the catalogue."""

@@ -16,8 +16,8 @@ from jaxmodel.root import rising_root
 
 TerminalVoltage = Callable[[Scalar], Scalar]
 # A secant is never shorter than this share of its variable (and of 1 A or 1 rad/s): short enough to be a tangent, long
-# enough to lose but 1e-11 of it to rounding.
-SMALLEST_SECANT = 1e-5
+# enough to lose but 1e-13 of it to rounding.
+SMALLEST_SECANT = 1e-3
 # Below this speed in rad/s a rotor that friction holds is at rest: its sign is that of a rounding error.
 STANDSTILL = 1e-9
 

@@ -145,6 +145,16 @@ def diagnose(
     cases: CasePaths,
     out: Out = Path("results"),
     effect: Effects = None,
+    add: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--add", metavar="NAME", help="Add this effect, whatever the data say; seek no other.", show_default=False
+        ),
+    ] = None,
+    without: Annotated[
+        list[str] | None,
+        typer.Option("--without", metavar="NAME", help="Rule this effect out.", show_default=False),
+    ] = None,
     answer_only: Annotated[
         bool, typer.Option("--answer-only", help="Write answer.json and extended.toml, no pictures.")
     ] = False,
@@ -152,7 +162,7 @@ def diagnose(
     """Find which physics a model misses: answer.json, extended.toml, pictures and report.html for each case."""
     from workbench.commands.diagnose import diagnose_all
 
-    diagnose_all(cases, out, effect or [], answer_only=answer_only)
+    diagnose_all(cases, out, effect or [], answer_only=answer_only, add=add or [], without=without or [])
 
 
 @app.command(epilog="Example: jaxmodel demo --out demo-results")

@@ -7,7 +7,8 @@ import pytest
 
 from discrepancy.diagnose import diagnose
 from discrepancy.result import VERDICTS, Diagnosis, answer
-from tests.discrepancy.made_cases import NOISE_V, TRUE, made_cell, made_cell_with_unknown_law
+from jaxmodel.errors import EffectError
+from tests.discrepancy.made_cases import NOISE_V, TRUE, MadeCell, made_cell, made_cell_with_unknown_law
 
 HIDDEN = {
     "ocv_hysteresis": {"M_V": 0.02, "g": 60.0},
@@ -83,3 +84,34 @@ def test_law_in_no_catalogue_is_unknown(tmp_path):
     assert diagnosis.unexplained is not None
     assert "voltage_V" in diagnosis.unexplained
     assert "soc" in diagnosis.unexplained
+
+
+@pytest.fixture(scope="module")
+def hysteresis(tmp_path_factory) -> MadeCell:
+    return made_cell(tmp_path_factory.mktemp("overruled"), {"ocv_hysteresis": HIDDEN["ocv_hysteresis"]})
+
+
+def test_what_the_user_rules_out_is_not_named(hysteresis):
+    """Without the true effect the answer is another one or none, and it is worse."""
+    diagnosis = diagnose(hysteresis.case, without=["ocv_hysteresis"])
+    assert "ocv_hysteresis" not in {effect.name for effect in diagnosis.effects}
+    assert not any("ocv_hysteresis" in name for name, _ in diagnosis.candidates)
+    assert diagnosis.verdict != "adequate"
+
+
+def test_what_the_user_adds_is_in_the_model_and_does_not_look_better_than_it_is(hysteresis):
+    """A wrong effect is fitted as asked; the verdict still says that something is missing."""
+    diagnosis = diagnose(hysteresis.case, add=["self_discharge"])
+    assert [effect.name for effect in diagnosis.effects] == ["self_discharge"]
+    assert diagnosis.final.added == ("self_discharge",)
+    assert diagnosis.verdict == "unknown_effect"
+    right = diagnose(hysteresis.case, add=["ocv_hysteresis"])
+    assert right.verdict == "missing_effect"
+    assert right.final.errors["voltage_V"].fit < 0.9 * diagnosis.final.errors["voltage_V"].fit
+
+
+def test_a_name_that_is_no_candidate_is_one_sentence(hysteresis):
+    with pytest.raises(EffectError, match=r"'ocv_hysteresys'.*[Dd]id you mean.*ocv_hysteresis"):
+        diagnose(hysteresis.case, without=["ocv_hysteresys"])
+    with pytest.raises(EffectError, match="'windage'"):  # of a motor
+        diagnose(hysteresis.case, add=["windage"])

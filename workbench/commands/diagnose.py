@@ -6,7 +6,8 @@ import json
 import sys
 import time
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,8 @@ def diagnose_all(
     *,
     try_effects: bool = True,
     answer_only: bool = False,
+    add: Sequence[str] = (),
+    without: Sequence[str] = (),
 ) -> list[Diagnosis]:
     """Diagnose cases one after the other, each into `out/CASE/`; go on where one cannot be used.
 
@@ -53,12 +56,15 @@ def diagnose_all(
         effects: the user's own, as `file.py:Class`.
         try_effects: False calibrates the base model only.
         answer_only: leave out pictures and report.
+        add: names of effects to be in the model, whatever the data say.
+        without: names of effects that are ruled out.
 
     Raises:
         UserError: the only case, or an effect, cannot be used, or two cases have one name.
         typer.Exit: with code 2, after all others, where one of several cases could not be diagnosed.
     """
     own = own_effects(effects)
+    look = partial(diagnose, add=add, without=without) if try_effects else compare
     _check_names(paths)
     start(out)
     done: list[Diagnosis] = []
@@ -67,7 +73,7 @@ def diagnose_all(
     for number, path in enumerate(paths):
         place = _place(number, len(paths), time.perf_counter() - began)
         try:
-            done.append(_diagnose_one(path, place, out, own, try_effects, answer_only))
+            done.append(_diagnose_one(path, place, out, own, look, answer_only))
         except Exception as error:
             if len(paths) == 1:
                 raise
@@ -103,11 +109,17 @@ def _place(number: int, of: int, elapsed_s: float) -> str:
 
 
 def _diagnose_one(
-    path: Path, place: str, out: Path, own: Mapping[str, type[Effect]], try_effects: bool, answer_only: bool
+    path: Path,
+    place: str,
+    out: Path,
+    own: Mapping[str, type[Effect]],
+    look: Callable[..., Diagnosis],
+    answer_only: bool,
 ) -> Diagnosis:
+    try_effects = look is not compare
     case = read_case(path)
     with terminal.told(f"{case.name}{place}", DONE_BY if try_effects else None) as progress:
-        diagnosis = (diagnose if try_effects else compare)(case, extra_effects=own, progress=progress)
+        diagnosis = look(case, extra_effects=own, progress=progress)
         folder = out / case.name
         folder.mkdir(parents=True, exist_ok=True)
         extended, notes = extended_case(diagnosis, catalogue_with(own))
