@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import dataclasses
 import functools
@@ -23,7 +24,7 @@ from discrepancy.screen import Screen, screen, warm_up
 from jaxmodel.cases import Case
 from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
-from jaxmodel.errors import EffectError, nearest
+from jaxmodel.errors import EffectError, UserError, nearest
 from jaxmodel.names import parameter_table
 from jaxmodel.ports import Effect
 
@@ -87,7 +88,12 @@ class Session:
 
     def warm_up(self) -> Thread:
         """Begin to compile the screening program, which takes as long as the first fits, beside them."""
-        thread = Thread(target=lambda: warm_up(*self._switchable), daemon=True)
+
+        def prepare() -> None:
+            with contextlib.suppress(UserError):  # the calibration will meet the same mistake, and tell it
+                warm_up(*self._switchable)
+
+        thread = Thread(target=prepare, daemon=True)
         thread.start()
         return thread
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import inspect
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -66,10 +67,11 @@ def load_effect_class(reference: str) -> type[Effect]:
     path = Path(file)
     if not class_name or not path.is_file():
         raise EffectError(f"--effect {reference}: give an existing file and a class, as in my_effects.py:MagnetAgeing.")
-    spec = importlib.util.spec_from_file_location(path.stem, path)
+    spec = importlib.util.spec_from_file_location(f"own_{path.stem}", path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # where a dataclass looks up annotations that are text
     try:
         spec.loader.exec_module(module)
     except EffectError:
@@ -81,7 +83,23 @@ def load_effect_class(reference: str) -> type[Effect]:
         raise EffectError(
             f"--effect {reference}: {path.name} has no class '{class_name}' derived from jaxmodel.ports.Effect."
         )
+    if missing := _missing(cls):
+        raise EffectError(
+            f"--effect {reference}: {class_name} has no {missing}; docs/your_own_effect.md shows one whole."
+        )
     return cls
+
+
+def _missing(cls: type[Effect]) -> str:
+    """Return what an effect class does not declare, of what it needs to take part in everything."""
+    for attribute in ("name", "kinds", "equation"):
+        if not getattr(cls, attribute, None):
+            return attribute
+    table = describe(cls)
+    if not table:
+        return "parameter"
+    untold = [name for name, info in table.items() if info.typical is None]
+    return f"usual range of its parameter '{untold[0]}', as in typical=(0.01, 0.2)" if untold else ""
 
 
 def case_model(

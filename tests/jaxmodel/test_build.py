@@ -148,6 +148,11 @@ def test_a_users_effect_acts_like_one_of_the_catalogue(own_file: Path):
     np.testing.assert_allclose(base["voltage_V"] - changed["voltage_V"], 2.0 * 0.05 * (1.0 - base["soc"]), atol=1e-14)
 
 
+def test_a_file_may_keep_its_annotations_as_text(own_file: Path):
+    own_file.write_text("from __future__ import annotations\n" + textwrap.dedent(OWN_EFFECT))
+    assert load_effect_class(f"{own_file}:EmptyResistance").name == "empty_resistance"
+
+
 @pytest.mark.parametrize(
     ("reference", "sentence"),
     [
@@ -171,6 +176,8 @@ def test_a_reference_that_names_no_effect_is_refused(own_file: Path, reference: 
             "'serie_resistance' is not a port. Did you mean 'series_resistance'?",
         ),
         (("from typing", "from typping"), "the file does not run: No module named 'typping'."),
+        (("equation: ClassVar", "formula: ClassVar"), "EmptyResistance has no equation"),
+        (("typical=", "shape_grid="), "has no usual range of its parameter 'r', as in typical=(0.01, 0.2)"),
     ],
 )
 def test_a_file_that_is_wrong_says_how(own_file: Path, change: tuple[str, str], sentence: str):

@@ -27,14 +27,12 @@ def own_effects(references: Sequence[str]) -> dict[str, type[Effect]]:
     """Return the effect classes that `file.py:Class` names, by their names.
 
     Raises:
-        EffectError: a class cannot be loaded, has no name, or takes that of another effect.
+        EffectError: a class cannot be loaded, is not whole, or takes the name of another effect.
     """
     found: dict[str, type[Effect]] = {}
     for reference in references:
         cls = load_effect_class(reference)
-        name = getattr(cls, "name", None)
-        if not isinstance(name, str):
-            raise EffectError(f'--effect {reference}: the class has no name; add name: ClassVar[str] = "my_effect".')
+        name = cls.name
         if name in CATALOGUE or name in found:
             raise EffectError(
                 f"--effect {reference}: there is an effect called '{name}' already; give it another name."
