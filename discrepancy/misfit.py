@@ -32,6 +32,7 @@ class Block:
         p_value: of so large a chi-square under a right model, corrected for the number of blocks.
         knots: values of the variable.
         law: the law at the knots, in the channel's unit (per unit of the multiplier).
+        drop: the same drop in chi-square over the stated noise, the unit in which fitted models are compared.
     """
 
     channel: str
@@ -42,6 +43,7 @@ class Block:
     p_value: float
     knots: np.ndarray
     law: np.ndarray
+    drop: float = np.inf
 
     @property
     def significant(self) -> bool:
@@ -112,7 +114,9 @@ def deficiency_map(
                 explained = float(np.sum(along**2)) / variance
                 law = np.zeros(knots.size)
                 law[hats_kept] = (mix[own].T @ (along / size[own])) / length[hats_kept]
-                found.append((channel, multiplier, variable, explained, int(own.sum()), knots, law))
+                found.append(
+                    (channel, multiplier, variable, explained, int(own.sum()), knots, law, explained * variance)
+                )
     blocks = [
         Block(
             channel=channel,
@@ -123,8 +127,9 @@ def deficiency_map(
             p_value=min(1.0, len(found) * float(chi2_distribution.sf(explained, rank))),
             knots=knots,
             law=law,
+            drop=drop,
         )
-        for channel, multiplier, variable, explained, rank, knots, law in found
+        for channel, multiplier, variable, explained, rank, knots, law, drop in found
     ]
     return sorted(blocks, key=lambda block: block.chi2 - block.rank * np.log(rows), reverse=True)
 

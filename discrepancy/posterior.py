@@ -70,7 +70,8 @@ def _gain(blocks: Sequence[Block], readings: float) -> float:
     """Return what the strongest unknown laws, one for each channel that needs one, add to a model's log evidence."""
     gains: dict[str, float] = {}
     for block in blocks:
-        gain = 0.5 * block.chi2 - 0.5 * block.rank * np.log(readings) - np.log(len(blocks))
+        # In no unit may a law explain more than there was: where the noise is overstated its own scatter says too much.
+        gain = 0.5 * min(block.chi2, block.drop) - 0.5 * block.rank * np.log(readings) - np.log(len(blocks))
         gains[block.channel] = max(gains.get(block.channel, -np.inf), gain)
     needed = [gain for gain in gains.values() if gain > 0.0]
     return sum(needed) if needed else max(gains.values(), default=0.0)
