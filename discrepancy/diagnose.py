@@ -125,7 +125,9 @@ def diagnose(
     base = session.hypothesis()
     _tell(progress, "weighing")
     # A law in no catalogue may stand beside the best effects, or in place of effects that only come near it.
-    left = {base.labels: misfit(session, base, first), best.labels: misfit(session, best, screened)}
+    left = {best.labels: misfit(session, best, screened)}
+    if any(block.significant for block in left[best.labels]):
+        left[base.labels] = misfit(session, base, first)
     weighed, beside = probabilities(session.known(), best, left, session.candidates)
     unexplained = next((block for block in left[beside] if block.significant), None)
     verdict = "unknown_effect" if remarks else _verdict(session, best, weighed, unexplained)
