@@ -104,15 +104,11 @@ def screen(
     absent = [(place, candidate) for place, candidate in enumerate(candidates) if candidate.label not in present]
     for place, candidate in absent:
         for probe in candidate.probes:
-            moved = here.copy()
-            moved[list(layout.of_effect[candidate.label])] = probe
             for step in (SWITCH_STEP, 1.0):
-                on = at_model.copy()
-                on[place] = step
-                lanes.append((moved, on))
+                lanes.append(_switched_on(here, at_model, place, layout.of_effect[candidate.label], probe, step))
     counted = np.asarray(problem.readings.fit) > 0.0
-    residual = _evaluate(problem, lanes[:1])[0, counted]
     rows = _evaluate(quiet or problem, lanes)[:, counted]
+    residual = rows[0] if quiet is None else _evaluate(problem, lanes[:1])[0, counted]
 
     count = len(own)
     base = -(rows[1 : 1 + 2 * count : 2] - rows[2 : 2 + 2 * count : 2]).T / (2.0 * BASE_STEP)
@@ -147,10 +143,18 @@ def screen(
     return Screen(table, probes, base, residual, counted)
 
 
-def _switched_on(here: np.ndarray, at_model: np.ndarray, place: int, numbers: Sequence[int], probe: Sequence[float]):
+def _switched_on(
+    here: np.ndarray,
+    at_model: np.ndarray,
+    place: int,
+    numbers: Sequence[int],
+    probe: Sequence[float],
+    step: float = 1.0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lane in which one candidate is switched on, wholly or by a step, at a probe of its parameters."""
     moved, on = here.copy(), at_model.copy()
     moved[list(numbers)] = probe
-    on[place] = 1.0
+    on[place] = step
     return moved, on
 
 

@@ -142,7 +142,7 @@ class Session:
             return None
         variance = variance_from_inputs(best.problem, best.fitted.x, input_sd)
         other = self._again(_variance_from_inputs=variance)
-        old, new = (np.asarray(problem.readings.sd) for problem in (best.problem, other.hypothesis().problem))
+        old, new = (np.asarray(problem.readings.sd) for problem in (best.problem, other._problem(())[0]))
         counted = np.asarray(best.problem.readings.fit) > 0.0
         changed = np.abs(new / old - 1.0)[counted] > NOISE_CHANGED
         return other if np.mean(changed) > NOISE_CHANGED_SHARE else None
