@@ -9,18 +9,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from jaxmodel.cases import Case, Run
+from jaxmodel.cases import Case, Run, with_preset
 from jaxmodel.curves import CURVE_NAMES, CellCurves, Curve, Table, look_up_curves
 from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
-from jaxmodel.errors import EffectError, ParameterError, nearest
+from jaxmodel.errors import EffectError, nearest
 from jaxmodel.measurements import file_label
 from jaxmodel.model import Model
 from jaxmodel.parameters import Parameters
 from jaxmodel.ports import Effect
 from jaxmodel.profile import Profile
 
-PRESETS = {"paper": "the robot of the paper: 6S1P 5.2 Ah pack, two maxon RE50 motors"}
 FIDELITIES = ("formula", "lut")
 
 
@@ -112,12 +111,11 @@ def case_model(
     """Return the model that a case describes: preset, parameters, tables and effects; of one run, with its overrides.
 
     Raises:
-        ParameterError: unknown preset.
+        ParameterError: the preset is unknown or serves other kinds.
         EffectError: an effect is unknown or does not apply to the kind.
     """
     where = file_label(case.path)
-    if case.preset not in PRESETS:
-        raise ParameterError(f"{where}: no preset is called '{case.preset}'.{nearest(case.preset, PRESETS)}")
+    case = with_preset(case)
     known: dict[str, Any] = {name: entry.value for name, entry in case.parameters.items()}
     if run is not None:
         known |= {name: entry.value for name, entry in run.overrides.items()}

@@ -42,6 +42,7 @@ class KnownEntry(_Entry):
 
     value: float
     sd: float | None = Field(default=None, gt=0)
+    source: str = ""
 
     @model_validator(mode="before")
     @classmethod
@@ -124,6 +125,7 @@ class VoltageTable(TableEntry):
     """An open-circuit voltage [V] over SOC."""
 
     voltage_V: Values
+    source: str = ""
     value_key = "voltage_V"
     positive = False
 
@@ -132,6 +134,7 @@ class ResistanceTable(TableEntry):
     """A resistance [ohm] over SOC."""
 
     ohm: Values
+    source: str = ""
     value_key = "ohm"
 
 
@@ -139,6 +142,7 @@ class CapacitanceTable(TableEntry):
     """A capacitance [F] over SOC."""
 
     farad: Values
+    source: str = ""
     value_key = "farad"
 
 

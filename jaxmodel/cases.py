@@ -11,36 +11,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-
-from jaxmodel.case_schema import KnownEntry, RunEntry, TableEntry, parse_case
-from jaxmodel.errors import MeasurementError, nearest
+from jaxmodel.case_schema import RunEntry, parse_case
+from jaxmodel.errors import MeasurementError, ParameterError, nearest
+from jaxmodel.known import Known, Table, scalars, tables
 from jaxmodel.measurements import KINDS, Measured, file_label, read_measurements, read_utf8
-from jaxmodel.parameters import info
-
-
-@dataclasses.dataclass(frozen=True)
-class Known:
-    """What is known of a number: its value, and its standard deviation (None: known exactly)."""
-
-    value: float
-    sd: float | None = None
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Table:
-    """A curve over SOC, or over SOC and temperature; linear between the points, held at the ends.
-
-    Attributes:
-        soc: strictly increasing states of charge, shape (soc,).
-        values: V of `ocv`, ohm of `R_ints`, `R_TS` and `R_TL`, F of `C_TS` and `C_TL`; shape (soc,), or
-            (temperature, soc) where `temperature_degC` is given.
-        temperature_degC: strictly increasing temperatures, shape (temperature,), or None.
-    """
-
-    soc: np.ndarray
-    values: np.ndarray
-    temperature_degC: np.ndarray | None = None
+from jaxmodel.presets import PRESETS, read_preset, why_not
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -113,28 +88,42 @@ def read_case(path: str | Path) -> Case:
     where = file_label(toml)
     entry = parse_case(read_utf8(toml), where)
 
-    scalars = _checked(entry.parameters.__pydantic_extra__, f"{where}: [parameters]")
-    default_soc = scalars.pop("initial_soc", Known(1.0))
-    tables = {name: table for name, table in entry.parameters if isinstance(table, TableEntry)}
+    numbers = scalars(entry.parameters.__pydantic_extra__, f"{where}: [parameters]")
+    default_soc = numbers.pop("initial_soc", Known(1.0))
     _check_sensors(entry.sensors, entry.kind, where)
     files = _files(entry.runs, toml, where)
     runs = tuple(
         _run(run, file, entry.kind, default_soc, f"{where}, the run of {run.file}: runs[{number}]")
         for number, (run, file) in enumerate(zip(entry.runs, files, strict=True), start=1)
     )
-    return Case(
+    case = Case(
         name=toml.parent.name,
         path=toml,
         title=entry.title or toml.parent.name,
         kind=entry.kind,
         preset=entry.preset,
-        parameters=scalars,
-        tables={name: _table(table) for name, table in tables.items()},
+        parameters=numbers,
+        tables=tables(entry.parameters),
         effects={name: effect.model_dump(exclude_none=True) for name, effect in entry.effects.items()},
         sensors=dict(entry.sensors),
         runs=runs,
         cutoff=entry.cutoff.model_dump(exclude_none=True),
     )
+    # A preset of unknown name is for the model to refuse: who only reads the measurements needs none.
+    return with_preset(case) if case.preset in PRESETS else case
+
+
+def with_preset(case: Case) -> Case:
+    """Return a case with what its preset states, uncertainty included; the case's own entries win over the preset's.
+
+    Raises:
+        ParameterError: the preset is unknown or serves other kinds.
+    """
+    if problem := why_not(case.preset, case.kind):
+        raise ParameterError(f"{file_label(case.path)}: {problem}")
+    preset = read_preset(case.preset)
+    parameters, curves = preset.parameters | case.parameters, preset.tables | case.tables
+    return dataclasses.replace(case, parameters=parameters, tables=curves)
 
 
 def _toml_file(path: Path) -> Path:
@@ -158,21 +147,11 @@ def _run(entry: RunEntry, file: Path, kind: str, default_soc: Known, where: str)
         file=entry.file,
         split=entry.split,
         label=entry.label,
-        initial_soc=_checked(stated_soc, where).get("initial_soc", default_soc),
-        overrides=_checked(entry.__pydantic_extra__, where),
+        initial_soc=scalars(stated_soc, where).get("initial_soc", default_soc),
+        overrides=scalars(entry.__pydantic_extra__, where),
         measured=read_measurements(file, kind, entry.ambient_degC),
         source=file,
     )
-
-
-def _checked(entries: Mapping[str, KnownEntry], where: str) -> dict[str, Known]:
-    """Return scalar parameters after a look at their bounds."""
-    return {name: Known(info(name, where).check(entry.value, where), entry.sd) for name, entry in entries.items()}
-
-
-def _table(entry: TableEntry) -> Table:
-    temperature_degC = None if entry.temperature_degC is None else np.array(entry.temperature_degC, dtype=float)
-    return Table(np.array(entry.soc, dtype=float), np.array(entry.values, dtype=float), temperature_degC)
 
 
 def _check_sensors(sensors: Mapping[str, float], kind: str, where: str) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxmodel.build import PRESETS, case_model
+from jaxmodel.build import case_model
 from jaxmodel.cases import Case, read_case
 from jaxmodel.declaration import ParameterInfo
 from jaxmodel.effects import CATALOGUE
@@ -17,6 +17,7 @@ from jaxmodel.errors import SweepError, nearest
 from jaxmodel.measurements import KINDS, read_measurements, read_utf8
 from jaxmodel.model import Model
 from jaxmodel.names import parameter_table, with_values
+from jaxmodel.presets import why_not
 from jaxmodel.profile import Profile, constant
 from jaxmodel.simulate import Cutoff
 from sweeps.metrics import Metric, metrics_of
@@ -97,8 +98,8 @@ def _case(study: StudyForm) -> Case:
         case = dataclasses.replace(case, effects=effects)
     elif study.kind is None:
         raise SweepError('kind is missing; add kind = "cell", "motor" or "robot", or name a case.')
-    elif study.preset not in PRESETS:
-        raise SweepError(f"preset: no preset is called '{study.preset}'.{nearest(study.preset, PRESETS)}")
+    elif problem := why_not(study.preset, study.kind):
+        raise SweepError(f"preset: {problem}")
     else:
         case = Case("study", Path("effects"), study.title, study.kind, study.preset, {}, {}, {}, {}, (), {})
     for name in study.effects:

@@ -1,0 +1,54 @@
+"""What a file states of a piece of hardware, checked: numbers with their uncertainty, and curves."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+
+from jaxmodel.case_schema import KnownEntry, ParametersEntry, TableEntry
+from jaxmodel.parameters import info
+
+
+@dataclasses.dataclass(frozen=True)
+class Known:
+    """What is known of a number: its value, and its standard deviation (None: known exactly)."""
+
+    value: float
+    sd: float | None = None
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Table:
+    """A curve over SOC, or over SOC and temperature; linear between the points, held at the ends.
+
+    Attributes:
+        soc: strictly increasing states of charge, shape (soc,).
+        values: V of `ocv`, ohm of `R_ints`, `R_TS` and `R_TL`, F of `C_TS` and `C_TL`; shape (soc,), or
+            (temperature, soc) where `temperature_degC` is given.
+        temperature_degC: strictly increasing temperatures, shape (temperature,), or None.
+    """
+
+    soc: np.ndarray
+    values: np.ndarray
+    temperature_degC: np.ndarray | None = None
+
+
+def scalars(entries: Mapping[str, KnownEntry], where: str) -> dict[str, Known]:
+    """Return scalar parameters after a look at their bounds.
+
+    Raises:
+        ParameterError: one is unknown or outside its bounds.
+    """
+    return {name: Known(info(name, where).check(entry.value, where), entry.sd) for name, entry in entries.items()}
+
+
+def tables(entries: ParametersEntry) -> dict[str, Table]:
+    """Return the curves among `[parameters]`, by name."""
+    return {name: _table(entry) for name, entry in entries if isinstance(entry, TableEntry)}
+
+
+def _table(entry: TableEntry) -> Table:
+    temperature_degC = None if entry.temperature_degC is None else np.array(entry.temperature_degC, dtype=float)
+    return Table(np.array(entry.soc, dtype=float), np.array(entry.values, dtype=float), temperature_degC)

@@ -1,0 +1,91 @@
+"""Hardware by name: the paper's robot, and real cells and motors, each a TOML file of this folder.
+
+A preset states, in the form of a case's `[parameters]`, what data told of one piece of hardware, with uncertainty and
+source. What it does not state is the paper's.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import tomllib
+from importlib import resources
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict
+
+from jaxmodel.case_schema import ParametersEntry
+from jaxmodel.errors import nearest
+from jaxmodel.known import Known, Table, scalars, tables
+
+Kind = Literal["cell", "motor", "robot"]
+# The titles stand here too, so that to list the presets, or to use the paper's, opens no file.
+PRESETS = {
+    "paper": "the robot of the paper: 6S1P 5.2 Ah pack, two maxon RE50 motors",
+}
+
+
+class HeldOut(BaseModel):
+    """How far the preset is from a run that was not used to make it: RMS in the column's unit."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    run: str
+    column: str
+    rms: float
+
+
+class PresetForm(BaseModel):
+    """The whole of a preset's file."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    title: str
+    kinds: list[Kind]
+    data: str
+    licence: str
+    parameters: ParametersEntry
+    held_out: list[HeldOut]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Preset:
+    """One piece of hardware.
+
+    Attributes:
+        name: a key of `PRESETS`.
+        kinds: the kinds of model that it serves.
+        parameters: scalar parameters by name.
+        tables: curves by name.
+    """
+
+    name: str
+    kinds: tuple[Kind, ...]
+    parameters: dict[str, Known]
+    tables: dict[str, Table]
+
+
+def read_form(name: str) -> PresetForm:
+    """Return the file of a preset other than the paper's, with data set, licence and errors on held-out runs."""
+    text = (resources.files(__name__) / f"{name}.toml").read_text(encoding="utf-8")
+    return PresetForm.model_validate(tomllib.loads(text))
+
+
+@functools.cache
+def read_preset(name: str) -> Preset:
+    """Return a preset by its name, a key of `PRESETS`."""
+    if name == "paper":
+        return Preset(name, ("cell", "motor", "robot"), {}, {})
+    form = read_form(name)
+    numbers = scalars(form.parameters.__pydantic_extra__, f"preset '{name}'")
+    return Preset(name, tuple(form.kinds), numbers, tables(form.parameters))
+
+
+def why_not(name: str, kind: str) -> str:
+    """Return why a preset cannot serve a kind of model, as a sentence; '' where it can."""
+    if name not in PRESETS:
+        return f"no preset is called '{name}'.{nearest(name, PRESETS)}"
+    kinds = read_preset(name).kinds
+    if kind in kinds:
+        return ""
+    return f"preset '{name}' ({PRESETS[name]}) serves kind {' and '.join(kinds)}, not '{kind}'; use another of the two."
