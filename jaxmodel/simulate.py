@@ -65,8 +65,9 @@ def track(model: Model, profile: Profile, steps: int | None = None) -> Track:
     if steps is not None:
         grid = grid.padded(steps)
     rows = np.concatenate([[0], grid.row])
-    inputs = {name: jnp.asarray(values[rows]) for name, values in profile.inputs.items()}
-    return Track(jnp.asarray(grid.duration_s), inputs, jnp.asarray(grid.last_step))
+    inputs = {name: values[rows] for name, values in profile.inputs.items()}
+    # In one transfer: one by one, each shape would compile a program of its own.
+    return Track(*jax.device_put((grid.duration_s, inputs, grid.last_step)))
 
 
 def _grid(model: Model, profile: Profile) -> Grid:

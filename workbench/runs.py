@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
@@ -84,7 +85,7 @@ def simulate_case(
             progress(run.name)
         course = track(model, profile, steps)
         missing = rows - profile.time_s.size
-        last_step = jnp.pad(course.last_step, (0, missing), mode="edge")
+        last_step = jnp.asarray(np.pad(course.last_step, (0, missing), mode="edge"))
         course = eqx.tree_at(lambda c: c.last_step, course, last_step)
         ran = run_track(model, course, jnp.asarray(np.pad(profile.time_s, (0, missing), mode="edge")), cutoff)
         outcomes.append(_outcome(case.kind, run, ran, profile.time_s.size))
@@ -92,7 +93,8 @@ def simulate_case(
 
 
 def _outcome(kind: str, run: Run, ran: Trajectory, rows: int) -> Outcome:
-    time_s = np.asarray(ran.time_s[:rows])
+    ran = jax.tree.map(np.asarray, ran)  # cut by JAX, each column would compile a program
+    time_s = ran.time_s[:rows]
     status = Status(int(ran.status))
     end = min(int(ran.end_row), rows - 1)
     columns = {"time_s": time_s}
