@@ -142,7 +142,7 @@ def candidates(case: Case, catalogue: Mapping[str, type[Effect]] = CATALOGUE) ->
         if not cls.is_sensor:
             found.append(make_candidate(cls()))
             continue
-        for column in _sensor_columns(name, columns):
+        for column in [column for column in columns if column.endswith(cls.reads)] if cls.reads else [""]:
             found.append(make_candidate(cls(column=column)))
     return found
 
@@ -154,11 +154,3 @@ def _columns(case: Case) -> list[str]:
             if np.any(np.isfinite(values)):
                 measured[name] = None
     return list(measured)
-
-
-def _sensor_columns(effect: str, columns: list[str]) -> list[str]:
-    """Return the columns a sensor effect may sit on, by the quantity in its name; a clock is one for all outputs."""
-    if effect == "clock_shift":
-        return [""]
-    unit = {"current": "_A", "voltage": "_V", "temperature": "temperature_degC"}[effect.split("_")[0]]
-    return [column for column in columns if column.endswith(unit)]

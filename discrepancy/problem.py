@@ -18,7 +18,7 @@ from jaxmodel.build import case_model, run_profile
 from jaxmodel.cases import Case
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import FitError
-from jaxmodel.measurements import KINDS
+from jaxmodel.measurements import KINDS, file_label
 from jaxmodel.model import Model, read
 from jaxmodel.names import with_values
 from jaxmodel.parameters import info
@@ -135,7 +135,7 @@ def make_layout(case: Case, effects: Sequence[Candidate]) -> Layout:
                 fixed_in.append(())
     if not coordinates:
         raise FitError(
-            f"{case.path}: nothing to calibrate; give at least one parameter an uncertainty, "
+            f"{file_label(case.path)}: nothing to calibrate; give at least one parameter an uncertainty, "
             f"as in capacity_Ah = {{ value = 5.2, sd = 0.15 }}."
         )
     base = len(coordinates)
@@ -251,7 +251,7 @@ def make_problem(
     models = [_with_effects(model, behind_switches) for model in models]
     readings = _readings(case, noise, KINDS[case.kind].outputs, times.shape[1], variance_from_inputs)
     if not np.any(readings.fit):
-        raise FitError(f'{case.path}: no reading of a run with split = "fit"; mark at least one such run.')
+        raise FitError(f'{file_label(case.path)}: no reading of a run with split = "fit"; mark at least one such run.')
     parts = {
         field: jnp.asarray([getattr(coordinate, field) for coordinate in layout.coordinates])
         for field in ("logarithmic", "centre", "spread", "origin", "sign")

@@ -14,7 +14,7 @@ from jaxmodel.curves import CURVE_NAMES, CellCurves, Curve, Table, look_up_curve
 from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import EffectError, nearest
-from jaxmodel.measurements import file_label
+from jaxmodel.measurements import KINDS, file_label
 from jaxmodel.model import Model
 from jaxmodel.parameters import Parameters
 from jaxmodel.ports import Effect
@@ -51,8 +51,8 @@ def make_effect(
                 f"It takes {', '.join([*table, *(['column'] if cls.is_sensor else [])])}."
             )
         numbers[field] = table[field].check(given, f"{where}, effect '{name}'")
-    if cls.is_sensor and name != "clock_shift" and not values.get("column"):
-        raise EffectError(f"{where}: effect '{name}' needs a column, as in {name} = {{ column = \"voltage_V\", ... }}.")
+    if cls.reads and not values.get("column"):
+        raise EffectError(f"{where}: effect '{name}' needs a column, one that ends in {cls.reads}.")
     return cls(**numbers, **({"column": values.get("column", "")} if cls.is_sensor else {}))
 
 
@@ -136,6 +136,10 @@ def case_model(
                 f"{where}: effect '{effect.name}' applies to {' and '.join(effect.kinds)}, "
                 f"not to kind '{case.kind}'; remove it."
             )
+        columns = [column for column in KINDS[case.kind].columns if column.endswith(effect.reads)]
+        if effect.column and effect.column not in columns:
+            hint = nearest(effect.column, columns) or f" It may sit on {', '.join(columns)}."
+            raise EffectError(f"{where}: effect '{effect.name}' has no column '{effect.column}' to sit on.{hint}")
     return Model(kind=case.kind, parameters=Parameters(**known), curves=CellCurves(**chosen), effects=effects)
 
 

@@ -37,6 +37,7 @@ class ParameterInfo:
     null: float | None = None
     typical: tuple[float, float] | None = None
     shape_grid: tuple[float, ...] = ()
+    whole: bool = False
 
     def check(self, value: Any, where: str) -> float:
         """Return `value` as a float; raise ParameterError where it is not a number within the bounds."""
@@ -47,6 +48,8 @@ class ParameterInfo:
                 f"{where}: '{self.name}' = {value:g} is outside its range {self.lower:g} to {self.upper:g}"
                 f"{' ' + self.unit if self.unit else ''}; correct the value or its unit."
             )
+        if self.whole and value != round(value):
+            raise ParameterError(f"{where}: '{self.name}' = {value:g} counts things; give a whole number.")
         return float(value)
 
 
@@ -64,6 +67,7 @@ def parameter(
     null: float | None = None,
     typical: tuple[float, float] | None = None,
     shape_grid: tuple[float, ...] = (),
+    whole: bool = False,
 ) -> Any:
     """Declare a parameter as a field of a module, with what the table says of it.
 
@@ -80,6 +84,7 @@ def parameter(
         null: of an effect's amplitude, the value at which the model is the base model, to the bit.
         typical: of an effect's parameter, the range that a designer meets often.
         shape_grid: of a parameter that has no derivative at the effect's null, the values to be tried.
+        whole: True of a number of things.
     """
     info = {
         "unit": unit,
@@ -94,6 +99,7 @@ def parameter(
         "null": null,
         "typical": typical,
         "shape_grid": shape_grid,
+        "whole": whole,
     }
     return eqx.field(default=default, converter=_as_array, metadata={"parameter": info})
 

@@ -59,7 +59,13 @@ KINDS: dict[str, Kind] = {
         required_inputs=("ambient_degC",),
         alternatives=(("duty", "V_set"), ("load_torque_Nm", "incline_deg")),
         optional_inputs=("acceleration_m_s2", "flipper_torque_Nm", "flipper_duty", "arm_torque_Nm", "arm_duty"),
-        only_with={"acceleration_m_s2": "incline_deg"},
+        only_with={
+            "acceleration_m_s2": "incline_deg",
+            "flipper_torque_Nm": "flipper_duty",
+            "flipper_duty": "flipper_torque_Nm",
+            "arm_torque_Nm": "arm_duty",
+            "arm_duty": "arm_torque_Nm",
+        },
         outputs=(
             "pack_voltage_V",
             "pack_current_A",

@@ -99,7 +99,7 @@ class Parameters(eqx.Module):
         source="design: 0 is the formula or table itself",
     )
     n_series: Scalar = parameter(
-        6.0, unit="", meaning="cells in series in the pack", lower=1.0, upper=1000.0, source=_PAPER
+        6.0, unit="", meaning="cells in series in the pack", lower=1.0, upper=1000.0, whole=True, source=_PAPER
     )
     nominal_cell_voltage_V: Scalar = parameter(
         3.8,
@@ -239,10 +239,16 @@ class Parameters(eqx.Module):
         source=_RE50,
     )
     n_motors: Scalar = parameter(
-        2.0, unit="", meaning="track motors, equal and equally loaded", lower=1.0, upper=100.0, source=_PAPER
+        2.0,
+        unit="",
+        meaning="track motors, equal and equally loaded",
+        lower=1.0,
+        upper=100.0,
+        whole=True,
+        source=_PAPER,
     )
-    n_flipper_motors: Scalar = parameter(2.0, unit="", meaning="flipper motors", lower=0.0, upper=100.0)
-    n_arm_motors: Scalar = parameter(1.0, unit="", meaning="arm motors", lower=0.0, upper=100.0)
+    n_flipper_motors: Scalar = parameter(2.0, unit="", meaning="flipper motors", lower=0.0, upper=100.0, whole=True)
+    n_arm_motors: Scalar = parameter(1.0, unit="", meaning="arm motors", lower=0.0, upper=100.0, whole=True)
     onboard_current_A: Scalar = parameter(
         0.3,
         unit="A",

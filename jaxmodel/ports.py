@@ -96,9 +96,10 @@ _HOOKS = {"initial_state", "flows"}
 class Effect(eqx.Module):
     """A candidate effect: parameters as fields, one method for each port it touches.
 
-    `column` is that of a sensor effect, "" for others. `switch` is for those who test many effects at once: at 0 the
-    effect is absent to the bit, at 1 present, and the derivative by it at 0 is the direction in which the effect moves
-    the model. None, the default, is a plain 1.
+    `column` is that of a sensor effect, "" for others, and `reads` the ending of the columns that it may sit on ("" is
+    one for all outputs). `switch` is for those who test many effects at once: at 0 the effect is absent to the bit, at
+    1 present, and the derivative by it at 0 is the direction in which the effect moves the model. None, the default, is
+    a plain 1.
     """
 
     name: ClassVar[str]
@@ -106,6 +107,7 @@ class Effect(eqx.Module):
     equation: ClassVar[str]
     is_sensor: ClassVar[bool] = False
     has_memory: ClassVar[bool] = False
+    reads: ClassVar[str] = ""
 
     column: str = eqx.field(static=True, default="")
     switch: Scalar | None = None

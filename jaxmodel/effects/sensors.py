@@ -28,6 +28,7 @@ class CurrentOffset(SensorEffect):
     """The current sensor reads c too much."""
 
     name: ClassVar[str] = "current_offset"
+    reads: ClassVar[str] = "_A"
     kinds: ClassVar[tuple[str, ...]] = ANY
     equation: ClassVar[str] = "measured current = true current + c"
     c: Scalar = parameter(0.05, unit="A", meaning="offset", null=0.0, lower=-50.0, upper=50.0, typical=(-0.5, 0.5))
@@ -45,6 +46,7 @@ class VoltageGain(SensorEffect):
     """The voltage sensor's scale is off: it reads (1 + g) times the voltage."""
 
     name: ClassVar[str] = "voltage_gain"
+    reads: ClassVar[str] = "_V"
     kinds: ClassVar[tuple[str, ...]] = ANY
     equation: ClassVar[str] = "measured voltage = true voltage (1 + g)"
     g: Scalar = parameter(0.01, unit="", meaning="gain error", null=0.0, lower=-0.5, upper=0.5, typical=(-0.05, 0.05))
@@ -62,6 +64,7 @@ class VoltageOffset(SensorEffect):
     """The voltage sensor reads c too much."""
 
     name: ClassVar[str] = "voltage_offset"
+    reads: ClassVar[str] = "_V"
     kinds: ClassVar[tuple[str, ...]] = ANY
     equation: ClassVar[str] = "measured voltage = true voltage + c"
     c: Scalar = parameter(0.01, unit="V", meaning="offset", null=0.0, lower=-5.0, upper=5.0, typical=(-0.1, 0.1))
@@ -79,6 +82,7 @@ class TemperatureLag(SensorEffect):
     """A temperature sensor follows late: first-order lag, starting at the first true value."""
 
     name: ClassVar[str] = "temperature_lag"
+    reads: ClassVar[str] = "temperature_degC"
     kinds: ClassVar[tuple[str, ...]] = ANY
     equation: ClassVar[str] = "tau dT_read/dt = T - T_read"
     has_memory: ClassVar[bool] = True

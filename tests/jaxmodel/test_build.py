@@ -115,7 +115,17 @@ def test_the_effects_of_a_case_are_on(case: Case):
         (
             "voltage_gain = { g = 0.02 }",
             EffectError,
-            'needs a column, as in voltage_gain = { column = "voltage_V", ... }.',
+            "'voltage_gain' needs a column, one that ends in _V.",
+        ),
+        (
+            'voltage_gain = { g = 0.02, column = "volt_V" }',
+            EffectError,
+            "'voltage_gain' has no column 'volt_V' to sit on. Did you mean 'voltage_V'?",
+        ),
+        (
+            'voltage_gain = { g = 0.02, column = "current_A" }',
+            EffectError,
+            "'voltage_gain' has no column 'current_A' to sit on. It may sit on voltage_V.",
         ),
     ],
 )

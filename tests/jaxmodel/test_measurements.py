@@ -207,6 +207,12 @@ ROBOT = "time_s,duty,load_torque_Nm,ambient_degC,pack_voltage_V\n"
             ["'acceleration_m_s2'", "'incline_deg'"],
             id="acceleration of nothing",
         ),
+        pytest.param(
+            "robot",
+            "time_s,duty,load_torque_Nm,flipper_torque_Nm,ambient_degC\n0,0,0,0,20\n1,0,0,0,20\n",
+            ["'flipper_torque_Nm'", "'flipper_duty'"],
+            id="flippers without their duty",
+        ),
         pytest.param("cell", HEADER + "0,1,20,4\n1,1,20\n", ["line 3", "3 fields", "header has 4"], id="short row"),
         pytest.param(
             "cell", HEADER + "0,1,20,4\n1,1,20,4,1\n", ["line 3", "5 fields", "decimals with a point"], id="long row"

@@ -96,3 +96,10 @@ def test_what_is_declared_is_described():
     assert list(describe(Spring)) == ["stiffness"]
     entry = describe(Spring())["stiffness"]
     assert (entry.unit, entry.default, entry.typical, entry.null) == ("N/m", 2.0, (1.0, 3.0), None)
+
+
+def test_a_number_of_things_is_whole():
+    assert TABLE["n_series"].check(7, "case") == 7.0
+    with pytest.raises(ParameterError) as raised:
+        TABLE["n_series"].check(6.5, "case")
+    assert str(raised.value) == "case: 'n_series' = 6.5 counts things; give a whole number."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import sys
 import time
@@ -146,7 +147,10 @@ def write_pictures_and_report(
     diagnosis: Diagnosis, extended: Case, folder: Path, catalogue: Mapping[str, type[Effect]]
 ) -> dict[str, bytes]:
     """Write all pictures of a diagnosis and its report; return the pictures as PNG by name."""
-    pictures = pictures_of(diagnosis, simulate_case(extended, catalogue=catalogue))
+    outcomes = simulate_case(extended, catalogue=catalogue)
+    out_of_range = tuple(filter(None, (outcome.sentence() for outcome in outcomes)))
+    diagnosis = dataclasses.replace(diagnosis, remarks=(*diagnosis.remarks, *out_of_range))
+    pictures = pictures_of(diagnosis, outcomes)
     for name, picture in pictures.items():
         (folder / f"{name}.png").write_bytes(picture)
     write_report(diagnosis, folder / "report.html", pictures, catalogue)
@@ -173,9 +177,10 @@ def pictures_of(diagnosis: Diagnosis, outcomes: Sequence[Outcome]) -> dict[str, 
         pictures["candidates"] = png(evidence.candidates(diagnosis))
     if diagnosis.scores:
         pictures["scores"] = png(evidence.scores(diagnosis))
-    for run in diagnosis.case.runs:
+    for run, outcome in zip(diagnosis.case.runs, outcomes, strict=True):
         of_run = {name: predictions[run.name] for name, predictions in models.items()}
-        pictures[f"run-{run.name}"] = png(fit_and_residuals(run, of_run, noise_sd))
+        valid = outcome.table["valid"].to_numpy(dtype=bool)
+        pictures[f"run-{run.name}"] = png(fit_and_residuals(run, of_run, noise_sd, valid))
     return pictures
 
 

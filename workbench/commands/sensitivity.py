@@ -61,8 +61,9 @@ def moved_to(study: sweeps.Study, point: Mapping[str, float], **changes: Any) ->
     of_inputs = {name: [value] for name, value in point.items() if name in inputs}
     of_model = {name: value for name, value in point.items() if name not in inputs}
     fields = study.model_dump() | {"metrics": study.metrics, "folder": study.folder}
-    fields["axes"] = {name: v for name, v in study.axes.items() if name not in of_model} | of_inputs
-    fields["parameters"] = study.parameters | of_model
+    on_axes = {name: [value] for name, value in point.items() if name in study.axes}
+    fields["axes"] = study.axes | on_axes | of_inputs
+    fields["parameters"] = study.parameters | {n: v for n, v in of_model.items() if n not in on_axes}
     return sweeps.Study(**(fields | changes))
 
 

@@ -38,13 +38,16 @@ _WHITE_EDGE: dict[str, Any] = {"markeredgecolor": "white", "markeredgewidth": 0.
 
 
 @styled
-def fit_and_residuals(run: Run, models: Mapping[str, Predictions], noise_sd: Mapping[str, float]) -> Figure:
+def fit_and_residuals(
+    run: Run, models: Mapping[str, Predictions], noise_sd: Mapping[str, float], valid: np.ndarray | None = None
+) -> Figure:
     """Draw measurement, models and residuals of one run, a column for each measured channel.
 
     Args:
         run: the run.
         models: predictions by channel of one or two models, by the name in the legend; the better one last.
         noise_sd: the noise floor of each channel to draw, in the channel's unit.
+        valid: by row, False where the equations leave the range in which they make sense; those spans are shaded.
     """
     channels = [name for name in noise_sd if np.any(np.isfinite(run.measured.outputs.get(name, np.nan)))]
     factor, unit = minutes_or_seconds(run.measured.time_s)
@@ -65,6 +68,8 @@ def fit_and_residuals(run: Run, models: Mapping[str, Predictions], noise_sd: Map
         above.set_ylabel(_in_two_lines(channel) if blocks > 1 else column_label(channel))
         residuals = {name: measured - predictions[channel] for name, predictions in models.items()}
         draw_residuals(below, time, residuals, noise_sd[channel], split_unit(channel)[1])
+        for axes in (above, below):
+            _shade(axes, time, np.zeros(time.size, dtype=bool) if valid is None else ~valid)
         if blocks > 1:
             below.set_ylabel(below.get_ylabel().replace(" ", "\n", 1))
         if place + columns >= len(channels):
@@ -192,12 +197,12 @@ def simulation(name: str, table: pd.DataFrame, run: Run, shown_inputs: Sequence[
             measured = run.measured.outputs.get(panel)
             if measured is not None and np.any(np.isfinite(measured)):
                 axes.plot(time, measured, ".", color=MEASURED, markersize=2.5, zorder=1.5, label="measured")
-                if not legend_shown:
-                    axes.legend(loc="best", markerscale=3)
-                legend_shown = True
         axes.set_ylabel(_in_two_lines(panel), fontsize=8.0)
         axes.yaxis.set_label_coords(-_LABEL_CM / _panel_width_cm(columns), 0.5)
         _shade(axes, time, ~table["valid"].to_numpy(dtype=bool))
+        if not legend_shown and len(axes.get_legend_handles_labels()[1]) > 1:
+            axes.legend(loc="best", markerscale=3)
+            legend_shown = True
     for axes in grid.T.flat[len(panels) :]:
         axes.set_visible(False)
     for column in range(columns):
@@ -236,4 +241,11 @@ def _shade(axes: Axes, time: np.ndarray, invalid: np.ndarray) -> None:
         return
     edges = np.flatnonzero(np.diff(np.concatenate([[0], invalid.astype(int), [0]])))
     for first, after in edges.reshape(-1, 2):
-        axes.axvspan(float(time[first]), float(time[min(after, time.size - 1)]), color=LINES[3], alpha=0.15, lw=0)
+        axes.axvspan(
+            float(time[first]),
+            float(time[min(after, time.size - 1)]),
+            color=LINES[3],
+            alpha=0.15,
+            lw=0,
+            label="equations out of range" if first == edges[0] else None,
+        )
