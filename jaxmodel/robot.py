@@ -12,7 +12,7 @@ from jaxmodel.motor import Motor
 from jaxmodel.parameters import Parameters
 from jaxmodel.ports import MotorContext, fold, touches
 
-GRAVITY_M_S2 = 9.80665
+GRAVITY_M_S2 = 9.81
 Inputs = dict[str, Scalar]
 
 
@@ -24,12 +24,12 @@ def duty_of_signal(signal_V):
 def track_torque(p: Parameters, incline_deg: Scalar, acceleration_m_s2: Scalar) -> Scalar:
     """Return the load torque of one track motor in N m, eq. 18: (m a + mu m g cos + m g sin) r / (G eta).
 
-    The torque of eq. 18 moves the whole robot; the track motors are taken to share it equally.
+    As printed, it is the load of each motor of eq. 13: where motors share a robot's mass, `mass_kg` is what one carries.
     """
     slope = jnp.deg2rad(incline_deg)
     weight = p.mass_kg * GRAVITY_M_S2
     force = p.mass_kg * acceleration_m_s2 + weight * (p.friction_coefficient * jnp.cos(slope) + jnp.sin(slope))
-    return force * p.wheel_radius_m / (p.gear_ratio * p.drive_efficiency) / p.n_motors
+    return force * p.wheel_radius_m / (p.gear_ratio * p.drive_efficiency)
 
 
 def flipper_torque(load_kg: Scalar, length_m: Scalar, gear_ratio: Scalar, efficiency: Scalar) -> Scalar:
