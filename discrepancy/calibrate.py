@@ -139,6 +139,17 @@ def fit(problem: Problem, start: np.ndarray, free: Sequence[int] | None = None, 
 
 
 @eqx.filter_jit
+def _objectives(problem: Problem, places: Array, counted: Array) -> Array:
+    size = places.shape[1]
+    return jax.lax.map(lambda x: jnp.sum(_objective(x, problem, Task(x, jnp.ones(size), counted)) ** 2), places)
+
+
+def objectives(problem: Problem, places: np.ndarray) -> np.ndarray:
+    """Return what `fit` minimises at some places, shape (places, unknowns)."""
+    return np.asarray(_objectives(problem, jnp.asarray(places), problem.readings.fit))
+
+
+@eqx.filter_jit
 def _predict(problem: Problem, x: Array) -> Array:
     return problem.predict(Lane(x, jnp.zeros(len(problem.switched))))
 

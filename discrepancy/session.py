@@ -14,7 +14,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from discrepancy.calibrate import Fit, fit, predict, variance_from_inputs
+from discrepancy.calibrate import Fit, fit, objectives, predict, variance_from_inputs
 from discrepancy.candidates import Candidate, candidates
 from discrepancy.contract import noise_of_case, noisy_inputs, without_input_noise
 from discrepancy.noise import NoiseModel
@@ -35,6 +35,9 @@ NOISE_CHANGED = 0.05
 NOISE_CHANGED_SHARE = 0.02
 _SECOND_START = 0.5
 _FAINT = 3.0
+# Of an amplitude with many local optima: places looked at about a fit, and how far, in prior sd, look after look.
+_PLACES = 65
+_REACHES = (0.4, 0.1, 0.1)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -198,6 +201,9 @@ class Session:
             faint = first.copy()
             faint[layout.base :] = np.concatenate([_faintest(self.candidates[label]) for label in key])
             best = min(best, calibrated(faint), key=lambda one: one.objective)
+        for label in key:
+            if self.candidates[label].amplitude_on_grid:
+                best = _over_the_ridges(problem, layout.of_effect[label][0], best)
         self._hypotheses[key] = Hypothesis(key, problem, layout, best)
         return self._hypotheses[key]
 
@@ -302,6 +308,17 @@ class Session:
             if abs(x[number]) > FAR_FROM_PRIOR:
                 far.append(name)
         return estimates, tuple(far)
+
+
+def _over_the_ridges(problem: Problem, amplitude: int, found: Fit) -> Fit:
+    """Look along an amplitude with many local optima for a place better than the fit's, and fit again from there."""
+    for reach in _REACHES:
+        places = np.repeat(found.x[None], _PLACES, axis=0)
+        places[:, amplitude] += np.linspace(-reach, reach, _PLACES)
+        values = objectives(problem, places)
+        if np.min(values) < found.objective - 1.0:
+            found = min(found, fit(problem, places[np.argmin(values)]), key=lambda one: one.objective)
+    return found
 
 
 def _faintest(candidate: Candidate) -> np.ndarray:

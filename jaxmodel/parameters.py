@@ -261,7 +261,14 @@ class Parameters(eqx.Module):
         source="design: reproduces the paper's Table 2",
     )
     mass_kg: Scalar = parameter(
-        40.0, unit="kg", meaning="mass that one track motor moves", symbol="m", equation="18", lower=0.0, upper=1e5, transform="log"
+        40.0,
+        unit="kg",
+        meaning="mass that one track motor moves",
+        symbol="m",
+        equation="18",
+        lower=0.0,
+        upper=1e5,
+        transform="log",
     )
     friction_coefficient: Scalar = parameter(
         0.7,

@@ -24,7 +24,7 @@ def duty_of_signal(signal_V):
 def track_torque(p: Parameters, incline_deg: Scalar, acceleration_m_s2: Scalar) -> Scalar:
     """Return the load torque of one track motor in N m, eq. 18: (m a + mu m g cos + m g sin) r / (G eta).
 
-    As printed, it is the load of each motor of eq. 13: where motors share a robot's mass, `mass_kg` is what one carries.
+    As printed, it is the load of each motor of eq. 13; where motors share the mass, `mass_kg` is what one carries.
     """
     slope = jnp.deg2rad(incline_deg)
     weight = p.mass_kg * GRAVITY_M_S2

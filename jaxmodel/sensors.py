@@ -83,3 +83,9 @@ def shifted(signal: Signal, delay_s) -> Array:
     before_end = jnp.clip((ends[index] - times) / span, 0.0, 1.0)
     values = signal.end[index] - (signal.end[index] - signal.start[index]) * before_end
     return jnp.where(times <= 0.0, signal.rows[0], values)
+
+
+def shifted_rows(signal: Signal, delay_s) -> Array:
+    """Return the rows of a signal as straight lines between them show them `delay_s` later; its ends are held."""
+    times = jnp.concatenate([jnp.zeros(1), jnp.cumsum(signal.duration_s)])[signal.at_rows]
+    return jnp.interp(times - delay_s, times, signal.rows)

@@ -8,7 +8,7 @@ from jaxtyping import Array
 
 from jaxmodel.declaration import Scalar, parameter
 from jaxmodel.ports import Effect
-from jaxmodel.sensors import Signal, lagged, shifted
+from jaxmodel.sensors import Signal, lagged, shifted, shifted_rows
 
 ANY = ("cell", "motor", "robot")
 
@@ -104,11 +104,15 @@ class TemperatureLag(SensorEffect):
 
 
 class ClockShift(SensorEffect):
-    """The outputs' clock runs d seconds late against that of the inputs."""
+    """The outputs' clock runs d seconds late against that of the inputs.
+
+    A logger of its own samples the true course at its moments (`resampled` 0); readings brought to the inputs' rows by
+    interpolation show straight lines between rows, also across a jump (`resampled` 1).
+    """
 
     name: ClassVar[str] = "clock_shift"
     kinds: ClassVar[tuple[str, ...]] = ANY
-    equation: ClassVar[str] = "y(t) -> y(t - d)"
+    equation: ClassVar[str] = "y(t) -> y(t - d), of the true course or of the rows"
     has_memory: ClassVar[bool] = True
     d: Scalar = parameter(
         1.0,
@@ -121,6 +125,17 @@ class ClockShift(SensorEffect):
         shape_grid=(-20.0, -13.0, -8.0, -4.0, -1.5, -0.5, 0.5, 1.5, 4.0, 8.0, 13.0, 20.0),
     )
 
+    resampled: Scalar = parameter(
+        0.0,
+        unit="",
+        meaning="0: sampled at shifted moments, 1: interpolated between rows",
+        lower=0.0,
+        upper=1.0,
+        typical=(0.0, 1.0),
+        shape_grid=(0.5,),
+    )
+
     def reading(self, value: Array, context: Signal) -> Array:
-        """Read the true course at another time."""
-        return value + (shifted(context, self.d) - context.rows)
+        """Read the true course, or the rows, at another time."""
+        sampled, between_rows = shifted(context, self.d), shifted_rows(context, self.d)
+        return value + (sampled + self.resampled * (between_rows - sampled) - context.rows)

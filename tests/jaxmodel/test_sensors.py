@@ -33,7 +33,9 @@ def sensed(given: Profile, kind: str, fault: str = "", **values) -> dict[str, np
 
 
 @pytest.mark.parametrize("kind", ["cell", "motor", "robot"])
-@pytest.mark.parametrize(("fault", "null"), [("temperature_lag", {"tau": 0.0}), ("clock_shift", {"d": 0.0})])
+@pytest.mark.parametrize(
+    ("fault", "null"), [("temperature_lag", {"tau": 0.0}), ("clock_shift", {"d": 0.0, "resampled": 0.7})]
+)
 def test_a_sensor_without_memory_reads_the_truth_to_the_bit(kind: str, fault: str, null: dict[str, float]):
     truth, read = sensed(profile(kind), kind), sensed(profile(kind), kind, fault, **null)
     for name, values in truth.items():
@@ -73,6 +75,14 @@ def test_a_late_clock_shows_what_was(delay: float):
     np.testing.assert_allclose(read["cell_temperature_degC"], given.inputs["ambient_degC"][acting], rtol=1e-14)
     if delay == round(delay):
         np.testing.assert_allclose(read["voltage_V"], truth["voltage_V"][moment.astype(int)], rtol=1e-14)
+
+
+@pytest.mark.parametrize("delay", [3.0, -7.0, 0.25])
+def test_a_resampled_clock_shows_straight_lines_between_rows(delay: float):
+    given = profile("cell")
+    truth, read = sensed(given, "cell"), sensed(given, "cell", "clock_shift", d=delay, resampled=1.0)
+    for name in truth:
+        np.testing.assert_allclose(read[name], np.interp(TIME - delay, TIME, truth[name]), rtol=1e-13, err_msg=name)
 
 
 @pytest.mark.parametrize(
