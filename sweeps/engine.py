@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import functools
-import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -14,91 +14,181 @@ import numpy as np
 import xarray as xr
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from jaxmodel.errors import SweepError
 from jaxmodel.kernel import as_one_kernel
 from jaxmodel.model import Model
 from jaxmodel.names import with_values
-from sweeps.devices import ACCELERATOR_BLOCK, CPU_BLOCK, CPU_COMPILER_OPTIONS, lane_mesh
-from sweeps.lane import Keep, lay_out, run_lane
-from sweeps.results import label
+from sweeps.devices import CPU_COMPILER_OPTIONS, lane_mesh, widest_block
+from sweeps.lane import Course, Keep, Outcome, lay_out, run_lane
+from sweeps.plan import DEFAULT_MEMORY, Chunks, bytes_of, calls_of, cut, lanes_per_chunk, size_text
+from sweeps.results import InMemory, variables_of
+from sweeps.store import Store
 from sweeps.study import Study
 
 Progress = Callable[[int, int], None]
 
-# Steps of lanes that a device takes in one call: some tenths of a second, so that progress moves and calls cost little.
-LANE_STEPS_PER_CALL = 4_000_000
-# Narrower loops than this are unrolled by the compiler and run slower than a wider block padded.
-NARROWEST_BLOCK = 64
 
-
-def run(study: Study, progress: Progress | None = None) -> xr.Dataset:
+def run(
+    study: Study,
+    progress: Progress | None = None,
+    *,
+    out: str | Path | None = None,
+    resume: bool = False,
+    memory: float | int | str | None = None,
+) -> xr.Dataset:
     """Run every lane of a study and return its metrics over its axes.
 
     Args:
         study: what to run.
-        progress: called as progress(lanes done, lanes in all) after each chunk.
+        progress: called as progress(lanes done, lanes in all) at the start and then as lanes are done.
+        out: a folder to which results are written chunk by chunk, so that they need no memory and a run that was
+            stopped can go on; without it they are held in memory.
+        resume: goes on with what an earlier run of the same study left in `out`; the results are those of a run that
+            was never stopped, to the bit.
+        memory: bytes for the chunks under way, 512 MiB if not said, and without `out` for the whole result, any if not
+            said; also as text: "2 GiB".
 
     Returns:
         A dataset with the axes as coordinates, each metric and each stored column as a variable, and `status`, a
         `jaxmodel.simulate.Status` per lane. A lane that fails is NaN and harms no other; nothing is raised for it.
+        With `out` it is read from the disk as far as it is used.
+
+    Raises:
+        SweepError: `out` holds another sweep or a finished one, the disk is full, or the memory does not suffice; what
+            is done stays.
     """
     began = time.perf_counter()
-    prepared = study.prepared
-    mesh = lane_mesh()
-    everywhere, over_lanes = (NamedSharding(mesh, PartitionSpec(*axes)) for axes in ((), ("lanes",)))
+    runner = Runner(study)
+    chunks = runner.chunks(memory, whole=out is None)
+    sink = InMemory(study, chunks) if out is None else Store(study, chunks, out, resume)
+    try:
+        pending = sum(sink.chunks.span(number)[1] for number in sink.pending)
+        done = study.size - pending
 
-    rows = np.arange(0, prepared.profile.time_s.size, study.store_every)
-    course = lay_out(_stiffest(study), prepared.profile, rows)
-    width, blocks = _chunk(study.size, course.duration_s.size, mesh)
-    chunk = width * blocks * mesh.size
-    keep = Keep(prepared.metrics, tuple(study.store))
-    shared = jax.device_put(jax.tree.map(jnp.asarray, (prepared.model, course, prepared.cutoff)), everywhere)
-
-    def lanes(first: int):
-        """Return a chunk's lanes on their devices; the last lane fills what is left over."""
-        return jax.device_put(study.lanes(np.minimum(np.arange(first, first + chunk), study.size - 1)), over_lanes)
-
-    program = _program(keep, width, mesh, _signature((*shared, lanes(0))))
-    compiled = time.perf_counter()
-    outcomes, waiting = [], None
-    for first in range(0, study.size, chunk):
-        started = program(*shared, lanes(first))  # returns at once: the devices never wait for this loop
-        if waiting is not None:
-            outcomes.append(jax.tree.map(np.asarray, waiting))
+        def count(lanes: int) -> None:
+            nonlocal done
+            done += lanes
             if progress is not None:
-                progress(first, study.size)
-        waiting = started
-    outcomes.append(jax.tree.map(np.asarray, waiting))
-    if progress is not None:
-        progress(study.size, study.size)
-    outcome = jax.tree.map(lambda *parts: np.concatenate(parts)[: study.size], *outcomes)
-    return label(
-        study,
-        outcome,
-        time_s=prepared.profile.time_s[rows],
-        performance={
+                progress(done, study.size)
+
+        count(0)
+        if pending:
+            runner.prepare(sink.chunks)
+        compiled = time.perf_counter()
+        for number, outcome in runner.outcomes(sink.chunks, sink.pending, count):
+            sink.commit(number, outcome)
+        performance = {
             "lanes": study.size,
-            "steps": int(course.duration_s.size),
-            "devices": f"{mesh.size} x {mesh.devices.flat[0].device_kind}",
+            "lanes_run": pending,
+            "steps": runner.steps,
+            "devices": runner.device_names,
             "compile_s": compiled - began,
             "run_s": time.perf_counter() - compiled,
-        },
-    )
+        }
+        return sink.finish(performance)
+    finally:
+        sink.close()
+
+
+class Runner:
+    """A study on its devices.
+
+    Attributes:
+        steps: of each lane.
+    """
+
+    def __init__(self, study: Study, devices: int | None = None) -> None:
+        self._study = study
+        prepared = study.prepared
+        self._mesh = lane_mesh(devices)
+        course = lay_out(_stiffest(study), prepared.profile, prepared.stored_rows)
+        self.steps = int(course.duration_s.size)
+        self._keep = Keep(prepared.metrics, tuple(study.store))
+        self._shared: tuple[Model, Course, Any] = (prepared.model, course, prepared.cutoff)
+
+    @property
+    def device_names(self) -> str:
+        """How many devices of which kind."""
+        return f"{self._mesh.size} x {self._mesh.devices.flat[0].device_kind}"
+
+    @property
+    def bytes_per_lane(self) -> int:
+        """The size of a lane's axes and results."""
+        return 8 * len(self._study.lanes(np.zeros(1, dtype=int))) + self.result_bytes_per_lane
+
+    @property
+    def result_bytes_per_lane(self) -> int:
+        """The size of a lane's results."""
+        return sum(variable.bytes_per_lane for variable in variables_of(self._study).values())
+
+    def chunks(self, memory: float | int | str | None, whole: bool) -> Chunks:
+        """Return the cut of the study for so much memory; `whole` says that the results stay there too.
+
+        Raises:
+            SweepError: the memory does not suffice.
+        """
+        lanes, kept = self._study.size, self._study.size * self.result_bytes_per_lane
+        allowed = DEFAULT_MEMORY if memory is None else bytes_of(memory)
+        if whole and memory is not None and kept > allowed:
+            raise SweepError(
+                f"memory: the results of {lanes:,} lanes take {size_text(kept)}, more than {size_text(allowed)}; "
+                "name a folder with out, or allow more."
+            )
+        return cut(self._study.shape, lanes_per_chunk(lanes, self.steps, self.bytes_per_lane, allowed))
+
+    def prepare(self, chunks: Chunks) -> None:
+        """Compile what runs the chunks, and put on the devices what all lanes share."""
+        columns = len(self._keep.columns)
+        self._calls = calls_of(
+            chunks.lanes, self.steps, self._mesh.size, widest_block(self._mesh, self.steps * columns)
+        )
+        everywhere, self._over_lanes = (NamedSharding(self._mesh, PartitionSpec(*axes)) for axes in ((), ("lanes",)))
+        self._shared = jax.device_put(jax.tree.map(jnp.asarray, self._shared), everywhere)
+        signature = _signature((*self._shared, self._lanes(0, 1)))
+        self._program = _program(self._keep, self._calls.width, self._mesh, signature)
+
+    def outcomes(
+        self, chunks: Chunks, numbers: Iterable[int], done: Callable[[int], None] = lambda lanes: None
+    ) -> Iterator[tuple[int, Outcome]]:
+        """Run chunks and yield each with its number; `done` is called with lanes as they are done."""
+        parts: list[Outcome] = []
+        for (number, count, ends), started in _one_ahead(self._started(chunks, numbers)):
+            parts.append(jax.tree.map(lambda x, n=count: np.asarray(x)[:n], started))
+            done(count)
+            if ends:
+                yield number, jax.tree.map(lambda *each: np.concatenate(each), *parts)
+                parts = []
+
+    def _started(self, chunks: Chunks, numbers: Iterable[int]) -> Iterator[tuple[tuple[int, int, bool], Outcome]]:
+        """Start the calls of some chunks one by one; a call returns at once, its results come later."""
+        for number in numbers:
+            first, count = chunks.span(number)
+            at_once = self._calls.blocks * self._calls.width * self._mesh.size
+            for start in range(first, first + count, at_once):
+                lanes = min(at_once, first + count - start)
+                started = self._program(*self._shared, self._lanes(start, lanes))
+                yield (number, lanes, start + lanes == first + count), started
+
+    def _lanes(self, first: int, count: int):
+        """Return the lanes of a call on their devices; the last one fills what is left over."""
+        at_once = self._calls.blocks * self._calls.width * self._mesh.size
+        numbers = np.minimum(np.arange(first, first + at_once), first + count - 1)
+        return jax.device_put(self._study.lanes(numbers), self._over_lanes)
+
+
+def _one_ahead(items: Iterator[Any]) -> Iterator[Any]:
+    """Yield items, each after the next one has been fetched: the devices never wait for what is done with one."""
+    waiting = next(items, None)
+    while waiting is not None:
+        following = next(items, None)
+        yield waiting
+        waiting = following
 
 
 def _stiffest(study: Study) -> Model:
     """Return the model with the shortest electrical time constant L_a / R_0 of all lanes: its steps serve them all."""
-    extremes = {name: pick(study.axes[name]) for name, pick in (("L_a", min), ("R_0", max)) if name in study.axes}
+    extremes = {name: pick(study.range_of(name)) for name, pick in (("L_a", min), ("R_0", max)) if name in study.varied}
     return with_values(study.prepared.model, {name: jnp.asarray(value) for name, value in extremes.items()})
-
-
-def _chunk(lanes: int, steps: int, mesh: Mesh) -> tuple[int, int]:
-    """Return the width of a block of lanes, and the number of blocks that a device runs in one call."""
-    widest = CPU_BLOCK if mesh.devices.flat[0].platform == "cpu" else ACCELERATOR_BLOCK
-    per_device = math.ceil(lanes / mesh.size)
-    width = min(widest, NARROWEST_BLOCK * math.ceil(per_device / NARROWEST_BLOCK))
-    blocks = math.ceil(per_device / width)
-    calls = math.ceil(blocks / max(1, LANE_STEPS_PER_CALL // (steps * width)))
-    return width, math.ceil(blocks / calls)
 
 
 def _signature(arguments: Any):

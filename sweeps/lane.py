@@ -113,7 +113,9 @@ def run_lane(keep: Keep, model: Model, course: Course, cutoff: Cutoff | None, ow
     )
     # What is not finite stays so: the last state tells of all.
     finite = jnp.all(jnp.stack([jnp.isfinite(value) for value in state.values()]))
-    end = End(elapsed, ~running)
+    # All lanes may share `elapsed`. Made a lane's own, a division by it is one: by a shared number it may also be
+    # compiled as a product with the reciprocal, which one device and two do not agree on in the last bit.
+    end = End(jnp.where(finite, elapsed, jnp.nan), ~running)
     values = {m.name: jnp.where(finite, m.finish(c, end), jnp.nan) for m, c in zip(keep.metrics, carried, strict=True)}
     ended = jnp.where(running, Status.COMPLETE, Status.REACHED_CUTOFF)
     return Outcome(

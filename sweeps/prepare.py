@@ -42,6 +42,7 @@ class Prepared:
         cutoff: where a run ends, or None.
         metrics: what is kept of each lane.
         info: what is known of each axis that is a parameter, by axis name.
+        stored_rows: the rows of the profile at which courses are kept.
     """
 
     model: Model
@@ -49,6 +50,12 @@ class Prepared:
     cutoff: Cutoff | None
     metrics: tuple[Metric, ...]
     info: dict[str, ParameterInfo]
+    stored_rows: np.ndarray
+
+    @property
+    def stored_time_s(self) -> np.ndarray:
+        """The times of the stored rows."""
+        return self.profile.time_s[self.stored_rows]
 
 
 def prepare(study: StudyForm) -> Prepared:
@@ -79,12 +86,14 @@ def prepare(study: StudyForm) -> Prepared:
         outputs = KINDS[model.kind].outputs
         if name not in outputs:
             raise SweepError(f"store: a {model.kind} has no column '{name}'.{nearest(name, outputs)}")
+    profile = _profile(study, model.kind)
     return Prepared(
         model=model,
-        profile=_profile(study, model.kind),
+        profile=profile,
         cutoff=Cutoff(**cutoff) if cutoff else None,
         metrics=_metrics(study, model.kind, bool(cutoff)),
         info=info,
+        stored_rows=np.arange(0, profile.time_s.size, study.store_every),
     )
 
 

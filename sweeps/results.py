@@ -1,10 +1,10 @@
-"""The labelled result of a sweep, and its folder on disk."""
+"""The labelled result of a sweep, held whole in memory; and the folder it is saved to."""
 
 from __future__ import annotations
 
-import importlib.metadata
+import dataclasses
 import json
-import platform
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,78 +13,139 @@ import xarray as xr
 
 from jaxmodel.simulate import Status
 from sweeps.lane import Outcome
-from sweeps.study import Study
+from sweeps.manifest import manifest_of
+from sweeps.plan import Chunks
+from sweeps.study import LANE, Study
 
 GRID, TABLE, MANIFEST = "result.zarr", "lanes.csv", "manifest.json"
-_VERSIONS_OF = ("jaxmodel", "jax", "jaxlib", "equinox", "numpy", "xarray", "zarr")
+# More lines than this no spreadsheet shows; the Zarr store holds the same numbers.
+MOST_LINES = 100_000
 # The end of a column's name, and its unit; the longer endings first.
 _UNITS = {"m_s2": "m/s2", "rad_s": "rad/s", "degC": "degC", "deg": "deg", "Nm": "N m", "set": "V", "V": "V", "A": "A"}
 
 
-def label(study: Study, outcome: Outcome, time_s: np.ndarray, performance: dict[str, Any]) -> xr.Dataset:
-    """Return outcomes of lanes, shape (lanes, ...), as a dataset over the study's axes.
+@dataclasses.dataclass(frozen=True)
+class Variable:
+    """What a result holds for each lane: its dimensions, number type, attributes, and where it is in an outcome."""
 
-    Args:
-        study: what was run.
-        outcome: of every lane, the last axis running fastest.
-        time_s: of the stored rows.
-        performance: how the run went, for the manifest.
-    """
-    axes = tuple(study.axes)
-    info = study.prepared.info
+    dims: tuple[str, ...]
+    shape: tuple[int, ...]
+    dtype: str
+    attributes: dict[str, Any]
 
-    def grid(values: Any) -> np.ndarray:
-        return np.asarray(values).reshape(*study.shape, *values.shape[1:])
+    @property
+    def bytes_per_lane(self) -> int:
+        """The size of one lane's part."""
+        return int(np.dtype(self.dtype).itemsize * np.prod(self.shape[1:] or (1,), dtype=np.int64))
 
-    coordinates: dict[str, Any] = {}
-    for name, values in study.axes.items():
-        unit, meaning = (info[name].unit, info[name].meaning) if name in info else (unit_of(name), f"input {name}")
-        coordinates[name] = (name, values, {"units": unit, "long_name": meaning})
-    if study.store:
-        coordinates["time_s"] = ("time_s", time_s, {"units": "s", "long_name": "time"})
-    variables: dict[str, Any] = {
-        metric.name: (axes, grid(outcome.values[metric.name]), {"units": metric.unit, "long_name": metric.meaning})
+
+def variables_of(study: Study) -> dict[str, Variable]:
+    """Return what the result of a study holds, by name; shapes have one axis of lanes in front."""
+    dims, lanes = tuple(study.dims), study.size
+    rows = study.prepared.stored_time_s.size
+    found = {
+        metric.name: Variable(dims, (lanes,), "float64", {"units": metric.unit, "long_name": metric.meaning})
         for metric in study.prepared.metrics
     }
-    for name, values in outcome.columns.items():
-        variables[name] = ((*axes, "time_s"), grid(values), {"units": unit_of(name), "long_name": name})
+    for name in study.store:
+        found[name] = Variable((*dims, "time_s"), (lanes, rows), "float64", _about(study, name))
     meanings = " ".join(status.name.lower() for status in Status)
-    variables["status"] = (
-        axes,
-        grid(outcome.status).astype(np.int8),
-        {"long_name": "how the run ended", "flag_values": [int(s) for s in Status], "flag_meanings": meanings},
-    )
-    manifest = {
-        "title": study.title,
-        "kind": study.prepared.model.kind,
-        "study": study.model_dump(mode="json"),
-        "study_sha256": study.digest,
-        "versions": {"python": platform.python_version()}
-        | {package: importlib.metadata.version(package) for package in _VERSIONS_OF},
-        "performance": performance,
-    }
-    attributes = {"title": study.title, "kind": manifest["kind"], "manifest": json.dumps(manifest)}
-    return xr.Dataset(variables, coordinates, attributes)
+    flags = {"flag_values": [int(s) for s in Status], "flag_meanings": meanings}
+    found["status"] = Variable(dims, (lanes,), "int8", {"long_name": "how the run ended", **flags})
+    return found
+
+
+def values_of(outcome: Outcome) -> dict[str, Any]:
+    """Return the values of an outcome by the names of `variables_of`."""
+    return {**outcome.values, **outcome.columns, "status": np.asarray(outcome.status).astype(np.int8)}
+
+
+def coordinates_of(study: Study) -> xr.Dataset:
+    """Return the axes of a study, what was drawn for its lanes, and the times that it stores, with units."""
+    coordinates: dict[str, Any] = {name: (name, values, _about(study, name)) for name, values in study.axes.items()}
+    for name, values in study.drawn(np.arange(study.dims.get(LANE, 0))).items():
+        coordinates[name] = (LANE, values, _about(study, name))
+    if study.store:
+        coordinates["time_s"] = ("time_s", study.prepared.stored_time_s, {"units": "s", "long_name": "time"})
+    return xr.Dataset(coords=coordinates)
+
+
+def _about(study: Study, name: str) -> dict[str, str]:
+    info = study.prepared.info.get(name)
+    if info is not None:
+        return {"units": info.unit, "long_name": info.meaning}
+    return {"units": unit_of(name), "long_name": name if name in study.store else f"input {name}"}
+
+
+def attributes_of(manifest: Mapping[str, Any]) -> dict[str, str]:
+    """Return what a dataset says of itself."""
+    return {"title": manifest["title"], "kind": manifest["kind"], "manifest": json.dumps(manifest)}
+
+
+class InMemory:
+    """A result that is held whole in memory."""
+
+    def __init__(self, study: Study, chunks: Chunks) -> None:
+        self._study = study
+        self.chunks = chunks
+        self.pending = range(len(chunks))
+        self._variables = variables_of(study)
+        self._values = {name: np.empty(v.shape, v.dtype) for name, v in self._variables.items()}
+
+    def commit(self, number: int, outcome: Outcome) -> None:
+        """Take the outcome of a chunk."""
+        first, count = self.chunks.span(number)
+        for name, values in values_of(outcome).items():
+            self._values[name][first : first + count] = values
+
+    def finish(self, performance: Mapping[str, Any]) -> xr.Dataset:
+        """Return the whole."""
+        shape = tuple(self._study.dims.values())
+        variables = {
+            name: (v.dims, self._values[name].reshape(*shape, *v.shape[1:]), v.attributes)
+            for name, v in self._variables.items()
+        }
+        manifest = manifest_of(self._study) | {"performance": dict(performance)}
+        return coordinates_of(self._study).assign(variables).assign_attrs(attributes_of(manifest))
+
+    def close(self) -> None:
+        """Hold nothing open."""
 
 
 def save(dataset: xr.Dataset, directory: str | Path) -> Path:
-    """Write a result to a folder: result.zarr with labels, lanes.csv with one line per lane, manifest.json.
+    """Write a result that is in memory to a folder: result.zarr with labels, lanes.csv, manifest.json.
 
-    Stored columns are in the Zarr store only. What the folder held of an earlier result is replaced.
+    What the folder held of an earlier result is replaced.
     """
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     dataset.to_zarr(directory / GRID, mode="w", consolidated=False)
-    per_lane = dataset.drop_dims("time_s") if "time_s" in dataset.dims else dataset
-    per_lane.to_dataframe().to_csv(directory / TABLE)
+    save_table(dataset, directory)
     manifest = json.loads(dataset.attrs["manifest"])
-    (directory / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+    (directory / MANIFEST).write_text(manifest_text(manifest), encoding="utf-8")
     return directory
 
 
+def save_table(dataset: xr.Dataset, directory: Path) -> bool:
+    """Write lanes.csv with one line per lane, its stored courses left out; return False where there are too many."""
+    (directory / TABLE).unlink(missing_ok=True)
+    if dataset["status"].size > MOST_LINES:
+        return False
+    per_lane = dataset.drop_dims("time_s") if "time_s" in dataset.dims else dataset
+    per_lane.to_dataframe().to_csv(directory / TABLE)
+    return True
+
+
+def manifest_text(manifest: Mapping[str, Any]) -> str:
+    """Return a manifest as the text of its file."""
+    return json.dumps(manifest, indent=2) + "\n"
+
+
 def load(directory: str | Path) -> xr.Dataset:
-    """Return a saved result, read as far as it is used."""
-    return xr.open_zarr(Path(directory) / GRID, consolidated=False, chunks=None)
+    """Return a saved result, read from the disk as far as it is used; lanes not run yet are NaN with status -1."""
+    dataset = xr.open_zarr(Path(directory) / GRID, consolidated=False, chunks=None)
+    manifest = json.loads((Path(directory) / MANIFEST).read_text(encoding="utf-8"))
+    return dataset.assign_attrs(attributes_of(manifest))
 
 
 def unit_of(column: str) -> str:

@@ -15,6 +15,9 @@ from jaxmodel.robot import duty_of_signal
 from sweeps.prepare import Prepared, prepare
 from sweeps.study_form import StudyForm, complaint
 
+# The dimension along which lanes lie whose values are drawn.
+LANE = "lane"
+
 
 class Study(StudyForm):
     """A study: a full grid of runs of one model.
@@ -55,9 +58,23 @@ class Study(StudyForm):
         return self._prepared
 
     @property
+    def varied(self) -> tuple[str, ...]:
+        """The names in which lanes differ."""
+        return tuple(self.axes)
+
+    def range_of(self, name: str) -> tuple[float, float]:
+        """Return the least and the greatest value that lanes have of a name."""
+        return min(self.axes[name]), max(self.axes[name])
+
+    @property
+    def dims(self) -> dict[str, int]:
+        """The number of values along each dimension of the result, by name, in order."""
+        return {name: len(values) for name, values in self.axes.items()}
+
+    @property
     def shape(self) -> tuple[int, ...]:
-        """The number of values on each axis, in order."""
-        return tuple(len(values) for values in self.axes.values())
+        """The number of values along each dimension, in order."""
+        return tuple(self.dims.values())
 
     @property
     def size(self) -> int:
@@ -68,11 +85,20 @@ class Study(StudyForm):
     def digest(self) -> str:
         """The SHA-256 of the study and of the files that it names."""
         hashed = hashlib.sha256(self.model_dump_json().encode())
-        for file in (self.case, self.profile.csv):
-            if file is not None:
-                path = self.folder / file
-                hashed.update((path / "case.toml" if path.is_dir() else path).read_bytes())
+        for digest in self.file_digests.values():
+            hashed.update(digest.encode())
         return hashed.hexdigest()
+
+    @property
+    def file_digests(self) -> dict[str, str]:
+        """The SHA-256 of each file that the study names, by the name."""
+        paths = {file: self.folder / file for file in (self.case, self.profile.csv) if file is not None}
+        whole = {file: path / "case.toml" if path.is_dir() else path for file, path in paths.items()}
+        return {file: hashlib.sha256(path.read_bytes()).hexdigest() for file, path in whole.items()}
+
+    def drawn(self, numbers: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the values drawn for places along the dimension `lane`."""
+        return {}
 
     def lanes(self, numbers: np.ndarray) -> dict[str, np.ndarray]:
         """Return the values of every axis for lanes by their number, the last axis running fastest.

@@ -101,11 +101,20 @@ def simulate(
 
 
 @app.command(epilog="Example: jaxmodel sweep examples/paper_sweep.toml --out results")
-def sweep(study: StudyPath, out: Out = Path("results"), effect: Effects = None) -> None:
+def sweep(
+    study: StudyPath,
+    out: Out = Path("results"),
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with a sweep that was stopped.")] = False,
+    memory: Annotated[
+        str | None,
+        typer.Option("--memory", metavar="SIZE", help='For the chunks under way, as "512 MiB".', show_default=False),
+    ] = None,
+    effect: Effects = None,
+) -> None:
     """Run every combination of a study's axes: tables, a Zarr store and pictures."""
     from workbench.commands.sweep import sweep
 
-    sweep(study, out, effect or [])
+    sweep(study, out, effect or [], resume=resume, memory=memory)
 
 
 @app.command(epilog="Example: jaxmodel sensitivity examples/paper_sweep.toml --at ambient_degC=20 --out results")

@@ -19,7 +19,7 @@ from jaxmodel.model import Model, read
 from jaxmodel.names import with_values
 from jaxmodel.profile import Profile, constant
 from jaxmodel.simulate import Cutoff, Status, Trajectory, simulate
-from sweeps import Metric, Study, engine, run
+from sweeps import Metric, Study, engine, plan, run
 
 TABLE_2 = {0.175: -2.05e-4, 0.25: -2.80e-4, 0.30: -3.30e-4, 0.35: -3.80e-4}
 
@@ -156,7 +156,8 @@ def test_lane_that_fails_harms_no_other(cell_study):
 def test_chunks_change_nothing_and_are_reported(cell_study, monkeypatch):
     study = cell_study(axes={"current_A": np.linspace(0.1, 3.0, 300)})
     whole = run(study)
-    monkeypatch.setattr(engine, "LANE_STEPS_PER_CALL", 1)
+    monkeypatch.setattr(plan, "LANE_STEPS_PER_CALL", 1)
+    monkeypatch.setattr(plan, "LANE_STEPS_PER_CHUNK", 1)
     seen: list[tuple[int, int]] = []
     chunked = run(study, lambda done, total: seen.append((done, total)))
     assert len(seen) > 1
@@ -221,23 +222,32 @@ def test_cutoff_by_voltage_is_that_of_one_cell():
     assert set(result.status.values) == {Status.COMPLETE, Status.REACHED_CUTOFF}
 
 
-@pytest.mark.parametrize("cores", [1, 3])
-def test_lanes_spread_over_all_devices(cores: int, cell_study):
-    """In a process of its own: the number of devices is settled when JAX starts."""
-    program = f"""
-import os, json
-os.sched_getaffinity = lambda _: set(range({cores}))
-import sweeps, jax
-study = sweeps.Study(**json.loads({cell_study().model_dump_json()!r}))
+def test_bits_do_not_depend_on_the_number_of_devices():
+    """In processes of their own: JAX counts the devices once. With effects, a cut-off and courses."""
+    program = """
+import hashlib, json, os, sys
+os.sched_getaffinity = lambda _: set(range(int(sys.argv[1])))
+import jax, numpy as np, sweeps
+study = sweeps.Study(
+    kind="robot",
+    parameters={"capacity_Ah": 0.5},
+    effects={"self_heating": {}, "viscous_friction": {}},
+    profile={"duration_s": 120, "step_s": 10, "ambient_degC": 20.0},
+    axes={"load_torque_Nm": np.linspace(0.0, 0.35, 12), "duty": np.linspace(0.1, 0.5, 12)},
+    store=["soc"], store_every=4, cutoff={"soc": 0.95},
+)
 result = sweeps.run(study)
-print(json.dumps([jax.device_count(), json.loads(result.attrs["manifest"])["performance"]["devices"],
-                  result.soc_gradient.values.tolist()]))
+bits = {name: hashlib.sha256(values.values.tobytes()).hexdigest() for name, values in result.data_vars.items()}
+print(json.dumps([jax.device_count(), json.loads(result.attrs["manifest"])["performance"]["devices"], bits]))
 """
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=Path(__file__).parents[2], capture_output=True, text=True, timeout=120
-    )
-    assert done.returncode == 0, done.stderr
-    count, devices, values = json.loads(done.stdout)
-    assert count == cores
-    assert devices.startswith(f"{cores} x ")
-    np.testing.assert_allclose(values, run(cell_study()).soc_gradient, rtol=1e-12)
+
+    def started(cores: int) -> subprocess.Popen:
+        command = [sys.executable, "-c", program, str(cores)]
+        return subprocess.Popen(command, cwd=Path(__file__).parents[2], stdout=subprocess.PIPE, text=True)
+
+    runs = [started(cores) for cores in (1, 2)]
+    answers = [json.loads(run.communicate(timeout=120)[0]) for run in runs]
+    assert [count for count, _, _ in answers] == [1, 2]
+    assert [devices[:4] for _, devices, _ in answers] == ["1 x ", "2 x "]
+    assert len(answers[0][2]) == 16
+    assert answers[0][2] == answers[1][2]

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 import sweeps
 from jaxmodel.simulate import Status
+from sweeps.results import save_table
 from workbench import terminal
 from workbench.commands.start import in_catalogue, own_effects, start
 from workbench.pictures.style import png
@@ -19,7 +21,9 @@ from workbench.pictures.sweeps import family, heat_map, label_of, metric_curves
 _NO_METRIC = ("status", "valid_share")
 
 
-def sweep(path: Path, out: Path, effects: Sequence[str]) -> xr.Dataset:
+def sweep(
+    path: Path, out: Path, effects: Sequence[str], *, resume: bool = False, memory: str | None = None
+) -> xr.Dataset:
     """Run a study; write its result (Zarr, CSV, manifest) and a picture for each metric to `out`.
 
     Raises:
@@ -28,25 +32,25 @@ def sweep(path: Path, out: Path, effects: Sequence[str]) -> xr.Dataset:
     with in_catalogue(own_effects(effects)):
         study = sweeps.read_study(path)
     start(out)
-    dataset = run_study(study)
-    sweeps.save(dataset, out)
+    dataset = run_study(study, out=out, resume=resume, memory=memory)
+    table = save_table(dataset, out)
     for name, picture in pictures_of(dataset):
         (out / f"{name}.png").write_bytes(picture)
     print_sweep(dataset)
-    terminal.say(f"result.zarr, lanes.csv, manifest.json and pictures are in {out}.")
+    terminal.say(f"result.zarr, {'lanes.csv, ' if table else ''}manifest.json and pictures are in {out}.")
     return dataset
 
 
-def run_study(study: sweeps.Study) -> xr.Dataset:
-    """Run a study with progress."""
+def run_study(study: sweeps.Study, **how: Any) -> xr.Dataset:
+    """Run a study with progress, as `sweeps.run` does."""
     with terminal.counted("sweep", "lanes") as progress:
-        return sweeps.run(study, progress)
+        return sweeps.run(study, progress, **how)
 
 
 def lanes_per_second(dataset: xr.Dataset) -> float:
     """Return how fast the lanes of a sweep ran, compilation apart."""
     performance = json.loads(dataset.attrs["manifest"])["performance"]
-    return performance["lanes"] / performance["run_s"]
+    return performance["lanes_run"] / performance["run_s"]
 
 
 def metrics_in(dataset: xr.Dataset) -> list[str]:

@@ -1,0 +1,211 @@
+"""The result of a sweep on disk, written chunk by chunk so that nothing is lost: a run may be killed at any moment.
+
+A chunk's files are written and flushed, then its number is added to a log, and that is flushed. A chunk whose number is
+not in the log is not done, whatever its files hold, and is run again. `manifest.json` says what the result is made from
+and by; it is written first, and once more when all is done.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import IO, Any
+
+import xarray as xr
+import zarr
+
+from jaxmodel.errors import SweepError
+from sweeps.lane import Outcome
+from sweeps.manifest import difference, manifest_of
+from sweeps.plan import Chunks, size_text
+from sweeps.results import (
+    GRID,
+    MANIFEST,
+    attributes_of,
+    coordinates_of,
+    load,
+    manifest_text,
+    values_of,
+    variables_of,
+)
+from sweeps.study import Study
+
+try:
+    import fcntl
+except ImportError:  # not a POSIX system: nothing keeps two runs out of one folder
+    fcntl = None
+
+LOG = "chunks.done"
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+_NOT_RUN = {"float64": float("nan"), "int8": -1}
+
+
+class Store:
+    """A folder that takes the chunks of one study.
+
+    Attributes:
+        chunks: the cut of the study; that of the first run where this one goes on with it.
+        pending: the numbers of the chunks that are not done.
+    """
+
+    def __init__(self, study: Study, chunks: Chunks, folder: str | Path, resume: bool) -> None:
+        self.folder = Path(folder)
+        self.chunks = chunks
+        self.pending: list[int] = []
+        self._study = study
+        self._variables = variables_of(study)
+        self._log: IO[bytes] | None = None
+        self._done = 0
+        self._manifest = manifest_of(study) | {"chunks": {"lanes": list(chunks.box), "number": len(chunks)}}
+        try:
+            with self._plain_errors():
+                self.folder.mkdir(parents=True, exist_ok=True)
+                found = self._found(resume)
+                if not self._finished:
+                    self._open(begin=not found)
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def _finished(self) -> bool:
+        return "performance" in self._manifest
+
+    def _found(self, resume: bool) -> bool:
+        """Return True where the folder holds a result to go on with, and take over how that was begun."""
+        path = self.folder / MANIFEST
+        if not path.exists():
+            if (self.folder / GRID).exists():
+                raise SweepError(f"{self.folder}: there is a {GRID} without a {MANIFEST}; give another folder.")
+            return False
+        old = json.loads(path.read_text(encoding="utf-8"))
+        if not resume:
+            stopped = "a sweep that was stopped; go on with it by --resume, or"
+            state = "a finished sweep;" if "performance" in old else stopped
+            raise SweepError(f"{self.folder} holds {state} give another folder or remove what is there.")
+        if "chunks" not in old or "files_sha256" not in old:
+            raise SweepError(f"{self.folder} holds no sweep that can go on; give another folder.")
+        if what := difference(old, self._manifest):
+            raise SweepError(f"{self.folder} cannot go on: {what} since it was begun; give another folder.")
+        self._manifest = old
+        self.chunks = Chunks(self._study.shape, tuple(old["chunks"]["lanes"]))
+        return (self.folder / GRID).exists()
+
+    def _open(self, begin: bool) -> None:
+        self._log = (self.folder / LOG).open("a+b")
+        if fcntl is not None:
+            try:
+                fcntl.flock(self._log, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                raise SweepError(f"{self.folder}: another run is writing here; wait for it or stop it.") from error
+        if begin:
+            self._log.truncate(0)
+            _replace(self.folder / MANIFEST, manifest_text(self._manifest))
+            self._create()
+        self._log.seek(0)
+        lines = self._log.read()
+        whole = lines[: lines.rfind(b"\n") + 1]  # a kill, or a full disk, may have torn the last line
+        self._log.truncate(len(whole))
+        done = {int(line) for line in whole.split()}
+        self._done = len(done)
+        self.pending = [number for number in range(len(self.chunks)) if number not in done]
+        group = zarr.open_group(self.folder / GRID, mode="r+", use_consolidated=False)
+        self._arrays: dict[str, zarr.Array] = {name: group[name] for name in self._variables}  # type: ignore[misc]
+
+    def _create(self) -> None:
+        """Make the store with its labels and without a lane, aside, and put it in place."""
+        aside = self.folder / f".{GRID}.new"
+        shutil.rmtree(aside, ignore_errors=True)
+        coordinates = coordinates_of(self._study).assign_attrs(attributes_of(self._manifest))
+        coordinates.to_zarr(aside, mode="w", consolidated=False)
+        group = zarr.open_group(aside, mode="r+", use_consolidated=False)
+        for name, variable in self._variables.items():
+            group.create_array(
+                name,
+                shape=(*self.chunks.shape, *variable.shape[1:]),
+                chunks=(*self.chunks.box, *variable.shape[1:]),
+                dtype=variable.dtype,
+                fill_value=_NOT_RUN[variable.dtype],
+                dimension_names=variable.dims,
+                attributes=variable.attributes,
+            )
+        os.replace(aside, self.folder / GRID)
+        _flush(self.folder)
+
+    def commit(self, number: int, outcome: Outcome) -> None:
+        """Write a chunk, then note that it is done.
+
+        Raises:
+            SweepError: the disk is full; what was done stays.
+        """
+        assert self._log is not None
+        region = self.chunks.region(number)
+        shape = tuple(part.stop - part.start for part in region)
+        with self._plain_errors():
+            for name, values in values_of(outcome).items():
+                array = self._arrays[name]
+                array[region] = values.reshape(*shape, *values.shape[1:])
+                place = [part.start // size for part, size in zip(region, self.chunks.box, strict=True)]
+                file = self.folder.joinpath(GRID, name, "c", *map(str, place), *["0"] * (len(array.shape) - len(shape)))
+                if file.exists():  # a chunk of nothing but NaN has no file
+                    _flush(file)
+            self._log.write(b"%d\n" % number)
+            self._log.flush()
+            os.fsync(self._log.fileno())
+        self._done += 1
+
+    def finish(self, performance: Mapping[str, Any]) -> xr.Dataset:
+        """Return the result, once all chunks are done, to be read from the disk as far as it is used."""
+        if not self._finished:
+            with self._plain_errors():
+                self._manifest = self._manifest | {"performance": dict(performance)}
+                _replace(self.folder / MANIFEST, manifest_text(self._manifest))
+                self.close()
+                (self.folder / LOG).unlink(missing_ok=True)
+        return load(self.folder)
+
+    def close(self) -> None:
+        """Let go of the folder."""
+        if self._log is not None:
+            with contextlib.suppress(OSError):  # what could not be flushed has been told already
+                self._log.close()
+            self._log = None
+
+    @contextlib.contextmanager
+    def _plain_errors(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            if error.errno not in _FULL:
+                raise
+            left = sum(v.bytes_per_lane for v in self._variables.values()) * self._study.size
+            left *= 1.0 - self._done / len(self.chunks)
+            raise SweepError(
+                f"{self.folder}: the disk is full after {self._done} of {len(self.chunks)} chunks, which are kept; "
+                f"free {size_text(left)} and go on with --resume."
+            ) from error
+
+
+def _replace(path: Path, text: str) -> None:
+    """Write a file whole or not at all."""
+    aside = path.with_name(f".{path.name}.new")
+    with aside.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(aside, path)
+    _flush(path.parent)
+
+
+def _flush(path: Path) -> None:
+    """Wait until what a file or folder holds is on the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

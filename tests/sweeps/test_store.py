@@ -1,0 +1,249 @@
+"""Nothing is lost: the disk holds what memory would, whatever stops the run, and no other study goes on with it."""
+
+from __future__ import annotations
+
+import errno
+import json
+import math
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+import zarr
+from hypothesis import given
+from hypothesis import strategies as st
+
+from jaxmodel.errors import SweepError
+from sweeps import Study, load, manifest, plan, run
+from sweeps import store as store_module
+from sweeps.store import LOG, Store
+
+REPOSITORY = Path(__file__).parents[2]
+AXES = {"current_A": np.linspace(0.2, 3.0, 40).tolist(), "storage_months": np.linspace(0.0, 36.0, 30).tolist()}
+
+
+@pytest.fixture(scope="module")
+def study(cell_study: Callable[..., Study]) -> Study:
+    """1,200 lanes, a course of each; some reach the cut-off."""
+    return cell_study(
+        axes=AXES, parameters={"capacity_Ah": 0.5}, store=["voltage_V"], store_every=30, cutoff={"soc": 0.4}
+    )
+
+
+@pytest.fixture(scope="module")
+def whole(study: Study) -> xr.Dataset:
+    return run(study)
+
+
+@pytest.fixture
+def many_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """About 20 chunks of 60 lanes, two rows of the grid each."""
+    monkeypatch.setattr(plan, "LANE_STEPS_PER_CHUNK", 60 * 64)
+
+
+def assert_same_bits(result: xr.Dataset, expected: xr.Dataset) -> None:
+    assert set(result.variables) == set(expected.variables)
+    for name, values in expected.variables.items():
+        found = result[name].values
+        assert found.dtype == values.dtype
+        assert found.tobytes() == values.values.tobytes(), name
+        assert result[name].attrs == values.attrs
+
+
+@given(
+    shape=st.lists(st.integers(1, 12), min_size=1, max_size=4).map(tuple),
+    most=st.integers(1, 300),
+)
+def test_chunks_are_consecutive_lanes_and_cover_each_once(shape: tuple[int, ...], most: int):
+    chunks = plan.cut(shape, most)
+    numbers = np.arange(math.prod(shape)).reshape(shape)
+    spans = [chunks.span(number) for number in range(len(chunks))]
+    assert [first for first, _ in spans] == np.cumsum([0, *(count for _, count in spans)])[:-1].tolist()
+    assert sum(count for _, count in spans) == numbers.size
+    assert chunks.lanes <= most
+    for number, (first, count) in enumerate(spans):
+        assert numbers[chunks.region(number)].ravel().tolist() == list(range(first, first + count))
+
+
+@given(lanes=st.integers(1, 10**6), steps=st.integers(1, 10**5), devices=st.integers(1, 64))
+def test_calls_hold_all_lanes_of_a_chunk_in_blocks_that_do_not_depend_on_the_devices(lanes, steps, devices):
+    calls = plan.calls_of(lanes, steps, devices, 128)
+    assert calls.width == plan.calls_of(lanes, steps, 1, 128).width
+    assert calls.number * calls.blocks * calls.width * devices >= lanes
+    assert calls.blocks == 1 or calls.blocks * calls.width * steps <= plan.LANE_STEPS_PER_CALL
+
+
+def test_store_is_what_memory_would_hold_and_is_read_as_used(study, whole, many_chunks, tmp_path):
+    result = run(study, out=tmp_path / "out")
+    assert len(json.loads(result.attrs["manifest"])["chunks"]) > 0
+    assert not isinstance(result["min_voltage_V"].variable._data, np.ndarray)
+    assert_same_bits(result, whole)
+    assert list((tmp_path / "out" / "result.zarr" / "status" / "c").iterdir())
+    assert not (tmp_path / "out" / LOG).exists()
+
+
+def test_memory_sizes_the_chunks(study):
+    per_lane = 8 * (2 + 3 + 3) + 1  # axes, metrics, stored rows, status
+    chunks = plan.cut((1_000_000,), plan.lanes_per_chunk(1_000_000, 1, per_lane, 2**20))
+    assert plan.COPIES * per_lane * chunks.lanes <= 2**20
+    with pytest.raises(SweepError, match="is too little for 64 lanes at a time"):
+        plan.lanes_per_chunk(1_000_000, 1, per_lane, 1000)
+    with pytest.raises(SweepError, match=r"lanes take 58\.8 kB, more than 50 kB; name a folder"):
+        run(study, memory="50 kB")
+
+
+@pytest.mark.parametrize(("text", "size"), [("500 MB", 5e8), ("1.5GiB", 1.5 * 2**30), (2e9, 2e9), ("64k", 64_000)])
+def test_sizes_are_read_as_written(text, size):
+    assert plan.bytes_of(text) == size
+
+
+@pytest.mark.parametrize("text", ["", "much", "-1", "0", "3 apples", "1.2.3 MB"])
+def test_what_is_no_size_is_told(text):
+    with pytest.raises(SweepError, match="is not a size"):
+        plan.bytes_of(text)
+
+
+CHILD = """
+import json, sys
+import sweeps
+from sweeps import manifest, plan
+manifest._sources_digest = lambda: "that of this test"
+plan.LANE_STEPS_PER_CHUNK = 60 * 64
+study = sweeps.Study(**json.loads(sys.argv[1]))
+sys.stdin.readline()
+sweeps.run(study, out=sys.argv[2], resume=True)
+"""
+
+
+def test_killed_ten_times_at_random_moments_and_resumed_gives_the_same_bits(study, whole, tmp_path):
+    """Each run is a process of its own, ended by SIGKILL: after a few ms, or after some more chunks and a few ms."""
+    out, moments, kills = tmp_path / "out", random.Random(4), 10
+
+    def imported() -> subprocess.Popen:
+        """A process that is ready to run: the next one imports while the last one is at work."""
+        command = [sys.executable, "-c", CHILD, study.model_dump_json(), str(out)]
+        return subprocess.Popen(command, cwd=REPOSITORY, stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    def chunks_done() -> int:
+        return (out / LOG).read_bytes().count(b"\n") if (out / LOG).exists() else 0
+
+    log, following = [], imported()
+    for kill in range(kills):
+        child, before = following, chunks_done()
+        following = imported()
+        assert child.stdin is not None
+        child.stdin.write("go\n")
+        child.stdin.flush()
+        more = 0 if kill < 2 else moments.choice([1, 2])
+        patience = time.monotonic() + 60.0
+        while chunks_done() < before + more and time.monotonic() < patience:
+            time.sleep(0.0005)
+        time.sleep(moments.uniform(0.0, 1.0 if kill < 2 else 0.02))
+        child.kill()
+        _, complaint = child.communicate()
+        assert child.returncode == -signal.SIGKILL, complaint
+        log.append((before, chunks_done()))
+    _, complaint = following.communicate("go\n")
+    assert following.returncode == 0, complaint
+    assert [before for before, _ in log] == [0, *(after for _, after in log)][:-1]  # what was done was kept
+    assert 0 < log[-1][1] < 20  # the kills came in mid-run
+    assert_same_bits(load(out), whole)
+
+
+def stop_after(monkeypatch: pytest.MonkeyPatch, chunks: int, error: OSError) -> None:
+    """Let the disk fail in the middle of a chunk."""
+    writes = 0
+
+    def write(array: zarr.Array, region: object, values: object, plain=zarr.Array.__setitem__) -> None:
+        nonlocal writes
+        writes += 1
+        if writes > 5 * chunks + 3:  # five variables a chunk
+            raise error
+        plain(array, region, values)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(zarr.Array, "__setitem__", write)
+
+
+def test_full_disk_is_told_and_what_was_done_is_kept(study, whole, many_chunks, tmp_path, monkeypatch):
+    with monkeypatch.context() as failing:
+        stop_after(failing, 7, OSError(errno.ENOSPC, "No space left on device"))
+        with pytest.raises(
+            SweepError, match=r"disk is full after 7 of 20 chunks, which are kept; free 38.2 kB and go on"
+        ):
+            run(study, out=tmp_path)
+    part = load(tmp_path)
+    assert int((part["status"] >= 0).sum()) == 7 * 60 + 0
+    assert_same_bits(part.isel(current_A=slice(0, 14)), whole.isel(current_A=slice(0, 14)))
+    told: list[int] = []
+    assert_same_bits(run(study, lambda done, _: told.append(done), out=tmp_path, resume=True), whole)
+    assert told[0] == 7 * 60
+
+
+def test_line_of_the_log_that_was_torn_is_run_again(study, whole, many_chunks, tmp_path, monkeypatch):
+    with monkeypatch.context() as failing:
+        stop_after(failing, 12, OSError(errno.EIO, "Input/output error"))
+        with pytest.raises(OSError, match="Input/output"):
+            run(study, out=tmp_path)
+    log = (tmp_path / LOG).read_bytes()
+    assert log == b"".join(b"%d\n" % n for n in range(12))
+    (tmp_path / LOG).write_bytes(log[:-1])  # "11" without its end
+    store = zarr.open_group(tmp_path / "result.zarr", mode="r+", use_consolidated=False)
+    store["soc_gradient"][22:24] = -1.0  # what chunk 11 held is not to be trusted
+    assert_same_bits(run(study, out=tmp_path, resume=True), whole)
+
+
+def test_only_the_same_study_by_the_same_code_goes_on(cell_study, tmp_path, monkeypatch):
+    csv = tmp_path / "drive.csv"
+    csv.write_text("time_s,current_A,ambient_degC\n0,1,20\n10,1,20\n")
+
+    def study(**changes) -> Study:
+        return cell_study(
+            **{"profile": {"csv": str(csv)}, "axes": {"cycles": [0.0, 9.0], "initial_soc": [0.5]}} | changes
+        )
+
+    run(study(), out=tmp_path / "out")
+    with pytest.raises(SweepError, match="holds a finished sweep; give another folder"):
+        run(study(), out=tmp_path / "out")
+    assert_same_bits(run(study(), out=tmp_path / "out", resume=True), run(study()))
+
+    def refused(changed: Study) -> str:
+        with pytest.raises(SweepError) as caught:
+            run(changed, out=tmp_path / "out", resume=True)
+        text = str(caught.value)
+        assert text.endswith("since it was begun; give another folder.")
+        return text
+
+    assert "the study has changed (axes.cycles)" in refused(study(axes={"cycles": [0.0, 8.0], "initial_soc": [0.5]}))
+    assert "the study has changed (parameters.R_0)" in refused(study(parameters={"R_0": 0.1}))
+    assert "(the order of its axes)" in refused(study(axes={"initial_soc": [0.5], "cycles": [0.0, 9.0]}))
+    with monkeypatch.context() as other:
+        other.setattr(manifest, "_sources_digest", lambda: "other")
+        assert "the code has changed (jaxmodel" in refused(study())
+    with monkeypatch.context() as other:
+        other.setattr(manifest.jax, "default_backend", lambda: "abacus")
+        assert "this machine is abacus" in refused(study())
+    csv.write_text("time_s,current_A,ambient_degC\n0,1,20\n10,1.1,20\n")
+    assert f"the file {csv} has changed" in refused(study())
+
+
+def test_stopped_sweep_is_not_begun_anew_and_two_runs_do_not_write_one_folder(
+    study, many_chunks, tmp_path, monkeypatch
+):
+    with monkeypatch.context() as failing:
+        stop_after(failing, 2, OSError(errno.ENOSPC, "No space left on device"))
+        with pytest.raises(SweepError, match="disk is full"):
+            run(study, out=tmp_path)
+    with pytest.raises(SweepError, match="holds a sweep that was stopped; go on with it by --resume"):
+        run(study, out=tmp_path)
+    first = Store(study, plan.cut(study.shape, 60), tmp_path, resume=True)
+    with pytest.raises(SweepError, match="another run is writing here"):
+        run(study, out=tmp_path, resume=True)
+    first.close()
+    assert store_module.fcntl is not None
