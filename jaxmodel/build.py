@@ -18,6 +18,7 @@ from jaxmodel.measurements import KINDS, file_label
 from jaxmodel.model import Model
 from jaxmodel.parameters import Parameters
 from jaxmodel.ports import Effect
+from jaxmodel.presets import Kind
 from jaxmodel.profile import Profile
 
 FIDELITIES = ("formula", "lut")
@@ -141,6 +142,15 @@ def case_model(
             hint = nearest(effect.column, columns) or f" It may sit on {', '.join(columns)}."
             raise EffectError(f"{where}: effect '{effect.name}' has no column '{effect.column}' to sit on.{hint}")
     return Model(kind=case.kind, parameters=Parameters(**known), curves=CellCurves(**chosen), effects=effects)
+
+
+def preset_model(name: str, kind: Kind) -> Model:
+    """Return the model of a preset alone; what it does not state is the paper's.
+
+    Raises:
+        ParameterError: the preset is unknown or serves other kinds.
+    """
+    return case_model(Case("preset", Path("preset_model"), "", kind, name, {}, {}, {}, {}, (), {}))
 
 
 def run_profile(run: Run) -> Profile:

@@ -22,6 +22,12 @@ Kind = Literal["cell", "motor", "robot"]
 # The titles stand here too, so that to list the presets, or to use the paper's, opens no file.
 PRESETS = {
     "paper": "the robot of the paper: 6S1P 5.2 Ah pack, two maxon RE50 motors",
+    "samsung_30q": "Samsung INR18650-30Q, 3.0 A h",
+    "lg_mj1": "LG INR18650-MJ1 that gave 2.9 A h",
+    "k2_lfp_26650": "K2 Energy 26650 LFP, 2.2 A h",
+    "panasonic_18650pf": "Panasonic NCR18650PF, 2.9 A h",
+    "hobby_servo_s3315d": "HJ S3315D hobby servo with its gear, 7 V",
+    "prony_gearmotor": "an unnamed 12 V gear motor measured on a brake",
 }
 
 
@@ -45,7 +51,7 @@ class PresetForm(BaseModel):
     data: str
     licence: str
     parameters: ParametersEntry
-    held_out: list[HeldOut]
+    held_out: list[HeldOut] = []
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
