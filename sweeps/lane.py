@@ -80,21 +80,31 @@ def lay_out(model: Model, profile: Profile, stored_rows: np.ndarray) -> Course:
 
 
 def run_lane(keep: Keep, model: Model, course: Course, cutoff: Cutoff | None, own: dict[str, Array]) -> Outcome:
-    """Run one lane: the model over the course with the lane's own inputs and parameters, by name.
+    """Run one lane: the model over the course with what is the lane's own.
+
+    Of `own`, an input's name replaces it, `scale.INPUT` multiplies it, `initial.STATE` sets a state at the start, and
+    any other name is a parameter.
 
     Pure; the physics and the meaning of the cut-off are those of `jaxmodel.simulate.run_track`.
     """
     held = {name: value for name, value in own.items() if name in course.steady or name in course.later}
-    model = with_values(model, {name: value for name, value in own.items() if name not in held})
+    scales, initial = _after("scale.", own), _after("initial.", own)
+    named = {name: value for name, value in own.items() if not name.startswith(("scale.", "initial."))}
+    model = with_values(model, {name: value for name, value in named.items() if name not in held})
     held = course.steady | held
-    first_inputs = course.first | held
-    start = initial_state(model, first_inputs)
+
+    def inputs_of(changing: Inputs) -> Inputs:
+        inputs = changing | held
+        return inputs | {name: inputs[name] * factor for name, factor in scales.items()}
+
+    first_inputs = inputs_of(course.first)
+    start = initial_state(model, first_inputs) | initial
     first = _moment(model, start, first_inputs)
 
     def advance_one(carry, given):
         state, running, elapsed, carried = carry
         changing, duration, ends_row = given
-        inputs = changing | held
+        inputs = inputs_of(changing)
         taken = duration if cutoff is None else jnp.where(running, duration, 0.0)
         before, state = _moment(model, state, inputs), step(model, state, inputs, taken)
         after = _moment(model, state, inputs)
@@ -123,6 +133,10 @@ def run_lane(keep: Keep, model: Model, course: Course, cutoff: Cutoff | None, ow
         columns={n: jnp.concatenate([first.columns[n][None], later])[course.stored] for n, later in courses.items()},
         status=jnp.where(finite, ended, Status.NOT_FINITE),
     )
+
+
+def _after(prefix: str, own: dict[str, Array]) -> dict[str, Array]:
+    return {name.removeprefix(prefix): value for name, value in own.items() if name.startswith(prefix)}
 
 
 def _moment(model: Model, state: State, inputs: Inputs) -> Moment:

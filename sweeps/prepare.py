@@ -1,7 +1,6 @@
 """From the form of a study to what it means: the model, the profile and the metrics, after a look at every name."""
 
 import dataclasses
-import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -10,26 +9,25 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxmodel.build import case_model
+from jaxmodel.case_schema import parse_case
 from jaxmodel.cases import Case, read_case
 from jaxmodel.declaration import ParameterInfo
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import SweepError, nearest
-from jaxmodel.measurements import KINDS, read_measurements, read_utf8
-from jaxmodel.model import Model
+from jaxmodel.measurements import KINDS, file_label, read_utf8
+from jaxmodel.model import Model, initial_state
 from jaxmodel.names import parameter_table, with_values
+from jaxmodel.parameters import TABLE
 from jaxmodel.presets import why_not
-from jaxmodel.profile import Profile, constant
+from jaxmodel.profile import Profile
 from jaxmodel.simulate import Cutoff
+from sweeps.courses import check_input, course_of, input_names
 from sweeps.metrics import Metric, metrics_of
 from sweeps.study_form import StudyForm
 
-# Outside these an input is in the wrong unit, or wrong.
-_INPUT_BOUNDS = {
-    **dict.fromkeys(("duty", "flipper_duty", "arm_duty"), (-1.0, 1.0)),
-    "V_set": (0.0, 5.0),
-    "ambient_degC": (-90.0, 200.0),
-    "incline_deg": (-90.0, 90.0),
-}
+# What stands in front of an input's name, or a state's, to vary its size or where it starts.
+SCALE, INITIAL = "scale.", "initial."
+_STATE_UNITS = {"_V": "V", "_K": "K", "_A": "A", "rad_s": "rad/s", "_degC": "degC"}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -38,10 +36,10 @@ class Prepared:
 
     Attributes:
         model: with the study's parameters and effects, its axes at their defaults.
-        profile: inputs over time, those on an axis at its first value.
+        profile: inputs over time, those in which lanes differ at one of their values.
         cutoff: where a run ends, or None.
         metrics: what is kept of each lane.
-        info: what is known of each axis that is a parameter, by axis name.
+        info: what is known of what lanes differ in, by name; of an input nothing.
         stored_rows: the rows of the profile at which courses are kept.
     """
 
@@ -61,32 +59,32 @@ class Prepared:
 def prepare(study: StudyForm) -> Prepared:
     """Return what a study means, after a look at every name and number in it."""
     case = _case(study)
-    model = case_model(case, fidelity=study.fidelity)
+    model = with_values(case_model(case, fidelity=study.fidelity), _initial_soc_of_case(study))
     table = parameter_table(model)
     for name, value in study.parameters.items():
         _known(name, table, f"parameters.{name}: no parameter is called").check(value, f"parameters.{name}")
     model = with_values(model, {name: jnp.asarray(value) for name, value in study.parameters.items()})
 
-    inputs = _input_names(model.kind)
-    info = {}
-    for name, values in study.axes.items():
-        if name in inputs:
-            _check_input(name, values, f"axes.{name}")
-            continue
-        effect = name.partition(".")[0]
-        if effect in CATALOGUE and name not in table and effect not in {on.name for on in model.effects}:
-            raise SweepError(f"axes.{name}: the effect '{effect}' is off; turn it on, as in [effects] {effect} = {{}}.")
-        what = f"axes.{name}: no parameter, and no input of a {model.kind}, is called"
-        info[name] = _known(name, table, what, inputs)
-        for value in values:
-            info[name].check(value, f"axes.{name}")
+    profile = course_of(study.profile, study.folder, model, _one_value_of_inputs(study, model.kind))
+    varied = {name: (values, f"axes.{name}") for name, values in study.axes.items()}
+    for name, span in study.sample.ranges.items() if study.sample else ():
+        varied[name] = ([span.low, span.high], f"sample.ranges.{name}")
+    info: dict[str, ParameterInfo] = {}
+    for name, (values, where) in varied.items():
+        if name.startswith(SCALE):
+            info[name] = _scale(name, values, profile, model.kind, where)
+        elif name.startswith(INITIAL):
+            info[name] = _initial(name, values, model, profile, where)
+        elif name in input_names(model.kind):
+            check_input(name, model.kind, values, where)
+        else:
+            info[name] = _parameter(name, values, model, table, where)
 
     cutoff = study.cutoff.model_dump(exclude_none=True) or case.cutoff
     for name in study.store:
         outputs = KINDS[model.kind].outputs
         if name not in outputs:
             raise SweepError(f"store: a {model.kind} has no column '{name}'.{nearest(name, outputs)}")
-    profile = _profile(study, model.kind)
     return Prepared(
         model=model,
         profile=profile,
@@ -117,37 +115,67 @@ def _case(study: StudyForm) -> Case:
     return dataclasses.replace(case, effects=case.effects | study.effects)
 
 
-def _profile(study: StudyForm, kind: str) -> Profile:
-    """Return the inputs over time: the CSV's, replaced by the constants of the profile and by the axes."""
-    form, vocabulary = study.profile, KINDS[kind]
-    for name, value in form.inputs.items():
-        if name not in _input_names(kind):
-            raise SweepError(f"profile.{name}: a {kind} has no input '{name}'.{nearest(name, _input_names(kind))}")
-        _check_input(name, [value], f"profile.{name}")
-    axes = {name: values[0] for name, values in study.axes.items() if name in _input_names(kind)}
-    columns: dict[str, Any] = {}
-    if form.csv is None:
-        assert form.duration_s is not None  # the form has one of the two
-        time_s = constant(form.duration_s, form.step_s).time_s
-    else:
-        path = study.folder / form.csv
-        ambient = (form.inputs | axes).get("ambient_degC")
-        measured = read_measurements(path, kind, None if _has_column(path, "ambient_degC") else ambient)
-        time_s, columns = measured.time_s, measured.inputs
-    for layer in (form.inputs, axes):
-        others = {other for group in vocabulary.alternatives if set(group) & set(layer) for other in group}
-        columns = {name: values for name, values in columns.items() if name not in others} | layer
-    for name in vocabulary.required_inputs:
-        if name not in columns:
-            raise SweepError(f"profile: a {kind} needs the input '{name}'; add it under [profile] or [axes].")
-    for group in vocabulary.alternatives:
-        if (count := len(set(group) & set(columns))) != 1:
-            need = "needs one of the inputs" if count == 0 else "takes one, not both, of the inputs"
-            raise SweepError(f"profile: a {kind} {need} {' and '.join(group)}; change [profile] or [axes].")
-    for name, other in vocabulary.only_with.items():
-        if name in columns and other not in columns:
-            raise SweepError(f"profile: '{name}' is used only together with '{other}'; add that or remove this.")
-    return Profile(time_s, {name: np.broadcast_to(values, time_s.shape) for name, values in columns.items()})
+def _initial_soc_of_case(study: StudyForm) -> dict[str, Any]:
+    """Return the `initial_soc` of a case's `[parameters]`: a case has it for its runs, a study takes it as its own."""
+    if study.case is None:
+        return {}
+    path = study.folder / study.case
+    file = path / "case.toml" if path.is_dir() else path
+    stated = parse_case(read_utf8(file), file_label(file)).parameters.__pydantic_extra__.get("initial_soc")
+    return {} if stated is None else {"initial_soc": jnp.asarray(stated.value)}
+
+
+def _one_value_of_inputs(study: StudyForm, kind: str) -> dict[str, float]:
+    """Return the inputs in which lanes differ: of an axis its first value, of a range its middle."""
+    values = {name: entries[0] for name, entries in study.axes.items()}
+    values |= {
+        name: 0.5 * (span.low + span.high) for name, span in (study.sample.ranges if study.sample else {}).items()
+    }
+    return {name: value for name, value in values.items() if name in input_names(kind)}
+
+
+def _parameter(
+    name: str, values: list[float], model: Model, table: Mapping[str, ParameterInfo], where: str
+) -> ParameterInfo:
+    """Return what is known of a parameter in which lanes differ."""
+    effect = name.partition(".")[0]
+    if effect in CATALOGUE and name not in table and effect not in {on.name for on in model.effects}:
+        raise SweepError(f"{where}: the effect '{effect}' is off; turn it on, as in [effects] {effect} = {{}}.")
+    what = f"{where}: no parameter, and no input of a {model.kind}, is called"
+    info = _known(name, table, what, input_names(model.kind))
+    for value in values:
+        info.check(value, where)
+    return info
+
+
+def _scale(name: str, values: list[float], profile: Profile, kind: str, where: str) -> ParameterInfo:
+    """Return what is known of a factor on an input."""
+    column = name.removeprefix(SCALE)
+    if column not in profile.inputs:
+        raise SweepError(f"{where}: the profile has no input '{column}'.{nearest(column, profile.inputs)}")
+    if column.endswith("_degC"):
+        raise SweepError(f"{where}: a temperature in degC has no factor; put {column} itself on an axis.")
+    course = profile.inputs[column]
+    for value in values:
+        check_input(column, kind, [value * course.min(), value * course.max()], where)
+    return ParameterInfo(name, unit="", meaning=f"factor on the input {column}", default=1.0)
+
+
+def _initial(name: str, values: list[float], model: Model, profile: Profile, where: str) -> ParameterInfo:
+    """Return what is known of a state at the start."""
+    state = name.removeprefix(INITIAL)
+    states = initial_state(model, {name: jnp.asarray(column[0]) for name, column in profile.inputs.items()})
+    if state not in states:
+        raise SweepError(
+            f"{where}: the model has no state '{state}'.{nearest(state, states)} It has {', '.join(states)}."
+        )
+    unit = next((unit for ending, unit in _STATE_UNITS.items() if state.endswith(ending)), "")
+    info = ParameterInfo(name, unit=unit, meaning=f"{state} at the start of a run", default=float(states[state]))
+    if state == "soc":
+        info = dataclasses.replace(TABLE["initial_soc"], name=name)
+    for value in values:
+        info.check(value, where)
+    return info
 
 
 def _metrics(study: StudyForm, kind: str, has_cutoff: bool) -> tuple[Metric, ...]:
@@ -164,15 +192,11 @@ def _metrics(study: StudyForm, kind: str, has_cutoff: bool) -> tuple[Metric, ...
         metric = shipped[given] if isinstance(given, str) else given
         if kind not in metric.kinds:
             raise SweepError(f"metrics: '{metric.name}' applies to {' and '.join(metric.kinds)}, not to a {kind}.")
-        if metric.name in {other.name for other in chosen} | set(study.store) | set(study.axes):
+        taken = {*study.store, *study.axes, *(study.sample.ranges if study.sample else ()), "lane", "time_s", "status"}
+        if metric.name in {other.name for other in chosen} | taken:
             raise SweepError(f"metrics: the result would have two variables called '{metric.name}'; rename one.")
         chosen.append(metric)
     return tuple(chosen)
-
-
-def _input_names(kind: str) -> tuple[str, ...]:
-    vocabulary = KINDS[kind]
-    return (*vocabulary.required_inputs, *sum(vocabulary.alternatives, ()), *vocabulary.optional_inputs)
 
 
 def _is_of_sensor(effect: str) -> bool:
@@ -183,17 +207,3 @@ def _known(name: str, table: Mapping[str, ParameterInfo], what: str, others: Ite
     if name not in table:
         raise SweepError(f"{what} '{name}'.{nearest(name, [*table, *others])}")
     return table[name]
-
-
-def _check_input(name: str, values: list[float], where: str) -> None:
-    lower, upper = _INPUT_BOUNDS.get(name, (-math.inf, math.inf))
-    for value in values:
-        if not lower <= value <= upper:
-            raise SweepError(f"{where}: {value:g} is outside {lower:g} to {upper:g}; correct the value or its unit.")
-
-
-def _has_column(csv: Path, name: str) -> bool:
-    """Return True if the header of a CSV has a column."""
-    lines = (line.strip() for line in read_utf8(csv).splitlines())
-    header = next((line for line in lines if line and not line.startswith("#")), "")
-    return name in [field.strip() for field in header.split(",")]

@@ -12,8 +12,10 @@ from pydantic import PrivateAttr, ValidationError
 from jaxmodel.errors import SweepError, UserError
 from jaxmodel.measurements import file_label, read_utf8
 from jaxmodel.robot import duty_of_signal
+from sweeps.form import complaint
 from sweeps.prepare import Prepared, prepare
-from sweeps.study_form import StudyForm, complaint
+from sweeps.sample import draw
+from sweeps.study_form import StudyForm
 
 # The dimension along which lanes lie whose values are drawn.
 LANE = "lane"
@@ -30,9 +32,11 @@ class Study(StudyForm):
         fidelity: "formula", or "lut" for the paper's look-up tables.
         parameters: values by name, as in a case file, or `effect.parameter`.
         effects: effects turned on, with their values, as in a case file.
-        profile: constant inputs for some time, or a CSV.
+        profile: inputs over time: constants, pulse trains, a CSV or drive cycle, a mission.
         axes: by name of a parameter, of an effect's parameter (`ocv_hysteresis.M_V`) or of an input, its values;
-            an input's axis replaces what the profile says of that input.
+            an input's axis replaces what the profile says of that input; `scale.INPUT` multiplies it, `initial.STATE`
+            sets a state at the start.
+        sample: lanes whose values are drawn from ranges, along a dimension `lane` of the result.
         metrics: names of shipped metrics, or metrics of one's own; all that the kind has where none are named.
         store: columns whose course is kept too, at every `store_every`-th row.
         store_every: a number of rows.
@@ -60,16 +64,19 @@ class Study(StudyForm):
     @property
     def varied(self) -> tuple[str, ...]:
         """The names in which lanes differ."""
-        return tuple(self.axes)
+        return (*self.axes, *(self.sample.ranges if self.sample else ()))
 
     def range_of(self, name: str) -> tuple[float, float]:
         """Return the least and the greatest value that lanes have of a name."""
+        if self.sample is not None and name in self.sample.ranges:
+            return self.sample.ranges[name].low, self.sample.ranges[name].high
         return min(self.axes[name]), max(self.axes[name])
 
     @property
     def dims(self) -> dict[str, int]:
         """The number of values along each dimension of the result, by name, in order."""
-        return {name: len(values) for name, values in self.axes.items()}
+        sizes = {name: len(values) for name, values in self.axes.items()}
+        return sizes | ({LANE: self.sample.count} if self.sample else {})
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -98,15 +105,16 @@ class Study(StudyForm):
 
     def drawn(self, numbers: np.ndarray) -> dict[str, np.ndarray]:
         """Return the values drawn for places along the dimension `lane`."""
-        return {}
+        return draw(self.sample, numbers) if self.sample else {}
 
     def lanes(self, numbers: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the values of every axis for lanes by their number, the last axis running fastest.
+        """Return what lanes differ in, by their number, the last dimension running fastest.
 
         A set signal becomes a duty here (eq. 22), which is what the model takes.
         """
         places = np.unravel_index(numbers, self.shape)
-        lanes = {name: np.asarray(self.axes[name])[place] for name, place in zip(self.axes, places, strict=True)}
+        lanes = {name: np.asarray(self.axes[name])[place] for name, place in zip(self.axes, places, strict=False)}
+        lanes |= self.drawn(places[-1])
         if "V_set" in lanes:
             lanes["duty"] = duty_of_signal(lanes.pop("V_set"))
         return lanes
