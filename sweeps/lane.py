@@ -17,6 +17,7 @@ from jaxmodel.profile import Profile
 from jaxmodel.robot import Inputs
 from jaxmodel.simulate import Cutoff, Status, track
 from sweeps.metrics import End, Metric, Moment, Step
+from sweeps.power import powers
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,15 +100,21 @@ def run_lane(keep: Keep, model: Model, course: Course, cutoff: Cutoff | None, ow
 
     first_inputs = inputs_of(course.first)
     start = initial_state(model, first_inputs) | initial
-    first = _moment(model, start, first_inputs)
+    asks_powers = any(metric.asks_powers for metric in keep.metrics)
+
+    def moment(state: State, inputs: Inputs) -> Moment:
+        spent = powers(model, state, inputs) if asks_powers else {}
+        return Moment(inputs | read(model, state, inputs), valid(model, state, inputs), spent)
+
+    first = moment(start, first_inputs)
 
     def advance_one(carry, given):
         state, running, elapsed, carried = carry
         changing, duration, ends_row = given
         inputs = inputs_of(changing)
         taken = duration if cutoff is None else jnp.where(running, duration, 0.0)
-        before, state = _moment(model, state, inputs), step(model, state, inputs, taken)
-        after = _moment(model, state, inputs)
+        before, state = moment(state, inputs), step(model, state, inputs, taken)
+        after = moment(state, inputs)
         report = Step(before, after, taken, ends_row)
         updated = tuple(metric.update(c, report) for metric, c in zip(keep.metrics, carried, strict=True))
         if cutoff is not None:
@@ -137,10 +144,6 @@ def run_lane(keep: Keep, model: Model, course: Course, cutoff: Cutoff | None, ow
 
 def _after(prefix: str, own: dict[str, Array]) -> dict[str, Array]:
     return {name.removeprefix(prefix): value for name, value in own.items() if name.startswith(prefix)}
-
-
-def _moment(model: Model, state: State, inputs: Inputs) -> Moment:
-    return Moment(inputs | read(model, state, inputs), valid(model, state, inputs))
 
 
 def _below(model: Model, moment: Moment, cutoff: Cutoff) -> Array:

@@ -11,13 +11,14 @@ import abc
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from jaxmodel.declaration import Scalar
+from sweeps.power import LOSSES
 
 Carry = Any
 
@@ -28,10 +29,12 @@ class Moment(eqx.Module):
     Attributes:
         columns: the inputs and what ideal sensors read, by the names of case files.
         valid: False where the model's equations make no sense.
+        powers: as in `sweeps.power`, where a metric asks for them.
     """
 
     columns: Mapping[str, Scalar]
     valid: Bool[Array, ""]
+    powers: Mapping[str, Scalar] = eqx.field(default_factory=dict)
 
 
 class Step(eqx.Module):
@@ -66,7 +69,10 @@ class Metric(abc.ABC):
         unit: of the value; "" is a pure number.
         meaning: one line for tables and plots.
         kinds: the kinds of model that have it.
+        asks_powers: True where it reads the powers of a moment, which cost something.
     """
+
+    asks_powers: ClassVar[bool] = False
 
     name: str
     unit: str
@@ -103,6 +109,65 @@ class MeanGradient(Metric):
     def finish(self, carry: Carry, end: End) -> Scalar:
         """Return (last - first) / elapsed."""
         return (carry[1] - carry[0]) / end.elapsed_s
+
+
+@dataclasses.dataclass(frozen=True)
+class FittedGradient(Metric):
+    """Slope of the least-squares line through a column at the rows of the profile, per second."""
+
+    column: str
+
+    def init(self, first: Moment) -> Carry:
+        """Carry time, number of rows, both means, and the sums of squares and products about them."""
+        zero = jnp.zeros(())
+        return zero, jnp.ones(()), zero, first.columns[self.column], zero, zero
+
+    def update(self, carry: Carry, step: Step) -> Carry:
+        """Add the row that the step ends, if it ends one (Welford's sums, which do not cancel)."""
+        time, count, mean_time, mean, squares, products = carry
+        value, row = step.after.columns[self.column], jnp.asarray(step.ends_row, dtype=float)
+        time, count = time + step.duration_s, count + row
+        share, away = row / count, row * (time - mean_time)
+        mean_time, mean = mean_time + share * (time - mean_time), mean + share * (value - mean)
+        return time, count, mean_time, mean, squares + away * (time - mean_time), products + away * (value - mean)
+
+    def finish(self, carry: Carry, end: End) -> Scalar:
+        """Return the slope; NaN where the run ended before its second row."""
+        *_, squares, products = carry
+        return products / jnp.where((squares > 0.0) & (end.elapsed_s > 0.0), squares, jnp.nan)
+
+
+@dataclasses.dataclass(frozen=True)
+class Ratio(Metric):
+    """The time integral of some powers over that of others, by the trapezium rule within each step.
+
+    A sum whose name ends in `speed_m_s` counts by its size. NaN where the denominator is not positive.
+    """
+
+    asks_powers: ClassVar[bool] = True
+
+    over: tuple[str, ...]
+    under: tuple[str, ...]
+
+    def init(self, first: Moment) -> Carry:
+        """Start both at zero."""
+        return jnp.zeros(()), jnp.zeros(())
+
+    def update(self, carry: Carry, step: Step) -> Carry:
+        """Add the step to both."""
+        return tuple(
+            total + 0.5 * (self._sum(names, step.before) + self._sum(names, step.after)) * step.duration_s
+            for total, names in zip(carry, (self.over, self.under), strict=True)
+        )
+
+    def finish(self, carry: Carry, end: End) -> Scalar:
+        """Return the ratio."""
+        over, under = carry
+        return over / jnp.where(under > 0.0, under, jnp.nan)
+
+    def _sum(self, names: tuple[str, ...], moment: Moment) -> Scalar:
+        parts = [moment.powers[name] for name in names]
+        return sum(jnp.abs(x) if n.endswith("speed_m_s") else x for n, x in zip(names, parts, strict=True))  # type: ignore[return-value]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -217,6 +282,48 @@ _SHIPPED = (
 )
 
 
+_CAUSES = {
+    "ohmic_W": "the cells' ohmic resistance",
+    "polarisation_W": "polarisation of the cells",
+    "copper_W": "winding and brushes",
+    "friction_W": "friction in motor and gear",
+    "electronics_W": "on-board electronics and bridge",
+}
+_ON_REQUEST = (
+    FittedGradient(
+        "soc_gradient_fitted", "1/s", "slope of the straight line through the state of charge", _BATTERY, "soc"
+    ),
+    Ratio(
+        "energy_per_metre_J", "J/m", "energy of the pack per metre of way", _ROBOT, ("pack_W",), ("ground_speed_m_s",)
+    ),
+    Ratio(
+        "efficiency",
+        "",
+        "work / energy from the open-circuit voltage or the terminals",
+        _ALL,
+        ("work_W",),
+        ("source_W",),
+    ),
+    *(
+        Ratio(
+            f"loss_share_{cause.removesuffix('_W')}",
+            "",
+            f"share of the losses: {_CAUSES[cause]}",
+            (kind,),
+            (cause,),
+            causes,
+        )
+        for kind, causes in LOSSES.items()
+        for cause in causes
+    ),
+)
+
+
+def metrics_on_request(kind: str) -> dict[str, Metric]:
+    """Return the shipped metrics of a kind that cost more and are computed only where they are named."""
+    return {metric.name: metric for metric in _ON_REQUEST if kind in metric.kinds}
+
+
 def metrics_of(kind: str) -> dict[str, Metric]:
-    """Return the shipped metrics of a kind of model by name, in the order of tables."""
+    """Return the metrics that every study of a kind has unless it names its own, in the order of tables."""
     return {metric.name: metric for metric in _SHIPPED if kind in metric.kinds}

@@ -22,7 +22,7 @@ from jaxmodel.presets import why_not
 from jaxmodel.profile import Profile
 from jaxmodel.simulate import Cutoff
 from sweeps.courses import check_input, course_of, input_names
-from sweeps.metrics import Metric, metrics_of
+from sweeps.metrics import Metric, metrics_of, metrics_on_request
 from sweeps.study_form import StudyForm
 
 # What stands in front of an input's name, or a state's, to vary its size or where it starts.
@@ -179,12 +179,13 @@ def _initial(name: str, values: list[float], model: Model, profile: Profile, whe
 
 
 def _metrics(study: StudyForm, kind: str, has_cutoff: bool) -> tuple[Metric, ...]:
-    """Return the metrics that the study names, or all that make sense."""
+    """Return the metrics that the study names, or all but those on request."""
     shipped = metrics_of(kind)
     if not has_cutoff:
         shipped.pop("time_to_cutoff_s", None)
     chosen: list[Metric] = []
-    for given in study.metrics or shipped:
+    by_default, shipped = list(shipped), shipped | metrics_on_request(kind)
+    for given in study.metrics or by_default:
         if isinstance(given, str) and given not in shipped:
             if given == "time_to_cutoff_s" and not has_cutoff:
                 raise SweepError("metrics: 'time_to_cutoff_s' needs a [cutoff] with soc or voltage_V; add one.")

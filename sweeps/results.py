@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -146,6 +146,18 @@ def load(directory: str | Path) -> xr.Dataset:
     dataset = xr.open_zarr(Path(directory) / GRID, consolidated=False, chunks=None)
     manifest = json.loads((Path(directory) / MANIFEST).read_text(encoding="utf-8"))
     return dataset.assign_attrs(attributes_of(manifest))
+
+
+def percentiles(dataset: xr.Dataset, percents: Sequence[float | int] = (5.0, 50.0, 95.0)) -> xr.Dataset:
+    """Return percentiles of each metric over all lanes that have a value, along a dimension `percentile`."""
+    metrics = [str(n) for n, v in dataset.data_vars.items() if n != "status" and "time_s" not in v.dims]
+    found = {}
+    for name in metrics:  # one at a time: of a result on disk no more is in memory
+        values = dataset[name].to_numpy()
+        values = values[np.isfinite(values)]
+        numbers = np.percentile(values, percents) if values.size else np.full(len(percents), np.nan)
+        found[name] = ("percentile", numbers, dataset[name].attrs)
+    return xr.Dataset(found, {"percentile": ("percentile", list(percents), {"units": "%"})})
 
 
 def unit_of(column: str) -> str:

@@ -19,6 +19,7 @@ from workbench.pictures.style import png
 from workbench.pictures.sweeps import family, heat_map, label_of, metric_curves
 
 _NO_METRIC = ("status", "valid_share")
+_PERCENTS = (0, 5, 50, 95, 100)
 
 
 def sweep(
@@ -103,15 +104,15 @@ def middle(dataset: xr.Dataset, axes: Sequence[str]) -> tuple[dict[str, int], st
 
 
 def print_sweep(dataset: xr.Dataset) -> None:
-    """Print the range of every metric, how fast it went and how the lanes ended."""
-    rows = []
-    for metric in metrics_in(dataset):
-        values = dataset[metric]
-        numbers = [float(values.min()), float(values.median()), float(values.max())]
-        rows.append((metric, dataset[metric].attrs.get("units", ""), *(f"{n:.5g}" for n in numbers)))
-    terminal.table(
-        dataset.attrs["title"] or "Sweep", ("metric", "unit", "least", "median", "greatest"), rows, right=(2, 3, 4)
-    )
+    """Print percentiles of every metric over lanes, how fast it went and how the lanes ended."""
+    found = sweeps.percentiles(dataset, _PERCENTS)
+    rows = [
+        (name, str(dataset[name].attrs.get("units", "")), *(f"{n:.5g}" for n in found[name].to_numpy()))
+        for name in map(str, found.data_vars)
+        if name not in _NO_METRIC and np.isfinite(found[name]).all()
+    ]
+    columns = ("metric", "unit", "least", *(f"{percent:g} %" for percent in _PERCENTS[1:-1]), "greatest")
+    terminal.table(dataset.attrs["title"] or "Sweep", columns, rows, right=range(2, len(columns)))
     lanes = dataset["status"].size
     terminal.say(f"{lanes:,} lanes, {lanes_per_second(dataset):,.0f} lanes/s.")
     for status, what in (
