@@ -19,12 +19,12 @@ JUMP_A = 0.5  # a current that changes by more than this over a gap of the log w
 GAP_S = 5.0
 LONGEST_S = 10.0  # a row counts as the root of the time it stands for, up to this: logs are dense in pulses
 # Where data say little, ocv goes on straight and a resistance is held: weights of second and of first differences.
-SMOOTH_OCV, SMOOTH_OHM = 0.5, 5.0
+SMOOTH_OCV, SMOOTH_OHM = 2.0, 5.0
 # What a test's open-circuit voltage differs from the reference's (age, entropy, hysteresis) is its own, at these,
 # lest it be charged to resistances: a weight of 0.3 to a row's 1 lets it go as far as the data want.
 OWN_SOC = (0.0, 0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 1.0)
 OWN_WEIGHT = 0.3
-LEAST_OHM = 2e-4  # of a table: the model wants more than 0
+LEAST_OHM = 5e-4  # of a table: the model wants more than 0
 ROUNDS = 4  # of: tables, then from them the state of charge at each test's first rest
 
 
@@ -53,7 +53,11 @@ class Test:
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """What a cell's curves are made of, and where their points lie; `empties` is the test that ends at SOC 0."""
+    """What a cell's curves are made of, and where their points lie; `empties` is the test that ends at SOC 0.
+
+    At `hot_degC`, where a cell gets only under way and not at every state of charge, all resistances are one searched
+    factor times those of the highest of `degC`.
+    """
 
     folder: str
     tests: tuple[Test, ...]
@@ -63,6 +67,7 @@ class Plan:
     series_soc: tuple[float, ...]
     pair_soc: tuple[float, ...]
     taus_s: tuple[float, float]
+    hot_degC: float | None = None
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -79,10 +84,14 @@ class Rows:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Fit:
-    """A cell: capacity, `ocv` over SOC, `R_ints`, `R_TS` and `R_TL` of shape (temperature, soc), and the misfit."""
+    """A cell: capacity, `ocv` over SOC, `R_ints`, `R_TS` and `R_TL` of shape (temperature, soc), and the misfit.
+
+    `degC` are the temperatures of the tables, the hot one included.
+    """
 
     capacity_Ah: float
     ocv: np.ndarray
+    degC: tuple[float, ...]
     tables: dict[str, np.ndarray]
     taus_s: tuple[float, float]
     first_soc: dict[str, float]
@@ -109,9 +118,9 @@ def weights(x: np.ndarray, points) -> np.ndarray:
     return np.column_stack([np.interp(x, points, unit) for unit in np.eye(len(points))])
 
 
-def over_both(soc: np.ndarray, degC: np.ndarray, soc_points, degC_points) -> np.ndarray:
+def over_both(soc: np.ndarray, over_degC: np.ndarray, soc_points) -> np.ndarray:
     """Return the weights of a table over temperature and SOC, shape (rows, temperatures x socs)."""
-    both = weights(degC, degC_points)[:, :, None] * weights(soc, soc_points)[:, None, :]
+    both = over_degC[:, :, None] * weights(soc, soc_points)[:, None, :]
     return both.reshape(len(soc), -1)
 
 
@@ -144,7 +153,9 @@ class Fitting:
         self.own = [test for test in plan.tests if test.own_ocv]
         self.first_soc = {test.file: 1.0 if test.first_soc is None else test.first_soc for test in plan.tests}
         self.place()
-        tables = [SMOOTH_OCV * second_differences(plan.ocv_soc)]
+        # Of V_oc the rises from point to point are the values: as they are not negative, it never falls.
+        self.risen = np.tril(np.ones((len(plan.ocv_soc), len(plan.ocv_soc))))
+        tables = [SMOOTH_OCV * second_differences(plan.ocv_soc) @ self.risen]
         for points in (plan.series_soc, plan.pair_soc, plan.pair_soc):
             tables += [SMOOTH_OHM * np.diff(np.eye(len(points)), axis=0)] * len(plan.degC)
         tables += [OWN_WEIGHT * np.eye(2 * len(OWN_SOC) * len(self.own))]
@@ -172,22 +183,31 @@ class Fitting:
             if test.follows:
                 self.first_soc[test.file] = self.first_soc[test.follows] - drawn[test.follows] / self.capacity_Ah
 
-    def design(self, taus_s: np.ndarray) -> np.ndarray:
-        """Return the voltage's derivatives by all values, shape (rows, values)."""
-        plan, blocks = self.plan, []
+    def design(self, searched: np.ndarray) -> np.ndarray:
+        """Return the voltage's derivatives by all values, shape (rows, values).
+
+        Args:
+            searched: both time constants in s, and the factor of the hot row if there is one.
+        """
+        plan, blocks, taus_s = self.plan, [], searched[:2]
         for test, rows in self.tests.items():
             soc = self.first_soc[test.file] - rows.drawn_Ah / self.capacity_Ah
-            series = over_both(soc, rows.degC, plan.series_soc, plan.degC) * rows.current_A[:, None]
-            drive = over_both(soc, rows.degC, plan.pair_soc, plan.degC) * rows.mean_A[:, None]
+            over_degC = weights(rows.degC, plan.degC)
+            if plan.hot_degC is not None:
+                all_rows = weights(rows.degC, (*plan.degC, plan.hot_degC))
+                over_degC = all_rows[:, :-1]
+                over_degC[:, -1] += searched[2] * all_rows[:, -1]
+            series = over_both(soc, over_degC, plan.series_soc) * rows.current_A[:, None]
+            drive = over_both(soc, over_degC, plan.pair_soc) * rows.mean_A[:, None]
             own = weights(soc, OWN_SOC)
             owns = [np.hstack([own, -own]) * (other is test) for other in self.own]  # two signs: all values are >= 0
             pairs = [-relaxed(rows.time_s, drive, tau) for tau in taus_s]
-            blocks.append(np.hstack([weights(soc, plan.ocv_soc), -series, *pairs, *owns]))
+            blocks.append(np.hstack([weights(soc, plan.ocv_soc) @ self.risen, -series, *pairs, *owns]))
         return np.vstack(blocks)
 
-    def solve(self, taus_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def solve(self, searched: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the values that fit best and what they miss by row, in V, from the normal equations."""
-        matrix = self.design(taus_s)
+        matrix = self.design(searched)
         weighted = matrix * self.weight[:, None]
         normal = weighted.T @ weighted + self.extra.T @ self.extra + 1e-9 * np.eye(matrix.shape[1])
         root = np.linalg.cholesky(normal)
@@ -195,31 +215,37 @@ class Fitting:
         values = nnls(root.T, aim, maxiter=20000)[0]
         return values, matrix @ values - self.voltage
 
-    def misfit(self, log_taus: np.ndarray) -> float:
-        """Return the weighted mean square at two time constants, in mV^2."""
-        missed = self.solve(np.exp(log_taus))[1]
+    def misfit(self, logarithms: np.ndarray) -> float:
+        """Return the weighted mean square at what is searched, in mV^2."""
+        missed = self.solve(np.exp(logarithms))[1]
         return 1e6 * float(np.sum((self.weight * missed) ** 2) / np.sum(self.weight**2))
 
 
 def fit(source: Path, plan: Plan) -> Fit:
     """Return the tables of a cell."""
-    fitting, taus_s = Fitting(source, plan), np.asarray(plan.taus_s)
+    fitting, hot = Fitting(source, plan), plan.hot_degC is not None
+    searched = np.array([*plan.taus_s, 0.8][: 2 + hot])
     for _ in range(ROUNDS):
-        found = minimize(fitting.misfit, np.log(taus_s), method="Nelder-Mead", options={"maxfev": 25})
-        taus_s = np.exp(found.x)
-        values, _ = fitting.solve(taus_s)
-        fitting.place(values[: len(plan.ocv_soc)])
-    values, missed = fitting.solve(taus_s)
+        found = minimize(fitting.misfit, np.log(searched), method="Nelder-Mead", options={"maxfev": 30})
+        searched = np.exp(found.x)
+        values, _ = fitting.solve(searched)
+        fitting.place(np.cumsum(values[: len(plan.ocv_soc)]))
+    values, missed = fitting.solve(searched)
     sizes = np.cumsum([len(plan.ocv_soc)] + [len(plan.degC) * len(x) for x in (plan.series_soc, *[plan.pair_soc] * 2)])
     ocv, *ohms, _ = np.split(values, sizes)
     missed[fitting.weight == 0.0] = np.nan
     parts = np.split(missed, np.cumsum([rows.time_s.size for rows in fitting.tests.values()])[:-1])
-    by_name = zip(("R_ints", "R_TS", "R_TL"), ohms, strict=True)
+    tables = {}
+    for name, ohm in zip(("R_ints", "R_TS", "R_TL"), ohms, strict=True):
+        rows = ohm.reshape(len(plan.degC), -1)
+        hot_rows = [searched[2] * rows[-1]] if hot else []
+        tables[name] = np.maximum(np.vstack([rows, *hot_rows]), LEAST_OHM)
     return Fit(
         capacity_Ah=float(fitting.capacity_Ah),
-        ocv=ocv,
-        tables={n: np.maximum(v.reshape(len(plan.degC), -1), LEAST_OHM) for n, v in by_name},
-        taus_s=(float(taus_s[0]), float(taus_s[1])),
+        ocv=np.cumsum(ocv),
+        degC=(*plan.degC, plan.hot_degC) if plan.hot_degC is not None else plan.degC,
+        tables=tables,
+        taus_s=(float(searched[0]), float(searched[1])),
         first_soc=dict(fitting.first_soc),
         rms_V={t.file: float(np.sqrt(np.nanmean(part**2))) for t, part in zip(fitting.tests, parts, strict=True)},
     )
@@ -228,8 +254,9 @@ def fit(source: Path, plan: Plan) -> Fit:
 def scale(fitted: Fit, plan: Plan, rows: Rows, first_soc: float) -> float:
     """Return the factor on all resistances that a run asks for, above the lowest states of charge."""
     soc = first_soc - rows.drawn_Ah / fitted.capacity_Ah
-    drop = over_both(soc, rows.degC, plan.series_soc, plan.degC) @ fitted.tables["R_ints"].ravel() * rows.current_A
-    driven = over_both(soc, rows.degC, plan.pair_soc, plan.degC) * rows.mean_A[:, None]
+    over_degC = weights(rows.degC, fitted.degC)
+    drop = over_both(soc, over_degC, plan.series_soc) @ fitted.tables["R_ints"].ravel() * rows.current_A
+    driven = over_both(soc, over_degC, plan.pair_soc) * rows.mean_A[:, None]
     for name, tau_s in zip(("R_TS", "R_TL"), fitted.taus_s, strict=True):
         drop += relaxed(rows.time_s, driven @ fitted.tables[name].ravel()[:, None], tau_s)[:, 0]
     measured = np.interp(soc, plan.ocv_soc, fitted.ocv) - rows.voltage_V

@@ -1,0 +1,257 @@
+"""Presets: whole, within bounds, of use to their kinds alone, second to a case's own entries, as good as documented."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxmodel.build import case_model, preset_model
+from jaxmodel.cases import Case, read_case
+from jaxmodel.errors import ParameterError, SweepError
+from jaxmodel.known import Known, Table
+from jaxmodel.measurements import KINDS
+from jaxmodel.names import with_values
+from jaxmodel.presets import PRESETS, read_form, read_preset, why_not
+from jaxmodel.profile import Profile, constant
+from jaxmodel.simulate import Trajectory, run_track
+from sweeps import read_study
+from tests.jaxmodel.runs import padded, run
+
+REPOSITORY = Path(__file__).parents[2]
+DATA = REPOSITORY.parent / "shared" / "data"
+MADE = [name for name in PRESETS if name != "paper"]
+CELLS = [name for name in MADE if why_not(name, "cell") == ""]
+MOTORS = [name for name in MADE if why_not(name, "motor") == ""]
+ROWS = 3200  # one compiled shape for the longest run held out here and for all others
+HELD_OUT = {
+    "samsung_30q": ("samsung_30q_18650", "cell1_cc2C"),
+    "lg_mj1": ("lg_mj1_18650", "pulse_10pctSOC_p28degC"),
+    "k2_lfp_26650": ("k2_lfp_26650", "cc1C_p30degC"),
+    "panasonic_18650pf": ("panasonic_18650pf", "cc1C_p25degC_start1"),
+}
+needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="the measured data are not beside the repository")
+
+
+def script(name: str) -> Any:
+    spec = importlib.util.spec_from_file_location(name, REPOSITORY / "examples" / "presets" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # where a dataclass looks up annotations that are text
+    spec.loader.exec_module(module)
+    return module
+
+
+def case_with(preset: str, kind: str, **changes: Any) -> Case:
+    case = Case("bench", Path("bench/case.toml"), "", "cell", preset, {}, {}, {}, {}, (), {})
+    return dataclasses.replace(case, kind=kind, **changes)
+
+
+def figure(name: str, of_run: str, column: str = "voltage_V") -> float:
+    (found,) = [entry.rms for entry in read_form(name).held_out if (entry.run, entry.column) == (of_run, column)]
+    return found
+
+
+def run_of_cell(name: str, profile: Profile, initial_soc: float = 1.0) -> Trajectory:
+    model = with_values(preset_model(name, "cell"), {"initial_soc": jnp.asarray(initial_soc)})
+    return run_track(model, *padded(model, profile, ROWS, ROWS))
+
+
+def test_every_file_is_listed_under_its_title() -> None:
+    files = {path.stem for path in (REPOSITORY / "jaxmodel" / "presets").glob("*.toml")}
+    assert files == set(MADE)
+    assert {name: read_form(name).title for name in MADE} == {name: PRESETS[name] for name in MADE}
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_every_number_has_a_source_and_every_file_its_licence(name: str) -> None:
+    form = read_form(name)
+    tables = [entry for _, entry in form.parameters if entry is not None]
+    assert all(entry.source for entry in [*form.parameters.__pydantic_extra__.values(), *tables])
+    assert form.licence
+    assert form.data
+    assert {entry.column for entry in form.held_out} <= set(KINDS[form.kinds[0]].outputs)
+    assert len(form.held_out) > 0
+
+
+@pytest.mark.parametrize("name", CELLS)
+def test_a_cell_brings_all_its_curves_and_they_are_a_cells(name: str) -> None:
+    """The voltage at rest never falls as charge grows, and the series resistance falls as the cell warms."""
+    tables = read_preset(name).tables
+    assert set(tables) == {"ocv", "R_ints", "R_TS", "R_TL", "C_TS", "C_TL"}
+    ocv = tables["ocv"].values
+    assert np.all(np.diff(ocv) >= 0.0)
+    middle = tables["R_ints"].values[:, 4:7].mean(axis=1)
+    assert np.all(np.diff(middle) < 0.0)
+
+
+@pytest.mark.parametrize("name", CELLS)
+def test_a_cell_runs_within_its_tables(name: str) -> None:
+    """A discharge and a rest at each of its temperatures: finite, lower under load, back up at rest."""
+    capacity = float(preset_model(name, "cell").parameters.capacity_Ah)
+    temperatures = read_preset(name).tables["R_ints"].temperature_degC
+    assert temperatures is not None
+    current = np.where(np.arange(121) <= 80, 0.5 * capacity, 0.0)
+    for degC in temperatures[[0, -1]]:
+        ran = run_of_cell(name, Profile(np.arange(121) * 60.0, {"current_A": current, "ambient_degC": degC}))
+        voltage = np.asarray(ran.readings["voltage_V"])[:121]
+        assert np.all(np.isfinite(voltage))
+        assert 1.5 < voltage[80] < voltage[120] < voltage[0] < 4.5
+
+
+def test_a_cell_serves_a_robot_whose_other_parts_are_the_papers() -> None:
+    model = preset_model("samsung_30q", "robot")
+    assert float(model.parameters.k_tau) == float(preset_model("paper", "robot").parameters.k_tau)
+    profile = constant(60.0, 10.0, duty=0.3, load_torque_Nm=0.1, ambient_degC=30.0)
+    readings = run(model, profile).readings
+    assert all(np.all(np.isfinite(values)) for values in readings.values())
+    assert 6 * 3.5 < float(readings["pack_voltage_V"][6]) < 6 * 4.2
+
+
+@pytest.mark.parametrize("name", MOTORS)
+def test_a_motor_settles_where_its_equations_do(name: str) -> None:
+    model = preset_model(name, "motor")
+    p = model.parameters
+    voltage, load = 6.0, 0.1
+    profile = constant(1.0, 0.5, voltage_V=voltage, load_torque_Nm=load, ambient_degC=25.0)
+    readings = run(model, profile).readings
+    current = (float(p.tau_0) + load) / float(p.k_tau)
+    speed = (voltage - float(p.R_0) * current) / float(p.k_tau)
+    # The winding warms by some tenths of a kelvin in that second.
+    assert float(readings["current_A"][2]) == pytest.approx(current, rel=1e-3)
+    assert float(readings["speed_rad_s"][2]) == pytest.approx(speed, rel=5e-3)
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_a_kind_that_it_does_not_serve_gets_one_sentence(name: str) -> None:
+    kind = "motor" if name in CELLS else "robot"
+    with pytest.raises(ParameterError) as caught:
+        case_model(case_with(name, kind))
+    assert str(caught.value).startswith(f"bench/case.toml: preset '{name}' ({PRESETS[name]}) serves kind ")
+    assert f"not '{kind}'" in str(caught.value)
+
+
+def test_a_misspelt_preset_is_told_the_nearest() -> None:
+    with pytest.raises(ParameterError, match=r"no preset is called 'samsung30q'\. Did you mean 'samsung_30q'\?"):
+        preset_model("samsung30q", "cell")
+
+
+def test_a_case_wins_over_its_preset() -> None:
+    ocv = Table(np.array([0.0, 1.0]), np.array([3.0, 4.0]))
+    own = case_with("samsung_30q", "cell", parameters={"capacity_Ah": Known(2.5)}, tables={"ocv": ocv})
+    ours, theirs = case_model(own), preset_model("samsung_30q", "cell")
+    assert float(ours.parameters.capacity_Ah) == 2.5
+    assert float(ours.curves.ocv(jnp.asarray(0.5), jnp.asarray(20.0))) == 3.5
+    np.testing.assert_array_equal(jax.tree.leaves(ours.curves.R_ints)[1], jax.tree.leaves(theirs.curves.R_ints)[1])
+
+
+def test_a_case_from_disk_takes_values_and_uncertainty(tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text("time_s,current_A,ambient_degC,voltage_V\n0,0,20,4.1\n1,1,20,4.0\n", "utf-8")
+    (tmp_path / "case.toml").write_text(
+        textwrap.dedent("""
+        kind = "cell"
+        preset = "lg_mj1"
+        [parameters]
+        series_resistance_scale = 1.1
+        [[runs]]
+        file = "run.csv"
+        split = "fit"
+        """),
+        "utf-8",
+    )
+    case, preset = read_case(tmp_path), read_preset("lg_mj1")
+    assert case.parameters["capacity_Ah"] == preset.parameters["capacity_Ah"]
+    assert case.parameters["capacity_Ah"].sd is not None
+    assert case.parameters["series_resistance_scale"] == Known(1.1)  # known exactly: the preset's sd goes too
+    assert case.tables["ocv"] is preset.tables["ocv"]
+
+
+@pytest.mark.parametrize(("kind", "sentence"), [("cell", ""), ("motor", "serves kind cell and robot, not 'motor'")])
+def test_a_study_takes_a_preset(tmp_path: Path, kind: str, sentence: str) -> None:
+    (tmp_path / "study.toml").write_text(
+        textwrap.dedent(f"""
+        kind = "{kind}"
+        preset = "k2_lfp_26650"
+        [profile]
+        duration_s = 100
+        step_s = 10
+        current_A = 2.0
+        [axes]
+        ambient_degC = [20.0, 40.0]
+        """),
+        "utf-8",
+    )
+    if sentence:
+        with pytest.raises(SweepError, match=sentence):
+            read_study(tmp_path / "study.toml")
+    else:
+        model = read_study(tmp_path / "study.toml").prepared.model
+        assert float(model.parameters.capacity_Ah) == read_preset("k2_lfp_26650").parameters["capacity_Ah"].value
+
+
+def test_the_papers_preset_opens_no_file() -> None:
+    code = """
+        import sys
+        opened = []
+        sys.addaudithook(lambda event, args: opened.append(str(args[0])) if event == "open" else None)
+        from jaxmodel.build import preset_model
+        preset_model("paper", "robot")
+        sys.exit(any(name.endswith(".toml") for name in opened))
+    """
+    assert subprocess.run([sys.executable, "-c", textwrap.dedent(code)], cwd=REPOSITORY, check=False).returncode == 0
+
+
+@needs_data
+@pytest.mark.parametrize("name", CELLS)
+def test_a_cell_is_as_good_as_documented_on_a_run_held_out(name: str) -> None:
+    cells = script("cells")
+    folder, of_run = HELD_OUT[name]
+    rows = cells.read(DATA / folder, cells.Test(f"{of_run}.csv"))
+    kept = np.append(True, np.diff(rows.time_s) > 0.0)
+    ocv = read_preset(name).tables["ocv"]
+    at_rest = abs(rows.current_A[0]) < 0.1
+    soc = float(np.interp(rows.voltage_V[0], ocv.values, ocv.soc)) if at_rest else 1.0
+    ran = run_of_cell(
+        name, Profile(rows.time_s[kept], {"current_A": rows.current_A[kept], "ambient_degC": rows.degC[kept]}), soc
+    )
+    error = np.asarray(ran.readings["voltage_V"])[: kept.sum()] - rows.voltage_V[kept]
+    documented = figure(name, f"{of_run}, at its own temperature")
+    assert np.sqrt(np.mean(error**2)) == pytest.approx(documented, rel=0.02)
+
+
+@needs_data
+@pytest.mark.parametrize(
+    ("name", "folder", "points_of", "run_name"),
+    [
+        ("hobby_servo_s3315d", "hobby_servo_lift", "lift_points", "100 g, 300 g, 600 g"),
+        ("prony_gearmotor", "gearmotor_prony_brake", "brake_points", "10.5 and 11 V"),
+    ],
+)
+def test_a_motor_is_as_good_as_documented_on_loads_held_out(name, folder, points_of, run_name) -> None:
+    points = getattr(script("motors"), points_of)(DATA / folder)
+    held = points[points.group.isin((0.1, 0.3, 0.6) if "g," in run_name else (10.5, 11.0))]
+    model, error = preset_model(name, "motor"), []
+    for point in held.itertuples():
+        inputs = {"voltage_V": point.voltage_V, "load_torque_Nm": point.load_torque_Nm}
+        readings = run(model, constant(1.0, 0.5, ambient_degC=25.0, **inputs)).readings
+        error.append(float(readings["speed_rad_s"][2]) - point.speed_rad_s)
+    assert np.sqrt(np.mean(np.square(error))) == pytest.approx(figure(name, run_name, "speed_rad_s"), rel=0.02)
+
+
+def test_the_page_prints_every_figure() -> None:
+    page = (REPOSITORY / "docs" / "presets.md").read_text(encoding="utf-8")
+    for name in MADE:
+        assert f"| `{name}` | {PRESETS[name]} | {read_form(name).licence} |" in page
+        for entry in read_form(name).held_out:
+            scale, unit = {"voltage_V": (1e3, "mV"), "speed_rad_s": (1, "rad/s"), "current_A": (1, "A")}[entry.column]
+            assert f"| `{name}` | {entry.run} | {scale * entry.rms:.3g} {unit} |" in page
