@@ -215,8 +215,11 @@ def number(name: str, value: float, sd: float | None, source: str) -> str:
 
 
 def table(name: str, key: str, soc, values: np.ndarray, digits: int, source: str, degC=None) -> str:
-    """Return the TOML of a curve."""
-    rounded = np.round(np.asarray(values, dtype=float), digits).tolist()
+    """Return the TOML of a curve, held from its lowest point down to SOC 0."""
+    values = np.asarray(values, dtype=float)
+    if soc[0] > 0.0:
+        soc, values = (0.0, *soc), np.concatenate([values[..., :1], values], axis=-1)
+    rounded = np.round(values, digits).tolist()
     rows = f"{key} = {rounded}\n"
     if degC is not None:
         rows = f"temperature_degC = {list(degC)}\n{key} = [\n" + "".join(f"    {row},\n" for row in rounded) + "]\n"

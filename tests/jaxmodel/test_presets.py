@@ -89,6 +89,7 @@ def test_a_cell_brings_all_its_curves_and_they_are_a_cells(name: str) -> None:
     """The voltage at rest never falls as charge grows, and the series resistance falls as the cell warms."""
     tables = read_preset(name).tables
     assert set(tables) == {"ocv", "R_ints", "R_TS", "R_TL", "C_TS", "C_TL"}
+    assert all((table.soc[0], table.soc[-1]) == (0.0, 1.0) for table in tables.values())
     ocv = tables["ocv"].values
     assert np.all(np.diff(ocv) >= 0.0)
     middle = tables["R_ints"].values[:, 4:7].mean(axis=1)
@@ -106,6 +107,7 @@ def test_a_cell_runs_within_its_tables(name: str) -> None:
         ran = run_of_cell(name, Profile(np.arange(121) * 60.0, {"current_A": current, "ambient_degC": degC}))
         voltage = np.asarray(ran.readings["voltage_V"])[:121]
         assert np.all(np.isfinite(voltage))
+        assert np.all(ran.valid)
         assert 1.5 < voltage[80] < voltage[120] < voltage[0] < 4.5
 
 
