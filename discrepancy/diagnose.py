@@ -27,6 +27,10 @@ Progress = Callable[[str], None]
 # How many effects are refitted at each stage, strongest scores first. A score is local: a large effect nearby may
 # outscore the true one, seldom four of them.
 SHORTLIST = 5
+# Of these so many are refitted before it is asked whether one of them leaves nothing; then only those are refitted yet
+# that look the same or promise nearly as much.
+FIRST_REFITTED = 2
+NEARLY_AS_GOOD = 0.8
 # How many models of each size, found with coarse weights, are refitted with those of the sensors.
 SEEDS = 3
 # A second effect must raise the log evidence by this much (odds of 150 to 1) over the best single one.
@@ -100,13 +104,15 @@ def diagnose(
     session.warm_up()
     _tell(progress, "calibrating the base model")
     remarks: tuple[str, ...] = ()
-    found = seeds = None
+    best: Hypothesis | None = None
+    seeds: list[Hypothesis] = []
     if not wanted and _beyond(session, session.hypothesis(), HOPELESS):
         _tell(progress, "the base model is far from the sensors' noise; looking for what explains most")
         coarse = session.reweighted(session.hypothesis())
-        coarse = coarse.reweighted(_search(coarse, progress, effects=1)[0])
-        found, seeds = _search(coarse, progress), _strongest(coarse)
-        far = _beyond(coarse, found[0], FAR_FROM_FLOOR)
+        single = _search(coarse, progress, effects=1)
+        found_by_score, coarse = _strongest(coarse), coarse.reweighted(single)
+        best, seeds = _search(coarse, progress, seeds=found_by_score), _strongest(coarse)
+        far = _beyond(coarse, best, FAR_FROM_FLOOR)
         if far:
             session = coarse
             remarks = (
@@ -114,15 +120,18 @@ def diagnose(
                 "channels are weighed by what the best single effect leaves in them.",
             )
     if wanted:
-        found = _fitted(session, progress, wanted)
-    elif found is None or not remarks:
-        found = _search(session, progress, seeds=seeds or ())
-    finer = None if remarks else session.with_noise_of_inputs(found[0])
+        best = _fitted(session, progress, wanted)
+    elif best is None or not remarks:
+        best = _search(session, progress, seeds=seeds)
+    finer = None if remarks else session.with_noise_of_inputs(best)
     if finer is not None:
         seeds, session = _strongest(session), finer
-        found = _fitted(session, progress, wanted) if wanted else _search(session, progress, seeds=seeds)
-    best, first, screened = found
+        best = _fitted(session, progress, wanted) if wanted else _search(session, progress, seeds=seeds)
     base = session.hypothesis()
+    first = session.screen(base)
+    if not wanted and not remarks and not first.table.significant:
+        best = base
+    screened = session.screen(best)
     _tell(progress, "weighing")
     # A law in no catalogue may stand beside the best effects, or in place of effects that only come near it.
     left = {best.labels: misfit(session, best, screened)}
@@ -178,44 +187,40 @@ def _one_column_each(session: Session, names: Sequence[str]) -> tuple[str, ...]:
     return session.key(labels)
 
 
-def _fitted(session: Session, progress: Progress | None, labels: Sequence[str]) -> tuple[Hypothesis, Screen, Screen]:
-    """Return the model with the effects that the user wants, the screen of the base model, and that of the model."""
+def _fitted(session: Session, progress: Progress | None, labels: Sequence[str]) -> Hypothesis:
+    """Return the model with the effects that the user wants."""
     first = session.screen(session.hypothesis())
     _tell(progress, f"fitting {', '.join(labels)}")
     starts = [session.starts(first, label) for label in labels]
     tries = [np.concatenate([own[min(number, len(own) - 1)] for own in starts]) for number in range(2)]
-    model = session.hypothesis(labels, tries)
-    return model, first, session.screen(model)
+    return session.hypothesis(labels, tries)
 
 
 def _search(
     session: Session, progress: Progress | None, effects: int = 2, seeds: Sequence[Hypothesis] = ()
-) -> tuple[Hypothesis, Screen, Screen]:
-    """Return the best model of at most one or two effects, the screen of the base model, and that of the best one.
+) -> Hypothesis:
+    """Return the best model of at most one or two effects.
 
     `seeds` are models fitted under other weights, to be refitted from where they stand in place of a shortlist.
     """
     base = session.hypothesis()
-    _tell(progress, f"scoring {len(session.candidates)} candidate effects")
-    first = session.screen(base)
-    if not first.table.significant:
-        return base, first, first
     if seeds:
         _tell(progress, f"refitting {', '.join(hypothesis_name(seed.labels) for seed in seeds)}")
-        refitted = session.hypotheses([(seed.labels, [seed.fitted.x]) for seed in seeds])
+        session.hypotheses([(seed.labels, [seed.fitted.x]) for seed in seeds])
     else:
-        likely = _shortlist(first)
-        _tell(progress, f"refitting with {', '.join(likely)}")
-        refitted = session.hypotheses([((label,), session.starts(first, label)) for label in likely])
-    best = max((one for one in [base, *refitted] if len(one.labels) < 2), key=lambda one: one.log_evidence)
-    couple = max(refitted, key=lambda one: one.log_evidence)
-    if len(couple.labels) == 2 and couple.log_evidence > best.log_evidence + SECOND_EFFECT_GAIN:
-        return couple, first, session.screen(couple)
+        _tell(progress, f"scoring {len(session.candidates)} candidate effects")
+        if not session.screen(base).table.significant:
+            return base
+        _refit_likely(session, progress)
+    best = _best(session, (0, 1))
+    couple = _best(session, (2,)) if any(len(seed.labels) == 2 for seed in seeds) else best
+    if couple.log_evidence > best.log_evidence + SECOND_EFFECT_GAIN:
+        return couple
     if not best.labels or effects == 1:
-        return best, first, first
+        return best
     screened = session.screen(best)
     if not screened.table.significant:
-        return best, first, screened
+        return best
 
     seconds = _shortlist(screened)
     _tell(progress, f"refitting {best.labels[0]} with {', '.join(seconds)}")
@@ -228,18 +233,43 @@ def _search(
             for start in session.starts(screened, label)
         ]
         sets.append((key, starts))
-    couples = session.hypotheses(sets)
-    couple = max(couples, key=lambda one: one.log_evidence)
+    couple = max(session.hypotheses(sets), key=lambda one: one.log_evidence)
     if couple.log_evidence < best.log_evidence + SECOND_EFFECT_GAIN:
-        return best, first, screened
+        return best
     # Swap: where the second effect alone explains as much as both, the first was only its stand-in.
-    alone = _order(session, couple)
-    swapped = [label for label in alone if (label,) not in {one.labels for one in session.known()}]
-    session.hypotheses([((label,), session.starts(first, label)) for label in swapped])
-    single = max((one for one in session.known() if len(one.labels) == 1), key=lambda one: one.log_evidence)
-    if single.log_evidence > couple.log_evidence - SECOND_EFFECT_GAIN:
-        couple = single
-    return couple, first, session.screen(couple)
+    fitted = {one.labels for one in session.known()}
+    swapped = [label for label in _order(session, couple) if (label,) not in fitted]
+    if swapped:
+        first = session.screen(base)
+        session.hypotheses([((label,), session.starts(first, label)) for label in swapped])
+    single = _best(session, (1,))
+    return single if single.log_evidence > couple.log_evidence - SECOND_EFFECT_GAIN else couple
+
+
+def _refit_likely(session: Session, progress: Progress | None) -> None:
+    """Refit the effects that score best, all of a shortlist unless one of the first leaves nothing to be explained."""
+    first = session.screen(session.hypothesis())
+    likely = _shortlist(first)
+    promised = {effect.name: effect.z_equivalent for effect in first.table.effects}
+
+    def refit(labels: Sequence[str]) -> None:
+        _tell(progress, f"refitting with {', '.join(labels)}")
+        session.hypotheses([((label,), session.starts(first, label)) for label in labels])
+
+    refit(likely[:FIRST_REFITTED])
+    best = _best(session, (0, 1))
+    rest = likely[FIRST_REFITTED:]
+    if rest and best.labels and not session.screen(best).table.significant:
+        alike = next((names for names in first.table.classes if best.labels[0] in names), ())
+        near = NEARLY_AS_GOOD * promised[best.labels[0]]
+        rest = [label for label in rest if label in alike or promised[label] > near]
+    if rest:
+        refit(rest)
+
+
+def _best(session: Session, sizes: Sequence[int]) -> Hypothesis:
+    """Return the model of the most evidence among those fitted with so many effects."""
+    return max((one for one in session.known() if len(one.labels) in sizes), key=lambda one: one.log_evidence)
 
 
 def _shortlist(screened: Screen) -> list[str]:

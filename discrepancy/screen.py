@@ -8,7 +8,9 @@ model so linearly that the step of the difference costs 1e-3 of a score.
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Collection, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import equinox as eqx
 import jax
@@ -56,14 +58,18 @@ def _residuals(problem: Problem, lanes: Lane) -> Array:
 
 
 def _evaluate(problem: Problem, lanes: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    """Return the residuals of any number of lanes, shape (lanes, readings), a fixed number at a time."""
-    found = []
-    for first in range(0, len(lanes), LANES):
+    """Return the residuals of any number of lanes, shape (lanes, readings), a fixed number at a time on each core."""
+
+    def evaluate(first: int) -> np.ndarray:
         batch = lanes[first : first + LANES]
         filled = batch + [batch[-1]] * (LANES - len(batch))
         stacked = Lane(jnp.asarray(np.stack([x for x, _ in filled])), jnp.asarray(np.stack([s for _, s in filled])))
-        found.append(np.asarray(_residuals(problem, stacked))[: len(batch)])
-    return np.concatenate(found)
+        return np.asarray(_residuals(problem, stacked))[: len(batch)]
+
+    compiled = evaluate(0)
+    # A batch is one kernel on one core.
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return np.concatenate([compiled, *pool.map(evaluate, range(LANES, len(lanes), LANES))])
 
 
 def warm_up(problem: Problem, layout: Layout) -> None:

@@ -78,6 +78,7 @@ class Session:
         self.weights = self.noise
         self._variance_from_inputs: np.ndarray | None = None
         self._hypotheses: dict[Labels, Hypothesis] = {}
+        self._screens: dict[Labels, Screen] = {}
 
     @functools.cached_property
     def _switchable(self) -> tuple[Problem, Layout]:
@@ -154,7 +155,7 @@ class Session:
         """Return a session of the same case with other weights, nothing fitted yet."""
         other = copy.copy(self)
         other.__dict__.pop("_switchable", None)
-        other.__dict__.update(changes, _hypotheses={})
+        other.__dict__.update(changes, _hypotheses={}, _screens={})
         return other
 
     def hypothesis(self, labels: Sequence[str] = (), starts: Sequence[np.ndarray] = ()) -> Hypothesis:
@@ -218,6 +219,11 @@ class Session:
 
     def screen(self, hypothesis: Hypothesis) -> Screen:
         """Return the scores of all other candidates at a calibrated hypothesis."""
+        if hypothesis.labels not in self._screens:
+            self._screens[hypothesis.labels] = self._screened(hypothesis)
+        return self._screens[hypothesis.labels]
+
+    def _screened(self, hypothesis: Hypothesis) -> Screen:
         problem, layout = self._switchable
         problem = eqx.tree_at(lambda p: p.courses, problem, hypothesis.problem.courses)
         quiet = None

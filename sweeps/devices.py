@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import jax
 from jax.sharding import Mesh
 
@@ -14,9 +17,9 @@ ACCELERATOR_COURSE_BYTES = 2 * 2**30
 CPU_COMPILER_OPTIONS: dict[str, str | bool] = {"xla_cpu_prefer_vector_width": "512"}
 
 
-def lane_mesh(devices: int | None = None) -> Mesh:
-    """Return all devices, or the first few, as a mesh with the one axis 'lanes'."""
-    used = jax.devices()[:devices]
+def lane_mesh(devices: Sequence[Any] | None = None) -> Mesh:
+    """Return all devices, or those given, as a mesh with the one axis 'lanes'."""
+    used = tuple(devices or jax.devices())
     return jax.make_mesh((len(used),), ("lanes",), axis_types=(jax.sharding.AxisType.Auto,), devices=used)
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,7 @@ def run(
     out: str | Path | None = None,
     resume: bool = False,
     memory: float | int | str | None = None,
+    engine: str = "local",
 ) -> xr.Dataset:
     """Run every lane of a study and return its metrics over its axes.
 
@@ -47,6 +49,8 @@ def run(
             was never stopped, to the bit.
         memory: bytes for the chunks under way, 512 MiB if not said, and without `out` for the whole result, any if not
             said; also as text: "2 GiB".
+        engine: "local" runs on the devices of this process, "dask" on a cluster of one worker per core, and an address
+            such as "tcp://host:8786" on that scheduler's workers. The results are the same to the bit.
 
     Returns:
         A dataset with the axes as coordinates, each metric and each stored column as a variable, and `status`, a
@@ -57,37 +61,54 @@ def run(
         SweepError: `out` holds another sweep or a finished one, the disk is full, or the memory does not suffice; what
             is done stays.
     """
-    began = time.perf_counter()
-    runner = Runner(study)
-    chunks = runner.chunks(memory, whole=out is None)
-    sink = InMemory(study, chunks) if out is None else Store(study, chunks, out, resume)
+    with _crew(engine, study) as crew:
+        chunks = crew.chunks(memory, whole=out is None)
+        sink = InMemory(study, chunks) if out is None else Store(study, chunks, out, resume)
+        try:
+            return sink.finish(_fill(sink, crew, study, progress))
+        finally:
+            sink.close()
+
+
+def _crew(engine: str, study: Study) -> contextlib.AbstractContextManager[Any]:
+    """Return who runs the chunks: a `Runner`, or what does as one does."""
+    if engine == "local":
+        return contextlib.nullcontext(Runner(study))
+    if engine != "dask" and "://" not in engine:
+        raise SweepError(f'engine: "{engine}" is none; give "local", "dask", or an address such as "tcp://host:8786".')
     try:
-        pending = sum(sink.chunks.span(number)[1] for number in sink.pending)
-        done = study.size - pending
+        from sweeps.cluster import cluster
+    except ImportError as error:
+        raise SweepError(f"engine: {error.name} is not installed; install jaxmodel[cluster].") from error
+    return cluster(engine, study)
 
-        def count(lanes: int) -> None:
-            nonlocal done
-            done += lanes
-            if progress is not None:
-                progress(done, study.size)
 
-        count(0)
-        if pending:
-            runner.prepare(sink.chunks)
-        compiled = time.perf_counter()
-        for number, outcome in runner.outcomes(sink.chunks, sink.pending, count):
-            sink.commit(number, outcome)
-        performance = {
-            "lanes": study.size,
-            "lanes_run": pending,
-            "steps": runner.steps,
-            "devices": runner.device_names,
-            "compile_s": compiled - began,
-            "run_s": time.perf_counter() - compiled,
-        }
-        return sink.finish(performance)
-    finally:
-        sink.close()
+def _fill(sink: InMemory | Store, crew: Any, study: Study, progress: Progress | None) -> dict[str, Any]:
+    """Run what is pending and commit it; return how the run went, for the manifest."""
+    began = time.perf_counter()
+    pending = sum(sink.chunks.span(number)[1] for number in sink.pending)
+    done = study.size - pending
+
+    def count(lanes: int) -> None:
+        nonlocal done
+        done += lanes
+        if progress is not None:
+            progress(done, study.size)
+
+    count(0)
+    if pending:
+        crew.prepare(sink.chunks)
+    compiled = time.perf_counter()
+    for number, outcome in crew.outcomes(sink.chunks, sink.pending, count):
+        sink.commit(number, outcome)
+    return {
+        "lanes": study.size,
+        "lanes_run": pending,
+        "steps": crew.steps,
+        "devices": crew.device_names,
+        "compile_s": compiled - began,
+        "run_s": time.perf_counter() - compiled,
+    }
 
 
 class Runner:
@@ -97,7 +118,7 @@ class Runner:
         steps: of each lane.
     """
 
-    def __init__(self, study: Study, devices: int | None = None) -> None:
+    def __init__(self, study: Study, devices: Sequence[Any] | None = None) -> None:
         self._study = study
         prepared = study.prepared
         self._mesh = lane_mesh(devices)
@@ -121,8 +142,10 @@ class Runner:
         """The size of a lane's results."""
         return sum(variable.bytes_per_lane for variable in variables_of(self._study).values())
 
-    def chunks(self, memory: float | int | str | None, whole: bool) -> Chunks:
-        """Return the cut of the study for so much memory; `whole` says that the results stay there too.
+    def chunks(self, memory: float | int | str | None, whole: bool, least: int = 1) -> Chunks:
+        """Return the cut of the study for so much memory, in some chunks at least.
+
+        `whole` says that the results stay in memory too.
 
         Raises:
             SweepError: the memory does not suffice.
@@ -134,7 +157,7 @@ class Runner:
                 f"memory: the results of {lanes:,} lanes take {size_text(kept)}, more than {size_text(allowed)}; "
                 "name a folder with out, or allow more."
             )
-        return cut(self._study.shape, lanes_per_chunk(lanes, self.steps, self.bytes_per_lane, allowed))
+        return cut(self._study.shape, lanes_per_chunk(lanes, self.steps, self.bytes_per_lane, allowed, least))
 
     def prepare(self, chunks: Chunks) -> None:
         """Compile what runs the chunks, and put on the devices what all lanes share."""
@@ -158,6 +181,12 @@ class Runner:
             if ends:
                 yield number, jax.tree.map(lambda *each: np.concatenate(each), *parts)
                 parts = []
+
+    def call(self, chunks: Chunks) -> int:
+        """Run the first call of the first chunk, keep nothing of it, and return its number of lanes."""
+        (_, lanes, _), started = next(self._started(chunks, [0]))
+        jax.block_until_ready(started)
+        return lanes
 
     def _started(self, chunks: Chunks, numbers: Iterable[int]) -> Iterator[tuple[tuple[int, int, bool], Outcome]]:
         """Start the calls of some chunks one by one; a call returns at once, its results come later."""

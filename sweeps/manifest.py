@@ -30,6 +30,7 @@ def manifest_of(study: Study) -> dict[str, Any]:
         "study": study.model_dump(mode="json"),
         "study_sha256": study.digest,
         "files_sha256": study.file_digests,
+        "variables": [*(metric.name for metric in study.prepared.metrics), *study.store, "status"],
         "code_sha256": code_digest(study),
         "versions": {"python": platform.python_version()}
         | {package: importlib.metadata.version(package) for package in _VERSIONS_OF},
@@ -69,7 +70,7 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
 
 def code_digest(study: Study) -> str:
     """Return the SHA-256 of all code that a lane's results come from: ours, and the user's own effects and metrics."""
-    hashed = hashlib.sha256(_sources_digest().encode())
+    hashed = hashlib.sha256(sources_digest().encode())
     own = [type(part) for part in (*study.prepared.model.effects, *study.prepared.metrics)]
     for cls in own:
         if cls.__module__.partition(".")[0] not in ("jaxmodel", "sweeps"):
@@ -87,7 +88,8 @@ def _source_of(cls: type) -> bytes:
 
 
 @lru_cache
-def _sources_digest() -> str:
+def sources_digest() -> str:
+    """Return the SHA-256 of the sources and presets of the rooms that results come from."""
     hashed = hashlib.sha256()
     for folder in (Path(str(jaxmodel.__file__)).parent, Path(__file__).parent):
         for path in sorted(file for ending in ("py", "toml") for file in folder.rglob(f"*.{ending}")):

@@ -78,7 +78,7 @@ def cut(shape: tuple[int, ...], most_lanes: int) -> Chunks:
     return Chunks(tuple(shape), tuple(box))
 
 
-def lanes_per_chunk(lanes: int, steps: int, bytes_per_lane: int, memory: int) -> int:
+def lanes_per_chunk(lanes: int, steps: int, bytes_per_lane: int, memory: int, least: int = 1) -> int:
     """Return how many lanes a chunk may have.
 
     Args:
@@ -86,6 +86,7 @@ def lanes_per_chunk(lanes: int, steps: int, bytes_per_lane: int, memory: int) ->
         steps: of each.
         bytes_per_lane: of its axes and results.
         memory: in bytes, for the chunks under way.
+        least: so many chunks at least, as far as each keeps a block of lanes.
 
     Raises:
         SweepError: not even one block of lanes fits.
@@ -97,7 +98,8 @@ def lanes_per_chunk(lanes: int, steps: int, bytes_per_lane: int, memory: int) ->
             f"memory: {size_text(memory)} is too little for {NARROWEST_BLOCK} lanes at a time, which take "
             f"{size_text(need)}; allow more, store fewer columns, or raise store_every."
         )
-    return min(fitting, max(LANE_STEPS_PER_CHUNK // steps, math.ceil(lanes / MOST_CHUNKS), NARROWEST_BLOCK))
+    wanted = max(LANE_STEPS_PER_CHUNK // steps, math.ceil(lanes / MOST_CHUNKS))
+    return min(fitting, max(min(wanted, math.ceil(lanes / least)), NARROWEST_BLOCK))
 
 
 @dataclasses.dataclass(frozen=True)

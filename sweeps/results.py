@@ -145,7 +145,8 @@ def load(directory: str | Path) -> xr.Dataset:
     """Return a saved result, read from the disk as far as it is used; lanes not run yet are NaN with status -1."""
     dataset = xr.open_zarr(Path(directory) / GRID, consolidated=False, chunks=None)
     manifest = json.loads((Path(directory) / MANIFEST).read_text(encoding="utf-8"))
-    return dataset.assign_attrs(attributes_of(manifest))
+    ordered = dataset[manifest["variables"]]  # a folder lists them in any order
+    return ordered.assign_attrs(attributes_of(manifest))
 
 
 def percentiles(dataset: xr.Dataset, percents: Sequence[float | int] = (5.0, 50.0, 95.0)) -> xr.Dataset:

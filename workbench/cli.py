@@ -109,12 +109,18 @@ def sweep(
         str | None,
         typer.Option("--memory", metavar="SIZE", help='For the chunks under way, as "512 MiB".', show_default=False),
     ] = None,
+    engine: Annotated[
+        str, typer.Option(metavar="local|dask|tcp://HOST:PORT", help="This process, a cluster of its own, or yours.")
+    ] = "local",
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say lanes, chunks, memory, disk and time, and run none of it.")
+    ] = False,
     effect: Effects = None,
 ) -> None:
     """Run every combination of a study's axes: tables, a Zarr store and pictures."""
     from workbench.commands.sweep import sweep
 
-    sweep(study, out, effect or [], resume=resume, memory=memory)
+    sweep(study, out, effect or [], resume=resume, memory=memory, engine=engine, dry_run=dry_run)
 
 
 @app.command(epilog="Example: jaxmodel sensitivity examples/paper_sweep.toml --at ambient_degC=20 --out results")

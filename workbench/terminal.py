@@ -15,7 +15,6 @@ from rich.progress import (
     SpinnerColumn,
     TextColumn,
     TimeElapsedColumn,
-    TimeRemainingColumn,
 )
 from rich.table import Table
 from rich.text import Text
@@ -52,13 +51,41 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], rig
     console().print(shown)
 
 
+class _Pace:
+    """How fast work of known size goes, from its second report on: the first comes before anything is compiled."""
+
+    def __init__(self, unit: str) -> None:
+        self._unit = unit
+        self._reports = 0
+        self._base = (0.0, 0)
+
+    def told(self, done: int, total: int) -> str:
+        """Return the rate and the time left, "" while they are not known."""
+        now, self._reports = time.perf_counter(), self._reports + 1
+        if self._reports == 2:
+            self._base = (now, done)
+        seconds, more = now - self._base[0], done - self._base[1]
+        if self._reports <= 2 or more <= 0 or seconds <= 0.0:
+            return ""
+        return f"{more / seconds:,.0f} {self._unit}/s, about {duration((total - done) * seconds / more)} left"
+
+
+def duration(seconds: float) -> str:
+    """Return a time for a person: 42 s, 12 min, 3.4 h, 2.1 days."""
+    for limit, size, unit in ((120.0, 1.0, "s"), (7200.0, 60.0, "min"), (172_800.0, 3600.0, "h")):
+        if seconds < limit:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds / 86_400.0:.3g} days"
+
+
 @contextlib.contextmanager
 def counted(what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
-    """Show how far some work of known size is, with the time left.
+    """Show how far some work of known size is, how fast it goes, and the time left.
 
     Yields:
-        A function to be called with (done, total).
+        A function to be called with (done, total): at the start, and then as work is done.
     """
+    pace = _Pace(unit)
     if sys.stderr.isatty():
         columns = (
             TextColumn(what),
@@ -66,20 +93,20 @@ def counted(what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
             MofNCompleteColumn(),
             TextColumn(unit),
             TimeElapsedColumn(),
-            TimeRemainingColumn(),
+            TextColumn("{task.fields[pace]}"),
         )
         with Progress(*columns, console=console(stderr=True), transient=True) as bar:
-            task = bar.add_task(what, total=None)
-            yield lambda done, total: bar.update(task, completed=done, total=total)
+            task = bar.add_task(what, total=None, pace="")
+            yield lambda done, total: bar.update(task, completed=done, total=total, pace=pace.told(done, total))
         return
-    began, said = time.perf_counter(), 0.0
+    said: float | None = None
 
     def tell(done: int, total: int) -> None:
         nonlocal said
-        share = done / total
+        share, at_pace = done / total, pace.told(done, total)
+        said = share if said is None else said
         if share >= said + _PLAIN_SHARE and done < total:
-            left = (time.perf_counter() - began) * (1.0 - share) / share
-            say(f"{what}: {done:,} of {total:,} {unit}, about {left:.0f} s left")
+            say(f"{what}: {done:,} of {total:,} {unit}{at_pace and ', '}{at_pace}")
             said = share
 
     yield tell

@@ -219,6 +219,8 @@ def _amplitude(rng, kind: str, name: str) -> dict[str, Any]:
     """Draw an effect's parameters from their usual ranges, log-uniform."""
     values: dict[str, Any] = {}
     for parameter, info in describe(CATALOGUE[name]).items():
+        if parameter == "resampled":
+            continue  # the referee's logger always interpolates
         low, high = info.typical
         if low > 0.0:
             values[parameter] = float(np.exp(rng.uniform(np.log(low), np.log(high))))

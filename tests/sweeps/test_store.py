@@ -114,7 +114,7 @@ CHILD = """
 import json, sys
 import sweeps
 from sweeps import manifest, plan
-manifest._sources_digest = lambda: "that of this test"
+manifest.sources_digest = lambda: "that of this test"
 plan.LANE_STEPS_PER_CHUNK = 60 * 64
 study = sweeps.Study(**json.loads(sys.argv[1]))
 sys.stdin.readline()
@@ -224,7 +224,7 @@ def test_only_the_same_study_by_the_same_code_goes_on(cell_study, tmp_path, monk
     assert "the study has changed (parameters.R_0)" in refused(study(parameters={"R_0": 0.1}))
     assert "(the order of its axes)" in refused(study(axes={"initial_soc": [0.5], "cycles": [0.0, 9.0]}))
     with monkeypatch.context() as other:
-        other.setattr(manifest, "_sources_digest", lambda: "other")
+        other.setattr(manifest, "sources_digest", lambda: "other")
         assert "the code has changed (jaxmodel" in refused(study())
     with monkeypatch.context() as other:
         other.setattr(manifest.jax, "default_backend", lambda: "abacus")

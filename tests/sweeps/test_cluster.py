@@ -1,0 +1,120 @@
+"""A real scheduler and its workers on the loopback: the bits of a local run, whoever is lost on the way."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from jaxmodel.errors import SweepError
+from sweeps import Metric, Study, plan, run
+from sweeps.store import LOG
+
+REPOSITORY = Path(__file__).parents[2]
+
+
+class SocSquared(Metric):
+    """A metric of the user's own, in a module that no worker can import."""
+
+    def init(self, first):
+        return first.columns["soc"]
+
+    def update(self, carry, step):
+        return step.after.columns["soc"]
+
+    def finish(self, carry, end):
+        return carry**2
+
+
+@pytest.fixture(scope="module")
+def study(cell_study: Callable[..., Study]) -> Study:
+    own = SocSquared("soc_squared", "", "square of the state of charge", ("cell",))
+    axes = {"current_A": np.linspace(0.2, 3.0, 40), "storage_months": np.linspace(0.0, 36.0, 30)}
+    return cell_study(axes=axes, metrics=["final_soc", "min_voltage_V", own], store=["soc"], store_every=30)
+
+
+@pytest.fixture(scope="module")
+def local(study: Study) -> xr.Dataset:
+    return run(study)
+
+
+def assert_same_bits(result: xr.Dataset, expected: xr.Dataset) -> None:
+    for name, values in expected.data_vars.items():
+        assert result[name].values.tobytes() == values.values.tobytes(), name
+
+
+@contextlib.contextmanager
+def scheduler_and_workers(count: int, folder: Path) -> Iterator[tuple[str, list[subprocess.Popen]]]:
+    """A scheduler and single-threaded workers without a nanny: one that is killed does not come back."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+    log = (folder / "cluster.log").open("w")
+
+    def start(*command: str) -> subprocess.Popen:
+        return subprocess.Popen(
+            [sys.executable, "-m", "dask", *command], cwd=REPOSITORY, stdout=log, stderr=subprocess.STDOUT
+        )
+
+    port = address.rpartition(":")[2]
+    processes = [start("scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard")]
+    single = ("--nthreads", "1", "--no-nanny", "--no-dashboard", "--local-directory", str(folder))
+    processes += [start("worker", address, *single) for _ in range(count)]
+    try:
+        yield address, processes[1:]
+    finally:
+        for process in reversed(processes):
+            process.kill()
+            process.wait(timeout=30)
+        log.close()
+
+
+def test_killed_worker_costs_its_chunk_and_no_bit(study, local, tmp_path, monkeypatch):
+    monkeypatch.setattr(plan, "LANE_STEPS_PER_CHUNK", 60 * 64)
+    out, done = tmp_path / "out", threading.Event()
+    with scheduler_and_workers(2, tmp_path) as (address, workers):
+
+        def kill_one_in_mid_run() -> None:
+            while not done.wait(0.001):
+                if (out / LOG).exists() and (out / LOG).read_bytes().count(b"\n") >= 2:
+                    workers[0].kill()
+                    return
+
+        killer = threading.Thread(target=kill_one_in_mid_run)
+        killer.start()
+        seen: list[int] = []
+        try:
+            result = run(study, lambda lanes, _: seen.append(lanes), out=out, engine=address)
+        finally:
+            done.set()
+            killer.join()
+        assert workers[0].wait(timeout=30) == -signal.SIGKILL
+        assert workers[1].poll() is None
+        assert seen[-1] == study.size
+        assert seen == sorted(set(seen))  # nothing was counted twice
+        assert_same_bits(result, local)
+
+
+def test_local_cluster_gives_the_same_bits(study, local):
+    assert_same_bits(run(study, engine="dask"), local)
+
+
+def test_scheduler_that_is_not_there_is_told(study, monkeypatch):
+    monkeypatch.setattr("sweeps.cluster._PATIENCE_S", 1)
+    with pytest.raises(SweepError, match="no scheduler answers at tcp://127"):
+        run(study, engine="tcp://127.0.0.1:9")
+    with pytest.raises(SweepError, match='engine: "cluster" is none; give "local", "dask", or an address'):
+        run(study, engine="cluster")
+
+
+def test_sweep_of_little_is_cut_for_all_threads():
+    assert plan.cut((1_000_000,), plan.lanes_per_chunk(1_000_000, 1, 8, 2**30, least=64)).counts == (64,)
