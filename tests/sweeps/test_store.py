@@ -50,6 +50,7 @@ def many_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def assert_same_bits(result: xr.Dataset, expected: xr.Dataset) -> None:
     assert set(result.variables) == set(expected.variables)
+    assert list(result.data_vars) == list(expected.data_vars)
     for name, values in expected.variables.items():
         found = result[name].values
         assert found.dtype == values.dtype

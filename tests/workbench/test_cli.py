@@ -20,7 +20,9 @@ from jaxmodel.cases import Case, read_case
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.simulate import simulate
 from tests.workbench.conftest import Run
+from workbench import terminal
 from workbench.commands import diagnose as diagnose_command
+from workbench.commands.sweep import MOST_DRAWN, pictures_of, thinned
 from workbench.compiled import cache_folder
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -135,6 +137,65 @@ def test_sweep_writes_tables_store_and_pictures(run: Run, study: Path, tmp_path:
     assert store["soc_gradient"].shape == (3, 2)
     for name in ("soc_gradient", "final_soc-curves", "voltage_V-over-time"):
         assert (tmp_path / f"{name}.png").read_bytes().startswith(PNG)
+
+
+def test_sweep_is_told_before_it_is_run_goes_on_and_is_not_run_over(run: Run, study: Path, tmp_path: Path) -> None:
+    told = run("sweep", study, "--dry-run", "--out", tmp_path / "out")
+    assert told.exit_code == 0, told.output
+    for said in ("lanes", "1 of at most 6 lanes", "memory", "disk", "lanes/s", "after"):
+        assert said in told.stdout
+    assert not (tmp_path / "out").exists()
+    first = run("sweep", study, "--out", tmp_path / "out", "--memory", "100 MB")
+    assert first.exit_code == 0, first.output
+    again = run("sweep", study, "--out", tmp_path / "out")
+    assert again.exit_code == 2
+    assert "holds a finished sweep" in again.stderr
+    resumed = run("sweep", study, "--out", tmp_path / "out", "--resume")
+    assert resumed.exit_code == 0, resumed.output
+    assert run("sweep", study, "--out", tmp_path / "other", "--engine", "nobody").exit_code == 2
+
+
+def test_sweep_of_a_sample_over_axes_is_drawn(run: Run, tmp_path: Path) -> None:
+    text = STUDY.replace('store = ["voltage_V"]', "").replace("capacity_Ah = [2.0, 3.0, 4.0]\n", "")
+    (tmp_path / "study.toml").write_text(
+        text + "[sample]\ncount = 40\nranges = { capacity_Ah = [2.0, 4.0], current_A = [1.0, 2.0] }\n", encoding="utf-8"
+    )
+    result = run("sweep", tmp_path / "study.toml", "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert "80 lanes" in result.stdout
+    assert "95 %" in result.stdout
+    for name in ("soc_gradient", "parallel"):
+        assert (tmp_path / "out" / f"{name}.png").read_bytes().startswith(PNG)
+    assert len(pd.read_csv(tmp_path / "out" / "lanes.csv")) == 80
+
+
+def test_pictures_of_a_large_result_are_of_a_part_of_its_lanes() -> None:
+    shape = (300, 200, 4, 5)
+    names = [f"axis_{number}" for number in range(4)]
+    places = np.indices(shape, sparse=True)
+    values = places[0] + 10.0 * places[1] + 3.0 * places[2] + 2.0 * places[3]
+    zeros = np.zeros(shape, dtype=np.int8)
+    dataset = xr.Dataset(
+        {"metric": (names, values, {"units": "V"}), "status": (names, zeros)},
+        {name: np.arange(float(size)) for name, size in zip(names, shape, strict=True)},
+    )
+    thin = thinned(dataset)
+    assert MOST_DRAWN / 2 < thin["metric"].size <= MOST_DRAWN
+    assert (thin.sizes["axis_2"], thin.sizes["axis_3"]) == (4, 5)
+    drawn = dict(pictures_of(dataset))
+    assert set(drawn) == {"parallel", "metric", "metric-curves"}
+    assert all(picture.startswith(PNG) for picture in drawn.values())
+
+
+def test_pace_is_told_from_the_second_report_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first report comes before anything is compiled, and after what an earlier run has done."""
+    clock = iter([0.0, 100.0, 110.0])
+    monkeypatch.setattr(terminal.time, "perf_counter", lambda: next(clock))
+    pace = terminal._Pace("lanes")
+    assert pace.told(500, 4000) == ""
+    assert pace.told(1000, 4000) == ""
+    assert pace.told(2000, 4000) == "100 lanes/s, about 20 s left"
+    assert [terminal.duration(s) for s in (42.0, 600.0, 10_800.0, 864_000.0)] == ["42 s", "10 min", "3 h", "10 days"]
 
 
 def test_sensitivity_of_the_same_study_at_another_point(run: Run, study: Path, tmp_path: Path) -> None:

@@ -1,0 +1,74 @@
+"""What a sweep will take: lanes, chunks, memory, disk and time, from one call that is run and timed."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+
+from sweeps.engine import Runner
+from sweeps.plan import COPIES
+from sweeps.study import Study
+
+
+@dataclasses.dataclass(frozen=True)
+class Forecast:
+    """What a sweep will take on this machine.
+
+    Attributes:
+        lanes: of the sweep.
+        steps: of each lane.
+        chunks: committed one by one.
+        lanes_per_chunk: of a whole one.
+        memory_bytes: of the chunks under way, beside what the program itself takes.
+        disk_bytes: of the results, uncompressed.
+        devices: on which it was measured.
+        compile_s: before the first lane.
+        lanes_per_s: measured.
+    """
+
+    lanes: int
+    steps: int
+    chunks: int
+    lanes_per_chunk: int
+    memory_bytes: int
+    disk_bytes: int
+    devices: str
+    compile_s: float
+    lanes_per_s: float
+
+    @property
+    def run_s(self) -> float:
+        """How long all lanes will take."""
+        return self.lanes / self.lanes_per_s
+
+
+def forecast(study: Study, memory: float | int | str | None = None) -> Forecast:
+    """Return what a sweep will take, after running some of its lanes; nothing is kept of them.
+
+    Args:
+        study: what would be run.
+        memory: as `sweeps.run` takes it.
+
+    Raises:
+        SweepError: the memory does not suffice.
+    """
+    began = time.perf_counter()
+    runner = Runner(study)
+    chunks = runner.chunks(memory, whole=False)
+    runner.prepare(chunks)
+    compiled = time.perf_counter()
+    runner.call(chunks)  # the first call also wakes the devices
+    started = time.perf_counter()
+    lanes = runner.call(chunks)
+    ended = time.perf_counter()
+    return Forecast(
+        lanes=study.size,
+        steps=runner.steps,
+        chunks=len(chunks),
+        lanes_per_chunk=chunks.lanes,
+        memory_bytes=COPIES * chunks.lanes * runner.bytes_per_lane,
+        disk_bytes=study.size * runner.result_bytes_per_lane,
+        devices=runner.device_names,
+        compile_s=compiled - began,
+        lanes_per_s=lanes / (ended - started),
+    )
