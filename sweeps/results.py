@@ -48,7 +48,7 @@ def variables_of(study: Study) -> dict[str, Variable]:
         for metric in study.prepared.metrics
     }
     for name in study.store:
-        found[name] = Variable((*dims, "time_s"), (lanes, rows), "float64", _about(study, name))
+        found[name] = Variable((*dims, "time_s"), (lanes, rows), "float64", about(study, name))
     meanings = " ".join(status.name.lower() for status in Status)
     flags = {"flag_values": [int(s) for s in Status], "flag_meanings": meanings}
     found["status"] = Variable(dims, (lanes,), "int8", {"long_name": "how the run ended", **flags})
@@ -60,17 +60,18 @@ def values_of(outcome: Outcome) -> dict[str, Any]:
     return {**outcome.values, **outcome.columns, "status": np.asarray(outcome.status).astype(np.int8)}
 
 
-def coordinates_of(study: Study) -> xr.Dataset:
-    """Return the axes of a study, what was drawn for its lanes, and the times that it stores, with units."""
-    coordinates: dict[str, Any] = {name: (name, values, _about(study, name)) for name, values in study.axes.items()}
-    for name, values in study.drawn(np.arange(study.dims.get(LANE, 0))).items():
-        coordinates[name] = (LANE, values, _about(study, name))
+def coordinates_of(study: Study, drawn: bool = True) -> xr.Dataset:
+    """Return the axes of a study, what was drawn for its lanes unless not wanted, and its stored times, with units."""
+    coordinates: dict[str, Any] = {name: (name, values, about(study, name)) for name, values in study.axes.items()}
+    for name, values in study.drawn(np.arange(study.dims.get(LANE, 0))).items() if drawn else ():
+        coordinates[name] = (LANE, values, about(study, name))
     if study.store:
         coordinates["time_s"] = ("time_s", study.prepared.stored_time_s, {"units": "s", "long_name": "time"})
     return xr.Dataset(coords=coordinates)
 
 
-def _about(study: Study, name: str) -> dict[str, str]:
+def about(study: Study, name: str) -> dict[str, Any]:
+    """Return the attributes of what lanes differ in, or of a stored column."""
     info = study.prepared.info.get(name)
     if info is not None:
         return {"units": info.unit, "long_name": info.meaning}

@@ -16,6 +16,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import IO, Any
 
+import numpy as np
 import xarray as xr
 import zarr
 
@@ -26,6 +27,7 @@ from sweeps.plan import Chunks, size_text
 from sweeps.results import (
     GRID,
     MANIFEST,
+    about,
     attributes_of,
     coordinates_of,
     load,
@@ -33,7 +35,7 @@ from sweeps.results import (
     values_of,
     variables_of,
 )
-from sweeps.study import Study
+from sweeps.study import LANE, Study
 
 try:
     import fcntl
@@ -41,6 +43,8 @@ except ImportError:  # not a POSIX system: nothing keeps two runs out of one fol
     fcntl = None
 
 LOG = "chunks.done"
+# Lanes whose drawn values are in memory at a time.
+_DRAWN_AT_ONCE = 2**20
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _NOT_RUN = {"float64": float("nan"), "int8": -1}
 
@@ -121,9 +125,10 @@ class Store:
         """Make the store with its labels and without a lane, aside, and put it in place."""
         aside = self.folder / f".{GRID}.new"
         shutil.rmtree(aside, ignore_errors=True)
-        coordinates = coordinates_of(self._study).assign_attrs(attributes_of(self._manifest))
+        coordinates = coordinates_of(self._study, drawn=False).assign_attrs(attributes_of(self._manifest))
         coordinates.to_zarr(aside, mode="w", consolidated=False)
         group = zarr.open_group(aside, mode="r+", use_consolidated=False)
+        self._create_drawn(group)
         for name, variable in self._variables.items():
             group.create_array(
                 name,
@@ -136,6 +141,28 @@ class Store:
             )
         os.replace(aside, self.folder / GRID)
         _flush(self.folder)
+
+    def _create_drawn(self, group: zarr.Group) -> None:
+        """Write what is drawn for the lanes, block by block: there may be more of it than memory."""
+        sample = self._study.sample
+        if sample is None:
+            return
+        arrays = {
+            name: group.create_array(
+                name,
+                shape=(sample.count,),
+                chunks=(min(sample.count, _DRAWN_AT_ONCE),),
+                dtype="float64",
+                dimension_names=(LANE,),
+                attributes=about(self._study, name),
+            )
+            for name in sample.ranges
+        }
+        group.attrs["coordinates"] = " ".join(arrays)  # where xarray looks for those that are no axis
+        for first in range(0, sample.count, _DRAWN_AT_ONCE):
+            lanes = np.arange(first, min(first + _DRAWN_AT_ONCE, sample.count))
+            for name, values in self._study.drawn(lanes).items():
+                arrays[name][lanes[0] : lanes[-1] + 1] = values
 
     def commit(self, number: int, outcome: Outcome) -> None:
         """Write a chunk, then note that it is done.

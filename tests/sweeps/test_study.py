@@ -6,6 +6,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray as xr
 
 from jaxmodel.errors import UserError
 from sweeps import Study, read_study, run
@@ -227,6 +228,7 @@ def test_sampled_lanes_are_those_of_the_same_values(cell_study, tmp_path):
     result = run(study, out=tmp_path / "out")
     assert result["soc_gradient"].dims == ("cycles", "lane")
     assert result["current_A"].dims == ("lane",)
+    xr.testing.assert_equal(result.load(), run(study))
     usable = -result["current_A"] / result["soc_gradient"] / 3600.0  # closed form: i / Q
     share = usable / result["capacity_Ah"]
     np.testing.assert_allclose(share, float(share[0, 0]), rtol=1e-12)
