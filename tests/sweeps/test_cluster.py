@@ -38,7 +38,7 @@ class SocSquared(Metric):
 @pytest.fixture(scope="module")
 def study(cell_study: Callable[..., Study]) -> Study:
     own = SocSquared("soc_squared", "", "square of the state of charge", ("cell",))
-    axes = {"current_A": np.linspace(0.2, 3.0, 40), "storage_months": np.linspace(0.0, 36.0, 30)}
+    axes = {"current_A": np.linspace(0.2, 3.0, 120), "storage_months": np.linspace(0.0, 36.0, 30)}
     return cell_study(axes=axes, metrics=["final_soc", "min_voltage_V", own], store=["soc"], store_every=30)
 
 
@@ -53,8 +53,8 @@ def assert_same_bits(result: xr.Dataset, expected: xr.Dataset) -> None:
 
 
 @contextlib.contextmanager
-def scheduler_and_workers(count: int, folder: Path) -> Iterator[tuple[str, list[subprocess.Popen]]]:
-    """A scheduler and single-threaded workers without a nanny: one that is killed does not come back."""
+def scheduler_and_workers(count: int, folder: Path) -> Iterator[tuple[str, list[subprocess.Popen], Callable]]:
+    """A scheduler and single-threaded workers without a nanny: one that is killed does not come back. And one more."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
@@ -69,8 +69,12 @@ def scheduler_and_workers(count: int, folder: Path) -> Iterator[tuple[str, list[
     processes = [start("scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard")]
     single = ("--nthreads", "1", "--no-nanny", "--no-dashboard", "--local-directory", str(folder))
     processes += [start("worker", address, *single) for _ in range(count)]
+
+    def one_more() -> None:
+        processes.append(start("worker", address, *single))
+
     try:
-        yield address, processes[1:]
+        yield address, processes[1:], one_more
     finally:
         for process in reversed(processes):
             process.kill()
@@ -80,16 +84,20 @@ def scheduler_and_workers(count: int, folder: Path) -> Iterator[tuple[str, list[
 
 def test_killed_worker_costs_its_chunk_and_no_bit(study, local, tmp_path, monkeypatch):
     monkeypatch.setattr(plan, "LANE_STEPS_PER_CHUNK", 60 * 64)
+    """One of two is killed early; later the other, when only one that came meanwhile can finish."""
     out, done = tmp_path / "out", threading.Event()
-    with scheduler_and_workers(2, tmp_path) as (address, workers):
+    with scheduler_and_workers(2, tmp_path) as (address, workers, one_more):
 
-        def kill_one_in_mid_run() -> None:
-            while not done.wait(0.001):
-                if (out / LOG).exists() and (out / LOG).read_bytes().count(b"\n") >= 2:
-                    workers[0].kill()
-                    return
+        def kill_both_in_mid_run() -> None:
+            for chunks, worker in ((2, workers[0]), (5, workers[1])):
+                while not ((out / LOG).exists() and (out / LOG).read_bytes().count(b"\n") >= chunks):
+                    if done.wait(0.0005):
+                        return
+                worker.kill()
+                if worker is workers[0]:
+                    one_more()
 
-        killer = threading.Thread(target=kill_one_in_mid_run)
+        killer = threading.Thread(target=kill_both_in_mid_run)
         killer.start()
         seen: list[int] = []
         try:
@@ -97,8 +105,7 @@ def test_killed_worker_costs_its_chunk_and_no_bit(study, local, tmp_path, monkey
         finally:
             done.set()
             killer.join()
-        assert workers[0].wait(timeout=30) == -signal.SIGKILL
-        assert workers[1].poll() is None
+        assert [worker.wait(timeout=30) for worker in workers] == [-signal.SIGKILL] * 2
         assert seen[-1] == study.size
         assert seen == sorted(set(seen))  # nothing was counted twice
         assert_same_bits(result, local)
