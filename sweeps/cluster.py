@@ -99,8 +99,8 @@ class Cluster:
                 done(chunks.span(number)[1])
                 yield number, outcome
         finally:
-            self._client.cancel(list(number_of))
             with contextlib.suppress(OSError, CommClosedError):
+                self._client.cancel(list(number_of))
                 self._client.unregister_worker_plugin(self._name)
 
 

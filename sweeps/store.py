@@ -115,7 +115,7 @@ class Store:
         lines = self._log.read()
         whole = lines[: lines.rfind(b"\n") + 1]  # a kill, or a full disk, may have torn the last line
         self._log.truncate(len(whole))
-        done = {int(line) for line in whole.split()}
+        done = {int(line) for line in whole.split() if line.isdigit()}
         self._done = len(done)
         self.pending = [number for number in range(len(self.chunks)) if number not in done]
         group = zarr.open_group(self.folder / GRID, mode="r+", use_consolidated=False)
@@ -139,6 +139,8 @@ class Store:
                 dimension_names=variable.dims,
                 attributes=variable.attributes,
             )
+        for path in (*aside.rglob("*"), aside):
+            _flush(path)
         os.replace(aside, self.folder / GRID)
         _flush(self.folder)
 
@@ -180,7 +182,8 @@ class Store:
                 place = [part.start // size for part, size in zip(region, self.chunks.box, strict=True)]
                 file = self.folder.joinpath(GRID, name, "c", *map(str, place), *["0"] * (len(array.shape) - len(shape)))
                 if file.exists():  # a chunk of nothing but NaN has no file
-                    _flush(file)
+                    for path in (file, *file.parents[: len(file.relative_to(self.folder / GRID).parts) - 1]):
+                        _flush(path)
             self._log.write(b"%d\n" % number)
             self._log.flush()
             os.fsync(self._log.fileno())
