@@ -18,8 +18,13 @@ def conditions(session: Session, hypothesis: Hypothesis) -> dict[str, np.ndarray
     """Return, for every fit reading, the inputs and the model's states at its row: (n,) arrays by name."""
     problem = hypothesis.problem
     index = np.asarray(problem.readings.index)[np.asarray(problem.readings.fit) > 0.0]
-    runs, rows, channels = np.unravel_index(index, (*problem.times.shape, len(problem.channels)))
-    del channels
+    runs, rows, _ = np.unravel_index(index, (*problem.times.shape, len(problem.channels)))
+    return {name: values[runs, rows] for name, values in conditions_of_rows(session, hypothesis).items()}
+
+
+def conditions_of_rows(session: Session, hypothesis: Hypothesis) -> dict[str, np.ndarray]:
+    """Return the inputs and the model's states at every row of every run: (runs, rows) arrays by name."""
+    problem = hypothesis.problem
     predicted = predict(problem, hypothesis.fitted.x)
     found: dict[str, np.ndarray] = {}
     measured = [run.measured for run in session.case.runs]
@@ -31,12 +36,12 @@ def conditions(session: Session, hypothesis: Hypothesis) -> dict[str, np.ndarray
                 if name in session.case.sensors:
                     values = of_neighbours(values, session.case.sensors[name])
                 padded[number, : one.time_s.size] = values
-        found[name] = padded[runs, rows]
+        found[name] = padded
     for place, name in enumerate(problem.channels):
         if name not in found and name.split("_")[0] in ("soc", "speed", "cell", "winding", "case", "motor"):
-            found[name] = predicted[runs, rows, place]
-    found["time_s"] = np.asarray(problem.times)[runs, rows]
-    found["run"] = runs.astype(float)
+            found[name] = predicted[:, :, place]
+    found["time_s"] = np.asarray(problem.times)
+    found["run"] = np.broadcast_to(np.arange(len(measured), dtype=float)[:, None], problem.times.shape)
     return found
 
 

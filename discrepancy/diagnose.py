@@ -11,8 +11,9 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from discrepancy.conditions import conditions, failing_sentences
-from discrepancy.misfit import Block, deficiency_map
+from discrepancy.conditions import failing_sentences
+from discrepancy.leftover import leftover_laws
+from discrepancy.misfit import Block
 from discrepancy.posterior import SOMETHING_ELSE, hypothesis_name, probabilities
 from discrepancy.result import Diagnosis, NamedEffect, ScoreEntry
 from discrepancy.score import sight
@@ -134,9 +135,9 @@ def diagnose(
     screened = session.screen(best)
     _tell(progress, "weighing")
     # A law in no catalogue may stand beside the best effects, or in place of effects that only come near it.
-    left = {best.labels: misfit(session, best, screened)}
+    left = {best.labels: leftover_laws(session, best, screened)}
     if any(block.significant for block in left[best.labels]):
-        left[base.labels] = misfit(session, base, first)
+        left[base.labels] = leftover_laws(session, base, first)
     weighed, beside = probabilities(session.known(), best, left, session.candidates)
     unexplained = next((block for block in left[beside] if block.significant), None)
     verdict = "unknown_effect" if remarks else _verdict(session, best, weighed, unexplained)
@@ -154,7 +155,9 @@ def diagnose(
         verdict=verdict,
         effects=named,
         candidates=tuple((name, p) for name, p in weighed.items() if p >= 5e-4),
-        unexplained=unexplained.sentence() if unexplained is not None and verdict == "unknown_effect" else None,
+        unexplained=unexplained.sentence(left[beside])
+        if unexplained is not None and verdict == "unknown_effect"
+        else None,
         blind_to=blind,
         noise=session.noise,
         ladder=tuple(ladder),
@@ -280,25 +283,6 @@ def _shortlist(screened: Screen) -> list[str]:
         if chosen[0] in alike:
             chosen += [name for name in alike if name not in chosen][:3]
     return chosen
-
-
-def misfit(session: Session, hypothesis: Hypothesis, screened: Screen) -> list[Block]:
-    """Return the deficiency map of a calibrated model, strongest block first."""
-    problem = hypothesis.problem
-    counted = screened.counted
-    channel = np.asarray(problem.readings.index)[counted] % len(problem.channels)
-    variables = conditions(session, hypothesis)
-    factors = [next((name for name in variables if name.endswith("current_A")), None), "load_torque_Nm"]
-    multipliers = {"": np.ones(counted.sum())} | {name: variables[name] for name in factors if name in variables}
-    return deficiency_map(
-        screened.base,
-        screened.residual,
-        channel,
-        problem.channels,
-        np.asarray(problem.readings.sd)[counted],
-        {name: values for name, values in variables.items() if name != "run"},
-        multipliers,
-    )
 
 
 def _verdict(session: Session, best: Hypothesis, weighed: dict[str, float], unexplained: Block | None) -> str:

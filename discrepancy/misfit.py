@@ -8,6 +8,7 @@ of its rank.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
@@ -15,6 +16,10 @@ from scipy.stats import chi2 as chi2_distribution
 KNOTS = 9
 # A direction of which the model's own unknowns imitate all but this share is theirs.
 ABSORBED = 0.03
+# A free number that moves the readings by less than this share of what another does has no say in the law.
+FAINT = 1e-3
+# A law that explains this share of what another does cannot be told from it.
+AS_GOOD = 0.99
 # Probability, over all blocks together, that a right model is called wrong.
 FAMILYWISE = 1e-3
 
@@ -24,15 +29,16 @@ class Block:
     """One smooth unknown law and how much of the residual it would explain.
 
     Attributes:
-        channel: output whose error it is.
+        channel: output whose error it is, or the equation in which it acts.
         multiplier: "" or the input that multiplies the law.
         variable: what the law is a function of.
-        chi2: drop in chi-square that the law promises, over the residual's own variance.
+        chi2: drop in chi-square that the law promises, over the variance of what then scatters.
         rank: free numbers in it.
         p_value: of so large a chi-square under a right model, corrected for the number of blocks.
         knots: values of the variable.
         law: the law at the knots, in the channel's unit (per unit of the multiplier).
         drop: the same drop in chi-square over the stated noise, the unit in which fitted models are compared.
+        unit: of the law's values, where it acts in an equation; "" where it is one channel's.
     """
 
     channel: str
@@ -44,99 +50,175 @@ class Block:
     knots: np.ndarray
     law: np.ndarray
     drop: float = np.inf
+    unit: str = ""
+
+    @property
+    def in_equation(self) -> bool:
+        """Return True for a law in an equation, which moves every channel that the equation reaches."""
+        return self.unit != ""
 
     @property
     def significant(self) -> bool:
         """Return True where a right model would hardly leave this much."""
         return self.p_value < FAMILYWISE
 
-    def sentence(self) -> str:
-        """Say where it acts and how it depends on state and input."""
+    def sentence(self, tried: Iterable[Block] = ()) -> str:
+        """Say where it acts and how it depends on state and input; of all laws tried, which variables serve as well."""
         change = self.law[np.argmax(self.knots)] - self.law[np.argmin(self.knots)]
         trend = "rising" if change > 0.0 else "falling"
         shape = "" if np.all(np.diff(self.law) * change >= 0.0) else ", not evenly"
         factor = f" in proportion to {self.multiplier}" if self.multiplier else ""
         return (
             f"what is left acts on {self.channel}{factor} as a function of {self.variable}, {trend}{shape} "
-            f"by {abs(change):.3g} over {self.knots.min():.3g} to {self.knots.max():.3g}"
+            f"by {' '.join(filter(None, (f'{abs(change):.3g}', self.unit)))} over {self.knots.min():.3g} to "
+            f"{self.knots.max():.3g}{self._or(tried)}"
         )
+
+    def _or(self, tried: Iterable[Block]) -> str:
+        """Name the variables of which the same law explains all but a hundredth as much."""
+        place = (self.channel, self.multiplier)
+        others = [
+            other.variable
+            for other in tried
+            if (other.channel, other.multiplier) == place
+            and other.variable != self.variable
+            and other.drop > AS_GOOD * self.drop
+        ]
+        return f"; a function of {' or '.join(others)} explains as much" if others else ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Tried:
+    """A law that was tried: the readings' answers to its free numbers, and what these are.
+
+    Attributes:
+        channel, multiplier, variable, unit: as of a `Block`.
+        columns: (n + p, knots) whitened answers, prior rows appended.
+        knots: values of the variable.
+        reaches: numbers of the channels that the law moves.
+    """
+
+    channel: str
+    multiplier: str
+    variable: str
+    columns: np.ndarray
+    knots: np.ndarray
+    reaches: tuple[int, ...]
+    unit: str = ""
+
+
+class Leftover:
+    """What a calibrated model leaves and its own unknowns cannot take."""
+
+    def __init__(self, base: np.ndarray, residual: np.ndarray, channel_of: np.ndarray) -> None:
+        """Project the residual.
+
+        Args:
+            base: (n + p, p) whitened sensitivities of the readings to the model's unknowns, prior rows appended.
+            residual: (n + p,) whitened residual with prior rows.
+            channel_of: (n,) number of each reading's channel.
+        """
+        self.channel_of = channel_of
+        self._q, _ = np.linalg.qr(base)
+        self.left = residual - self._q @ (self._q.T @ residual)
+
+    def _scatter(self, left: np.ndarray, channels: tuple[int, ...]) -> float:
+        """Return the variance of channels' errors from one reading to the next, in units of the stated noise.
+
+        A noise sd stated to two digits is itself uncertain by some percent, which is no law.
+        """
+        fast = np.concatenate([np.diff(left[: self.channel_of.size][self.channel_of == one]) for one in channels])
+        return max(float(np.mean(fast**2)) / 2.0, 1e-12)
+
+    def blocks(self, laws: Iterable[Tried]) -> list[Block]:
+        """Return the evidence for each law, strongest first."""
+        found = []
+        for law in laws:
+            length = np.linalg.norm(law.columns, axis=0)
+            kept = length > FAINT * length.max(initial=0.0)
+            if not kept.any():
+                continue
+            columns = law.columns[:, kept] / length[kept]
+            columns -= self._q @ (self._q.T @ columns)
+            basis, size, mix = np.linalg.svd(columns, full_matrices=False)
+            own = size > ABSORBED
+            if not own.any():
+                continue
+            along = basis[:, own].T @ self.left
+            values = np.zeros(law.knots.size)
+            values[kept] = (mix[own].T @ (along / size[own])) / length[kept]
+            # What scatters once the law is taken off: a law that jumps with an input is no noise.
+            variance = self._scatter(self.left - basis[:, own] @ along, law.reaches)
+            found.append((law, float(np.sum(along**2)), variance, int(own.sum()), values))
+        blocks = [
+            Block(
+                channel=law.channel,
+                multiplier=law.multiplier,
+                variable=law.variable,
+                chi2=drop / variance,
+                rank=rank,
+                p_value=min(1.0, len(found) * float(chi2_distribution.sf(drop / variance, rank))),
+                knots=law.knots,
+                law=values,
+                drop=drop,
+                unit=law.unit,
+            )
+            for law, drop, variance, rank, values in found
+        ]
+        return strongest_first(blocks, self.channel_of.size)
+
+
+def strongest_first(blocks: Iterable[Block], readings: int) -> list[Block]:
+    """Return laws by what they explain less what their free numbers would by chance (as in BIC)."""
+    return sorted(blocks, key=lambda block: block.drop - block.rank * np.log(readings), reverse=True)
 
 
 def deficiency_map(
-    base: np.ndarray,
-    residual: np.ndarray,
-    channel_of: np.ndarray,
+    leftover: Leftover,
     channels: tuple[str, ...],
     scale: np.ndarray,
     variables: dict[str, np.ndarray],
     multipliers: dict[str, np.ndarray],
 ) -> list[Block]:
-    """Return every block's evidence, strongest first.
+    """Return every block of a channel and its evidence, strongest first.
 
     Args:
-        base: (n + p, p) whitened sensitivities of the readings to the model's unknowns, prior rows appended.
-        residual: (n + p,) whitened residual with prior rows.
-        channel_of: (n,) number of each reading's channel.
-        channels: their names.
+        leftover: of a calibrated model.
+        channels: names of the channels.
         scale: (n,) noise sd of each reading, in its unit.
         variables: by name, (n,) what a law may be a function of.
         multipliers: by name, (n,) what may multiply a law; "" is 1.
     """
-    rows = channel_of.size
-    q, _ = np.linalg.qr(base)
-    left = residual - q @ (q.T @ residual)
-    found = []
-    for number, channel in enumerate(channels):
-        mine = channel_of == number
-        if mine.sum() < 10 * KNOTS:
-            continue
-        # The channel's own level is what the errors scatter by from one reading to the next: a noise sd stated to two
-        # digits is itself uncertain by some percent, which is no law.
-        fast = np.diff(left[:rows][mine])
-        variance = max(float(np.mean(fast**2)) / 2.0, 1e-12)
-        for multiplier, factor in multipliers.items():
-            for variable, values in variables.items():
-                # x f(x) is but another f(x).
-                made = _hats(values[mine]) if variable != multiplier else None
-                if made is None:
-                    continue
-                hats, knots = made
-                columns = np.zeros((base.shape[0], hats.shape[1]))
-                columns[np.flatnonzero(mine)] = hats * (factor[mine] / scale[mine])[:, None]
-                length = np.linalg.norm(columns, axis=0)
-                columns, hats_kept = columns[:, length > 0.0] / length[length > 0.0], length > 0.0
-                columns -= q @ (q.T @ columns)
-                basis, size, mix = np.linalg.svd(columns, full_matrices=False)
-                own = size > ABSORBED
-                if not own.any():
-                    continue
-                along = basis[:, own].T @ left
-                explained = float(np.sum(along**2)) / variance
-                law = np.zeros(knots.size)
-                law[hats_kept] = (mix[own].T @ (along / size[own])) / length[hats_kept]
-                found.append(
-                    (channel, multiplier, variable, explained, int(own.sum()), knots, law, explained * variance)
-                )
-    blocks = [
-        Block(
-            channel=channel,
-            multiplier=multiplier,
-            variable=variable,
-            chi2=explained,
-            rank=rank,
-            p_value=min(1.0, len(found) * float(chi2_distribution.sf(explained, rank))),
-            knots=knots,
-            law=law,
-            drop=drop,
-        )
-        for channel, multiplier, variable, explained, rank, knots, law, drop in found
-    ]
-    return sorted(blocks, key=lambda block: block.chi2 - block.rank * np.log(rows), reverse=True)
+
+    def laws() -> Iterable[Tried]:
+        for number, channel in enumerate(channels):
+            mine = leftover.channel_of == number
+            if mine.sum() < 10 * KNOTS:
+                continue
+            for multiplier, factor in multipliers.items():
+                for variable, values in variables.items():
+                    # x f(x) is but another f(x).
+                    made = hats(values[mine]) if variable != multiplier else None
+                    if made is None:
+                        continue
+                    shapes, knots = made
+                    columns = np.zeros((leftover.left.size, shapes.shape[1]))
+                    columns[np.flatnonzero(mine)] = shapes * (factor[mine] / scale[mine])[:, None]
+                    yield Tried(channel, multiplier, variable, columns, knots, (number,))
+
+    return leftover.blocks(laws())
 
 
-def _hats(values: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return piecewise linear hat functions on quantile knots, shape (n, knots)."""
-    knots = np.unique(np.quantile(values, np.linspace(0.0, 1.0, KNOTS)))
+def hats(values: np.ndarray, count: int = KNOTS, even: int = 2) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return piecewise linear hat functions, shape (n, knots), and their knots; None where nothing varies.
+
+    Knots are so many quantiles, where the readings are, and so many evenly spaced, for what begins at the far end.
+    """
+    spread = np.linspace(values.min(), values.max(), even)
+    quantiles = np.quantile(values, np.linspace(0.0, 1.0, count))
+    apart = 0.3 * np.ptp(values) / max(count, even)
+    inner = [x for x in spread[1:-1] if np.abs(quantiles - x).min() > apart]
+    knots = np.unique([*quantiles, *inner])
     if knots.size < 2 or np.ptp(knots) < 1e-9 * max(1.0, float(np.abs(knots).max())):
         return None
     return np.stack([np.interp(values, knots, unit) for unit in np.eye(knots.size)], axis=1), knots

@@ -67,14 +67,19 @@ def probabilities(
 
 
 def _gain(blocks: Sequence[Block], readings: float) -> float:
-    """Return what the strongest unknown laws, one for each channel that needs one, add to a model's log evidence."""
+    """Return what unknown laws add to a model's log evidence: one in an equation, or one for each channel in need."""
     gains: dict[str, float] = {}
+    in_equation = -np.inf
     for block in blocks:
         # In no unit may a law explain more than there was: where the noise is overstated its own scatter says too much.
         gain = 0.5 * min(block.chi2, block.drop) - 0.5 * block.rank * np.log(readings) - np.log(len(blocks))
-        gains[block.channel] = max(gains.get(block.channel, -np.inf), gain)
+        if block.in_equation:
+            in_equation = max(in_equation, gain)
+        else:
+            gains[block.channel] = max(gains.get(block.channel, -np.inf), gain)
     needed = [gain for gain in gains.values() if gain > 0.0]
-    return sum(needed) if needed else max(gains.values(), default=0.0)
+    on_channels = sum(needed) if needed else max(gains.values(), default=0.0)
+    return max(on_channels, in_equation)
 
 
 def _wrong(left: Sequence[Block]) -> bool:

@@ -18,7 +18,7 @@ from jaxmodel.declaration import Scalar
 from jaxmodel.flow import State, advance
 from jaxmodel.motor import Motor
 from jaxmodel.parameters import Parameters
-from jaxmodel.ports import Effect
+from jaxmodel.ports import Effect, fold
 from jaxmodel.robot import Inputs
 
 Readings = dict[str, Scalar]
@@ -136,7 +136,8 @@ def true_inputs(model: Model, inputs: Inputs) -> Inputs:
 
 
 def _parts(model: Model, state: State, inputs: Inputs) -> tuple[Cell | None, Motor | None]:
-    """Evaluate everything that depends on the slow state alone."""
+    """Evaluate everything that depends on the slow state alone; inputs of an effect's own, 'effect.input', show there."""
+    state = state | {name: value for name, value in inputs.items() if "." in name}
     ambient = inputs["ambient_degC"]
     cell = motor = None
     if model.kind in ("cell", "robot"):
@@ -182,7 +183,7 @@ def _drive(
         if "voltage_V" in inputs:
 
             def voltage(current):
-                return inputs["voltage_V"]
+                return fold(model.effects, "bridge_voltage", inputs["voltage_V"], later[1].context)
 
             armature = motors.run(now[1], later[1], voltage, voltage, duration, lead, expected)
         else:

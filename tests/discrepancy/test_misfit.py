@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discrepancy.misfit import FAMILYWISE, Block, deficiency_map
+from discrepancy.misfit import FAMILYWISE, Block, Leftover, deficiency_map
 
 ROWS = 1500
 CHANNELS = ("voltage_V", "cell_temperature_degC")
@@ -37,8 +37,12 @@ def made(seed: int, law=None, channel: int = 0, base_columns: int = 3) -> tuple[
     return rows, variables
 
 
+def blocks_of(base, residual, channel_of, **rest) -> list[Block]:
+    return deficiency_map(Leftover(base, residual, channel_of), **rest)
+
+
 def strongest(**rows) -> Block:
-    return deficiency_map(**rows)[0]
+    return blocks_of(**rows)[0]
 
 
 def test_a_resistance_that_grows_at_low_charge_is_found_with_its_law() -> None:
@@ -70,7 +74,7 @@ def test_what_the_base_model_imitates_is_no_law() -> None:
 @pytest.mark.parametrize("seed", range(3, 9))
 def test_a_right_model_leaves_nothing(seed: int) -> None:
     rows, _ = made(seed)
-    blocks = deficiency_map(**rows)
+    blocks = blocks_of(**rows)
     assert not any(block.significant for block in blocks)
     assert all(0.0 <= block.p_value <= 1.0 for block in blocks)
 
@@ -82,7 +86,7 @@ def test_p_values_are_those_of_the_ranks() -> None:
     hits = []
     for _ in range(200):
         rows["residual"][: 2 * ROWS] = rng.standard_normal(2 * ROWS)
-        hits.append(min(block.p_value for block in deficiency_map(**rows)) < 0.05)
+        hits.append(min(block.p_value for block in blocks_of(**rows)) < 0.05)
     assert np.mean(hits) <= 0.09  # Bonferroni over correlated blocks: at most 5 %, here with 2.6 standard errors
     assert np.mean(hits) > 0.0
     assert FAMILYWISE < 0.05
@@ -97,10 +101,10 @@ def test_a_noise_sd_stated_too_small_is_no_law() -> None:
 
 def test_a_variable_is_not_multiplied_by_itself() -> None:
     rows, _ = made(12)
-    assert all(block.multiplier != block.variable for block in deficiency_map(**rows))
+    assert all(block.multiplier != block.variable for block in blocks_of(**rows))
 
 
 def test_a_constant_variable_makes_no_block() -> None:
     rows, variables = made(13)
     variables["ambient_degC"] = np.full(2 * ROWS, 20.0)
-    assert {block.variable for block in deficiency_map(**rows)} == {"soc", "current_A"}
+    assert {block.variable for block in blocks_of(**rows)} == {"soc", "current_A"}

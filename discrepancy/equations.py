@@ -1,0 +1,190 @@
+"""Unknown laws in the model's equations: how every reading answers to a small addition at a port, over time.
+
+A law in an equation moves all that the equation reaches: a torque moves current, speed and heat. Its additions are
+those that a law of the calibrated model's own course would make, so that the readings' answers are exact to first
+order; they come from one forward program whose additions are inputs.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from discrepancy.conditions import conditions_of_rows
+from discrepancy.misfit import Block, Leftover, Tried, hats
+from discrepancy.problem import Lane, Problem
+from discrepancy.screen import Screen
+from discrepancy.session import Hypothesis, Session
+from jaxmodel.ports import PORTS, Effect
+
+KNOTS, EVEN_KNOTS = 5, 7
+LANES = 16
+# Of a port's usual size: far above rounding, far below what bends.
+ADDED = 1e-4
+
+
+@dataclasses.dataclass(frozen=True)
+class Place:
+    """A port, or an input, at which an unknown law may act.
+
+    Attributes:
+        port: its name.
+        equation: how the sentence calls it.
+        unit: of the port's value.
+        size: a usual value.
+        multipliers: conditions that may multiply the law; "" is 1.
+    """
+
+    port: str
+    equation: str
+    unit: str
+    size: float
+    multipliers: tuple[str, ...] = ("",)
+
+
+_DRIVE = (
+    Place("load_torque", "the torque balance (eq. 13)", "N m", 0.1, ("", "load_torque_Nm")),
+    Place("torque_constant", "the torque constant (eqs. 11 and 12)", "N m/A", 0.04),
+    Place("motor_loss", "the winding's heat (eq. 16)", "W", 10.0),
+)
+_COUNTING = Place("counted_current", "the counting of charge (eq. 1)", "A", 5.0, ("", "current_A", "pack_current_A"))
+PLACES = {
+    "cell": (_COUNTING,),
+    "motor": (*_DRIVE, Place("bridge_voltage", "the armature voltage (eq. 11)", "V", 10.0, ("", "current_A"))),
+    "robot": (
+        *_DRIVE,
+        Place("bridge_voltage", "the armature voltage (eqs. 11 and 14)", "V", 10.0, ("", "motor_current_A")),
+        Place("duty", "the duty of the bridge (eq. 14)", "of duty", 0.3),
+        Place("onboard_current", "the on-board draw (eq. 20)", "A", 1.0),
+        _COUNTING,
+    ),
+}
+
+
+def _input(port: str) -> str:
+    """Return the input that carries what is added: of a port one of its own, of an input the input itself."""
+    return f"law.{port}" if port in PORTS else port
+
+
+def _addition(port: str) -> Effect:
+    """Return an effect that adds an input of its own to a port."""
+
+    def add(self, value, context):
+        return value + context.state[_input(port)]
+
+    return type(f"AdditionTo_{port}", (Effect,), {"name": "law", "kinds": (), "equation": "", port: add})()
+
+
+@eqx.filter_jit
+def _answers(problem: Problem, x: Array, additions: Mapping[str, Array]) -> Array:
+    """Return whitened residuals with additions (lanes, runs, 1 + steps) by port, shape (lanes, readings)."""
+
+    def one(added: Mapping[str, Array]) -> Array:
+        given = problem.courses.inputs
+        inputs = given | {name: given.get(name, 0.0) + values for name, values in added.items()}
+        courses = dataclasses.replace(problem.courses, inputs=inputs)
+        changed = dataclasses.replace(problem, courses=courses)
+        return changed.residual(Lane(x, jnp.zeros(len(problem.switched))))
+
+    return jax.vmap(one)(additions)
+
+
+def equation_laws(session: Session, hypothesis: Hypothesis, screened: Screen, leftover: Leftover) -> list[Block]:
+    """Return the evidence for an unknown law in each equation of a calibrated model, strongest first."""
+    problem = hypothesis.problem
+    places = {place.port: place for place in PLACES[session.case.kind]}
+    if session.case.kind == "motor" and "voltage_V" not in problem.courses.inputs:
+        del places["bridge_voltage"]  # its current is imposed
+    effects = (*problem.models.effects, *(_addition(port) for port in places if port in PORTS))
+    problem = dataclasses.replace(problem, models=dataclasses.replace(problem.models, effects=effects))
+    counted = screened.counted
+    reaches = tuple(np.unique(leftover.channel_of).tolist())
+    shapes = list(_shapes(session, hypothesis, places))
+    lanes = [(place.port, ADDED * place.size * row) for place, _, _, on_steps, _ in shapes for row in on_steps]
+    rows = _evaluate(problem, hypothesis.fitted.x, tuple(places), lanes)[:, counted]
+    still, moved = rows[0], rows[1:]
+    priors = screened.base.shape[0] - counted.sum()
+
+    def laws() -> Iterator[Tried]:
+        first = 0
+        for place, multiplier, variable, on_steps, knots in shapes:
+            mine = moved[first : first + len(on_steps)]
+            first += len(on_steps)
+            answers = -(mine - still).T / (ADDED * place.size)
+            columns = np.concatenate([answers, np.zeros((priors, len(on_steps)))])
+            if np.all(np.isfinite(columns)):
+                yield Tried(place.equation, multiplier, variable, columns, knots, reaches, _unit(place, multiplier))
+
+    return leftover.blocks(laws())
+
+
+def _unit(place: Place, multiplier: str) -> str:
+    return f"{place.unit} per unit of {multiplier}" if multiplier else place.unit
+
+
+def _shapes(
+    session: Session, hypothesis: Hypothesis, places: Mapping[str, Place]
+) -> Iterator[tuple[Place, str, str, np.ndarray, np.ndarray]]:
+    """Yield place, multiplier, variable, the law's free shapes over the steps (knots, runs, 1 + steps), and knots."""
+    problem = hypothesis.problem
+    conditions = conditions_of_rows(session, hypothesis)
+    fitted = np.array([run.split == "fit" for run in session.case.runs])
+    at_step = _row_of_step(problem)
+    inside = np.zeros(problem.times.shape, dtype=bool)
+    for number, run in enumerate(session.case.runs):
+        inside[number, : run.measured.time_s.size] = True
+    shown = inside & fitted[:, None]
+    for place in places.values():
+        for multiplier in place.multipliers:
+            if multiplier and multiplier not in conditions:
+                continue
+            factor = conditions[multiplier] if multiplier else np.ones(problem.times.shape)
+            for variable, values in conditions.items():
+                made = hats(values[shown], KNOTS, EVEN_KNOTS) if variable not in ("run", multiplier) else None
+                if made is None:
+                    continue
+                knots = made[1]
+                on_rows = [np.interp(values, knots, unit) * factor for unit in np.eye(knots.size)]
+                yield (
+                    place,
+                    multiplier,
+                    variable,
+                    np.stack([np.take_along_axis(row, at_step, 1) for row in on_rows]),
+                    knots,
+                )
+
+
+def _row_of_step(problem: Problem) -> np.ndarray:
+    """Return the row at whose end each step lies, and the first row for the start, shape (runs, 1 + steps)."""
+    last_step = np.asarray(problem.courses.last_step)
+    steps = problem.courses.duration_s.shape[1]
+    rows = [np.append(0, 1 + np.searchsorted(one, np.arange(steps))) for one in last_step]
+    return np.minimum(np.stack(rows), problem.times.shape[1] - 1)
+
+
+def _evaluate(
+    problem: Problem, x: np.ndarray, ports: tuple[str, ...], lanes: list[tuple[str, np.ndarray]]
+) -> np.ndarray:
+    """Return whitened residuals without any addition, then with each, shape (1 + lanes, readings)."""
+    shape = (LANES, *problem.courses.inputs["ambient_degC"].shape)
+    everything: list[tuple[str, np.ndarray | None]] = [("", None), *lanes]
+
+    def evaluate(first: int) -> np.ndarray:
+        batch = everything[first : first + LANES]
+        additions = {_input(port): np.zeros(shape) for port in ports}
+        for number, (port, values) in enumerate(batch):
+            if values is not None:
+                additions[_input(port)][number] = values
+        return np.asarray(_answers(problem, jnp.asarray(x), jax.tree.map(jnp.asarray, additions)))[: len(batch)]
+
+    compiled = evaluate(0)
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return np.concatenate([compiled, *pool.map(evaluate, range(LANES, len(everything), LANES))])

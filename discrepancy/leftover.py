@@ -1,0 +1,35 @@
+"""The laws that could explain what a calibrated model leaves: on a channel, and where one does, in the equations."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from discrepancy.conditions import conditions
+from discrepancy.equations import equation_laws
+from discrepancy.misfit import Block, Leftover, deficiency_map, strongest_first
+from discrepancy.screen import Screen
+from discrepancy.session import Hypothesis, Session
+
+
+def leftover_laws(session: Session, hypothesis: Hypothesis, screened: Screen) -> list[Block]:
+    """Return every law tried beside a calibrated model, strongest first.
+
+    Equations are asked only where a channel shows that something is left: what no channel shows, no equation lacks.
+    """
+    problem = hypothesis.problem
+    counted = screened.counted
+    leftover = Leftover(
+        screened.base, screened.residual, np.asarray(problem.readings.index)[counted] % len(problem.channels)
+    )
+    variables = conditions(session, hypothesis)
+    factors = [next((name for name in variables if name.endswith("current_A")), None), "load_torque_Nm"]
+    blocks = deficiency_map(
+        leftover,
+        problem.channels,
+        np.asarray(problem.readings.sd)[counted],
+        {name: values for name, values in variables.items() if name != "run"},
+        {"": np.ones(counted.sum())} | {name: variables[name] for name in factors if name in variables},
+    )
+    if not any(block.significant for block in blocks):
+        return blocks
+    return strongest_first([*blocks, *equation_laws(session, hypothesis, screened, leftover)], int(counted.sum()))

@@ -1,0 +1,87 @@
+"""A law in an equation is found there, though the readings show it on every channel at once."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from discrepancy.leftover import leftover_laws
+from discrepancy.session import Session
+from jaxmodel.cases import Case, Known
+from jaxmodel.model import Model
+from jaxmodel.profile import Profile
+from jaxmodel.simulate import simulate
+from tests.discrepancy.made_cases import case_of, run_of
+from tests.jaxmodel.runs import staircase
+
+NOISE = {"current_A": 0.02, "speed_rad_s": 0.3, "winding_temperature_degC": 0.2}
+ROWS, STEP_S = 300, 4.0
+# What a bench reports of itself, and what truly acted.
+LAWS = {
+    "a brake that fades": ("load_torque_Nm", lambda torque, given: torque * (1.0 - 0.15 * given["time_s"] / 1200.0)),
+    "an amplifier that gives way": ("voltage_V", lambda volts, given: volts - 0.002 * volts * np.abs(volts)),
+}
+
+
+def measured(law: str, seed: int = 0) -> Case:
+    column, acts = LAWS[law]
+    rng = np.random.default_rng(seed)
+    time = STEP_S * np.arange(ROWS)
+    runs = []
+    for number in range(3):
+        reported = {
+            "voltage_V": staircase(10 + number, ROWS, 14.0),
+            "load_torque_Nm": np.abs(staircase(20 + number, ROWS, 0.15)),
+            "ambient_degC": np.full(ROWS, 20.0),
+        }
+        true = reported | {column: acts(reported[column], {"time_s": time})}
+        readings = simulate(Model("motor"), Profile(time, true)).readings
+        outputs = {name: np.asarray(readings[name]) + sd * rng.standard_normal(ROWS) for name, sd in NOISE.items()}
+        runs.append(run_of(number + 1, reported, outputs, step_s=STEP_S, split="check" if number == 2 else "fit"))
+    known = {"R_0": Known(0.103, 0.003), "k_tau": Known(0.0385, 0.001), "tau_0": Known(0.01, 0.0015)}
+    return case_of("motor", known, runs, NOISE)
+
+
+@pytest.mark.parametrize(
+    ("law", "equation", "variable", "multiplier"),
+    [
+        ("a brake that fades", "torque balance", "time_s", "load_torque_Nm"),
+        ("an amplifier that gives way", "armature voltage", "voltage_V", ""),
+    ],
+)
+def test_a_law_is_found_in_its_equation(law: str, equation: str, variable: str, multiplier: str):
+    session = Session(measured(law))
+    base = session.hypothesis()
+    blocks = leftover_laws(session, base, session.screen(base))
+    assert equation in blocks[0].channel
+    assert (blocks[0].variable, blocks[0].multiplier) == (variable, multiplier)
+    assert blocks[0].significant
+    # It moves several channels, so that it explains more than any law of one.
+    assert blocks[0].drop > max(block.drop for block in blocks if not block.in_equation)
+    assert f"{blocks[0].unit} over" in blocks[0].sentence()
+
+
+def test_the_law_itself_comes_out():
+    """The brake has lost 15 % of the torque after 20 minutes, whatever the calibration made of its mean."""
+    session = Session(measured("a brake that fades"))
+    base = session.hypothesis()
+    block = leftover_laws(session, base, session.screen(base))[0]
+    slope = np.polyfit(block.knots, block.law, 1)[0]
+    assert slope * 1200.0 == pytest.approx(-0.15, rel=0.15)
+
+
+def test_a_right_model_asks_no_equation():
+    case = measured("a brake that fades")
+    runs = []
+    for run in case.runs:
+        given = Profile(run.measured.time_s, run.measured.inputs)
+        readings = simulate(Model("motor"), given).readings
+        rng = np.random.default_rng(5)
+        outputs = {name: np.asarray(readings[name]) + sd * rng.standard_normal(ROWS) for name, sd in NOISE.items()}
+        runs.append(dataclasses.replace(run, measured=dataclasses.replace(run.measured, outputs=outputs)))
+    session = Session(dataclasses.replace(case, runs=tuple(runs)))
+    base = session.hypothesis()
+    blocks = leftover_laws(session, base, session.screen(base))
+    assert not any(block.significant or block.in_equation for block in blocks)
