@@ -7,7 +7,7 @@ neither explains is found by the deficiency map and called unknown.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -18,24 +18,12 @@ from discrepancy.posterior import SOMETHING_ELSE, hypothesis_name, probabilities
 from discrepancy.result import Diagnosis, NamedEffect, ScoreEntry
 from discrepancy.score import sight
 from discrepancy.screen import Screen
+from discrepancy.search import Progress, by_strength, search, strongest, tell
 from discrepancy.session import Hypothesis, Session
 from jaxmodel.cases import Case
 from jaxmodel.errors import EffectError
 from jaxmodel.ports import Effect
 
-Progress = Callable[[str], None]
-
-# How many effects are refitted at each stage, strongest scores first. A score is local: a large effect nearby may
-# outscore the true one, seldom four of them.
-SHORTLIST = 5
-# Of these so many are refitted before it is asked whether one of them leaves nothing; then only those are refitted yet
-# that look the same or promise nearly as much.
-FIRST_REFITTED = 2
-NEARLY_AS_GOOD = 0.8
-# How many models of each size, found with coarse weights, are refitted with those of the sensors.
-SEEDS = 3
-# A second effect must raise the log evidence by this much (odds of 150 to 1) over the best single one.
-SECOND_EFFECT_GAIN = 5.0
 # Odds below which two hypotheses are told apart by nothing (3 to 1 on the log scale is 20 to 1).
 TOLD_APART = 3.0
 # Below this probability the best hypothesis is not named.
@@ -60,7 +48,7 @@ def compare(
         progress: told what is being done.
     """
     session = Session(case, extra_effects)
-    _tell(progress, "calibrating")
+    tell(progress, "calibrating")
     base = session.hypothesis()
     ladder = (session.rung("nominal", None), session.rung("calibrated", base))
     return Diagnosis(
@@ -103,16 +91,16 @@ def diagnose(
     session = Session(case, extra_effects, without)
     wanted = _one_column_each(session, add)
     session.warm_up()
-    _tell(progress, "calibrating the base model")
+    tell(progress, "calibrating the base model")
     remarks: tuple[str, ...] = ()
     best: Hypothesis | None = None
     seeds: list[Hypothesis] = []
     if not wanted and _beyond(session, session.hypothesis(), HOPELESS):
-        _tell(progress, "the base model is far from the sensors' noise; looking for what explains most")
+        tell(progress, "the base model is far from the sensors' noise; looking for what explains most")
         coarse = session.reweighted(session.hypothesis())
-        single = _search(coarse, progress, effects=1)
-        found_by_score, coarse = _strongest(coarse), coarse.reweighted(single)
-        best, seeds = _search(coarse, progress, seeds=found_by_score), _strongest(coarse)
+        single = search(coarse, progress, effects=1)
+        found_by_score, coarse = strongest(coarse), coarse.reweighted(single)
+        best, seeds = search(coarse, progress, seeds=found_by_score), strongest(coarse)
         far = _beyond(coarse, best, FAR_FROM_FLOOR)
         if far:
             session = coarse
@@ -123,17 +111,17 @@ def diagnose(
     if wanted:
         best = _fitted(session, progress, wanted)
     elif best is None or not remarks:
-        best = _search(session, progress, seeds=seeds)
+        best = search(session, progress, seeds=seeds)
     finer = None if remarks else session.with_noise_of_inputs(best)
     if finer is not None:
-        seeds, session = _strongest(session), finer
-        best = _fitted(session, progress, wanted) if wanted else _search(session, progress, seeds=seeds)
+        seeds, session = strongest(session), finer
+        best = _fitted(session, progress, wanted) if wanted else search(session, progress, seeds=seeds)
     base = session.hypothesis()
     first = session.screen(base)
     if not wanted and not remarks and not first.table.significant:
         best = base
     screened = session.screen(best)
-    _tell(progress, "weighing")
+    tell(progress, "weighing")
     # A law in no catalogue may stand beside the best effects, or in place of effects that only come near it.
     left = {best.labels: leftover_laws(session, best, screened)}
     if any(block.significant for block in left[best.labels]):
@@ -174,12 +162,6 @@ def _beyond(session: Session, hypothesis: Hypothesis, times: float) -> list[str]
     return [name for name, model in session.noise.items() if errors[name].fit > times * model.sd]
 
 
-def _strongest(session: Session) -> list[Hypothesis]:
-    """Return the hypotheses with effects that explain the readings best, a few of each size."""
-    ranked = sorted(session.known(), key=lambda one: one.log_evidence, reverse=True)
-    return [one for size in (1, 2) for one in [each for each in ranked if len(each.labels) == size][:SEEDS]]
-
-
 def _one_column_each(session: Session, names: Sequence[str]) -> tuple[str, ...]:
     """Return the labels of effects that the user wants added."""
     labels = session.labels_of(names)
@@ -193,96 +175,10 @@ def _one_column_each(session: Session, names: Sequence[str]) -> tuple[str, ...]:
 def _fitted(session: Session, progress: Progress | None, labels: Sequence[str]) -> Hypothesis:
     """Return the model with the effects that the user wants."""
     first = session.screen(session.hypothesis())
-    _tell(progress, f"fitting {', '.join(labels)}")
+    tell(progress, f"fitting {', '.join(labels)}")
     starts = [session.starts(first, label) for label in labels]
     tries = [np.concatenate([own[min(number, len(own) - 1)] for own in starts]) for number in range(2)]
     return session.hypothesis(labels, tries)
-
-
-def _search(
-    session: Session, progress: Progress | None, effects: int = 2, seeds: Sequence[Hypothesis] = ()
-) -> Hypothesis:
-    """Return the best model of at most one or two effects.
-
-    `seeds` are models fitted under other weights, to be refitted from where they stand in place of a shortlist.
-    """
-    base = session.hypothesis()
-    if seeds:
-        _tell(progress, f"refitting {', '.join(hypothesis_name(seed.labels) for seed in seeds)}")
-        session.hypotheses([(seed.labels, [seed.fitted.x]) for seed in seeds])
-    else:
-        _tell(progress, f"scoring {len(session.candidates)} candidate effects")
-        if not session.screen(base).table.significant:
-            return base
-        _refit_likely(session, progress)
-    best = _best(session, (0, 1))
-    couple = _best(session, (2,)) if any(len(seed.labels) == 2 for seed in seeds) else best
-    if couple.log_evidence > best.log_evidence + SECOND_EFFECT_GAIN:
-        return couple
-    if not best.labels or effects == 1:
-        return best
-    screened = session.screen(best)
-    if not screened.table.significant:
-        return best
-
-    seconds = _shortlist(screened)
-    _tell(progress, f"refitting {best.labels[0]} with {', '.join(seconds)}")
-    own = best.fitted.x[best.layout.base :]
-    sets = []
-    for label in seconds:
-        key = session.key((best.labels[0], label))
-        starts = [
-            np.concatenate([own if one == best.labels[0] else start for one in key])
-            for start in session.starts(screened, label)
-        ]
-        sets.append((key, starts))
-    couple = max(session.hypotheses(sets), key=lambda one: one.log_evidence)
-    if couple.log_evidence < best.log_evidence + SECOND_EFFECT_GAIN:
-        return best
-    # Swap: where the second effect alone explains as much as both, the first was only its stand-in.
-    fitted = {one.labels for one in session.known()}
-    swapped = [label for label in _order(session, couple) if (label,) not in fitted]
-    if swapped:
-        first = session.screen(base)
-        session.hypotheses([((label,), session.starts(first, label)) for label in swapped])
-    single = _best(session, (1,))
-    return single if single.log_evidence > couple.log_evidence - SECOND_EFFECT_GAIN else couple
-
-
-def _refit_likely(session: Session, progress: Progress | None) -> None:
-    """Refit the effects that score best, all of a shortlist unless one of the first leaves nothing to be explained."""
-    first = session.screen(session.hypothesis())
-    likely = _shortlist(first)
-    promised = {effect.name: effect.z_equivalent for effect in first.table.effects}
-
-    def refit(labels: Sequence[str]) -> None:
-        _tell(progress, f"refitting with {', '.join(labels)}")
-        session.hypotheses([((label,), session.starts(first, label)) for label in labels])
-
-    refit(likely[:FIRST_REFITTED])
-    best = _best(session, (0, 1))
-    rest = likely[FIRST_REFITTED:]
-    if rest and best.labels and not session.screen(best).table.significant:
-        alike = next((names for names in first.table.classes if best.labels[0] in names), ())
-        near = NEARLY_AS_GOOD * promised[best.labels[0]]
-        rest = [label for label in rest if label in alike or promised[label] > near]
-    if rest:
-        refit(rest)
-
-
-def _best(session: Session, sizes: Sequence[int]) -> Hypothesis:
-    """Return the model of the most evidence among those fitted with so many effects."""
-    return max((one for one in session.known() if len(one.labels) in sizes), key=lambda one: one.log_evidence)
-
-
-def _shortlist(screened: Screen) -> list[str]:
-    """Return the significant effects with the strongest scores, and what cannot be told apart from the first."""
-    significant = [effect.name for effect in screened.table.effects if effect.name in screened.table.significant]
-    chosen = significant[:SHORTLIST]
-    for alike in screened.table.classes:
-        if chosen[0] in alike:
-            chosen += [name for name in alike if name not in chosen][:3]
-    return chosen
 
 
 def _verdict(session: Session, best: Hypothesis, weighed: dict[str, float], unexplained: Block | None) -> str:
@@ -295,12 +191,6 @@ def _verdict(session: Session, best: Hypothesis, weighed: dict[str, float], unex
     if all(session.candidates[label].is_sensor for label in best.labels):
         return "sensor_fault"
     return "missing_effect"
-
-
-def _order(session: Session, best: Hypothesis) -> list[str]:
-    """Return a model's effects, the one that explains more by itself first."""
-    alone = {one.labels[0]: one.log_evidence for one in session.known() if len(one.labels) == 1}
-    return sorted(best.labels, key=lambda label: alone.get(label, -np.inf), reverse=True)
 
 
 def _explained(session: Session, best: Hypothesis) -> float:
@@ -327,7 +217,7 @@ def _named(
         return ()
     estimates = session.rung("", best).estimates
     named = []
-    for label in _order(session, best):
+    for label in by_strength(session, best):
         effect = session.candidates[label].effect
         holding = sum(p for name, p in weighed.items() if effect.name in name.split("+"))
         if verdict == "unknown_effect":
@@ -401,8 +291,3 @@ def _remarks(session: Session, hypothesis: Hypothesis) -> tuple[str, ...]:
                 "it may be standing in for something the model lacks."
             )
     return tuple(remarks)
-
-
-def _tell(progress: Progress | None, what: str) -> None:
-    if progress is not None:
-        progress(what)

@@ -1,0 +1,129 @@
+"""The search for the best model of one or two effects: shortlists by score, refits, pairs, and swaps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from discrepancy.posterior import hypothesis_name
+from discrepancy.screen import Screen
+from discrepancy.session import Hypothesis, Session
+
+Progress = Callable[[str], None]
+
+# How many effects are refitted at each stage, strongest scores first. A score is local: a large effect nearby may
+# outscore the true one, seldom four of them.
+SHORTLIST = 5
+# Of these so many are refitted before it is asked whether one of them leaves nothing; then only those are refitted yet
+# that look the same or promise nearly as much.
+FIRST_REFITTED = 2
+NEARLY_AS_GOOD = 0.8
+# How many models of each size, found with coarse weights, are refitted with those of the sensors.
+SEEDS = 3
+# A second effect must raise the log evidence by this much (odds of 150 to 1) over the best single one.
+SECOND_EFFECT_GAIN = 5.0
+
+
+def search(
+    session: Session, progress: Progress | None, effects: int = 2, seeds: Sequence[Hypothesis] = ()
+) -> Hypothesis:
+    """Return the best model of at most one or two effects.
+
+    `seeds` are models fitted under other weights, to be refitted from where they stand in place of a shortlist.
+    """
+    base = session.hypothesis()
+    if seeds:
+        tell(progress, f"refitting {', '.join(hypothesis_name(seed.labels) for seed in seeds)}")
+        session.hypotheses([(seed.labels, [seed.fitted.x]) for seed in seeds])
+    else:
+        tell(progress, f"scoring {len(session.candidates)} candidate effects")
+        if not session.screen(base).table.significant:
+            return base
+        _refit_likely(session, progress)
+    best = _best(session, (0, 1))
+    couple = _best(session, (2,)) if any(len(seed.labels) == 2 for seed in seeds) else best
+    if couple.log_evidence > best.log_evidence + SECOND_EFFECT_GAIN:
+        return couple
+    if not best.labels or effects == 1:
+        return best
+    screened = session.screen(best)
+    if not screened.table.significant:
+        return best
+
+    seconds = _shortlist(screened)
+    tell(progress, f"refitting {best.labels[0]} with {', '.join(seconds)}")
+    own = best.fitted.x[best.layout.base :]
+    sets = []
+    for label in seconds:
+        key = session.key((best.labels[0], label))
+        starts = [
+            np.concatenate([own if one == best.labels[0] else start for one in key])
+            for start in session.starts(screened, label)
+        ]
+        sets.append((key, starts))
+    couple = max(session.hypotheses(sets), key=lambda one: one.log_evidence)
+    if couple.log_evidence < best.log_evidence + SECOND_EFFECT_GAIN:
+        return best
+    # Swap: where the second effect alone explains as much as both, the first was only its stand-in.
+    fitted = {one.labels for one in session.known()}
+    swapped = [label for label in by_strength(session, couple) if (label,) not in fitted]
+    if swapped:
+        first = session.screen(base)
+        session.hypotheses([((label,), session.starts(first, label)) for label in swapped])
+    single = _best(session, (1,))
+    return single if single.log_evidence > couple.log_evidence - SECOND_EFFECT_GAIN else couple
+
+
+def _refit_likely(session: Session, progress: Progress | None) -> None:
+    """Refit the effects that score best, all of a shortlist unless one of the first leaves nothing to be explained."""
+    first = session.screen(session.hypothesis())
+    likely = _shortlist(first)
+    promised = {effect.name: effect.z_equivalent for effect in first.table.effects}
+
+    def refit(labels: Sequence[str]) -> None:
+        tell(progress, f"refitting with {', '.join(labels)}")
+        session.hypotheses([((label,), session.starts(first, label)) for label in labels])
+
+    refit(likely[:FIRST_REFITTED])
+    best = _best(session, (0, 1))
+    rest = likely[FIRST_REFITTED:]
+    if rest and best.labels and not session.screen(best).table.significant:
+        alike = next((names for names in first.table.classes if best.labels[0] in names), ())
+        near = NEARLY_AS_GOOD * promised[best.labels[0]]
+        rest = [label for label in rest if label in alike or promised[label] > near]
+    if rest:
+        refit(rest)
+
+
+def _best(session: Session, sizes: Sequence[int]) -> Hypothesis:
+    """Return the model of the most evidence among those fitted with so many effects."""
+    return max((one for one in session.known() if len(one.labels) in sizes), key=lambda one: one.log_evidence)
+
+
+def _shortlist(screened: Screen) -> list[str]:
+    """Return the significant effects with the strongest scores, and what cannot be told apart from the first."""
+    significant = [effect.name for effect in screened.table.effects if effect.name in screened.table.significant]
+    chosen = significant[:SHORTLIST]
+    for alike in screened.table.classes:
+        if chosen[0] in alike:
+            chosen += [name for name in alike if name not in chosen][:3]
+    return chosen
+
+
+def strongest(session: Session) -> list[Hypothesis]:
+    """Return the hypotheses with effects that explain the readings best, a few of each size."""
+    ranked = sorted(session.known(), key=lambda one: one.log_evidence, reverse=True)
+    return [one for size in (1, 2) for one in [each for each in ranked if len(each.labels) == size][:SEEDS]]
+
+
+def by_strength(session: Session, best: Hypothesis) -> list[str]:
+    """Return a model's effects, the one that explains more by itself first."""
+    alone = {one.labels[0]: one.log_evidence for one in session.known() if len(one.labels) == 1}
+    return sorted(best.labels, key=lambda label: alone.get(label, -np.inf), reverse=True)
+
+
+def tell(progress: Progress | None, what: str) -> None:
+    """Tell what is being done, if anybody listens."""
+    if progress is not None:
+        progress(what)
