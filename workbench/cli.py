@@ -147,6 +147,37 @@ def sensitivity(
     sensitivity(study, out, at or [], effect or [], doubling=not gradient_only)
 
 
+@app.command(epilog="Example: jaxmodel identify examples/samsung_30q --parameter rc_capacitance_scale --out results")
+def identify(
+    case: CasePath,
+    out: Out = Path("results"),
+    parameter: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--parameter",
+            metavar="NAME",
+            help="Ask for this parameter, also where the case states it as exact; may be given several times.",
+            show_default=False,
+        ),
+    ] = None,
+    profile: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--profile", metavar="NAME", help="Draw the likelihood along another unknown too.", show_default=False
+        ),
+    ] = None,
+    add: Annotated[
+        list[str] | None,
+        typer.Option("--add", metavar="NAME", help="Add this effect, its parameters unknown.", show_default=False),
+    ] = None,
+    effect: Effects = None,
+) -> None:
+    """Tell what the runs and sensors of a case know of its parameters, and which of them knows it."""
+    from workbench.commands.identify import identify
+
+    identify(case, out, parameter or [], profile or [], add or [], effect or [])
+
+
 @app.command(epilog="Example: jaxmodel compare examples/samsung_30q --out results")
 def compare(case: CasePath, out: Out = Path("results"), effect: Effects = None) -> None:
     """Calibrate the base model to a case and show where it fails, without trying any effect."""
