@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from discrepancy.conditions import failing_sentences
+from discrepancy.law_file import law_file
 from discrepancy.leftover import leftover_laws
 from discrepancy.misfit import Block
 from discrepancy.posterior import SOMETHING_ELSE, hypothesis_name, probabilities
@@ -35,6 +36,8 @@ HOPELESS = 30.0
 # What is partly explained is named all the same where this share of the excess error goes with it. In the development
 # case with a law outside the catalogue that was looked at, the best effects of the catalogue remove 0.3.
 PARTIAL_SHARE = 0.6
+# A law that explains this share of what the best does may stand in its file, where no port can carry the best.
+NEARLY_THE_LAW = 0.9
 
 
 def compare(
@@ -129,6 +132,8 @@ def diagnose(
     weighed, beside = probabilities(session.known(), best, left, session.candidates)
     unexplained = next((block for block in left[beside] if block.significant), None)
     verdict = "unknown_effect" if remarks else _verdict(session, best, weighed, unexplained)
+    if verdict != "unknown_effect":
+        unexplained = None
 
     # Far from the sensors' noise no law is found to the end either, and what explains most is worth its name.
     law_alone = verdict == "unknown_effect" and not beside and not remarks
@@ -143,9 +148,7 @@ def diagnose(
         verdict=verdict,
         effects=named,
         candidates=tuple((name, p) for name, p in weighed.items() if p >= 5e-4),
-        unexplained=unexplained.sentence(left[beside])
-        if unexplained is not None and verdict == "unknown_effect"
-        else None,
+        unexplained=unexplained.sentence(left[beside]) if unexplained is not None else None,
         blind_to=blind,
         noise=session.noise,
         ladder=tuple(ladder),
@@ -153,7 +156,17 @@ def diagnose(
         critical_z=first.table.critical_z,
         where=failing_sentences(session, base),
         remarks=(*remarks, *_remarks(session, best)),
+        law=unexplained,
+        law_source=_law_source(case, unexplained, left[beside]),
     )
+
+
+def _law_source(case: Case, law: Block | None, tried: Sequence[Block]) -> str | None:
+    """Return the file of a law found, or of the next as good that a port can carry."""
+    if law is None:
+        return None
+    nearly = [block for block in tried if block.drop > NEARLY_THE_LAW * law.drop]
+    return next(filter(None, (law_file(block, case.kind, case.name) for block in nearly)), None)
 
 
 def _beyond(session: Session, hypothesis: Hypothesis, times: float) -> list[str]:

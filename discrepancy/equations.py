@@ -121,7 +121,8 @@ def equation_laws(session: Session, hypothesis: Hypothesis, screened: Screen, le
             answers = -(mine - still).T / (ADDED * place.size)
             columns = np.concatenate([answers, np.zeros((priors, len(on_steps)))])
             if np.all(np.isfinite(columns)):
-                yield Tried(place.equation, multiplier, variable, columns, knots, reaches, _unit(place, multiplier))
+                unit = _unit(place, multiplier)
+                yield Tried(place.equation, multiplier, variable, columns, knots, reaches, unit, place.port)
 
     return leftover.blocks(laws())
 

@@ -13,7 +13,7 @@ from collections.abc import Iterable
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
-KNOTS = 9
+KNOTS, EVEN_KNOTS = 9, 7
 # A direction of which the model's own unknowns imitate all but this share is theirs.
 ABSORBED = 0.03
 # A free number that moves the readings by less than this share of what another does has no say in the law.
@@ -39,6 +39,7 @@ class Block:
         law: the law at the knots, in the channel's unit (per unit of the multiplier).
         drop: the same drop in chi-square over the stated noise, the unit in which fitted models are compared.
         unit: of the law's values, where it acts in an equation; "" where it is one channel's.
+        port: of the model, or its input, that the law adds to; "" where it is one channel's.
     """
 
     channel: str
@@ -51,11 +52,12 @@ class Block:
     law: np.ndarray
     drop: float = np.inf
     unit: str = ""
+    port: str = ""
 
     @property
     def in_equation(self) -> bool:
         """Return True for a law in an equation, which moves every channel that the equation reaches."""
-        return self.unit != ""
+        return self.port != ""
 
     @property
     def significant(self) -> bool:
@@ -92,7 +94,7 @@ class Tried:
     """A law that was tried: the readings' answers to its free numbers, and what these are.
 
     Attributes:
-        channel, multiplier, variable, unit: as of a `Block`.
+        channel, multiplier, variable, unit, port: as of a `Block`.
         columns: (n + p, knots) whitened answers, prior rows appended.
         knots: values of the variable.
         reaches: numbers of the channels that the law moves.
@@ -105,6 +107,7 @@ class Tried:
     knots: np.ndarray
     reaches: tuple[int, ...]
     unit: str = ""
+    port: str = ""
 
 
 class Leftover:
@@ -162,6 +165,7 @@ class Leftover:
                 law=values,
                 drop=drop,
                 unit=law.unit,
+                port=law.port,
             )
             for law, drop, variance, rank, values in found
         ]
@@ -198,7 +202,7 @@ def deficiency_map(
             for multiplier, factor in multipliers.items():
                 for variable, values in variables.items():
                     # x f(x) is but another f(x).
-                    made = hats(values[mine]) if variable != multiplier else None
+                    made = hats(values[mine], KNOTS, EVEN_KNOTS) if variable != multiplier else None
                     if made is None:
                         continue
                     shapes, knots = made

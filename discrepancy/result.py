@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from discrepancy.misfit import Block
 from discrepancy.noise import NoiseModel
 from jaxmodel.cases import Case
 
@@ -104,6 +105,8 @@ class Diagnosis:
     critical_z: float
     where: tuple[str, ...]
     remarks: tuple[str, ...]
+    law: Block | None = None
+    law_source: str | None = None
 
     @property
     def base(self) -> Rung:

@@ -94,10 +94,10 @@ def simulate_case(
 
 def _outcome(kind: str, run: Run, ran: Trajectory, rows: int) -> Outcome:
     ran = jax.tree.map(np.asarray, ran)  # cut by JAX, each column would compile a program
-    time_s = ran.time_s[:rows]
+    time_s = np.asarray(ran.time_s)[:rows]
     status = Status(int(ran.status))
     end = min(int(ran.end_row), rows - 1)
-    columns = {"time_s": time_s}
+    columns: dict[str, np.ndarray] = {"time_s": time_s}
     usual = [name for name in KINDS[kind].outputs if name in ran.readings]
     for name in dict.fromkeys((*usual, *ran.readings)):
         column = np.array(ran.readings[name][:rows], dtype=float)

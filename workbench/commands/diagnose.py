@@ -29,6 +29,7 @@ from workbench.report import error_rows, write_report
 from workbench.runs import Outcome, simulate_case
 from workbench.wording import final_name, rung_name, verdict_sentence
 
+LAW_FILE = "found_law.py"
 _CONDITIONS = {
     "cell": ("soc", "current_A", "cell_temperature_degC"),
     "motor": ("current_A", "speed_rad_s", "winding_temperature_degC"),
@@ -133,10 +134,17 @@ def _diagnose_one(
         write_case(
             extended, folder / ("extended.toml" if try_effects else "calibrated.toml"), _comments(diagnosis, own, notes)
         )
+        if diagnosis.law_source:
+            (folder / LAW_FILE).write_text(diagnosis.law_source, encoding="utf-8")
         if not answer_only:
             progress("pictures and report")
             write_pictures_and_report(diagnosis, extended, folder, catalogue_with(own))
     print_diagnosis(diagnosis)
+    if diagnosis.law_source:
+        terminal.say(
+            f"The law is an effect in {folder / LAW_FILE}: try it with --effect {folder / LAW_FILE}:FoundLaw, "
+            "then give it the form that physics has for it."
+        )
     terminal.say(
         f"Everything is in {folder}." if answer_only else f"Everything is in {folder}; open report.html there."
     )
@@ -175,6 +183,8 @@ def pictures_of(diagnosis: Diagnosis, outcomes: Sequence[Outcome]) -> dict[str, 
     )
     if diagnosis.candidates:
         pictures["candidates"] = png(evidence.candidates(diagnosis))
+    if diagnosis.law is not None:
+        pictures["law"] = png(evidence.law(diagnosis.law))
     if diagnosis.scores:
         pictures["scores"] = png(evidence.scores(diagnosis))
     for run, outcome in zip(diagnosis.case.runs, outcomes, strict=True):

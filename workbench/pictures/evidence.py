@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import textwrap
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from discrepancy.misfit import Block
 from discrepancy.result import Diagnosis, ScoreEntry
 from workbench.pictures.style import (
     BASE,
@@ -16,6 +19,7 @@ from workbench.pictures.style import (
     PAGE_CM,
     SKY,
     axis_label,
+    column_label,
     difference_unit,
     new_figure,
     plain_log,
@@ -174,4 +178,19 @@ def candidates(diagnosis: Diagnosis) -> Figure:
     axes.invert_yaxis()
     axes.grid(visible=False, axis="y")
     axes.set_xlabel("probability")
+    return figure
+
+
+@styled
+def law(found: Block) -> Figure:
+    """Draw the law that explains what is left, at the knots between which it is straight."""
+    figure = new_figure(0.6 * PAGE_CM, 6.0)
+    axes = figure.subplots()
+    axes.axhline(0.0, color=GREY, lw=0.7)
+    axes.plot(found.knots, found.law, "o-", color=FINAL, markersize=4.0)
+    axes.set_xlabel(column_label(found.variable))
+    of_channel = f"{split_unit(found.channel)[1]} per unit of {found.multiplier}" if found.multiplier else ""
+    unit = found.unit or of_channel or split_unit(found.channel)[1]
+    axes.set_ylabel(axis_label("what is missing", unit.replace("_", " ")), fontsize=8.0)
+    axes.set_title("\n".join(textwrap.wrap(f"Law in {found.channel.replace('_', ' ')}", 48)))
     return figure

@@ -82,7 +82,7 @@ def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
 
 def new_figure(width_cm: float, height_cm: float, layout: Literal["constrained", "none"] = "constrained") -> Figure:
     """Return an empty figure of a size in cm; it belongs to nobody's list of open figures."""
-    figure = Figure(figsize=(width_cm / 2.54, height_cm / 2.54), dpi=DOTS_PER_INCH, layout=layout)
+    figure = Figure(figsize=(width_cm / 2.54, height_cm / 2.54), dpi=DOTS_PER_INCH, layout=layout)  # type: ignore[arg-type]
     FigureCanvasAgg(figure)
     return figure
 
