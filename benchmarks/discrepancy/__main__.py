@@ -1,0 +1,59 @@
+"""Blind cases by seed, made, diagnosed and judged: `python -m benchmarks.discrepancy make|diagnose|judge FOLDER`.
+
+Cases below 1000 are for development, those from 1000 on are sealed: to be made and judged, never to be looked at.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import time
+from pathlib import Path
+from typing import Annotated
+
+import jax
+import typer
+from rich.progress import track
+
+from benchmarks.discrepancy.generate import make as make_case
+from benchmarks.discrepancy.judge import read, report
+from discrepancy.diagnose import diagnose as diagnose_case
+from discrepancy.result import answer
+from jaxmodel.cases import read_case
+from workbench.compiled import keep_compiled_programs
+
+app = typer.Typer(add_completion=False, no_args_is_help=True)
+Folder = Annotated[Path, typer.Argument(help="Where the cases are, one folder each.")]
+
+
+@app.command()
+def make(folder: Folder, first: int = 0, count: int = 240) -> None:
+    """Make the cases that are not there yet."""
+    for number in track(range(first, first + count), "making"):
+        hidden = folder / f"{number:04d}" / "blind.json"
+        if not hidden.exists():
+            blind = make_case(hidden.parent, number)
+            hidden.write_text(json.dumps(dataclasses.asdict(blind)))
+            jax.clear_caches()
+
+
+@app.command()
+def diagnose(folder: Folder, again: bool = False) -> None:
+    """Diagnose the cases that were not yet, or all again; may be stopped at any time."""
+    keep_compiled_programs()
+    paths = [path.parent for path in sorted(folder.glob("[0-9]*/blind.json"))]
+    for path in track([p for p in paths if again or not (p / "said.json").exists()], "diagnosing"):
+        began = time.perf_counter()
+        said = answer(diagnose_case(read_case(path)))
+        (path / "said.json").write_text(json.dumps(said | {"seconds": time.perf_counter() - began}))
+        jax.clear_caches()
+
+
+@app.command()
+def judge(folder: Folder) -> None:
+    """Print the figures of merit of the cases diagnosed."""
+    print(report(read(folder)))
+
+
+if __name__ == "__main__":
+    app()

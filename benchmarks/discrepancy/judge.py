@@ -1,0 +1,153 @@
+"""How good the diagnosis is on blind cases: each rate with its interval, power by effect, reliability, the misses."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from statsmodels.stats.proportion import proportion_confint
+
+from benchmarks.discrepancy.generate import Blind
+
+SURE = 0.95
+BINS = (0.0, 0.5, 0.8, 0.95, 1.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Judged:
+    """One blind case, what was said of it, and how long that took."""
+
+    number: int
+    blind: Blind
+    said: dict[str, Any]
+    seconds: float
+
+    @property
+    def named(self) -> list[str]:
+        """The effects named, in their order."""
+        return [effect["name"] for effect in self.said["effects"]]
+
+    @property
+    def right(self) -> bool:
+        """Whether the verdict and, where effects of the catalogue were hidden, all names are right."""
+        names = self.blind.outside or sorted(self.named) == sorted(self.blind.effects)
+        return self.said["verdict"] == self.blind.verdict and bool(names)
+
+    @property
+    def first_three(self) -> list[str]:
+        """The effects of the likeliest hypotheses, named ones first."""
+        others = [name for each in self.said["candidates"] for name in each["name"].split("+")]
+        return list(dict.fromkeys([*self.named, *others]))[:3]
+
+    @property
+    def probability(self) -> float:
+        """What the answer gives its best hypothesis."""
+        return max((each["probability"] for each in self.said["candidates"]), default=float("nan"))
+
+    @property
+    def after_over_floor(self) -> float:
+        """The worst channel's error on check runs with the effects added, over its noise floor."""
+        ratios = [e["after"]["check"] / e["noise_floor"] for e in self.said["error"].values() if e["after"]["check"]]
+        return max(ratios, default=float("nan"))
+
+    def covered(self) -> list[bool]:
+        """Whether each parameter of the effects lies in its 95 % interval, where the right effects are named."""
+        found = []
+        for effect in self.said["effects"]:
+            truth = self.blind.effects.get(effect["name"], {})
+            for name, estimate in effect["parameters"].items():
+                if isinstance(estimate, dict) and name in truth and estimate["sd"]:
+                    found.append(abs(estimate["value"] - truth[name]) < 1.96 * estimate["sd"])
+        return found
+
+
+def rate(hits: Iterable[bool]) -> str:
+    """Return a share with its 95 % interval (Wilson) and counts."""
+    values = list(hits)
+    if not values:
+        return "no case"
+    low, high = proportion_confint(sum(values), len(values), method="wilson")
+    return f"{sum(values) / len(values):6.1%}  ({low:.0%} to {high:.0%}; {sum(values)} of {len(values)})"
+
+
+def metrics(cases: Sequence[Judged]) -> dict[str, str]:
+    """Return every figure of merit by name, as text."""
+    nulls = [c for c in cases if c.blind.group == "null"]
+    singles = [c for c in cases if c.blind.group == "single"]
+    sensors = [c for c in cases if c.blind.group == "sensor"]
+    catalogued = [c for c in cases if c.blind.effects]
+    physics = [c for c in cases if c.blind.group in ("single", "double")]
+    outside = [c for c in cases if c.blind.outside]
+    sure = [c for c in cases if c.probability > SURE]
+    ratios = [c.after_over_floor for c in catalogued if c.right]
+    return {
+        "false alarms on clean nulls": rate(c.said["verdict"] != "adequate" for c in nulls if not c.blind.hostile),
+        "false alarms on hostile nulls": rate(c.said["verdict"] != "adequate" for c in nulls if c.blind.hostile),
+        "right verdict": rate(c.said["verdict"] == c.blind.verdict for c in cases),
+        "singles: right effect first": rate(c.first_three[:1] == list(c.blind.effects) for c in singles),
+        "singles: right effect in the first three": rate(set(c.blind.effects) <= set(c.first_three) for c in singles),
+        "doubles exactly right": rate(c.right for c in cases if c.blind.group == "double"),
+        "outside the catalogue recognised": rate(c.said["verdict"] == "unknown_effect" for c in outside),
+        "known effects called unknown": rate(c.said["verdict"] == "unknown_effect" for c in catalogued),
+        "physics called a sensor's fault": rate(c.said["verdict"] == "sensor_fault" for c in physics),
+        "a sensor's fault called physics": rate(c.said["verdict"] == "missing_effect" for c in sensors),
+        f"answers above {SURE} that are right": rate(c.right for c in sure),
+        "parameters in their 95 % interval": rate(hit for c in catalogued if c.right for hit in c.covered()),
+        "check error over floor, median": f"{np.median(ratios):.3f}" if ratios else "no case",
+        "check error over floor, 95th percentile": f"{np.quantile(ratios, 0.95):.3f}" if ratios else "no case",
+        "seconds a case, median": f"{np.median([c.seconds for c in cases]):.0f}",
+    }
+
+
+def power(cases: Sequence[Judged]) -> dict[str, str]:
+    """Return by effect how often it was named where it was hidden."""
+    found: dict[str, list[bool]] = defaultdict(list)
+    for case in cases:
+        for name in case.blind.effects:
+            found[name].append(name in case.named)
+    return {name: rate(hits) for name, hits in sorted(found.items())}
+
+
+def reliability(cases: Sequence[Judged]) -> dict[str, str]:
+    """Return by probability of the best hypothesis how often the answer is right."""
+    bins = itertools.pairwise(BINS)
+    return {
+        f"{low:.2f} to {high:.2f}": rate(c.right for c in cases if low < c.probability <= high) for low, high in bins
+    }
+
+
+def report(cases: Sequence[Judged]) -> str:
+    """Return everything as text, the misses last."""
+    lines = [f"{len(cases)} blind cases", ""]
+    for title, table in (
+        ("", metrics(cases)),
+        ("named where hidden", power(cases)),
+        ("right at a probability of", reliability(cases)),
+    ):
+        lines += [*([title] if title else []), *(f"{name:44s} {text}" for name, text in table.items()), ""]
+    lines.append("not right")
+    for case in cases:
+        if not case.right:
+            hidden = case.blind.outside or ", ".join(case.blind.effects) or "nothing"
+            said = ", ".join(case.named) or case.said["unexplained"] or "nothing"
+            lines.append(f"{case.number:04d} {case.blind.kind}: {hidden} | {case.said['verdict']}: {said}")
+    return "\n".join(lines)
+
+
+def read(folder: Path) -> list[Judged]:
+    """Return the cases of a folder that were diagnosed."""
+    found = []
+    for path in sorted(folder.glob("[0-9]*")):
+        hidden, said = path / "blind.json", path / "said.json"
+        if hidden.exists() and said.exists():
+            answer = json.loads(said.read_text())
+            blind = json.loads(hidden.read_text())
+            blind.pop("verdict", None)
+            found.append(Judged(int(path.name), Blind(**blind), answer, answer.get("seconds", float("nan"))))
+    return found
