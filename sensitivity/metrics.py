@@ -67,14 +67,15 @@ def metrics_of(kind: str) -> dict[str, Metric]:
 
 
 def choose_metrics(wanted: Iterable[str | Metric] | None, kind: str) -> tuple[Metric, ...]:
-    """Return the metrics asked for, by name or as they are; None asks for all of the kind.
+    """Return the metrics asked for, by name or as they are; None asks for all of the kind but those on request.
 
     Raises:
         SweepError: the kind has no such metric; the message gives the nearest name.
     """
-    known = metrics_of(kind)
+    by_default = metrics_of(kind)
+    known = by_default | of_sweeps.metrics_on_request(kind)
     chosen = []
-    for given in known if wanted is None else wanted:
+    for given in by_default if wanted is None else wanted:
         if isinstance(given, str) and given not in known:
             raise SweepError(
                 f"metrics: a {kind} has no metric '{given}' with a derivative.{nearest(given, known)} "

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+import numpy as np
 import xarray
 
 from sensitivity.doubling import doubling_test
 from sensitivity.local import local_sensitivities
 from sensitivity.metrics import choose_metrics, has_derivative
+from sensitivity.uncertainty import propagate
+from sweeps.metrics import Metric
+from sweeps.prepare import Prepared
 from sweeps.study import Study
 
 
@@ -27,10 +33,7 @@ def sensitivity_of_study(study: Study, doubling: bool = True) -> xarray.Dataset:
     Raises:
         ParameterError, SweepError: what the study names has no sensitivity.
     """
-    prepared = study.prepared
-    named = [metric for metric in prepared.metrics if has_derivative(metric)] if study.metrics else None
-    metrics = choose_metrics(named, prepared.model.kind)
-    outputs = study.store or None
+    prepared, metrics, outputs = _asked(study)
     model, profile, cutoff = prepared.model, prepared.profile, prepared.cutoff
     data = local_sensitivities(model, profile, None, metrics, outputs, cutoff=cutoff)
     if doubling:
@@ -38,3 +41,31 @@ def sensitivity_of_study(study: Study, doubling: bool = True) -> xarray.Dataset:
         # Both hold the run itself, from two programs that may differ in the last bit.
         data = data.merge(doubled, compat="override").assign_attrs(data.attrs | doubled.attrs)
     return data.isel(time_s=slice(None, None, study.store_every)).assign_attrs(title=study.title)
+
+
+def uncertainty_of_study(
+    study: Study, sd: Mapping[str, float], correlation: np.ndarray | None = None, draws: int = 512
+) -> xarray.Dataset:
+    """Return the spread of a study's metrics and stored columns that comes of not knowing parameters.
+
+    Args:
+        study: its model and profile are the centre.
+        sd: standard deviations by name.
+        correlation: of the parameters, in the order of `sd`.
+        draws: runs that are sampled.
+
+    Returns:
+        As `sensitivity.uncertainty.propagate`.
+    """
+    prepared, metrics, outputs = _asked(study)
+    data = propagate(
+        prepared.model, prepared.profile, sd, correlation, metrics, outputs, cutoff=prepared.cutoff, draws=draws
+    )
+    return data.isel(time_s=slice(None, None, study.store_every)).assign_attrs(title=study.title)
+
+
+def _asked(study: Study) -> tuple[Prepared, tuple[Metric, ...], list[str] | None]:
+    """Return what a study means, its metrics that have a derivative, and the columns that it stores; None for all."""
+    prepared = study.prepared
+    named = [metric for metric in prepared.metrics if has_derivative(metric)] if study.metrics else None
+    return prepared, choose_metrics(named, prepared.model.kind), study.store or None

@@ -139,11 +139,24 @@ def sensitivity(
     gradient_only: Annotated[
         bool, typer.Option("--gradient-only", help="Leave out the doubling of each parameter.")
     ] = False,
+    uncertain: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--uncertain",
+            metavar="NAME=SD|case|DIR",
+            help="Bands instead: a standard deviation, those that the study's case states, or results of identify.",
+            show_default=False,
+        ),
+    ] = None,
+    count: Annotated[int, typer.Option(min=8, help="Runs to sample for --uncertain.")] = 512,
     effect: Effects = None,
 ) -> None:
     """Differentiate a study's run by its parameters, and double each beside it: tables, a Zarr store and pictures."""
-    from workbench.commands.sensitivity import sensitivity
+    from workbench.commands.sensitivity import sensitivity, uncertainty
 
+    if uncertain:
+        uncertainty(study, out, at or [], effect or [], uncertain, count)
+        return
     sensitivity(study, out, at or [], effect or [], doubling=not gradient_only)
 
 

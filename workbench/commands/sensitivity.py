@@ -7,16 +7,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 import sweeps
+from jaxmodel.cases import read_case
 from jaxmodel.errors import SweepError
 from jaxmodel.measurements import KINDS
-from sensitivity.study import sensitivity_of_study
+from sensitivity.study import sensitivity_of_study, uncertainty_of_study
+from sweeps.prepare import INITIAL, SCALE
 from workbench import terminal
 from workbench.commands.start import in_catalogue, own_effects, start
 from workbench.pictures.sensitivities import doubling_beside_gradient, elasticities, over_time
 from workbench.pictures.style import png
+from workbench.pictures.uncertainty import bands_over_time, metric_intervals
 
 
 def sensitivity(path: Path, out: Path, at: Sequence[str], effects: Sequence[str], *, doubling: bool) -> xr.Dataset:
@@ -25,9 +29,7 @@ def sensitivity(path: Path, out: Path, at: Sequence[str], effects: Sequence[str]
     Raises:
         UserError: the study or the point cannot be used.
     """
-    point = dict(_assignment(entry) for entry in at)
-    with in_catalogue(own_effects(effects)):
-        study = moved_to(sweeps.read_study(path), point)
+    study = _study_at(path, dict(_assignment(entry, "--at") for entry in at), effects)
     start(out)
     with terminal.told("sensitivity") as progress:
         progress("compiling and running, half a minute the first time" if doubling else "compiling and running")
@@ -42,28 +44,141 @@ def sensitivity(path: Path, out: Path, at: Sequence[str], effects: Sequence[str]
     return data
 
 
-def _assignment(entry: str) -> tuple[str, float]:
+def uncertainty(
+    path: Path, out: Path, at: Sequence[str], effects: Sequence[str], uncertain: Sequence[str], draws: int
+) -> xr.Dataset:
+    """Push what is not known of parameters through a study's run; write `uncertainty.zarr`, `.csv` and pictures.
+
+    Args:
+        path: of the study.
+        out: folder for the results.
+        at: the point, as `NAME=VALUE`.
+        effects: the user's own.
+        uncertain: `NAME=SD`, "case" for what the study's case states, or the folder of an `identify`.
+        draws: runs to sample.
+
+    Raises:
+        UserError: the study, the point or what is uncertain cannot be used.
+    """
+    point: dict[str, float] = {}
+    sd: dict[str, float] = {}
+    correlation = None
+    for entry in uncertain:
+        if entry == "case":
+            sd |= _stated_sd(sweeps.read_study(path))
+        elif "=" in entry:
+            sd |= dict([_assignment(entry, "--uncertain")])
+        else:
+            estimates, sd_of_fit, correlation = _estimates(Path(entry))
+            point |= estimates
+            sd |= sd_of_fit
+    if correlation is not None and len(sd) != len(correlation):
+        raise SweepError("--uncertain: state either standard deviations or the folder of an identify, not both.")
+    study = _study_at(path, point | dict(_assignment(entry, "--at") for entry in at), effects)
+    start(out)
+    with terminal.told("uncertainty") as progress:
+        progress("compiling and running")
+        data = uncertainty_of_study(study, sd, correlation, draws)
+        progress("tables and pictures")
+        _save(data, out / "uncertainty.zarr")
+        metrics = data.drop_dims(["output", "time_s", "parameter"], errors="ignore")
+        table = metrics.drop_dims("quantile").to_dataframe()
+        for q in data["quantile"].to_numpy():
+            table[f"quantile_{q:g}"] = data["metric_quantile"].sel(quantile=q).to_numpy()
+        table.to_csv(out / "uncertainty.csv", float_format="%.12g")
+        (out / "uncertainty.png").write_bytes(png(metric_intervals(data)))
+        for output in map(str, data["output"].to_numpy()):
+            if float(data["output_sd_gradient"].sel(output=output).max()) > 0.0:
+                (out / f"uncertainty-{output}.png").write_bytes(png(bands_over_time(data, output)))
+    _print_uncertainty(data)
+    terminal.say(f"uncertainty.zarr, uncertainty.csv and pictures are in {out}.")
+    return data
+
+
+def _study_at(path: Path, point: Mapping[str, float], effects: Sequence[str]) -> sweeps.Study:
+    with in_catalogue(own_effects(effects)):
+        return moved_to(sweeps.read_study(path), point)
+
+
+def _stated_sd(study: sweeps.Study) -> dict[str, float]:
+    """Return the standard deviations that the study's case states of parameters."""
+    if study.case is None:
+        raise SweepError("--uncertain case: the study names no case; say NAME=SD.")
+    stated = read_case(study.folder / study.case).parameters
+    found = {name: known.sd for name, known in stated.items() if known.sd}
+    if not found:
+        raise SweepError(f"--uncertain case: {study.case} states no sd of a parameter; say NAME=SD.")
+    return found
+
+
+def _estimates(folder: Path) -> tuple[dict[str, float], dict[str, float], np.ndarray]:
+    """Return the estimates that `jaxmodel identify` wrote, their sd and their correlation.
+
+    What belongs to one run of the case (an initial state of charge) is left out: that averages over it.
+    """
+    if not (folder / "covariance.csv").exists():
+        raise SweepError(f"--uncertain {folder}: write NAME=SD, case, or a folder in which identify wrote its results.")
+    covariance = pd.read_csv(folder / "covariance.csv", index_col=0)
+    names = [name for name in covariance.index if "[" not in name]
+    matrix = covariance.loc[names, names].to_numpy()
+    sd = np.sqrt(np.diag(matrix))
+    values = pd.read_csv(folder / "identifiability.csv", index_col="parameter").loc[names, "value"]
+    return (
+        dict(zip(names, map(float, values), strict=True)),
+        dict(zip(names, map(float, sd), strict=True)),
+        matrix / np.outer(sd, sd),
+    )
+
+
+def _print_uncertainty(data: xr.Dataset) -> None:
+    rows = []
+    for metric in map(str, data["metric"].to_numpy()):
+        one = data.sel(metric=metric)
+        if not float(one["metric_sd_gradient"]) > 0.0:
+            continue
+        share = one["metric_share"].fillna(0.0).to_numpy()
+        most = int(np.argmax(np.abs(share))) if share.size else 0
+        low, high = (float(one["metric_quantile"].sel(quantile=q)) for q in (0.025, 0.975))
+        verdict = "yes" if bool(one["metric_agrees"]) else "no, not straight: the sampling is right"
+        numbers = (f"{float(one[name]):.4g}" for name in ("metric_value", "metric_sd_gradient", "metric_sd_sampled"))
+        of = f"{data['parameter'].to_numpy()[most]} {share[most]:.0%}" if share.any() else ""
+        rows.append((metric, *numbers, f"{low:.4g} to {high:.4g}", str(one["metric_unit"].item()), of, verdict))
+    columns = ("metric", "value", "sd, gradient", "sd, sampled", "95 %, sampled", "unit", "most of it from", "agree")
+    terminal.table(data.attrs["title"] or "Uncertainty", columns, rows, right=(1, 2, 3))
+    left_out = data.attrs["out_of_bounds"] + data.attrs["failed"]
+    if left_out:
+        terminal.say(
+            f"Of {data.attrs['draws']} draws {data.attrs['out_of_bounds']} were outside of a parameter's bounds and "
+            f"{data.attrs['failed']} runs failed: they are left out."
+        )
+
+
+def _assignment(entry: str, option: str) -> tuple[str, float]:
     name, _, text = entry.partition("=")
     try:
         return name.strip(), float(text)
     except ValueError:
-        raise SweepError(f"--at {entry}: write a name and a number, as in --at ambient_degC=20.") from None
+        raise SweepError(f"{option} {entry}: write a name and a number, as in {option} ambient_degC=20.") from None
 
 
 def moved_to(study: sweeps.Study, point: Mapping[str, float], **changes: Any) -> sweeps.Study:
-    """Return a study whose own point, on its axes or beside them, has the given values.
+    """Return a study whose own point has the given values, wherever it varies these names or does not.
 
     Raises:
         UserError: a name or value cannot be used.
     """
     vocabulary = KINDS[study.prepared.model.kind]
     inputs = {*vocabulary.required_inputs, *sum(vocabulary.alternatives, ()), *vocabulary.optional_inputs}
-    of_inputs = {name: [value] for name, value in point.items() if name in inputs}
-    of_model = {name: value for name, value in point.items() if name not in inputs}
+    for name in point:
+        if name.startswith((SCALE, INITIAL)):
+            raise SweepError(f"--at {name}: a point has parameters and inputs; say the input or parameter itself.")
     fields = study.model_dump() | {"metrics": study.metrics, "folder": study.folder}
-    on_axes = {name: [value] for name, value in point.items() if name in study.axes}
-    fields["axes"] = study.axes | on_axes | of_inputs
-    fields["parameters"] = study.parameters | {n: v for n, v in of_model.items() if n not in on_axes}
+    fixed = {name: [value] for name, value in point.items() if name in inputs or name in study.varied}
+    fields["axes"] = study.axes | fixed
+    fields["parameters"] = study.parameters | {name: value for name, value in point.items() if name not in inputs}
+    if study.sample is not None:
+        ranges = {name: span for name, span in study.sample.model_dump()["ranges"].items() if name not in point}
+        fields["sample"] = study.sample.model_dump() | {"ranges": ranges} if ranges else None
     return sweeps.Study(**(fields | changes))
 
 

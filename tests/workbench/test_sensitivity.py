@@ -1,0 +1,105 @@
+"""`jaxmodel sensitivity` and `identify` beyond the derivatives: what is written, and what is said of mistakes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from tests.workbench.conftest import Run
+from workbench.commands.sensitivity import moved_to
+
+PNG = b"\x89PNG\r\n\x1a\n"
+STUDY = """
+title = "a small cell"
+kind = "cell"
+metrics = ["final_soc", "min_voltage_V"]
+store = ["voltage_V"]
+[profile]
+duration_s = 40
+step_s = 10
+current_A = 2.0
+ambient_degC = 20.0
+[sample]
+count = 4
+ranges = { capacity_Ah = [2.0, 4.0], current_A = [1.0, 2.0] }
+"""
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("study") / "study.toml"
+    file.write_text(STUDY, encoding="utf-8")
+    return file
+
+
+def test_point_may_lie_in_a_range(study: Path) -> None:
+    """Of an input and of a parameter; the ranges that are left are left, and none of them leaves no sample."""
+    from sweeps import read_study
+
+    read = read_study(study)
+    moved = moved_to(read, {"current_A": 1.7})
+    assert moved.prepared.profile.inputs["current_A"].tolist() == [1.7] * 5
+    assert moved.varied == ("current_A", "capacity_Ah")
+    both = moved_to(read, {"current_A": 1.7, "capacity_Ah": 2.2})
+    assert both.sample is None
+    assert both.size == 1
+    assert float(both.prepared.model.parameters.capacity_Ah) == 2.2
+    assert read.prepared.profile.inputs["current_A"].tolist() == [1.5] * 5
+
+
+def test_uncertainty_is_written_by_both_ways(run: Run, study: Path, tmp_path: Path) -> None:
+    options = ("--at", "current_A=1.7", "--uncertain", "capacity_Ah=0.05", "--count", 64)
+    result = run("sensitivity", study, *options, "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    data = xr.open_zarr(tmp_path / "uncertainty.zarr", consolidated=False)
+    sd = data["metric_sd_gradient"].sel(metric="final_soc")
+    used = 1.0 - float(data["metric_value"].sel(metric="final_soc"))
+    assert float(sd) == pytest.approx(used * 0.05 / 5.2, rel=0.05)  # the cell of the paper: 5.2 Ah
+    table = pd.read_csv(tmp_path / "uncertainty.csv", index_col="metric")
+    assert table.loc["final_soc", "metric_sd_gradient"] == pytest.approx(float(sd))
+    assert "quantile_0.025" in table
+    for name in ("uncertainty", "uncertainty-voltage_V"):
+        assert (tmp_path / f"{name}.png").read_bytes().startswith(PNG)
+    assert "capacity_Ah 100%" in result.stdout
+
+
+def test_identify_answers_and_hands_its_covariance_on(run: Run, made_case: Path, tmp_path: Path) -> None:
+    told = run("identify", made_case, "--parameter", "capacity_Ah", "--out", tmp_path / "told")
+    assert told.exit_code == 0, told.output
+    assert "Profile of capacity_Ah: " in told.stdout
+    table = pd.read_csv(tmp_path / "told" / "identifiability.csv", index_col="parameter")
+    covariance = pd.read_csv(tmp_path / "told" / "covariance.csv", index_col=0)
+    assert np.sqrt(covariance.loc["capacity_Ah", "capacity_Ah"]) == pytest.approx(
+        table.loc["capacity_Ah", "sd"], rel=1e-6
+    )
+    names = {path.name for path in (tmp_path / "told").iterdir()}
+    assert {"information.png", "profile-capacity_Ah.png", "identify.json", "sd-without.csv"} <= names
+
+    (tmp_path / "study.toml").write_text(STUDY.replace("title", f'case = "{made_case}"\ntitle'), encoding="utf-8")
+    result = run("sensitivity", tmp_path / "study.toml", "--uncertain", tmp_path / "told", "--out", tmp_path / "bands")
+    assert result.exit_code == 0, result.output
+    data = xr.open_zarr(tmp_path / "bands" / "uncertainty.zarr", consolidated=False)
+    assert float(data["value"].sel(parameter="capacity_Ah")) == pytest.approx(
+        table.loc["capacity_Ah", "value"], rel=1e-6
+    )
+    assert set(data["parameter"].values) == {name for name in table.index if "[" not in name}
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (("--at", "scale.current_A=2"), "a point has parameters and inputs"),
+        (("--uncertain", "capacity_Ah"), "a folder in which identify wrote"),
+        (("--uncertain", "case"), "the study names no case"),
+        (("--uncertain", "capacity=1"), "Did you mean 'capacity_Ah'"),
+        (("--uncertain", "capacity_Ah=x"), "--uncertain capacity_Ah=x: write a name and a number"),
+    ],
+)
+def test_mistakes_are_told(options: tuple[str, ...], says: str, run: Run, study: Path, tmp_path: Path) -> None:
+    result = run("sensitivity", study, *options, "--out", tmp_path)
+    assert result.exit_code == 2
+    assert says in result.stderr
