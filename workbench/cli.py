@@ -148,14 +148,44 @@ def sensitivity(
             show_default=False,
         ),
     ] = None,
-    count: Annotated[int, typer.Option(min=8, help="Runs to sample for --uncertain.")] = 512,
+    method: Annotated[
+        str | None,
+        typer.Option(
+            "--global", metavar="sobol|morris|dgsm", help="Indices over the study's ranges instead.", show_default=False
+        ),
+    ] = None,
+    count: Annotated[
+        int | None,
+        typer.Option(min=2, help="Base points for --global (1024), runs to sample for --uncertain (512)."),
+    ] = None,
+    group: Annotated[
+        list[str] | None,
+        typer.Option("--group", metavar="NAME=A,B", help="What moves together, for --global.", show_default=False),
+    ] = None,
+    no_pairs: Annotated[
+        bool, typer.Option("--no-pairs", help="Leave out the second order of --global sobol: half the runs.")
+    ] = False,
     effect: Effects = None,
 ) -> None:
     """Differentiate a study's run by its parameters, and double each beside it: tables, a Zarr store and pictures."""
-    from workbench.commands.sensitivity import sensitivity, uncertainty
+    from workbench.commands.sensitivity import global_indices, sensitivity, uncertainty
 
+    if uncertain and method:
+        raise typer.BadParameter("give either --uncertain or --global")
     if uncertain:
-        uncertainty(study, out, at or [], effect or [], uncertain, count)
+        uncertainty(study, out, at or [], effect or [], uncertain, count or 512)
+        return
+    if method:
+        global_indices(
+            study,
+            out,
+            at or [],
+            effect or [],
+            method=method,
+            count=count or 1024,
+            groups=group or [],
+            second_order=not no_pairs,
+        )
         return
     sensitivity(study, out, at or [], effect or [], doubling=not gradient_only)
 

@@ -89,6 +89,21 @@ def test_identify_answers_and_hands_its_covariance_on(run: Run, made_case: Path,
     assert set(data["parameter"].values) == {name for name in table.index if "[" not in name}
 
 
+@pytest.mark.parametrize("method", ["sobol", "morris", "dgsm"])
+def test_global_indices_are_written(method: str, run: Run, study: Path, tmp_path: Path) -> None:
+    result = run("sensitivity", study, "--global", method, "--count", 64, "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    runs = {"sobol": 64 * 6, "morris": 64 * 3, "dgsm": 64 * 3}[method]
+    assert f"{method}, {runs} runs" in result.stdout
+    main = {"sobol": "total", "morris": "mu_star", "dgsm": "dgsm"}[method]
+    table = pd.read_csv(tmp_path / "global.csv", index_col=["metric", "factor"])
+    assert set(table.index.get_level_values("factor")) == {"capacity_Ah", "current_A"}
+    assert (table[main] > 0.0).all()
+    assert (table[f"{main}_error"] > 0.0).all()
+    for name in (f"{method}-final_soc", "convergence-final_soc"):
+        assert (tmp_path / f"{name}.png").read_bytes().startswith(PNG)
+
+
 @pytest.mark.parametrize(
     ("options", "says"),
     [
@@ -96,6 +111,10 @@ def test_identify_answers_and_hands_its_covariance_on(run: Run, made_case: Path,
         (("--uncertain", "capacity_Ah"), "a folder in which identify wrote"),
         (("--uncertain", "case"), "the study names no case"),
         (("--uncertain", "capacity=1"), "Did you mean 'capacity_Ah'"),
+        (("--global", "fast"), "use one of sobol, morris, dgsm"),
+        (("--global", "sobol", "--at", "current_A=2"), "two parameters or groups at least"),
+        (("--global", "sobol", "--group", "all"), "--group all: write a name and its members"),
+        (("--global", "sobol", "--uncertain", "capacity_Ah=1"), "either --uncertain or --global"),
         (("--uncertain", "capacity_Ah=x"), "--uncertain capacity_Ah=x: write a name and a number"),
     ],
 )

@@ -14,10 +14,12 @@ import sweeps
 from jaxmodel.cases import read_case
 from jaxmodel.errors import SweepError
 from jaxmodel.measurements import KINDS
+from sensitivity.global_study import global_of_study
 from sensitivity.study import sensitivity_of_study, uncertainty_of_study
 from sweeps.prepare import INITIAL, SCALE
 from workbench import terminal
 from workbench.commands.start import in_catalogue, own_effects, start
+from workbench.pictures import global_indices as global_pictures
 from workbench.pictures.sensitivities import doubling_beside_gradient, elasticities, over_time
 from workbench.pictures.style import png
 from workbench.pictures.uncertainty import bands_over_time, metric_intervals
@@ -93,6 +95,63 @@ def uncertainty(
     _print_uncertainty(data)
     terminal.say(f"uncertainty.zarr, uncertainty.csv and pictures are in {out}.")
     return data
+
+
+def global_indices(
+    path: Path,
+    out: Path,
+    at: Sequence[str],
+    effects: Sequence[str],
+    *,
+    method: str,
+    count: int,
+    groups: Sequence[str],
+    second_order: bool,
+) -> xr.Dataset:
+    """Find how a study's metrics depend on its ranges as a whole; write `global.zarr`, `global.csv` and pictures.
+
+    Raises:
+        UserError: the study or the point cannot be used, too little varies, or a group is wrong.
+    """
+    of_group = dict(_group(entry) for entry in groups)
+    study = _study_at(path, dict(_assignment(entry, "--at") for entry in at), effects)
+    start(out)
+    with terminal.counted("global", "lanes") as progress:
+        data = global_of_study(study, method, count, of_group, second_order=second_order, progress=progress)
+    _save(data, out / "global.zarr")
+    main = data.drop_dims(["blocks", "other", "parameter"], errors="ignore")
+    main.to_dataframe(dim_order=["metric", "factor"]).to_csv(out / "global.csv", float_format="%.8g")
+    if "second" in data:
+        pairs = data[["second", "second_error"]].to_dataframe(dim_order=["metric", "factor", "other"])
+        pairs.dropna().to_csv(out / "global-pairs.csv", float_format="%.8g")
+    for name, picture in global_pictures.pictures_of(data):
+        (out / f"{name}.png").write_bytes(png(picture))
+    _print_global(data)
+    terminal.say(f"global.zarr, global.csv and pictures are in {out}.")
+    return data
+
+
+def _group(entry: str) -> tuple[str, list[str]]:
+    name, equals, members = entry.partition("=")
+    if not equals or not name or not members:
+        raise SweepError(f"--group {entry}: write a name and its members, as in --group ageing=cycles,storage_months.")
+    return name.strip(), [member.strip() for member in members.split(",")]
+
+
+def _print_global(data: xr.Dataset) -> None:
+    index = {"sobol": "total", "morris": "mu_star", "dgsm": "dgsm"}[data.attrs["method"]]
+    rows = []
+    for metric in map(str, data["metric"].to_numpy()):
+        one = data.sel(metric=metric)
+        values, error = one[index].to_numpy(), one[f"{index}_error"].to_numpy()
+        if not np.any(np.nan_to_num(values) > 0.0):
+            continue
+        named = [f"{one['factor'].to_numpy()[i]} {values[i]:.3g} ± {error[i]:.1g}" for i in np.argsort(-values)[:4]]
+        rows.append((metric, str(int(one["blocks_used"])), ", ".join(named)))
+    title = f"{data.attrs['title'] or 'Global'}: {data.attrs['method']}, {data.attrs['runs']:,} runs"
+    terminal.table(title, ("metric", "blocks", f"largest {index} with intervals of 95 %"), rows, right=(1,))
+    if data.attrs["failed"]:
+        terminal.say(f"{data.attrs['failed']:,} of {data.attrs['runs']:,} runs failed: their blocks are left out.")
 
 
 def _study_at(path: Path, point: Mapping[str, float], effects: Sequence[str]) -> sweeps.Study:

@@ -1,0 +1,271 @@
+"""Global sensitivity through SALib: Sobol indices, Morris screening and derivative-based measures, over whole ranges.
+
+A design is points of the unit cube in blocks, one block for each base point: what the analysis of a block needs stands
+together, so that a block of which one run failed is left out as a whole, and so that a part of the blocks is a smaller
+design. Where the numbers come from is no matter: a sweep (`sensitivity.global_study`) or any function.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray
+
+from jaxmodel.errors import SweepError
+
+# SALib is imported where it is used: it brings a plotting package, which this room must not load.
+METHODS = ("sobol", "morris", "dgsm")
+CONFIDENCE = 0.95
+_RESAMPLES = 200
+_FEWEST = 16  # blocks of the smallest part whose indices are drawn as convergence
+_LEVELS = 4
+_STEP = 1e-3  # of a range, for derivatives
+
+
+@dataclasses.dataclass(frozen=True)
+class Design:
+    """Which points a method asks for.
+
+    Attributes:
+        method: "sobol", "morris" or "dgsm".
+        names: of the parameters, the columns of the points.
+        groups: for each parameter the group it moves with; its own name where it moves alone.
+        points: (blocks * rows, parameters), in the unit cube.
+        rows: of a block.
+        second_order: True where the blocks of "sobol" have the rows for indices of pairs.
+    """
+
+    method: str
+    names: tuple[str, ...]
+    groups: tuple[str, ...]
+    points: np.ndarray
+    rows: int
+    second_order: bool
+
+    @property
+    def factors(self) -> tuple[str, ...]:
+        """Return what indices are of: the groups, in order."""
+        return tuple(dict.fromkeys(self.groups))
+
+    @property
+    def problem(self) -> dict[str, Any]:
+        """Return the design as SALib names it."""
+        return _problem(self.names, self.groups)
+
+
+def make_design(
+    method: str,
+    names: Sequence[str],
+    count: int,
+    groups: Mapping[str, Sequence[str]] | None = None,
+    *,
+    second_order: bool = True,
+    seed: int = 0,
+) -> Design:
+    """Return the points of a method.
+
+    Args:
+        method: "sobol" (Saltelli's design), "morris" (trajectories on four levels) or "dgsm" (a point and a small step
+            along each parameter).
+        names: of the parameters.
+        count: of base points or trajectories; of "sobol" rounded up to a power of two.
+        groups: parameters that move together, by the group's name; not for "dgsm".
+        second_order: of "sobol", whether pairs are asked for, at twice the runs.
+        seed: of the points.
+
+    Raises:
+        SweepError: the method, a group or the count cannot be used.
+    """
+    if method not in METHODS:
+        raise SweepError(f"--global {method}: use one of {', '.join(METHODS)}.")
+    if count < 2:
+        raise SweepError(f"--count {count}: {method} needs at least two base points; a few hundred are usual.")
+    of_group = _groups(names, groups or {})
+    if method == "dgsm" and groups:
+        raise SweepError("--group: derivatives are of one parameter each; use sobol or morris for groups.")
+    if len(set(of_group)) < 2:
+        raise SweepError("--global: indices need two parameters or groups at least that vary; add ranges to the study.")
+    problem = _problem(names, of_group)
+    with _quiet():
+        if method == "sobol":
+            from SALib.sample import sobol
+
+            count = 2 ** int(np.ceil(np.log2(count)))
+            points = sobol.sample(problem, count, calc_second_order=second_order, seed=seed)
+        elif method == "morris":
+            from SALib.sample import morris
+
+            points = morris.sample(problem, count, num_levels=_LEVELS, seed=seed)
+        else:
+            from SALib.sample import finite_diff
+
+            points = finite_diff.sample(problem, count, delta=_STEP, seed=seed)
+    return Design(method, tuple(names), of_group, points, len(points) // count, second_order and method == "sobol")
+
+
+def _groups(names: Sequence[str], groups: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+    found = {name: name for name in names}
+    for group, members in groups.items():
+        for member in members:
+            if member not in found:
+                raise SweepError(f"--group {group}: '{member}' does not vary; it has {', '.join(names)}.")
+            if found[member] != member:
+                raise SweepError(f"--group {group}: '{member}' is in {found[member]} already.")
+            found[member] = group
+    return tuple(found.values())
+
+
+def _problem(names: Sequence[str], groups: Sequence[str]) -> dict[str, Any]:
+    problem: dict[str, Any] = {"num_vars": len(names), "names": list(names), "bounds": [[0.0, 1.0]] * len(names)}
+    return problem if tuple(groups) == tuple(names) else problem | {"groups": list(groups)}
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Silence SALib's warnings of what is checked here, constant results, and leave NumPy's own generator as it was."""
+    state = np.random.get_state()  # noqa: NPY002
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+    np.random.set_state(state)  # noqa: NPY002
+
+
+def analyse(design: Design, results: Mapping[str, np.ndarray], *, seed: int = 0) -> xarray.Dataset:
+    """Return the indices of some numbers at the design's points, with bootstrap intervals.
+
+    Args:
+        design: from `make_design`.
+        results: for each metric its (points,) values; NaN where a run failed, whose block is left out.
+        seed: of the resampling.
+
+    Returns:
+        A data set over metric and factor; half-widths of intervals of 95 % end in `_error`:
+        of "sobol" first, total (metric, factor), second (metric, factor, other), and first_converging, total_converging
+        (metric, blocks, factor), from the first so many blocks;
+        of "morris" mu, mu_star, sigma: effects over the whole range; mu_star_converging;
+        of "dgsm" dgsm, an upper bound of the total index; dgsm_converging;
+        blocks_used (metric); a metric that does not vary has NaN indices.
+        Attributes: method, blocks, runs, confidence, failed (runs).
+    """
+    blocks = len(design.points) // design.rows
+    analysers = {"sobol": _sobol, "morris": _morris, "dgsm": _dgsm}
+    parts, failed = [], np.zeros(len(design.points), dtype=bool)
+    for metric, values in results.items():
+        by_block = np.asarray(values, dtype=float).reshape(blocks, design.rows)
+        whole = np.all(np.isfinite(by_block), axis=1)
+        failed |= ~np.isfinite(by_block).reshape(-1)
+        points = design.points.reshape(blocks, design.rows, -1)[whole]
+        found = _converged(analysers[design.method], design, points, by_block[whole], seed)
+        part = xarray.Dataset(found).assign(blocks_used=int(whole.sum()))
+        parts.append(part.expand_dims(metric=[metric]))
+    data = xarray.concat(parts, "metric", join="outer")
+    coordinates = {"factor": list(design.factors)}
+    if "other" in data.dims:
+        coordinates["other"] = list(design.factors)
+    return data.assign_coords(coordinates).assign_attrs(
+        method=design.method,
+        blocks=blocks,
+        runs=len(design.points),
+        failed=int(failed.sum()),
+        confidence=CONFIDENCE,
+        groups=str(
+            {g: [n for n, of in zip(design.names, design.groups, strict=True) if of == g] for g in design.factors}
+        ),
+    )
+
+
+def _converged(
+    analyser, design: Design, points: np.ndarray, values: np.ndarray, seed: int
+) -> dict[str, xarray.Variable]:
+    """Return the indices of all blocks, and the main ones of the first 16, 32, ... blocks."""
+    whole = analyser(design, points, values, seed)
+    sizes = [n for n in 2 ** np.arange(4, 31) if _FEWEST <= n < len(values)]
+    steps = {int(n): analyser(design, points[:n], values[:n], seed) for n in sizes} | {len(values): whole}
+    shown = [name for name in ("first", "total", "mu_star", "dgsm") if name in whole]
+    converging = {}
+    for name in shown:
+        for kind in (name, f"{name}_error"):
+            rows = np.array([steps[n][kind].values for n in steps])
+            label = kind.replace(name, f"{name}_converging")
+            converging[label] = xarray.DataArray(rows, {"blocks": list(steps)}, ("blocks", "factor"))
+    return whole | converging
+
+
+def _varies(values: np.ndarray) -> bool:
+    return bool(values.size) and float(np.ptp(values)) > 1e-9 * float(np.max(np.abs(values)))
+
+
+def _per_factor(design: Design, **columns: Any) -> dict[str, xarray.Variable]:
+    size = len(design.factors)
+    return {name: xarray.Variable("factor", np.full(size, np.nan) if v is None else v) for name, v in columns.items()}
+
+
+def _sobol(design: Design, points: np.ndarray, values: np.ndarray, seed: int) -> dict[str, xarray.Variable]:
+    from SALib.analyze import sobol
+
+    size = len(design.factors)
+    if len(values) < 2 or not _varies(values):
+        pairs = {"second": None, "second_error": None} if design.second_order else {}
+        found = _per_factor(design, first=None, first_error=None, total=None, total_error=None)
+        return found | {name: xarray.Variable(("factor", "other"), np.full((size, size), np.nan)) for name in pairs}
+    with _quiet():
+        got = sobol.analyze(
+            design.problem,
+            values.reshape(-1),
+            calc_second_order=design.second_order,
+            num_resamples=_RESAMPLES,
+            conf_level=CONFIDENCE,
+            seed=seed,
+        )
+    found = _per_factor(
+        design, first=got["S1"], first_error=got["S1_conf"], total=got["ST"], total_error=got["ST_conf"]
+    )
+    if design.second_order:
+        for name, key in (("second", "S2"), ("second_error", "S2_conf")):
+            above = np.asarray(got[key])  # SALib fills what is above the diagonal
+            found[name] = xarray.Variable(("factor", "other"), np.where(np.isnan(above), above.T, above))
+    return found
+
+
+def _morris(design: Design, points: np.ndarray, values: np.ndarray, seed: int) -> dict[str, xarray.Variable]:
+    from SALib.analyze import morris
+
+    if len(values) < 2:
+        return _per_factor(design, mu=None, mu_star=None, mu_star_error=None, sigma=None)
+    with _quiet():
+        got = morris.analyze(
+            design.problem,
+            points.reshape(-1, points.shape[-1]),
+            values.reshape(-1),
+            num_resamples=_RESAMPLES,
+            conf_level=CONFIDENCE,
+            num_levels=_LEVELS,
+            seed=seed,
+        )
+    order = [list(got["names"]).index(name) for name in design.factors]
+    columns = {"mu": "mu", "mu_star": "mu_star", "mu_star_error": "mu_star_conf", "sigma": "sigma"}
+    return _per_factor(design, **{name: np.asarray(got[key], dtype=float)[order] for name, key in columns.items()})
+
+
+def _dgsm(design: Design, points: np.ndarray, values: np.ndarray, seed: int) -> dict[str, xarray.Variable]:
+    from SALib.analyze import dgsm
+
+    if len(values) < 2 or not _varies(values):
+        return _per_factor(design, dgsm=None, dgsm_error=None)
+    with _quiet():
+        got = dgsm.analyze(
+            design.problem,
+            points.reshape(-1, points.shape[-1]),
+            values.reshape(-1),
+            num_resamples=_RESAMPLES,
+            conf_level=CONFIDENCE,
+            seed=seed,
+        )
+    # SALib's interval is of the mean squared derivative, not yet of the measure, which divides it by pi^2 variances.
+    scale = float(np.pi**2 * np.var(values[:, 0]))
+    return _per_factor(design, dgsm=np.asarray(got["dgsm"]), dgsm_error=np.asarray(got["dgsm_conf"]) / scale)

@@ -1,0 +1,89 @@
+"""Global indices of a sweep study: the ranges of its axes and samples, run by the sweep engine."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray
+from pydantic import PrivateAttr
+
+from sensitivity.global_indices import analyse, make_design
+from sweeps.axes_form import Range
+from sweeps.engine import Progress, run
+from sweeps.study import Study
+
+
+class DesignedStudy(Study):
+    """A study whose lanes have the values of a design instead of drawn ones."""
+
+    _values: dict[str, np.ndarray] = PrivateAttr(default_factory=dict)
+
+    def drawn(self, numbers: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the design's values for places along the dimension `lane`."""
+        return {name: values[numbers] for name, values in self._values.items()}
+
+
+def ranges_of(study: Study) -> dict[str, Range]:
+    """Return over what a study varies each name: the range it is drawn from, or from the least value of an axis on."""
+    spans = {name: Range(low=min(v), high=max(v)) for name, v in study.axes.items() if len(v) > 1}
+    return spans | (dict(study.sample.ranges) if study.sample else {})
+
+
+def global_of_study(
+    study: Study,
+    method: str = "sobol",
+    count: int = 1024,
+    groups: Mapping[str, Sequence[str]] | None = None,
+    *,
+    second_order: bool = True,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> xarray.Dataset:
+    """Return the global indices of a study's metrics over the ranges in which it varies.
+
+    Values are drawn evenly over each range, in its logarithm where the range says so, independently of each other. An
+    axis of one value stays. Runs that fail are left out with their block, and counted.
+
+    Args:
+        study: from `sweeps.study.read_study`, or written in Python.
+        method: "sobol", "morris" or "dgsm".
+        count: of base points.
+        groups: names that move together.
+        second_order: of "sobol", indices of pairs too, at twice the runs.
+        seed: of the points and of the resampling.
+        progress: as in `sweeps.run`.
+
+    Returns:
+        As `sensitivity.global_indices.analyse`, with low and high (parameter) and metric_unit (metric).
+
+    Raises:
+        SweepError: fewer than two names vary, or the method, a group or the count cannot be used.
+    """
+    spans = ranges_of(study)
+    design = make_design(method, tuple(spans), count, groups, second_order=second_order, seed=seed)
+    values = {}
+    for share, (name, span) in zip(design.points.T, spans.items(), strict=True):
+        logarithmic = span.spacing == "log"
+        values[name] = (
+            span.low * (span.high / span.low) ** share if logarithmic else span.low + (span.high - span.low) * share
+        )
+    fields: dict[str, Any] = study.model_dump() | {"metrics": study.metrics, "folder": study.folder, "store": []}
+    fields["axes"] = {name: v for name, v in study.axes.items() if name not in spans}
+    fields["sample"] = {"count": len(design.points), "ranges": {n: s.model_dump() for n, s in spans.items()}}
+    designed = DesignedStudy(**fields)
+    designed._values = values
+    done = run(designed, progress)
+    over_lanes = done.isel({name: 0 for name in fields["axes"]})
+    names = [metric.name for metric in designed.prepared.metrics]
+    data = analyse(design, {name: over_lanes[name].to_numpy() for name in names}, seed=seed)
+    return (
+        data.assign_coords(parameter=list(spans))
+        .assign(
+            low=("parameter", [span.low for span in spans.values()]),
+            high=("parameter", [span.high for span in spans.values()]),
+            metric_unit=("metric", [metric.unit for metric in designed.prepared.metrics]),
+        )
+        .assign_attrs(title=study.title, **data.attrs)
+    )
