@@ -1,0 +1,39 @@
+"""Ours against C written by hand: the same equations, steps, lanes and results."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from benchmarks.by_hand import ByHand, NoCompiler
+from benchmarks.timing import alternate
+from benchmarks.work import METRICS, Ours, study_of
+
+LANES = 4096
+# What two orders of the same additions may differ by after 1,800 steps.
+MOST_APART = {"final_soc": 1e-12, "voltage_V": 1e-11}
+
+
+def differences(ours: dict[str, np.ndarray], by_hand: list[np.ndarray]) -> dict[str, float]:
+    """Return the greatest difference of final SOC and of voltage over the lanes."""
+    pairs = zip(MOST_APART, ours.values(), by_hand, strict=True)
+    return {name: float(np.max(np.abs(mine - other))) for name, mine, other in pairs}
+
+
+def against_c(kind: str, lanes: int = LANES, devices: int = 1, rounds: int = 5) -> dict[str, Any]:
+    """Time a kind of model, agreement checked first; without a compiler the reason stands for the times."""
+    ours = Ours(study_of(kind, lanes, metrics=METRICS[kind]), devices)
+    lane_steps = lanes * ours.steps
+    row: dict[str, Any] = {"kind": kind, "lanes": lanes, "steps": ours.steps, "cores": devices}
+    try:
+        by_hand = ByHand(ours, devices)
+    except NoCompiler as reason:
+        return row | {"ours": alternate({"ours": ours}, rounds)["ours"].as_row(lane_steps), "left_out": str(reason)}
+    apart = differences(ours(), by_hand())
+    if any(apart[name] > most for name, most in MOST_APART.items()):
+        raise AssertionError(f"the C program and ours differ: {apart}")
+    times = alternate({"ours": ours, "c": by_hand}, rounds)
+    mine, other = (times[name].as_row(lane_steps) for name in ("ours", "c"))
+    ratios = {"ratio": mine["best_s"] / other["best_s"], "ratio_cpu": mine["cpu_s"] / other["cpu_s"]}
+    return row | {"apart": apart, "ours": mine, "c": other, **ratios}
