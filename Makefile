@@ -6,7 +6,7 @@ PYTHON ?= $(shell for candidate in python3.11 python3; do \
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: demo test bench format clean
+.PHONY: demo test bench bench-peers format clean
 
 demo: $(INSTALLED)
 	$(BIN)/jaxmodel demo --out demo-results
@@ -18,8 +18,14 @@ test: $(INSTALLED)
 	PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright
 	$(BIN)/pytest -n 2 --dist loadfile
 
-bench: $(INSTALLED)
+bench: $(INSTALLED) bench-peers
 	$(BIN)/python -m benchmarks
+
+# The peers' packages do not go with ours (PyBaMM pins its own): an environment apart. Without it they are left out.
+bench-peers: $(INSTALLED)
+	@test -e .bench-env/.installed || { $(PYTHON) -m venv .bench-env && \
+		timeout 300 .bench-env/bin/pip install --quiet --constraint benchmarks/peers-constraints.txt pybamm thevenin numba \
+		&& touch .bench-env/.installed; } || echo "The peers could not be installed; the benchmark leaves them out."
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix
@@ -33,5 +39,5 @@ $(INSTALLED): pyproject.toml constraints.txt
 	@touch $@
 
 clean:
-	rm -rf .venv .jax-cache .hypothesis .pytest_cache .ruff_cache build dist site demo-results *.egg-info
+	rm -rf .venv .bench-env .jax-cache .hypothesis .pytest_cache .ruff_cache build dist site demo-results *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,62 +1,44 @@
-"""`make bench`: lanes of a batch against the same lanes one by one, and derivatives against plain runs."""
+"""`make bench`: ours against C by hand and against other solvers, as ratios on the same work in one run."""
 
 from __future__ import annotations
 
+import os
 import time
-from collections.abc import Callable
+from pathlib import Path
+
+# Before OpenMP starts: a thread that spins while it waits would take a core from the next contestant.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 import jax
-import jax.numpy as jnp
-import numpy as np
 
-from jaxmodel.model import Model
-from jaxmodel.names import with_values
-from jaxmodel.profile import constant
-from jaxmodel.simulate import run_track, track
+from benchmarks import report
+from benchmarks.against_c import against_c
+from benchmarks.derivatives import derivatives
+from benchmarks.equal_accuracy import EqualAccuracy
+from benchmarks.scaling import over_lanes, over_steps
 
-LANES = 256
-ROWS = 1800
-
-
-def _timed(function: Callable, argument) -> tuple[float, float]:
-    """Return the seconds of the first call, which compiles, and of the fastest of three more."""
-    began = time.perf_counter()
-    jax.block_until_ready(function(argument))
-    first = time.perf_counter() - began
-    runs = []
-    for _ in range(3):
-        began = time.perf_counter()
-        jax.block_until_ready(function(argument))
-        runs.append(time.perf_counter() - began)
-    return first - min(runs), min(runs)
+FLOAT32 = "left out: the engine runs in float64 alone (SOC to 1e-6 over hours is out of float32's reach)"
 
 
 def main() -> None:
-    """Print the table."""
-    profile = constant(ROWS, 1.0, duty=0.3, load_torque_Nm=0.175, ambient_degC=20.0)
-    model = Model("robot")
-    course, times = track(model, profile), jnp.asarray(profile.time_s)
-
-    def final_soc(k_tau):
-        return run_track(with_values(model, {"k_tau": k_tau}), course, times).readings["soc"][-1]
-
-    values = jnp.asarray(np.linspace(0.03, 0.05, LANES))
-    single = jax.jit(final_soc)
-    rows = {
-        f"{LANES} lanes, one by one": _timed(lambda all_: [single(value) for value in all_], values),
-        f"{LANES} lanes, vmapped": _timed(jax.jit(jax.vmap(final_soc)), values),
-        "one lane": _timed(single, values[0]),
-        "one lane, forward derivative": _timed(jax.jit(jax.jacfwd(final_soc)), values[0]),
-        "one lane, reverse derivative": _timed(jax.jit(jax.grad(final_soc)), values[0]),
-    }
-    print(f"robot, {ROWS} s at 1 s, float64, {jax.device_count()} x {jax.devices()[0].device_kind}")
-    for name, (compile_s, run_s) in rows.items():
-        print(f"{name:32s} compile {compile_s:6.2f} s   run {1e3 * run_s:9.2f} ms")
-    loop, batch = rows[f"{LANES} lanes, one by one"][1], rows[f"{LANES} lanes, vmapped"][1]
-    plain = rows["one lane"][1]
-    print(f"vmapped against one by one: {loop / batch:.2f} times as fast")
-    print(f"forward derivative: {rows['one lane, forward derivative'][1] / plain:.2f} plain runs")
-    print(f"reverse derivative: {rows['one lane, reverse derivative'][1] / plain:.2f} plain runs")
+    """Run everything, print each table when it is done, and write the files."""
+    began, folder = time.perf_counter(), Path(__file__).parent
+    cores = sorted({1, jax.device_count()})
+    results = {"machine": report.machine(), "float32": FLOAT32}
+    results["against_c"] = [against_c(kind, devices=count) for kind in ("cell", "robot") for count in cores]
+    report.print_against_c("Full sweep of states against C by hand", results["against_c"])
+    print(f"float32: {FLOAT32}")
+    results["equal_accuracy"] = EqualAccuracy().rows()
+    report.print_equal_accuracy(results["equal_accuracy"])
+    results["over_lanes"] = over_lanes(cores[-1])
+    report.print_against_c("Lanes", results["over_lanes"])
+    results["over_steps"] = over_steps(cores[-1])
+    report.print_against_c("Steps", results["over_steps"])
+    results["derivatives"] = derivatives()
+    report.print_derivatives(results["derivatives"])
+    results["took_s"] = round(time.perf_counter() - began)
+    report.write(folder, results)
+    print(f"written: {folder.name}/results.json, results.png; took {results['took_s']} s")
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.by_hand import ByHand, NoCompiler
 from benchmarks.timing import alternate
-from benchmarks.work import METRICS, Ours, study_of
+from benchmarks.work import Ours, study_of
 
 LANES = 4096
 # What two orders of the same additions may differ by after 1,800 steps.
@@ -21,9 +21,9 @@ def differences(ours: dict[str, np.ndarray], by_hand: list[np.ndarray]) -> dict[
     return {name: float(np.max(np.abs(mine - other))) for name, mine, other in pairs}
 
 
-def against_c(kind: str, lanes: int = LANES, devices: int = 1, rounds: int = 5) -> dict[str, Any]:
+def against_c(kind: str, lanes: int = LANES, devices: int = 1, rounds: int = 5, step_s: float = 1.0) -> dict[str, Any]:
     """Time a kind of model, agreement checked first; without a compiler the reason stands for the times."""
-    ours = Ours(study_of(kind, lanes, metrics=METRICS[kind]), devices)
+    ours = Ours(study_of(kind, lanes, step_s), devices)
     lane_steps = lanes * ours.steps
     row: dict[str, Any] = {"kind": kind, "lanes": lanes, "steps": ours.steps, "cores": devices}
     try:

@@ -19,7 +19,7 @@ _INPUTS: dict[str, dict[str, float]] = {"cell": {}, "robot": {"duty": DUTY}}
 _LOADS_AT_ONCE = 64
 
 
-def study_of(kind: str, lanes: int, step_s: float = 1.0, metrics: tuple[str, ...] | None = None) -> Study:
+def study_of(kind: str, lanes: int, step_s: float = 1.0, **more: Any) -> Study:
     """Return a sweep over load and cycles: 1,800 s, all states advanced, the final SOC and least voltage kept."""
     load, low, high = _LOADS[kind]
     return Study(
@@ -29,7 +29,8 @@ def study_of(kind: str, lanes: int, step_s: float = 1.0, metrics: tuple[str, ...
             load: np.linspace(low, high, min(lanes, _LOADS_AT_ONCE)),
             "cycles": np.linspace(0.0, 400.0, max(1, lanes // _LOADS_AT_ONCE)),
         },
-        metrics=list(metrics or METRICS[kind]),
+        metrics=list(METRICS[kind]),
+        **more,
     )
 
 
@@ -46,5 +47,12 @@ class Ours:
 
     def __call__(self) -> dict[str, np.ndarray]:
         """Run all chunks and return each metric over the lanes."""
-        outcomes = [o for _, o in self._runner.outcomes(self._chunks, range(len(self._chunks)))]
-        return {name: np.concatenate([o.values[name] for o in outcomes]) for name in outcomes[0].values}
+        return self._gathered("values")
+
+    def stored(self) -> dict[str, np.ndarray]:
+        """Run all chunks and return each stored column, shape (lanes, rows)."""
+        return self._gathered("columns")
+
+    def _gathered(self, what: str) -> dict[str, np.ndarray]:
+        parts = [getattr(o, what) for _, o in self._runner.outcomes(self._chunks, range(len(self._chunks)))]
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
