@@ -14,6 +14,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 
+from jaxmodel.circle import sine_and_cosine
 from jaxmodel.declaration import Scalar
 from jaxmodel.flow import mean_exponential
 
@@ -93,8 +94,9 @@ def matrix_exponential(matrix: Matrix, duration: Scalar) -> Matrix:
     cosh_series = 1.0 + scaled / 2.0 * (1.0 + scaled / 12.0 * (1.0 + scaled / 30.0 * (1.0 + scaled / 56.0)))
     sinh_series = 1.0 + scaled / 6.0 * (1.0 + scaled / 20.0 * (1.0 + scaled / 42.0 * (1.0 + scaled / 72.0)))
     overdamped = discriminant > 0.0
-    even = jnp.where(overdamped, 0.5 * (slow_decay + fast_decay), mean_decay * jnp.cos(angle))
-    odd = jnp.where(overdamped, 0.5 * (slow_decay - fast_decay), mean_decay * jnp.sin(angle)) / root
+    sine, cosine = sine_and_cosine(angle)
+    even = jnp.where(overdamped, 0.5 * (slow_decay + fast_decay), mean_decay * cosine)
+    odd = jnp.where(overdamped, 0.5 * (slow_decay - fast_decay), mean_decay * sine) / root
     even = jnp.where(series, mean_decay * cosh_series, even)
     odd = jnp.where(series, mean_decay * duration * sinh_series, odd)
     return matrix.times(odd, plus=even - odd * mean)
