@@ -42,6 +42,7 @@ def sensitivity(path: Path, out: Path, at: Sequence[str], effects: Sequence[str]
         for name, picture in pictures_of(data):
             (out / f"{name}.png").write_bytes(picture)
     print_sensitivity(data)
+    terminal.say(f"Differentiated in {data.attrs['mode']} mode: {data.attrs['passes']} passes.")
     terminal.say(f"sensitivity.zarr, sensitivity.csv and pictures are in {out}.")
     return data
 

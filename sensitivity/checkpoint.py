@@ -1,0 +1,84 @@
+"""Reverse mode in little memory and time: what a step computes on its way is not kept but computed again.
+
+Reverse mode needs every step's intermediate numbers, last step first. Kept, some hundred numbers a step go to memory
+and back, which takes twenty times as long as the run. Here a step keeps its state alone and is run again, forward and
+back in one piece. A long run is cut into blocks of sqrt(steps), of which only the first state is kept: memory grows
+with the root of the run's length, for one more forward run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax.extend.core import ClosedJaxpr, JaxprEqn, Literal, jaxpr_as_fun
+
+# A scan shorter than this is left as it is; one longer than that is cut into blocks.
+SHORTEST, LONGEST = 16, 4096
+
+
+def in_blocks(function: Callable, *arguments: Any) -> Any:
+    """Return function(*arguments), the steps of every scan in it computed anew for a gradient, long scans in blocks.
+
+    Values are those of the function; only what is kept for its gradient differs. Pure; may be vmapped, and
+    differentiated in either mode.
+    """
+    program, shapes = jax.make_jaxpr(function, return_shape=True)(*arguments)
+    outputs = _evaluate(program, jax.tree.leaves(arguments))
+    return jax.tree.unflatten(jax.tree.structure(shapes), outputs)
+
+
+def _evaluate(program: ClosedJaxpr, arguments: Sequence[Any]) -> list[Any]:
+    """Evaluate a traced program equation by equation, long scans in blocks."""
+    known = dict(zip(program.jaxpr.constvars, program.consts, strict=True))
+    known |= dict(zip(program.jaxpr.invars, arguments, strict=True))
+
+    def read(atom):
+        return atom.val if isinstance(atom, Literal) else known[atom]
+
+    for equation in program.jaxpr.eqns:
+        given = [read(atom) for atom in equation.invars]
+        name = equation.primitive.name
+        if name == "scan" and equation.params["length"] >= SHORTEST and not equation.params["reverse"]:
+            found = _scan_in_blocks(equation, given)
+        elif name in ("jit", "pjit"):
+            found = _evaluate(equation.params["jaxpr"], given)
+        else:
+            found = equation.primitive.bind(*given, **equation.params)
+            found = found if equation.primitive.multiple_results else [found]
+        known |= dict(zip(equation.outvars, found, strict=True))
+    return [read(atom) for atom in program.jaxpr.outvars]
+
+
+def _scan_in_blocks(equation: JaxprEqn, given: Sequence[Any]) -> list[Any]:
+    constants, carried = equation.params["num_consts"], equation.params["num_carry"]
+    body = jaxpr_as_fun(equation.params["jaxpr"])
+    fixed, carry = given[:constants], tuple(given[constants : constants + carried])
+    rows = tuple(given[constants + carried :])
+    length = equation.params["length"]
+
+    def step(carry, row):
+        after = body(*fixed, *carry, *row)
+        return tuple(after[:carried]), tuple(after[carried:])
+
+    # Within a scan nothing can be shared with the first pass anyway: no need to forbid it, which would forbid fusion.
+    once_more = jax.checkpoint(step, prevent_cse=False)
+
+    def steps(carry, some):
+        return jax.lax.scan(once_more, carry, some)
+
+    if length <= LONGEST:
+        carry, courses = jax.lax.scan(once_more, carry, rows, length=length)
+        return [*carry, *courses]
+    block = math.isqrt(length)
+    whole = length // block * block
+    in_front = tuple(x[:whole].reshape(-1, block, *x.shape[1:]) for x in rows)
+    carry, courses = jax.lax.scan(jax.checkpoint(steps, prevent_cse=False), carry, in_front)
+    courses = [x.reshape(whole, *x.shape[2:]) for x in courses]
+    if whole < length:
+        carry, rest = steps(carry, tuple(x[whole:] for x in rows))
+        courses = [jnp.concatenate(pair) for pair in zip(courses, rest, strict=True)]
+    return [*carry, *courses]
