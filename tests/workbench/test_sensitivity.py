@@ -62,6 +62,7 @@ def test_uncertainty_is_written_by_both_ways(run: Run, study: Path, tmp_path: Pa
     table = pd.read_csv(tmp_path / "uncertainty.csv", index_col="metric")
     assert table.loc["final_soc", "metric_sd_gradient"] == pytest.approx(float(sd))
     assert "quantile_0.025" in table
+    assert "by the gradient, 95 %" in (tmp_path / "uncertainty.html").read_text(encoding="utf-8")
     for name in ("uncertainty", "uncertainty-voltage_V"):
         assert (tmp_path / f"{name}.png").read_bytes().startswith(PNG)
     assert "capacity_Ah 100%" in result.stdout
@@ -89,6 +90,15 @@ def test_identify_answers_and_hands_its_covariance_on(run: Run, made_case: Path,
     assert set(data["parameter"].values) == {name for name in table.index if "[" not in name}
 
 
+def test_derivatives_are_drawn_to_be_read_with_a_pointer(run: Run, study: Path, tmp_path: Path) -> None:
+    result = run("sensitivity", study, "--gradient-only", "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    assert "in forward mode" in result.stdout
+    page = (tmp_path / "sensitivity.html").read_text(encoding="utf-8")
+    assert page.count("Plotly.newPlot(") >= 2  # elasticities, and the voltage over time
+    assert "change for +1 % of each parameter" in page
+
+
 @pytest.mark.parametrize("method", ["sobol", "morris", "dgsm"])
 def test_global_indices_are_written(method: str, run: Run, study: Path, tmp_path: Path) -> None:
     result = run("sensitivity", study, "--global", method, "--count", 64, "--out", tmp_path)
@@ -100,6 +110,10 @@ def test_global_indices_are_written(method: str, run: Run, study: Path, tmp_path
     assert set(table.index.get_level_values("factor")) == {"capacity_Ah", "current_A"}
     assert (table[main] > 0.0).all()
     assert (table[f"{main}_error"] > 0.0).all()
+    page = (tmp_path / "global.html").read_text(encoding="utf-8")
+    assert "Plotly.newPlot" in page
+    assert "src=" not in page.split("<body>")[1][:200]  # nothing is fetched
+    assert "current_A" in page.split("Plotly.newPlot")[-1]
     for name in (f"{method}-final_soc", "convergence-final_soc"):
         assert (tmp_path / f"{name}.png").read_bytes().startswith(PNG)
 

@@ -20,6 +20,7 @@ from sweeps.prepare import INITIAL, SCALE
 from workbench import terminal
 from workbench.commands.start import in_catalogue, own_effects, start
 from workbench.pictures import global_indices as global_pictures
+from workbench.pictures.interactive import global_figures, local_figures, uncertainty_figures, write_interactive
 from workbench.pictures.sensitivities import doubling_beside_gradient, elasticities, over_time
 from workbench.pictures.style import png
 from workbench.pictures.uncertainty import bands_over_time, metric_intervals
@@ -41,6 +42,7 @@ def sensitivity(path: Path, out: Path, at: Sequence[str], effects: Sequence[str]
         by_pair(data).to_csv(out / "sensitivity.csv", index=False, float_format="%.12g")
         for name, picture in pictures_of(data):
             (out / f"{name}.png").write_bytes(picture)
+        write_interactive(out / "sensitivity.html", local_figures(data))
     print_sensitivity(data)
     terminal.say(f"Differentiated in {data.attrs['mode']} mode: {data.attrs['passes']} passes.")
     terminal.say(f"sensitivity.zarr, sensitivity.csv and pictures are in {out}.")
@@ -93,6 +95,7 @@ def uncertainty(
         for output in map(str, data["output"].to_numpy()):
             if float(data["output_sd_gradient"].sel(output=output).max()) > 0.0:
                 (out / f"uncertainty-{output}.png").write_bytes(png(bands_over_time(data, output)))
+        write_interactive(out / "uncertainty.html", uncertainty_figures(data))
     _print_uncertainty(data)
     terminal.say(f"uncertainty.zarr, uncertainty.csv and pictures are in {out}.")
     return data
@@ -127,6 +130,7 @@ def global_indices(
         pairs.dropna().to_csv(out / "global-pairs.csv", float_format="%.8g")
     for name, picture in global_pictures.pictures_of(data):
         (out / f"{name}.png").write_bytes(png(picture))
+    write_interactive(out / "global.html", global_figures(data))
     _print_global(data)
     terminal.say(f"global.zarr, global.csv and pictures are in {out}.")
     return data
