@@ -33,7 +33,7 @@ def against_c(kind: str, lanes: int = LANES, devices: int = 1, rounds: int = 5, 
     apart = differences(ours(), by_hand())
     if any(apart[name] > most for name, most in MOST_APART.items()):
         raise AssertionError(f"the C program and ours differ: {apart}")
-    times = alternate({"ours": ours, "c": by_hand}, rounds)
+    times = alternate({"ours": ours, "c": by_hand}, rounds, warm=True)
     mine, other = (times[name].as_row(lane_steps) for name in ("ours", "c"))
     ratios = {"ratio": mine["best_s"] / other["best_s"], "ratio_cpu": mine["cpu_s"] / other["cpu_s"]}
     return row | {"apart": apart, "ours": mine, "c": other, **ratios}

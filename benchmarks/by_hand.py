@@ -9,6 +9,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
+import jax
 import numpy as np
 
 from benchmarks.work import AMBIENT_DEGC, DUTY, Ours
@@ -67,7 +68,7 @@ class ByHand:
         lanes = study.lanes(np.arange(study.size))
         load = lanes["current_A" if self._kind == "cell" else "load_torque_Nm"]
         self._parameters = np.array([float(value) for value in values])
-        self._lanes = [np.ascontiguousarray(x) for x in (load, np.asarray(cycle_resistance(lanes["cycles"])))]
+        self._lanes = [np.ascontiguousarray(load), np.array(jax.vmap(cycle_resistance)(lanes["cycles"]))]
         self._steps = [np.array(ours.course.duration_s)]
         if self._kind == "robot":
             self._steps.append(np.array(ours.course.ends_row, dtype=np.int8))

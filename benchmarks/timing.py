@@ -28,10 +28,13 @@ class Timing:
         return row
 
 
-def alternate(contestants: Mapping[str, Callable[[], object]], rounds: int = 5) -> dict[str, Timing]:
-    """Run each contestant once to compile and warm up, then all in turn, so many rounds."""
-    for run in contestants.values():
-        run()
+def alternate(
+    contestants: Mapping[str, Callable[[], object]], rounds: int = 5, warm: bool = False
+) -> dict[str, Timing]:
+    """Run each contestant once to compile and warm up, unless it is warm, then all in turn, so many rounds."""
+    if not warm:
+        for run in contestants.values():
+            run()
     wall: dict[str, list[float]] = {name: [] for name in contestants}
     cpu: dict[str, list[float]] = {name: [] for name in contestants}
     for _ in range(rounds):
