@@ -162,16 +162,22 @@ def sensitivity(
         list[str] | None,
         typer.Option("--group", metavar="NAME=A,B", help="What moves together, for --global.", show_default=False),
     ] = None,
+    over_axes: Annotated[
+        bool, typer.Option("--map", help="Elasticities at every combination of the study's axes instead.")
+    ] = False,
     no_pairs: Annotated[
         bool, typer.Option("--no-pairs", help="Leave out the second order of --global sobol: half the runs.")
     ] = False,
     effect: Effects = None,
 ) -> None:
     """Differentiate a study's run by its parameters, and double each beside it: tables, a Zarr store and pictures."""
-    from workbench.commands.sensitivity import global_indices, sensitivity, uncertainty
+    from workbench.commands.sensitivity import global_indices, maps, sensitivity, uncertainty
 
-    if uncertain and method:
-        raise typer.BadParameter("give either --uncertain or --global")
+    if (uncertain is not None) + (method is not None) + over_axes > 1:
+        raise typer.BadParameter("give either --uncertain or --global or --map")
+    if over_axes:
+        maps(study, out, at or [], effect or [])
+        return
     if uncertain:
         uncertainty(study, out, at or [], effect or [], uncertain, count or 512)
         return

@@ -99,6 +99,17 @@ def test_derivatives_are_drawn_to_be_read_with_a_pointer(run: Run, study: Path, 
     assert "change for +1 % of each parameter" in page
 
 
+def test_map_over_two_axes_is_drawn(run: Run, tmp_path: Path) -> None:
+    axes = "[axes]\ncurrent_A = [1.0, 2.0, 4.0]\nambient_degC = [0.0, 30.0]\n"
+    (tmp_path / "study.toml").write_text(STUDY.split("[sample]")[0] + axes, encoding="utf-8")
+    result = run("sensitivity", tmp_path / "study.toml", "--map", "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    data = xr.open_zarr(tmp_path / "out" / "elasticity-map.zarr", consolidated=False)
+    used = 1.0 - data["metric_value"].sel(metric="final_soc")
+    np.testing.assert_allclose(used.diff("current_A").sum("current_A"), 0.75 * used.sel(current_A=4.0), rtol=0.02)
+    assert (tmp_path / "out" / "elasticity-map-final_soc.png").read_bytes().startswith(PNG)
+
+
 @pytest.mark.parametrize("method", ["sobol", "morris", "dgsm"])
 def test_global_indices_are_written(method: str, run: Run, study: Path, tmp_path: Path) -> None:
     result = run("sensitivity", study, "--global", method, "--count", 64, "--out", tmp_path)
@@ -125,6 +136,7 @@ def test_global_indices_are_written(method: str, run: Run, study: Path, tmp_path
         (("--uncertain", "capacity_Ah"), "a folder in which identify wrote"),
         (("--uncertain", "case"), "the study names no case"),
         (("--uncertain", "capacity=1"), "Did you mean 'capacity_Ah'"),
+        (("--map",), "two axes make a map"),
         (("--global", "fast"), "use one of sobol, morris, dgsm"),
         (("--global", "sobol", "--at", "current_A=2"), "two parameters or groups at least"),
         (("--global", "sobol", "--group", "all"), "--group all: write a name and its members"),

@@ -14,6 +14,7 @@ import sweeps
 from jaxmodel.cases import read_case
 from jaxmodel.errors import SweepError
 from jaxmodel.measurements import KINDS
+from sensitivity.elasticity_map import elasticity_map
 from sensitivity.global_study import global_of_study
 from sensitivity.study import sensitivity_of_study, uncertainty_of_study
 from sweeps.prepare import INITIAL, SCALE
@@ -21,7 +22,12 @@ from workbench import terminal
 from workbench.commands.start import in_catalogue, own_effects, start
 from workbench.pictures import global_indices as global_pictures
 from workbench.pictures.interactive import global_figures, local_figures, uncertainty_figures, write_interactive
-from workbench.pictures.sensitivities import doubling_beside_gradient, elasticities, over_time
+from workbench.pictures.sensitivities import (
+    doubling_beside_gradient,
+    elasticities,
+    elasticity_maps,
+    over_time,
+)
 from workbench.pictures.style import png
 from workbench.pictures.uncertainty import bands_over_time, metric_intervals
 
@@ -157,6 +163,27 @@ def _print_global(data: xr.Dataset) -> None:
     terminal.table(title, ("metric", "blocks", f"largest {index} with intervals of 95 %"), rows, right=(1,))
     if data.attrs["failed"]:
         terminal.say(f"{data.attrs['failed']:,} of {data.attrs['runs']:,} runs failed: their blocks are left out.")
+
+
+def maps(path: Path, out: Path, at: Sequence[str], effects: Sequence[str]) -> xr.Dataset:
+    """Differentiate at every combination of a study's axes; write `elasticity-map.zarr` and a picture for each metric.
+
+    Raises:
+        UserError: the study or the point cannot be used, or it has fewer than two axes.
+    """
+    study = _study_at(path, dict(_assignment(entry, "--at") for entry in at), effects)
+    if len(study.axes) < 2:
+        raise SweepError("--map: two axes make a map; add them to the study's [axes].")
+    start(out)
+    with terminal.told("elasticity map") as progress:
+        progress(f"compiling and running {study.size:,} lanes")
+        data = elasticity_map(study)
+        _save(data, out / "elasticity-map.zarr")
+        for metric in map(str, data["metric"].to_numpy()):
+            if bool(np.any(np.isfinite(data["elasticity"].sel(metric=metric)))):
+                (out / f"elasticity-map-{metric}.png").write_bytes(png(elasticity_maps(data, metric)))
+    terminal.say(f"elasticity-map.zarr and pictures are in {out}.")
+    return data
 
 
 def _study_at(path: Path, point: Mapping[str, float], effects: Sequence[str]) -> sweeps.Study:

@@ -17,6 +17,7 @@ from workbench.pictures.style import (
     ORANGE,
     PAGE_CM,
     axis_label,
+    column_label,
     difference_unit,
     minutes_or_seconds,
     new_figure,
@@ -166,4 +167,43 @@ def over_time(local: xr.Dataset, output: str, most: int = 6) -> Figure:
     axes.set_xlabel(f"time [{unit}]")
     axes.set_ylabel(axis_label(f"change of {quantity}\nfor +1 % of the parameter", f"{power}{shown_unit}".strip()))
     figure.legend(loc="outside right upper")
+    return figure
+
+
+@styled
+def elasticity_maps(data: xr.Dataset, metric: str, most: int = 6) -> Figure:
+    """Draw the elasticity of a metric over two axes of a study, one map for each parameter that matters most.
+
+    Args:
+        data: as `sensitivity.elasticity_map.elasticity_map` returns it; further axes are at their first value.
+        metric: one of its metrics.
+        most: parameters to draw.
+    """
+    down, across = [str(dim) for dim in data["metric_value"].dims if dim != "metric"][:2]
+    one = data["elasticity"].sel(metric=metric)
+    one = one.isel({str(dim): 0 for dim in one.dims if dim not in (down, across, "parameter")})
+    size = abs(one).max([down, across]).fillna(0.0).to_numpy()
+    order = [place for place in np.argsort(-size)[:most] if size[place] > 0.0]
+    limit = float(size.max()) if size.size else 1.0
+    columns = min(3, max(len(order), 1))
+    rows = -(-len(order) // columns) or 1
+    figure = new_figure(PAGE_CM, 1.8 + 4.6 * rows)
+    grid = np.atleast_1d(figure.subplots(rows, columns, sharex=True, sharey=True)).reshape(-1)
+    mesh = None
+    for axes, place in zip(grid, order, strict=False):
+        numbers = one.isel(parameter=place).transpose(down, across).to_numpy()
+        mesh = axes.pcolormesh(numbers, cmap=_diverging(), vmin=-limit, vmax=limit, edgecolor="white", lw=0.5)
+        axes.set_title(str(one["parameter"].to_numpy()[place]), fontweight="normal")
+        for values, ticks in ((one[across], axes.set_xticks), (one[down], axes.set_yticks)):
+            every = max(1, values.size // 5)
+            ticks(np.arange(0, values.size, every) + 0.5, [f"{v:g}" for v in values.to_numpy()[::every]])
+        axes.grid(visible=False)
+        axes.tick_params(length=0)
+    for axes in grid[len(order) :]:
+        axes.set_visible(False)
+    figure.supxlabel(column_label(across), fontsize=9)
+    figure.supylabel(column_label(down), fontsize=9)
+    if mesh is not None:
+        bar = figure.colorbar(mesh, ax=list(grid), shrink=0.8)
+        bar.set_label(f"elasticity of {metric.replace('_', ' ')}")
     return figure

@@ -1,0 +1,43 @@
+"""Elasticities at every lane of a grid are those of the study at that point alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from jaxmodel.errors import SweepError
+from jaxmodel.model import Model
+from jaxmodel.parameters import Parameters
+from jaxmodel.profile import constant
+from sensitivity.elasticity_map import elasticity_map
+from sensitivity.local import local_sensitivities
+from sweeps.study import Study
+
+METRICS = ["final_soc", "delivered_energy_Wh"]
+NAMES = ("capacity_Ah", "series_resistance_scale", "current_A")
+
+
+def study(**axes: list[float]) -> Study:
+    profile = {"duration_s": 200.0, "step_s": 20.0, "current_A": 2.0, "ambient_degC": 20.0}
+    return Study(kind="cell", metrics=METRICS, profile=profile, axes=axes)
+
+
+def test_each_lane_is_the_run_at_its_own_point():
+    grid = elasticity_map(study(ambient_degC=[0.0, 30.0], current_A=[1.0, 4.0, 6.0], capacity_Ah=[3.0, 5.2]), NAMES)
+    assert dict(grid.sizes) == {"ambient_degC": 2, "current_A": 3, "capacity_Ah": 2, "metric": 2, "parameter": 3}
+    for ambient, current, capacity in ((30.0, 6.0, 3.0), (0.0, 1.0, 5.2)):
+        alone = local_sensitivities(
+            Model("cell", Parameters(capacity_Ah=capacity)),
+            constant(200.0, 20.0, current_A=current, ambient_degC=ambient),
+            NAMES,
+            METRICS,
+            (),
+        )
+        lane = grid.sel(ambient_degC=ambient, current_A=current, capacity_Ah=capacity)
+        np.testing.assert_allclose(lane.metric_value, alone.metric_value, rtol=1e-12)
+        np.testing.assert_allclose(lane.elasticity, alone.elasticity, rtol=1e-9, atol=1e-12)
+
+
+def test_a_factor_needs_something_to_multiply():
+    with pytest.raises(SweepError, match="begin with a value that is not 0"):
+        elasticity_map(study(current_A=[0.0, 1.0], ambient_degC=[0.0, 1.0]), NAMES)
