@@ -75,7 +75,7 @@ def test_help_comes_at_once_and_gives_an_example() -> None:
     assert {"jax", "pandas", "matplotlib", "xarray"}.isdisjoint(modules)
 
 
-@pytest.mark.parametrize("command", ["simulate", "sweep", "sensitivity", "compare", "diagnose", "demo"])
+@pytest.mark.parametrize("command", ["simulate", "sweep", "sensitivity", "identify", "compare", "diagnose", "demo"])
 def test_every_command_has_an_example(command: str, run: Run) -> None:
     result = run(command, "--help")
     assert result.exit_code == 0
