@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import jax
+import jax.numpy as jnp
+from jax.core import Tracer
 from jax.experimental.xla_metadata import set_xla_metadata
 from jax.extend.core import ClosedJaxpr, Jaxpr
 
@@ -26,6 +28,17 @@ def as_one_kernel(function: Callable, *arguments):
         return function(*arguments)
     with set_xla_metadata(inlineable="false", xla_cpu_small_call="true"):
         return jax.jit(function)(*arguments)
+
+
+def holds_constants(values: object) -> bool:
+    """Return True where a program that is being traced would hold some of these arrays as constants.
+
+    XLA's compiler for processors aborts on a kernel that is given a constant array. What a caller under `jax.jit` wants
+    fast, it passes to its function as an argument.
+    """
+    staged = isinstance(jnp.zeros(()), Tracer)
+    arrays = [leaf for leaf in jax.tree.leaves(values) if isinstance(leaf, jax.Array) and leaf.ndim > 0]
+    return staged and not all(isinstance(leaf, Tracer) for leaf in arrays)
 
 
 def fits_one_kernel(function: Callable, *arguments) -> bool:

@@ -136,7 +136,7 @@ def true_inputs(model: Model, inputs: Inputs) -> Inputs:
 
 
 def _parts(model: Model, state: State, inputs: Inputs) -> tuple[Cell | None, Motor | None]:
-    """Evaluate everything that depends on the slow state alone; inputs of an effect's own, 'effect.input', show there."""
+    """Evaluate everything that depends on the slow state alone; an effect's own inputs, 'effect.input', show there."""
     state = state | {name: value for name, value in inputs.items() if "." in name}
     ambient = inputs["ambient_degC"]
     cell = motor = None

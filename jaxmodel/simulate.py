@@ -12,7 +12,7 @@ from jaxtyping import Array
 
 from jaxmodel.declaration import Scalar
 from jaxmodel.flow import State
-from jaxmodel.kernel import as_one_kernel
+from jaxmodel.kernel import as_one_kernel, holds_constants
 from jaxmodel.model import Model, initial_state, read, step, valid
 from jaxmodel.ports import touches
 from jaxmodel.profile import Grid, Profile, Track, make_grid
@@ -98,12 +98,14 @@ def run_track(model: Model, course: Track, time_s: Array, cutoff: Cutoff | None 
 
     The run and its sensors are two programs: a sensor without fault then changes no bit of the run.
     """
-    truth, states = _run_true(model, course, time_s, cutoff)
+    truth, states = _run_true(model, course, time_s, cutoff, one_kernel=not holds_constants((model, course, cutoff)))
     return eqx.tree_at(lambda t: t.readings, truth, distort(model, truth.readings, states, course))
 
 
 @eqx.filter_jit
-def _run_true(model: Model, course: Track, time_s: Array, cutoff: Cutoff | None) -> tuple[Trajectory, State]:
+def _run_true(
+    model: Model, course: Track, time_s: Array, cutoff: Cutoff | None, one_kernel: bool
+) -> tuple[Trajectory, State]:
     """Return what ideal sensors read, and the states at the start and after every step."""
     first_inputs = {name: values[0] for name, values in course.inputs.items()}
     later_inputs = {name: values[1:] for name, values in course.inputs.items()}
@@ -123,7 +125,8 @@ def _run_true(model: Model, course: Track, time_s: Array, cutoff: Cutoff | None)
     # Only where a row ends: the inrush of a start pulls the voltage below any cut-off for some milliseconds.
     ends_row = jnp.zeros(course.duration_s.shape, dtype=bool).at[course.last_step].set(True)
     begin = (start, jnp.asarray(True))
-    states, running = as_one_kernel(advance_all, begin, (later_inputs, course.duration_s, ends_row))
+    given = (later_inputs, course.duration_s, ends_row)
+    states, running = as_one_kernel(advance_all, begin, given) if one_kernel else advance_all(begin, given)
 
     def with_start(first, later):
         return jnp.concatenate([first[None], later])

@@ -25,7 +25,7 @@ ROWS = 13
 KINDS = ("cell", "motor", "robot")
 NEVER = Cutoff()
 # Where a number is zero by default, what a change of it is measured by.
-SCALES = {"ocv_offset_V": 0.1, "psi_L": 1e-2}
+SCALES = {"ocv_offset_V": 0.1, "psi_L": 1e-2, "clock_shift.resampled": 0.1}
 
 
 @functools.cache

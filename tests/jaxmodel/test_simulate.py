@@ -13,7 +13,7 @@ from jaxmodel.model import Model
 from jaxmodel.names import with_values
 from jaxmodel.parameters import Parameters
 from jaxmodel.profile import Profile, constant
-from jaxmodel.simulate import Cutoff, Status, run_track, simulate, to_frame
+from jaxmodel.simulate import Cutoff, Status, run_track, simulate, to_frame, track
 from tests.jaxmodel.runs import padded, readings, run
 
 ROBOT = Model("robot", Parameters(initial_soc=0.9))
@@ -103,3 +103,18 @@ def test_a_trajectory_becomes_a_table():
     frame = to_frame(eqx.tree_at(lambda t: t.time_s, ran, jnp.arange(6.0)))
     assert list(frame) == ["time_s", *ran.readings]
     np.testing.assert_array_equal(frame["soc"], ran.readings["soc"])
+
+
+@pytest.mark.parametrize("reading", ["soc", "pack_voltage_V"])
+def test_a_run_may_be_part_of_a_program_that_holds_its_profile(reading: str):
+    """Closed over, not passed: XLA would abort the process on a kernel that is given constant arrays."""
+    profile = constant(300.0, 1.0, duty=0.3, load_torque_Nm=0.175, ambient_degC=20.0)
+    course, times = track(Model("robot"), profile), jnp.asarray(profile.time_s)
+
+    def last(k_tau):
+        return run_track(with_values(Model("robot"), {"k_tau": k_tau}), course, times).readings[reading][-1]
+
+    expected = simulate(Model("robot"), profile).readings[reading][-1]
+    assert float(jax.jit(last)(jnp.asarray(0.0385))) == pytest.approx(float(expected), rel=1e-12)
+    lanes = jax.jit(jax.vmap(last))(jnp.asarray([0.0385, 0.04]))
+    assert float(lanes[0]) == pytest.approx(float(expected), rel=1e-12)
