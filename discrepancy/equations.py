@@ -8,9 +8,7 @@ order; they come from one forward program whose additions are inputs.
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
 
 import equinox as eqx
 import jax
@@ -21,12 +19,11 @@ from jaxtyping import Array
 from discrepancy.conditions import conditions_of_rows
 from discrepancy.misfit import Block, Leftover, Tried, hats
 from discrepancy.problem import Lane, Problem
-from discrepancy.screen import Screen
+from discrepancy.screen import LANES, Screen, on_all_cores
 from discrepancy.session import Hypothesis, Session
 from jaxmodel.ports import PORTS, Effect
 
 KNOTS, EVEN_KNOTS = 5, 7
-LANES = 16
 # Of a port's usual size: far above rounding, far below what bends.
 ADDED = 1e-4
 
@@ -186,6 +183,4 @@ def _evaluate(
                 additions[_input(port)][number] = values
         return np.asarray(_answers(problem, jnp.asarray(x), jax.tree.map(jnp.asarray, additions)))[: len(batch)]
 
-    compiled = evaluate(0)
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return np.concatenate([compiled, *pool.map(evaluate, range(LANES, len(everything), LANES))])
+    return on_all_cores(evaluate, len(everything))

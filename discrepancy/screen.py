@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import equinox as eqx
@@ -66,10 +66,17 @@ def _evaluate(problem: Problem, lanes: list[tuple[np.ndarray, np.ndarray]]) -> n
         stacked = Lane(jnp.asarray(np.stack([x for x, _ in filled])), jnp.asarray(np.stack([s for _, s in filled])))
         return np.asarray(_residuals(problem, stacked))[: len(batch)]
 
+    return on_all_cores(evaluate, len(lanes))
+
+
+def on_all_cores(evaluate: Callable[[int], np.ndarray], lanes: int) -> np.ndarray:
+    """Return what `evaluate` gives for the batches of `LANES` that begin at 0, `LANES` and so on, one after the other.
+
+    A batch is one kernel on one core; the first runs alone, so that the program is compiled once.
+    """
     compiled = evaluate(0)
-    # A batch is one kernel on one core.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return np.concatenate([compiled, *pool.map(evaluate, range(LANES, len(lanes), LANES))])
+        return np.concatenate([compiled, *pool.map(evaluate, range(LANES, lanes, LANES))])
 
 
 def warm_up(problem: Problem, layout: Layout) -> None:

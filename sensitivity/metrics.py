@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable
 
 import jax.numpy as jnp
@@ -10,32 +9,11 @@ import jax.numpy as jnp
 from jaxmodel.declaration import Scalar
 from jaxmodel.errors import SweepError, nearest
 from sweeps import metrics as of_sweeps
-from sweeps.metrics import Carry, End, Metric, Moment, RowValue, Step
+from sweeps.metrics import Carry, End, Metric, RowValue
 
 
-@dataclasses.dataclass(frozen=True)
-class FittedSlope(Metric):
-    """Slope of the least-squares line through a column at the rows of the profile, per second."""
-
-    column: str
-
-    def init(self, first: Moment) -> Carry:
-        """Carry time, number of rows, both means, and the sums of squares and products about them."""
-        zero = jnp.zeros(())
-        return zero, jnp.ones(()), zero, first.columns[self.column], zero, zero
-
-    def update(self, carry: Carry, step: Step) -> Carry:
-        """Add the row that the step ends, if it ends one (Welford's sums, which do not cancel)."""
-        time, count, mean_time, mean, squares, products = carry
-        time = time + step.duration_s
-        row = jnp.asarray(step.ends_row, dtype=float)
-        count = count + row
-        away = row * (time - mean_time)
-        mean_time = mean_time + away / count
-        mean = mean + row * (step.after.columns[self.column] - mean) / count
-        squares = squares + away * (time - mean_time)
-        products = products + away * (step.after.columns[self.column] - mean)
-        return time, count, mean_time, mean, squares, products
+class FittedSlope(of_sweeps.FittedGradient):
+    """A sweep's fitted gradient with a value, and so a derivative, for a run of one row too."""
 
     def finish(self, carry: Carry, end: End) -> Scalar:
         """Return the slope; 0 where the run ended before its second row."""
