@@ -191,6 +191,6 @@ def law(found: Block) -> Figure:
     axes.set_xlabel(column_label(found.variable))
     of_channel = f"{split_unit(found.channel)[1]} per unit of {found.multiplier}" if found.multiplier else ""
     unit = found.unit or of_channel or split_unit(found.channel)[1]
-    axes.set_ylabel(axis_label("what is missing", unit.replace("_", " ")), fontsize=8.0)
+    axes.set_ylabel(axis_label("what is missing", unit.replace("_", " ")).replace(" [", "\n["), fontsize=8.0)
     axes.set_title("\n".join(textwrap.wrap(f"Law in {found.channel.replace('_', ' ')}", 48)))
     return figure
