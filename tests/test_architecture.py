@@ -23,9 +23,10 @@ MAY_IMPORT = {
     "sweeps": {"jaxmodel"},
     "sensitivity": {"jaxmodel", "sweeps"},
     "discrepancy": {"jaxmodel", "sensitivity"},
-    "workbench": {"jaxmodel", "sweeps", "sensitivity", "discrepancy"},
+    "operation": {"jaxmodel", "sweeps", "sensitivity"},
+    "workbench": {"jaxmodel", "sweeps", "sensitivity", "discrepancy", "operation"},
 }
-WITHOUT_FRONT_END = ["jaxmodel", "sweeps", "sensitivity"]
+WITHOUT_FRONT_END = ["jaxmodel", "sweeps", "sensitivity", "operation"]
 FRONT_END = set(
     "altair bokeh click dash fastapi flask jinja2 matplotlib plotly rich seaborn starlette streamlit textual tornado "
     "tqdm typer uvicorn".split()
