@@ -38,6 +38,8 @@ class Fit:
         chi2: of the counted readings, whitened.
         prior: squared distance of the free unknowns from their priors.
         information: (unknowns, unknowns) J'J of readings and priors at the end.
+        run_information: (runs, unknowns, unknowns) what each run's counted readings contribute to it.
+        run_score: (runs, unknowns) half the slope of each run's chi-square along each unknown.
         greatest_score: largest |score| of a free unknown, in sd; zero at a minimum.
         steps: iterations used.
     """
@@ -46,6 +48,8 @@ class Fit:
     chi2: float
     prior: float
     information: np.ndarray
+    run_information: np.ndarray
+    run_score: np.ndarray
     greatest_score: float
     steps: int
 
@@ -117,7 +121,16 @@ def _solve(problem: Problem, task: Task):
     solution = optx.least_squares(_residuals, SOLVER, task.x, args=(problem, task), max_steps=MAX_STEPS, throw=False)
     info = solution.state.f_info
     jacobian = info.jac.as_matrix()
-    return solution.value, info.residual, jacobian.T @ jacobian, jacobian.T @ info.residual, solution.stats["num_steps"]
+    runs, rows = problem.times.shape
+    of_run = jnp.pad(problem.readings.index // (rows * len(problem.channels)), (0, task.x.size), constant_values=-1)
+
+    def contribution(run: Array) -> tuple[Array, Array]:
+        mine = jacobian * (of_run == run)[:, None]
+        return mine.T @ jacobian, mine.T @ info.residual
+
+    by_run = jax.lax.map(contribution, jnp.arange(runs))
+    total = jacobian.T @ jacobian, jacobian.T @ info.residual
+    return solution.value, info.residual, total, by_run, solution.stats["num_steps"]
 
 
 def fit(problem: Problem, start: np.ndarray, free: Sequence[int] | None = None, split: str = "fit") -> Fit:
@@ -133,7 +146,7 @@ def fit(problem: Problem, start: np.ndarray, free: Sequence[int] | None = None, 
     mask = np.ones(size) if free is None else np.isin(np.arange(size), list(free)).astype(float)
     counted = problem.readings.fit if split == "fit" else problem.readings.check
     task = Task(jnp.asarray(start, dtype=float), jnp.asarray(mask), counted)
-    x, residual, information, gradient, steps = jax.device_get(_solve(problem, task))
+    x, residual, (information, gradient), by_run, steps = jax.device_get(_solve(problem, task))
     moving = mask > 0.0
     chi2 = float(np.sum(residual[:-size] ** 2))
     scores = np.abs(gradient[moving]) / np.sqrt(np.diag(information)[moving])
@@ -142,6 +155,8 @@ def fit(problem: Problem, start: np.ndarray, free: Sequence[int] | None = None, 
         chi2=chi2,
         prior=float(np.sum(np.asarray(x)[moving] ** 2)),
         information=information,
+        run_information=by_run[0],
+        run_score=by_run[1],
         greatest_score=float(scores.max()) if scores.size else 0.0,
         steps=int(steps),
     )

@@ -1,17 +1,16 @@
-"""Conditions under which each reading was taken, and the sentences that say under which of them a model fails."""
+"""Conditions under which each reading was taken: inputs, states of the model, time since the load changed, age."""
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 import numpy as np
 
 from discrepancy.calibrate import predict
 from discrepancy.contract import of_neighbours
-from discrepancy.problem import Lane
 from discrepancy.session import Hypothesis, Session
-from discrepancy.where import Regressor, worst_region
+from jaxmodel.cases import Case
 
-_UNITS = {"A": "A", "V": "V", "Nm": "Nm", "degC": "degC", "s": "s"}
+# A step of an input by this share of its range in the run is a change of load.
+_CHANGE = 0.1
 
 
 def conditions(session: Session, hypothesis: Hypothesis) -> dict[str, np.ndarray]:
@@ -45,29 +44,18 @@ def conditions_of_rows(session: Session, hypothesis: Hypothesis) -> dict[str, np
     return found
 
 
-def failing_sentences(session: Session, hypothesis: Hypothesis) -> tuple[str, ...]:
-    """Return, for each channel that fails, the sentence that says where most of its excess error is."""
-    problem = hypothesis.problem
-    counted = np.asarray(problem.readings.fit) > 0.0
-    lane = Lane(jnp.asarray(hypothesis.fitted.x), jnp.zeros(len(problem.switched)))
-    whitened = np.asarray(problem.residual(lane))[counted]
-    channel = np.asarray(problem.readings.index)[counted] % len(problem.channels)
-    given = conditions(session, hypothesis)
-    sentences = []
-    for place, name in enumerate(problem.channels):
-        mine = channel == place
-        if not mine.any():
-            continue
-        regressors = [
-            Regressor(condition, _unit(condition), values[mine])
-            for condition, values in given.items()
-            if condition not in (name, "run") and np.ptp(values[mine]) > 1e-6
-        ]
-        region = worst_region(whitened[mine], regressors)
-        if region is not None:
-            sentences.append(f"{name}: {region.sentence()}")
-    return tuple(sentences)
-
-
-def _unit(name: str) -> str:
-    return _UNITS.get(name.rpartition("_")[2], "")
+def history_of_rows(case: Case, shape: tuple[int, int]) -> dict[str, np.ndarray]:
+    """Return what a row's past says of it: the time since the load changed, and the run's age; (runs, rows) arrays."""
+    since, cycles = np.zeros(shape), np.zeros(shape)
+    for number, run in enumerate(case.runs):
+        time_s = run.measured.time_s
+        changed = np.zeros(time_s.size, dtype=bool)
+        changed[0] = True
+        for name, values in run.measured.inputs.items():
+            if not name.endswith("degC"):
+                changed |= np.abs(np.diff(values, prepend=values[0])) > _CHANGE * max(np.ptp(values), 1e-12)
+        last = np.maximum.accumulate(np.where(changed, np.arange(time_s.size), 0))
+        since[number, : time_s.size] = time_s - time_s[last]
+        age = run.overrides.get("cycles", case.parameters.get("cycles"))
+        cycles[number] = age.value if age is not None else 0.0
+    return {"time_since_load_changed_s": since, "cycles": cycles}

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from discrepancy.conditions import failing_sentences
+from discrepancy.failure import failure
 from discrepancy.law_file import law_file
 from discrepancy.leftover import leftover_laws
 from discrepancy.misfit import Block
@@ -65,7 +65,7 @@ def compare(
         ladder=ladder,
         scores=(),
         critical_z=float("nan"),
-        where=failing_sentences(session, base),
+        failure=failure(session, base),
         remarks=_remarks(session, base),
     )
 
@@ -154,7 +154,7 @@ def diagnose(
         ladder=tuple(ladder),
         scores=_scores(first, blind),
         critical_z=first.table.critical_z,
-        where=failing_sentences(session, base),
+        failure=failure(session, base),
         remarks=(*remarks, *_remarks(session, best)),
         law=unexplained,
         law_source=_law_source(case, unexplained, left[beside]),

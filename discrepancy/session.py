@@ -19,7 +19,7 @@ from discrepancy.candidates import Candidate, candidates
 from discrepancy.contract import noise_of_case, noisy_inputs, without_input_noise
 from discrepancy.noise import NoiseModel
 from discrepancy.problem import Layout, Problem, make_problem
-from discrepancy.result import ChannelError, Estimate, Rung
+from discrepancy.ladder import ChannelError, Estimate, Rung
 from discrepancy.screen import Screen, screen, warm_up
 from jaxmodel.cases import Case
 from jaxmodel.declaration import describe

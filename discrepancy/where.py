@@ -142,6 +142,63 @@ def split_excess(
     return tuple(replace(cell, is_biased=bool(is_biased)) for cell, is_biased in zip(cells, biased, strict=True))
 
 
+@dataclass(frozen=True)
+class MapCell:
+    """The residual under one range of one condition and one of another.
+
+    Attributes:
+        x, y: lower and upper value of each condition here.
+        count: readings.
+        bias: mean residual, in noise sd.
+        z: that over its cluster-robust standard error; 0 for a single cluster.
+        excess: sum of w^2 - 1 here.
+        is_biased: whether the bias is significant at a false discovery rate of 5 % over the map.
+    """
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+    count: int
+    bias: float
+    z: float
+    excess: float
+    is_biased: bool
+
+
+def map_over_two(
+    whitened: ArrayLike, x: Regressor, y: Regressor, clusters: ArrayLike, bins: int = 6
+) -> tuple[MapCell, ...]:
+    """Return the residual in every combination of ranges of two conditions that has at least five readings.
+
+    Args:
+        whitened: (n,) whitened residual, NaN where a reading is missing.
+        x, y: the conditions.
+        clusters: (n,) labels within which errors may be correlated.
+        bins: of equal count for each condition; one with no more different values gets one for each.
+    """
+    w = np.asarray(whitened, dtype=float)
+    read = np.isfinite(w)
+    w, cluster = w[read], np.asarray(clusters)[read]
+    along = [np.asarray(one.values, dtype=float)[read] for one in (x, y)]
+    found, p_values = [], []
+    for columns in _bins(along[0], bins):
+        for rows in _bins(along[1], bins):
+            members = np.intersect1d(columns, rows, assume_unique=True)
+            if members.size < 5:
+                continue
+            bias, error, count = _clustered_mean(w[members], cluster[members])
+            z = bias / error if np.isfinite(error) and error > 0.0 else 0.0
+            sides = [
+                (float(v[part].min()), float(v[part].max())) for v, part in zip(along, (columns, rows), strict=True)
+            ]
+            excess = float(np.sum(w[members] ** 2 - 1.0))
+            found.append(MapCell(sides[0], sides[1], members.size, bias, z, excess, False))
+            p_values.append(2.0 * t.sf(abs(z), count - 1) if count > 1 else 1.0)
+    if not found:
+        return ()
+    biased = multipletests(p_values, alpha=0.05, method="fdr_bh")[0]
+    return tuple(replace(cell, is_biased=bool(one)) for cell, one in zip(found, biased, strict=True))
+
+
 def _bins(values: Floats, bins: int) -> list[Integers]:
     levels = np.unique(values)
     edges = levels if len(levels) <= bins else np.unique(np.quantile(values, np.arange(bins) / bins))

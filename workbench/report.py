@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from discrepancy.result import ChannelError, Diagnosis, Estimate
+from discrepancy.ladder import ChannelError, Estimate
+from discrepancy.result import Diagnosis
 from jaxmodel.cases import Known
 from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
@@ -31,6 +32,7 @@ from workbench.wording import (
 )
 
 _LARGE_PULL = 2.0
+_SIGNIFICANT = 0.01
 
 
 def write_report(
@@ -85,6 +87,7 @@ def report_content(
         "parameters": _parameter_rows(diagnosis, catalogue),
         "at_bound": join(list(diagnosis.final.at_bound)),
         "noise": [_noise_row(diagnosis, channel) for channel in diagnosis.noise],
+        "tests": _test_rows(diagnosis),
         "origin": provenance([case.path, *(run.source for run in case.runs)]),
     }
 
@@ -101,8 +104,8 @@ def summary(diagnosis: Diagnosis) -> list[str]:
         lines.append(f"Most probable: {candidate_name(name)} ({probability:.2f}).")
     for channel in diagnosis.noise:
         lines.append(error_sentence(diagnosis, channel))
-    if diagnosis.where:
-        lines.append(f"Where the base model fails: {diagnosis.where[0].rstrip('.')}.")
+    if diagnosis.failure.sentences:
+        lines.append(f"Where the base model fails: {diagnosis.failure.sentences[0].rstrip('.')}.")
     if diagnosis.blind_to:
         lines.append(f"Blind to: {join([effect_name(label) for label in diagnosis.blind_to])}.")
     return lines
@@ -167,6 +170,24 @@ def _noise_row(diagnosis: Diagnosis, channel: str) -> dict[str, str]:
         "quantum": f"{number(noise.quantum)}{unit}" if noise.quantum else "-",
         "source": noise.source,
     }
+
+
+def _test_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """Return what the residuals of the calibrated base model say, channel by channel."""
+    rows = []
+    for channel, floor in diagnosis.failure.floor.items():
+        series = [one for one in diagnosis.failure.memory if one.series.startswith(f"{channel} in ")]
+        with_memory = sum(one.p_holm < _SIGNIFICANT for one in series)
+        rows.append(
+            {
+                "channel": channel,
+                "ratio": number(floor.ratio),
+                "limit": number(floor.limit),
+                "fails": not floor.is_at_floor,
+                "memory": f"{with_memory} of {len(series)} runs",
+            }
+        )
+    return rows
 
 
 def _parameter_rows(diagnosis: Diagnosis, catalogue: Mapping[str, type[Effect]]) -> list[dict[str, Any]]:

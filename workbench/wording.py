@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from discrepancy.result import Diagnosis, Estimate, NamedEffect
+from discrepancy.ladder import Estimate
+from discrepancy.result import Diagnosis, NamedEffect
 
 VERDICT_TITLES = {
     "adequate": "Nothing is missing",

@@ -148,7 +148,16 @@ def test_evidence_prefers_the_model_that_made_the_readings() -> None:
         for matrix in (wide[:, :2], wide):
             information = matrix.T @ matrix + np.eye(matrix.shape[1])
             x = np.linalg.solve(information, matrix.T @ data)
-            made = Fit(x, float(np.sum((data - matrix @ x) ** 2)), float(x @ x), information, 0.0, 1)
+            made = Fit(
+                x,
+                float(np.sum((data - matrix @ x) ** 2)),
+                float(x @ x),
+                information,
+                np.zeros((1, 2, 2)),
+                np.zeros((1, 2)),
+                0.0,
+                1,
+            )
             exact = multivariate_normal(np.zeros(60), np.eye(60) + matrix @ matrix.T).logpdf(data)
             assert made.log_evidence - 30.0 * np.log(2.0 * np.pi) == pytest.approx(exact)
             logs.append(made.log_evidence)

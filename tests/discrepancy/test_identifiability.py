@@ -104,7 +104,12 @@ def test_capacity_and_storage_are_told_only_together(plain_cell: MadeCell) -> No
     session = Session(case)
     problem, layout = make_problem(case, session.noise)
     size = len(layout.coordinates)
-    model = Hypothesis((), problem, layout, Fit(np.zeros(size), 1.0, 0.0, np.eye(size), 0.0, 0))
+    model = Hypothesis(
+        (),
+        problem,
+        layout,
+        Fit(np.zeros(size), 1.0, 0.0, np.eye(size), np.zeros((1, size, size)), np.zeros((1, size)), 0.0, 0),
+    )
     found = identifiability(session, model, assumed=assumed)
     assert np.isinf(found.sd_of_data[[found.place("capacity_Ah"), found.place("storage_months")]]).all()
     assert np.isfinite(found.sd_of_data[found.place("rc_resistance_scale")])

@@ -9,7 +9,10 @@ import numpy as np
 import pandas as pd
 
 from discrepancy.noise import NoiseModel
-from discrepancy.result import ChannelError, Diagnosis, Estimate, NamedEffect, Rung, ScoreEntry
+from discrepancy.failure import Failure, Shift
+from discrepancy.ladder import ChannelError, Estimate, Rung
+from discrepancy.result import Diagnosis, NamedEffect, ScoreEntry
+from discrepancy.where import Regressor, floor_ratio, ljung_box, map_over_two, split_excess
 from jaxmodel.cases import Case, Known, read_case
 from workbench.runs import simulate_case
 
@@ -104,8 +107,30 @@ def diagnosis_of(case: Case) -> Diagnosis:
             ScoreEntry("self_discharge", 0.02, False, True, "capacity_Ah"),
         ),
         critical_z=3.12,
-        where=("62 % of the excess error is in 9 % of the samples: current above 6 A and time above 480 s",),
+        failure=_failure(),
         remarks=("The temperature sensor rounds to 0.0001 degC.",),
+    )
+
+
+def _failure() -> Failure:
+    """Two channels that fail at 9 A, in two runs."""
+    rng = np.random.default_rng(2)
+    values = {"current_A": rng.uniform(0.0, 9.0, 400), "soc": rng.uniform(0.2, 1.0, 400), "run": np.arange(400) // 200}
+    w = rng.standard_normal(400) + 3.0 * (values["current_A"] > 6.0)
+    regressors = [Regressor(name, "", of_rows.astype(float)) for name, of_rows in values.items()]
+    pair = {("current_A", "soc"): map_over_two(w, regressors[0], regressors[1], np.arange(400) // 10)}
+    cells = split_excess(w, regressors, np.arange(400) // 10)
+    names = ("run-01", "run-02")
+    wanted, sd = dict(zip(names, (1.1, 0.9), strict=True)), dict.fromkeys(names, 0.01)
+    return Failure(
+        floor={name: floor_ratio(w) for name in ("voltage_V", "cell_temperature_degC")},
+        cells={"voltage_V": cells, "cell_temperature_degC": cells},
+        maps={"voltage_V": pair, "cell_temperature_degC": pair},
+        sentences=("62 % of the excess error is in 9 % of the samples: current above 6 A and time above 480 s",),
+        shifts=(Shift("series_resistance_scale", 1.0, wanted, sd, 200.0, 1e-40, ""),),
+        shift_share=0.7,
+        memory=ljung_box({"voltage_V in run-01": w}),
+        excess=float(np.sum(w**2 - 1.0)),
     )
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discrepancy.result import Diagnosis, Estimate
+from discrepancy.ladder import Estimate
+from discrepancy.result import Diagnosis
 from jaxmodel.cases import Case, read_case
 from workbench.extended import extended_case, write_case
 from workbench.runs import simulate_case

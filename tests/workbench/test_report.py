@@ -59,7 +59,8 @@ def test_report_needs_nothing_but_itself(page: Page) -> None:
 
 
 def test_report_has_every_picture_with_its_caption(page: Page, diagnosis: Diagnosis) -> None:
-    assert len(page.images) == 4 + len(diagnosis.case.runs)  # ladder, conditions, candidates, scores
+    # ladder, excess, maps, shifts, conditions, candidates, scores
+    assert len(page.images) == 7 + len(diagnosis.case.runs)
     assert all(image["alt"] for image in page.images)
 
 
@@ -69,7 +70,8 @@ def test_report_says_what_the_diagnosis_says(page: Page, diagnosis: Diagnosis) -
     assert "C_th = 82.0 ± 3.0 J/K" in text
     assert "arrhenius_resistance: charge_transfer" in text
     assert "Blind to: self_discharge and clock_shift." in text
-    assert diagnosis.where[0] in text
+    assert diagnosis.failure.sentences[0] in text
+    assert diagnosis.failure.shift_sentence() in text
     assert "series_resistance_scale" in text
     for rung in diagnosis.ladder:
         for error in rung.errors.values():

@@ -22,7 +22,7 @@ from jaxmodel.ports import Effect
 from workbench import terminal
 from workbench.commands.start import catalogue_with, own_effects, start
 from workbench.extended import extended_case, write_case
-from workbench.pictures import evidence
+from workbench.pictures import evidence, failures
 from workbench.pictures.runs import fit_and_residuals, residuals_by_condition
 from workbench.pictures.style import png
 from workbench.report import error_rows, write_report
@@ -181,6 +181,12 @@ def pictures_of(diagnosis: Diagnosis, outcomes: Sequence[Outcome]) -> dict[str, 
     pictures["residuals-by-condition"] = png(
         residuals_by_condition(residuals, _conditions(diagnosis.case, outcomes), noise_sd)
     )
+    if failures.failing_channels(diagnosis.failure):
+        names = [run.name for run in diagnosis.case.runs]
+        pictures["excess"] = png(failures.excess_by_condition(diagnosis.failure, names))
+        pictures["maps"] = png(failures.maps(diagnosis.failure))
+        if diagnosis.failure.shift_sentence():
+            pictures["run-shifts"] = png(failures.run_shifts(diagnosis.failure))
     if diagnosis.candidates:
         pictures["candidates"] = png(evidence.candidates(diagnosis))
     if diagnosis.law is not None:
