@@ -22,7 +22,7 @@ from jaxtyping import Array, Float, Int
 from jaxmodel.model import Model
 from jaxmodel.profile import Profile
 from jaxmodel.simulate import Cutoff
-from sensitivity.local import answer_variables, coordinates, relative
+from sensitivity.local import answer_variables, coordinates, pushed, relative
 from sensitivity.metrics import VALID_SHARE
 from sensitivity.response import Answer, Response, make_response, steps_of
 from sweeps.metrics import Metric
@@ -52,20 +52,14 @@ class Doubling(eqx.Module):
     valid_share: Float[Array, " parameter"]
 
 
-@eqx.filter_jit
 def double(response: Response, values: Float[Array, " parameter"], size: Float[Array, " parameter"]) -> Doubling:
     """Move each parameter in turn by a step: four lanes each, all in one program of runs and their slopes."""
     directions = jnp.diag(size)
     shares = jnp.asarray([0.0, -NEARBY, NEARBY, 1.0])
-
-    def lane(share, direction):
-        def run(at):
-            return response.run(response.named(at))
-
-        return jax.jvp(run, (values + share * direction,), (direction,), has_aux=True)
-
-    over_parameters = jax.vmap(lane, in_axes=(None, 0))
-    answers, slopes, runs = jax.vmap(over_parameters, in_axes=(0, None))(shares, directions)
+    at = values + shares[:, None, None] * directions
+    along = jnp.broadcast_to(directions, at.shape)
+    flat = pushed(response, at.reshape(-1, values.size), along.reshape(-1, values.size))
+    answers, slopes, runs = jax.tree.map(lambda x: x.reshape(shares.size, values.size, *x.shape[1:]), flat)
     return Doubling(
         base=jax.tree.map(lambda x: x[0, 0], answers),  # the same for every parameter
         moved=jax.tree.map(lambda x: x[3], answers),

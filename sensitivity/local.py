@@ -17,6 +17,7 @@ from jaxmodel.profile import Profile
 from jaxmodel.simulate import Cutoff
 from sensitivity.checkpoint import in_blocks
 from sensitivity.response import Answer, Response, Steps, make_response, steps_of
+from sweeps.lane import Outcome
 from sweeps.metrics import Metric
 
 Mode = Literal["forward", "reverse"]
@@ -64,6 +65,18 @@ def jacobian(response: Response, values: Float[Array, " parameter"], mode: Mode)
         jnp.eye(answer.metrics.size)
     )
     return answer, Answer(pulled.T, jnp.zeros((values.size, *answer.outputs.shape)))
+
+
+@eqx.filter_jit
+def pushed(
+    response: Response, at: Float[Array, "lanes parameter"], along: Float[Array, "lanes parameter"]
+) -> tuple[Answer, Answer, Outcome]:
+    """Return the answer at each place, its derivative along that lane's direction, and how the run went."""
+
+    def lane(values, direction):
+        return jax.jvp(lambda x: response.run(response.named(x)), (values,), (direction,), has_aux=True)
+
+    return jax.vmap(lane)(at, along)
 
 
 def local_sensitivities(

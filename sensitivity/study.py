@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import xarray
 
 from sensitivity.doubling import doubling_test
+from sensitivity.interaction import interactions
 from sensitivity.local import local_sensitivities
 from sensitivity.metrics import choose_metrics, has_derivative
 from sensitivity.uncertainty import propagate
@@ -41,6 +42,21 @@ def sensitivity_of_study(study: Study, doubling: bool = True) -> xarray.Dataset:
         # Both hold the run itself, from two programs that may differ in the last bit.
         data = data.merge(doubled, compat="override").assign_attrs(data.attrs | doubled.attrs)
     return data.isel(time_s=slice(None, None, study.store_every)).assign_attrs(title=study.title)
+
+
+def interactions_of_study(study: Study, pairs: Iterable[tuple[str, str]]) -> xarray.Dataset:
+    """Return the second derivatives of a study's metrics by pairs, beside the doubling of both.
+
+    Args:
+        study: the point is that of `sensitivity_of_study`.
+        pairs: names of parameters or inputs.
+
+    Returns:
+        As `sensitivity.interaction.interactions`.
+    """
+    prepared, metrics, _ = _asked(study)
+    data = interactions(prepared.model, prepared.profile, pairs, metrics, cutoff=prepared.cutoff)
+    return data.assign_attrs(title=study.title)
 
 
 def uncertainty_of_study(

@@ -162,6 +162,12 @@ def sensitivity(
         list[str] | None,
         typer.Option("--group", metavar="NAME=A,B", help="What moves together, for --global.", show_default=False),
     ] = None,
+    pair: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--pair", metavar="A,B", help="Second derivatives, and both doubled, instead.", show_default=False
+        ),
+    ] = None,
     over_axes: Annotated[
         bool, typer.Option("--map", help="Elasticities at every combination of the study's axes instead.")
     ] = False,
@@ -173,8 +179,13 @@ def sensitivity(
     """Differentiate a study's run by its parameters, and double each beside it: tables, a Zarr store and pictures."""
     from workbench.commands.sensitivity import global_indices, maps, sensitivity, uncertainty
 
-    if (uncertain is not None) + (method is not None) + over_axes > 1:
-        raise typer.BadParameter("give either --uncertain or --global or --map")
+    if (uncertain is not None) + (method is not None) + (pair is not None) + over_axes > 1:
+        raise typer.BadParameter("give either --uncertain or --global or --pair or --map")
+    if pair:
+        from workbench.commands.interactions import interactions
+
+        interactions(study, out, at or [], effect or [], pair)
+        return
     if over_axes:
         maps(study, out, at or [], effect or [])
         return

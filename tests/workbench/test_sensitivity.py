@@ -137,10 +137,12 @@ def test_global_indices_are_written(method: str, run: Run, study: Path, tmp_path
         (("--uncertain", "case"), "the study names no case"),
         (("--uncertain", "capacity=1"), "Did you mean 'capacity_Ah'"),
         (("--map",), "two axes make a map"),
+        (("--pair", "capacity_Ah"), "write two names or more"),
+        (("--pair", "capacity_Ah,cycle"), "Did you mean 'cycles'"),
         (("--global", "fast"), "use one of sobol, morris, dgsm"),
         (("--global", "sobol", "--at", "current_A=2"), "two parameters or groups at least"),
         (("--global", "sobol", "--group", "all"), "--group all: write a name and its members"),
-        (("--global", "sobol", "--uncertain", "capacity_Ah=1"), "either --uncertain or --global"),
+        (("--global", "sobol", "--uncertain", "capacity_Ah=1"), "either --uncertain or --global or --pair"),
         (("--uncertain", "capacity_Ah=x"), "--uncertain capacity_Ah=x: write a name and a number"),
     ],
 )
@@ -148,3 +150,17 @@ def test_mistakes_are_told(options: tuple[str, ...], says: str, run: Run, study:
     result = run("sensitivity", study, *options, "--out", tmp_path)
     assert result.exit_code == 2
     assert says in result.stderr
+
+
+def test_pairs_are_differentiated_twice_and_doubled_both(run: Run, study: Path, tmp_path: Path) -> None:
+    pair = ("--pair", "capacity_Ah,current_A,cycles")
+    result = run("sensitivity", study, *pair, "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    table = pd.read_csv(tmp_path / "interactions.csv", index_col=["metric", "first", "second"])
+    assert len(table) == 2 * 6  # two metrics; three pairs, and each name with itself
+    # The charge used is i t / (3600 Q): doubled both, the run ends as before.
+    used = table.loc[("final_soc", "capacity_Ah", "current_A")]
+    assert used["change_both"] == pytest.approx(0.0, abs=1e-12)
+    assert used["predicted_joint"] == pytest.approx(1.0 - used["metric_value"], rel=1e-9)
+    assert (tmp_path / "interactions-final_soc.png").read_bytes().startswith(PNG)
+    assert "power law" in result.stdout

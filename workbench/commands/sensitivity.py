@@ -38,13 +38,13 @@ def sensitivity(path: Path, out: Path, at: Sequence[str], effects: Sequence[str]
     Raises:
         UserError: the study or the point cannot be used.
     """
-    study = _study_at(path, dict(_assignment(entry, "--at") for entry in at), effects)
+    study = study_at(path, dict(assignment(entry, "--at") for entry in at), effects)
     start(out)
     with terminal.told("sensitivity") as progress:
         progress("compiling and running, half a minute the first time" if doubling else "compiling and running")
         data = sensitivity_of_study(study, doubling)
         progress("tables and pictures")
-        _save(data, out / "sensitivity.zarr")
+        save(data, out / "sensitivity.zarr")
         by_pair(data).to_csv(out / "sensitivity.csv", index=False, float_format="%.12g")
         for name, picture in pictures_of(data):
             (out / f"{name}.png").write_bytes(picture)
@@ -78,20 +78,20 @@ def uncertainty(
         if entry == "case":
             sd |= _stated_sd(sweeps.read_study(path))
         elif "=" in entry:
-            sd |= dict([_assignment(entry, "--uncertain")])
+            sd |= dict([assignment(entry, "--uncertain")])
         else:
             estimates, sd_of_fit, correlation = _estimates(Path(entry))
             point |= estimates
             sd |= sd_of_fit
     if correlation is not None and len(sd) != len(correlation):
         raise SweepError("--uncertain: state either standard deviations or the folder of an identify, not both.")
-    study = _study_at(path, point | dict(_assignment(entry, "--at") for entry in at), effects)
+    study = study_at(path, point | dict(assignment(entry, "--at") for entry in at), effects)
     start(out)
     with terminal.told("uncertainty") as progress:
         progress("compiling and running")
         data = uncertainty_of_study(study, sd, correlation, draws)
         progress("tables and pictures")
-        _save(data, out / "uncertainty.zarr")
+        save(data, out / "uncertainty.zarr")
         metrics = data.drop_dims(["output", "time_s", "parameter"], errors="ignore")
         table = metrics.drop_dims("quantile").to_dataframe()
         for q in data["quantile"].to_numpy():
@@ -124,11 +124,11 @@ def global_indices(
         UserError: the study or the point cannot be used, too little varies, or a group is wrong.
     """
     of_group = dict(_group(entry) for entry in groups)
-    study = _study_at(path, dict(_assignment(entry, "--at") for entry in at), effects)
+    study = study_at(path, dict(assignment(entry, "--at") for entry in at), effects)
     start(out)
     with terminal.counted("global", "lanes") as progress:
         data = global_of_study(study, method, count, of_group, second_order=second_order, progress=progress)
-    _save(data, out / "global.zarr")
+    save(data, out / "global.zarr")
     main = data.drop_dims(["blocks", "other", "parameter"], errors="ignore")
     main.to_dataframe(dim_order=["metric", "factor"]).to_csv(out / "global.csv", float_format="%.8g")
     if "second" in data:
@@ -171,14 +171,14 @@ def maps(path: Path, out: Path, at: Sequence[str], effects: Sequence[str]) -> xr
     Raises:
         UserError: the study or the point cannot be used, or it has fewer than two axes.
     """
-    study = _study_at(path, dict(_assignment(entry, "--at") for entry in at), effects)
+    study = study_at(path, dict(assignment(entry, "--at") for entry in at), effects)
     if len(study.axes) < 2:
         raise SweepError("--map: two axes make a map; add them to the study's [axes].")
     start(out)
     with terminal.told("elasticity map") as progress:
         progress(f"compiling and running {study.size:,} lanes")
         data = elasticity_map(study)
-        _save(data, out / "elasticity-map.zarr")
+        save(data, out / "elasticity-map.zarr")
         for metric in map(str, data["metric"].to_numpy()):
             if bool(np.any(np.isfinite(data["elasticity"].sel(metric=metric)))):
                 (out / f"elasticity-map-{metric}.png").write_bytes(png(elasticity_maps(data, metric)))
@@ -186,7 +186,8 @@ def maps(path: Path, out: Path, at: Sequence[str], effects: Sequence[str]) -> xr
     return data
 
 
-def _study_at(path: Path, point: Mapping[str, float], effects: Sequence[str]) -> sweeps.Study:
+def study_at(path: Path, point: Mapping[str, float], effects: Sequence[str]) -> sweeps.Study:
+    """Return the study of a file, moved to a point."""
     with in_catalogue(own_effects(effects)):
         return moved_to(sweeps.read_study(path), point)
 
@@ -244,7 +245,8 @@ def _print_uncertainty(data: xr.Dataset) -> None:
         )
 
 
-def _assignment(entry: str, option: str) -> tuple[str, float]:
+def assignment(entry: str, option: str) -> tuple[str, float]:
+    """Return the name and the number of NAME=VALUE."""
     name, _, text = entry.partition("=")
     try:
         return name.strip(), float(text)
@@ -273,7 +275,8 @@ def moved_to(study: sweeps.Study, point: Mapping[str, float], **changes: Any) ->
     return sweeps.Study(**(fields | changes))
 
 
-def _save(data: xr.Dataset, store: Path) -> None:
+def save(data: xr.Dataset, store: Path) -> None:
+    """Write a data set as a Zarr store."""
     # Text of fixed width has no place in the Zarr format yet, text of any length has.
     texts = {name: (v.dims, v.to_numpy().astype(object)) for name, v in data.variables.items() if v.dtype.kind == "U"}
     data.assign(texts).to_zarr(store, mode="w", consolidated=False)

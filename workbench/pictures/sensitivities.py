@@ -132,6 +132,46 @@ def _diverging() -> Colormap:
 
 
 @styled
+def interaction_matrix(data: xr.Dataset, metric: str) -> Figure:
+    """Draw what pairs of parameters do only together: second derivatives as shares of the metric.
+
+    Args:
+        data: as `sensitivity.interaction.interactions` returns it.
+        metric: one of its metrics; one without proportional changes is drawn in its own unit.
+    """
+    one, names = data.sel(metric=metric), list(map(str, data["parameter"].to_numpy()))
+    share = bool(np.isfinite(one["interaction"]).any())
+    numbers = np.full((len(names), len(names)), np.nan)
+    for place in range(one.sizes["pair"]):
+        pair = one.isel(pair=place)
+        corner = sorted(names.index(str(pair[end].item())) for end in ("first", "second"))
+        numbers[tuple(corner)] = float(pair["interaction" if share else "predicted_joint"])
+    limit = float(np.nanmax(np.abs(numbers))) or 1.0
+    figure = new_figure(min(PAGE_CM, 8.0 + 1.5 * len(names)), 4.4 + 0.8 * len(names))
+    axes = figure.subplots()
+    axes.pcolormesh(numbers, cmap=_diverging(), vmin=-limit, vmax=limit, edgecolor="white", lw=1.0)
+    for (row, column), number in np.ndenumerate(numbers):
+        if np.isfinite(number):
+            colour = "white" if abs(number) > 0.6 * limit else "black"
+            shown = f"{number:.2g}" if abs(number) >= 0.005 * limit else "0"
+            axes.text(column + 0.5, row + 0.5, shown, ha="center", va="center", fontsize=7.5, color=colour)
+    labels = [_with_step(data.sel(parameter=name)) for name in names]
+    axes.set_xticks(np.arange(len(names)) + 0.5, labels, rotation=30, ha="right")
+    axes.set_yticks(np.arange(len(names)) + 0.5, labels)
+    axes.invert_yaxis()
+    axes.grid(visible=False)
+    axes.tick_params(length=0)
+    what = "as a share" if share else f"in {difference_unit(str(one['metric_unit'].item()))}"
+    axes.set_title(
+        f"{metric.replace('_', ' ')}: second derivative by two steps, {what}",
+        fontweight="normal",
+        fontsize=8.5,
+        color="#555555",
+    )
+    return figure
+
+
+@styled
 def over_time(local: xr.Dataset, output: str, most: int = 6) -> Figure:
     """Draw by how much one percent of each parameter moves a reading, over the run.
 
