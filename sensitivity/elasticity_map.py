@@ -11,7 +11,7 @@ import numpy as np
 import xarray
 from jaxtyping import Array, Float
 
-from jaxmodel.errors import SweepError
+from jaxmodel.profile import Profile
 from sensitivity.metrics import choose_metrics, has_derivative
 from sensitivity.response import SHIFTED_INPUT, Answer, Response, make_response
 from sweeps.study import Study
@@ -21,28 +21,33 @@ def elasticity_map(study: Study, names: Sequence[str] | None = None) -> xarray.D
     """Return the derivatives of a study's metrics by parameters at every combination of its axes.
 
     Args:
-        study: its axes are parameters or inputs, an input's axis without zero as its first value; its sample is not
-            looked at.
+        study: its axes are parameters or inputs; its sample is not looked at.
         names: parameters and inputs to differentiate by; None takes all that enter.
 
     Returns:
-        A data set over the axes, metric and parameter: metric_value, metric_derivative (by an input as a factor, by the
-        ambient as a shift), and elasticity, NaN where it means nothing.
+        A data set over the axes, metric and parameter: metric_value, metric_derivative (by an input on an axis in its
+        own unit, by any other as a factor, by the ambient in K), and elasticity, NaN where it means nothing.
 
     Raises:
-        SweepError: an axis is no parameter and no input, or an input's first value is zero.
+        ParameterError: an axis is no parameter and no input of the run.
     """
     prepared = study.prepared
     named = [metric for metric in prepared.metrics if has_derivative(metric)] if study.metrics else None
     metrics = choose_metrics(named, prepared.model.kind)
-    model, profile, axes = prepared.model, prepared.profile, dict(study.axes)
-    asked = tuple(names or make_response(model, profile, None, metrics, (), prepared.cutoff).names)
+    model, axes = prepared.model, dict(study.axes)
+    asked = tuple(names or make_response(model, prepared.profile, None, metrics, (), prepared.cutoff).names)
+    # An input on an axis is 1 in the course, the ambient 0 degC: its factor, its shift, is then the input itself.
+    inputs = {
+        name: np.full_like(column, 0.0 if name == SHIFTED_INPUT else 1.0) if name in axes else column
+        for name, column in prepared.profile.inputs.items()
+    }
+    profile = Profile(prepared.profile.time_s, inputs)
     moved = tuple(dict.fromkeys([*asked, *axes]))
     response = make_response(model, profile, moved, metrics, (), prepared.cutoff)
     grid = np.meshgrid(*axes.values(), indexing="ij")
     at = np.tile(np.asarray(response.values()), (grid[0].size, 1))
     for name, values in zip(axes, grid, strict=True):
-        at[:, moved.index(name)] = _in_coordinates(name, values.reshape(-1), profile.inputs.get(name))
+        at[:, moved.index(name)] = values.reshape(-1)
     answer, slopes = _over_lanes(response, jnp.asarray(at), len(asked))
     shape = grid[0].shape
     value = np.asarray(answer.metrics).reshape(*shape, -1)
@@ -66,21 +71,6 @@ def elasticity_map(study: Study, names: Sequence[str] | None = None) -> xarray.D
         | {"metric": [metric.name for metric in metrics], "parameter": list(asked)},
         {"title": study.title},
     )
-
-
-def _in_coordinates(name: str, values: np.ndarray, course: np.ndarray | None) -> np.ndarray:
-    """Return values of an axis as a response takes them: of an input a factor on its course, the ambient's as a shift.
-
-    The study's own course has the first value of the axis.
-    """
-    if course is None:
-        return values
-    first = float(np.asarray(course).reshape(-1)[0])
-    if name == SHIFTED_INPUT:
-        return values - first
-    if first == 0.0:
-        raise SweepError(f"axes.{name}: begin with a value that is not 0, of which all others are multiples.")
-    return values / first
 
 
 @eqx.filter_jit

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import importlib
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -25,6 +26,13 @@ _RESAMPLES = 200
 _FEWEST = 16  # blocks of the smallest part whose indices are drawn as convergence
 _LEVELS = 4
 _STEP = 1e-3  # of a range, for derivatives
+# What SALib calls the indices.
+_COLUMNS = {
+    "sobol": {"first": "S1", "first_error": "S1_conf", "total": "ST", "total_error": "ST_conf"},
+    "morris": {"mu": "mu", "mu_star": "mu_star", "mu_star_error": "mu_star_conf", "sigma": "sigma"},
+    "dgsm": {"dgsm": "dgsm", "dgsm_error": "dgsm_conf"},
+}
+_PAIRS = {"second": "S2", "second_error": "S2_conf"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -153,14 +161,13 @@ def analyse(design: Design, results: Mapping[str, np.ndarray], *, seed: int = 0)
         Attributes: method, blocks, runs, confidence, failed (runs).
     """
     blocks = len(design.points) // design.rows
-    analysers = {"sobol": _sobol, "morris": _morris, "dgsm": _dgsm}
     parts, failed = [], np.zeros(len(design.points), dtype=bool)
     for metric, values in results.items():
         by_block = np.asarray(values, dtype=float).reshape(blocks, design.rows)
         whole = np.all(np.isfinite(by_block), axis=1)
         failed |= ~np.isfinite(by_block).reshape(-1)
         points = design.points.reshape(blocks, design.rows, -1)[whole]
-        found = _converged(analysers[design.method], design, points, by_block[whole], seed)
+        found = _converged(design, points, by_block[whole], seed)
         part = xarray.Dataset(found).assign(blocks_used=int(whole.sum()))
         parts.append(part.expand_dims(metric=[metric]))
     data = xarray.concat(parts, "metric", join="outer")
@@ -179,15 +186,13 @@ def analyse(design: Design, results: Mapping[str, np.ndarray], *, seed: int = 0)
     )
 
 
-def _converged(
-    analyser, design: Design, points: np.ndarray, values: np.ndarray, seed: int
-) -> dict[str, xarray.Variable]:
+def _converged(design: Design, points: np.ndarray, values: np.ndarray, seed: int) -> dict[str, Any]:
     """Return the indices of all blocks, and the main ones of the first 16, 32, ... blocks."""
-    whole = analyser(design, points, values, seed)
+    whole = _indices(design, points, values, seed)
     sizes = [n for n in 2 ** np.arange(4, 31) if _FEWEST <= n < len(values)]
-    steps = {int(n): analyser(design, points[:n], values[:n], seed) for n in sizes} | {len(values): whole}
+    steps = {int(n): _indices(design, points[:n], values[:n], seed) for n in sizes} | {len(values): whole}
     shown = [name for name in ("first", "total", "mu_star", "dgsm") if name in whole]
-    converging = {}
+    converging: dict[str, Any] = {}
     for name in shown:
         for kind in (name, f"{name}_error"):
             rows = np.array([steps[n][kind].values for n in steps])
@@ -200,72 +205,35 @@ def _varies(values: np.ndarray) -> bool:
     return bool(values.size) and float(np.ptp(values)) > 1e-9 * float(np.max(np.abs(values)))
 
 
-def _per_factor(design: Design, **columns: Any) -> dict[str, xarray.Variable]:
-    size = len(design.factors)
-    return {name: xarray.Variable("factor", np.full(size, np.nan) if v is None else v) for name, v in columns.items()}
-
-
-def _sobol(design: Design, points: np.ndarray, values: np.ndarray, seed: int) -> dict[str, xarray.Variable]:
-    from SALib.analyze import sobol
-
-    size = len(design.factors)
+def _indices(design: Design, points: np.ndarray, values: np.ndarray, seed: int) -> dict[str, xarray.Variable]:
+    """Return the indices from some blocks, NaN where there are none: of one block, or of numbers that do not vary."""
+    size, columns = len(design.factors), _COLUMNS[design.method]
     if len(values) < 2 or not _varies(values):
-        pairs = {"second": None, "second_error": None} if design.second_order else {}
-        found = _per_factor(design, first=None, first_error=None, total=None, total_error=None)
-        return found | {name: xarray.Variable(("factor", "other"), np.full((size, size), np.nan)) for name in pairs}
+        found = {name: np.full(size, np.nan) for name in columns}
+        pairs = {name: np.full((size, size), np.nan) for name in _PAIRS}
+    else:
+        got = _by_salib(design, points, values, seed)
+        order = [list(got["names"]).index(name) for name in design.factors] if "names" in got else slice(None)
+        found = {name: np.asarray(got[key], dtype=float)[order] for name, key in columns.items()}
+        pairs = {name: np.asarray(got[key]) for name, key in _PAIRS.items() if key in got}
+        if design.method == "dgsm":
+            # SALib's interval is of the mean squared derivative; the measure divides that by pi^2 variances.
+            found["dgsm_error"] /= np.pi**2 * np.var(values[:, 0])
+    variables = {name: xarray.Variable("factor", column) for name, column in found.items()}
+    if design.second_order:  # SALib fills what is above the diagonal
+        for name, above in pairs.items():
+            variables[name] = xarray.Variable(("factor", "other"), np.where(np.isnan(above), above.T, above))
+    return variables
+
+
+def _by_salib(design: Design, points: np.ndarray, values: np.ndarray, seed: int) -> Any:
+    analyser = importlib.import_module(f"SALib.analyze.{design.method}")
+    own: dict[str, Any] = {"calc_second_order": design.second_order}
+    if design.method != "sobol":
+        own = {"X": points.reshape(-1, points.shape[-1])}
+    if design.method == "morris":
+        own["num_levels"] = _LEVELS
     with _quiet():
-        got = sobol.analyze(
-            design.problem,
-            values.reshape(-1),
-            calc_second_order=design.second_order,
-            num_resamples=_RESAMPLES,
-            conf_level=CONFIDENCE,
-            seed=seed,
+        return analyser.analyze(
+            design.problem, Y=values.reshape(-1), num_resamples=_RESAMPLES, conf_level=CONFIDENCE, seed=seed, **own
         )
-    found = _per_factor(
-        design, first=got["S1"], first_error=got["S1_conf"], total=got["ST"], total_error=got["ST_conf"]
-    )
-    if design.second_order:
-        for name, key in (("second", "S2"), ("second_error", "S2_conf")):
-            above = np.asarray(got[key])  # SALib fills what is above the diagonal
-            found[name] = xarray.Variable(("factor", "other"), np.where(np.isnan(above), above.T, above))
-    return found
-
-
-def _morris(design: Design, points: np.ndarray, values: np.ndarray, seed: int) -> dict[str, xarray.Variable]:
-    from SALib.analyze import morris
-
-    if len(values) < 2:
-        return _per_factor(design, mu=None, mu_star=None, mu_star_error=None, sigma=None)
-    with _quiet():
-        got = morris.analyze(
-            design.problem,
-            points.reshape(-1, points.shape[-1]),
-            values.reshape(-1),
-            num_resamples=_RESAMPLES,
-            conf_level=CONFIDENCE,
-            num_levels=_LEVELS,
-            seed=seed,
-        )
-    order = [list(got["names"]).index(name) for name in design.factors]
-    columns = {"mu": "mu", "mu_star": "mu_star", "mu_star_error": "mu_star_conf", "sigma": "sigma"}
-    return _per_factor(design, **{name: np.asarray(got[key], dtype=float)[order] for name, key in columns.items()})
-
-
-def _dgsm(design: Design, points: np.ndarray, values: np.ndarray, seed: int) -> dict[str, xarray.Variable]:
-    from SALib.analyze import dgsm
-
-    if len(values) < 2 or not _varies(values):
-        return _per_factor(design, dgsm=None, dgsm_error=None)
-    with _quiet():
-        got = dgsm.analyze(
-            design.problem,
-            points.reshape(-1, points.shape[-1]),
-            values.reshape(-1),
-            num_resamples=_RESAMPLES,
-            conf_level=CONFIDENCE,
-            seed=seed,
-        )
-    # SALib's interval is of the mean squared derivative, not yet of the measure, which divides it by pi^2 variances.
-    scale = float(np.pi**2 * np.var(values[:, 0]))
-    return _per_factor(design, dgsm=np.asarray(got["dgsm"]), dgsm_error=np.asarray(got["dgsm_conf"]) / scale)

@@ -98,8 +98,8 @@ def local_sensitivities(
     Args:
         model: any kind; its leaves are scalars.
         profile: inputs over time.
-        names: parameters, those of effects ("effect.parameter") and inputs of the profile (the ambient by a shift in K,
-            any other by a factor); None takes all that enter.
+        names: parameters, those of effects ("effect.parameter"), curves of the cell (by a factor) and inputs of the
+            profile (the ambient by a shift in K, any other by a factor); None takes all that enter.
         metrics: names of `sensitivity.metrics`, or one's own; None takes all of the kind.
         outputs: readings whose course is asked for; None takes all, () none.
         cutoff: where the run ends; its last row is held fixed while parameters move.

@@ -1,7 +1,8 @@
 """A run's answer as a pure function of a vector of parameters: the one thing that every study here differentiates.
 
-Beside the numbers of the model, the inputs of the run are parameters too, under their own names: the ambient
-temperature by a shift in K, every other input by a factor.
+Beside the numbers of the model, the curves of the cell and the inputs of the run are parameters too, under their own
+names: a curve (R_ints, R_TS, C_TS, R_TL, C_TL) by a factor, the ambient temperature by a shift in K, every other input
+by a factor.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxmodel.curves import CURVE_NAMES, Curve
 from jaxmodel.declaration import ParameterInfo, Scalar
 from jaxmodel.errors import ParameterError, nearest
 from jaxmodel.model import Model, initial_state, read
@@ -28,6 +30,22 @@ from sweeps.lane import Course, Keep, Outcome, lay_out, run_lane
 from sweeps.metrics import Metric
 
 SHIFTED_INPUT = "ambient_degC"
+CURVES = CURVE_NAMES[1:]  # the open-circuit voltage has its offset
+
+
+class Scaled(Curve):
+    """A curve by a factor."""
+
+    curve: Curve
+    factor: Scalar
+
+    def __call__(self, soc: Scalar, temperature_degC: Scalar) -> Scalar:
+        """Return the factor times the curve."""
+        return self.factor * self.curve(soc, temperature_degC)
+
+    def inside(self, soc: Scalar, temperature_degC: Scalar) -> Array:
+        """Return where the curve itself is defined."""
+        return self.curve.inside(soc, temperature_degC)
 
 
 class Answer(eqx.Module):
@@ -64,8 +82,12 @@ class Response(eqx.Module):
 
     def run(self, given: Mapping[str, Scalar]) -> tuple[Answer, Outcome]:
         """Return the answer at parameter values by name, and how the run behind it went, with its `valid_share`."""
-        inputs = _inputs(self.course)
-        model = with_values(self.model, {name: new for name, new in given.items() if name not in inputs})
+        others = {*_inputs(self.course), *CURVES}
+        model = with_values(self.model, {name: new for name, new in given.items() if name not in others})
+        for name in CURVES:
+            if name in given:
+                scaled = Scaled(getattr(model.curves, name), given[name])
+                model = eqx.tree_at(lambda m, n=name: getattr(m.curves, n), model, scaled)
         course = eqx.tree_at(
             lambda c: (c.first, c.later, c.steady),
             self.course,
@@ -86,13 +108,13 @@ class Response(eqx.Module):
         return answer, outcome
 
     def values(self) -> Float[Array, " parameter"]:
-        """Return the parameters' values as the model and the profile have them; of an input, shift 0 or factor 1."""
-        neutral = {name: 0.0 if name == SHIFTED_INPUT else 1.0 for name in _inputs(self.course)}
+        """Return the parameters' values as the model and the profile have them; of an input or curve their null."""
+        neutral = {name: 0.0 if name == SHIFTED_INPUT else 1.0 for name in (*_inputs(self.course), *CURVES)}
         return jnp.asarray([neutral[n] if n in neutral else value(self.model, n) for n in self.names], dtype=float)
 
     def table(self) -> list[ParameterInfo]:
         """Return what is known of each parameter."""
-        known = parameter_table(self.model) | _input_table(self.course)
+        known = parameter_table(self.model) | _curve_table() | _input_table(self.course)
         return [known[name] for name in self.names]
 
 
@@ -110,6 +132,14 @@ def _changed(inputs: Mapping[str, Array], given: Mapping[str, Scalar]) -> dict[s
         return column + given[name] if name == SHIFTED_INPUT else column * given[name]
 
     return {name: change(name, column) for name, column in inputs.items()}
+
+
+def _curve_table() -> dict[str, ParameterInfo]:
+    """Return what is known of the curves as parameters."""
+    return {
+        name: ParameterInfo(name, unit="", meaning=f"factor on the curve {name}", default=1.0, lower=0.0)
+        for name in CURVES
+    }
 
 
 def _input_table(course: Course) -> dict[str, ParameterInfo]:
@@ -138,8 +168,8 @@ def make_response(
     Args:
         model: any kind; its leaves are scalars.
         profile: inputs over time.
-        names: parameters of the model, of its effects ("effect.parameter") and inputs of the profile; None takes all
-            that enter the answer.
+        names: parameters of the model, of its effects ("effect.parameter"), curves of the cell and inputs of the
+            profile; None takes all that enter the answer.
         metrics: names of `sensitivity.metrics`, or metrics of one's own; None takes all of the kind.
         outputs: readings whose course is asked for; None takes all, () none.
         cutoff: where the run ends, if before the end of the profile.
@@ -153,7 +183,7 @@ def make_response(
     readings = _reading_names(model, steps)
     chosen_outputs = readings if outputs is None else tuple(map(str, outputs))
     _check(chosen_outputs, readings, "outputs", "output")
-    known = (*parameter_table(model), *_inputs(course))
+    known = (*parameter_table(model), *(CURVES if model.kind != "motor" else ()), *_inputs(course))
     # Ideal sensors read what a sweep's lane keeps; others have a memory of the whole run, and need a run of their own.
     sensed = steps if chosen_outputs and any(effect.is_sensor for effect in model.effects) else None
     response = Response(

@@ -17,25 +17,6 @@ from sensitivity import checkpoint
 from sensitivity.checkpoint import in_blocks
 from sensitivity.response import make_response
 
-LONG_RUN = """
-import jax, jax.numpy as jnp, numpy as np
-from jaxmodel.model import Model
-from jaxmodel.profile import Profile
-from sensitivity.local import local_sensitivities
-
-rows = 100_001
-profile = Profile(
-    np.arange(float(rows)),
-    {"current_A": 0.05 + 0.02 * np.sin(np.arange(rows) / 50.0), "ambient_degC": np.full(rows, 20.0)},
-)
-data = local_sensitivities(Model("cell"), profile, metrics=("delivered_energy_Wh",), outputs=(), mode="reverse")
-assert np.all(np.isfinite(data.metric_derivative)), data.metric_derivative
-largest = data.elasticity.sel(parameter="current_A").item()
-# VmHWM, not ru_maxrss: the latter is that of the process which forked this one, if that was larger.
-peak = next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM"))
-print(peak, largest)
-"""
-
 
 def course(parameters):
     """A nonlinear recursion whose every step counts: its end, and all it went through."""
@@ -86,7 +67,11 @@ def test_a_long_run_is_cut_and_what_is_kept_grows_with_its_root(monkeypatch: pyt
 def test_gradient_of_a_day_in_seconds_fits_in_a_gibibyte():
     """All parameters of a cell through 100,000 steps: the whole process, JAX included."""
     result = subprocess.run(
-        [sys.executable, "-c", LONG_RUN], cwd=Path(__file__).parents[2], capture_output=True, text=True, timeout=300
+        [sys.executable, "-m", "benchmarks.long_gradient"],
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        timeout=300,
     )
     assert result.returncode == 0, result.stderr
     peak_KiB, elasticity = map(float, result.stdout.split())

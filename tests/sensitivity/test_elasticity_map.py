@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
-from jaxmodel.errors import SweepError
 from jaxmodel.model import Model
 from jaxmodel.parameters import Parameters
 from jaxmodel.profile import constant
@@ -38,6 +36,11 @@ def test_each_lane_is_the_run_at_its_own_point():
         np.testing.assert_allclose(lane.elasticity, alone.elasticity, rtol=1e-9, atol=1e-12)
 
 
-def test_a_factor_needs_something_to_multiply():
-    with pytest.raises(SweepError, match="begin with a value that is not 0"):
-        elasticity_map(study(current_A=[0.0, 1.0], ambient_degC=[0.0, 1.0]), NAMES)
+def test_an_axis_may_pass_through_zero():
+    """At rest nothing is used up, and the charge falls by the current: the derivative by it is the same everywhere."""
+    grid = elasticity_map(study(current_A=[0.0, 2.0, -1.0], ambient_degC=[20.0]), ("capacity_Ah", "current_A"))
+    soc = grid.sel(metric="final_soc").isel(ambient_degC=0)
+    rate = soc.metric_derivative.sel(parameter="current_A")
+    np.testing.assert_allclose(rate, rate[1], rtol=1e-12)
+    np.testing.assert_allclose(soc.metric_value, 1.0 + rate * grid.current_A, rtol=1e-12)
+    assert np.isnan(soc.elasticity.sel(current_A=0.0, parameter="current_A"))

@@ -150,6 +150,22 @@ def test_voltage_moves_by_its_own_equation(plain_cell: xarray.Dataset):
     np.testing.assert_allclose(by.sel(parameter="ambient_degC"), by_ambient, rtol=1e-12)
 
 
+def test_a_scale_is_all_the_curves_it_multiplies(plain_cell: xarray.Dataset):
+    """Euler: R_TS and R_TL by a factor are together the scale of both, C_TS and C_TL too; R_ints leaves R_cyc out."""
+    for change in (plain_cell.metric_change, plain_cell.output_change):
+        for scale, curves in (
+            ("rc_resistance_scale", ["R_TS", "R_TL"]),
+            ("rc_capacitance_scale", ["C_TS", "C_TL"]),
+        ):
+            both, whole = change.sel(parameter=curves).sum("parameter"), change.sel(parameter=scale)
+            np.testing.assert_allclose(both, whole, rtol=1e-9, atol=1e-14)
+    ageing = -CURRENT_A * float(cycle_resistance(jnp.asarray(25.0)))
+    volts = plain_cell.output_change.sel(output="voltage_V")
+    np.testing.assert_allclose(
+        volts.sel(parameter="R_ints") + ageing, volts.sel(parameter="series_resistance_scale"), rtol=1e-12
+    )
+
+
 def test_changes_know_no_unit_of_voltage(plain_motor: xarray.Dataset):
     """A motor whose volts, ohms, henries, torques and inertia all grow alike runs as before, if its watts warm it less.
 

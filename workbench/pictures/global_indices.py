@@ -19,6 +19,7 @@ from workbench.pictures.style import (
     difference_unit,
     new_figure,
     power_of_ten,
+    split_unit,
     styled,
 )
 
@@ -79,7 +80,7 @@ def bars(one: xr.Dataset, metric: str) -> Figure:
     axes.invert_yaxis()
     axes.axvline(0.0, color=GREY, lw=0.8)
     axes.grid(visible=False, axis="y")
-    axes.set_xlabel(f"share of the variance of {metric.replace('_', ' ')}, with 95 %")
+    axes.set_xlabel(f"share of the variance of {split_unit(metric)[0]}, with intervals of 95 %")
     figure.legend(loc="outside lower center", ncols=2)
     return figure
 
@@ -119,7 +120,7 @@ def effects_plane(one: xr.Dataset, metric: str) -> Figure:
     axes.set_ylim(0.0, top)
     at = 0.9 * min(top, reach)
     axes.annotate("  as uneven as large", (at, at), color=GREY, fontsize=7.5, ha="left", va="center")
-    axes.set_xlabel(axis_label(f"mean size of the effect on {metric.replace('_', ' ')}, over the whole range", unit))
+    axes.set_xlabel(axis_label(f"mean size of the effect on {split_unit(metric)[0]}\nover the whole range", unit))
     axes.set_ylabel(axis_label("its standard deviation", unit))
     figure.legend(loc="outside right upper")
     return figure
@@ -160,7 +161,7 @@ def pairs(one: xr.Dataset, metric: str) -> Figure:
     axes.invert_yaxis()
     axes.grid(visible=False)
     axes.tick_params(length=0)
-    title = f"{metric.replace('_', ' ')}: first orders on the diagonal,\npairs off it; grey is not told from zero"
+    title = f"{split_unit(metric)[0]}: first orders on the diagonal,\npairs off it; grey is not told from zero"
     axes.set_title(title, fontweight="normal", fontsize=8.5, color="#555555")
     return figure
 
@@ -177,10 +178,14 @@ def convergence(one: xr.Dataset, metric: str, most: int = 6) -> Figure:
     name = _MAIN[one.attrs["method"]]
     one = _ordered(one.isel(blocks=np.flatnonzero(np.isfinite(one[f"{name}_converging"].to_numpy()).any(axis=1))), most)
     blocks = one["blocks"].to_numpy()
+    extra, unit = 1.0, ""
+    if name == "mu_star":  # the others are shares
+        extra, power = power_of_ten(one[name].to_numpy())
+        unit = f"{power}{difference_unit(str(one['metric_unit'].item()))}".strip()
     figure = new_figure(PAGE_CM, 8.0)
     axes = figure.subplots()
     for i, colour in zip(range(one.sizes["factor"]), itertools.cycle(LINES), strict=False):
-        value, error = (one[f"{name}_converging{end}"].isel(factor=i).to_numpy() for end in ("", "_error"))
+        value, error = (extra * one[f"{name}_converging{end}"].isel(factor=i).to_numpy() for end in ("", "_error"))
         axes.fill_between(blocks, value - error, value + error, color=colour, alpha=0.18, lw=0.0)
         axes.plot(blocks, value, "o-", color=colour, markersize=3.5, label=str(one["factor"].to_numpy()[i]))
     axes.set_xscale("log", base=2)
@@ -188,10 +193,11 @@ def convergence(one: xr.Dataset, metric: str, most: int = 6) -> Figure:
     axes.minorticks_off()
     # The intervals of the first few points would hide all that comes after.
     last = one.isel(blocks=-min(3, len(blocks)))
-    high = last[f"{name}_converging"] + last[f"{name}_converging_error"]
+    high = extra * (last[f"{name}_converging"] + last[f"{name}_converging_error"])
     axes.set_ylim(min(0.0, -0.1 * float(high.max())), 1.3 * float(high.max()))
     axes.axhline(0.0, color=GREY, lw=0.7)
     axes.set_xlabel("base points")
-    axes.set_ylabel(f"{_NAMES[name].split(',')[0]}\nof {metric.replace('_', ' ')}")
+    of = "on" if name == "mu_star" else "of"
+    axes.set_ylabel(axis_label(f"{_NAMES[name].split(',')[0]}\n{of} {split_unit(metric)[0]}", unit))
     figure.legend(loc="outside right upper")
     return figure

@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from workbench.pictures.style import (
     BLUE,
     GREY,
-    LINES,
     ORANGE,
     PAGE_CM,
     axis_label,
@@ -172,8 +171,8 @@ def interaction_matrix(data: xr.Dataset, metric: str) -> Figure:
 
 
 @styled
-def over_time(local: xr.Dataset, output: str, most: int = 6) -> Figure:
-    """Draw by how much one percent of each parameter moves a reading, over the run.
+def over_time(local: xr.Dataset, output: str, most: int = 12) -> Figure:
+    """Draw by how much one percent of each parameter moves a reading over the run: a ribbon each, to its own scale.
 
     Args:
         local: as `sensitivity.local.local_sensitivities` returns it.
@@ -183,30 +182,44 @@ def over_time(local: xr.Dataset, output: str, most: int = 6) -> Figure:
     change = 0.01 * local["output_change"].sel(output=output)
     change = change.isel(parameter=np.flatnonzero(local["doubles"].to_numpy()))
     size = abs(change).max("time_s").to_numpy()
-    order = [place for place in np.argsort(-size)[:most] if size[place] > 0.0]
+    order = [place for place in np.argsort(-size)[:most] if size[place] > _SEEN**2 * size.max()]
     time_s = local["time_s"].to_numpy()
-    factor, unit = minutes_or_seconds(time_s)
+    factor, time_unit = minutes_or_seconds(time_s)
     quantity, own_unit = split_unit(output)
-    scale, shown_unit = readable(size, difference_unit(own_unit))
-    extra, power = power_of_ten(size * scale)
-    figure = new_figure(PAGE_CM, 8.5)
-    axes = figure.subplots()
-    # Thick first, thin last: of two lines that coincide both are seen.
-    widths = np.linspace(3.4, 1.1, max(len(order), 1))
-    for place, colour, width in zip(order, itertools.cycle(LINES), widths, strict=False):
-        course = change.isel(parameter=place)
-        axes.plot(
-            (time_s - time_s[0]) * factor,
-            course * scale * extra,
-            color=colour,
-            lw=width,
-            label=str(course["parameter"].item()),
+    figure = new_figure(PAGE_CM, 2.6 + 1.25 * len(order))
+    rows = np.atleast_1d(figure.subplots(len(order), 1, sharex=True))
+    for axes, place, colour in zip(rows, order, itertools.cycle((BLUE, ORANGE)), strict=False):
+        course = change.isel(parameter=place).to_numpy()
+        axes.fill_between((time_s - time_s[0]) * factor, 0.0, course, color=colour, alpha=0.75, lw=0.6)
+        axes.axhline(0.0, color=GREY, lw=0.7)
+        reach = 1.15 * size[place]
+        axes.set_ylim(-reach if course.min() < -_SEEN * reach else 0.0, reach if course.max() > _SEEN * reach else 0.0)
+        name = str(change["parameter"].to_numpy()[place])
+        axes.set_ylabel(name, rotation=0, ha="right", va="center")
+        axes.set_yticks([])
+        axes.grid(visible=False)
+        axes.spines[["left", "bottom"]].set_visible(False)
+        axes.tick_params(bottom=False)
+        largest = course[np.argmax(np.abs(course))]
+        scale, unit = readable([float(size[place])], difference_unit(own_unit))
+        extra, power = power_of_ten(np.array([size[place] * scale]))
+        axes.annotate(
+            f" {largest * scale * extra:+.2g} {power}{unit}".rstrip(),
+            (1.0, 0.5),
+            xycoords="axes fraction",
+            va="center",
+            fontsize=8.5,
         )
-    axes.axhline(0.0, color=GREY, lw=0.7)
-    axes.set_xlim(0.0, (time_s[-1] - time_s[0]) * factor)
-    axes.set_xlabel(f"time [{unit}]")
-    axes.set_ylabel(axis_label(f"change of {quantity}\nfor +1 % of the parameter", f"{power}{shown_unit}".strip()))
-    figure.legend(loc="outside right upper")
+    if order:
+        rows[-1].spines["bottom"].set_visible(True)
+        rows[-1].tick_params(bottom=True)
+        rows[-1].set_xlim(0.0, (time_s[-1] - time_s[0]) * factor)
+        rows[-1].set_xlabel(f"time [{time_unit}]")
+    figure.suptitle(
+        f"change of {quantity} for +1 % of the parameter, each to its own scale; right, the largest",
+        fontsize=8.5,
+        color="#555555",
+    )
     return figure
 
 
