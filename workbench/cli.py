@@ -298,6 +298,62 @@ def paper(
     paper(out, diagnose_again=diagnose)
 
 
+@app.command(epilog="Example: jaxmodel compensate --out results")
+def compensate(
+    out: Out = Path("results"),
+    model: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--model", metavar="CASE", help="A robot of yours beside the printed one; repeatable.", show_default=False
+        ),
+    ] = None,
+    mission: Annotated[
+        Path | None, typer.Option("--mission", metavar="MISSION.toml", help="For the gains.", show_default=False)
+    ] = None,
+) -> None:
+    """Solve for the duty that holds the pace of the charge: maps as CSV and C headers, gains over a mission."""
+    from workbench.commands.compensate import compensate_models
+
+    compensate_models(out, model or [], mission)
+
+
+@app.command(epilog="Example: jaxmodel estimate CASE --out results")
+def estimate(
+    case: CasePath,
+    out: Out = Path("results"),
+    count: Annotated[int, typer.Option("--tunings", min=2, help="Tunings to try on the fit runs.")] = 64,
+    tuning: Annotated[
+        Path | None,
+        typer.Option("--tuning", metavar="tuning.json", help="Of an earlier run: tune nothing.", show_default=False),
+    ] = None,
+) -> None:
+    """Estimate the state of charge by filters tuned on a cell's fit runs and judged on its check runs."""
+    from workbench.commands.estimate import estimate
+
+    estimate(case, out, count, tuning)
+
+
+@app.command(epilog="Example: jaxmodel mission examples/missions/house_search.toml --out results")
+def mission(
+    plan: Annotated[
+        Path | None, typer.Argument(metavar="MISSION.toml", help="The mission file.", show_default=False)
+    ] = None,
+    out: Out = Path("results"),
+    model: Annotated[
+        list[Path] | None,
+        typer.Option("--model", metavar="CASE", help="A robot of yours; repeatable.", show_default=False),
+    ] = None,
+    age: Annotated[
+        list[str] | None,
+        typer.Option("--age", metavar="MONTHS,CYCLES", help="Of the pack; repeatable.", show_default=False),
+    ] = None,
+) -> None:
+    """Tell how long a robot can stay out over temperature and age of its pack, and what calls it back."""
+    from workbench.commands.mission import mission
+
+    mission(plan, out, model or [], age or [])
+
+
 def main() -> None:
     """Run the command line."""
     app()

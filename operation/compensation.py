@@ -1,0 +1,214 @@
+"""Compensation: the duty at which the charge falls at its reference pace, whatever the temperature and the torque.
+
+At a given torque the motor's current is given too (eq. 12); what a robot can lower is the duty, and with it the current
+that a motor draws from the pack (eq. 14) and the speed. The duty is the root of
+
+    slope(duty; ambient, torque) = slope at the reference
+
+over runs of the engine, for all places of the map at once.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix
+from jaxtyping import Array, Float
+
+from jaxmodel.kernel import as_one_kernel
+from jaxmodel.model import Model
+from jaxmodel.profile import constant
+from jaxmodel.simulate import Cutoff
+from sweeps.lane import Course, Keep, lay_out, run_lane
+from sweeps.metrics import metrics_of
+
+# Slopes are means over the paper's half hour. Rows of a minute suffice for a steady run: the map is checked at 1 s.
+DURATION_S, STEP_S, CHECK_STEP_S = 1800.0, 60.0, 1.0
+TOLERANCE = 1e-9  # of a root, relative to the reference slope
+LEAST_DUTY, MOST_DUTY = 1e-3, 1.0
+MOST_ROUNDS = 64
+# A run ends here and its slope is that until then: a high duty empties the pack before the half hour.
+NEARLY_EMPTY = Cutoff(soc=0.05)  # type: ignore[arg-type]
+_METRICS = ("soc_gradient", "mean_speed_rad_s", "delivered_charge_Ah")
+
+
+@dataclasses.dataclass(frozen=True)
+class Reference:
+    """The place whose slope is to be held, and the duty there."""
+
+    ambient_degC: float = 20.0
+    load_torque_Nm: float = 0.175
+    duty: float = 0.3
+
+
+@dataclasses.dataclass(frozen=True)
+class Runs:
+    """Steady runs over the places of a map.
+
+    Attributes:
+        soc_gradient: 1/s.
+        speed_rad_s: of a motor, mean.
+        pack_A: current of the pack, mean.
+    """
+
+    soc_gradient: np.ndarray
+    speed_rad_s: np.ndarray
+    pack_A: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class Compensation:
+    """The map; arrays are of shape (ambients, torques).
+
+    Attributes:
+        reference: what is held.
+        slope: at the reference, 1/s.
+        ambient_degC: of the rows.
+        load_torque_Nm: of the columns.
+        duty: that holds the slope; NaN where none within 0.001 to 1 does.
+        before: runs at the reference's duty.
+        after: runs at the map's duty, in steps of 1 s: the check in simulation.
+    """
+
+    reference: Reference
+    slope: float
+    ambient_degC: np.ndarray
+    load_torque_Nm: np.ndarray
+    duty: np.ndarray
+    before: Runs
+    after: Runs
+
+    @property
+    def share(self) -> np.ndarray:
+        """The duty by the reference's: 1 is no change, 0.8 is a reduction of 20 %."""
+        return self.duty / self.reference.duty
+
+    @property
+    def drives(self) -> np.ndarray:
+        """True where the motors still turn forwards at the map's duty; elsewhere the robot would stand or roll back."""
+        return self.after.speed_rad_s > 0.0
+
+    @property
+    def error(self) -> float:
+        """Largest difference of a slope of the check from the reference's, relative to it."""
+        off = np.abs(self.after.soc_gradient / self.slope - 1.0)
+        return float(np.max(off[np.isfinite(self.duty)], initial=0.0))
+
+    def interpolated(self, ambient_degC: np.ndarray, load_torque_Nm: np.ndarray) -> np.ndarray:
+        """Return the duty between the places of the map: linear in both, held at the ends."""
+        return bilinear(self.ambient_degC, self.load_torque_Nm, self.duty, ambient_degC, load_torque_Nm)
+
+
+def compensate(
+    model: Model, ambient_degC: np.ndarray, load_torque_Nm: np.ndarray, reference: Reference | None = None
+) -> Compensation:
+    """Solve for the duty over a map.
+
+    Args:
+        model: a robot.
+        ambient_degC: shape (ambients,), rising.
+        load_torque_Nm: torque of one track motor, shape (torques,), rising.
+        reference: the paper's 20 degC, 175 mN m and 0.3 if none is given.
+    """
+    reference = reference or Reference()
+    ambients, torques = (grid.ravel() for grid in np.meshgrid(ambient_degC, load_torque_Nm, indexing="ij"))
+    shape = (len(ambient_degC), len(load_torque_Nm))
+    at = np.array([reference.ambient_degC]), np.array([reference.load_torque_Nm])
+    slope = float(steady(model, *at, np.array([reference.duty])).soc_gradient[0])
+    least, most = (
+        steady(model, ambients, torques, np.full_like(ambients, bound)).soc_gradient / slope - 1.0
+        for bound in (LEAST_DUTY, MOST_DUTY)
+    )
+    there = (least < 0.0) & (most > 0.0)
+    places = (jnp.asarray(np.where(there, grid, value)) for grid, value in zip((ambients, torques), at, strict=True))
+    duty = np.where(there, np.asarray(_roots(model, _course(model, STEP_S), *places, jnp.asarray(slope))), np.nan)
+    before = steady(model, ambients, torques, np.full_like(ambients, reference.duty), CHECK_STEP_S)
+    after = steady(model, ambients, torques, duty, CHECK_STEP_S)
+
+    def mapped(runs: Runs) -> Runs:
+        return Runs(*(values.reshape(shape) for values in (runs.soc_gradient, runs.speed_rad_s, runs.pack_A)))
+
+    return Compensation(
+        reference=reference,
+        slope=slope,
+        ambient_degC=np.asarray(ambient_degC, dtype=float),
+        load_torque_Nm=np.asarray(load_torque_Nm, dtype=float),
+        duty=duty.reshape(shape),
+        before=mapped(before),
+        after=mapped(after),
+    )
+
+
+def steady(
+    model: Model, ambient_degC: np.ndarray, load_torque_Nm: np.ndarray, duty: np.ndarray, step_s: float = STEP_S
+) -> Runs:
+    """Return runs of half an hour at constant inputs, one for each place; all arrays of one shape (places,)."""
+    lanes = {"ambient_degC": ambient_degC, "load_torque_Nm": load_torque_Nm, "duty": duty}
+    values = _over_lanes(model, _course(model, step_s), {name: jnp.asarray(v, float) for name, v in lanes.items()})
+    return Runs(
+        np.asarray(values["soc_gradient"]),
+        np.asarray(values["mean_speed_rad_s"]),
+        np.asarray(values["delivered_charge_Ah"]) * 3600.0 / DURATION_S,
+    )
+
+
+def bilinear(x: np.ndarray, y: np.ndarray, table: np.ndarray, at_x, at_y) -> np.ndarray:
+    """Return a table's values between its places, held at its ends; `table` is of shape (x, y)."""
+    at_x, at_y = np.clip(at_x, x[0], x[-1]), np.clip(at_y, y[0], y[-1])
+    row = np.clip(np.searchsorted(x, at_x, side="right") - 1, 0, len(x) - 2)
+    column = np.clip(np.searchsorted(y, at_y, side="right") - 1, 0, len(y) - 2)
+    u, v = (at_x - x[row]) / (x[row + 1] - x[row]), (at_y - y[column]) / (y[column + 1] - y[column])
+    low = (1.0 - v) * table[row, column] + v * table[row, column + 1]
+    high = (1.0 - v) * table[row + 1, column] + v * table[row + 1, column + 1]
+    return (1.0 - u) * low + u * high
+
+
+def _course(model: Model, step_s: float) -> Course:
+    """Return half an hour of constant inputs; lanes bring their own values."""
+    return lay_out(model, constant(DURATION_S, step_s, ambient_degC=20.0, load_torque_Nm=0.1, duty=0.3), np.array([0]))
+
+
+def _keep(*names: str) -> Keep:
+    shipped = metrics_of("robot")
+    return Keep(tuple(shipped[name] for name in names))
+
+
+@eqx.filter_jit
+def _over_lanes(model: Model, course: Course, lanes: dict[str, Array]) -> dict[str, Array]:
+    def over(model, course, lanes):
+        return jax.vmap(lambda own: run_lane(_keep(*_METRICS), model, course, NEARLY_EMPTY, own).values)(lanes)
+
+    return as_one_kernel(over, model, course, lanes)
+
+
+@eqx.filter_jit
+def _roots(
+    model: Model,
+    course: Course,
+    ambient_degC: Float[Array, " places"],
+    load_torque_Nm: Float[Array, " places"],
+    slope: Array,
+) -> Float[Array, " places"]:
+    """Return the root of each place; each has one between the bounds."""
+    keep = _keep("soc_gradient")
+
+    def off(duty, place):
+        ambient, torque = place
+        own = {"ambient_degC": ambient, "load_torque_Nm": torque, "duty": duty}
+        return run_lane(keep, model, course, NEARLY_EMPTY, own).values["soc_gradient"] / slope - 1.0
+
+    # By halving: a run and its derivative in a loop took ten times as long to compile as the run alone.
+    solver = optimistix.Bisection(rtol=TOLERANCE, atol=TOLERANCE)
+    bounds = {"lower": jnp.asarray(LEAST_DUTY), "upper": jnp.asarray(MOST_DUTY)}
+
+    def root(ambient, torque):
+        start = jnp.asarray(0.5 * (LEAST_DUTY + MOST_DUTY))
+        return optimistix.root_find(
+            off, solver, start, (ambient, torque), options=bounds, max_steps=MOST_ROUNDS, throw=False
+        ).value
+
+    return jax.vmap(root)(ambient_degC, load_torque_Nm)

@@ -1,0 +1,204 @@
+"""State of charge from current, voltage and temperature: an extended Kalman filter on the model's own step.
+
+The state is that of the model (charge, RC voltages, what effects add) and two of its numbers that no table knows: the
+scale of all resistances and a slowly wandering offset of the open-circuit voltage, in which age, hysteresis and the
+current's own effect on resistance show. Process and reading are `jaxmodel.model.step` and `read`, their Jacobians
+`jax.jacfwd` of these. One filter is a scan; batches are `vmap` outside.
+"""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxmodel.declaration import Scalar
+from jaxmodel.model import Model, initial_state, read, step
+from jaxmodel.names import with_values
+
+# Beside the model's states: the logarithm of the scale of all resistances, and the offset of V_oc in V.
+WANDERING = ("log_scale", "offset_V")
+SOC_RANGE = (0.0, 1.05)  # outside it the curves are held, and a filter would learn nothing there
+
+
+def _as_array(value) -> Array:
+    return jnp.asarray(value, dtype=float)
+
+
+class Tuning(eqx.Module):
+    """What the filter believes of its model; any leaf may carry lanes.
+
+    Attributes:
+        start_sd: of the charge at the start.
+        charge_sd: of the charge counted over an hour, by errors of current sensor and capacity.
+        voltage_sd_V: of a reading, model error that changes from reading to reading included.
+        drop_share: further error of a reading, as a share of what the load takes from the open-circuit voltage.
+        scale_sd: how far the logarithm of the scale of resistances wanders.
+        scale_s: how long it takes to, s.
+        offset_sd_V: how far the offset of the open-circuit voltage wanders.
+        offset_s: how long it takes to, s.
+    """
+
+    start_sd: Scalar = eqx.field(default=0.2, converter=_as_array)
+    charge_sd: Scalar = eqx.field(default=0.01, converter=_as_array)
+    voltage_sd_V: Scalar = eqx.field(default=0.01, converter=_as_array)
+    drop_share: Scalar = eqx.field(default=0.1, converter=_as_array)
+    scale_sd: Scalar = eqx.field(default=0.3, converter=_as_array)
+    scale_s: Scalar = eqx.field(default=1000.0, converter=_as_array)
+    offset_sd_V: Scalar = eqx.field(default=0.02, converter=_as_array)
+    offset_s: Scalar = eqx.field(default=1000.0, converter=_as_array)
+
+
+class Measured(eqx.Module):
+    """A run as the robot's computer sees it, each of shape (rows,).
+
+    Attributes:
+        time_s: increasing.
+        current_A: held since the row before, positive on discharge.
+        degC: temperature that the model is given: the cell's, or a fixed one where it is not known.
+        voltage_V: of the cell; NaN where there is no reading.
+    """
+
+    time_s: Float[Array, " rows"]
+    current_A: Float[Array, " rows"]
+    degC: Float[Array, " rows"]
+    voltage_V: Float[Array, " rows"]
+
+
+class Track(eqx.Module):
+    """What a filter says at each row, shape (..., rows).
+
+    Attributes:
+        soc: estimate.
+        sd: its standard deviation, as the filter believes.
+        nis: innovation squared by its variance; 1 on average where the filter is consistent. NaN without a reading.
+        scale: of all resistances.
+        offset_V: of the open-circuit voltage.
+    """
+
+    soc: Array
+    sd: Array
+    nis: Array
+    scale: Array
+    offset_V: Array
+
+
+def state_names(model: Model) -> tuple[str, ...]:
+    """Return the names of the filter's states, in the order of its vector."""
+    zero = jnp.zeros(())
+    inputs = {"current_A": zero, "ambient_degC": zero}
+    return (*sorted(initial_state(model, inputs)), *WANDERING)
+
+
+def ekf(model: Model, tuning: Tuning, measured: Measured, start_soc: Scalar, pairs_sd_V: Scalar) -> Track:
+    """Run one filter over a run; pure, so that it may be vmapped over tunings, starts and runs.
+
+    Args:
+        model: of kind "cell".
+        tuning: what it believes.
+        measured: what it is told.
+        start_soc: what it is told of the charge at the start.
+        pairs_sd_V: what it is told of the RC pairs there: 0 after a rest, else how far from rest they may be.
+    """
+    begin, given = _begin(model, tuning, measured, jnp.asarray(start_soc, dtype=float), pairs_sd_V)
+    return Track(*jax.lax.scan(lambda carry, row: _step(model, tuning, carry, row), begin, given)[1])
+
+
+def _begin(model: Model, tuning: Tuning, measured: Measured, start_soc: Scalar, pairs_sd_V: Scalar):
+    """Return the filter as it is at the first row, and the rows that it is to take."""
+    names = state_names(model)
+    first = {"current_A": measured.current_A[0], "ambient_degC": measured.degC[0]}
+    state = initial_state(model, first) | {"soc": start_soc} | dict.fromkeys(WANDERING, jnp.zeros(()))
+    known = dict.fromkeys(("v_ts_V", "v_tl_V"), pairs_sd_V)
+    known |= {"soc": tuning.start_sd, "log_scale": tuning.scale_sd, "offset_V": tuning.offset_sd_V}
+    variances = jnp.stack([jnp.asarray(known.get(name, 0.0), dtype=float) ** 2 for name in names])
+    mean = jnp.stack([jnp.asarray(state[name], dtype=float) for name in names])
+    duration = jnp.diff(measured.time_s, prepend=measured.time_s[:1])
+    rows = (duration, measured.current_A, measured.degC, measured.voltage_V)
+    return (mean, variances[:, None] * jnp.eye(len(names))), rows
+
+
+def _step(model: Model, tuning: Tuning, carry, row):
+    """Predict over a row and correct by its voltage (Joseph's form, which keeps the covariance positive)."""
+    mean, covariance = carry
+    duration, current, degC, voltage = row
+    names = state_names(model)
+    soc = names.index("soc")
+    inputs = {"current_A": current, "ambient_degC": degC}
+
+    def named(x):
+        values = dict(zip(names, x, strict=True))
+        factor = jnp.exp(values.pop("log_scale"))
+        p = model.parameters
+        own = {
+            "series_resistance_scale": p.series_resistance_scale * factor,
+            "rc_resistance_scale": p.rc_resistance_scale * factor,
+            # The pairs keep their time constants.
+            "rc_capacitance_scale": p.rc_capacitance_scale / factor,
+            "ocv_offset_V": p.ocv_offset_V + values.pop("offset_V"),
+        }
+        return with_values(model, own), values
+
+    keep = {"log_scale": jnp.exp(-duration / tuning.scale_s), "offset_V": jnp.exp(-duration / tuning.offset_s)}
+
+    def predict(x):
+        own, state = named(x)
+        moved = step(own, state, inputs, duration)
+        wandered = dict(zip(names, x, strict=True))
+        return jnp.stack([moved[n] if n in moved else wandered[n] * keep[n] for n in names])
+
+    def reading(x):
+        own, state = named(x)
+        return read(own, state, inputs)["voltage_V"]
+
+    at_rest = {"current_A": jnp.zeros(()), "ambient_degC": degC}
+    noise = {
+        "soc": tuning.charge_sd**2 * duration / 3600.0,
+        "log_scale": tuning.scale_sd**2 * (1.0 - keep["log_scale"] ** 2),
+        "offset_V": tuning.offset_sd_V**2 * (1.0 - keep["offset_V"] ** 2),
+    }
+    added = jnp.stack([jnp.asarray(noise.get(name, 0.0), dtype=float) for name in names])
+    slope = jax.jacfwd(predict)(mean)
+    mean = predict(mean)
+    covariance = _product(_product(slope, covariance), slope.T) + added[:, None] * jnp.eye(len(names))
+
+    expected, along = reading(mean), jax.jacfwd(reading)(mean)
+    own, state = named(mean)
+    unloaded = state | {name: jnp.zeros(()) for name in ("v_ts_V", "v_tl_V")}
+    drop = read(own, unloaded, at_rest)["voltage_V"] - expected
+    variance = tuning.voltage_sd_V**2 + (tuning.drop_share * drop) ** 2
+    seen = jnp.isfinite(voltage)
+    innovation = jnp.where(seen, voltage - expected, 0.0)
+    across = jnp.sum(covariance * along, axis=1)
+    spread = jnp.sum(across * along) + variance
+    gain = jnp.where(seen, across / spread, 0.0)
+    mean = mean + gain * innovation
+    mean = _clipped(mean, soc)
+    left = jnp.eye(len(names)) - gain[:, None] * along
+    covariance = _product(_product(left, covariance), left.T) + variance * gain[:, None] * gain
+    told = (
+        mean[soc],
+        jnp.sqrt(covariance[soc, soc]),
+        jnp.where(seen, innovation**2 / spread, jnp.nan),
+        jnp.exp(mean[names.index("log_scale")]),
+        mean[names.index("offset_V")],
+    )
+    return (mean, covariance), told
+
+
+def _clipped(mean, soc: int):
+    """Keep the charge within its range; no scatter, which could not be part of one kernel."""
+    here = jnp.arange(mean.shape[0]) == soc
+    return jnp.where(here, jnp.clip(mean, *SOC_RANGE), mean)
+
+
+def _product(a, b):
+    """Return the matrix product as sums: a library call for matrices of five rows would cost more than the numbers."""
+    return jnp.sum(a[:, :, None] * b[None, :, :], axis=1)
+
+
+def rms(error: np.ndarray) -> float:
+    """Return the root of the mean square of what is finite."""
+    return float(np.sqrt(np.nanmean(np.square(error))))

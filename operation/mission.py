@@ -1,0 +1,248 @@
+"""Missions: what a rescue robot does one thing after the other, how long the pack lasts at it, and what ends it.
+
+A mission is a list of segments: drive on a surface at a slope, climb stairs on the flippers, stand. It is repeated
+until the first of three limits: the charge, the voltage of a cell, the temperature of a winding.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from pydantic import ConfigDict, Field, ValidationError
+
+from jaxmodel.errors import SweepError, nearest
+from jaxmodel.measurements import file_label, read_utf8
+from jaxmodel.model import Model
+from jaxmodel.names import with_values
+from jaxmodel.profile import Profile
+from jaxmodel.robot import flipper_torque, track_torque
+from jaxmodel.simulate import Cutoff, run_track, track
+from sweeps.form import Form, complaint
+
+# Friction coefficients mu of eq. 18 by surface. The paper has 0.7, rubber on asphalt; the others are assumed, in the
+# order of how hard a track pulls on them.
+SURFACES = {
+    "asphalt": 0.7,
+    "concrete": 0.65,
+    "wet concrete": 0.45,
+    "gravel": 0.6,
+    "rubble": 0.8,
+    "grass": 0.55,
+    "ice": 0.1,
+}
+FLIPPER_GEAR, FLIPPER_EFFICIENCY = 246.0, 0.94  # assumed; the paper states none for the flippers
+LIMITS = ("charge", "voltage", "winding")
+NOT_REACHED = len(LIMITS)
+
+
+class Segment(Form):
+    """One part of a mission.
+
+    Attributes:
+        what: free text for pictures.
+        duration_s: of it.
+        speed_m_s: over ground; 0 is standing.
+        surface: one of `SURFACES`.
+        incline_deg: of the ground; stairs have that of their edges.
+        flipper_load_kg: what the flippers lift (eq. 19); 0 where they rest.
+        flipper_length_m: from their axis to that load.
+        flipper_duty: of their motors while they lift.
+    """
+
+    what: str = ""
+    duration_s: float = Field(gt=0)
+    speed_m_s: float = Field(default=0.0, ge=0.0)
+    surface: str = "asphalt"
+    incline_deg: float = Field(default=0.0, ge=-60.0, le=60.0)
+    flipper_load_kg: float = Field(default=0.0, ge=0.0)
+    flipper_length_m: float = Field(default=0.3, gt=0.0)
+    flipper_duty: float = Field(default=0.2, ge=0.0, le=1.0)
+
+
+class MissionForm(Form):
+    """A mission file: a title, the step and the segments, of which one round is made."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    title: str = ""
+    step_s: float = Field(default=1.0, gt=0)
+    segment: list[Segment] = Field(min_length=1)
+
+
+@dataclasses.dataclass(frozen=True)
+class Limits:
+    """What ends a mission: the first of a charge, the voltage of one cell, and the temperature of a winding.
+
+    Attributes:
+        soc: state of charge; a tenth is kept for the way home: assumed.
+        cell_V: the paper recommends 3 V.
+        winding_degC: maxon's limit for the RE50.
+    """
+
+    soc: float = 0.1
+    cell_V: float = 3.0
+    winding_degC: float = 125.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Endurance:
+    """How long missions last, over lanes of any shape.
+
+    Attributes:
+        time_s: until the first limit; the whole of the longest run where none was reached.
+        distance_m: driven until then.
+        limit: index in `LIMITS`, or `NOT_REACHED`.
+        each_s: until each limit alone, by name; inf where it was not reached.
+    """
+
+    time_s: np.ndarray
+    distance_m: np.ndarray
+    limit: np.ndarray
+    each_s: Mapping[str, np.ndarray]
+
+
+def read_mission(path: Path) -> MissionForm:
+    """Read a mission file.
+
+    Raises:
+        SweepError: it is no TOML, a key is wrong, or a surface is unknown.
+    """
+    label = file_label(path)
+    try:
+        mission = MissionForm(**tomllib.loads(read_utf8(path)))
+    except tomllib.TOMLDecodeError as error:
+        raise SweepError(f"{label}: this is not valid TOML ({error}); correct it there.") from error
+    except ValidationError as error:
+        raise SweepError(f"{label}: {complaint(error)}") from error
+    for number, segment in enumerate(mission.segment, start=1):
+        if segment.surface not in SURFACES:
+            raise SweepError(
+                f"{label}: segment {number} has no surface '{segment.surface}'.{nearest(segment.surface, SURFACES)}"
+            )
+    return mission
+
+
+def course(mission: MissionForm, model: Model, rounds: int, slower: Callable | None = None) -> Profile:
+    """Return the inputs of so many rounds: torque by eq. 18, the duty that holds the speed, flippers by eq. 19.
+
+    The duty is that of eqs. 11 to 14 in equilibrium at the pack's nominal voltage, cold winding. The ambient is 20
+    degC; lanes bring their own.
+
+    Args:
+        mission: its segments.
+        model: whose robot drives.
+        rounds: how often the segments are gone through.
+        slower: given the torques and duties of the rows, returns the duties of a compensation.
+
+    Raises:
+        SweepError: a segment is too fast for the pack.
+    """
+    rows: dict[str, list[float]] = {
+        name: [] for name in ("duty", "load_torque_Nm", "flipper_torque_Nm", "flipper_duty")
+    }
+    counts = []
+    for number, segment in enumerate(mission.segment, start=1):
+        torque, duty = drive(segment, model)
+        if duty > 1.0:
+            raise SweepError(
+                f"mission: segment {number} takes a duty of {duty:.2f} for {segment.speed_m_s:g} m/s; slow it down."
+            )
+        load, length = jnp.asarray(segment.flipper_load_kg), jnp.asarray(segment.flipper_length_m)
+        lift = flipper_torque(load, length, jnp.asarray(FLIPPER_GEAR), jnp.asarray(FLIPPER_EFFICIENCY))
+        lifts = segment.flipper_load_kg > 0.0
+        values = (duty, torque, float(lift), segment.flipper_duty if lifts else 0.0)
+        for name, value in zip(rows, values, strict=True):
+            rows[name].append(value)
+        counts.append(max(1, round(segment.duration_s / mission.step_s)))
+    columns = {name: np.tile(np.repeat(values, counts), rounds) for name, values in rows.items()}
+    if slower is not None:
+        columns["duty"] = slower(columns["load_torque_Nm"], columns["duty"])
+    columns = {name: np.concatenate([values[:1], values]) for name, values in columns.items()}
+    time_s = mission.step_s * np.arange(columns["duty"].size)
+    return Profile(time_s, columns | {"ambient_degC": np.full(time_s.size, 20.0)})
+
+
+def drive(segment: Segment, model: Model) -> tuple[float, float]:
+    """Return the torque of a track motor (N m) and the duty that holds a segment's speed; both 0 at a standstill."""
+    if segment.speed_m_s == 0.0:
+        return 0.0, 0.0
+    p = model.parameters
+    ground = eqx.tree_at(lambda q: q.friction_coefficient, p, SURFACES[segment.surface])
+    torque = float(track_torque(ground, jnp.asarray(segment.incline_deg), jnp.zeros(())))
+    speed = segment.speed_m_s * p.gear_ratio / p.wheel_radius_m
+    current = (torque + p.tau_0) / p.k_tau
+    return torque, float((p.k_tau * speed + p.R_0 * current) / (p.n_series * p.nominal_cell_voltage_V))
+
+
+def endurance(
+    model: Model, profile: Profile, lanes: Mapping[str, np.ndarray], limits: Limits | None = None
+) -> Endurance:
+    """Run a mission in many lanes and tell when and why each ends.
+
+    Args:
+        model: a robot.
+        profile: from `course`, long enough.
+        lanes: by parameter or "ambient_degC", values of one shape.
+        limits: what ends it.
+    """
+    limits = limits or Limits()
+    shape = np.shape(next(iter(lanes.values())))
+    flat = {name: jnp.asarray(np.ravel(values), dtype=float) for name, values in lanes.items()}
+    cutoff = Cutoff(soc=0.5 * limits.soc)  # type: ignore[arg-type]
+    laid = track(model, profile)
+    ran = _lanes(model, laid, jnp.asarray(profile.time_s), cutoff, flat)
+    end, reached, speed = (np.asarray(part) for part in ran)
+    rows = np.arange(profile.time_s.size)
+    # Of each limit the first row that is beyond it; a run that stopped before is as far as it came.
+    first = {}
+    p = model.parameters
+    values = dict(zip(("soc", "pack", "winding"), np.moveaxis(reached, 1, 0), strict=True))
+    beyond = {
+        "charge": values["soc"] < limits.soc,
+        "voltage": values["pack"] / float(p.n_series) < limits.cell_V,
+        "winding": values["winding"] > limits.winding_degC,
+    }
+    seen = rows[None, :] <= end[:, None]
+    each = {}
+    for name, crossed in beyond.items():
+        crossed = crossed & seen
+        first[name] = np.where(crossed.any(axis=1), crossed.argmax(axis=1), rows.size)
+        each[name] = np.where(crossed.any(axis=1), profile.time_s[np.minimum(first[name], rows.size - 1)], np.inf)
+    stacked = np.stack([first[name] for name in LIMITS])
+    last = np.minimum(stacked.min(axis=0), end)
+    metres = np.abs(speed) * float(p.wheel_radius_m / p.gear_ratio)
+    steps = np.diff(profile.time_s)
+    driven = np.concatenate([np.zeros((len(metres), 1)), np.cumsum(metres[:, 1:] * steps, axis=1)], axis=1)
+    limit = np.where(stacked.min(axis=0) < rows.size, stacked.argmin(axis=0), NOT_REACHED)
+    return Endurance(
+        time_s=profile.time_s[last].reshape(shape),
+        distance_m=np.take_along_axis(driven, last[:, None], axis=1)[:, 0].reshape(shape),
+        limit=limit.reshape(shape),
+        each_s={name: times.reshape(shape) for name, times in each.items()},
+    )
+
+
+@eqx.filter_jit
+def _lanes(model: Model, laid, time_s, cutoff: Cutoff, flat):
+    """Return the last row, (soc, pack voltage, winding temperature) and speed of each lane at all rows."""
+
+    def one(own):
+        ambient = own.pop("ambient_degC", None)
+        inputs = (
+            laid.inputs
+            if ambient is None
+            else laid.inputs | {"ambient_degC": jnp.full_like(laid.inputs["duty"], ambient)}
+        )
+        ran = run_track(with_values(model, own), eqx.tree_at(lambda t: t.inputs, laid, inputs), time_s, cutoff)
+        readings = ran.readings
+        kept = jnp.stack([readings[n] for n in ("soc", "pack_voltage_V", "winding_temperature_degC")])
+        return ran.end_row, kept, readings["speed_rad_s"]
+
+    return jax.vmap(lambda own: one(dict(own)))(flat)
