@@ -127,5 +127,8 @@ def global_figures(data: xr.Dataset) -> list[go.Figure]:
             error = {"type": "data", "array": one[f"{name}_error"].to_numpy()[order]}
             factors = one["factor"].to_numpy()[order].tolist()
             figure.add_bar(x=factors, y=one[name].to_numpy()[order], error_y=error, name=name, marker_color=colour)
-        figures.append(figure.update_layout(title=f"{metric}, intervals of 95 %", barmode="group"))
+        figure.update_layout(title=f"{split_unit(metric)[0]}, intervals of 95 %", barmode="group")
+        unit = difference_unit(str(one["metric_unit"].item())) if "mu_star" in names else ""
+        what = "mean size of the effect" if "mu_star" in names else "share of the variance"
+        figures.append(figure.update_yaxes(title=axis_label(what, unit)))
     return figures

@@ -204,7 +204,7 @@ def over_time(local: xr.Dataset, output: str, most: int = 12) -> Figure:
         scale, unit = readable([float(size[place])], difference_unit(own_unit))
         extra, power = power_of_ten(np.array([size[place] * scale]))
         axes.annotate(
-            f" {largest * scale * extra:+.2g} {power}{unit}".rstrip(),
+            f" {largest * scale * extra:+.3g} {power}{unit}".rstrip(),
             (1.0, 0.5),
             xycoords="axes fraction",
             va="center",
