@@ -17,6 +17,10 @@ from sensitivity.response import SHIFTED_INPUT, Answer, Response, make_response
 from sweeps.study import Study
 
 
+# One lane at a time, a step is mostly the dispatch of its operations; many at a time leave the cache.
+_AT_ONCE = 32
+
+
 def elasticity_map(study: Study, names: Sequence[str] | None = None) -> xarray.Dataset:
     """Return the derivatives of a study's metrics by parameters at every combination of its axes.
 
@@ -48,7 +52,10 @@ def elasticity_map(study: Study, names: Sequence[str] | None = None) -> xarray.D
     at = np.tile(np.asarray(response.values()), (grid[0].size, 1))
     for name, values in zip(axes, grid, strict=True):
         at[:, moved.index(name)] = values.reshape(-1)
-    answer, slopes = _over_lanes(response, jnp.asarray(at), len(asked))
+    at_once = min(_AT_ONCE, len(at))
+    filled = np.concatenate([at, np.repeat(at[-1:], -len(at) % at_once, axis=0)])
+    found = _over_lanes(response, jnp.asarray(filled), len(asked), at_once)
+    answer, slopes = jax.tree.map(lambda x: np.asarray(x)[: len(at)], found)
     shape = grid[0].shape
     value = np.asarray(answer.metrics).reshape(*shape, -1)
     derivative = np.moveaxis(np.asarray(slopes.metrics), 1, 2).reshape(*shape, len(metrics), len(asked))
@@ -74,11 +81,11 @@ def elasticity_map(study: Study, names: Sequence[str] | None = None) -> xarray.D
 
 
 @eqx.filter_jit
-def _over_lanes(response: Response, at: Float[Array, "lanes moved"], asked: int) -> tuple[Answer, Answer]:
+def _over_lanes(response: Response, at: Float[Array, "lanes moved"], asked: int, at_once: int) -> tuple[Answer, Answer]:
     def lane(values):
         def push(direction):
             return jax.jvp(response, (values,), (direction,))
 
         return jax.vmap(push, out_axes=(None, 0))(jnp.eye(asked, values.size))
 
-    return jax.lax.map(lane, at)
+    return jax.lax.map(lane, at, batch_size=at_once)

@@ -66,7 +66,7 @@ def doubling_beside_gradient(data: xr.Dataset, metric: str, most: int = 16) -> F
     axes.invert_yaxis()
     axes.grid(visible=False, axis="y")
     axes.set_xlabel(axis_label(f"change of {split_unit(metric)[0]}", unit))
-    figure.legend(loc="outside lower center", ncols=3 if len(names) and max(map(len, names)) < 26 else 2)
+    figure.legend(loc="outside lower center", ncols=2)
     return figure
 
 
@@ -162,7 +162,7 @@ def interaction_matrix(data: xr.Dataset, metric: str) -> Figure:
     axes.tick_params(length=0)
     what = "as a share" if share else f"in {difference_unit(str(one['metric_unit'].item()))}"
     axes.set_title(
-        f"{metric.replace('_', ' ')}: second derivative by two steps, {what}",
+        f"{split_unit(metric)[0]}: second derivative by two steps, {what}",
         fontweight="normal",
         fontsize=8.5,
         color="#555555",
