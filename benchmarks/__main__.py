@@ -1,10 +1,17 @@
-"""`make bench`: ours against C by hand and against other solvers, as ratios on the same work in one run."""
+"""`make bench`: ours against C by hand and against other solvers, as ratios on the same work in one run.
+
+`python -m benchmarks derivatives` measures that part anew and keeps the rest.
+"""
 
 from __future__ import annotations
 
+import json
 import os
+import sys
 import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 # Before OpenMP starts: a thread that spins while it waits would take a core from the next contestant.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
@@ -13,33 +20,67 @@ import jax
 
 from benchmarks import report
 from benchmarks.against_c import against_c
-from benchmarks.derivatives import derivatives
+from benchmarks.derivatives import cost_of_derivatives, memory_of_a_long_gradient
 from benchmarks.equal_accuracy import EqualAccuracy
 from benchmarks.scaling import over_lanes, over_steps
 
 FLOAT32 = "left out: the engine runs in float64 alone (SOC to 1e-6 over hours is out of float32's reach)"
 
 
-def main() -> None:
-    """Run everything, print each table when it is done, and write the files."""
-    began, folder = time.perf_counter(), Path(__file__).parent
-    cores = sorted({1, jax.device_count()})
-    results = {"machine": report.machine(), "float32": FLOAT32}
-    results["against_c"] = [against_c(kind, devices=count) for kind in ("cell", "robot") for count in cores]
-    report.print_against_c("Full sweep of states against C by hand", results["against_c"])
+def _against_c() -> list[dict[str, Any]]:
+    rows = [against_c(kind, devices=count) for kind in ("cell", "robot") for count in sorted({1, jax.device_count()})]
+    report.print_against_c("Full sweep of states against C by hand", rows)
     print(f"float32: {FLOAT32}")
-    results["equal_accuracy"] = EqualAccuracy().rows()
-    report.print_equal_accuracy(results["equal_accuracy"])
-    results["over_lanes"] = over_lanes(cores[-1])
-    report.print_against_c("Lanes", results["over_lanes"])
-    results["over_steps"] = over_steps(cores[-1])
-    report.print_against_c("Steps", results["over_steps"])
-    results["derivatives"] = derivatives()
-    report.print_derivatives(results["derivatives"])
-    results["took_s"] = round(time.perf_counter() - began)
+    return rows
+
+
+def _equal_accuracy() -> list[dict[str, Any]]:
+    rows = EqualAccuracy().rows()
+    report.print_equal_accuracy(rows)
+    return rows
+
+
+def _scaling(title: str, over: Callable[[int], list[dict[str, Any]]]) -> list[dict[str, Any]]:
+    rows = over(jax.device_count())
+    report.print_against_c(title, rows)
+    return rows
+
+
+def _derivatives() -> dict[str, Any]:
+    found = {"cost": cost_of_derivatives(), "long_gradient": memory_of_a_long_gradient()}
+    report.print_derivatives(found)
+    return found
+
+
+PARTS: dict[str, Callable[[], Any]] = {
+    "against_c": _against_c,
+    "equal_accuracy": _equal_accuracy,
+    "over_lanes": lambda: _scaling("Lanes", over_lanes),
+    "over_steps": lambda: _scaling("Steps", over_steps),
+    "derivatives": _derivatives,
+}
+
+
+def main(wanted: Sequence[str]) -> None:
+    """Run all parts, or those that are named; print each table when it is done, and write the files.
+
+    What is not run keeps the figures, and the machine, of the run before.
+    """
+    began, folder = time.perf_counter(), Path(__file__).parent
+    unknown = set(wanted) - set(PARTS)
+    if unknown:
+        raise SystemExit(f"no part is called {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
+    kept: dict[str, Any] = {"float32": FLOAT32}
+    if wanted:
+        kept = json.loads((folder / "results.json").read_text(encoding="utf-8"))
+    machine = report.machine()
+    results = kept | {name: run() for name, run in PARTS.items() if not wanted or name in wanted}
+    results["machine"] = kept.get("machine", machine)
+    results["machine_of"] = kept.get("machine_of", {}) | dict.fromkeys(wanted, machine)
+    results["took_s"] = kept.get("took_s", round(time.perf_counter() - began))
     report.write(folder, results)
-    print(f"written: {folder.name}/results.json, results.png; took {results['took_s']} s")
+    print(f"written: {folder.name}/results.json, results.png; took {time.perf_counter() - began:.0f} s")
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

@@ -1,51 +1,136 @@
-"""Lanes of a batch against the same lanes one by one, and derivatives against plain runs."""
+"""What derivatives cost: both modes, central differences and doubling on the same lanes, in runs; a gradient's memory.
+
+Equal information: the derivative of one number by all of its p parameters. Forward mode takes p tangents, reverse mode
+one pass back, central differences 2 p + 1 runs, doubling p + 1 (and is no derivative: its error is what it misses).
+"""
 
 from __future__ import annotations
 
-import time
+import subprocess
+import sys
 from collections.abc import Callable
+from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
+from benchmarks.long_gradient import STEPS
+from benchmarks.timing import alternate
+from benchmarks.work import AMBIENT_DEGC, DURATION_S, DUTY
 from jaxmodel.model import Model
-from jaxmodel.names import with_values
+from jaxmodel.parameters import Parameters
 from jaxmodel.profile import constant
-from jaxmodel.simulate import run_track, track
+from sensitivity.checkpoint import in_blocks
+from sensitivity.response import Response, make_response, steps_of
 
-LANES = 64
-ROWS = 1800
-
-
-def _timed(function: Callable, argument) -> dict[str, float]:
-    """Return the seconds that compiling takes, and the fastest of three runs."""
-    began = time.perf_counter()
-    jax.block_until_ready(function(argument))
-    first = time.perf_counter() - began
-    runs = []
-    for _ in range(3):
-        began = time.perf_counter()
-        jax.block_until_ready(function(argument))
-        runs.append(time.perf_counter() - began)
-    return {"compile_s": first - min(runs), "run_s": min(runs)}
+LANES = 1024
+METRIC = "delivered_energy_Wh"
+_LOADS = {"cell": {"current_A": 3.0}, "robot": {"load_torque_Nm": 0.175, "duty": DUTY}}
+_CYCLES = np.linspace(0.5, 2.0, LANES)  # of the cycles stated: each lane is a run of its own
+# Ways that take many runs of each lane are timed on a part of the lanes: they fill a processor with less.
+_PART = 8
+_DIFFERENCE = 1e-3  # of a parameter's own value, or of its stated step
 
 
-def derivatives() -> dict[str, dict[str, float]]:
-    """Return compile and run times by name."""
-    profile = constant(ROWS, 1.0, duty=0.3, load_torque_Nm=0.175, ambient_degC=20.0)
-    model = Model("robot")
-    course, times = track(model, profile), jnp.asarray(profile.time_s)
+def response_of(kind: str) -> Response:
+    """Return the energy of half an hour as a function of all that enters; not from full charge, which has no double."""
+    profile = constant(DURATION_S, 1.0, ambient_degC=AMBIENT_DEGC, **_LOADS[kind])
+    return make_response(Model(kind, Parameters(initial_soc=jnp.asarray(0.9))), profile, None, (METRIC,), ())
 
-    def final_soc(k_tau):
-        return run_track(with_values(model, {"k_tau": k_tau}), course, times).readings["soc"][-1]
 
-    values = jnp.asarray(np.linspace(0.03, 0.05, LANES))
-    # `run_track` is compiled as it is. A `jit` around it makes this XLA abort where one number alone is used.
+def _programs(response: Response, size: Array) -> dict[str, Callable]:
+    """Return for each way its pure function of one lane's parameters: the derivatives by their steps, in Wh."""
+    ways = jnp.diag(size)
+
+    def energy(numbers: Response, values: Array) -> Array:
+        return numbers(values).metrics[0]
+
+    def forward_mode(numbers: Response, values: Array) -> Array:
+        def push(way: Array) -> tuple[Array, Array]:
+            return jax.jvp(lambda x: energy(numbers, x), (values,), (way,))
+
+        return jax.vmap(push, out_axes=(None, 0))(ways)[1]
+
+    def reverse_mode(numbers: Response, values: Array) -> Array:
+        return size * jax.grad(lambda x: in_blocks(lambda y: energy(numbers, y), x))(values)
+
+    def central(numbers: Response, values: Array) -> Array:
+        away = _DIFFERENCE * ways
+        found = jax.vmap(lambda x: energy(numbers, x))(jnp.concatenate([values[None], values + away, values - away]))
+        return (found[1 : size.size + 1] - found[size.size + 1 :]) / (2.0 * _DIFFERENCE)
+
+    def doubled(numbers: Response, values: Array) -> Array:
+        found = jax.vmap(lambda x: energy(numbers, x))(jnp.concatenate([values[None], values + ways]))
+        return found[1:] - found[0]
+
     return {
-        f"{LANES} lanes, one by one": _timed(lambda all_: [final_soc(value) for value in all_], values),
-        f"{LANES} lanes, vmapped": _timed(jax.vmap(final_soc), values),
-        "one lane": _timed(final_soc, values[0]),
-        "one lane, forward derivative": _timed(jax.jacfwd(final_soc), values[0]),
-        "one lane, reverse derivative": _timed(jax.grad(final_soc), values[0]),
+        "run": energy,
+        "forward mode": forward_mode,
+        "reverse mode": reverse_mode,
+        "central differences": central,
+        "doubling": doubled,
     }
+
+
+def cost_of(kind: str, lanes: int = LANES, rounds: int = 2) -> list[dict[str, Any]]:
+    """Return a row for each way: its time in runs of the same lanes, the memory it needs, and its error.
+
+    The error is the largest of a lane's derivatives' errors by its largest derivative, each by a step of its parameter.
+    """
+    response = response_of(kind)
+    step = steps_of(response)
+    count = len(response.names)
+    at = np.tile(np.asarray(response.values()), (lanes, 1))
+    at[:, response.names.index("cycles")] *= np.resize(_CYCLES, lanes)
+    arrays, rest = eqx.partition(response, eqx.is_array)
+    runs = {"run": 1, "central differences": 2 * count + 1, "doubling": count + 1}
+    contestants, memory, found, some = {}, {}, {}, {}
+    for name, one in _programs(response, jnp.asarray(step.size)).items():
+        some[name] = lanes // _PART if runs.get(name, 1) > 1 else lanes
+        given = jnp.asarray(at[: some[name]])
+
+        def all_lanes(arrays: Response, at: Array, one: Callable = one) -> Array:
+            return jax.vmap(lambda values: one(eqx.combine(arrays, rest), values))(at)
+
+        compiled = jax.jit(all_lanes).lower(arrays, given).compile()
+        used = compiled.memory_analysis()
+        memory[name] = used.temp_size_in_bytes / 2**20 if used else float("nan")
+
+        def contest(name: str = name, compiled: Callable = compiled, given: Array = given) -> None:
+            found[name] = np.asarray(compiled(arrays, given))
+
+        contestants[name] = contest
+    times = {name: timing.as_row() for name, timing in alternate(contestants, rounds).items()}
+    exact, counted = found["forward mode"], {"doubling": step.in_bounds}
+    rows = []
+    for name, row in times.items():
+        more = lanes / some[name]
+        times_run = {key: more * row[key] / times["run"][key] for key in ("best_s", "cpu_s")}
+        error = None
+        if name not in ("run", "forward mode"):
+            truth = exact[: some[name]]
+            off = np.abs(found[name] - truth)[:, counted.get(name, slice(None))].max(axis=1)
+            error = float(np.max(off / np.abs(truth).max(axis=1)))
+        rows.append(
+            {"kind": kind, "way": name, "lanes": some[name], "steps": response.course.duration_s.size}
+            | {"parameters": count, "runs": runs.get(name), "memory_MiB": memory[name], "error": error}
+            | {"times_run": times_run["best_s"], "times_run_cpu": times_run["cpu_s"]}
+            | row
+        )
+    return rows
+
+
+def cost_of_derivatives() -> list[dict[str, Any]]:
+    """Return the rows of a cell and of a robot."""
+    return [row for kind in _LOADS for row in cost_of(kind)]
+
+
+def memory_of_a_long_gradient() -> dict[str, float]:
+    """Return what a gradient through 100,000 steps takes of memory, the whole process, JAX included."""
+    ran = subprocess.run(
+        [sys.executable, "-m", "benchmarks.long_gradient"], capture_output=True, text=True, check=True, timeout=600
+    )
+    return {"steps": STEPS, "peak_MiB": float(ran.stdout.split()[0]) / 1024.0}

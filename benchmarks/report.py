@@ -79,12 +79,25 @@ def print_equal_accuracy(rows: list[dict[str, Any]]) -> None:
     table("Cells at constant current, 1,800 s, SOC to 1e-6 and voltage to 0.1 mV", columns, lines, right=range(2, 8))
 
 
-def print_derivatives(rows: dict[str, dict[str, float]]) -> None:
-    """Print compile and run times of single runs, batches and derivatives."""
-    lines = [[name, f"{row['compile_s']:.1f}", f"{1e3 * row['run_s']:.1f}"] for name, row in rows.items()]
+def print_derivatives(found: dict[str, Any]) -> None:
+    """Print what each way to the derivatives of one number by all parameters costs, and how far it is off."""
+    columns = ["kind", "way", "lanes", "runs", "time, in runs", "of core time", "per parameter", "MiB", "error"]
+    lines = []
+    for row in found["cost"]:
+        each = row["times_run_cpu"] / row["parameters"]
+        error = "" if row["error"] is None else f"{row['error']:.0e}"
+        runs = "" if row["runs"] is None else str(row["runs"])
+        times = [f"{row['times_run']:.1f}", f"{row['times_run_cpu']:.1f}", f"{each:.2f}"]
+        lines.append([row["kind"], row["way"], f"{row['lanes']:,}", runs, *times, f"{row['memory_MiB']:.0f}", error])
+    first = found["cost"][0]
     table(
-        "A robot, 1,800 s at 1 s, one by one, as a batch, and derived", ["what", "compile s", "run ms"], lines, (1, 2)
+        f"Derivatives of one number by all parameters, {first['steps']:,} steps",
+        columns,
+        lines,
+        right=range(2, 9),
     )
+    long = found["long_gradient"]
+    print(f"A gradient through {long['steps']:,} steps: {long['peak_MiB']:.0f} MiB, the whole process.")
 
 
 def write(folder: Path, results: dict[str, Any]) -> None:

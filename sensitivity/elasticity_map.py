@@ -16,7 +16,6 @@ from sensitivity.metrics import choose_metrics, has_derivative
 from sensitivity.response import SHIFTED_INPUT, Answer, Response, make_response
 from sweeps.study import Study
 
-
 # One lane at a time, a step is mostly the dispatch of its operations; many at a time leave the cache.
 _AT_ONCE = 32
 
