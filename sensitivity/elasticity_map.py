@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from jaxmodel.profile import Profile
 from sensitivity.metrics import choose_metrics, has_derivative
-from sensitivity.response import SHIFTED_INPUT, Answer, Response, make_response
+from sensitivity.response import SHIFTED_INPUT, Response, make_response
 from sweeps.study import Study
 
 # One lane at a time, a step is mostly the dispatch of its operations; many at a time leave the cache.
@@ -54,10 +54,10 @@ def elasticity_map(study: Study, names: Sequence[str] | None = None) -> xarray.D
     at_once = min(_AT_ONCE, len(at))
     filled = np.concatenate([at, np.repeat(at[-1:], -len(at) % at_once, axis=0)])
     found = _over_lanes(response, jnp.asarray(filled), len(asked), at_once)
-    answer, slopes = jax.tree.map(lambda x: np.asarray(x)[: len(at)], found)
+    numbers, slopes = (np.asarray(x)[: len(at)] for x in found)
     shape = grid[0].shape
-    value = np.asarray(answer.metrics).reshape(*shape, -1)
-    derivative = np.moveaxis(np.asarray(slopes.metrics), 1, 2).reshape(*shape, len(metrics), len(asked))
+    value = numbers.reshape(*shape, -1)
+    derivative = np.moveaxis(slopes, 1, 2).reshape(*shape, len(metrics), len(asked))
     parameter = at[:, : len(asked)].reshape(*shape, 1, len(asked))
     info = response.table()[: len(asked)]
     means = np.array([one.unit != "degC" and one.name != SHIFTED_INPUT for one in info])
@@ -80,10 +80,12 @@ def elasticity_map(study: Study, names: Sequence[str] | None = None) -> xarray.D
 
 
 @eqx.filter_jit
-def _over_lanes(response: Response, at: Float[Array, "lanes moved"], asked: int, at_once: int) -> tuple[Answer, Answer]:
+def _over_lanes(
+    response: Response, at: Float[Array, "lanes moved"], asked: int, at_once: int
+) -> tuple[Float[Array, "lanes metric"], Float[Array, "lanes parameter metric"]]:
     def lane(values):
         def push(direction):
-            return jax.jvp(response, (values,), (direction,))
+            return jax.jvp(lambda x: response(x).metrics, (values,), (direction,))
 
         return jax.vmap(push, out_axes=(None, 0))(jnp.eye(asked, values.size))
 
