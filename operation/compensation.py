@@ -124,13 +124,17 @@ def compensate(
         for bound in (LEAST_DUTY, MOST_DUTY)
     )
     there = (least < 0.0) & (most > 0.0)
-    places = (jnp.asarray(np.where(there, grid, value)) for grid, value in zip((ambients, torques), at, strict=True))
-    duty = np.where(there, np.asarray(_roots(model, _course(model, STEP_S), *places, jnp.asarray(slope))), np.nan)
+    warm, load = (jnp.asarray(np.where(there, grid, value[0])) for grid, value in ((ambients, at[0]), (torques, at[1])))
+    duty = np.where(there, np.asarray(_roots(model, _course(model, STEP_S), warm, load, jnp.asarray(slope))), np.nan)
     before = steady(model, ambients, torques, np.full_like(ambients, reference.duty), CHECK_STEP_S)
     after = steady(model, ambients, torques, duty, CHECK_STEP_S)
 
     def mapped(runs: Runs) -> Runs:
-        return Runs(*(values.reshape(shape) for values in (runs.soc_gradient, runs.speed_rad_s, runs.pack_A)))
+        return Runs(
+            soc_gradient=runs.soc_gradient.reshape(shape),
+            speed_rad_s=runs.speed_rad_s.reshape(shape),
+            pack_A=runs.pack_A.reshape(shape),
+        )
 
     return Compensation(
         reference=reference,

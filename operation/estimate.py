@@ -20,7 +20,8 @@ from jaxmodel.names import with_values
 
 # Beside the model's states: the logarithm of the scale of all resistances, and the offset of V_oc in V.
 WANDERING = ("log_scale", "offset_V")
-SOC_RANGE = (0.0, 1.05)  # outside it the curves are held, and a filter would learn nothing there
+SOC_RANGE = (0.0, 1.0)  # outside it the curves are held, and a filter would learn nothing there
+FIRST_ROUNDS = 6
 
 
 def _as_array(value) -> Array:
@@ -102,94 +103,117 @@ def ekf(model: Model, tuning: Tuning, measured: Measured, start_soc: Scalar, pai
         start_soc: what it is told of the charge at the start.
         pairs_sd_V: what it is told of the RC pairs there: 0 after a rest, else how far from rest they may be.
     """
-    begin, given = _begin(model, tuning, measured, jnp.asarray(start_soc, dtype=float), pairs_sd_V)
-    return Track(*jax.lax.scan(lambda carry, row: _step(model, tuning, carry, row), begin, given)[1])
+    duration = jnp.diff(measured.time_s)
+    readings = (measured.current_A, measured.degC, measured.voltage_V)
+    first, later = (jax.tree.map(lambda x, part=part: x[part], readings) for part in (0, slice(1, None)))
+    believed = _believed(model, tuning, first, jnp.asarray(start_soc, dtype=float), pairs_sd_V)
+    # A wrong start is far from where the curves were linearised: its first reading is taken in rounds.
+    begin, told_first = _correct(model, tuning, *believed, first, rounds=FIRST_ROUNDS)
+
+    def advance(carry, row):
+        return _correct(model, tuning, *_predict(model, tuning, *carry, *row), row[1])
+
+    told = jax.lax.scan(advance, begin, (duration, later))[1]
+    return Track(*(jnp.concatenate([one[None], rest]) for one, rest in zip(told_first, told, strict=True)))
 
 
-def _begin(model: Model, tuning: Tuning, measured: Measured, start_soc: Scalar, pairs_sd_V: Scalar):
-    """Return the filter as it is at the first row, and the rows that it is to take."""
+def _believed(model: Model, tuning: Tuning, first, start_soc: Scalar, pairs_sd_V: Scalar):
+    """Return mean and covariance before the first reading."""
     names = state_names(model)
-    first = {"current_A": measured.current_A[0], "ambient_degC": measured.degC[0]}
-    state = initial_state(model, first) | {"soc": start_soc} | dict.fromkeys(WANDERING, jnp.zeros(()))
+    state = initial_state(model, _inputs(first)) | {"soc": start_soc} | dict.fromkeys(WANDERING, jnp.zeros(()))
     known = dict.fromkeys(("v_ts_V", "v_tl_V"), pairs_sd_V)
     known |= {"soc": tuning.start_sd, "log_scale": tuning.scale_sd, "offset_V": tuning.offset_sd_V}
     variances = jnp.stack([jnp.asarray(known.get(name, 0.0), dtype=float) ** 2 for name in names])
     mean = jnp.stack([jnp.asarray(state[name], dtype=float) for name in names])
-    duration = jnp.diff(measured.time_s, prepend=measured.time_s[:1])
-    rows = (duration, measured.current_A, measured.degC, measured.voltage_V)
-    return (mean, variances[:, None] * jnp.eye(len(names))), rows
+    return mean, variances[:, None] * jnp.eye(len(names))
 
 
-def _step(model: Model, tuning: Tuning, carry, row):
-    """Predict over a row and correct by its voltage (Joseph's form, which keeps the covariance positive)."""
-    mean, covariance = carry
-    duration, current, degC, voltage = row
+def _inputs(row) -> dict[str, Array]:
+    return {"current_A": row[0], "ambient_degC": row[1]}
+
+
+def _named(model: Model, x):
+    """Return the model with the wandering numbers of a state vector in it, and its own states by name."""
+    values = dict(zip(state_names(model), x, strict=True))
+    factor = jnp.exp(values.pop("log_scale"))
+    p = model.parameters
+    own = {
+        "series_resistance_scale": p.series_resistance_scale * factor,
+        "rc_resistance_scale": p.rc_resistance_scale * factor,
+        # The pairs keep their time constants.
+        "rc_capacitance_scale": p.rc_capacitance_scale / factor,
+        "ocv_offset_V": p.ocv_offset_V + values.pop("offset_V"),
+    }
+    return with_values(model, own), values
+
+
+def _predict(model: Model, tuning: Tuning, mean, covariance, duration, row):
+    """Move mean and covariance over a step by the model's own, linearised at the mean."""
     names = state_names(model)
-    soc = names.index("soc")
-    inputs = {"current_A": current, "ambient_degC": degC}
-
-    def named(x):
-        values = dict(zip(names, x, strict=True))
-        factor = jnp.exp(values.pop("log_scale"))
-        p = model.parameters
-        own = {
-            "series_resistance_scale": p.series_resistance_scale * factor,
-            "rc_resistance_scale": p.rc_resistance_scale * factor,
-            # The pairs keep their time constants.
-            "rc_capacitance_scale": p.rc_capacitance_scale / factor,
-            "ocv_offset_V": p.ocv_offset_V + values.pop("offset_V"),
-        }
-        return with_values(model, own), values
-
     keep = {"log_scale": jnp.exp(-duration / tuning.scale_s), "offset_V": jnp.exp(-duration / tuning.offset_s)}
 
-    def predict(x):
-        own, state = named(x)
-        moved = step(own, state, inputs, duration)
+    def move(x):
+        own, state = _named(model, x)
+        moved = step(own, state, _inputs(row), duration)
         wandered = dict(zip(names, x, strict=True))
         return jnp.stack([moved[n] if n in moved else wandered[n] * keep[n] for n in names])
 
-    def reading(x):
-        own, state = named(x)
-        return read(own, state, inputs)["voltage_V"]
-
-    at_rest = {"current_A": jnp.zeros(()), "ambient_degC": degC}
     noise = {
         "soc": tuning.charge_sd**2 * duration / 3600.0,
         "log_scale": tuning.scale_sd**2 * (1.0 - keep["log_scale"] ** 2),
         "offset_V": tuning.offset_sd_V**2 * (1.0 - keep["offset_V"] ** 2),
     }
     added = jnp.stack([jnp.asarray(noise.get(name, 0.0), dtype=float) for name in names])
-    slope = jax.jacfwd(predict)(mean)
-    mean = predict(mean)
+    slope = jax.jacfwd(move)(mean)
     covariance = _product(_product(slope, covariance), slope.T) + added[:, None] * jnp.eye(len(names))
+    return move(mean), covariance
 
-    expected, along = reading(mean), jax.jacfwd(reading)(mean)
-    own, state = named(mean)
+
+def _correct(model: Model, tuning: Tuning, mean, covariance, row, rounds: int = 1):
+    """Correct by a voltage (Joseph's form, which keeps the covariance positive); return it, and what is told of it.
+
+    In further rounds the reading is linearised anew where the round before ended (the iterated filter).
+    """
+    names, voltage = state_names(model), row[2]
+    soc = names.index("soc")
+
+    def reading(x):
+        own, state = _named(model, x)
+        return read(own, state, _inputs(row))["voltage_V"]
+
+    own, state = _named(model, mean)
     unloaded = state | {name: jnp.zeros(()) for name in ("v_ts_V", "v_tl_V")}
-    drop = read(own, unloaded, at_rest)["voltage_V"] - expected
+    at_rest = {"current_A": jnp.zeros(()), "ambient_degC": row[1]}
+    drop = read(own, unloaded, at_rest)["voltage_V"] - reading(mean)
     variance = tuning.voltage_sd_V**2 + (tuning.drop_share * drop) ** 2
     seen = jnp.isfinite(voltage)
-    innovation = jnp.where(seen, voltage - expected, 0.0)
-    across = jnp.sum(covariance * along, axis=1)
-    spread = jnp.sum(across * along) + variance
-    gain = jnp.where(seen, across / spread, 0.0)
-    mean = mean + gain * innovation
-    mean = _clipped(mean, soc)
+
+    def linearised(x):
+        along = jax.jacfwd(reading)(x)
+        innovation = jnp.where(seen, voltage - reading(x) - jnp.sum(along * (mean - x)), 0.0)
+        across = jnp.sum(covariance * along, axis=1)
+        spread = jnp.sum(across * along) + variance
+        gain = jnp.where(seen, across / spread, 0.0)
+        return along, innovation, spread, gain, _clipped(mean + gain * innovation, soc)
+
+    along, innovation, spread, gain, corrected = linearised(mean)
+    nis = jnp.where(seen, innovation**2 / spread, jnp.nan)
+    for _ in range(rounds - 1):
+        along, _, _, gain, corrected = linearised(corrected)
     left = jnp.eye(len(names)) - gain[:, None] * along
     covariance = _product(_product(left, covariance), left.T) + variance * gain[:, None] * gain
     told = (
-        mean[soc],
+        corrected[soc],
         jnp.sqrt(covariance[soc, soc]),
-        jnp.where(seen, innovation**2 / spread, jnp.nan),
-        jnp.exp(mean[names.index("log_scale")]),
-        mean[names.index("offset_V")],
+        nis,
+        jnp.exp(corrected[names.index("log_scale")]),
+        corrected[names.index("offset_V")],
     )
-    return (mean, covariance), told
+    return (corrected, covariance), told
 
 
 def _clipped(mean, soc: int):
-    """Keep the charge within its range; no scatter, which could not be part of one kernel."""
+    """Keep the charge within its range; a wrong start must not leave it."""
     here = jnp.arange(mean.shape[0]) == soc
     return jnp.where(here, jnp.clip(mean, *SOC_RANGE), mean)
 

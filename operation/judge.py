@@ -39,6 +39,8 @@ RANGES = {
     "offset_sd_V": (3e-3, 3e-2),
     "offset_s": (500.0, 6000.0),
 }
+LENGTH = 3000  # runs are padded to multiples of it: a filter compiles once for each length
+NEARER = 1.7  # in a second round tunings are drawn within this factor of the best of the first
 BLENDS_S = (60.0, 120.0, 300.0, 600.0, 1200.0, 2400.0, 4800.0)
 Progress = Callable[[str], None]
 
@@ -49,7 +51,7 @@ class Entry:
 
     Attributes:
         name: of the run.
-        measured: padded with rows of no duration and no reading to the length of the longest run.
+        measured: padded with rows of no duration and no reading to one of few lengths.
         soc: the reference, shape (rows,), without padding.
         time_s: of these rows.
         offsets: of the starts, added to the reference there.
@@ -79,7 +81,7 @@ class Entry:
 
     def errors(self, estimates: np.ndarray) -> np.ndarray:
         """Return the RMS error after convergence, shape (...), of estimates of shape (..., rows and padding)."""
-        return np.sqrt(np.mean((self.late(estimates) - self.late(self.soc)) ** 2, axis=-1))
+        return np.asarray(np.sqrt(np.mean((self.late(estimates) - self.late(self.soc)) ** 2, axis=-1)))
 
     def convergence_s(self, estimate: np.ndarray, within: float = 0.05) -> float:
         """Return the time after which one estimate stays within a distance of the reference; inf if it never does."""
@@ -100,29 +102,29 @@ def entries(runs: Sequence[Run], *, aware: bool) -> list[Entry]:
     Raises:
         MeasurementError: a run has no reference.
     """
-    longest = max(run.measured.time_s.size for run in runs)
     made = []
     for run in runs:
         outputs = run.measured.outputs
         if "soc" not in outputs or "voltage_V" not in outputs:
             raise MeasurementError(f"{run.source.name}: needs the columns voltage_V and soc, to be judged by.")
         soc = outputs["soc"]
-        made.append(_entry(run, 0, (0.0, -OFF), longest, aware))
+        made.append(_entry(run, 0, (0.0, -OFF), aware))
         for charge in UNDER_WAY_SOC:
             row = int(np.argmax(soc < charge))
             if row > 0 and run.measured.time_s[-1] - run.measured.time_s[row] > 2.0 * CONVERGED_S:
-                made.append(_entry(run, row, (-OFF, OFF), longest, aware))
+                made.append(_entry(run, row, (-OFF, OFF), aware))
     return made
 
 
-def _entry(run: Run, row: int, offsets: tuple[float, ...], longest: int, aware: bool) -> Entry:
+def _entry(run: Run, row: int, offsets: tuple[float, ...], aware: bool) -> Entry:
     inputs, outputs = run.measured.inputs, run.measured.outputs
     degC = outputs.get("cell_temperature_degC", inputs["ambient_degC"]) if aware else UNAWARE_DEGC
     time_s = run.measured.time_s[row:]
+    length = LENGTH * -(-time_s.size // LENGTH)
     columns = (time_s, inputs["current_A"][row:], np.broadcast_to(degC, run.measured.time_s.shape)[row:])
 
     def padded(values: np.ndarray, by: float) -> Array:
-        return jnp.asarray(np.concatenate([values, np.full(longest - values.size, by)]))
+        return jnp.asarray(np.concatenate([values, np.full(length - values.size, by)]))
 
     measured = Measured(
         padded(columns[0], time_s[-1]),
@@ -151,12 +153,13 @@ def cheap_ones(cheap: Cheap, measured: Measured, starts: Float[Array, " starts"]
     return jax.vmap(lambda start: run_cheap(cheap, measured, start))(starts)
 
 
-def draw(count: int, seed: int = 0) -> Tuning:
-    """Return tunings drawn from `RANGES`, evenly in their logarithms, leaves of shape (count,)."""
-    unit = qmc.Sobol(len(RANGES), rng=seed).random(count)
+def draw(count: int, near: Tuning | None = None) -> Tuning:
+    """Return tunings drawn evenly in their logarithms, from `RANGES` or near one; leaves of shape (count,)."""
+    ranges = RANGES if near is None else {n: (getattr(near, n) / NEARER, getattr(near, n) * NEARER) for n in RANGES}
+    unit = qmc.Sobol(len(RANGES), rng=0 if near is None else 1).random(count)
     drawn = {
         name: jnp.asarray(low * (high / low) ** unit[:, column])
-        for column, (name, (low, high)) in enumerate(RANGES.items())
+        for column, (name, (low, high)) in enumerate(ranges.items())
     }
     base = Tuning()
     return Tuning(**{name: drawn.get(name, jnp.full(count, getattr(base, name))) for name in vars(base)})
@@ -168,10 +171,15 @@ def tuned(model: Model, fit: Sequence[Entry], count: int, told: Progress) -> tup
     Args:
         model: of the cell.
         fit: entries of the runs to tune on.
-        count: tunings to try, a power of two.
+        count: tunings to try, a power of two; half as many again are tried near the best of them.
         told: told which run is under way.
     """
-    drawn = draw(count)
+    first = _best(model, fit, draw(count), told)
+    second = _best(model, fit, draw(max(1, count // 2), first[0]), told)
+    return min(first, second, key=lambda pair: pair[1])
+
+
+def _best(model: Model, fit: Sequence[Entry], drawn: Tuning, told: Progress) -> tuple[Tuning, float]:
     squares = []
     for entry in fit:
         told(entry.name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
@@ -50,11 +51,15 @@ def misfit(ours: dict[float, float], printed: dict[float, float]) -> tuple[float
     return float(np.sqrt(np.mean(off**2))), float(np.abs(off).max())
 
 
+def share_left(months: float, storage_degC: float) -> float:
+    """Return the share of the capacity left after storage, eq. 8."""
+    return float(storage_factor(jnp.asarray(months), jnp.asarray(storage_degC)))
+
+
 def with_storage_at_ambient(ours: dict[float, float], months: float) -> dict[float, float]:
     """Return the slopes if eq. 8's T_amb were the ambient of the run; NaN where no charge at all would be left.
 
     The slope is the draw by the usable charge, and eq. 8 enters it in no other way.
     """
-    at_20 = float(storage_factor(months, 20.0))  # type: ignore[arg-type]
-    left = {at: float(storage_factor(months, at)) for at in ours}  # type: ignore[arg-type]
+    at_20, left = share_left(months, 20.0), {at: share_left(months, at) for at in ours}
     return {at: slope * at_20 / left[at] if left[at] > 0.0 else np.nan for at, slope in ours.items()}

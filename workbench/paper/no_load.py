@@ -63,7 +63,7 @@ def gradients(time_s: np.ndarray, cell_V: np.ndarray) -> Gradients:
 def soc_at_rest(cell_V: float) -> float:
     """Return the state of charge at which the model's open-circuit voltage is this, in V."""
     ocv = preset_model("paper", "robot").curves.ocv
-    return float(brentq(lambda soc: float(ocv(soc, 20.0)) - cell_V, 0.01, 1.0))  # type: ignore[arg-type]
+    return float(brentq(lambda soc: float(ocv(jnp.asarray(soc), jnp.asarray(20.0))) - cell_V, 0.01, 1.0))  # type: ignore[arg-type]
 
 
 def no_load() -> xr.Dataset:

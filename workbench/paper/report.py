@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from jaxmodel.cell import storage_factor
 from workbench.article import Picture, Section, Table, percent, power
 from workbench.paper import printed
 from workbench.paper.candidates import HELD_OUT_DEGC, Carried
-from workbench.paper.discharges import ASSUMED, misfit, slopes, with_storage_at_ambient
+from workbench.paper.discharges import ASSUMED, misfit, share_left, slopes, with_storage_at_ambient
 from workbench.paper.no_load import Gradients, Held
 from workbench.paper.printed import TABLE_1, TABLE_2, TABLE_STEP, headline
 from workbench.pictures import paper as pictures
@@ -235,7 +234,7 @@ def findings(data: xr.Dataset, held: Sequence[Held], full: Gradients) -> list[st
     """Return what a reader of the paper should take away."""
     one, two = slopes(data, "formula", "ambient_degC"), slopes(data, "formula", "load_torque_Nm")
     p1, e2 = headline(TABLE_1, 20.0, 20.0), headline(two, 0.05, 0.3)
-    charge = 5.2 * float(storage_factor(18.0, 20.0))  # type: ignore[arg-type]
+    charge = 5.2 * share_left(18.0, 20.0)
     return [
         f"Table 2 is reproduced within {100 * misfit(two, TABLE_2)[1]:.0f} %, with duty and on-board current chosen.",
         f"Table 1 is not: the printed equations give {power(one[20.0], -4)}e-4 /s at every temperature.",
