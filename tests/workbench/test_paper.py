@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import csv
+import json
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from discrepancy.result import Diagnosis
 from jaxmodel.cases import read_case
 from tests.workbench.conftest import Run
 from workbench.article import Picture, Section, Table, percent, power, write_article
@@ -97,6 +99,17 @@ def test_table_1_as_a_case_is_the_printed_table() -> None:
         left = run.measured.outputs["soc"][-1]
         assert left == pytest.approx(1.0 + 1800.0 * TABLE_1[ambient], abs=1e-9)
     assert sorted(float(run.measured.inputs["ambient_degC"][0]) for run in case.runs) == list(TABLE_1)
+
+
+def test_diagnosis_of_table_1_is_told_as_it_came(
+    diagnosis: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(paper_command, "diagnose", lambda case, **_: diagnosis)
+    answer, origin = paper_command._diagnosis(tmp_path)
+    assert json.loads((tmp_path / "answer.json").read_text(encoding="utf-8")) == answer
+    assert (tmp_path / "extended.toml").is_file()
+    assert "computed with this report" in origin
+    assert "recorded" in paper_command._recorded()[1]
 
 
 def test_article_holds_all_of_its_parts(tmp_path: Path) -> None:

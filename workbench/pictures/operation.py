@@ -166,7 +166,7 @@ def estimates(runs: Mapping[str, Mapping[str, np.ndarray]]) -> Figure:
     Args:
         runs: by label: `time_s`, `soc`, and by name of the estimator its estimate; all of shape (rows,).
     """
-    figure = new_figure(PAGE_CM, 2.5 + 4.2 * ((len(runs) + 1) // 2))
+    figure = new_figure(PAGE_CM, 3.0 + 4.2 * ((len(runs) + 1) // 2))
     grid = figure.subplots((len(runs) + 1) // 2, 2, squeeze=False, sharey=True)
     for axes in list(grid.flat)[len(runs) :]:
         axes.set_visible(False)
@@ -194,7 +194,7 @@ def estimate_errors(labels: Sequence[str], errors: Mapping[str, np.ndarray], tar
         errors: by estimator, shape (runs,).
         target: drawn as a line.
     """
-    figure = new_figure(PAGE_CM, 1.5 + 0.75 * len(labels))
+    figure = new_figure(PAGE_CM, 4.0 + 0.75 * len(labels))
     axes = figure.subplots()
     places = np.arange(len(labels))[::-1]
     for (name, values), colour, marker in zip(errors.items(), LINES, "osv^D", strict=False):
