@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 
 import equinox as eqx
@@ -19,6 +20,8 @@ SOLVER = optx.Dogleg(rtol=1e-4, atol=1e-4)
 DIFFERENCE_STEP = 1e-3
 # At a minimum the score of every unknown is zero; above this the score test of what is missing would be invalid.
 GREATEST_BASE_SCORE = 0.1
+# Below this a further step would gain 1e-4 of chi-square and a hundredth of a standard deviation.
+FLAT = 0.01
 
 
 class Task(eqx.Module):
@@ -97,44 +100,64 @@ def _rows_about(y: Array, arguments: tuple[Problem, Task]) -> Array:
     return jax.vmap(lambda one: _objective(one, *arguments))(lanes)
 
 
+class Given(eqx.Module):
+    """The objective's rows at one place, their Jacobian there, and the score of every unknown in sd."""
+
+    rows: Array
+    jacobian: Array
+    scores: Array
+
+
 @eqx.filter_custom_jvp
-def _residuals(y: Array, arguments: tuple[Problem, Task]) -> Array:
-    """Return the objective's rows; where a derivative is asked for, with the Jacobian by central differences.
-
-    Differences of lanes of the forward program, not tangents: forward mode compiles four times as long, and a step of
-    1e-3 of a prior's standard deviation costs 1e-6 of a derivative.
-    """
-    return _rows_about(y, arguments)[0]
+def _given(y: Array, given: Given) -> tuple[Array, None]:
+    """Return rows computed beforehand, with their derivatives, in the form in which optimistix asks for them."""
+    return given.rows, None
 
 
-@_residuals.def_jvp
-def _residuals_jvp(primals, tangents):
-    y, arguments = primals
+@_given.def_jvp
+def _given_jvp(primals, tangents):
+    _, given = primals
     dy, _ = tangents
-    rows = _rows_about(y, arguments)
-    ahead, behind = jnp.split(rows[1:], 2)
-    return rows[0], dy @ (ahead - behind) / (2.0 * DIFFERENCE_STEP)
+    return (given.rows, None), (given.jacobian @ dy, None)
 
 
 @eqx.filter_jit
-def _solve(problem: Problem, task: Task):
-    solution = optx.least_squares(_residuals, SOLVER, task.x, args=(problem, task), max_steps=MAX_STEPS, throw=False)
-    info = solution.state.f_info
-    jacobian = info.jac.as_matrix()
-    runs, rows = problem.times.shape
-    of_run = jnp.pad(problem.readings.index // (rows * len(problem.channels)), (0, task.x.size), constant_values=-1)
+def _look(y: Array, problem: Problem, task: Task) -> Given:
+    """Return the objective at a place, its derivatives by central differences of lanes of the forward program.
 
-    def contribution(run: Array) -> tuple[Array, Array]:
-        mine = jacobian * (of_run == run)[:, None]
-        return mine.T @ jacobian, mine.T @ info.residual
+    Differences, not tangents: forward mode compiles four times as long, and a step of 1e-3 of a prior's standard
+    deviation costs 1e-6 of a derivative.
+    """
+    rows = _rows_about(y, (problem, task))
+    ahead, behind = jnp.split(rows[1:], 2)
+    jacobian = (ahead - behind).T / (2.0 * DIFFERENCE_STEP)
+    size = jnp.sqrt(jnp.maximum(jnp.sum(jacobian**2, axis=0), 1e-30))
+    return Given(rows[0], jacobian, jnp.where(task.free > 0.0, jnp.abs(rows[0] @ jacobian) / size, 0.0))
 
-    by_run = jax.lax.map(contribution, jnp.arange(runs))
-    total = jacobian.T @ jacobian, jacobian.T @ info.residual
-    return solution.value, info.residual, total, by_run, solution.stats["num_steps"]
+
+@functools.lru_cache(maxsize=64)
+def _blank(unknowns: int, rows: int):
+    """Return the solver's state before any step; one for all fits of a shape, so that its steps are traced once."""
+    struct = jax.ShapeDtypeStruct((rows,), float)
+    blank = Given(jnp.zeros(rows), jnp.zeros((rows, unknowns)), jnp.zeros(unknowns))
+    return SOLVER.init(_given, jnp.zeros(unknowns), blank, {}, struct, None, frozenset())
+
+
+def _beginning(unknowns: int, rows: int, y: Array):
+    return eqx.tree_at(lambda state: state.y_eval, _blank(unknowns, rows), y)
+
+
+@eqx.filter_jit
+def _step(y: Array, given: Given, state):
+    y, state, _ = SOLVER.step(_given, y, given, {}, state, frozenset())
+    return y, state
 
 
 def fit(problem: Problem, start: np.ndarray, free: Sequence[int] | None = None, split: str = "fit") -> Fit:
     """Calibrate from one start.
+
+    The trust-region steps are optimistix's, one at a time: the model's program stays one forward program, which is all
+    that has to be compiled anew for another model.
 
     Args:
         problem: the case under one model.
@@ -145,20 +168,38 @@ def fit(problem: Problem, start: np.ndarray, free: Sequence[int] | None = None, 
     size = len(problem.unknowns.names)
     mask = np.ones(size) if free is None else np.isin(np.arange(size), list(free)).astype(float)
     counted = problem.readings.fit if split == "fit" else problem.readings.check
-    task = Task(jnp.asarray(start, dtype=float), jnp.asarray(mask), counted)
-    x, residual, (information, gradient), by_run, steps = jax.device_get(_solve(problem, task))
-    moving = mask > 0.0
-    chi2 = float(np.sum(residual[:-size] ** 2))
-    scores = np.abs(gradient[moving]) / np.sqrt(np.diag(information)[moving])
+    y = jnp.asarray(start, dtype=float)
+    task = Task(y, jnp.asarray(mask), counted)
+    state = _beginning(size, counted.shape[0] + size, y)
+    best = None
+    for _ in range(MAX_STEPS):
+        seen = _look(state.y_eval, problem, task)
+        accepted = int(state.num_accepted_steps)
+        y, state = _step(y, seen, state)
+        if best is None or int(state.num_accepted_steps) > accepted:
+            best = seen
+        flat = best is seen and float(jnp.max(seen.scores)) < FLAT
+        if flat or bool(state.terminate) or bool(state.result != optx.RESULTS.successful):
+            break
+    assert best is not None
+    return _fit_of(problem, np.asarray(y), np.asarray(start, dtype=float), mask > 0.0, best, int(state.num_steps))
+
+
+def _fit_of(problem: Problem, x: np.ndarray, start: np.ndarray, moving: np.ndarray, seen: Given, steps: int) -> Fit:
+    """Return what came of a fit that ended at x, where it saw this."""
+    residual, jacobian = np.asarray(seen.rows), np.asarray(seen.jacobian)
+    runs, rows = problem.times.shape
+    of_run = np.asarray(problem.readings.index) // (rows * len(problem.channels))
+    parts = [np.flatnonzero(of_run == run) for run in range(runs)]
     return Fit(
         x=np.where(moving, x, start),
-        chi2=chi2,
-        prior=float(np.sum(np.asarray(x)[moving] ** 2)),
-        information=information,
-        run_information=by_run[0],
-        run_score=by_run[1],
-        greatest_score=float(scores.max()) if scores.size else 0.0,
-        steps=int(steps),
+        chi2=float(np.sum(residual[: -x.size] ** 2)),
+        prior=float(np.sum(x[moving] ** 2)),
+        information=jacobian.T @ jacobian,
+        run_information=np.stack([jacobian[part].T @ jacobian[part] for part in parts]),
+        run_score=np.stack([jacobian[part].T @ residual[part] for part in parts]),
+        greatest_score=float(np.max(seen.scores)),
+        steps=steps,
     )
 
 
