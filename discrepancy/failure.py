@@ -15,16 +15,13 @@ from discrepancy.problem import Lane
 from discrepancy.session import Hypothesis, Session
 from discrepancy.where import (
     Cell,
-    FloorRatio,
-    LjungBox,
     MapCell,
     Regressor,
-    floor_ratio,
-    ljung_box,
     map_over_two,
     split_excess,
     worst_region,
 )
+from discrepancy.whiteness import FloorRatio, LjungBox, floor_ratio, ljung_box
 from discrepancy.whitening import block_labels
 
 # Of a channel's readings: blocks within which errors may hang together.

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from discrepancy.where import Regressor, floor_ratio, ljung_box, split_excess, worst_region
+from discrepancy.where import Regressor, split_excess, worst_region
+from discrepancy.whiteness import floor_ratio, ljung_box
 from discrepancy.whitening import block_labels, chain_starts
 
 ROWS = 6000

@@ -12,7 +12,8 @@ from discrepancy.noise import NoiseModel
 from discrepancy.failure import Failure, Shift
 from discrepancy.ladder import ChannelError, Estimate, Rung
 from discrepancy.result import Diagnosis, NamedEffect, ScoreEntry
-from discrepancy.where import Regressor, floor_ratio, ljung_box, map_over_two, split_excess
+from discrepancy.where import Regressor, map_over_two, split_excess
+from discrepancy.whiteness import floor_ratio, ljung_box
 from jaxmodel.cases import Case, Known, read_case
 from workbench.runs import simulate_case
 
