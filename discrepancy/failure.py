@@ -1,4 +1,4 @@
-"""Where and how a calibrated model fails: by channel, by run, by condition, over two conditions, and with what memory."""
+"""Where and how a calibrated model fails: by channel, run and condition, and which parameter would have to change."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
-from scipy.stats import spearmanr
 
 from discrepancy.conditions import conditions_of_rows, history_of_rows
 from discrepancy.problem import Lane
@@ -42,7 +41,7 @@ class Shift:
         calibrated: its value for all runs together.
         wanted: by run, the value that the run alone would have.
         sd: by run, the standard deviation of that.
-        strength: sum over the runs of the square of their shift in sd; of the number of runs less 1 under a right model.
+        strength: sum over the runs of their shifts squared, in sd; about the number of runs under a right model.
         p_value: of so large a sum under a right model.
         goes_with: a condition that orders the runs as the parameter does; "" where none or fewer than three runs.
     """
@@ -85,17 +84,16 @@ class Failure:
         if not self.shifts or self.shifts[0].p_value > _SURE or self.excess <= 0.0:
             return ""
         first = self.shifts[0]
-        changes = {
-            run: value / first.calibrated - 1.0 if first.calibrated else value for run, value in first.wanted.items()
-        }
-        low, high = min(changes, key=lambda run: changes[run]), max(changes, key=lambda run: changes[run])
-        unit = " %" if first.calibrated else ""
-        scale = 100.0 if first.calibrated else 1.0
-        ordered = f", in the order of {first.goes_with}" if first.goes_with else ""
         share = 100.0 * min(self.shift_share, 1.0)
+        low, high = (
+            min(first.wanted, key=lambda run: first.wanted[run]),
+            max(first.wanted, key=lambda run: first.wanted[run]),
+        )
+        ordered = f", in the order of {first.goes_with}" if first.goes_with else ""
         return (
-            f"If parameters could differ from run to run, up to {share:.0f} % of the excess error would go; of "
-            f"{first.parameter} {low} wants {scale * changes[low]:+.3g}{unit}, {high} {scale * changes[high]:+.3g}{unit}{ordered}."
+            f"If parameters could differ from run to run, up to {share:.0f} % of the excess error would go; "
+            f"{first.parameter}, {first.calibrated:.3g} for all, would be {first.wanted[low]:.3g} in {low} "
+            f"and {first.wanted[high]:.3g} in {high}{ordered}."
         )
 
 
@@ -212,9 +210,15 @@ def _order(wanted: np.ndarray, means: dict[str, np.ndarray]) -> str:
     if wanted.size < 3 or np.ptp(wanted) == 0.0:
         return ""
     for name, values in means.items():
-        if np.ptp(values) > 1e-3 * np.abs(values).max() and abs(spearmanr(values, wanted).statistic) > 1.0 - 1e-9:
+        if np.ptp(values) > 1e-3 * np.abs(values).max() and _same_order(values, wanted):
             return name
     return ""
+
+
+def _same_order(one: np.ndarray, other: np.ndarray) -> bool:
+    order = np.argsort(one)
+    steps = np.diff(other[order])
+    return bool(np.all(np.diff(one[order]) > 0.0) and (np.all(steps > 0.0) or np.all(steps < 0.0)))
 
 
 def _unit(name: str) -> str:

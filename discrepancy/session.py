@@ -17,9 +17,9 @@ import numpy as np
 from discrepancy.calibrate import Fit, fit, objectives, predict, variance_from_inputs
 from discrepancy.candidates import Candidate, candidates
 from discrepancy.contract import noise_of_case, noisy_inputs, without_input_noise
+from discrepancy.ladder import ChannelError, Estimate, Rung
 from discrepancy.noise import NoiseModel
 from discrepancy.problem import Layout, Problem, make_problem
-from discrepancy.ladder import ChannelError, Estimate, Rung
 from discrepancy.screen import Screen, screen, warm_up
 from jaxmodel.cases import Case
 from jaxmodel.declaration import describe

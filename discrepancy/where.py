@@ -132,7 +132,8 @@ def map_over_two(
 
     Args:
         whitened: (n,) whitened residual, NaN where a reading is missing.
-        x, y: the conditions.
+        x: one condition.
+        y: the other.
         clusters: (n,) labels within which errors may be correlated.
         bins: of equal count for each condition; one with no more different values gets one for each.
     """

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from discrepancy.noise import NoiseModel
 from discrepancy.failure import Failure, Shift
 from discrepancy.ladder import ChannelError, Estimate, Rung
+from discrepancy.noise import NoiseModel
 from discrepancy.result import Diagnosis, NamedEffect, ScoreEntry
 from discrepancy.where import Regressor, map_over_two, split_excess
 from discrepancy.whiteness import floor_ratio, ljung_box
