@@ -85,4 +85,5 @@ def power(value: float, exponent: int, digits: int = 2) -> str:
 
 def percent(share: float, digits: int = 1) -> str:
     """Return a share in percent, with its sign."""
-    return f"{100.0 * share:+.{digits}f} %"
+    text = f"{100.0 * share:+.{digits}f} %"
+    return text[1:] if float(text[:-2]) == 0.0 else text

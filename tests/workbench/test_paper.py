@@ -131,6 +131,7 @@ def test_numbers_are_written_for_a_person() -> None:
     assert power(-2.046e-4, -4) == "-2.05"
     assert power(-1e-9, -4) == "0.00"
     assert percent(0.157) == "+15.7 %"
+    assert percent(-1e-9) == "0.0 %"
 
 
 @pytest.mark.parametrize(

@@ -304,8 +304,8 @@ def _findings(
 ) -> list[str]:
     cold, steep = _STEPS["20 K colder, from 20 °C at 175 mN m"], _STEPS["50 mN m more, from 300 mN m"]
     lines = [
-        f"{name}: {percent(reduction(map_, *cold))} less for 20 K colder (paper 15.7 %), "
-        f"{percent(reduction(map_, *steep))} for 50 mN m more (paper 14.7 %); the pace is held within "
+        f"{name}: {percent(-reduction(map_, *cold))} of the motors' draw for 20 K colder (paper 15.7 %), "
+        f"{percent(-reduction(map_, *steep))} for 50 mN m more (paper 14.7 %); the pace is held within "
         f"{map_.error:.0e} of itself in simulation."
         for name, map_ in found.items()
     ]

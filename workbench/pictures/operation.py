@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator
 
 from workbench.pictures.style import BLACK, BLUE, GREY, LINES, PAGE_CM, SEQUENCE, new_figure, styled
 
@@ -201,9 +202,11 @@ def estimate_errors(labels: Sequence[str], errors: Mapping[str, np.ndarray], tar
         axes.plot(100.0 * values, places, marker, color=colour, label=name, markersize=5)
     axes.axvline(100.0 * target, color=BLACK, lw=1.0, ls="--", label=f"target {100 * target:g} %")
     axes.set_xscale("log")
-    axes.set_xticks([0.5, 1, 2, 5, 10, 20, 50], ["0.5", "1", "2", "5", "10", "20", "50"])
-    axes.set_xlim(0.3, 60.0)
+    least = min(0.3, 80.0 * float(np.nanmin([np.nanmin(values) for values in errors.values()])))
+    axes.set_xlim(max(least, 0.01), 100.0)
     axes.minorticks_off()
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.set_yticks(places, labels)
     axes.set_xlabel("RMS error of the state of charge after convergence [%]")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
