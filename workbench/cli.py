@@ -321,7 +321,7 @@ def compensate(
 def estimate(
     case: CasePath,
     out: Out = Path("results"),
-    count: Annotated[int, typer.Option("--tunings", min=2, help="Tunings to try on the fit runs.")] = 64,
+    count: Annotated[int, typer.Option("--tunings", min=2, help="Tunings to try on the fit runs.")] = 32,
     tuning: Annotated[
         Path | None,
         typer.Option("--tuning", metavar="tuning.json", help="Of an earlier run: tune nothing.", show_default=False),

@@ -101,6 +101,15 @@ def test_table_1_as_a_case_is_the_printed_table() -> None:
     assert sorted(float(run.measured.inputs["ambient_degC"][0]) for run in case.runs) == list(TABLE_1)
 
 
+def test_experiment_as_a_case_is_the_printed_table() -> None:
+    case = read_case(paper_command.EXAMPLE.parent / "paper_experiment")
+    read = [
+        (inputs["ambient_degC"][0], inputs["duty"][0] < 1.0, *outputs["pack_voltage_V"][[0, -1]])
+        for inputs, outputs in ((run.measured.inputs, run.measured.outputs) for run in case.runs)
+    ]
+    assert read == [(test.ambient_degC, test.compensated, test.initial_V, test.final_V) for test in TESTS]
+
+
 def test_diagnosis_of_table_1_is_told_as_it_came(
     diagnosis: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
