@@ -1,7 +1,7 @@
 """Write the paper's experiment (section 4, Tables 3 and 5) as a case: four tests without load, two readings each.
 
-The voltmeter is good to 0.1 V: its sd is that of an even spread over +- 0.1 V. The measured 22.6 V is the rest of a pack
-at a state of charge of 0.38 by the model's open-circuit voltage, of which the paper says nothing.
+The voltmeter is good to 0.1 V: its sd is that of an even spread over +- 0.1 V. The measured 22.6 V is the rest of a
+pack at a state of charge of 0.38 by the model's open-circuit voltage, of which the paper says nothing.
 """
 
 from __future__ import annotations

@@ -115,11 +115,12 @@ def lasting(
         for kind, name in enumerate(kinds):
             here = np.minimum(limits[:, column], len(names)) == kind
             axes.plot(ambient_degC[here], minutes[here, column], MARKERS[name], color=colour, markersize=6)
+    said = {name: "not ended" if name == "none" else f"ended by {name}" for name in kinds}
     ended = [
-        Line2D([], [], color=BLACK, marker=MARKERS[name], lw=0, label="not ended" if name == "none" else f"by {name}")
+        Line2D([], [], color=BLACK, marker=MARKERS[name], lw=0, label=said[name])
         for kind, name in enumerate(kinds)
         if np.any(np.minimum(limits, len(names)) == kind)
-    ]  # fmt: skip
+    ]
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel("ambient [°C]")
     axes.set_ylabel("time until the mission ends [min]")
