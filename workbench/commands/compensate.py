@@ -202,8 +202,7 @@ def _map_section(found: Mapping[str, Compensation]) -> Section:
             "The printed equations ask for no compensation of temperature: with them the draw does not know it. What "
             "Table 1 was extended with does, and by more than the paper's 15.7 %: its share was of the slope, and by "
             "seven rows. Where one of these extensions is the wrong one (the table cannot tell them apart, jaxmodel "
-            "paper), the duty is wrong by "
-            f"{_disagreement(found)}.",
+            f"paper), the duty is wrong by {_disagreement(found)}.",
         ],
     )
 
