@@ -122,7 +122,7 @@ def _given_jvp(primals, tangents):
 
 
 @eqx.filter_jit
-def _look(y: Array, problem: Problem, task: Task) -> Given:
+def look(y: Array, problem: Problem, task: Task) -> Given:
     """Return the objective at a place, its derivatives by central differences of lanes of the forward program.
 
     Differences, not tangents: forward mode compiles four times as long, and a step of 1e-3 of a prior's standard
@@ -173,7 +173,7 @@ def fit(problem: Problem, start: np.ndarray, free: Sequence[int] | None = None, 
     state = _beginning(size, counted.shape[0] + size, y)
     best = None
     for _ in range(MAX_STEPS):
-        seen = _look(state.y_eval, problem, task)
+        seen = look(state.y_eval, problem, task)
         accepted = int(state.num_accepted_steps)
         y, state = _step(y, seen, state)
         if best is None or int(state.num_accepted_steps) > accepted:

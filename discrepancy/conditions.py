@@ -44,7 +44,7 @@ def conditions_of_rows(session: Session, hypothesis: Hypothesis) -> dict[str, np
     return found
 
 
-def history_of_rows(case: Case, shape: tuple[int, int]) -> dict[str, np.ndarray]:
+def history_of_rows(case: Case, shape: tuple[int, ...]) -> dict[str, np.ndarray]:
     """Return what a row's past says of it: the time since the load changed, and the run's age; (runs, rows) arrays."""
     since, cycles = np.zeros(shape), np.zeros(shape)
     for number, run in enumerate(case.runs):

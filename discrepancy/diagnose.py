@@ -15,6 +15,7 @@ from discrepancy.failure import failure
 from discrepancy.law_file import law_file
 from discrepancy.leftover import leftover_laws
 from discrepancy.misfit import Block
+from discrepancy.next_experiment import best_of_each, propose
 from discrepancy.posterior import SOMETHING_ELSE, hypothesis_name, probabilities
 from discrepancy.result import Diagnosis, NamedEffect, ScoreEntry
 from discrepancy.score import sight
@@ -36,6 +37,8 @@ HOPELESS = 30.0
 # What is partly explained is named all the same where this share of the excess error goes with it. In the development
 # case with a law outside the catalogue that was looked at, the best effects of the catalogue remove 0.3.
 PARTIAL_SHARE = 0.6
+# A hypothesis more probable than this is not ruled out; of so many an experiment is asked to decide between all.
+RIVAL, MOST_RIVALS = 0.05, 3
 # A law that explains this share of what the best does may stand in its file, where no port can carry the best.
 NEARLY_THE_LAW = 0.9
 
@@ -143,6 +146,9 @@ def diagnose(
         added = [effect.label for effect in named[:count]]
         ladder.append(session.rung("with " + " + ".join(added), session.hypothesis(added)))
     blind = _blind(session, first)
+    rivals = _undecided_between(session, weighed)
+    if rivals:
+        tell(progress, "looking for the experiment that would decide")
     return Diagnosis(
         case=case,
         verdict=verdict,
@@ -156,9 +162,20 @@ def diagnose(
         critical_z=first.table.critical_z,
         failure=failure(session, base),
         remarks=(*remarks, *_remarks(session, best)),
+        rivals=tuple(hypothesis_name(one.labels) for one in rivals),
+        proposals=best_of_each(propose(session, rivals)),
         law=unexplained,
         law_source=_law_source(case, unexplained, left[beside]),
     )
+
+
+def _undecided_between(session: Session, weighed: Mapping[str, float]) -> list[Hypothesis]:
+    """Return the models between which the data has not decided, the most probable first; none where it has."""
+    names = [name for name, p in weighed.items() if name != SOMETHING_ELSE and p > RIVAL][:MOST_RIVALS]
+    if len(names) < 2:
+        return []
+    known = sorted(session.known(), key=lambda one: -one.log_evidence)
+    return [next(one for one in known if hypothesis_name(one.labels) == name) for name in names]
 
 
 def _law_source(case: Case, law: Block | None, tried: Sequence[Block]) -> str | None:

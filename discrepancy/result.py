@@ -12,6 +12,7 @@ import numpy as np
 from discrepancy.failure import Failure
 from discrepancy.ladder import ChannelError, Estimate, Rung
 from discrepancy.misfit import Block
+from discrepancy.next_experiment import Proposal
 from discrepancy.noise import NoiseModel
 from jaxmodel.cases import Case
 
@@ -65,6 +66,8 @@ class Diagnosis:
     critical_z: float
     failure: Failure
     remarks: tuple[str, ...]
+    rivals: tuple[str, ...] = ()
+    proposals: tuple[Proposal, ...] = ()
     law: Block | None = None
     law_source: str | None = None
 

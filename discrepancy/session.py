@@ -21,7 +21,7 @@ from discrepancy.ladder import ChannelError, Estimate, Rung
 from discrepancy.noise import NoiseModel
 from discrepancy.problem import Layout, Problem, make_problem
 from discrepancy.screen import Screen, screen, warm_up
-from jaxmodel.cases import Case
+from jaxmodel.cases import Case, Run
 from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import EffectError, UserError, nearest
@@ -89,6 +89,12 @@ class Session:
         return make_problem(
             self.case, self.weights, present, switched, self.catalogue, variance_from_inputs=self._variance_from_inputs
         )
+
+    def problem_on(self, labels: Labels, runs: Sequence[Run]) -> Problem:
+        """Return a model with effects added on other runs of the hardware, each in the place of one of the case."""
+        case = dataclasses.replace(self.case, runs=tuple(runs))
+        present = [self.candidates[label] for label in labels]
+        return make_problem(case, self.weights, present, (), self.catalogue)[0]
 
     def warm_up(self) -> Thread:
         """Begin to compile the screening program, which takes as long as the first fits, beside them."""

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from discrepancy.ladder import ChannelError, Estimate
+from discrepancy.next_experiment import in_words
 from discrepancy.result import Diagnosis
 from jaxmodel.cases import Known
 from jaxmodel.declaration import describe
@@ -83,6 +84,7 @@ def report_content(
             if effect.cannot_tell_apart_from
         ],
         "blind": join([effect_name(label) for label in diagnosis.blind_to]),
+        "next": in_words(diagnosis.proposals, [candidate_name(name) for name in diagnosis.rivals]),
         "runs": case.runs,
         "parameters": _parameter_rows(diagnosis, catalogue),
         "at_bound": join(list(diagnosis.final.at_bound)),
@@ -106,6 +108,8 @@ def summary(diagnosis: Diagnosis) -> list[str]:
         lines.append(error_sentence(diagnosis, channel))
     if diagnosis.failure.sentences:
         lines.append(f"Where the base model fails: {diagnosis.failure.sentences[0].rstrip('.')}.")
+    if diagnosis.proposals:
+        lines.append(in_words(diagnosis.proposals, [candidate_name(name) for name in diagnosis.rivals]))
     if diagnosis.blind_to:
         lines.append(f"Blind to: {join([effect_name(label) for label in diagnosis.blind_to])}.")
     return lines

@@ -15,6 +15,7 @@ import numpy as np
 import typer
 
 from discrepancy.diagnose import compare, diagnose
+from discrepancy.next_experiment import in_words
 from discrepancy.result import Diagnosis, answer, write_answer
 from jaxmodel.cases import Case, read_case
 from jaxmodel.errors import MeasurementError, UserError
@@ -27,7 +28,7 @@ from workbench.pictures.runs import fit_and_residuals, residuals_by_condition
 from workbench.pictures.style import png
 from workbench.report import error_rows, write_report
 from workbench.runs import Outcome, simulate_case
-from workbench.wording import final_name, rung_name, verdict_sentence
+from workbench.wording import candidate_name, final_name, rung_name, verdict_sentence
 
 LAW_FILE = "found_law.py"
 _CONDITIONS = {
@@ -247,6 +248,8 @@ def print_diagnosis(diagnosis: Diagnosis) -> None:
     columns = ["error, RMS: fitted / held out", "noise floor", *rungs]
     terminal.table(diagnosis.case.title, columns, rows, right=range(1, len(columns)))
     terminal.say(verdict_sentence(diagnosis))
+    if diagnosis.proposals:
+        terminal.say(in_words(diagnosis.proposals, [candidate_name(name) for name in diagnosis.rivals]))
 
 
 def _print_all(done: Sequence[Diagnosis], failed: Sequence[str]) -> None:

@@ -1,0 +1,229 @@
+"""The experiment that would decide between hypotheses which this data cannot tell apart (step 10).
+
+With D the whitened difference of what two calibrated models predict for a run, J the second one's sensitivities there
+and S the covariance of its unknowns after the data at hand, the run would raise the second one's chi-square, refitted
+to old and new data together, by D'(I + J S J')^-1 D if the first is true: the square of the separation in sigma.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Iterator, Sequence
+
+import jax.numpy as jnp
+import numpy as np
+
+from discrepancy.calibrate import Task, look, predict
+from discrepancy.session import Hypothesis, Session
+from jaxmodel.cases import Case, Known, Run
+from jaxmodel.measurements import Measured
+
+AMBIENTS_degC = (-10.0, 0.0, 10.0, 25.0, 40.0)
+FIRST_SOC = 0.95
+EMPTY_SOC = 0.1
+REST_S = 60.0
+# How well a quantity can be measured by itself, of its value (an ohmmeter, a hung weight, a calibrated shunt).
+ANCHORED_TO = 0.005
+# Multipliers of a whole table, which no single instrument reads.
+NOT_BY_ITSELF = ("_scale", "_offset_V")
+# What tells two hypotheses apart for good.
+ENOUGH_SIGMA = 5.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Proposal:
+    """One thing that could be done, and what it would tell.
+
+    Attributes:
+        what: in words.
+        sigma: the least separation that it would bring between any two of the hypotheses.
+        repeats: how often it must be done to reach five sigma.
+    """
+
+    what: str
+    sigma: float
+
+    @property
+    def repeats(self) -> int:
+        """Return how many such runs it takes to reach five sigma."""
+        return int(np.ceil((ENOUGH_SIGMA / max(self.sigma, 1e-3)) ** 2))
+
+
+def propose(session: Session, rivals: Sequence[Hypothesis]) -> tuple[Proposal, ...]:
+    """Return runs and measurements that would tell calibrated hypotheses apart, the one that tells most first.
+
+    Args:
+        session: of the case.
+        rivals: two or more hypotheses of it.
+    """
+    if len(rivals) < 2:
+        return ()
+    designs = list(bank(session.case))
+    seen = [_foreseen(session, one, designs) for one in rivals]
+    pairs = [(a, b) for a, b in itertools.permutations(range(len(rivals)), 2)]
+    found = [
+        Proposal(design.label, min(_separation(seen[a][number], seen[b][number]) for a, b in pairs))
+        for number, design in enumerate(designs)
+    ]
+    found += _anchors(rivals)
+    return tuple(sorted(found, key=lambda one: -one.sigma))
+
+
+def bank(case: Case) -> Iterator[Run]:
+    """Return the runs that the bench can do: loads no larger than it has driven, at five temperatures.
+
+    They last as long, and are read as often, as the longest run of the case.
+    """
+    longest = max(case.runs, key=lambda run: run.measured.time_s.size)
+    times = longest.measured.time_s
+    time_s = np.linspace(0.0, float(times[-1] - times[0]), times.size)
+    largest = {
+        name: max(float(np.max(np.abs(run.measured.inputs.get(name, np.zeros(1))))) for run in case.runs)
+        for name in longest.measured.inputs
+    }
+    for ambient_degC in AMBIENTS_degC:
+        for pattern, drive in _patterns(time_s, case.kind).items():
+            inputs = {
+                name: np.full(time_s.size, ambient_degC) if name == "ambient_degC" else largest[name] * drive(name)
+                for name in longest.measured.inputs
+            }
+            measured = Measured(time_s, inputs, {})
+            label = f"{pattern} at {ambient_degC:g} degC"
+            yield dataclasses.replace(longest, name=label, label=label, split="fit", measured=measured)
+
+
+def _patterns(time_s: np.ndarray, kind: str):
+    """Return what is done to the drive (current, voltage or duty) and to the load, as shares of the largest."""
+    span = time_s[-1]
+    rested = time_s > min(REST_S, 0.05 * span)
+    part = time_s / span
+
+    def both(drive: np.ndarray, load: np.ndarray):
+        return lambda name: np.where(rested, load if name.endswith("torque_Nm") else drive, 0.0)
+
+    steps = np.array([0.2, 0.6, 0.35, 0.9, 0.5, 1.0, 0.7, 0.25])
+    stepped = steps[np.minimum((part * steps.size).astype(int), steps.size - 1)]
+    pulses = np.where((time_s % max(span / 12.0, 4.0)) < 0.25 * max(span / 12.0, 4.0), 1.0, 0.0)
+    slow, one = np.full(time_s.size, 0.15), np.ones(time_s.size)
+    alternating = np.where((part * 8.0).astype(int) % 2 == 0, 0.8, -0.4)
+    if kind == "cell":
+        return {
+            "full load to the end": both(one, one),
+            "pulses with rests": both(pulses, one),
+            "steps of load": both(stepped, one),
+            "slow discharge": both(slow, one),
+            "discharge and charge in turn": both(alternating, one),
+        }
+    return {
+        "full drive and load": both(one, one),
+        "full drive without load": both(one, 0.0 * one),
+        "steps of drive without load": both(stepped, 0.0 * one),
+        "steps of drive and load": both(stepped, stepped[::-1]),
+        "starts with rests": both(pulses, pulses),
+        "slow drive under load": both(np.full(time_s.size, 0.35), 0.8 * one),
+    }
+
+
+@dataclasses.dataclass(frozen=True)
+class _Foreseen:
+    """What one hypothesis foresees for one run: whitened rows, sensitivities, and its knowledge before the run."""
+
+    rows: np.ndarray
+    jacobian: np.ndarray
+    possible: np.ndarray  # of the rows: before the cell is empty
+    known: np.ndarray  # inverse covariance of the unknowns
+
+
+def _foreseen(session: Session, hypothesis: Hypothesis, designs: Sequence[Run]) -> list[_Foreseen]:
+    """Return what a hypothesis foresees for every run of the bank, as many at a time as the case has runs.
+
+    Their layout is then that of the case, whose program is compiled already.
+    """
+    layout, fitted = hypothesis.layout, hypothesis.fitted
+    case, slots = session.case, len(session.case.runs)
+    found: list[_Foreseen] = []
+    shared = [place for place, run in enumerate(layout.runs) if run < 0]
+    covariance = np.linalg.inv(fitted.information)[np.ix_(shared, shared)]
+    precision = np.eye(fitted.x.size)
+    precision[np.ix_(shared, shared)] = np.linalg.inv(covariance)
+    x = np.where(np.asarray(layout.runs) < 0, fitted.x, 0.0)
+    for first in range(0, len(designs), slots):
+        batch = list(designs[first : first + slots])
+        filled = batch + [batch[-1]] * (slots - len(batch))
+        runs = [_in_the_place_of(old, new, tuple(session.noise)) for old, new in zip(case.runs, filled, strict=True)]
+        problem = session.problem_on(hypothesis.labels, runs)
+        ones = jnp.ones_like(problem.readings.fit)
+        seen = look(jnp.asarray(x), problem, Task(jnp.asarray(x), jnp.ones(x.size), ones))
+        run, row, _ = np.unravel_index(
+            np.asarray(problem.readings.index), (*problem.times.shape, len(problem.channels))
+        )
+        possible = _not_empty(problem.channels, predict(problem, x))[run, row]
+        for slot in range(len(batch)):
+            mine = np.flatnonzero((np.asarray(problem.readings.fit) > 0.0) & (run == slot))
+            found.append(
+                _Foreseen(np.asarray(seen.rows)[mine], np.asarray(seen.jacobian)[mine], possible[mine], precision)
+            )
+    return found
+
+
+def _not_empty(channels: Sequence[str], predicted: np.ndarray) -> np.ndarray:
+    """Return, by run and row, whether the cell still has charge to go on."""
+    if "soc" not in channels:
+        return np.ones(predicted.shape[:2], dtype=bool)
+    return np.logical_and.accumulate(predicted[:, :, channels.index("soc")] > EMPTY_SOC, axis=1)
+
+
+def _in_the_place_of(old: Run, new: Run, channels: Sequence[str]) -> Run:
+    """Return a run of the bank in the place of a run of the case: its unknowns, the readings still to be made."""
+    blank = {name: np.zeros(new.measured.time_s.size) for name in channels}
+    soc = Known(FIRST_SOC, old.initial_soc.sd)
+    return dataclasses.replace(
+        old, initial_soc=soc, split="fit", measured=dataclasses.replace(new.measured, outputs=blank)
+    )
+
+
+def _separation(true: _Foreseen, other: _Foreseen) -> float:
+    """Return the sigma by which a run would speak against another hypothesis, refitted, if one is true."""
+    both = true.possible & other.possible
+    difference, jacobian = (true.rows - other.rows)[both], other.jacobian[both]
+    taken = jacobian.T @ difference
+    left = difference @ difference - taken @ np.linalg.solve(other.known + jacobian.T @ jacobian, taken)
+    return float(np.sqrt(max(left, 0.0)))
+
+
+def _anchors(rivals: Sequence[Hypothesis]) -> list[Proposal]:
+    """Return what measuring a parameter by itself would tell: the models want different values of it."""
+    found = []
+    layout = rivals[0].layout
+    for place, coordinate in enumerate(layout.coordinates[: layout.base]):
+        if layout.runs[place] >= 0 or coordinate.name.endswith(NOT_BY_ITSELF):
+            continue
+        sigmas = []
+        for one, other in itertools.combinations(rivals, 2):
+            values = [coordinate.number(h.fitted.x[place]) for h in (one, other)]
+            spread = [coordinate.slope(h.fitted.x[place]) * h.fitted.sd[place] for h in (one, other)]
+            anchor = ANCHORED_TO * max(abs(value) for value in values)
+            sigmas.append(abs(values[0] - values[1]) / np.sqrt(max(spread) ** 2 + anchor**2))
+        found.append(Proposal(f"a measurement of {coordinate.name} by itself, to {100 * ANCHORED_TO:g} %", min(sigmas)))
+    return found
+
+
+def in_words(proposals: Sequence[Proposal], names: Sequence[str]) -> str:
+    """Say what to do next to tell hypotheses apart, or that nothing of the bank would."""
+    if not proposals:
+        return ""
+    between = f"{', '.join(names[:-1])} from {names[-1]}"
+    best = proposals[0]
+    if best.sigma < 1.0:
+        return f"To tell {between}: no run or measurement that was tried would (at most {best.sigma:.1f} sigma)."
+    again = "" if best.repeats == 1 else f"; {best.repeats} times for {ENOUGH_SIGMA:g}"
+    return f"To tell {between}: {best.what} (expected to separate them by {best.sigma:.1f} sigma{again})."
+
+
+def best_of_each(proposals: Sequence[Proposal]) -> tuple[Proposal, ...]:
+    """Return the temperature that tells most for each pattern of load, and every measurement."""
+    kept: dict[str, Proposal] = {}
+    for one in proposals:
+        kept.setdefault(one.what.rpartition(" at ")[0] or one.what, one)
+    return tuple(kept.values())

@@ -1,0 +1,81 @@
+"""Capacity or open-circuit voltage that follows temperature: what this data cannot tell, the proposed run tells."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from discrepancy.next_experiment import EMPTY_SOC, FIRST_SOC, Proposal, bank, propose
+from discrepancy.session import Hypothesis, Session
+from jaxmodel.cases import Case, Known
+from tests.discrepancy.made_cases import NOISE_V, SOC_SD, TRUE, made_cell
+from tests.independent import simulate
+
+HIDDEN = {"capacity_temperature": {"a": 0.0006}}
+RIVALS = ("capacity_temperature", "entropic_ocv")
+
+
+def rivals_of(session: Session) -> list[Hypothesis]:
+    screened = session.screen(session.hypothesis())
+    return [session.hypothesis((label,), session.starts(screened, label)) for label in RIVALS]
+
+
+def with_run_done(case: Case, what: str) -> Case:
+    """The case with one of the bank's runs done on the true cell, as the referee knows it."""
+    run = next(one for one in bank(case) if one.label == what)
+    profile = {"time_s": run.measured.time_s, **run.measured.inputs}
+    made = simulate("cell", TRUE, profile, HIDDEN, FIRST_SOC)
+    noisy = made["voltage_V"] + NOISE_V * np.random.default_rng(7).standard_normal(made["soc"].size)
+    noisy[made["soc"] < EMPTY_SOC] = np.nan
+    measured = dataclasses.replace(run.measured, outputs={"voltage_V": noisy})
+    done = dataclasses.replace(run, name="proposed", initial_soc=Known(FIRST_SOC, SOC_SD), measured=measured)
+    return dataclasses.replace(case, runs=(*case.runs, done))
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
+    return made_cell(tmp_path_factory.mktemp("undecided"), HIDDEN).case
+
+
+@pytest.fixture(scope="module")
+def undecided(case: Case) -> tuple[list[Hypothesis], tuple[Proposal, ...]]:
+    session = Session(case)
+    rivals = rivals_of(session)
+    return rivals, propose(session, rivals)
+
+
+def evidence_gap(rivals: list[Hypothesis]) -> float:
+    return rivals[0].log_evidence - rivals[1].log_evidence
+
+
+def test_data_at_hand_cannot_tell(undecided) -> None:
+    rivals, _ = undecided
+    assert abs(evidence_gap(rivals)) < 3.0
+
+
+def test_proposals_are_feasible_and_in_order(case: Case, undecided) -> None:
+    _, proposals = undecided
+    sigmas = [one.sigma for one in proposals]
+    assert sigmas == sorted(sigmas, reverse=True)
+    assert proposals[0].sigma > 4.0 > 1.0 > proposals[-1].sigma
+    assert proposals[0].repeats <= 2
+    largest = max(np.abs(run.measured.inputs["current_A"]).max() for run in case.runs)
+    for run in bank(case):
+        assert np.abs(run.measured.inputs["current_A"]).max() <= largest
+
+
+def test_doing_the_proposed_run_tells_and_a_poor_one_does_not(case: Case, undecided) -> None:
+    rivals, proposals = undecided
+    runs = [one for one in proposals if not one.what.startswith("a measurement")]
+    gaps = {}
+    for proposal in (runs[0], runs[-1]):
+        after = rivals_of(Session(with_run_done(case, proposal.what)))
+        gaps[proposal.what] = evidence_gap(after) - evidence_gap(rivals)
+    best, poor = gaps[runs[0].what], gaps[runs[-1].what]
+    # The log evidence gains half the square of the separation: the least one is foreseen, whichever is true, and the
+    # run's own noise moves it by about one sigma.
+    assert np.sqrt(2.0 * best) > runs[0].sigma - 2.0
+    assert np.sqrt(2.0 * best) < 2.0 * runs[0].sigma
+    assert abs(poor) < 2.0
