@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
 from benchmarks.discrepancy.generate import Blind
-from benchmarks.discrepancy.judge import Judged, metrics, power, reliability, report
+from benchmarks.discrepancy.judge import Judged, Rate, metrics, power, reliability, report
 
 
 def said(verdict: str, *names: str, probability: float = 0.97, sd: float = 0.1, **more: Any) -> dict[str, Any]:
@@ -41,7 +43,7 @@ CASES = [
 
 
 def test_each_rate_counts_its_own_cases():
-    counts = {name: text.rpartition("; ")[2].rstrip(")") for name, text in metrics(CASES).items() if ";" in text}
+    counts = {name: f"{r.hits} of {r.of}" for name, r in metrics(CASES).items() if isinstance(r, Rate)}
     assert counts == {
         "false alarms on clean nulls": "0 of 1",
         "false alarms on hostile nulls": "1 of 1",
@@ -56,13 +58,13 @@ def test_each_rate_counts_its_own_cases():
         "answers above 0.95 that are right": "3 of 7",
         "parameters in their 95 % interval": "1 of 3",
     }
-    assert metrics(CASES)["check error over floor, median"] == "1.200"
+    assert metrics(CASES)["check error over floor, median"] == pytest.approx(1.2)
 
 
 def test_power_and_reliability_count_by_effect_and_by_probability():
-    assert power(CASES)["saturation"].endswith("1 of 2)")
-    assert power(CASES)["windage"].endswith("1 of 2)")
-    assert reliability(CASES)["0.50 to 0.80"].endswith("1 of 1)")
+    assert power(CASES)["saturation"] == Rate(1, 2)
+    assert power(CASES)["windage"] == Rate(1, 2)
+    assert reliability(CASES)["0.50 to 0.80"] == Rate(1, 1)
 
 
 def test_the_misses_are_listed():

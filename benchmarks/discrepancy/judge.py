@@ -67,17 +67,40 @@ class Judged:
         return found
 
 
-def rate(hits: Iterable[bool]) -> str:
-    """Return a share with its 95 % interval (Wilson) and counts."""
+@dataclasses.dataclass(frozen=True)
+class Rate:
+    """How many of how many, with the 95 % interval (Wilson) of the share."""
+
+    hits: int
+    of: int
+
+    @property
+    def share(self) -> float:
+        """The share; nan without a case."""
+        return self.hits / self.of if self.of else float("nan")
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval of the share."""
+        low, high = proportion_confint(self.hits, self.of, method="wilson") if self.of else (0.0, 1.0)
+        return float(low), float(high)
+
+    def __str__(self) -> str:
+        """Say it in words."""
+        if not self.of:
+            return "no case"
+        low, high = self.interval
+        return f"{self.share:6.1%}  ({low:.0%} to {high:.0%}; {self.hits} of {self.of})"
+
+
+def rate(hits: Iterable[bool]) -> Rate:
+    """Count."""
     values = list(hits)
-    if not values:
-        return "no case"
-    low, high = proportion_confint(sum(values), len(values), method="wilson")
-    return f"{sum(values) / len(values):6.1%}  ({low:.0%} to {high:.0%}; {sum(values)} of {len(values)})"
+    return Rate(sum(values), len(values))
 
 
-def metrics(cases: Sequence[Judged]) -> dict[str, str]:
-    """Return every figure of merit by name, as text."""
+def metrics(cases: Sequence[Judged]) -> dict[str, Rate | float]:
+    """Return every figure of merit by name; nan without a case."""
     nulls = [c for c in cases if c.blind.group == "null"]
     singles = [c for c in cases if c.blind.group == "single"]
     sensors = [c for c in cases if c.blind.group == "sensor"]
@@ -99,13 +122,13 @@ def metrics(cases: Sequence[Judged]) -> dict[str, str]:
         "a sensor's fault called physics": rate(c.said["verdict"] == "missing_effect" for c in sensors),
         f"answers above {SURE} that are right": rate(c.right for c in sure),
         "parameters in their 95 % interval": rate(hit for c in catalogued if c.right for hit in c.covered()),
-        "check error over floor, median": f"{np.median(ratios):.3f}" if ratios else "no case",
-        "check error over floor, 95th percentile": f"{np.quantile(ratios, 0.95):.3f}" if ratios else "no case",
-        "seconds a case, median": f"{np.median([c.seconds for c in cases]):.0f}",
+        "check error over floor, median": float(np.median(ratios)) if ratios else float("nan"),
+        "check error over floor, 95th percentile": float(np.quantile(ratios, 0.95)) if ratios else float("nan"),
+        "seconds a case, median": float(np.median([c.seconds for c in cases])),
     }
 
 
-def power(cases: Sequence[Judged]) -> dict[str, str]:
+def power(cases: Sequence[Judged]) -> dict[str, Rate]:
     """Return by effect how often it was named where it was hidden."""
     found: dict[str, list[bool]] = defaultdict(list)
     for case in cases:
@@ -114,12 +137,17 @@ def power(cases: Sequence[Judged]) -> dict[str, str]:
     return {name: rate(hits) for name, hits in sorted(found.items())}
 
 
-def reliability(cases: Sequence[Judged]) -> dict[str, str]:
+def reliability(cases: Sequence[Judged]) -> dict[str, Rate]:
     """Return by probability of the best hypothesis how often the answer is right."""
     bins = itertools.pairwise(BINS)
     return {
         f"{low:.2f} to {high:.2f}": rate(c.right for c in cases if low < c.probability <= high) for low, high in bins
     }
+
+
+def in_words(found: Rate | float) -> str:
+    """Return a figure of merit as text."""
+    return str(found) if isinstance(found, Rate) else f"{found:.3f}" if np.isfinite(found) else "no case"
 
 
 def report(cases: Sequence[Judged]) -> str:
@@ -130,7 +158,7 @@ def report(cases: Sequence[Judged]) -> str:
         ("named where hidden", power(cases)),
         ("right at a probability of", reliability(cases)),
     ):
-        lines += [*([title] if title else []), *(f"{name:44s} {text}" for name, text in table.items()), ""]
+        lines += [*([title] if title else []), *(f"{name:44s} {in_words(found)}" for name, found in table.items()), ""]
     lines.append("not right")
     for case in cases:
         if not case.right:

@@ -1,0 +1,148 @@
+"""Ours, the baselines and the ablations side by side on the same cases, and how far hidden effects stood out."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.discrepancy.ablations import IN_ANSWER, screened
+from benchmarks.discrepancy.baselines import Says, baselines, by_peers
+from benchmarks.discrepancy.generate import Blind
+from benchmarks.discrepancy.judge import Judged, Rate, rate
+
+OURS = "jaxmodel diagnose"
+
+
+@dataclasses.dataclass(frozen=True)
+class Compared:
+    """One case and what each method says of it."""
+
+    blind: Blind
+    says: dict[str, Says]
+
+
+@dataclasses.dataclass(frozen=True)
+class Hidden:
+    """One hidden effect, how far it stood out, and whether it was found.
+
+    Attributes:
+        name: of the effect.
+        kind: of the case.
+        sigma: how far its true amplitude lifts above noise and calibration in the linear model; 0 where it cannot be
+            tried on the case.
+        critical_z: what a score must exceed.
+        significant: whether its score did.
+        named: whether the answer names it.
+    """
+
+    name: str
+    kind: str
+    sigma: float
+    critical_z: float
+    significant: bool
+    named: bool
+
+
+def ours(case: Judged) -> Says:
+    """Return the whole diagnosis in the form of the others."""
+    verdict = case.said["verdict"]
+    ranking = tuple(case.named) or tuple(case.first_three)
+    undecided = verdict == "undecided" and case.first_three[:1] not in (["base"], ["something_else"])
+    return Says(verdict == "adequate", ranking, len(case.named) or int(undecided), verdict == "unknown_effect")
+
+
+def read_compared(folder: Path, cases: Iterable[Judged]) -> list[Compared]:
+    """Return every case with what all methods say; what takes long is kept beside it."""
+    kept = [case for case in cases if (folder_of(folder, case) / "evidence.npz").exists()]
+    by_peers([folder_of(folder, case) for case in kept])
+    found = []
+    for case in kept:
+        path = folder_of(folder, case)
+        stored = path / "says.json"
+        if not stored.exists():
+            says = baselines(path) | screened(path)
+            stored.write_text(json.dumps({name: dataclasses.asdict(each) for name, each in says.items()}))
+        says = {name: Says(**each) for name, each in json.loads(stored.read_text()).items()}
+        in_answer = {name: weigh(case.said) for name, weigh in IN_ANSWER.items()}
+        found.append(Compared(case.blind, {OURS: ours(case)} | says | in_answer))
+    return found
+
+
+def folder_of(folder: Path, case: Judged) -> Path:
+    """Return where a case is."""
+    return folder / f"{case.number:04d}"
+
+
+def rates(cases: Sequence[Compared]) -> dict[str, dict[str, Rate | float]]:
+    """Return by method the figures that can be told of all of them."""
+    methods = list(dict.fromkeys(name for case in cases for name in case.says))
+    return {method: _rates([(c.blind, c.says[method]) for c in cases if method in c.says]) for method in methods}
+
+
+def _rates(pairs: Sequence[tuple[Blind, Says]]) -> dict[str, Rate | float]:
+    def of(group: str, hostile: bool | None = None) -> list[tuple[Blind, Says]]:
+        return [(b, s) for b, s in pairs if b.group == group and (hostile is None or b.hostile == hostile)]
+
+    named = [len(says.effects) for _, says in pairs if not says.adequate]
+    return {
+        "false alarms, clean": rate(not s.adequate for _, s in of("null", hostile=False)),
+        "false alarms, hostile": rate(not s.adequate for _, s in of("null", hostile=True)),
+        "singles: right first": rate([s.first] == list(b.effects) for b, s in of("single")),
+        "sensor faults: right first": rate([s.first] == list(b.effects) for b, s in of("sensor")),
+        "doubles: these two alone": rate(sorted(s.effects) == sorted(b.effects) for b, s in of("double")),
+        "outside: called unknown": rate(s.unknown and not s.adequate for _, s in of("outside")),
+        "outside: called adequate": rate(s.adequate for _, s in of("outside")),
+        "effects named where any is": float(np.mean(named)) if named else float("nan"),
+    }
+
+
+def read_hidden(folder: Path, cases: Iterable[Judged]) -> list[Hidden]:
+    """Return every hidden effect of the cases gathered."""
+    found = []
+    for case in cases:
+        path = folder_of(folder, case) / "evidence.json"
+        if not path.exists():
+            continue
+        seen = json.loads(path.read_text())
+        for name, sigma in seen["hidden"].items():
+            column = case.blind.effects[name].get("column")
+            score = seen["scores"].get(f"{name}:{column}" if column else name, 0.0)
+            limit = seen["critical_z"]
+            found.append(Hidden(name, case.blind.kind, sigma or 0.0, limit, score > limit, name in case.named))
+    return found
+
+
+def read_lifts(folder: Path, cases: Iterable[Judged]) -> dict[str, dict[str, np.ndarray]]:
+    """Return by kind and effect what a case would show of it: sigma less the critical value, (cases, places)."""
+    found: dict[str, dict[str, list[Any]]] = {}
+    for case in cases:
+        path = folder_of(folder, case) / "evidence.json"
+        if path.exists():
+            seen = json.loads(path.read_text())
+            for label, sigmas in seen["lifts"].items():
+                of_kind = found.setdefault(case.blind.kind, {})
+                of_kind.setdefault(label.split(":")[0], []).append(np.array(sigmas) - seen["critical_z"])
+    return {kind: {name: np.stack(rows) for name, rows in each.items()} for kind, each in found.items()}
+
+
+def markdown(table: Mapping[str, Mapping[str, Rate | float]], first: str, methods: Sequence[str] = ()) -> str:
+    """Return rates by method as a table for a page: a share, its interval, and of how many."""
+    rows = {name: table[name] for name in methods or table if name in table}
+    columns = list(next(iter(rows.values())))
+    lines = [f"| {first} | {' | '.join(columns)} |", "| --- |" + " --- |" * len(columns)]
+    lines += [f"| {name} | {' | '.join(_cell(found[c]) for c in columns)} |" for name, found in rows.items()]
+    return "\n".join(lines)
+
+
+def _cell(found: Rate | float) -> str:
+    if not isinstance(found, Rate):
+        return f"{found:.1f}" if np.isfinite(found) else ""
+    if not found.of:
+        return ""
+    low, high = found.interval
+    return f"{found.hits} of {found.of} ({low:.0%} to {high:.0%})".replace("%", " %")
