@@ -1,4 +1,4 @@
-"""Blind cases by seed, made, diagnosed and judged: `python -m benchmarks.discrepancy make|diagnose|judge FOLDER`.
+"""Blind cases by seed: `python -m benchmarks.discrepancy make|diagnose|gather|judge|report FOLDER`.
 
 Cases below 1000 are for development, those from 1000 on are sealed: to be made and judged, never to be looked at.
 """
@@ -15,8 +15,10 @@ import jax
 import typer
 from rich.progress import track
 
+from benchmarks.discrepancy.evidence import save
 from benchmarks.discrepancy.generate import make as make_case
-from benchmarks.discrepancy.judge import read, report
+from benchmarks.discrepancy.judge import read, read_blind, report
+from benchmarks.discrepancy.publish import publish
 from discrepancy.diagnose import diagnose as diagnose_case
 from discrepancy.result import answer
 from jaxmodel.cases import read_case
@@ -50,9 +52,27 @@ def diagnose(folder: Folder, again: bool = False) -> None:
 
 
 @app.command()
+def gather(folder: Folder, again: bool = False) -> None:
+    """Screen the cases that were not yet, or all again, and keep what the baselines and ablations need."""
+    keep_compiled_programs()
+    paths = [path.parent for path in sorted(folder.glob("[0-9]*/blind.json"))]
+    for path in track([p for p in paths if again or not (p / "evidence.json").exists()], "screening"):
+        save(path, read_case(path), read_blind(path))
+        for kept in ("peers.json", "says.json"):
+            (path / kept).unlink(missing_ok=True)
+        jax.clear_caches()
+
+
+@app.command()
 def judge(folder: Folder) -> None:
     """Print the figures of merit of the cases diagnosed."""
     print(report(read(folder)))
+
+
+@app.command(name="report")
+def write_report(folder: Folder, out: Path = Path("docs/proving_ground")) -> None:
+    """Write tables, JSON and pictures of the cases diagnosed and screened."""
+    publish(folder, out)
 
 
 if __name__ == "__main__":

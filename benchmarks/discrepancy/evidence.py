@@ -146,10 +146,17 @@ def _summary(session: Session, screen: Screen, blind: Blind) -> dict[str, Any]:
 
 def _ratios(candidate: Candidate, probe: float) -> np.ndarray:
     """Return the amplitude at `PLACES` of the usual range, in units of a probe's."""
+    if not _has_size(candidate):
+        return np.ones(PLACES.size)
     first = candidate.coordinates[0]
     if not first.logarithmic:
         return (LEAST_SHARE + (1.0 - LEAST_SHARE) * PLACES) / abs(probe or 1.0)
     return np.exp(first.spread * (2.0 * PLACES - 1.0 - (-probe if candidate.null_at_infinity else probe)))
+
+
+def _has_size(candidate: Candidate) -> bool:
+    """Return False for an effect that no value of its first parameter takes away: it is there or not (self_heating)."""
+    return next(iter(describe(candidate.effect).values())).null is not None
 
 
 def _hidden_lift(session: Session, screen: Screen, name: str, values: Mapping[str, Any]) -> float | None:
@@ -171,7 +178,9 @@ def _hidden_lift(session: Session, screen: Screen, name: str, values: Mapping[st
         apart = [abs(probe[0] - true[0]) for probe in screen.probes[label]]
     nearest = int(np.argmin(apart))
     first, probe = candidate.coordinates[0], screen.probes[label][nearest][0]
-    if first.logarithmic:
+    if not _has_size(candidate):
+        ratio = 1.0
+    elif first.logarithmic:
         stronger = first.spread * (true[0] - probe)
         ratio = np.exp(-stronger if candidate.null_at_infinity else stronger)
     else:

@@ -82,7 +82,9 @@ class Rate:
     @property
     def interval(self) -> tuple[float, float]:
         """The 95 % interval of the share."""
-        low, high = proportion_confint(self.hits, self.of, method="wilson") if self.of else (0.0, 1.0)
+        if not self.of:
+            return 0.0, 1.0
+        low, high = np.asarray(proportion_confint(self.hits, self.of, method="wilson"), dtype=float)
         return float(low), float(high)
 
     def __str__(self) -> str:
@@ -168,6 +170,13 @@ def report(cases: Sequence[Judged]) -> str:
     return "\n".join(lines)
 
 
+def read_blind(path: Path) -> Blind:
+    """Return what is hidden in a case."""
+    hidden = json.loads((path / "blind.json").read_text())
+    hidden.pop("verdict", None)  # follows from the group
+    return Blind(**hidden)
+
+
 def read(folder: Path) -> list[Judged]:
     """Return the cases of a folder that were diagnosed."""
     found = []
@@ -175,7 +184,5 @@ def read(folder: Path) -> list[Judged]:
         hidden, said = path / "blind.json", path / "said.json"
         if hidden.exists() and said.exists():
             answer = json.loads(said.read_text())
-            blind = json.loads(hidden.read_text())
-            blind.pop("verdict", None)
-            found.append(Judged(int(path.name), Blind(**blind), answer, answer.get("seconds", float("nan"))))
+            found.append(Judged(int(path.name), read_blind(path), answer, answer.get("seconds", float("nan"))))
     return found
