@@ -198,8 +198,9 @@ def _correct(model: Model, tuning: Tuning, mean, covariance, row, rounds: int = 
 
     along, innovation, spread, gain, corrected = linearised(mean)
     nis = jnp.where(seen, innovation**2 / spread, jnp.nan)
-    for _ in range(rounds - 1):
-        along, _, _, gain, corrected = linearised(corrected)
+    if rounds > 1:
+        nearer = jax.lax.fori_loop(0, rounds - 2, lambda _, x: linearised(x)[-1], corrected)
+        along, _, _, gain, corrected = linearised(nearer)
     left = jnp.eye(len(names)) - gain[:, None] * along
     covariance = _product(_product(left, covariance), left.T) + variance * gain[:, None] * gain
     told = (

@@ -127,8 +127,8 @@ def test_error_is_counted_after_the_time_to_converge() -> None:
 
 def test_tuning_is_the_best_of_those_drawn() -> None:
     entry = Entry("made", COLD, COLD_SOC, TIME_S, (0.0, -0.2), rested=True)
-    tuning, error = tuned(CELL, [entry], 4, lambda run: None)
-    drawn = draw(4)
+    tuning, error = tuned(CELL, [entry], 2, lambda run: None)
+    drawn = draw(2)
     tracks = filters(CELL, drawn, COLD, entry.starts, entry.pairs_sd_V)
     errors = np.sqrt(np.mean(entry.errors(np.asarray(tracks.soc)) ** 2, axis=1))
     best = int(errors.argmin())
