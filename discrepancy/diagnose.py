@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from discrepancy.failure import failure
+from discrepancy.failure import failure, scatter_beyond_noise
 from discrepancy.law_file import law_file
 from discrepancy.leftover import leftover_laws
 from discrepancy.misfit import Block
@@ -37,6 +37,8 @@ HOPELESS = 30.0
 # What is partly explained is named all the same where this share of the excess error goes with it. In the development
 # case with a law outside the catalogue that was looked at, the best effects of the catalogue remove 0.3.
 PARTIAL_SHARE = 0.6
+# Belief in something else where the best model leaves far more than stated noise, in no form. Assumed.
+NOT_TO_THE_NOISE = 0.9
 # A hypothesis more probable than this is not ruled out; of so many an experiment is asked to decide between all.
 RIVAL, MOST_RIVALS = 0.05, 3
 # A law that explains this share of what the best does may stand in its file, where no port can carry the best.
@@ -134,9 +136,13 @@ def diagnose(
         left[base.labels] = leftover_laws(session, base, first)
     weighed, beside = probabilities(session.known(), best, left, session.candidates)
     unexplained = next((block for block in left[beside] if block.significant), None)
+    scatter = ""
     verdict = "unknown_effect" if remarks else _verdict(session, best, weighed, unexplained)
     if verdict != "unknown_effect":
         unexplained = None
+        scatter = scatter_beyond_noise(session, best)
+        if scatter:
+            verdict, weighed = "unknown_effect", _with_something_else(weighed)
 
     # Far from the sensors' noise no law is found to the end either, and what explains most is worth its name.
     law_alone = verdict == "unknown_effect" and not beside and not remarks
@@ -154,7 +160,7 @@ def diagnose(
         verdict=verdict,
         effects=named,
         candidates=tuple((name, p) for name, p in weighed.items() if p >= 5e-4),
-        unexplained=unexplained.sentence(left[beside]) if unexplained is not None else None,
+        unexplained=unexplained.sentence(left[beside]) if unexplained is not None else scatter or None,
         blind_to=blind,
         noise=session.noise,
         ladder=tuple(ladder),
@@ -221,6 +227,13 @@ def _verdict(session: Session, best: Hypothesis, weighed: dict[str, float], unex
     if all(session.candidates[label].is_sensor for label in best.labels):
         return "sensor_fault"
     return "missing_effect"
+
+
+def _with_something_else(weighed: Mapping[str, float]) -> dict[str, float]:
+    """Return the probabilities where the best model leaves more than noise and no law was found in it."""
+    rest = sum(p for name, p in weighed.items() if name != SOMETHING_ELSE)
+    others = {name: p * (1.0 - NOT_TO_THE_NOISE) / rest for name, p in weighed.items() if name != SOMETHING_ELSE}
+    return {SOMETHING_ELSE: NOT_TO_THE_NOISE, **others}
 
 
 def _explained(session: Session, best: Hypothesis) -> float:
