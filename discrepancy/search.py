@@ -40,29 +40,16 @@ def search(
         tell(progress, f"scoring {len(session.candidates)} candidate effects")
         if not session.screen(base).table.significant:
             return base
-        _refit_likely(session, progress)
+        _refit_likely(session, progress, base)
     best = _best(session, (0, 1))
     couple = _best(session, (2,)) if any(len(seed.labels) == 2 for seed in seeds) else best
     if couple.log_evidence > best.log_evidence + SECOND_EFFECT_GAIN:
         return couple
     if not best.labels or effects == 1:
         return best
-    screened = session.screen(best)
-    if not screened.table.significant:
+    if not session.screen(best).table.significant:
         return best
-
-    seconds = _shortlist(screened)
-    tell(progress, f"refitting {best.labels[0]} with {', '.join(seconds)}")
-    own = best.fitted.x[best.layout.base :]
-    sets = []
-    for label in seconds:
-        key = session.key((best.labels[0], label))
-        starts = [
-            np.concatenate([own if one == best.labels[0] else start for one in key])
-            for start in session.starts(screened, label)
-        ]
-        sets.append((key, starts))
-    couple = max(session.hypotheses(sets), key=lambda one: one.log_evidence)
+    couple = _refit_likely(session, progress, best)
     if couple.log_evidence < best.log_evidence + SECOND_EFFECT_GAIN:
         return best
     # Swap: where the second effect alone explains as much as both, the first was only its stand-in.
@@ -75,25 +62,36 @@ def search(
     return single if single.log_evidence > couple.log_evidence - SECOND_EFFECT_GAIN else couple
 
 
-def _refit_likely(session: Session, progress: Progress | None) -> None:
-    """Refit the effects that score best, all of a shortlist unless one of the first leaves nothing to be explained."""
-    first = session.screen(session.hypothesis())
-    likely = _shortlist(first)
-    promised = {effect.name: effect.z_equivalent for effect in first.table.effects}
+def _refit_likely(session: Session, progress: Progress | None, model: Hypothesis) -> Hypothesis:
+    """Refit a model with each of the effects that score best beside it; return the best.
 
-    def refit(labels: Sequence[str]) -> None:
-        tell(progress, f"refitting with {', '.join(labels)}")
-        session.hypotheses([((label,), session.starts(first, label)) for label in labels])
+    All of a shortlist, unless one of the first leaves nothing to be explained.
+    """
+    screened = session.screen(model)
+    likely = _shortlist(screened)
+    promised = {effect.name: effect.z_equivalent for effect in screened.table.effects}
+    own = model.fitted.x[model.layout.base :]
 
-    refit(likely[:FIRST_REFITTED])
-    best = _best(session, (0, 1))
+    def refit(labels: Sequence[str]) -> Hypothesis:
+        tell(progress, f"refitting {' '.join((*model.labels, 'with'))} {', '.join(labels)}")
+        sets = []
+        for label in labels:
+            key = session.key((*model.labels, label))
+            starts = [
+                np.concatenate([start if one == label else own for one in key])
+                for start in session.starts(screened, label)
+            ]
+            sets.append((key, starts))
+        return max(session.hypotheses(sets), key=lambda one: one.log_evidence)
+
+    best = refit(likely[:FIRST_REFITTED])
     rest = likely[FIRST_REFITTED:]
-    if rest and best.labels and not session.screen(best).table.significant:
-        alike = next((names for names in first.table.classes if best.labels[0] in names), ())
-        near = NEARLY_AS_GOOD * promised[best.labels[0]]
+    if rest and best.log_evidence > model.log_evidence and not session.screen(best).table.significant:
+        added = next(label for label in best.labels if label not in model.labels)
+        alike = next((names for names in screened.table.classes if added in names), ())
+        near = NEARLY_AS_GOOD * promised[added]
         rest = [label for label in rest if label in alike or promised[label] > near]
-    if rest:
-        refit(rest)
+    return max(best, refit(rest), key=lambda one: one.log_evidence) if rest else best
 
 
 def _best(session: Session, sizes: Sequence[int]) -> Hypothesis:
