@@ -13,6 +13,7 @@ from benchmarks.discrepancy.compare import Compared, rates
 from benchmarks.discrepancy.evidence import Evidence, _ratios, read_evidence
 from benchmarks.discrepancy.generate import Blind
 from benchmarks.discrepancy.judge import Judged, Rate, metrics, power, reliability, report
+from benchmarks.discrepancy.publish import filled
 from discrepancy.candidates import make_candidate
 from discrepancy.whitening import chain_starts, whiten
 from jaxmodel.declaration import describe
@@ -230,3 +231,10 @@ def test_methods_are_held_against_the_same_truth():
         Rate(1, 1),
     )
     assert found["two"]["effects named where any is"] == 2.0
+
+
+def test_a_table_is_written_over_the_one_before():
+    page = "text\n<!-- power --><!-- end -->\nmore\n<!-- other -->\nkept\n<!-- end -->"
+    once = filled(page, {"power": "| 1 |"})
+    assert once == "text\n<!-- power -->\n\n| 1 |\n\n<!-- end -->\nmore\n<!-- other -->\nkept\n<!-- end -->"
+    assert filled(once, {"power": "| 1 |"}) == once

@@ -70,9 +70,9 @@ def judge(folder: Folder) -> None:
 
 
 @app.command(name="report")
-def write_report(folder: Folder, out: Path = Path("docs/proving_ground")) -> None:
-    """Write tables, JSON and pictures of the cases diagnosed and screened."""
-    publish(folder, out)
+def write_report(folder: Folder, page: Path = Path("docs/proving_ground.md")) -> None:
+    """Write a page's tables, and JSON and pictures beside it, of the cases diagnosed and screened."""
+    publish(folder, page)
 
 
 if __name__ == "__main__":

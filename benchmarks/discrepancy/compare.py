@@ -6,14 +6,15 @@ import dataclasses
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from benchmarks.discrepancy.ablations import IN_ANSWER, screened
 from benchmarks.discrepancy.baselines import Says, baselines, by_peers
+from benchmarks.discrepancy.evidence import PLACES
 from benchmarks.discrepancy.generate import Blind
 from benchmarks.discrepancy.judge import Judged, Rate, rate
+from jaxmodel.effects import CATALOGUE
 
 OURS = "jaxmodel diagnose"
 
@@ -118,15 +119,25 @@ def read_hidden(folder: Path, cases: Iterable[Judged]) -> list[Hidden]:
 
 
 def read_lifts(folder: Path, cases: Iterable[Judged]) -> dict[str, dict[str, np.ndarray]]:
-    """Return by kind and effect what a case would show of it: sigma less the critical value, (cases, places)."""
-    found: dict[str, dict[str, list[Any]]] = {}
+    """Return by kind and effect what each case would show of it: sigma less the critical value, (cases, places).
+
+    Of a fault that several columns could have, the mean over them. Physics that a case's profile does not touch
+    at all (no second temperature, no age) lifts by nothing; a fault of a column that is not there is left out.
+    """
+    found: dict[str, dict[str, list[np.ndarray]]] = {}
     for case in cases:
         path = folder_of(folder, case) / "evidence.json"
-        if path.exists():
-            seen = json.loads(path.read_text())
-            for label, sigmas in seen["lifts"].items():
-                of_kind = found.setdefault(case.blind.kind, {})
-                of_kind.setdefault(label.split(":")[0], []).append(np.array(sigmas) - seen["critical_z"])
+        if not path.exists():
+            continue
+        kind, seen = case.blind.kind, json.loads(path.read_text())
+        lifts: dict[str, list[np.ndarray]] = {
+            name: [] for name, effect in CATALOGUE.items() if kind in effect.kinds and not effect.is_sensor
+        }
+        for label, sigmas in seen["lifts"].items():
+            lifts.setdefault(label.split(":")[0], []).append(np.array(sigmas))
+        for name, each in lifts.items():
+            lift = np.mean(each, axis=0) if each else np.zeros(PLACES.size)
+            found.setdefault(kind, {}).setdefault(name, []).append(lift - seen["critical_z"])
     return {kind: {name: np.stack(rows) for name, rows in each.items()} for kind, each in found.items()}
 
 

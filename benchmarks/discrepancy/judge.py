@@ -87,6 +87,12 @@ class Rate:
         low, high = np.asarray(proportion_confint(self.hits, self.of, method="wilson"), dtype=float)
         return float(low), float(high)
 
+    @property
+    def arms(self) -> list[list[float]]:
+        """How far the interval reaches below and above the share, as a plot asks for it."""
+        low, high = self.interval
+        return [[max(0.0, self.share - low)], [max(0.0, high - self.share)]]
+
     def __str__(self) -> str:
         """Say it in words."""
         if not self.of:

@@ -30,9 +30,9 @@ def power_picture(hidden: Sequence[Hidden]) -> Figure:
     sigma = np.array([np.clip(each.sigma, LEAST, LARGEST) for each in hidden])
     grid = np.geomspace(LEAST, LARGEST, 300)
     limit = float(np.mean([each.critical_z for each in hidden]))
-    upper.plot(grid, norm.sf(limit - grid), color=GREY, label="by theory: score beyond its critical value")
+    upper.plot(grid, norm.sf(limit - grid), color=GREY, label="by theory: score significant")
     for found, colour, shift, label in (
-        ([each.significant for each in hidden], GREY, 0.96, "score beyond its critical value"),
+        ([each.significant for each in hidden], GREY, 0.96, "score significant"),
         ([each.named for each in hidden], BLUE, 1.04, "named by the diagnosis"),
     ):
         for number, (low, high) in enumerate(itertools.pairwise(GROUPS)):
@@ -40,12 +40,11 @@ def power_picture(hidden: Sequence[Hidden]) -> Figure:
             share = rate(np.array(found)[inside])
             if not share.of:
                 continue
-            bottom, top = share.interval
             centre = shift * np.sqrt(low * high)
             upper.errorbar(
                 centre,
                 share.share,
-                [[share.share - bottom], [top - share.share]],
+                share.arms,
                 fmt="o",
                 markersize=4.5,
                 color=colour,
@@ -57,7 +56,7 @@ def power_picture(hidden: Sequence[Hidden]) -> Figure:
     upper.set_ylim(-0.12, 1.05)
     upper.yaxis.set_major_formatter(PercentFormatter(1.0))
     upper.set_ylabel("hidden effects found")
-    upper.legend(loc="upper left")
+    upper.legend(loc="lower center", bbox_to_anchor=(0.42, 1.02), ncols=3, fontsize=8.0)
     for place, name in enumerate(names):
         for each in hidden:
             if each.name == name:
@@ -102,8 +101,8 @@ def range_picture(lifts: Mapping[str, Mapping[str, np.ndarray]]) -> Figure:
         mesh = axes.pcolormesh(PLACES, range(len(names)), shares, cmap=SEQUENCE, vmin=0.0, vmax=1.0, shading="nearest")
         axes.grid(False)
         axes.set_title(f"{kind}, {cases} cases")
-        axes.set_xticks([0.0, 0.5, 1.0], ["least", "middle", "largest"])
-        for label, side in zip(axes.get_xticklabels(), ("left", "center", "right"), strict=True):
+        axes.set_xticks([0.0, 1.0], ["low end", "high end"])
+        for label, side in zip(axes.get_xticklabels(), ("left", "right"), strict=True):
             label.set_horizontalalignment(side)
         axes.set_yticks(range(len(names)), [name.replace("_", " ") for name in names])
         axes.tick_params(length=0)
@@ -125,15 +124,12 @@ def reliability_picture(cases: Sequence[Judged]) -> Figure:
         if not inside:
             continue
         share = rate(case.right for case in inside)
-        bottom, top = share.interval
         said = float(np.mean([case.probability for case in inside]))
-        axes.errorbar(
-            said, share.share, [[share.share - bottom], [top - share.share]], fmt="o", color=BLUE, capsize=2.0
-        )
+        axes.errorbar(said, share.share, share.arms, fmt="o", color=BLUE, capsize=2.0)
         axes.annotate(
             f"{share.hits} of {share.of}",
             (said, share.share),
-            xytext=(-6, 6),
+            xytext=(-6, -10),
             textcoords="offset points",
             ha="right",
             fontsize=8.0,

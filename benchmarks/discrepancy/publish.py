@@ -1,4 +1,4 @@
-"""Everything that the proving ground says of the cases diagnosed and screened, as tables, JSON and pictures."""
+"""What the proving ground says of the cases diagnosed and screened: the tables of its page, JSON and pictures."""
 
 from __future__ import annotations
 
@@ -16,16 +16,27 @@ from benchmarks.discrepancy.judge import Rate, metrics, power, read, reliability
 from benchmarks.discrepancy.pictures import power_picture, range_picture, reliability_picture
 from workbench.pictures.style import png
 
-BASELINES = (OURS, "residual correlation", "stepwise, 5 %", "stepwise, BIC", "LASSO", "SINDy")
+_PARTS = ("cases", "metrics", "baselines", "ablations", "reliability", "power")
+_EMPTY = "\n\n".join(f"<!-- {name} --><!-- end -->" for name in _PARTS) + "\n"
+BASELINES = (
+    OURS,
+    "residual correlation",
+    "stepwise, 5 %",
+    "stepwise, BIC",
+    "LASSO",
+    "SINDy",
+    "SINDy, made to name one",
+)
 
 
-def publish(folder: Path, out: Path) -> None:
-    """Write `tables.md`, `results.json` and three pictures into `out`."""
+def publish(folder: Path, page: Path) -> None:
+    """Write the tables into a page, and `results.json` and three pictures into a folder of the page's name."""
+    out = page.with_suffix("")
     cases = read(folder)
     compared = rates(read_compared(folder, cases))
     hidden = read_hidden(folder, cases)
     ablated = [name for name in compared if name.startswith("score") or name in IN_ANSWER]
-    groups = collections.Counter(f"{c.blind.kind}, {c.blind.group}" for c in cases)
+    groups = collections.Counter(f"{c.blind.group} ({c.blind.kind})" for c in cases)
     out.mkdir(parents=True, exist_ok=True)
     for name, figure in (
         ("power", power_picture(hidden)),
@@ -44,15 +55,24 @@ def publish(folder: Path, out: Path) -> None:
         "methods": compared,
     }
     (out / "results.json").write_text(json.dumps(_plain(everything), indent=1) + "\n")
-    parts = [
-        f"{len(cases)} cases diagnosed.",
-        _table("figure of merit", metrics(cases)),
-        markdown(compared, "method", BASELINES),
-        markdown(compared, "with one part left out", [OURS, *ablated]),
-        _table("right at a probability of", reliability(cases)),
-        _table("named where hidden", power(cases)),
-    ]
-    (out / "tables.md").write_text("\n\n".join(parts) + "\n")
+    tables = {
+        "cases": f"{len(cases)} cases: {', '.join(f'{count} of {name}' for name, count in sorted(groups.items()))}.",
+        "metrics": _table("figure of merit", metrics(cases)),
+        "baselines": markdown(compared, "method", BASELINES),
+        "ablations": markdown(compared, "part left out", [OURS, *ablated]),
+        "reliability": _table("right at a probability of", reliability(cases)),
+        "power": _table("named where hidden", power(cases)),
+    }
+    page.write_text(filled(page.read_text() if page.exists() else _EMPTY, tables))
+
+
+def filled(text: str, tables: Mapping[str, str]) -> str:
+    """Return a page with each table put between `<!-- its name -->` and `<!-- end -->`."""
+    for name, table in tables.items():
+        before, begin, rest = text.partition(f"<!-- {name} -->")
+        if begin:
+            text = f"{before}{begin}\n\n{table}\n\n<!-- end -->{rest.partition('<!-- end -->')[2]}"
+    return text
 
 
 def _table(first: str, found: Mapping[str, Rate | float]) -> str:
