@@ -30,8 +30,8 @@ def by_sindy(case):
     """SINDy of the residuals' derivatives on polynomials of residuals, inputs and states of the model.
 
     The threshold is chosen by BIC; adequate where no term is left. The fitted right-hand side is mapped to effects by
-    its cosine with the derivative, taken alike, of each raw sensitivity, over all channels and runs. Returned are what it
-    says, and what it says if it has to name something: the best model that has a term.
+    its cosine with the derivative, taken alike, of each raw sensitivity, over all channels and runs. Returned are what
+    it says, and what it says if it has to name something: by the best model that has a term.
     """
     differentiate = pysindy.SmoothedFiniteDifference(
         smoother_kws={"window_length": WINDOW, "polyorder": 3, "axis": 0}

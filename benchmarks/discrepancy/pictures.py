@@ -17,8 +17,8 @@ from workbench.pictures.style import BLACK, BLUE, GREEN, GREY, ORANGE, PAGE_CM, 
 
 COLOUR = {"cell": BLUE, "motor": ORANGE, "robot": GREEN}
 # Sigma: what lies outside is drawn at the edge. And the ends of the groups whose share is shown.
-LEAST, LARGEST = 0.1, 3000.0
-GROUPS = (0.1, 2.0, 6.0, 30.0, 200.0, 3000.0)
+LEAST, LARGEST = 0.1, 10_000.0
+GROUPS = (0.1, 2.0, 6.0, 30.0, 300.0, 10_000.0)
 
 
 @styled
@@ -133,6 +133,7 @@ def reliability_picture(cases: Sequence[Judged]) -> Figure:
             textcoords="offset points",
             ha="right",
             fontsize=8.0,
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
         )
     axes.set_xlim(0.0, 1.03)
     axes.set_ylim(0.0, 1.03)
