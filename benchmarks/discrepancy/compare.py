@@ -156,4 +156,4 @@ def _cell(found: Rate | float) -> str:
     if not found.of:
         return ""
     low, high = found.interval
-    return f"{found.hits} of {found.of} ({low:.0%} to {high:.0%})".replace("%", " %")
+    return f"{found.hits} of {found.of} ({100 * low:.0f} to {100 * high:.0f} %)"

@@ -80,7 +80,7 @@ def _table(first: str, found: Mapping[str, Rate | float]) -> str:
     for name, value in found.items():
         if isinstance(value, Rate) and value.of:
             low, high = value.interval
-            cells = f"{value.share:.0%} | {low:.0%} to {high:.0%} | {value.hits} of {value.of}".replace("%", " %")
+            cells = f"{100 * value.share:.0f} % | {100 * low:.0f} to {100 * high:.0f} % | {value.hits} of {value.of}"
         else:
             cells = "no case | | " if isinstance(value, Rate) or np.isnan(value) else f"{value:.3g} | | "
         lines.append(f"| {name} | {cells} |")
