@@ -23,6 +23,7 @@ from discrepancy.screen import Screen
 from discrepancy.search import Progress, by_strength, search, strongest, tell
 from discrepancy.session import Hypothesis, Session
 from jaxmodel.cases import Case
+from jaxmodel.declaration import describe
 from jaxmodel.errors import EffectError
 from jaxmodel.ports import Effect
 
@@ -37,6 +38,8 @@ HOPELESS = 30.0
 # What is partly explained is named all the same where this share of the excess error goes with it. In the development
 # case with a law outside the catalogue that was looked at, the best effects of the catalogue remove 0.3.
 PARTIAL_SHARE = 0.6
+# An effect's number is remarked on this share of its usual range beyond an end: the ends are nothing sharp.
+OUT_OF_RANGE = 0.25
 # Belief in something else where the best model leaves far more than stated noise, in no form. Assumed.
 NOT_TO_THE_NOISE = 0.9
 # A hypothesis more probable than this is not ruled out; of so many an experiment is asked to decide between all.
@@ -333,4 +336,14 @@ def _remarks(session: Session, hypothesis: Hypothesis) -> tuple[str, ...]:
                 f"{coordinate.name}{where} is {abs(hypothesis.fitted.x[place]):.1f} sd from what the case states: "
                 "it may be standing in for something the model lacks."
             )
+    estimates = session.rung("", hypothesis).estimates
+    for label in hypothesis.labels:
+        for name, info in describe(session.candidates[label].effect).items():
+            low, high = info.typical or (-np.inf, np.inf)
+            value, room = estimates[f"{label}.{name}"].value, OUT_OF_RANGE * (high - low)
+            if not low - room <= value <= high + room:
+                remarks.append(
+                    f"{label}.{name} = {value:.3g} is outside its usual range, {low:g} to {high:g}: "
+                    "the effect may be standing in for another."
+                )
     return tuple(remarks)

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from discrepancy.result import Diagnosis
+from discrepancy.whiteness import FloorRatio
 from workbench.commands.diagnose import pictures_of
 from workbench.extended import extended_case
 from workbench.report import write_report
@@ -81,6 +82,18 @@ def test_report_says_what_the_diagnosis_says(page: Page, diagnosis: Diagnosis) -
 def test_report_names_its_data_by_their_digests(page: Page, diagnosis: Diagnosis) -> None:
     for file in (diagnosis.case.path, *(run.source for run in diagnosis.case.runs)):
         assert hashlib.sha256(file.read_bytes()).hexdigest() in page.text
+
+
+def test_model_that_fails_nowhere_has_a_report_too(diagnosis: Diagnosis, tmp_path: Path) -> None:
+    """Without failing channels there are no pictures of where they fail."""
+    fine = dataclasses.replace(
+        diagnosis.failure, floor={name: FloorRatio(1.0, 1.1, 100.0) for name in diagnosis.failure.floor}, shifts=()
+    )
+    diagnosis = dataclasses.replace(diagnosis, failure=fine)
+    pictures = pictures_of(diagnosis, simulate_case(diagnosis.case))
+    assert not {"excess", "maps", "run-shifts"} & set(pictures)
+    write_report(diagnosis, tmp_path / "report.html", pictures)
+    assert "Where it fails" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
 def test_what_a_user_writes_is_text_and_no_markup(page: Page) -> None:

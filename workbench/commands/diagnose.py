@@ -185,7 +185,8 @@ def pictures_of(diagnosis: Diagnosis, outcomes: Sequence[Outcome]) -> dict[str, 
     if failures.failing_channels(diagnosis.failure):
         names = [run.name for run in diagnosis.case.runs]
         pictures["excess"] = png(failures.excess_by_condition(diagnosis.failure, names))
-        pictures["maps"] = png(failures.maps(diagnosis.failure))
+        if failures.mapped_channels(diagnosis.failure):
+            pictures["maps"] = png(failures.maps(diagnosis.failure))
         if diagnosis.failure.shift_sentence():
             pictures["run-shifts"] = png(failures.run_shifts(diagnosis.failure))
     if diagnosis.candidates:

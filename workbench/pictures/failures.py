@@ -87,13 +87,18 @@ def _range(lower: float, upper: float) -> str:
     return f"{lower:.3g}" if lower == upper else f"{lower:.3g} … {upper:.3g}"
 
 
+def mapped_channels(found: Failure) -> list[str]:
+    """Return the failing channels that were read under two conditions at least."""
+    return [name for name in failing_channels(found) if any(found.maps[name].values())]
+
+
 @styled
 def maps(found: Failure) -> Figure:
     """Draw the mean residual of each failing channel over the pairs of conditions that tell most, in noise sd.
 
     Dots mark what is beyond chance (false discovery rate 5 % over a map).
     """
-    channels = [name for name in failing_channels(found) if found.maps[name]]
+    channels = mapped_channels(found)
     figure = new_figure(PAGE_CM, 1.0 + 5.6 * len(channels))
     grid = figure.subplots(len(channels), _MAPS, squeeze=False)
     for row, channel in zip(grid, channels, strict=True):
