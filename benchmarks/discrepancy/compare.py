@@ -152,7 +152,7 @@ def markdown(table: Mapping[str, Mapping[str, Rate | float]], first: str, method
 
 def _cell(found: Rate | float) -> str:
     if not isinstance(found, Rate):
-        return f"{found:.1f}" if np.isfinite(found) else ""
+        return f"{found:.3g}" if np.isfinite(found) else ""
     if not found.of:
         return ""
     low, high = found.interval

@@ -132,7 +132,7 @@ def metrics(cases: Sequence[Judged]) -> dict[str, Rate | float]:
         "parameters in their 95 % interval": rate(hit for c in catalogued if c.right for hit in c.covered()),
         "check error over floor, median": float(np.median(ratios)) if ratios else float("nan"),
         "check error over floor, 95th percentile": float(np.quantile(ratios, 0.95)) if ratios else float("nan"),
-        "seconds a case, median": float(np.median([c.seconds for c in cases])),
+        "seconds a case, median": float(np.nanmedian([c.seconds for c in cases])),
     }
 
 

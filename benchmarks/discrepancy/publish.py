@@ -29,13 +29,17 @@ BASELINES = (
 )
 
 
-def publish(folder: Path, page: Path) -> None:
-    """Write the tables into a page, and `results.json` and three pictures into a folder of the page's name."""
+def publish(folder: Path, page: Path, unseen_from: int) -> None:
+    """Write the tables into a page, and `results.json` and three pictures into a folder of the page's name.
+
+    Cases from the seed `unseen_from` on, which nobody looked at while the method was made, are also told apart.
+    """
     out = page.with_suffix("")
     cases = read(folder)
     compared = rates(read_compared(folder, cases))
     hidden = read_hidden(folder, cases)
     ablated = [name for name in compared if name.startswith("score") or name in IN_ANSWER]
+    unseen = [case for case in cases if case.number >= unseen_from]
     groups = collections.Counter(f"{c.blind.group} ({c.blind.kind})" for c in cases)
     out.mkdir(parents=True, exist_ok=True)
     for name, figure in (
@@ -50,6 +54,8 @@ def publish(folder: Path, page: Path) -> None:
         "last": max(c.number for c in cases),
         "groups": dict(sorted(groups.items())),
         "metrics": metrics(cases),
+        "unseen_from": unseen_from,
+        "metrics of unseen": metrics(unseen),
         "reliability": reliability(cases),
         "power": power(cases),
         "methods": compared,
@@ -57,7 +63,7 @@ def publish(folder: Path, page: Path) -> None:
     (out / "results.json").write_text(json.dumps(_plain(everything), indent=1) + "\n")
     tables = {
         "cases": f"{len(cases)} cases: {', '.join(f'{count} of {name}' for name, count in sorted(groups.items()))}.",
-        "metrics": _table("figure of merit", metrics(cases)),
+        "metrics": _side_by_side({"all cases": metrics(cases), f"seeds from {unseen_from} on": metrics(unseen)}),
         "baselines": markdown(compared, "method", BASELINES),
         "ablations": markdown(compared, "part left out", [OURS, *ablated]),
         "reliability": _table("right at a probability of", reliability(cases)),
@@ -73,6 +79,13 @@ def filled(text: str, tables: Mapping[str, str]) -> str:
         if begin:
             text = f"{before}{begin}\n\n{table}\n\n<!-- end -->{rest.partition('<!-- end -->')[2]}"
     return text
+
+
+def _side_by_side(tables: Mapping[str, Mapping[str, Rate | float]]) -> str:
+    """Return figures of merit, a row each, with a column for each set of cases."""
+    names = next(iter(tables.values()))
+    turned = {name: {title: found[name] for title, found in tables.items()} for name in names}
+    return markdown(turned, "figure of merit")
 
 
 def _table(first: str, found: Mapping[str, Rate | float]) -> str:
