@@ -118,6 +118,7 @@ def write_plain(folder: Path) -> None:
     given = {f"conditions.{name}": values for name, values in plain.conditions.items() if name != "run"}
     np.savez(
         folder / "plain.npz",
+        allow_pickle=False,
         residual=plain.residual[: plain.rows],
         effects=plain.effects[: plain.rows],
         names=plain.names,
