@@ -157,7 +157,7 @@ def fit(problem: Problem, start: np.ndarray, free: Sequence[int] | None = None, 
     """Calibrate from one start.
 
     The trust-region steps are optimistix's, one at a time: the model's program stays one forward program, which is all
-    that has to be compiled anew for another model.
+    that has to be compiled anew for another model. And a loop around a kernel is not safe: see `jaxmodel.kernel`.
 
     Args:
         problem: the case under one model.
@@ -206,7 +206,7 @@ def _fit_of(problem: Problem, x: np.ndarray, start: np.ndarray, moving: np.ndarr
 @eqx.filter_jit
 def _objectives(problem: Problem, places: Array, counted: Array) -> Array:
     size = places.shape[1]
-    return jax.lax.map(lambda x: jnp.sum(_objective(x, problem, Task(x, jnp.ones(size), counted)) ** 2), places)
+    return jax.vmap(lambda x: jnp.sum(_objective(x, problem, Task(x, jnp.ones(size), counted)) ** 2))(places)
 
 
 def objectives(problem: Problem, places: np.ndarray) -> np.ndarray:

@@ -23,6 +23,10 @@ def as_one_kernel(function: Callable, *arguments):
 
     A scan over a step of some hundred scalar operations then costs arithmetic instead of dispatches: measured 4 to 20
     times as fast, its derivatives too. Values are the same to rounding. Pure; may be vmapped and differentiated.
+
+    Put no loop of a program around it (`lax.map`, `scan`, `while_loop`): loop on the host, or put the loop inside. Such
+    a loop, of 90,000 readings and 6 runs, gave other values in 3 to 6 of 100 evaluations on a busy machine (jaxlib
+    0.10.2); the same program without the loop in none of 600.
     """
     if jax.default_backend() != "cpu" or not fits_one_kernel(function, *arguments):
         return function(*arguments)

@@ -53,8 +53,9 @@ def elasticity_map(study: Study, names: Sequence[str] | None = None) -> xarray.D
         at[:, moved.index(name)] = values.reshape(-1)
     at_once = min(_AT_ONCE, len(at))
     filled = np.concatenate([at, np.repeat(at[-1:], -len(at) % at_once, axis=0)])
-    found = _over_lanes(response, jnp.asarray(filled), len(asked), at_once)
-    numbers, slopes = (np.asarray(x)[: len(at)] for x in found)
+    # Batch after batch from here, not by a loop in the program: see jaxmodel.kernel.
+    batches = [_of_lanes(response, jnp.asarray(some), len(asked)) for some in np.split(filled, len(filled) // at_once)]
+    numbers, slopes = (np.concatenate(parts)[: len(at)] for parts in zip(*batches, strict=True))
     shape = grid[0].shape
     value = numbers.reshape(*shape, -1)
     derivative = np.moveaxis(slopes, 1, 2).reshape(*shape, len(metrics), len(asked))
@@ -80,8 +81,8 @@ def elasticity_map(study: Study, names: Sequence[str] | None = None) -> xarray.D
 
 
 @eqx.filter_jit
-def _over_lanes(
-    response: Response, at: Float[Array, "lanes moved"], asked: int, at_once: int
+def _of_lanes(
+    response: Response, at: Float[Array, "lanes moved"], asked: int
 ) -> tuple[Float[Array, "lanes metric"], Float[Array, "lanes parameter metric"]]:
     def lane(values):
         def push(direction):
@@ -89,4 +90,4 @@ def _over_lanes(
 
         return jax.vmap(push, out_axes=(None, 0))(jnp.eye(asked, values.size))
 
-    return jax.lax.map(lane, at, batch_size=at_once)
+    return jax.vmap(lane)(at)
