@@ -25,8 +25,8 @@ def as_one_kernel(function: Callable, *arguments):
     times as fast, its derivatives too. Values are the same to rounding. Pure; may be vmapped and differentiated.
 
     Put no loop of a program around it (`lax.map`, `scan`, `while_loop`): loop on the host, or put the loop inside. Such
-    a loop, of 90,000 readings and 6 runs, gave other values in 3 to 6 of 100 evaluations on a busy machine (jaxlib
-    0.10.2); the same program without the loop in none of 600.
+    a loop, over 90,000 readings of 6 runs, ended elsewhere in 3 of 112 fits on a busy machine (jaxlib 0.10.2); the same
+    program without the loop gave the same bits in all of 600 evaluations.
     """
     if jax.default_backend() != "cpu" or not fits_one_kernel(function, *arguments):
         return function(*arguments)

@@ -1,0 +1,220 @@
+"""Make three cases from measurements: an LFP cell, an NCA cell in cold drive cycles, a gear motor on a brake.
+
+Usage: python make_cases.py DATA_FOLDER OUT_FOLDER. DATA_FOLDER has a123_26650_plett/, panasonic_18650pf/ and
+gearmotor_prony_brake/, the files of the sources in README.md beside this script with the columns named there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.optimize import nnls
+
+ROOT = Path(__file__).parents[2]
+sys.path.append(str(ROOT / "examples" / "presets"))
+# The reading of the brake's table is the preset's.
+from motors import brake_points  # noqa: E402  # pyright: ignore[reportMissingImports]
+
+SOC = np.round(np.hstack([np.linspace(0, 0.1, 9), np.linspace(0.15, 0.9, 16), np.linspace(0.925, 1, 4)]), 4)
+RESTING_A = 0.01
+SHORT_TAU_S = (5, 10, 15, 20, 30, 45)
+LONG_TAU_S = (100, 200, 300, 500, 800, 1200)
+
+
+def toml_table(name: str, key: str, values: np.ndarray, soc: np.ndarray = SOC) -> str:
+    """Return the TOML of a curve over SOC."""
+    return f"\n[parameters.{name}]\nsoc = {soc.tolist()}\n{key} = {[round(float(v), 5) for v in values]}\n"
+
+
+def run_entry(name: str, split: str, label: str, more: str = "") -> str:
+    """Return the TOML of one run."""
+    return f'\n[[runs]]\nfile = "{name}.csv"\nsplit = "{split}"\nlabel = "{label}"\n{more}'
+
+
+def write_csv(path: Path, columns: dict[str, Any] | pd.DataFrame) -> None:
+    """Write one run, rows in order of time, one row for each time."""
+    rows = pd.DataFrame(columns).drop_duplicates("time_s").sort_values("time_s")
+    rows.to_csv(path, index=False, lineterminator="\n")
+
+
+# A123 26650 LFP
+
+
+def middle_of_branches(folder: Path, capacity_Ah: float) -> np.ndarray:
+    """Return the open-circuit voltage at SOC: half way between the C/30 discharge and the C/30 charge at 25 degC."""
+    branches = []
+    for way, first_soc in (("discharge", 1.0), ("charge", 0.0)):
+        rows = pd.read_csv(folder / f"ocv_slow_{way}_p25degC.csv")
+        rows = rows[rows.current_A.abs() > RESTING_A]
+        soc = first_soc - (rows.discharged_Ah - rows.discharged_Ah.iloc[0]) / capacity_Ah
+        rows = rows.assign(soc=soc).sort_values("soc")
+        branches.append(np.interp(SOC, rows.soc, rows.voltage_V))
+    return np.mean(branches, axis=0)
+
+
+def relaxed(time_s: np.ndarray, drive: np.ndarray, tau_s: float) -> np.ndarray:
+    """Return the first-order response to a drive that holds from each row to the next."""
+    response = np.zeros_like(drive)
+    for row, kept in enumerate(np.exp(-np.diff(time_s) / tau_s)):
+        response[row + 1] = kept * response[row] + (1.0 - kept) * drive[row]
+    return response
+
+
+def resistances(rows: pd.DataFrame, ocv: np.ndarray, capacity_Ah: float) -> tuple[np.ndarray, tuple[float, float]]:
+    """Return R_ints, R_TS, R_TL (ohm) and the two time constants (s) that fit one run best by least squares.
+
+    V_oc - V = R_ints i + R_TS i_TS + R_TL i_TL, with i_TS and i_TL the current through a first-order lag.
+    """
+    time_s, current = rows.time_s.to_numpy(), rows.current_A.to_numpy()
+    soc = 1.0 - (rows.discharged_Ah - rows.discharged_Ah.iloc[0]) / capacity_Ah
+    drop = np.interp(soc, SOC, ocv) - rows.voltage_V.to_numpy()
+    middle = ((soc > 0.15) & (soc < 0.9)).to_numpy()  # where the open-circuit voltage is nearly flat
+
+    def misfit(taus: tuple[float, float]) -> tuple[float, np.ndarray]:
+        columns = np.column_stack([current, *(relaxed(time_s, current, tau) for tau in taus)])
+        found, norm = nnls(columns[middle], drop[middle])
+        return norm, found
+
+    taus = min(itertools.product(SHORT_TAU_S, LONG_TAU_S), key=lambda taus: misfit(taus)[0])
+    return misfit(taus)[1], taus
+
+
+def a123(source: Path, out: Path) -> None:
+    """Write the case of the LFP cell: the slow branches and the dynamic profile, the cold kept as check."""
+    folder = source / "a123_26650_plett"
+    slow = pd.read_csv(folder / "ocv_slow_discharge_p25degC.csv")
+    capacity_Ah = float(slow.discharged_Ah.max())
+    ocv = middle_of_branches(folder, capacity_Ah)
+    warm = pd.read_csv(folder / "dyn_p25degC.csv").drop_duplicates("time_s")
+    (R_ints, R_TS, R_TL), (tau_S, tau_L) = resistances(warm, ocv, capacity_Ah)
+    ends, ones = np.array([0.0, 1.0]), np.ones(2)
+    text = f"""title = "A123 26650 LFP, dynamic profile and slow charge and discharge"
+kind = "cell"
+
+[parameters]
+capacity_Ah = {{ value = {capacity_Ah:.3f}, sd = 0.02 }}
+series_resistance_scale = {{ value = 1.0, sd = 0.1 }}
+rc_resistance_scale = {{ value = 1.0, sd = 0.2 }}
+rc_capacitance_scale = {{ value = 1.0, sd = 0.2 }}
+storage_months = 0
+cycles = 0
+"""
+    text += toml_table("ocv", "voltage_V", ocv) + toml_table("R_ints", "ohm", R_ints * ones, ends)
+    text += toml_table("R_TS", "ohm", R_TS * ones, ends) + toml_table("C_TS", "farad", tau_S / R_TS * ones, ends)
+    text += toml_table("R_TL", "ohm", R_TL * ones, ends) + toml_table("C_TL", "farad", tau_L / R_TL * ones, ends)
+    text += "\n[sensors]\nvoltage_V = 0.001\ncurrent_A = 0.005\n"
+    full, empty = "initial_soc = { value = 1.0, sd = 0.01 }\n", "initial_soc = { value = 0.0, sd = 0.01 }\n"
+    for name, ambient_degC, split, label, soc in (
+        ("dyn_p25degC", 25, "fit", "25 degC, dynamic", full),
+        ("ocv_slow_discharge_p25degC", 25, "fit", "25 degC, C/30 discharge", full),
+        ("ocv_slow_charge_p25degC", 25, "fit", "25 degC, C/30 charge", empty),
+        ("dyn_p45degC", 45, "fit", "45 degC, dynamic", full),
+        ("dyn_p05degC", 5, "fit", "5 degC, dynamic", full),
+        ("dyn_n05degC", -5, "check", "-5 degC, dynamic", full),
+    ):
+        rows = pd.read_csv(folder / f"{name}.csv")
+        columns = {"time_s": rows.time_s, "current_A": rows.current_A, "ambient_degC": float(ambient_degC)}
+        write_csv(out / f"{name}.csv", columns | {"voltage_V": rows.voltage_V})
+        text += run_entry(name, split, label, soc)
+    (out / "case.toml").write_text(text, encoding="utf-8", newline="\n")
+
+
+# Panasonic NCR18650PF
+
+
+def panasonic(source: Path, out: Path) -> None:
+    """Write the case of the NCA cell: its base model knows 25 degC and takes the chamber for the cell."""
+    folder = source / "panasonic_18650pf"
+    preset = tomllib.loads((ROOT / "jaxmodel" / "presets" / "panasonic_18650pf.toml").read_text())["parameters"]
+    text = """title = "Panasonic NCR18650PF, US06 drive cycle from -20 to 25 degC"
+kind = "cell"
+
+[parameters]
+capacity_Ah = { value = 2.9, sd = 0.1 }
+series_resistance_scale = { value = 1.0, sd = 0.15 }
+rc_resistance_scale = { value = 1.0, sd = 0.15 }
+rc_capacitance_scale = { value = 1.0, sd = 0.2 }
+storage_months = 0
+cycles = 0
+"""
+    for name, key in (
+        ("ocv", "voltage_V"),
+        ("R_ints", "ohm"),
+        ("R_TS", "ohm"),
+        ("C_TS", "farad"),
+        ("R_TL", "ohm"),
+        ("C_TL", "farad"),
+    ):
+        curve = preset[name]
+        values = np.asarray(curve[key])
+        warm = values[-1] if values.ndim == 2 else values  # the row of 25 degC
+        text += toml_table(name, key, warm, np.asarray(curve["soc"]))
+    text += "\n[sensors]\nvoltage_V = 0.001\ncurrent_A = 0.005\ncell_temperature_degC = 0.1\n"
+    for name, ambient_degC, split in (("p25", 25, "fit"), ("p10", 10, "fit"), ("p00", 0, "fit"), ("n20", -20, "check")):
+        rows = pd.read_csv(folder / f"drive_us06_{name}degC.csv")
+        columns = {"time_s": rows.time_s, "current_A": rows.current_A, "ambient_degC": float(ambient_degC)}
+        readings = {"voltage_V": rows.voltage_V, "cell_temperature_degC": rows.temperature_degC}
+        write_csv(out / f"us06_{name}.csv", columns | readings)
+        text += run_entry(
+            f"us06_{name}", split, f"US06 at {ambient_degC} degC", "initial_soc = { value = 1.0, sd = 0.01 }\n"
+        )
+    (out / "case.toml").write_text(text, encoding="utf-8", newline="\n")
+
+
+# Gear motor on a brake
+
+MOTOR_COLUMNS = ("time_s", "voltage_V", "load_torque_Nm", "ambient_degC", "current_A", "speed_rad_s")
+HELD_S = 10.0  # how long each steady point is held: many time constants of the motor
+
+
+def gear_motor(source: Path, out: Path) -> None:
+    """Write the case of the gear motor: loads from the scale, two voltages kept as check."""
+    points = brake_points(source / "gearmotor_prony_brake")
+    text = """title = "A 12 V gear motor on a hand-loaded brake"
+kind = "motor"
+
+[parameters]
+R_0 = { value = 10.9, sd = 0.6 }
+k_tau = { value = 0.675, sd = 0.012 }
+tau_0 = { value = 0.046, sd = 0.006 }
+
+[sensors]
+current_A = 0.01
+speed_rad_s = 0.3
+"""
+    for voltage_V, group in points.groupby("group"):
+        start_s = HELD_S * np.arange(len(group))
+        first = pd.DataFrame({"time_s": start_s, "voltage_V": voltage_V, "load_torque_Nm": group.load_torque_Nm})
+        read = group[["load_torque_Nm", "current_A", "speed_rad_s"]].assign(
+            time_s=start_s + HELD_S - 1.0, voltage_V=voltage_V
+        )
+        rows = pd.concat([first, read]).assign(ambient_degC=20.0)
+        name = f"{voltage_V:g}V".replace(".", "p")
+        write_csv(
+            out / f"{name}.csv",
+            {column: rows[column] for column in MOTOR_COLUMNS},
+        )
+        text += run_entry(name, "check" if voltage_V > 10 else "fit", f"{voltage_V:g} V")
+    (out / "case.toml").write_text(text, encoding="utf-8", newline="\n")
+
+
+def main(source: Path, out: Path) -> None:
+    """Write all three cases."""
+    for name, make in (("a123_lfp", a123), ("panasonic_drive", panasonic), ("gear_motor", gear_motor)):
+        (out / name).mkdir(parents=True, exist_ok=True)
+        make(source, out / name)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("source", type=Path, help="folder of the measurements")
+    parser.add_argument("out", type=Path, help="folder for the cases")
+    arguments = parser.parse_args()
+    main(arguments.source, arguments.out)
