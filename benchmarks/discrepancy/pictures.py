@@ -116,7 +116,7 @@ def range_picture(lifts: Mapping[str, Mapping[str, np.ndarray]]) -> Figure:
 @styled
 def reliability_picture(cases: Sequence[Judged]) -> Figure:
     """Draw how often answers are right against the probability that they give themselves."""
-    figure = new_figure(0.62 * PAGE_CM, 0.58 * PAGE_CM)
+    figure = new_figure(0.72 * PAGE_CM, 0.58 * PAGE_CM)
     axes = figure.subplots()
     axes.plot([0.0, 1.0], [0.0, 1.0], color=GREY, linewidth=1.0)
     for low, high in itertools.pairwise(BINS):
@@ -129,14 +129,15 @@ def reliability_picture(cases: Sequence[Judged]) -> Figure:
         axes.annotate(
             f"{share.hits} of {share.of}",
             (said, share.share),
-            xytext=(-6, -10),
+            xytext=(8, -3) if high == BINS[-1] else (-6, -10),
             textcoords="offset points",
-            ha="right",
+            ha="left" if high == BINS[-1] else "right",
             fontsize=8.0,
             bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
         )
-    axes.set_xlim(0.0, 1.03)
+    axes.set_xlim(0.0, 1.22)  # room for the last label
     axes.set_ylim(0.0, 1.03)
+    axes.set_xticks(np.linspace(0.0, 1.0, 6))
     axes.set_aspect("equal")
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter(PercentFormatter(1.0))
