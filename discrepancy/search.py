@@ -52,12 +52,12 @@ def search(
     couple = _refit_likely(session, progress, best)
     if couple.log_evidence < best.log_evidence + SECOND_EFFECT_GAIN:
         return best
-    # Swap: where the second effect alone explains as much as both, the first was only its stand-in.
-    fitted = {one.labels for one in session.known()}
-    swapped = [label for label in by_strength(session, couple) if (label,) not in fitted]
-    if swapped:
-        first = session.screen(base)
-        session.hypotheses([((label,), session.starts(first, label)) for label in swapped])
+    # Swap: the first may have been a stand-in for two others. The second is refitted alone, where it may explain as
+    # much as both, and then beside what scores best with it.
+    second = next(label for label in couple.labels if label not in best.labels)
+    alone = session.hypothesis((second,), session.starts(session.screen(base), second))
+    if session.screen(alone).table.significant:
+        couple = max(couple, _refit_likely(session, progress, alone), key=lambda one: one.log_evidence)
     single = _best(session, (1,))
     return single if single.log_evidence > couple.log_evidence - SECOND_EFFECT_GAIN else couple
 

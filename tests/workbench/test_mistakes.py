@@ -90,7 +90,7 @@ def test_spoilt_study_is_one_sentence(what: str, command: str, run: Run, tmp_pat
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["simulat"], "Did you mean 'simulate'?"),
+        (["simulat"], "Did you mean 'simulate'"),
         (["simulate"], "Missing argument 'CASE'"),
         (["simulate", "CASE", "--fidelity", "lookup"], "only formula or lut"),
         (["simulate", "CASE", "--fidelty", "lut"], "--fidelity"),
