@@ -204,14 +204,16 @@ def _fit_of(problem: Problem, x: np.ndarray, start: np.ndarray, moving: np.ndarr
 
 
 @eqx.filter_jit
-def _objectives(problem: Problem, places: Array, counted: Array) -> Array:
-    size = places.shape[1]
-    return jax.vmap(lambda x: jnp.sum(_objective(x, problem, Task(x, jnp.ones(size), counted)) ** 2))(places)
+def _objective_at(problem: Problem, x: Array, counted: Array) -> Array:
+    return jnp.sum(_objective(x, problem, Task(x, jnp.ones(x.shape), counted)) ** 2)
 
 
 def objectives(problem: Problem, places: np.ndarray) -> np.ndarray:
-    """Return what `fit` minimises at some places, shape (places, unknowns)."""
-    return np.asarray(_objectives(problem, jnp.asarray(places), problem.readings.fit))
+    """Return what `fit` minimises at some places, shape (places, unknowns).
+
+    One after the other: lanes of this sum are a program that XLA cannot make one kernel of.
+    """
+    return np.array([float(_objective_at(problem, jnp.asarray(x), problem.readings.fit)) for x in places])
 
 
 @eqx.filter_jit
