@@ -134,7 +134,14 @@ def _whitened(hypothesis: Hypothesis) -> tuple[np.ndarray, tuple[np.ndarray, ...
 def failure(session: Session, hypothesis: Hypothesis) -> Failure:
     """Say where and how a calibrated model fails on its fit runs."""
     problem = hypothesis.problem
-    whitened, (run, row, channel) = _whitened(hypothesis)
+    weighed, (run, row, channel) = _whitened(hypothesis)
+    # Where the search weighed channels otherwise, what fails is still told in units of the sensors' noise.
+    coarser = {
+        place: session.weights[n].sd / session.noise[n].sd
+        for place, n in enumerate(problem.channels)
+        if n in session.noise
+    }
+    whitened = weighed * np.array([coarser.get(place, 1.0) for place in range(len(problem.channels))])[channel]
     of_rows = conditions_of_rows(session, hypothesis) | history_of_rows(session.case, problem.times.shape)
     given = {name: values[run, row] for name, values in of_rows.items()}
     floor, cells, maps, sentences, series = {}, {}, {}, [], {}
@@ -162,7 +169,7 @@ def failure(session: Session, hypothesis: Hypothesis) -> Failure:
         for number in np.unique(runs):
             series[f"{name} in {session.case.runs[number].name}"] = w[runs == number]
     shifts, drop = _shifts(session, hypothesis, given, run)
-    excess = float(np.sum(whitened**2 - 1.0))
+    excess = float(np.sum(weighed**2 - 1.0))
     return Failure(
         floor=floor,
         cells=cells,

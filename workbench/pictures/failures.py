@@ -24,7 +24,7 @@ from workbench.pictures.style import (
 )
 
 _CONDITIONS, _MAPS, _CHANNELS = 4, 3, 3  # on a page
-_FULL_COLOUR = 6.0  # sd of the noise at which a map is as dark as it gets, or what is there where that is less
+_LEAST_FULL_COLOUR = 2.0  # sd of the noise: a map is no darker for less
 
 
 def failing_channels(found: Failure) -> list[str]:
@@ -56,7 +56,8 @@ def excess_by_condition(found: Failure, runs: Sequence[str]) -> Figure:
             axes.set_xlabel(column_label(condition).replace(" [", "\n["))
         for axes in row[len(telling) :]:
             axes.set_visible(False)
-        row[0].set_ylabel(f"{split_unit(channel)[0]}\nshare [%]")
+        row[0].set_ylabel("share [%]")
+        row[0].set_title(split_unit(channel)[0])
     handles, labels = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2)
     return figure
@@ -84,7 +85,8 @@ def _shares(axes: Axes, cells: Sequence[Cell], runs: Sequence[str]) -> None:
 
 
 def _range(lower: float, upper: float) -> str:
-    return f"{lower:.3g}" if lower == upper else f"{lower:.3g} … {upper:.3g}"
+    low, high = (f"{x:.0f}" if abs(x) >= 100.0 else f"{x:.3g}" for x in (lower, upper))
+    return low if low == high else f"{low} … {high}"
 
 
 def mapped_channels(found: Failure) -> list[str]:
@@ -103,16 +105,17 @@ def maps(found: Failure) -> Figure:
     grid = figure.subplots(len(channels), _MAPS, squeeze=False)
     for row, channel in zip(grid, channels, strict=True):
         pairs = sorted(found.maps[channel].items(), key=lambda item: -_spread(item[1]))[:_MAPS]
-        most = min(_FULL_COLOUR, max((abs(cell.bias) for _, cells in pairs for cell in cells), default=1.0))
+        sizes = [abs(cell.bias) for _, cells in pairs for cell in cells]
+        most = max(_LEAST_FULL_COLOUR, float(np.quantile(sizes, 0.9)) if sizes else 0.0)
         for axes, ((x, y), cells) in zip(row, pairs, strict=False):
-            drawn = _map(axes, cells, max(most, 1e-9))
+            drawn = _map(axes, cells, most)
             axes.set_xlabel(column_label(x))
             axes.set_ylabel(column_label(y))
             axes.set_title(split_unit(channel)[0], fontsize=8.5)
         for axes in row[len(pairs) :]:
             axes.set_visible(False)
         if pairs:
-            bar = figure.colorbar(drawn, ax=list(row[: len(pairs)]), aspect=18, pad=0.02)
+            bar = figure.colorbar(drawn, ax=list(row[: len(pairs)]), aspect=18, pad=0.02, extend="both")
             bar.set_label("mean residual [noise sd]")
     return figure
 
