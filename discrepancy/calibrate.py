@@ -89,17 +89,6 @@ def _objective(y: Array, problem: Problem, task: Task) -> Array:
     return jnp.concatenate([data, jnp.where(task.free > 0.0, y, y - task.x)])
 
 
-@eqx.filter_jit
-def _rows_about(y: Array, arguments: tuple[Problem, Task]) -> Array:
-    """Return the objective's rows at a place and on either side of it along every unknown.
-
-    One function for value and derivative, under `jit`, so that the model is traced once a program, not five times.
-    """
-    steps = DIFFERENCE_STEP * jnp.eye(y.shape[0])
-    lanes = y + jnp.concatenate([jnp.zeros((1, y.shape[0])), steps, -steps])
-    return jax.vmap(lambda one: _objective(one, *arguments))(lanes)
-
-
 class Given(eqx.Module):
     """The objective's rows at one place, their Jacobian there, and the score of every unknown in sd."""
 
@@ -128,7 +117,9 @@ def look(y: Array, problem: Problem, task: Task) -> Given:
     Differences, not tangents: forward mode compiles four times as long, and a step of 1e-3 of a prior's standard
     deviation costs 1e-6 of a derivative.
     """
-    rows = _rows_about(y, (problem, task))
+    steps = DIFFERENCE_STEP * jnp.eye(y.shape[0])
+    lanes = y + jnp.concatenate([jnp.zeros((1, y.shape[0])), steps, -steps])
+    rows = jax.vmap(lambda one: _objective(one, problem, task))(lanes)
     ahead, behind = jnp.split(rows[1:], 2)
     jacobian = (ahead - behind).T / (2.0 * DIFFERENCE_STEP)
     size = jnp.sqrt(jnp.maximum(jnp.sum(jacobian**2, axis=0), 1e-30))
@@ -141,10 +132,6 @@ def _blank(unknowns: int, rows: int):
     struct = jax.ShapeDtypeStruct((rows,), float)
     blank = Given(jnp.zeros(rows), jnp.zeros((rows, unknowns)), jnp.zeros(unknowns))
     return SOLVER.init(_given, jnp.zeros(unknowns), blank, {}, struct, None, frozenset())
-
-
-def _beginning(unknowns: int, rows: int, y: Array):
-    return eqx.tree_at(lambda state: state.y_eval, _blank(unknowns, rows), y)
 
 
 @eqx.filter_jit
@@ -170,7 +157,7 @@ def fit(problem: Problem, start: np.ndarray, free: Sequence[int] | None = None, 
     counted = problem.readings.fit if split == "fit" else problem.readings.check
     y = jnp.asarray(start, dtype=float)
     task = Task(y, jnp.asarray(mask), counted)
-    state = _beginning(size, counted.shape[0] + size, y)
+    state = eqx.tree_at(lambda blank: blank.y_eval, _blank(size, counted.shape[0] + size), y)
     best = None
     for _ in range(MAX_STEPS):
         seen = look(state.y_eval, problem, task)

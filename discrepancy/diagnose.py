@@ -336,11 +336,11 @@ def _remarks(session: Session, hypothesis: Hypothesis) -> tuple[str, ...]:
                 f"{coordinate.name}{where} is {abs(hypothesis.fitted.x[place]):.1f} sd from what the case states: "
                 "it may be standing in for something the model lacks."
             )
-    estimates = session.rung("", hypothesis).estimates
-    for label in hypothesis.labels:
-        for name, info in describe(session.candidates[label].effect).items():
+    for label, places in hypothesis.layout.of_effect.items():
+        for place, (name, info) in zip(places, describe(session.candidates[label].effect).items(), strict=True):
             low, high = info.typical or (-np.inf, np.inf)
-            value, room = estimates[f"{label}.{name}"].value, OUT_OF_RANGE * (high - low)
+            value = hypothesis.layout.coordinates[place].number(hypothesis.fitted.x[place])
+            room = OUT_OF_RANGE * (high - low)
             if not low - room <= value <= high + room:
                 remarks.append(
                     f"{label}.{name} = {value:.3g} is outside its usual range, {low:g} to {high:g}: "
