@@ -101,6 +101,8 @@ def test_spoilt_study_is_one_sentence(what: str, command: str, run: Run, tmp_pat
         (["simulate", "CASE", "--out", "FILE"], "give a file or folder that can be used"),
         (["diagnose", "CASE", "CASE"], "Two of the cases are called 'small'"),
         (["demo", "--case", "nowhere"], "There is no"),
+        (["compensate", "--model", "CASE"], "needs a case of kind robot"),
+        (["mission", "--model", "CASE"], "needs a case of kind robot"),
         (["sweep", "nowhere.toml"], "nowhere.toml"),
         (["sensitivity", "STUDY", "--at", "capacity_Ah"], "write a name and a number"),
         (["sensitivity", "STUDY", "--at", "capacity=2"], "capacity"),

@@ -19,7 +19,7 @@ from operation.header import header, looked_up
 from operation.mission import LIMITS, Endurance, MissionForm, course, endurance, read_mission
 from workbench import terminal
 from workbench.article import Picture, Section, Table, percent, write_article
-from workbench.commands.start import start
+from workbench.commands.start import robots_of, start
 from workbench.paper.printed import SHARE_PER_20_K, SHARE_PER_50_MNM
 from workbench.pictures.operation import gains, maps
 from workbench.pictures.style import png
@@ -48,7 +48,8 @@ def compensate_models(out: Path, cases: Sequence[Path], mission_path: Path | Non
     began = time.perf_counter()
     mission_path = mission_path or MISSION
     paths = list(cases) or _recorded()
-    models = {PRINTED: preset_model("paper", "robot")} | {_name(path): case_model(read_case(path)) for path in paths}
+    own = robots_of(cases) if cases else {_recorded_name(path): case_model(read_case(path)) for path in paths}
+    models = {PRINTED: preset_model("paper", "robot")} | own
     mission = read_mission(mission_path)
     start(out)
     found: dict[str, Compensation] = {}
@@ -90,9 +91,8 @@ def _recorded() -> list[Path]:
     return paths
 
 
-def _name(path: Path) -> str:
-    effects = read_case(path).effects
-    return "Table 1 by " + " and ".join(effects) if path.parent == RECORDED else path.parent.name or path.stem
+def _recorded_name(path: Path) -> str:
+    return "Table 1 by " + " and ".join(read_case(path).effects)
 
 
 def _write(out: Path, name: str, model: Model, map_: Compensation) -> None:

@@ -31,7 +31,7 @@ from operation.mission import (
 from workbench import terminal
 from workbench.article import Picture, Section, Table, write_article
 from workbench.commands.compensate import MISSION, PRINTED, RECORDED
-from workbench.commands.start import start
+from workbench.commands.start import robots_of, start
 from workbench.pictures.operation import lasting, mission_course
 from workbench.pictures.style import png
 
@@ -59,7 +59,7 @@ def mission(path: Path | None, out: Path, cases: Sequence[Path], ages: Sequence[
     began = time.perf_counter()
     path = path or MISSION
     plan = read_mission(path)
-    models = {case.parent.name or case.stem: case_model(read_case(case)) for case in cases} or usual_models()
+    models = robots_of(cases) or usual_models()
     of_age = dict(_age(text) for text in ages) or AGES
     limits = Limits()
     start(out)
