@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import equinox as eqx
 import jax
@@ -13,23 +13,23 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array
 
-from discrepancy.problem import Lane, Problem
+from discrepancy.problem import Lane, Problem, residuals
 
 MAX_STEPS = 30
 SOLVER = optx.Dogleg(rtol=1e-4, atol=1e-4)
 DIFFERENCE_STEP = 1e-3
 # At a minimum the score of every unknown is zero; above this the score test of what is missing would be invalid.
 GREATEST_BASE_SCORE = 0.1
-# Below this a further step would gain 1e-4 of chi-square and a hundredth of a standard deviation.
-FLAT = 0.01
-
-
-class Task(eqx.Module):
-    """One fit: from where, which unknowns are free (1 or 0) and which readings count (1 or 0)."""
-
-    x: Array
-    free: Array
-    counted: Array
+# A further step that would gain less of chi-square (0.03 sd of whatever) is not worth its time.
+FLAT = 1e-3
+# Nor are further steps after so many in a row without a gain: what is left is the rounding of a kink in the model.
+IDLE_STEPS = 6
+IDLE_GAIN = 0.03
+# A model that would need this many times as many steps, each as good as its last few, never catches up with a rival.
+PACE = 10.0
+# Lanes come in eights, the width of a processor's vector; two effects have at most so many unknowns, but for a few.
+_WIDTH = 8
+_OF_EFFECTS = 4
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,21 +80,11 @@ class Fit:
         return np.sqrt(np.diag(np.linalg.inv(self.information)))
 
 
-def _objective(y: Array, problem: Problem, task: Task) -> Array:
-    """Return the whitened residuals of the counted readings, then the prior rows (what is not free has none)."""
-    x = jnp.where(task.free > 0.0, y, task.x)
-    errors = problem.residual(Lane(x, jnp.zeros(len(problem.switched))))
-    # A model driven out of its range must look bad, not break the solver.
-    data = jnp.where(task.counted > 0.0, jnp.where(jnp.isfinite(errors), errors, 1e3), 0.0)
-    return jnp.concatenate([data, jnp.where(task.free > 0.0, y, y - task.x)])
-
-
 class Given(eqx.Module):
-    """The objective's rows at one place, their Jacobian there, and the score of every unknown in sd."""
+    """The objective's rows at one place, and their Jacobian there."""
 
     rows: Array
     jacobian: Array
-    scores: Array
 
 
 @eqx.filter_custom_jvp
@@ -110,28 +100,71 @@ def _given_jvp(primals, tangents):
     return (given.rows, None), (given.jacobian @ dy, None)
 
 
-@eqx.filter_jit
-def look(y: Array, problem: Problem, task: Task) -> Given:
-    """Return the objective at a place, its derivatives by central differences of lanes of the forward program.
+def rows_at(problem: Problem, places: np.ndarray) -> np.ndarray:
+    """Return the whitened residuals at some places (places, unknowns), shape (places, readings).
 
-    Differences, not tangents: forward mode compiles four times as long, and a step of 1e-3 of a prior's standard
-    deviation costs 1e-6 of a derivative.
+    As many lanes at a time as central differences of a model with two effects take, so that all that is asked of a
+    model is asked of one program.
     """
-    steps = DIFFERENCE_STEP * jnp.eye(y.shape[0])
-    lanes = y + jnp.concatenate([jnp.zeros((1, y.shape[0])), steps, -steps])
-    rows = jax.vmap(lambda one: _objective(one, problem, task))(lanes)
-    ahead, behind = jnp.split(rows[1:], 2)
-    jacobian = (ahead - behind).T / (2.0 * DIFFERENCE_STEP)
-    size = jnp.sqrt(jnp.maximum(jnp.sum(jacobian**2, axis=0), 1e-30))
-    return Given(rows[0], jacobian, jnp.where(task.free > 0.0, jnp.abs(rows[0] @ jacobian) / size, 0.0))
+    unknowns = problem.unknowns
+    base = sum("." not in name for name, own in zip(unknowns.names, _own(problem), strict=True) if own)
+    lanes = -(-(2 * (base + _OF_EFFECTS) + 1) // _WIDTH) * _WIDTH
+    found = []
+    for first in range(0, len(places), lanes):
+        batch = places[first : first + lanes]
+        filled = np.concatenate([batch, np.repeat(batch[-1:], lanes - len(batch), axis=0)])
+        off = np.zeros((lanes, len(problem.switched)))
+        found.append(np.asarray(residuals(problem, Lane(jnp.asarray(filled), jnp.asarray(off))))[: len(batch)])
+    return _bad_where_not_finite(np.concatenate(found))
+
+
+def _rows_one_by_one(problem: Problem, places: np.ndarray) -> np.ndarray:
+    """Return the same of few places, by the program that predicts: check runs are seldom looked at."""
+    readings = problem.readings
+    index, value = np.asarray(readings.index), np.asarray(readings.value)
+    rows = [np.asarray(readings.whiten(jnp.asarray(value - predict(problem, x).reshape(-1)[index]))) for x in places]
+    return _bad_where_not_finite(np.stack(rows))
+
+
+def _bad_where_not_finite(rows: np.ndarray) -> np.ndarray:
+    """A model driven out of its range must look bad, not break the solver."""
+    return np.where(np.isfinite(rows), np.clip(rows, -1e8, 1e8), 1e3)
+
+
+def _own(problem: Problem) -> np.ndarray:
+    """Return which unknowns are of the problem's own runs, or of all runs."""
+    return np.array([run < problem.times.shape[0] for run in problem.unknowns.runs])
+
+
+def look(
+    problem: Problem,
+    x: np.ndarray,
+    moving: np.ndarray | None = None,
+    rows_at: Callable[[Problem, np.ndarray], np.ndarray] = rows_at,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the whitened residuals (readings,) at a place, and their derivatives (readings, unknowns).
+
+    By central differences of lanes of the forward program, not by tangents: forward mode compiles four times as long,
+    and a step of 1e-3 of a prior's standard deviation costs 1e-6 of a derivative. Unknowns that do not move, and those
+    of runs that the problem leaves out, get zeros.
+    """
+    own = _own(problem)
+    moved = np.flatnonzero(own if moving is None else own & moving)
+    away = DIFFERENCE_STEP * np.eye(x.size)[moved]
+    rows = rows_at(problem, np.concatenate([x[None], x + away, x - away]))
+    jacobian = np.zeros((rows.shape[1], x.size))
+    jacobian[:, moved] = (rows[1 : 1 + moved.size] - rows[1 + moved.size :]).T / (2.0 * DIFFERENCE_STEP)
+    return rows[0], jacobian
 
 
 @functools.lru_cache(maxsize=64)
-def _blank(unknowns: int, rows: int):
-    """Return the solver's state before any step; one for all fits of a shape, so that its steps are traced once."""
+def _blank(unknowns: int):
+    """Return the solver's state before any step; one for all fits of a size, so that its steps are traced once."""
+    rows = unknowns + 1
     struct = jax.ShapeDtypeStruct((rows,), float)
-    blank = Given(jnp.zeros(rows), jnp.zeros((rows, unknowns)), jnp.zeros(unknowns))
-    return SOLVER.init(_given, jnp.zeros(unknowns), blank, {}, struct, None, frozenset())
+    return SOLVER.init(
+        _given, jnp.zeros(unknowns), Given(jnp.zeros(rows), jnp.zeros((rows, unknowns))), {}, struct, None, frozenset()
+    )
 
 
 @eqx.filter_jit
@@ -140,7 +173,54 @@ def _step(y: Array, given: Given, state):
     return y, state
 
 
-def fit(problem: Problem, start: np.ndarray, free: Sequence[int] | None = None, split: str = "fit") -> Fit:
+@dataclasses.dataclass(frozen=True)
+class _Seen:
+    """The objective about one place: residuals of the counted readings and their Jacobian, priors apart."""
+
+    x: np.ndarray
+    rows: np.ndarray
+    jacobian: np.ndarray
+    moving: np.ndarray
+
+    @property
+    def objective(self) -> float:
+        return float(self.rows @ self.rows + np.sum(self.x[self.moving] ** 2))
+
+    @functools.cached_property
+    def information(self) -> np.ndarray:
+        return self.jacobian.T @ self.jacobian + np.eye(self.x.size)
+
+    @functools.cached_property
+    def slope(self) -> np.ndarray:
+        """Half the gradient of the objective."""
+        return np.where(self.moving, self.jacobian.T @ self.rows + self.x, 0.0)
+
+    @property
+    def promise(self) -> float:
+        """What a Newton step would gain."""
+        return float(self.slope @ np.linalg.solve(self.information, self.slope))
+
+    @property
+    def scores(self) -> np.ndarray:
+        return np.abs(self.slope) / np.sqrt(np.diag(self.information))
+
+    def few(self) -> Given:
+        """Return the objective in as many rows as it has unknowns, and one: the same sums of squares and products."""
+        triangle = np.linalg.cholesky(self.information).T
+        along = np.linalg.solve(triangle.T, self.slope)
+        rest = np.sqrt(max(self.objective - float(along @ along), 0.0))
+        return Given(jnp.asarray(np.append(along, rest)), jnp.asarray(np.vstack([triangle, np.zeros_like(along)])))
+
+
+def fit(
+    problem: Problem,
+    start: np.ndarray,
+    free: Sequence[int] | None = None,
+    split: str = "fit",
+    *,
+    rival: float = np.inf,
+    steps: int = MAX_STEPS,
+) -> Fit:
     """Calibrate from one start.
 
     The trust-region steps are optimistix's, one at a time: the model's program stays one forward program, which is all
@@ -151,56 +231,71 @@ def fit(problem: Problem, start: np.ndarray, free: Sequence[int] | None = None, 
         start: (unknowns,) coordinates to begin at; those not free stay there.
         free: numbers of the unknowns to calibrate; all where None.
         split: "fit" or "check", the runs whose readings count.
+        rival: objective of a model that this one must come near; the fit ends where at its pace it never will.
+        steps: at most so many.
     """
-    size = len(problem.unknowns.names)
-    mask = np.ones(size) if free is None else np.isin(np.arange(size), list(free)).astype(float)
-    counted = problem.readings.fit if split == "fit" else problem.readings.check
+    part, rows_of = (problem.only("fit"), rows_at) if split == "fit" else (problem, _rows_one_by_one)
+    counted = np.asarray(getattr(part.readings, split)) > 0.0
+    moving = np.ones(start.size, dtype=bool) if free is None else np.isin(np.arange(start.size), list(free))
+
+    def see(x: np.ndarray) -> _Seen:
+        rows, jacobian = look(part, x, moving, rows_of)
+        return _Seen(x, rows[counted], jacobian[counted], moving)
+
     y = jnp.asarray(start, dtype=float)
-    task = Task(y, jnp.asarray(mask), counted)
-    state = eqx.tree_at(lambda blank: blank.y_eval, _blank(size, counted.shape[0] + size), y)
-    best = None
-    for _ in range(MAX_STEPS):
-        seen = look(state.y_eval, problem, task)
+    state = eqx.tree_at(lambda blank: blank.y_eval, _blank(start.size), y)
+    best, course = None, []
+    for _ in range(steps):
+        seen = see(np.where(moving, np.asarray(state.y_eval), start))
         accepted = int(state.num_accepted_steps)
-        y, state = _step(y, seen, state)
+        y, state = _step(y, seen.few(), state)
         if best is None or int(state.num_accepted_steps) > accepted:
             best = seen
-        flat = best is seen and float(jnp.max(seen.scores)) < FLAT
-        if flat or bool(state.terminate) or bool(state.result != optx.RESULTS.successful):
+        course.append(best.objective)
+        if _at_its_end(best, seen, course, rival) or bool(state.terminate):
+            break
+        if bool(state.result != optx.RESULTS.successful):
             break
     assert best is not None
-    return _fit_of(problem, np.asarray(y), np.asarray(start, dtype=float), mask > 0.0, best, int(state.num_steps))
+    kept = problem.runs_read(split) if part is not problem else np.arange(problem.times.shape[0])
+    return _fit_of(part, kept, problem.times.shape[0], best, counted, len(course))
 
 
-def _fit_of(problem: Problem, x: np.ndarray, start: np.ndarray, moving: np.ndarray, seen: Given, steps: int) -> Fit:
-    """Return what came of a fit that ended at x, where it saw this."""
-    residual, jacobian = np.asarray(seen.rows), np.asarray(seen.jacobian)
-    runs, rows = problem.times.shape
-    of_run = np.asarray(problem.readings.index) // (rows * len(problem.channels))
-    parts = [np.flatnonzero(of_run == run) for run in range(runs)]
+def _at_its_end(best: _Seen, last: _Seen, course: Sequence[float], rival: float) -> bool:
+    """Return True where further steps would gain nothing, or not enough to catch up with the rival."""
+    if best is last and best.promise < FLAT:
+        return True
+    if len(course) <= IDLE_STEPS:
+        return False
+    gained = course[-1 - IDLE_STEPS] - course[-1]
+    return gained < max(IDLE_GAIN, (course[-1] - rival) / PACE - 1.0)
+
+
+def _fit_of(part: Problem, kept: np.ndarray, runs: int, seen: _Seen, counted: np.ndarray, steps: int) -> Fit:
+    """Return what came of a fit that saw this where it ended."""
+    size = seen.x.size
+    of_run = kept[np.asarray(part.readings.index)[counted] // (part.times.shape[1] * len(part.channels))]
+    information, score = np.zeros((runs, size, size)), np.zeros((runs, size))
+    for run in kept:
+        own = seen.jacobian[of_run == run]
+        information[run], score[run] = own.T @ own, own.T @ seen.rows[of_run == run]
     return Fit(
-        x=np.where(moving, x, start),
-        chi2=float(np.sum(residual[: -x.size] ** 2)),
-        prior=float(np.sum(x[moving] ** 2)),
-        information=jacobian.T @ jacobian,
-        run_information=np.stack([jacobian[part].T @ jacobian[part] for part in parts]),
-        run_score=np.stack([jacobian[part].T @ residual[part] for part in parts]),
+        x=seen.x,
+        chi2=float(seen.rows @ seen.rows),
+        prior=float(np.sum(seen.x[seen.moving] ** 2)),
+        information=seen.information,
+        run_information=information,
+        run_score=score,
         greatest_score=float(np.max(seen.scores)),
         steps=steps,
     )
 
 
-@eqx.filter_jit
-def _objective_at(problem: Problem, x: Array, counted: Array) -> Array:
-    return jnp.sum(_objective(x, problem, Task(x, jnp.ones(x.shape), counted)) ** 2)
-
-
 def objectives(problem: Problem, places: np.ndarray) -> np.ndarray:
-    """Return what `fit` minimises at some places, shape (places, unknowns).
-
-    One after the other: lanes of this sum are a program that XLA cannot make one kernel of.
-    """
-    return np.array([float(_objective_at(problem, jnp.asarray(x), problem.readings.fit)) for x in places])
+    """Return what `fit` minimises at some places, shape (places, unknowns)."""
+    part = problem.only("fit")
+    rows = rows_at(part, places)[:, np.asarray(part.readings.fit) > 0.0]
+    return np.sum(rows**2, axis=1) + np.sum(places**2, axis=1)
 
 
 @eqx.filter_jit

@@ -216,7 +216,7 @@ def _fitted(session: Session, progress: Progress | None, labels: Sequence[str]) 
     first = session.screen(session.hypothesis())
     tell(progress, f"fitting {', '.join(labels)}")
     starts = [session.starts(first, label) for label in labels]
-    tries = [np.concatenate([own[min(number, len(own) - 1)] for own in starts]) for number in range(2)]
+    tries = [{label: x for own in starts for label, x in own[min(number, len(own) - 1)].items()} for number in range(2)]
     return session.hypothesis(labels, tries)
 
 
@@ -336,7 +336,8 @@ def _remarks(session: Session, hypothesis: Hypothesis) -> tuple[str, ...]:
                 f"{coordinate.name}{where} is {abs(hypothesis.fitted.x[place]):.1f} sd from what the case states: "
                 "it may be standing in for something the model lacks."
             )
-    for label, places in hypothesis.layout.of_effect.items():
+    for label in hypothesis.labels:
+        places = hypothesis.layout.of_effect[label]
         for place, (name, info) in zip(places, describe(session.candidates[label].effect).items(), strict=True):
             low, high = info.typical or (-np.inf, np.inf)
             value = hypothesis.layout.coordinates[place].number(hypothesis.fitted.x[place])

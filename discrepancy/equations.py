@@ -101,10 +101,10 @@ def equation_laws(session: Session, hypothesis: Hypothesis, screened: Screen, le
     if session.case.kind == "motor" and "voltage_V" not in problem.courses.inputs:
         del places["bridge_voltage"]  # its current is imposed
     effects = (*problem.models.effects, *(_addition(port) for port in places if port in PORTS))
-    problem = dataclasses.replace(problem, models=dataclasses.replace(problem.models, effects=effects))
-    counted = screened.counted
+    problem = dataclasses.replace(problem, models=dataclasses.replace(problem.models, effects=effects)).only("fit")
+    counted = np.asarray(problem.readings.fit) > 0.0
     reaches = tuple(np.unique(leftover.channel_of).tolist())
-    shapes = list(_shapes(session, hypothesis, places))
+    shapes = list(_shapes(session, hypothesis, problem, places))
     lanes = [(place.port, ADDED * place.size * row) for place, _, _, on_steps, _ in shapes for row in on_steps]
     rows = _evaluate(problem, hypothesis.fitted.x, tuple(places), lanes)[:, counted]
     still, moved = rows[0], rows[1:]
@@ -129,35 +129,29 @@ def _unit(place: Place, multiplier: str) -> str:
 
 
 def _shapes(
-    session: Session, hypothesis: Hypothesis, places: Mapping[str, Place]
+    session: Session, hypothesis: Hypothesis, part: Problem, places: Mapping[str, Place]
 ) -> Iterator[tuple[Place, str, str, np.ndarray, np.ndarray]]:
     """Yield place, multiplier, variable, the law's free shapes over the steps (knots, runs, 1 + steps), and knots."""
-    problem = hypothesis.problem
-    conditions = conditions_of_rows(session, hypothesis)
-    fitted = np.array([run.split == "fit" for run in session.case.runs])
-    at_step = _row_of_step(problem)
-    inside = np.zeros(problem.times.shape, dtype=bool)
-    for number, run in enumerate(session.case.runs):
-        inside[number, : run.measured.time_s.size] = True
-    shown = inside & fitted[:, None]
+    fitted = hypothesis.problem.runs_read("fit")
+    rows = part.times.shape[1]
+    conditions = {name: values[fitted, :rows] for name, values in conditions_of_rows(session, hypothesis).items()}
+    at_step = _row_of_step(part)
+    shown = np.zeros(part.times.shape, dtype=bool)
+    for place, number in enumerate(fitted):
+        shown[place, : session.case.runs[number].measured.time_s.size] = True
     for place in places.values():
         for multiplier in place.multipliers:
             if multiplier and multiplier not in conditions:
                 continue
-            factor = conditions[multiplier] if multiplier else np.ones(problem.times.shape)
+            factor = conditions[multiplier] if multiplier else np.ones(part.times.shape)
             for variable, values in conditions.items():
                 made = hats(values[shown], KNOTS, EVEN_KNOTS) if variable not in ("run", multiplier) else None
                 if made is None:
                     continue
                 knots = made[1]
                 on_rows = [np.interp(values, knots, unit) * factor for unit in np.eye(knots.size)]
-                yield (
-                    place,
-                    multiplier,
-                    variable,
-                    np.stack([np.take_along_axis(row, at_step, 1) for row in on_rows]),
-                    knots,
-                )
+                on_steps = np.stack([np.take_along_axis(row, at_step, 1) for row in on_rows])
+                yield place, multiplier, variable, on_steps, knots
 
 
 def _row_of_step(problem: Problem) -> np.ndarray:

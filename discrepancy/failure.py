@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
+from discrepancy.calibrate import predict
 from discrepancy.conditions import conditions_of_rows, history_of_rows
-from discrepancy.problem import Lane
 from discrepancy.session import Hypothesis, Session
 from discrepancy.where import (
     Cell,
@@ -125,10 +125,10 @@ def _whitened(hypothesis: Hypothesis) -> tuple[np.ndarray, tuple[np.ndarray, ...
     """Return the whitened residuals of the fit readings, and the run, row and channel of each."""
     problem = hypothesis.problem
     counted = np.asarray(problem.readings.fit) > 0.0
-    lane = Lane(jnp.asarray(hypothesis.fitted.x), jnp.zeros(len(problem.switched)))
-    index = np.asarray(problem.readings.index)[counted]
-    places = np.unravel_index(index, (*problem.times.shape, len(problem.channels)))
-    return np.asarray(problem.residual(lane))[counted], places
+    index = np.asarray(problem.readings.index)
+    left = np.asarray(problem.readings.value) - predict(problem, hypothesis.fitted.x).reshape(-1)[index]
+    places = np.unravel_index(index[counted], (*problem.times.shape, len(problem.channels)))
+    return np.asarray(problem.readings.whiten(jnp.asarray(left)))[counted], places
 
 
 def failure(session: Session, hypothesis: Hypothesis) -> Failure:

@@ -6,15 +6,11 @@ import dataclasses
 import functools
 from collections.abc import Sequence
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
-from discrepancy.calibrate import DIFFERENCE_STEP, Fit, fit
+from discrepancy.calibrate import Fit, fit, look
 from discrepancy.noise import residual_noise
-from discrepancy.problem import Lane, Problem
+from discrepancy.problem import Problem
 from discrepancy.session import Hypothesis, Session
 from discrepancy.whitening import chain_starts
 from jaxmodel.build import case_model
@@ -280,9 +276,9 @@ def identifiability(
     """
     case, problem, layout, x = session.case, hypothesis.problem, hypothesis.layout, hypothesis.fitted.x
     names = names_of(case, hypothesis)
-    fit_runs = [number for number, run in enumerate(case.runs) if run.split == "fit"]
+    fit_runs = problem.runs_read("fit").tolist()
     # What belongs to a check run is not asked of the fit runs.
-    kept = [i for i, run in enumerate(layout.runs) if run < 0 or run in fit_runs]
+    kept = [i for i in hypothesis.own if layout.runs[i] < 0 or layout.runs[i] in fit_runs]
     sensors = tuple(session.noise)
     values = np.array([layout.coordinates[i].number(x[i]) for i in kept])
     slopes = np.array([layout.coordinates[i].slope(x[i]) for i in kept])
@@ -292,9 +288,7 @@ def identifiability(
     table = parameter_table(problem.models)
     return Identifiability(
         case=case.name,
-        information=Information(
-            tuple(names[i] for i in kept), _parts(problem, x, fit_runs, sensors)[:, kept][:, :, kept]
-        ),
+        information=Information(tuple(names[i] for i in kept), _parts(problem, x, sensors)[:, kept][:, :, kept]),
         runs=tuple(case.runs[number].name for number in fit_runs),
         sensors=sensors,
         values=values,
@@ -320,26 +314,17 @@ def names_of(case: Case, hypothesis: Hypothesis) -> tuple[str, ...]:
     )
 
 
-@eqx.filter_jit
-def _residuals_about(problem: Problem, x: Array) -> Array:
-    steps = DIFFERENCE_STEP * jnp.eye(x.shape[0])
-    return jax.vmap(lambda one: problem.residual(Lane(one, jnp.zeros(len(problem.switched)))))(
-        x + jnp.concatenate([steps, -steps])
-    )
-
-
-def _parts(problem: Problem, x: np.ndarray, fit_runs: Sequence[int], sensors: Sequence[str]) -> np.ndarray:
+def _parts(problem: Problem, x: np.ndarray, sensors: Sequence[str]) -> np.ndarray:
     """Return J'J of the fit readings of each run and sensor, shape (runs * sensors, unknowns, unknowns)."""
-    ahead, behind = np.split(np.asarray(_residuals_about(problem, jnp.asarray(x))), 2)
-    slopes = (ahead - behind) / (2.0 * DIFFERENCE_STEP)
-    place, counts = np.asarray(problem.readings.index), np.asarray(problem.readings.fit) > 0.0
-    channels, rows = len(problem.channels), problem.times.shape[1]
-    run, channel = place // (rows * channels), place % channels
+    part = problem.only("fit")
+    slopes = look(part, x)[1]
+    place, counts = np.asarray(part.readings.index), np.asarray(part.readings.fit) > 0.0
+    run, _, channel = np.unravel_index(place, (*part.times.shape, len(part.channels)))
     parts = []
-    for number in fit_runs:
+    for number in range(part.times.shape[0]):
         for sensor in sensors:
-            own = slopes[:, counts & (run == number) & (channel == problem.channels.index(sensor))]
-            parts.append(own @ own.T)
+            own = slopes[counts & (run == number) & (channel == part.channels.index(sensor))]
+            parts.append(own.T @ own)
     return np.array(parts)
 
 
@@ -356,7 +341,7 @@ def profile_likelihood(
         places: how many, an odd number.
     """
     best, number = hypothesis.fitted, names_of(session.case, hypothesis).index(name)
-    others = [i for i in range(best.x.size) if i != number]
+    others = [i for i in hypothesis.own if i != number]
     offsets = np.linspace(-reach, reach, places)
     middle = places // 2
     fits = [best] * places

@@ -11,10 +11,9 @@ import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
 
-import jax.numpy as jnp
 import numpy as np
 
-from discrepancy.calibrate import Task, look, predict
+from discrepancy.calibrate import look, predict
 from discrepancy.session import Hypothesis, Session
 from jaxmodel.cases import Case, Known, Run
 from jaxmodel.measurements import Measured
@@ -136,34 +135,33 @@ class _Foreseen:
 
 
 def _foreseen(session: Session, hypothesis: Hypothesis, designs: Sequence[Run]) -> list[_Foreseen]:
-    """Return what a hypothesis foresees for every run of the bank, as many at a time as the case has runs.
+    """Return what a hypothesis foresees for every run of the bank, as many at a time as the case has fit runs.
 
     Their layout is then that of the case, whose program is compiled already.
     """
     layout, fitted = hypothesis.layout, hypothesis.fitted
-    case, slots = session.case, len(session.case.runs)
+    case = session.case
+    slots = [number for number, run in enumerate(case.runs) if run.split == "fit"]
     found: list[_Foreseen] = []
     shared = [place for place, run in enumerate(layout.runs) if run < 0]
     covariance = np.linalg.inv(fitted.information)[np.ix_(shared, shared)]
     precision = np.eye(fitted.x.size)
     precision[np.ix_(shared, shared)] = np.linalg.inv(covariance)
     x = np.where(np.asarray(layout.runs) < 0, fitted.x, 0.0)
-    for first in range(0, len(designs), slots):
-        batch = list(designs[first : first + slots])
-        filled = batch + [batch[-1]] * (slots - len(batch))
-        runs = [_in_the_place_of(old, new, tuple(session.noise)) for old, new in zip(case.runs, filled, strict=True)]
-        problem = session.problem_on(hypothesis.labels, runs)
-        ones = jnp.ones_like(problem.readings.fit)
-        seen = look(jnp.asarray(x), problem, Task(jnp.asarray(x), jnp.ones(x.size), ones))
+    for first in range(0, len(designs), len(slots)):
+        batch = list(designs[first : first + len(slots)])
+        runs = list(case.runs)
+        for slot, new in zip(slots, batch + [batch[-1]] * (len(slots) - len(batch)), strict=True):
+            runs[slot] = _in_the_place_of(runs[slot], new, tuple(session.noise))
+        problem = session.problem_on(hypothesis.labels, runs).only("fit")
+        rows, jacobian = look(problem, x)
         run, row, _ = np.unravel_index(
             np.asarray(problem.readings.index), (*problem.times.shape, len(problem.channels))
         )
         possible = _not_empty(problem.channels, predict(problem, x))[run, row]
-        for slot in range(len(batch)):
-            mine = np.flatnonzero((np.asarray(problem.readings.fit) > 0.0) & (run == slot))
-            found.append(
-                _Foreseen(np.asarray(seen.rows)[mine], np.asarray(seen.jacobian)[mine], possible[mine], precision)
-            )
+        for place in range(len(batch)):
+            mine = np.flatnonzero((np.asarray(problem.readings.fit) > 0.0) & (run == place))
+            found.append(_Foreseen(rows[mine], jacobian[mine], possible[mine], precision))
     return found
 
 

@@ -111,6 +111,10 @@ class Layout:
         """Return the names of the unknowns."""
         return tuple(coordinate.name for coordinate in self.coordinates)
 
+    def own(self, labels: Sequence[str]) -> list[int]:
+        """Return the numbers of the base model's unknowns, then of some effects'."""
+        return [*range(self.base), *(number for label in labels for number in self.of_effect[label])]
+
 
 def make_layout(case: Case, effects: Sequence[Candidate]) -> Layout:
     """Lay out the unknowns: declared parameters, what runs declare of their own, then the effects' parameters.
@@ -163,24 +167,46 @@ class Problem(eqx.Module):
     switched: tuple[str, ...] = eqx.field(static=True)
     channels: tuple[str, ...] = eqx.field(static=True)
 
-    def models_at(self, lane: Lane) -> Model:
-        """Return the model of each run, its leaves of shape (runs, ...)."""
-        runs = self.times.shape[0]
+    def _model_at(self, model: Model, chosen: Array, lane: Lane) -> Model:
+        """Return a run's model; `chosen` (unknowns,) is True where an unknown is one of that run."""
         found = self.unknowns.numbers(lane.x)
         numbers: dict[str, Array] = {}
         for place, name in enumerate(self.unknowns.names):
-            before = numbers.get(name, _stated(self.models, name))
-            run, fixed = self.unknowns.runs[place], self.unknowns.fixed_in[place]
-            chosen = np.array([(run < 0 and i not in fixed) or run == i for i in range(runs)])
-            numbers[name] = jnp.where(chosen, found[place], before)
+            before = numbers.get(name, _stated(model, name))
+            numbers[name] = jnp.where(chosen[place], found[place], before)
         for place, label in enumerate(self.switched):
-            numbers[f"{label}.switch"] = jnp.broadcast_to(lane.switches[place], (runs,))
-        return with_values(self.models, numbers)
+            numbers[f"{label}.switch"] = lane.switches[place]
+        return with_values(model, numbers)
+
+    @property
+    def _chosen(self) -> Array:
+        """Return which unknowns enter which run, shape (runs, unknowns)."""
+        places = list(zip(self.unknowns.runs, self.unknowns.fixed_in, strict=True))
+        runs = range(self.times.shape[0])
+        return jnp.asarray([[(run < 0 and i not in fixed) or run == i for run, fixed in places] for i in runs])
+
+    def models_at(self, lane: Lane) -> Model:
+        """Return the model of each run, its leaves of shape (runs, ...)."""
+        return jax.vmap(self._model_at, in_axes=(0, 0, None))(self.models, self._chosen, lane)
+
+    def predictions(self, lanes: Lane) -> Array:
+        """Return the predicted readings of many lanes, shape (lanes, runs, rows, channels).
+
+        Lanes are the innermost axis of all arithmetic: they are what a processor's vectors are filled with.
+        """
+
+        def of_run(model: Model, chosen: Array, course: Track, time_s: Array) -> Array:
+            def of_lane(lane: Lane) -> Array:
+                readings = run_track(self._model_at(model, chosen, lane), course, time_s).readings
+                return jnp.stack([readings[name] for name in self.channels], axis=-1)
+
+            return jax.vmap(of_lane)(lanes)
+
+        return jax.vmap(of_run, out_axes=1)(self.models, self._chosen, self.courses, self.times)
 
     def predict(self, lane: Lane) -> Array:
         """Return the predicted readings, shape (runs, rows, channels), rows past a run's end repeating its last."""
-        trajectories = jax.vmap(run_track)(self.models_at(lane), self.courses, self.times)
-        return jnp.stack([trajectories.readings[name] for name in self.channels], axis=-1)
+        return self.predictions(jax.tree.map(lambda x: x[None], lane))[0]
 
     def variance_from_inputs(self, lane: Lane, input_sd: Mapping[str, float]) -> Array:
         """Return the variance that noise of measured inputs adds to each reading at once, shaped as `predict`.
@@ -205,9 +231,70 @@ class Problem(eqx.Module):
 
         return jax.vmap(of_run)(self.models_at(lane), self.courses, self.times)
 
+    def residuals(self, lanes: Lane) -> Array:
+        """Return the whitened residuals of all readings, measured less predicted, shape (lanes, n)."""
+
+        def whitened(predicted: Array) -> Array:
+            return self.readings.whiten(self.readings.value - predicted.reshape(-1)[self.readings.index])
+
+        return jax.vmap(whitened)(self.predictions(lanes))
+
     def residual(self, lane: Lane) -> Array:
-        """Return the whitened residuals of all readings, measured less predicted, shape (n,)."""
-        return self.readings.whiten(self.readings.value - self.predict(lane).reshape(-1)[self.readings.index])
+        """Return the whitened residuals of one lane, shape (n,)."""
+        return self.residuals(jax.tree.map(lambda x: x[None], lane))[0]
+
+    def runs_read(self, split: str) -> np.ndarray:
+        """Return the numbers of the runs with readings that fit, or check."""
+        counted = np.asarray(getattr(self.readings, split)) > 0.0
+        return np.unique(np.asarray(self.readings.index)[counted] // (self.times.shape[1] * len(self.channels)))
+
+    def only(self, split: str) -> Problem:
+        """Return the problem of the fit runs, or of the check runs, alone, its readings in the same order.
+
+        Unknowns keep their places; those of the runs left out move nothing.
+        """
+        kept = self.runs_read(split)
+        last_step = np.asarray(self.courses.last_step)[kept]
+        rows = _round_up(int(np.max(np.argmax(last_step == last_step[:, -1:], axis=1))) + 2, _ROWS)
+        steps = _round_up(int(last_step.max()) + 1, _STEPS)
+        courses = Track(
+            duration_s=self.courses.duration_s[kept, :steps],
+            inputs={name: values[kept, : steps + 1] for name, values in self.courses.inputs.items()},
+            last_step=self.courses.last_step[kept, : rows - 1],
+        )
+        number = np.full(self.times.shape[0], kept.size)
+        number[kept] = np.arange(kept.size)
+        places = self.unknowns
+        return dataclasses.replace(
+            self,
+            models=jax.tree.map(lambda leaf: leaf[kept], self.models),
+            courses=courses,
+            times=self.times[kept, :rows],
+            readings=_readings_of(self, number, rows, split),
+            unknowns=dataclasses.replace(
+                places,
+                runs=tuple(run if run < 0 else int(number[run]) for run in places.runs),
+                fixed_in=tuple(tuple(int(number[run]) for run in runs) for runs in places.fixed_in),
+            ),
+        )
+
+
+def _readings_of(problem: Problem, number: np.ndarray, rows: int, split: str) -> Readings:
+    """Return the readings of the runs kept, which have new numbers, with as many rows each."""
+    old = problem.readings
+    mine = np.flatnonzero(np.asarray(getattr(old, split)) > 0.0)
+    run, row, channel = np.unravel_index(np.asarray(old.index)[mine], (*problem.times.shape, len(problem.channels)))
+    index = (number[run] * rows + row) * len(problem.channels) + channel
+    # A chain of noise stays within a run: all that a kept reading refers to is kept.
+    previous = np.searchsorted(mine, np.asarray(old.previous)[mine])
+    value, sd, weight, fit, check = (np.asarray(x)[mine] for x in (old.value, old.sd, old.weight, old.fit, old.check))
+    return _filled([index, value, sd, previous, weight, fit, check])
+
+
+@eqx.filter_jit
+def residuals(problem: Problem, lanes: Lane) -> Array:
+    """Return the whitened residuals of many lanes, shape (lanes, n), compiled once for cases of one shape."""
+    return problem.residuals(lanes)
 
 
 def _stated(models: Model, name: str) -> Array:
@@ -223,6 +310,7 @@ def make_problem(
     switched: Sequence[Candidate] = (),
     catalogue: Mapping[str, type[Effect]] = CATALOGUE,
     variance_from_inputs: np.ndarray | None = None,
+    family: Sequence[Candidate] = (),
 ) -> tuple[Problem, Layout]:
     """Lay a case out for fitting.
 
@@ -233,21 +321,23 @@ def make_problem(
         switched: effects added behind a switch, their parameters unknown.
         catalogue: the known effects, for those that the case itself names.
         variance_from_inputs: of each reading, shape (runs, rows, channels), in place of its average over a channel.
+        family: effects among which are those present, for models that shall share one compiled program: the others are
+            in it too, switched off, and their parameters among the unknowns, where nothing depends on them.
 
     Raises:
         FitError: no run may be used to calibrate, no reading is there, or nothing is uncertain.
     """
-    layout = make_layout(case, [*present, *switched])
-    behind_switches = tuple(
-        eqx.tree_at(lambda e: e.switch, effect.effect, jnp.zeros(()), is_leaf=lambda x: x is None)
-        for effect in switched
-    )
+    layout = make_layout(case, [*(family or present), *switched])
+    on = {effect.label for effect in present}
+    behind_switches = tuple(_switched(effect.effect, float(effect.label in on)) for effect in (*family, *switched))
     models = [
         _with_effects(case_model(case, run, catalogue=catalogue), tuple(effect.effect for effect in present))
         for run in case.runs
     ]
     # Steps are as fine as what is in the model needs; what is only tried by a switch is not worth finer ones.
     courses, times = _courses(models, case)
+    if family:
+        models = [case_model(case, run, catalogue=catalogue) for run in case.runs]
     models = [_with_effects(model, behind_switches) for model in models]
     readings = _readings(case, noise, KINDS[case.kind].outputs, times.shape[1], variance_from_inputs)
     if not np.any(readings.fit):
@@ -266,6 +356,10 @@ def make_problem(
         channels=KINDS[case.kind].outputs,
     )
     return problem, layout
+
+
+def _switched(effect: Effect, on: float) -> Effect:
+    return eqx.tree_at(lambda e: e.switch, effect, jnp.asarray(on), is_leaf=lambda x: x is None)
 
 
 def _with_effects(model: Model, added: tuple[Effect, ...]) -> Model:
@@ -300,7 +394,8 @@ def _readings(
     variance_from_inputs: np.ndarray | None,
 ) -> Readings:
     """Flatten the readings channel by channel, run by run, in order of time."""
-    parts = []
+    none, nowhere = np.zeros(0), np.zeros(0, int)
+    parts: list[tuple[np.ndarray, ...]] = [(nowhere, none, none, nowhere, none, none, none)]
     first = 0
     for name, model in noise.items():
         for number, run in enumerate(case.runs):
@@ -317,6 +412,12 @@ def _readings(
                 sd = np.sqrt(model.own_sd**2 + variance_from_inputs.reshape(-1)[place])
             parts.append((place, values[present], sd, previous, weight, fit, 1.0 - fit))
             first += count
-    extra = _round_up(max(first, 1), _READINGS) - first
+    return _filled([np.concatenate(column) for column in zip(*parts, strict=True)])
+
+
+def _filled(columns: Sequence[np.ndarray]) -> Readings:
+    """Return readings, filled up with some that never count."""
+    count = columns[0].size
+    extra = _round_up(max(count, 1), _READINGS) - count
     filler = (np.zeros(extra, int), np.zeros(extra), np.ones(extra), np.zeros(extra, int), *(np.zeros(extra),) * 3)
-    return Readings(*(jnp.asarray(np.concatenate(column)) for column in zip(*parts, filler, strict=True)))
+    return Readings(*(jnp.asarray(np.concatenate(pair)) for pair in zip(columns, filler, strict=True)))

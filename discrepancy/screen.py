@@ -13,16 +13,14 @@ from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
-from discrepancy.calibrate import Fit
 from discrepancy.candidates import Candidate
-from discrepancy.problem import Lane, Layout, Problem
+from discrepancy.problem import Lane, Layout, Problem, residuals
 from discrepancy.projection import Candidate as Direction
 from discrepancy.score import ScoreTable, score_effects
+from jaxmodel.profile import Track
 
 LANES = 16
 BASE_STEP = 1e-3
@@ -52,11 +50,6 @@ class Screen:
     counted: np.ndarray
 
 
-@eqx.filter_jit
-def _residuals(problem: Problem, lanes: Lane) -> Array:
-    return jax.vmap(problem.residual)(lanes)
-
-
 def _evaluate(problem: Problem, lanes: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
     """Return the residuals of any number of lanes, shape (lanes, readings), a fixed number at a time on each core."""
 
@@ -64,7 +57,7 @@ def _evaluate(problem: Problem, lanes: list[tuple[np.ndarray, np.ndarray]]) -> n
         batch = lanes[first : first + LANES]
         filled = batch + [batch[-1]] * (LANES - len(batch))
         stacked = Lane(jnp.asarray(np.stack([x for x, _ in filled])), jnp.asarray(np.stack([s for _, s in filled])))
-        return np.asarray(_residuals(problem, stacked))[: len(batch)]
+        return np.asarray(residuals(problem, stacked))[: len(batch)]
 
     return on_all_cores(evaluate, len(lanes))
 
@@ -79,96 +72,133 @@ def on_all_cores(evaluate: Callable[[int], np.ndarray], lanes: int) -> np.ndarra
         return np.concatenate([compiled, *pool.map(evaluate, range(LANES, lanes, LANES))])
 
 
-def warm_up(problem: Problem, layout: Layout) -> None:
-    """Compile the program that screens a problem; it serves every model of the case."""
-    _evaluate(problem, [(np.zeros(len(layout.coordinates)), np.zeros(len(problem.switched)))])
+@dataclasses.dataclass(frozen=True)
+class Switchboard:
+    """A case with candidates behind switches: one program, compiled once, that screens whatever model is calibrated.
+
+    Attributes:
+        problem: the case.
+        layout: of its unknowns: the base model's, then those of the candidates.
+        candidates: in the order of the problem's switches.
+    """
+
+    problem: Problem
+    layout: Layout
+    candidates: tuple[Candidate, ...]
+
+    def warm_up(self) -> None:
+        """Compile the program."""
+        _evaluate(self.problem.only("fit"), [(np.zeros(len(self.layout.coordinates)), np.zeros(len(self.candidates)))])
+
+    def over(self, courses: Track) -> Switchboard:
+        """Return the switchboard of other steps, or other inputs."""
+        return dataclasses.replace(self, problem=eqx.tree_at(lambda p: p.courses, self.problem, courses))
+
+
+class _Point:
+    """A model on a switchboard: its lane, and the readings' answers to what is added to it."""
+
+    def __init__(self, board: Switchboard, x: np.ndarray, labels: Collection[str]) -> None:
+        """Set the base model's unknowns and those of the model's effects to x."""
+        self.board, self.part = board, board.problem.only("fit")
+        self.own = board.layout.own([c.label for c in board.candidates if c.label in labels])
+        self.here = np.zeros(len(board.layout.coordinates))
+        self.here[self.own] = x
+        self.switches = np.array([float(candidate.label in labels) for candidate in board.candidates])
+        self.absent = [(n, c) for n, c in enumerate(board.candidates) if c.label not in labels]
+
+    def rows(self, lanes: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+        """Return the whitened residuals of the fit readings, shape (lanes, readings)."""
+        return _evaluate(self.part, lanes)[:, np.asarray(self.part.readings.fit) > 0.0]
+
+    @property
+    def still(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        return [(self.here, self.switches)]
+
+    def moved(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return a lane to either side along each of the model's own unknowns."""
+        away = BASE_STEP * np.eye(self.here.size)[self.own]
+        return [(self.here + side * step, self.switches) for step in away for side in (1.0, -1.0)]
+
+    def switched_on(
+        self, place: int, candidate: Candidate, probe: Sequence[float], step: float = 1.0
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the lane in which one candidate is switched on, wholly or by a step, at a probe of its parameters."""
+        moved, on = self.here.copy(), self.switches.copy()
+        moved[list(self.board.layout.of_effect[candidate.label])] = probe
+        on[place] = step
+        return moved, on
 
 
 def screen(
-    problem: Problem,
-    layout: Layout,
-    own: Sequence[int],
-    fitted: Fit,
-    candidates: Sequence[Candidate],
-    present: Collection[str] = (),
-    quiet: Problem | None = None,
+    board: Switchboard,
+    labels: Collection[str],
+    x: np.ndarray,
+    quiet: Track | None = None,
+    apart: Switchboard | None = None,
 ) -> Screen:
     """Score at a calibrated model every candidate that is not in it.
 
     Args:
-        problem: with all candidates switched.
-        layout: of the problem's unknowns.
-        own: numbers of the unknowns that the calibrated model has, in the order of the fit's.
-        fitted: the calibrated model.
-        candidates: in the order of the problem's switches.
-        present: labels of those that the calibrated model has.
-        quiet: the problem with its measured inputs freed of noise, for the sensitivities: a sensitivity to resistance
+        board: with the candidates, those of the model among them.
+        labels: of the effects that the calibrated model has.
+        x: where the model's unknowns are calibrated to, those of the base model first.
+        quiet: the courses with their measured inputs freed of noise, for the sensitivities: a sensitivity to resistance
             made with the noise of a row's own current is correlated with the residual of that row.
+        apart: candidates whose program takes many times as long, asked beside the base model, as it is calibrated with
+            the model's effects; their answers differ little beside them.
     """
-    here = np.zeros(len(layout.coordinates))
-    here[list(own)] = fitted.x
-    at_model = np.array([float(candidate.label in present) for candidate in candidates])
-    lanes: list[tuple[np.ndarray, np.ndarray]] = [(here, at_model)]
-    for number in own:
-        for side in (BASE_STEP, -BASE_STEP):
-            moved = here.copy()
-            moved[number] += side
-            lanes.append((moved, at_model))
-    absent = [(place, candidate) for place, candidate in enumerate(candidates) if candidate.label not in present]
-    for place, candidate in absent:
-        for probe in candidate.probes:
-            for step in (SWITCH_STEP, 1.0):
-                lanes.append(_switched_on(here, at_model, place, layout.of_effect[candidate.label], probe, step))
-    counted = np.asarray(problem.readings.fit) > 0.0
-    rows = _evaluate(quiet or problem, lanes)[:, counted]
-    residual = rows[0] if quiet is None else _evaluate(problem, lanes[:1])[0, counted]
-
-    count = len(own)
+    point = _Point(board if quiet is None else board.over(quiet), x, labels)
+    probed = [(point, *each) for each in _asked(point)]
+    rows = point.rows([*point.still, *point.moved(), *_lanes(probed)])
+    count = len(point.own)
     base = -(rows[1 : 1 + 2 * count : 2] - rows[2 : 2 + 2 * count : 2]).T / (2.0 * BASE_STEP)
+    still = rows[0]
+    residual = still if quiet is None else _Point(board, x, labels).rows(point.still)[0]
+    answers = list(rows[1 + 2 * count :] - still)
+    if apart is not None:
+        other = _Point(apart if quiet is None else apart.over(quiet), x[: apart.layout.base], ())
+        asked = [(other, *each) for each in _asked(other)]
+        rows = other.rows([*other.still, *_lanes(asked)])
+        probed += asked
+        answers += list(rows[1:] - rows[0])
+
     priors = np.zeros(count)
-    directions, probes = {}, {}
-    next_row = 1 + 2 * count
-    for _, candidate in absent:
-        shapes, tried = [], []
-        for probe in candidate.probes:
-            slope = -(rows[next_row] - rows[0]) / SWITCH_STEP
-            whole = -(rows[next_row + 1] - rows[0])
-            next_row += 2
-            kept = [slope] if _cosine(slope, whole) > STRAIGHT else [slope, whole]
-            for way in kept:
-                if np.all(np.isfinite(way)) and np.linalg.norm(way) > 1e-6:
-                    shapes.append(np.concatenate([way, priors]))
-                    tried.append(probe)
-        if shapes:
-            probes[candidate.label] = tried
-            directions[candidate.label] = Direction(shapes, signs=1 if candidate.one_sided else 0)
+    shapes: dict[str, list[np.ndarray]] = {}
+    probes: dict[str, list[tuple[float, ...]]] = {}
+    for number, (_, _, candidate, probe) in enumerate(probed):
+        slope, whole = -answers[2 * number] / SWITCH_STEP, -answers[2 * number + 1]
+        kept = [slope] if _cosine(slope, whole) > STRAIGHT else [slope, whole]
+        for way in kept:
+            if np.all(np.isfinite(way)) and np.linalg.norm(way) > 1e-6:
+                shapes.setdefault(candidate.label, []).append(np.concatenate([way, priors]))
+                probes.setdefault(candidate.label, []).append(probe)
     base = np.concatenate([base, np.eye(count)])
-    residual = np.concatenate([residual, -fitted.x])
-    for place, candidate in absent:
+    residual = np.concatenate([residual, -x])
+    for place, candidate in point.absent:
         if candidate.label in probes and candidate.amplitude_on_grid:
-            between = _between_the_best(base, residual, directions[candidate.label].shapes, probes[candidate.label])
-            lanes = [_switched_on(here, at_model, place, layout.of_effect[candidate.label], x) for x in between]
-            whole = -(_evaluate(quiet or problem, lanes)[:, counted] - rows[0])
-            directions[candidate.label].shapes.extend(np.concatenate([way, priors]) for way in whole)
+            between = _between_the_best(base, residual, shapes[candidate.label], probes[candidate.label])
+            whole = -(point.rows([point.switched_on(place, candidate, probe) for probe in between]) - still)
+            shapes[candidate.label].extend(np.concatenate([way, priors]) for way in whole)
             probes[candidate.label].extend(between)
-    names = [layout.names[number] for number in own]
+    one_sided = {candidate.label: candidate.one_sided for _, _, candidate, _ in probed}
+    directions = {label: Direction(own, signs=int(one_sided[label])) for label, own in shapes.items()}
+    names = [board.layout.names[number] for number in point.own]
     table = score_effects(base, residual, directions, names, absorbed_below=ABSORBED_BELOW)
-    return Screen(table, probes, base, residual, counted)
+    return Screen(table, probes, base, residual, np.asarray(board.problem.readings.fit) > 0.0)
 
 
-def _switched_on(
-    here: np.ndarray,
-    at_model: np.ndarray,
-    place: int,
-    numbers: Sequence[int],
-    probe: Sequence[float],
-    step: float = 1.0,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lane in which one candidate is switched on, wholly or by a step, at a probe of its parameters."""
-    moved, on = here.copy(), at_model.copy()
-    moved[list(numbers)] = probe
-    on[place] = step
-    return moved, on
+def _asked(point: _Point) -> list[tuple[int, Candidate, tuple[float, ...]]]:
+    return [(place, candidate, probe) for place, candidate in point.absent for probe in candidate.probes]
+
+
+def _lanes(probed: Sequence[tuple[_Point, int, Candidate, tuple[float, ...]]]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return two lanes for each probe: a little of the effect, and all of it."""
+    return [
+        point.switched_on(place, candidate, probe, step)
+        for point, place, candidate, probe in probed
+        for step in (SWITCH_STEP, 1.0)
+    ]
 
 
 def _between_the_best(

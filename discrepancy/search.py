@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from discrepancy.posterior import hypothesis_name
 from discrepancy.screen import Screen
 from discrepancy.session import Hypothesis, Session
@@ -19,8 +17,10 @@ SHORTLIST = 5
 # that look the same or promise nearly as much.
 FIRST_REFITTED = 2
 NEARLY_AS_GOOD = 0.8
-# How many models of each size, found with coarse weights, are refitted with those of the sensors.
+# How many models of each size, found with coarse weights, are refitted with those of the sensors; none that leaves so
+# many times as much as the best.
 SEEDS = 3
+LEAVES_TOO_MUCH = 2.0
 # A second effect must raise the log evidence by this much (odds of 150 to 1) over the best single one.
 SECOND_EFFECT_GAIN = 5.0
 
@@ -35,7 +35,7 @@ def search(
     base = session.hypothesis()
     if seeds:
         tell(progress, f"refitting {', '.join(hypothesis_name(seed.labels) for seed in seeds)}")
-        session.hypotheses([(seed.labels, [seed.fitted.x]) for seed in seeds])
+        session.hypotheses([(seed.labels, [seed.start]) for seed in seeds])
     else:
         tell(progress, f"scoring {len(session.candidates)} candidate effects")
         if not session.screen(base).table.significant:
@@ -70,18 +70,15 @@ def _refit_likely(session: Session, progress: Progress | None, model: Hypothesis
     screened = session.screen(model)
     likely = _shortlist(screened)
     promised = {effect.name: effect.z_equivalent for effect in screened.table.effects}
-    own = model.fitted.x[model.layout.base :]
+    session.bring_together((*model.labels, *likely))
+    own = {label: model.start[label] for label in model.labels}
 
     def refit(labels: Sequence[str]) -> Hypothesis:
         tell(progress, f"refitting {' '.join((*model.labels, 'with'))} {', '.join(labels)}")
         sets = []
         for label in labels:
-            key = session.key((*model.labels, label))
-            starts = [
-                np.concatenate([start if one == label else own for one in key])
-                for start in session.starts(screened, label)
-            ]
-            sets.append((key, starts))
+            starts = [{**own, **start} for start in session.starts(screened, label)]
+            sets.append((session.key((*model.labels, label)), starts))
         return max(session.hypotheses(sets), key=lambda one: one.log_evidence)
 
     best = refit(likely[:FIRST_REFITTED])
@@ -112,13 +109,16 @@ def _shortlist(screened: Screen) -> list[str]:
 def strongest(session: Session) -> list[Hypothesis]:
     """Return the hypotheses with effects that explain the readings best, a few of each size."""
     ranked = sorted(session.known(), key=lambda one: one.log_evidence, reverse=True)
+    ranked = [one for one in ranked if one.fitted.objective < LEAVES_TOO_MUCH * ranked[0].fitted.objective]
     return [one for size in (1, 2) for one in [each for each in ranked if len(each.labels) == size][:SEEDS]]
 
 
 def by_strength(session: Session, best: Hypothesis) -> list[str]:
     """Return a model's effects, the one that explains more by itself first."""
-    alone = {one.labels[0]: one.log_evidence for one in session.known() if len(one.labels) == 1}
-    return sorted(best.labels, key=lambda label: alone.get(label, -np.inf), reverse=True)
+    if len(best.labels) < 2:
+        return list(best.labels)
+    alone = session.hypotheses([((label,), [{label: best.start[label]}]) for label in best.labels])
+    return [one.labels[0] for one in sorted(alone, key=lambda one: -one.log_evidence)]
 
 
 def tell(progress: Progress | None, what: str) -> None:

@@ -11,7 +11,6 @@ from concurrent.futures import ThreadPoolExecutor
 from threading import Thread
 from typing import Any
 
-import equinox as eqx
 import numpy as np
 
 from discrepancy.calibrate import Fit, fit, objectives, predict, variance_from_inputs
@@ -20,21 +19,26 @@ from discrepancy.contract import noise_of_case, noisy_inputs, without_input_nois
 from discrepancy.ladder import ChannelError, Estimate, Rung
 from discrepancy.noise import NoiseModel
 from discrepancy.problem import Layout, Problem, make_problem
-from discrepancy.screen import Screen, screen, warm_up
+from discrepancy.screen import Screen, Switchboard, screen
 from jaxmodel.cases import Case, Run
 from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import EffectError, UserError, nearest
 from jaxmodel.names import parameter_table
-from jaxmodel.ports import Effect
+from jaxmodel.ports import Effect, touches
 
 Labels = tuple[str, ...]
+# Where a fit begins: coordinates of effects by label, and of the base model.
+Start = Mapping[str, np.ndarray]
+BASE = ""
 FAR_FROM_PRIOR = 3.0
 # How far off, and for what share of the readings, the assumed noise must be to be worth refitting.
 NOISE_CHANGED = 0.05
 NOISE_CHANGED_SHARE = 0.02
 _SECOND_START = 0.5
 _FAINT = 3.0
+# Steps in which the base model follows an effect put into it: a start needs no more.
+FOLLOWING_STEPS = 4
 # Of an amplitude with many local optima: places looked at about a fit, and how far, in prior sd, look after look.
 _PLACES = 65
 _REACHES = (0.4, 0.1, 0.1)
@@ -47,7 +51,7 @@ class Hypothesis:
     Attributes:
         labels: of the added effects.
         problem: the case under this model.
-        layout: of its unknowns.
+        layout: of its unknowns. Models that share a program have the unknowns of one another's effects too, at zero.
         fitted: the calibration.
     """
 
@@ -60,6 +64,17 @@ class Hypothesis:
     def log_evidence(self) -> float:
         """Return the log of the probability of the readings, less a constant common to all hypotheses of the case."""
         return self.fitted.log_evidence
+
+    @property
+    def own(self) -> list[int]:
+        """Return the numbers of the unknowns that are the model's own: the base model's, then its effects'."""
+        return self.layout.own(self.labels)
+
+    @property
+    def start(self) -> Start:
+        """Return where it ended, as a start for another."""
+        of_effects = {label: self.fitted.x[list(self.layout.of_effect[label])] for label in self.labels}
+        return {BASE: self.fitted.x[: self.layout.base]} | of_effects
 
 
 class Session:
@@ -79,16 +94,49 @@ class Session:
         self._variance_from_inputs: np.ndarray | None = None
         self._hypotheses: dict[Labels, Hypothesis] = {}
         self._screens: dict[Labels, Screen] = {}
+        self._rungs: dict[Labels | None, Rung] = {}
+        self._families: list[Labels] = [()]
 
     @functools.cached_property
-    def _switchable(self) -> tuple[Problem, Layout]:
-        """The case with every candidate behind a switch: one program that screens whatever model is calibrated."""
-        return self._problem((), list(self.candidates.values()))
+    def _bending(self) -> Labels:
+        """Candidates that bend the armature's equation: each step then takes several times as long to solve."""
+        return tuple(c.label for c in self.candidates.values() if touches((c.effect,), "armature_voltage_drop"))
 
-    def _problem(self, present: Sequence[Candidate], switched: Sequence[Candidate] = ()) -> tuple[Problem, Layout]:
+    @functools.cached_property
+    def _board(self) -> Switchboard:
+        """All candidates but those that bend."""
+        return self._switchboard([c for c in self.candidates.values() if c.label not in self._bending])
+
+    @functools.cached_property
+    def _board_of_bending(self) -> Switchboard | None:
+        """Those that bend, None where there are none."""
+        return self._switchboard([self.candidates[label] for label in self._bending]) if self._bending else None
+
+    @functools.cached_property
+    def _whole_board(self) -> Switchboard:
+        """All candidates, for a model that has one which bends."""
+        return self._switchboard(list(self.candidates.values()))
+
+    def _switchboard(self, candidates: Sequence[Candidate]) -> Switchboard:
+        return Switchboard(*self._problem((), candidates), tuple(candidates))
+
+    def _problem(
+        self, present: Sequence[Candidate], switched: Sequence[Candidate] = (), family: Sequence[Candidate] = ()
+    ) -> tuple[Problem, Layout]:
         return make_problem(
-            self.case, self.weights, present, switched, self.catalogue, variance_from_inputs=self._variance_from_inputs
+            self.case, self.weights, present, switched, self.catalogue, self._variance_from_inputs, family
         )
+
+    def bring_together(self, labels: Sequence[str]) -> None:
+        """Have all models of these effects share one program, which takes less to compile than one for each."""
+        if not any(set(labels) <= set(family) for family in self._families):
+            self._families.append(self.key(labels))
+
+    def _problem_of(self, key: Labels) -> tuple[Problem, Layout]:
+        """Return a model in the smallest family of which it is one."""
+        self.bring_together(key)
+        family = min((one for one in self._families if set(key) <= set(one)), key=len)
+        return self._problem([self.candidates[label] for label in key], (), [self.candidates[one] for one in family])
 
     def problem_on(self, labels: Labels, runs: Sequence[Run]) -> Problem:
         """Return a model with effects added on other runs of the hardware, each in the place of one of the case."""
@@ -97,11 +145,13 @@ class Session:
         return make_problem(case, self.weights, present, (), self.catalogue)[0]
 
     def warm_up(self) -> Thread:
-        """Begin to compile the screening program, which takes as long as the first fits, beside them."""
+        """Begin to compile the screening programs, which takes as long as the first fits, beside them."""
 
         def prepare() -> None:
             with contextlib.suppress(UserError):  # the calibration will meet the same mistake, and tell it
-                warm_up(*self._switchable)
+                self._board.warm_up()
+                if self._board_of_bending is not None:
+                    self._board_of_bending.warm_up()
 
         thread = Thread(target=prepare, daemon=True)
         thread.start()
@@ -160,42 +210,44 @@ class Session:
     def _again(self, **changes: Any) -> Session:
         """Return a session of the same case with other weights, nothing fitted yet."""
         other = copy.copy(self)
-        other.__dict__.pop("_switchable", None)
-        other.__dict__.update(changes, _hypotheses={}, _screens={})
+        for board in ("_board", "_board_of_bending", "_whole_board"):
+            other.__dict__.pop(board, None)
+        other.__dict__.update(changes, _hypotheses={}, _screens={}, _rungs={})
         return other
 
-    def hypothesis(self, labels: Sequence[str] = (), starts: Sequence[np.ndarray] = ()) -> Hypothesis:
+    def hypothesis(self, labels: Sequence[str] = (), starts: Sequence[Start] = ()) -> Hypothesis:
         """Return the calibrated model with effects added.
 
-        `starts` are coordinates of the effects' unknowns, or of all unknowns. They are tried in turn until one
-        converges to something better than the base model. The base model itself is also started from a random place
-        within its priors, and the better of the two kept.
+        `starts` are tried in turn until one converges to something better than the base model; what they leave open
+        begins where the base model ended. The base model itself is also started from a random place within its priors,
+        and the better of the two kept.
         """
         key = self.key(labels)
         if key in self._hypotheses:
             return self._hypotheses[key]
-        problem, layout = self._problem([self.candidates[label] for label in key])
-        size = len(layout.coordinates)
-        first = np.zeros(size)
+        problem, layout = self._problem_of(key)
+        size, own = len(layout.coordinates), layout.own(key)
         # Where the base model has been calibrated already, it is the place to begin.
-        if () in self._hypotheses:
-            first[: layout.base] = self._hypotheses[()].fitted.x
-        tries = []
-        for start in starts:
-            begin = first.copy()
-            begin[size - start.size :] = start
-            tries.append(begin)
-        if not tries:
-            tries = [first]
-            if not key:
-                tries.append(_SECOND_START * np.random.default_rng(0).normal(size=size))
+        known = self._hypotheses[()].fitted.x if () in self._hypotheses else np.zeros(layout.base)
+
+        def begun(start: Start) -> np.ndarray:
+            x = np.zeros(size)
+            x[: layout.base] = start.get(BASE, known)
+            for label in key:
+                x[list(layout.of_effect[label])] = start.get(label, 0.0)
+            return x
+
+        tries = [begun(start) for start in starts or [{}]]
+        if not key:
+            tries.append(_SECOND_START * np.random.default_rng(0).normal(size=size))
+        rivals = [one.fitted.objective for one in self._hypotheses.values() if 0 < len(one.labels) <= len(key)]
 
         def calibrated(begin: np.ndarray) -> Fit:
             """Let the base model follow the effects at their first amplitude, then free all."""
             if not key:
                 return fit(problem, begin)
-            followed = fit(problem, begin, range(layout.base)).x
-            return fit(problem, followed)
+            followed = fit(problem, begin, range(layout.base), steps=FOLLOWING_STEPS).x
+            return fit(problem, followed, own, rival=min(rivals, default=np.inf))
 
         best = calibrated(tries[0])
         for begin in tries[1:]:
@@ -205,16 +257,15 @@ class Session:
             best = min(best, calibrated(begin), key=lambda one: one.objective)
         if key and best.objective > self.hypothesis().fitted.objective:
             # An effect can always be faint: a fit worse than without it failed, and is no evidence against the effect.
-            faint = first.copy()
-            faint[layout.base :] = np.concatenate([_faintest(self.candidates[label]) for label in key])
+            faint = begun({label: _faintest(self.candidates[label]) for label in key})
             best = min(best, calibrated(faint), key=lambda one: one.objective)
         for label in key:
             if self.candidates[label].amplitude_on_grid:
-                best = _over_the_ridges(problem, layout.of_effect[label][0], best)
+                best = _over_the_ridges(problem, layout.of_effect[label][0], own, best)
         self._hypotheses[key] = Hypothesis(key, problem, layout, best)
         return self._hypotheses[key]
 
-    def hypotheses(self, sets: Sequence[tuple[Labels, Sequence[np.ndarray]]]) -> list[Hypothesis]:
+    def hypotheses(self, sets: Sequence[tuple[Labels, Sequence[Start]]]) -> list[Hypothesis]:
         """Return several hypotheses; two are compiled and fitted at a time."""
         with ThreadPoolExecutor(2) as pool:
             return list(pool.map(lambda one: self.hypothesis(*one), sets))
@@ -230,23 +281,21 @@ class Session:
         return self._screens[hypothesis.labels]
 
     def _screened(self, hypothesis: Hypothesis) -> Screen:
-        problem, layout = self._switchable
-        problem = eqx.tree_at(lambda p: p.courses, problem, hypothesis.problem.courses)
+        labels, courses = hypothesis.labels, hypothesis.problem.courses
+        bends = any(label in self._bending for label in labels)
+        board, apart = (self._whole_board, None) if bends else (self._board, self._board_of_bending)
         quiet = None
         if noisy_inputs(self.case):
-            present = [self.candidates[label] for label in hypothesis.labels]
-            without = make_problem(without_input_noise(self.case), self.weights, present, (), self.catalogue)[0]
-            quiet = eqx.tree_at(lambda p: p.courses, problem, without.courses)
-        effects = [number for label in hypothesis.labels for number in layout.of_effect[label]]
-        own = [*range(layout.base), *effects]
-        candidates = list(self.candidates.values())
-        return screen(problem, layout, own, hypothesis.fitted, candidates, hypothesis.labels, quiet)
+            present = [self.candidates[label] for label in labels]
+            quiet = make_problem(without_input_noise(self.case), self.weights, present, (), self.catalogue)[0].courses
+        apart = None if apart is None else apart.over(courses)
+        return screen(board.over(courses), labels, hypothesis.fitted.x[hypothesis.own], quiet, apart)
 
-    def starts(self, screened: Screen, label: str) -> list[np.ndarray]:
+    def starts(self, screened: Screen, label: str) -> list[Start]:
         """Return where to begin fitting a candidate: at its best-scoring shape and the amplitude it suggests."""
         candidate = self.candidates[label]
         if label not in screened.probes:
-            return [np.array(candidate.probes[0])]
+            return [{label: np.array(candidate.probes[0])}]
         scored = screened.table[label]
         probe = np.array(screened.probes[label][scored.shape], dtype=float)
         amplitude = float(scored.amplitude[0])
@@ -257,7 +306,7 @@ class Session:
             suggested[0] = np.clip(probe[0] + (-stronger if candidate.null_at_infinity else stronger), -2.5, 2.5)
         else:
             suggested[0] = np.clip(probe[0] * amplitude, -2.5, 2.5)
-        return [suggested, probe]
+        return [{label: suggested}, {label: probe}]
 
     def rung(self, name: str, hypothesis: Hypothesis | None) -> Rung:
         """Return one rung of the ladder; None is the base model at its nominal parameters, uncalibrated.
@@ -265,6 +314,12 @@ class Session:
         Check runs judge with everything fixed that the fit runs determined; only what is their own (an initial state of
         charge known to +- sd) is adjusted on them, within its prior.
         """
+        known = hypothesis.labels if hypothesis is not None else None
+        if known not in self._rungs:
+            self._rungs[known] = self._rung(hypothesis)
+        return dataclasses.replace(self._rungs[known], name=name)
+
+    def _rung(self, hypothesis: Hypothesis | None) -> Rung:
         nominal = hypothesis is None
         hypothesis = hypothesis or self.hypothesis()
         problem, layout, fitted = hypothesis.problem, hypothesis.layout, hypothesis.fitted
@@ -281,9 +336,9 @@ class Session:
             }
             for number, run in enumerate(self.case.runs)
         }
-        estimates, far = ({}, ()) if nominal else self._estimates(layout, x, fitted.sd)
+        estimates, far = ({}, ()) if nominal else self._estimates(hypothesis, x)
         return Rung(
-            name=name,
+            name="",
             added=hypothesis.labels,
             estimates=estimates,
             at_bound=far,
@@ -306,12 +361,14 @@ class Session:
 
         return ChannelError(fit=rms("fit"), check=rms("check"))
 
-    def _estimates(self, layout: Layout, x: np.ndarray, sd: np.ndarray) -> tuple[dict[str, Estimate], Labels]:
+    def _estimates(self, hypothesis: Hypothesis, x: np.ndarray) -> tuple[dict[str, Estimate], Labels]:
         units = {name: info.unit for name, info in parameter_table(self.hypothesis().problem.models).items()}
         for label, candidate in self.candidates.items():
             units |= {f"{label}.{name}": info.unit for name, info in describe(candidate.effect).items()}
         estimates, far = {}, []
-        for number, coordinate in enumerate(layout.coordinates):
+        layout, sd = hypothesis.layout, hypothesis.fitted.sd
+        for number in hypothesis.own:
+            coordinate = layout.coordinates[number]
             run = layout.runs[number]
             name = coordinate.name + (f"[{self.case.runs[run].name}]" if run >= 0 else "")
             estimates[name] = Estimate(
@@ -322,14 +379,14 @@ class Session:
         return estimates, tuple(far)
 
 
-def _over_the_ridges(problem: Problem, amplitude: int, found: Fit) -> Fit:
+def _over_the_ridges(problem: Problem, amplitude: int, own: Sequence[int], found: Fit) -> Fit:
     """Look along an amplitude with many local optima for a place better than the fit's, and fit again from there."""
     for reach in _REACHES:
         places = np.repeat(found.x[None], _PLACES, axis=0)
         places[:, amplitude] += np.linspace(-reach, reach, _PLACES)
         values = objectives(problem, places)
         if np.min(values) < found.objective - 1.0:
-            found = min(found, fit(problem, places[np.argmin(values)]), key=lambda one: one.objective)
+            found = min(found, fit(problem, places[np.argmin(values)], own), key=lambda one: one.objective)
     return found
 
 

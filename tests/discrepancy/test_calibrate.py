@@ -106,8 +106,11 @@ class LinearProblem(Problem):
     matrix: Array
     data: Array
 
-    def residual(self, lane: Lane) -> Array:
-        return self.data - self.matrix @ lane.x
+    def residuals(self, lanes: Lane) -> Array:
+        return self.data - lanes.x @ self.matrix.T
+
+    def only(self, split: str) -> LinearProblem:
+        return self
 
 
 @pytest.fixture(scope="module")

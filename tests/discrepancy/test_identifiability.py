@@ -134,9 +134,9 @@ def test_what_is_stated_with_an_sd_is_left_as_it_is(plain_cell: MadeCell) -> Non
 class Curved(Problem):
     """Readings that are sinh(2 x) of the first unknown and straight in the second, in closed form."""
 
-    def residual(self, lane: Lane) -> Array:
+    def residuals(self, lanes: Lane) -> Array:
         counted = jnp.cumsum(self.readings.fit)
-        first, second = jnp.sinh(2.0 * lane.x[0]), lane.x[1]
+        first, second = jnp.sinh(2.0 * lanes.x[:, :1]), lanes.x[:, 1:2]
         return jnp.where(counted == 1.0, first, 0.0) + jnp.where(counted == 2.0, 3.0 * second - first, 0.0)
 
 

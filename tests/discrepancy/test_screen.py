@@ -16,7 +16,7 @@ from discrepancy.calibrate import fit, predict
 from discrepancy.problem import Lane, Layout, Problem, make_problem
 from discrepancy.projection import Candidate as Direction
 from discrepancy.projection import project
-from discrepancy.screen import Screen, screen
+from discrepancy.screen import Screen, Switchboard, screen
 from discrepancy.session import Hypothesis, Session
 from tests.discrepancy.made_cases import made_cell
 
@@ -92,7 +92,7 @@ def test_scores_are_standard_normal_where_nothing_is_missing(
     readings = base.problem.readings
     generator = np.random.default_rng(0)
     count = base.fitted.x.size
-    candidates = list(plain_session.candidates.values())
+    candidates = tuple(plain_session.candidates.values())
     squares: dict[str, list[float]] = {}
     alarms = 0
     for _ in range(DRAWS):
@@ -100,9 +100,8 @@ def test_scores_are_standard_normal_where_nothing_is_missing(
         clean = predict(base.problem, truth).reshape(-1)[np.asarray(readings.index)]
         anew = jnp.asarray(clean + np.asarray(readings.sd) * generator.standard_normal(clean.size))
         fitted = fit(eqx.tree_at(lambda p: p.readings.value, base.problem, anew), truth)
-        table = screen(
-            eqx.tree_at(lambda p: p.readings.value, problem, anew), layout, range(count), fitted, candidates
-        ).table
+        board = Switchboard(eqx.tree_at(lambda p: p.readings.value, problem, anew), layout, candidates)
+        table = screen(board, (), fitted.x).table
         assert np.max(np.abs(table.projection.base_z)) < 0.1
         alarms += bool(table.significant)
         for block in table.projection.blocks:
@@ -140,9 +139,9 @@ def test_what_no_reading_shows_is_not_scored(
     plain_session: Session, base: Hypothesis, switched: tuple[Problem, Layout]
 ) -> None:
     problem, layout = switched
-    candidates = list(plain_session.candidates.values())
+    candidates = tuple(plain_session.candidates.values())
     dead = [dataclasses.replace(c, probes=((-400.0,),)) if c.label == "resistance_ageing" else c for c in candidates]
-    scored = screen(problem, layout, range(base.fitted.x.size), base.fitted, dead)
+    scored = screen(Switchboard(problem, layout, tuple(dead)), (), base.fitted.x)
     assert "resistance_ageing" not in scored.probes
     assert "resistance_ageing" not in scored.table.names
     assert set(scored.table.names) == set(plain_session.candidates) - {"resistance_ageing"}
