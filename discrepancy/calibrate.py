@@ -13,7 +13,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array
 
-from discrepancy.problem import Lane, Problem, residuals
+from discrepancy.problem import Lane, Problem, Readings, jit_for_few_runs, residuals
 
 MAX_STEPS = 30
 SOLVER = optx.Dogleg(rtol=1e-4, atol=1e-4)
@@ -118,17 +118,27 @@ def rows_at(problem: Problem, places: np.ndarray) -> np.ndarray:
     return _bad_where_not_finite(np.concatenate(found))
 
 
+@eqx.filter_jit
+def _whitened(readings: Readings, errors: Array) -> Array:
+    return readings.whiten(errors)
+
+
+def whitened(readings: Readings, errors: np.ndarray) -> np.ndarray:
+    """Return errors (n,) as white noise of unit variance."""
+    return np.asarray(_whitened(readings, jnp.asarray(errors)))
+
+
 def _rows_one_by_one(problem: Problem, places: np.ndarray) -> np.ndarray:
     """Return the same of few places, by the program that predicts: check runs are seldom looked at."""
     readings = problem.readings
     index, value = np.asarray(readings.index), np.asarray(readings.value)
-    rows = [np.asarray(readings.whiten(jnp.asarray(value - predict(problem, x).reshape(-1)[index]))) for x in places]
+    rows = [whitened(readings, value - predict(problem, x).reshape(-1)[index]) for x in places]
     return _bad_where_not_finite(np.stack(rows))
 
 
 def _bad_where_not_finite(rows: np.ndarray) -> np.ndarray:
     """A model driven out of its range must look bad, not break the solver."""
-    return np.where(np.isfinite(rows), np.clip(rows, -1e8, 1e8), 1e3)
+    return np.where(np.isfinite(rows), np.clip(rows, -1e6, 1e6), 1e3)
 
 
 def _own(problem: Problem) -> np.ndarray:
@@ -195,10 +205,24 @@ class _Seen:
         """Half the gradient of the objective."""
         return np.where(self.moving, self.jacobian.T @ self.rows + self.x, 0.0)
 
+    @functools.cached_property
+    def axes(self) -> np.ndarray:
+        """A square root of the information: its eigenvectors by the roots of their eigenvalues, none below a prior's.
+
+        Unlike Cholesky's it is there where a model out of its range gives derivatives without bounds.
+        """
+        values, vectors = np.linalg.eigh(self.information)
+        return np.sqrt(np.maximum(values, 1.0))[:, None] * vectors.T
+
+    @functools.cached_property
+    def along(self) -> np.ndarray:
+        """The slope along those axes."""
+        return (self.axes @ self.slope) / np.sum(self.axes**2, axis=1)
+
     @property
     def promise(self) -> float:
         """What a Newton step would gain."""
-        return float(self.slope @ np.linalg.solve(self.information, self.slope))
+        return float(self.along @ self.along)
 
     @property
     def scores(self) -> np.ndarray:
@@ -206,10 +230,9 @@ class _Seen:
 
     def few(self) -> Given:
         """Return the objective in as many rows as it has unknowns, and one: the same sums of squares and products."""
-        triangle = np.linalg.cholesky(self.information).T
-        along = np.linalg.solve(triangle.T, self.slope)
-        rest = np.sqrt(max(self.objective - float(along @ along), 0.0))
-        return Given(jnp.asarray(np.append(along, rest)), jnp.asarray(np.vstack([triangle, np.zeros_like(along)])))
+        rest = np.sqrt(max(self.objective - self.promise, 0.0))
+        nothing = np.zeros((1, self.x.size))
+        return Given(jnp.asarray(np.append(self.along, rest)), jnp.asarray(np.concatenate([self.axes, nothing])))
 
 
 def fit(
@@ -298,7 +321,7 @@ def objectives(problem: Problem, places: np.ndarray) -> np.ndarray:
     return np.sum(rows**2, axis=1) + np.sum(places**2, axis=1)
 
 
-@eqx.filter_jit
+@jit_for_few_runs
 def _predict(problem: Problem, x: Array) -> Array:
     return problem.predict(Lane(x, jnp.zeros(len(problem.switched))))
 
@@ -308,7 +331,7 @@ def predict(problem: Problem, x: np.ndarray) -> np.ndarray:
     return np.asarray(_predict(problem, jnp.asarray(x)))
 
 
-@eqx.filter_jit
+@jit_for_few_runs
 def _variance_from_inputs(problem: Problem, x: Array, input_sd: dict[str, float]) -> Array:
     return problem.variance_from_inputs(Lane(x, jnp.zeros(len(problem.switched))), input_sd)
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -18,7 +17,7 @@ from jaxtyping import Array
 
 from discrepancy.conditions import conditions_of_rows
 from discrepancy.misfit import Block, Leftover, Tried, hats
-from discrepancy.problem import Lane, Problem
+from discrepancy.problem import Lane, Problem, jit_for_few_runs
 from discrepancy.screen import LANES, Screen, on_all_cores
 from discrepancy.session import Hypothesis, Session
 from jaxmodel.ports import PORTS, Effect
@@ -80,7 +79,7 @@ def _addition(port: str) -> Effect:
     return type(f"AdditionTo_{port}", (Effect,), {"name": "law", "kinds": (), "equation": "", port: add})()
 
 
-@eqx.filter_jit
+@jit_for_few_runs
 def _answers(problem: Problem, x: Array, additions: Mapping[str, Array]) -> Array:
     """Return whitened residuals with additions (lanes, runs, 1 + steps) by port, shape (lanes, readings)."""
 

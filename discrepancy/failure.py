@@ -5,11 +5,10 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
-from discrepancy.calibrate import predict
+from discrepancy.calibrate import predict, whitened
 from discrepancy.conditions import conditions_of_rows, history_of_rows
 from discrepancy.session import Hypothesis, Session
 from discrepancy.where import (
@@ -128,7 +127,7 @@ def _whitened(hypothesis: Hypothesis) -> tuple[np.ndarray, tuple[np.ndarray, ...
     index = np.asarray(problem.readings.index)
     left = np.asarray(problem.readings.value) - predict(problem, hypothesis.fitted.x).reshape(-1)[index]
     places = np.unravel_index(index[counted], (*problem.times.shape, len(problem.channels)))
-    return np.asarray(problem.readings.whiten(jnp.asarray(left)))[counted], places
+    return whitened(problem.readings, left)[counted], places
 
 
 def failure(session: Session, hypothesis: Hypothesis) -> Failure:

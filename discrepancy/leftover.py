@@ -17,7 +17,7 @@ def leftover_laws(session: Session, hypothesis: Hypothesis, screened: Screen) ->
     Equations are asked only where a channel shows that something is left: what no channel shows, no equation lacks.
     """
     problem = hypothesis.problem
-    counted = screened.counted
+    counted = np.asarray(problem.readings.fit) > 0.0
     leftover = Leftover(
         screened.base, screened.residual, np.asarray(problem.readings.index)[counted] % len(problem.channels)
     )

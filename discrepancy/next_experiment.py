@@ -153,7 +153,7 @@ def _foreseen(session: Session, hypothesis: Hypothesis, designs: Sequence[Run]) 
         runs = list(case.runs)
         for slot, new in zip(slots, batch + [batch[-1]] * (len(slots) - len(batch)), strict=True):
             runs[slot] = _in_the_place_of(runs[slot], new, tuple(session.noise))
-        problem = session.problem_on(hypothesis.labels, runs).only("fit")
+        problem = session.problem_on(hypothesis, runs).only("fit")
         rows, jacobian = look(problem, x)
         run, row, _ = np.unravel_index(
             np.asarray(problem.readings.index), (*problem.times.shape, len(problem.channels))

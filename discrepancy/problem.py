@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -25,8 +26,14 @@ from jaxmodel.parameters import info
 from jaxmodel.ports import Effect
 from jaxmodel.simulate import Track, run_track, track
 
+_QUICKLY: dict[str, Any] = {"compiler_options": {"xla_llvm_disable_expensive_passes": True}}
 # Shapes are rounded up to these, so that cases of like size share a compiled program.
 _ROWS, _STEPS, _READINGS = 512, 1024, 4096
+
+
+def jit_for_few_runs(function: Callable) -> Callable:
+    """Return a function compiled in half the time, which takes a third longer: for what runs few times."""
+    return eqx.filter_jit(function, **_QUICKLY)
 
 
 class Readings(eqx.Module):
@@ -258,18 +265,18 @@ class Problem(eqx.Module):
         rows = _round_up(int(np.max(np.argmax(last_step == last_step[:, -1:], axis=1))) + 2, _ROWS)
         steps = _round_up(int(last_step.max()) + 1, _STEPS)
         courses = Track(
-            duration_s=self.courses.duration_s[kept, :steps],
-            inputs={name: values[kept, : steps + 1] for name, values in self.courses.inputs.items()},
-            last_step=self.courses.last_step[kept, : rows - 1],
+            duration_s=_part(self.courses.duration_s, kept, steps),
+            inputs={name: _part(values, kept, steps + 1) for name, values in self.courses.inputs.items()},
+            last_step=_part(self.courses.last_step, kept, rows - 1),
         )
         number = np.full(self.times.shape[0], kept.size)
         number[kept] = np.arange(kept.size)
         places = self.unknowns
         return dataclasses.replace(
             self,
-            models=jax.tree.map(lambda leaf: leaf[kept], self.models),
+            models=jax.tree.map(lambda leaf: _part(leaf, kept), self.models),
             courses=courses,
-            times=self.times[kept, :rows],
+            times=_part(self.times, kept, rows),
             readings=_readings_of(self, number, rows, split),
             unknowns=dataclasses.replace(
                 places,
@@ -277,6 +284,12 @@ class Problem(eqx.Module):
                 fixed_in=tuple(tuple(int(number[run]) for run in runs) for runs in places.fixed_in),
             ),
         )
+
+
+def _part(values: Array, runs: np.ndarray, size: int | None = None) -> Array:
+    """Return some runs, and the first so many columns; on the host, where each shape does not compile a program."""
+    kept = np.asarray(values)[runs]
+    return jnp.asarray(kept if size is None else kept[:, :size])
 
 
 def _readings_of(problem: Problem, number: np.ndarray, rows: int, split: str) -> Readings:

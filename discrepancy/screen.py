@@ -9,21 +9,21 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from discrepancy.candidates import Candidate
-from discrepancy.problem import Lane, Layout, Problem, residuals
+from discrepancy.problem import Lane, Layout, Problem, jit_for_few_runs
 from discrepancy.projection import Candidate as Direction
 from discrepancy.score import ScoreTable, score_effects
 from jaxmodel.profile import Track
 
 LANES = 16
-BASE_STEP = 1e-3
 SWITCH_STEP = 1e-3
 # A direction of which less than this survives the projection is not told from the error of its differences.
 ABSORBED_BELOW = 3e-3
@@ -40,14 +40,17 @@ class Screen:
         probes: for each scored effect and each of its shapes, the coordinates at which it was tried.
         base: (n, unknowns) whitened sensitivities of the fit readings to the model's own unknowns, prior rows appended.
         residual: (n,) whitened residual, prior rows appended.
-        counted: (readings,) which of the problem's readings are in the rows.
     """
 
     table: ScoreTable
     probes: dict[str, list[tuple[float, ...]]]
     base: np.ndarray
     residual: np.ndarray
-    counted: np.ndarray
+
+
+@jit_for_few_runs
+def _residuals(problem: Problem, lanes: Lane) -> Array:
+    return problem.residuals(lanes)
 
 
 def _evaluate(problem: Problem, lanes: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
@@ -57,7 +60,7 @@ def _evaluate(problem: Problem, lanes: list[tuple[np.ndarray, np.ndarray]]) -> n
         batch = lanes[first : first + LANES]
         filled = batch + [batch[-1]] * (LANES - len(batch))
         stacked = Lane(jnp.asarray(np.stack([x for x, _ in filled])), jnp.asarray(np.stack([s for _, s in filled])))
-        return np.asarray(residuals(problem, stacked))[: len(batch)]
+        return np.asarray(_residuals(problem, stacked))[: len(batch)]
 
     return on_all_cores(evaluate, len(lanes))
 
@@ -96,29 +99,31 @@ class Switchboard:
 
 
 class _Point:
-    """A model on a switchboard: its lane, and the readings' answers to what is added to it."""
+    """A calibrated model on a switchboard, and the readings' answers to what is added to it."""
 
-    def __init__(self, board: Switchboard, x: np.ndarray, labels: Collection[str]) -> None:
-        """Set the base model's unknowns and those of the model's effects to x."""
+    def __init__(self, board: Switchboard, start: Mapping[str, np.ndarray]) -> None:
+        """Set the unknowns of the base model ("") and of those effects that the board has, and switch them on."""
         self.board, self.part = board, board.problem.only("fit")
-        self.own = board.layout.own([c.label for c in board.candidates if c.label in labels])
         self.here = np.zeros(len(board.layout.coordinates))
-        self.here[self.own] = x
-        self.switches = np.array([float(candidate.label in labels) for candidate in board.candidates])
-        self.absent = [(n, c) for n, c in enumerate(board.candidates) if c.label not in labels]
+        self.here[: board.layout.base] = start[""]
+        for label, places in board.layout.of_effect.items():
+            self.here[list(places)] = start.get(label, 0.0)
+        self.switches = np.array([float(candidate.label in start) for candidate in board.candidates])
+        self.absent = [(place, c) for place, c in enumerate(board.candidates) if c.label not in start]
 
     def rows(self, lanes: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-        """Return the whitened residuals of the fit readings, shape (lanes, readings)."""
-        return _evaluate(self.part, lanes)[:, np.asarray(self.part.readings.fit) > 0.0]
+        """Return by how much lanes move the whitened residuals of the fit readings, shape (lanes, readings)."""
+        rows = _evaluate(self.part, [(self.here, self.switches), *lanes])[:, np.asarray(self.part.readings.fit) > 0.0]
+        return rows[1:] - rows[0]
 
-    @property
-    def still(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        return [(self.here, self.switches)]
-
-    def moved(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return a lane to either side along each of the model's own unknowns."""
-        away = BASE_STEP * np.eye(self.here.size)[self.own]
-        return [(self.here + side * step, self.switches) for step in away for side in (1.0, -1.0)]
+    def a_little_and_wholly(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return two lanes for each probe of each absent candidate, one for its derivative."""
+        return [
+            self.switched_on(place, candidate, probe, step)
+            for place, candidate in self.absent
+            for probe in candidate.probes
+            for step in (SWITCH_STEP, 1.0)
+        ]
 
     def switched_on(
         self, place: int, candidate: Candidate, probe: Sequence[float], step: float = 1.0
@@ -131,74 +136,47 @@ class _Point:
 
 
 def screen(
-    board: Switchboard,
-    labels: Collection[str],
-    x: np.ndarray,
-    quiet: Track | None = None,
-    apart: Switchboard | None = None,
+    boards: Sequence[Switchboard],
+    start: Mapping[str, np.ndarray],
+    base: np.ndarray,
+    residual: np.ndarray,
+    names: Sequence[str],
 ) -> Screen:
     """Score at a calibrated model every candidate that is not in it.
 
     Args:
-        board: with the candidates, those of the model among them.
-        labels: of the effects that the calibrated model has.
-        x: where the model's unknowns are calibrated to, those of the base model first.
-        quiet: the courses with their measured inputs freed of noise, for the sensitivities: a sensitivity to resistance
-            made with the noise of a row's own current is correlated with the residual of that row.
-        apart: candidates whose program takes many times as long, asked beside the base model, as it is calibrated with
-            the model's effects; their answers differ little beside them.
+        boards: with the candidates. An effect of the model that is on another board than a candidate is left out beside
+            it: the answer to the candidate differs a little by that, and a refit tells what it is worth.
+        start: where the model is calibrated to: coordinates of its effects by label, and of the base model by "".
+        base: (n, unknowns) sensitivities of the whitened fit readings to the model's own unknowns, prior rows appended.
+        residual: (n,) their residual, likewise.
+        names: of the model's own unknowns.
     """
-    point = _Point(board if quiet is None else board.over(quiet), x, labels)
-    probed = [(point, *each) for each in _asked(point)]
-    rows = point.rows([*point.still, *point.moved(), *_lanes(probed)])
-    count = len(point.own)
-    base = -(rows[1 : 1 + 2 * count : 2] - rows[2 : 2 + 2 * count : 2]).T / (2.0 * BASE_STEP)
-    still = rows[0]
-    residual = still if quiet is None else _Point(board, x, labels).rows(point.still)[0]
-    answers = list(rows[1 + 2 * count :] - still)
-    if apart is not None:
-        other = _Point(apart if quiet is None else apart.over(quiet), x[: apart.layout.base], ())
-        asked = [(other, *each) for each in _asked(other)]
-        rows = other.rows([*other.still, *_lanes(asked)])
-        probed += asked
-        answers += list(rows[1:] - rows[0])
-
-    priors = np.zeros(count)
+    points = [point for point in (_Point(board, start) for board in boards) if point.absent]
+    probed = [(c, probe) for point in points for _, c in point.absent for probe in c.probes]
+    priors = np.zeros(base.shape[1])
+    nothing = np.zeros((0, residual.size - priors.size))
+    answers = np.concatenate([nothing, *(point.rows(point.a_little_and_wholly()) for point in points)])
     shapes: dict[str, list[np.ndarray]] = {}
     probes: dict[str, list[tuple[float, ...]]] = {}
-    for number, (_, _, candidate, probe) in enumerate(probed):
+    for number, (candidate, probe) in enumerate(probed):
         slope, whole = -answers[2 * number] / SWITCH_STEP, -answers[2 * number + 1]
         kept = [slope] if _cosine(slope, whole) > STRAIGHT else [slope, whole]
         for way in kept:
             if np.all(np.isfinite(way)) and np.linalg.norm(way) > 1e-6:
                 shapes.setdefault(candidate.label, []).append(np.concatenate([way, priors]))
                 probes.setdefault(candidate.label, []).append(probe)
-    base = np.concatenate([base, np.eye(count)])
-    residual = np.concatenate([residual, -x])
-    for place, candidate in point.absent:
-        if candidate.label in probes and candidate.amplitude_on_grid:
-            between = _between_the_best(base, residual, shapes[candidate.label], probes[candidate.label])
-            whole = -(point.rows([point.switched_on(place, candidate, probe) for probe in between]) - still)
-            shapes[candidate.label].extend(np.concatenate([way, priors]) for way in whole)
-            probes[candidate.label].extend(between)
-    one_sided = {candidate.label: candidate.one_sided for _, _, candidate, _ in probed}
+    for point in points:
+        for place, candidate in point.absent:
+            if candidate.label in probes and candidate.amplitude_on_grid:
+                between = _between_the_best(base, residual, shapes[candidate.label], probes[candidate.label])
+                whole = -point.rows([point.switched_on(place, candidate, probe) for probe in between])
+                shapes[candidate.label].extend(np.concatenate([way, priors]) for way in whole)
+                probes[candidate.label].extend(between)
+    one_sided = {candidate.label: candidate.one_sided for candidate, _ in probed}
     directions = {label: Direction(own, signs=int(one_sided[label])) for label, own in shapes.items()}
-    names = [board.layout.names[number] for number in point.own]
     table = score_effects(base, residual, directions, names, absorbed_below=ABSORBED_BELOW)
-    return Screen(table, probes, base, residual, np.asarray(board.problem.readings.fit) > 0.0)
-
-
-def _asked(point: _Point) -> list[tuple[int, Candidate, tuple[float, ...]]]:
-    return [(place, candidate, probe) for place, candidate in point.absent for probe in candidate.probes]
-
-
-def _lanes(probed: Sequence[tuple[_Point, int, Candidate, tuple[float, ...]]]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return two lanes for each probe: a little of the effect, and all of it."""
-    return [
-        point.switched_on(place, candidate, probe, step)
-        for point, place, candidate, probe in probed
-        for step in (SWITCH_STEP, 1.0)
-    ]
+    return Screen(table, probes, base, residual)
 
 
 def _between_the_best(

@@ -70,7 +70,7 @@ def _refit_likely(session: Session, progress: Progress | None, model: Hypothesis
     screened = session.screen(model)
     likely = _shortlist(screened)
     promised = {effect.name: effect.z_equivalent for effect in screened.table.effects}
-    session.bring_together((*model.labels, *likely))
+    session.bring_together(model.labels, likely)
     own = {label: model.start[label] for label in model.labels}
 
     def refit(labels: Sequence[str]) -> Hypothesis:

@@ -11,9 +11,10 @@ from concurrent.futures import ThreadPoolExecutor
 from threading import Thread
 from typing import Any
 
+import equinox as eqx
 import numpy as np
 
-from discrepancy.calibrate import Fit, fit, objectives, predict, variance_from_inputs
+from discrepancy.calibrate import Fit, fit, look, objectives, predict, variance_from_inputs
 from discrepancy.candidates import Candidate, candidates
 from discrepancy.contract import noise_of_case, noisy_inputs, without_input_noise
 from discrepancy.ladder import ChannelError, Estimate, Rung
@@ -103,19 +104,10 @@ class Session:
         return tuple(c.label for c in self.candidates.values() if touches((c.effect,), "armature_voltage_drop"))
 
     @functools.cached_property
-    def _board(self) -> Switchboard:
-        """All candidates but those that bend."""
-        return self._switchboard([c for c in self.candidates.values() if c.label not in self._bending])
-
-    @functools.cached_property
-    def _board_of_bending(self) -> Switchboard | None:
-        """Those that bend, None where there are none."""
-        return self._switchboard([self.candidates[label] for label in self._bending]) if self._bending else None
-
-    @functools.cached_property
-    def _whole_board(self) -> Switchboard:
-        """All candidates, for a model that has one which bends."""
-        return self._switchboard(list(self.candidates.values()))
+    def _boards(self) -> tuple[Switchboard, ...]:
+        """All candidates but those that bend, and those that do, which would make the program of all as slow."""
+        sets = ([c for c in self.candidates.values() if (c.label in self._bending) == bends] for bends in (False, True))
+        return tuple(self._switchboard(some) for some in sets if some)
 
     def _switchboard(self, candidates: Sequence[Candidate]) -> Switchboard:
         return Switchboard(*self._problem((), candidates), tuple(candidates))
@@ -127,31 +119,36 @@ class Session:
             self.case, self.weights, present, switched, self.catalogue, self._variance_from_inputs, family
         )
 
-    def bring_together(self, labels: Sequence[str]) -> None:
-        """Have all models of these effects share one program, which takes less to compile than one for each."""
-        if not any(set(labels) <= set(family) for family in self._families):
-            self._families.append(self.key(labels))
+    def bring_together(self, labels: Sequence[str], others: Sequence[str]) -> None:
+        """Have the models of some effects and each of the others share a program: it takes less to compile than many.
+
+        What bends stays by itself: it would make all as slow.
+        """
+        for bends in (False, True):
+            family = {*labels, *(one for one in others if (one in self._bending) == bends)}
+            if not any(family <= set(known) for known in self._families):
+                self._families.append(self.key(tuple(family)))
 
     def _problem_of(self, key: Labels) -> tuple[Problem, Layout]:
         """Return a model in the smallest family of which it is one."""
-        self.bring_together(key)
+        self.bring_together(key, ())
         family = min((one for one in self._families if set(key) <= set(one)), key=len)
         return self._problem([self.candidates[label] for label in key], (), [self.candidates[one] for one in family])
 
-    def problem_on(self, labels: Labels, runs: Sequence[Run]) -> Problem:
-        """Return a model with effects added on other runs of the hardware, each in the place of one of the case."""
+    def problem_on(self, hypothesis: Hypothesis, runs: Sequence[Run]) -> Problem:
+        """Return a model on other runs of the hardware, each in the place of one of the case."""
         case = dataclasses.replace(self.case, runs=tuple(runs))
-        present = [self.candidates[label] for label in labels]
-        return make_problem(case, self.weights, present, (), self.catalogue)[0]
+        present = [self.candidates[label] for label in hypothesis.labels]
+        family = [self.candidates[label] for label in hypothesis.layout.of_effect]
+        return make_problem(case, self.weights, present, (), self.catalogue, family=family)[0]
 
     def warm_up(self) -> Thread:
         """Begin to compile the screening programs, which takes as long as the first fits, beside them."""
 
         def prepare() -> None:
             with contextlib.suppress(UserError):  # the calibration will meet the same mistake, and tell it
-                self._board.warm_up()
-                if self._board_of_bending is not None:
-                    self._board_of_bending.warm_up()
+                for board in self._boards:
+                    board.warm_up()
 
         thread = Thread(target=prepare, daemon=True)
         thread.start()
@@ -210,8 +207,7 @@ class Session:
     def _again(self, **changes: Any) -> Session:
         """Return a session of the same case with other weights, nothing fitted yet."""
         other = copy.copy(self)
-        for board in ("_board", "_board_of_bending", "_whole_board"):
-            other.__dict__.pop(board, None)
+        other.__dict__.pop("_boards", None)
         other.__dict__.update(changes, _hypotheses={}, _screens={}, _rungs={})
         return other
 
@@ -281,15 +277,19 @@ class Session:
         return self._screens[hypothesis.labels]
 
     def _screened(self, hypothesis: Hypothesis) -> Screen:
-        labels, courses = hypothesis.labels, hypothesis.problem.courses
-        bends = any(label in self._bending for label in labels)
-        board, apart = (self._whole_board, None) if bends else (self._board, self._board_of_bending)
-        quiet = None
+        problem, own, x = hypothesis.problem, hypothesis.own, hypothesis.fitted.x
+        part, courses = problem.only("fit"), problem.courses
+        rows, slopes = look(part, x)
         if noisy_inputs(self.case):
-            present = [self.candidates[label] for label in labels]
-            quiet = make_problem(without_input_noise(self.case), self.weights, present, (), self.catalogue)[0].courses
-        apart = None if apart is None else apart.over(courses)
-        return screen(board.over(courses), labels, hypothesis.fitted.x[hypothesis.own], quiet, apart)
+            # A sensitivity to resistance made with the noise of a row's own current is correlated with its residual.
+            present = [self.candidates[label] for label in hypothesis.labels]
+            courses = make_problem(without_input_noise(self.case), self.weights, present, (), self.catalogue)[0].courses
+            slopes = look(eqx.tree_at(lambda p: p.courses, problem, courses).only("fit"), x)[1]
+        counted = np.asarray(part.readings.fit) > 0.0
+        base = np.concatenate([-slopes[counted][:, own], np.eye(len(own))])
+        residual = np.concatenate([rows[counted], -x[own]])
+        boards = [board.over(courses) for board in self._boards]
+        return screen(boards, hypothesis.start, base, residual, [hypothesis.layout.names[number] for number in own])
 
     def starts(self, screened: Screen, label: str) -> list[Start]:
         """Return where to begin fitting a candidate: at its best-scoring shape and the amplitude it suggests."""

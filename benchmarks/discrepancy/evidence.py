@@ -104,7 +104,8 @@ def gather(case: Case, blind: Blind) -> tuple[Evidence, dict[str, Any]]:
     base = session.hypothesis()
     screen = session.screen(base)
     problem = base.problem
-    index = np.asarray(problem.readings.index)[screen.counted]
+    counted = np.asarray(problem.readings.fit) > 0.0
+    index = np.asarray(problem.readings.index)[counted]
     runs, _, channels = np.unravel_index(index, (*problem.times.shape, len(problem.channels)))
     blocks = screen.table.projection.blocks
     evidence = Evidence(
@@ -115,7 +116,7 @@ def gather(case: Case, blind: Blind) -> tuple[Evidence, dict[str, Any]]:
         signs=np.array([float(session.candidates[block.candidate].one_sided) for block in blocks]),
         channel=channels,
         run=runs,
-        weight=np.asarray(problem.readings.weight)[screen.counted],
+        weight=np.asarray(problem.readings.weight)[counted],
         conditions=conditions(session, base),
     )
     return evidence, _summary(session, screen, blind)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
-from discrepancy.calibrate import fit, predict
+from discrepancy.calibrate import fit, look, predict
 from discrepancy.problem import Lane, Layout, Problem, make_problem
 from discrepancy.projection import Candidate as Direction
 from discrepancy.projection import project
@@ -39,6 +39,13 @@ def screened(plain_session: Session, base: Hypothesis) -> Screen:
     return plain_session.screen(base)
 
 
+def rows_about(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sensitivities of the fit readings and their residual, prior rows appended."""
+    rows, slopes = look(problem.only("fit"), x)
+    counted = np.asarray(problem.only("fit").readings.fit) > 0.0
+    return np.concatenate([-slopes[counted], np.eye(x.size)]), np.concatenate([rows[counted], -x])
+
+
 @eqx.filter_jit
 def derivatives(problem: Problem, at: Lane, ways: Lane) -> jax.Array:
     """Return the derivatives of the residuals along many ways, exact to rounding."""
@@ -54,7 +61,7 @@ def test_differences_are_the_derivatives(
     here[:count] = base.fitted.x
     off = np.zeros(len(plain_session.candidates))
     own = Lane(jnp.asarray(np.eye(len(here))[:count]), jnp.zeros((count, off.size)))
-    counted = screened.counted
+    counted = np.asarray(problem.readings.fit) > 0.0
     sensitivities = -np.asarray(derivatives(problem, Lane(jnp.asarray(here), jnp.asarray(off)), own))[:, counted].T
     a = np.concatenate([sensitivities, np.eye(count)])
     length = np.linalg.norm(a, axis=0)
@@ -91,7 +98,7 @@ def test_scores_are_standard_normal_where_nothing_is_missing(
     problem, layout = switched
     readings = base.problem.readings
     generator = np.random.default_rng(0)
-    count = base.fitted.x.size
+    count, names = base.fitted.x.size, base.layout.names
     candidates = tuple(plain_session.candidates.values())
     squares: dict[str, list[float]] = {}
     alarms = 0
@@ -99,9 +106,10 @@ def test_scores_are_standard_normal_where_nothing_is_missing(
         truth = 0.5 * generator.standard_normal(count)
         clean = predict(base.problem, truth).reshape(-1)[np.asarray(readings.index)]
         anew = jnp.asarray(clean + np.asarray(readings.sd) * generator.standard_normal(clean.size))
-        fitted = fit(eqx.tree_at(lambda p: p.readings.value, base.problem, anew), truth)
+        measured = eqx.tree_at(lambda p: p.readings.value, base.problem, anew)
+        fitted = fit(measured, truth)
         board = Switchboard(eqx.tree_at(lambda p: p.readings.value, problem, anew), layout, candidates)
-        table = screen(board, (), fitted.x).table
+        table = screen([board], {"": fitted.x}, *rows_about(measured, fitted.x), names).table
         assert np.max(np.abs(table.projection.base_z)) < 0.1
         alarms += bool(table.significant)
         for block in table.projection.blocks:
@@ -141,7 +149,8 @@ def test_what_no_reading_shows_is_not_scored(
     problem, layout = switched
     candidates = tuple(plain_session.candidates.values())
     dead = [dataclasses.replace(c, probes=((-400.0,),)) if c.label == "resistance_ageing" else c for c in candidates]
-    scored = screen(Switchboard(problem, layout, tuple(dead)), (), base.fitted.x)
+    board, names = Switchboard(problem, layout, tuple(dead)), base.layout.names
+    scored = screen([board], {"": base.fitted.x}, *rows_about(base.problem, base.fitted.x), names)
     assert "resistance_ageing" not in scored.probes
     assert "resistance_ageing" not in scored.table.names
     assert set(scored.table.names) == set(plain_session.candidates) - {"resistance_ageing"}
