@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import equinox as eqx
 import jax
@@ -14,18 +16,23 @@ from jaxtyping import Array, Float
 from jaxmodel.profile import Profile
 from sensitivity.metrics import choose_metrics, has_derivative
 from sensitivity.response import SHIFTED_INPUT, Response, make_response
+from sweeps.devices import CPU_COMPILER_OPTIONS
+from sweeps.engine import Progress
 from sweeps.study import Study
 
-# One lane at a time, a step is mostly the dispatch of its operations; many at a time leave the cache.
-_AT_ONCE = 32
+# Few lanes at a time, a step is mostly the dispatch of its operations; many at a time leave the cache.
+_AT_ONCE = 64
 
 
-def elasticity_map(study: Study, names: Sequence[str] | None = None) -> xarray.Dataset:
+def elasticity_map(
+    study: Study, names: Sequence[str] | None = None, progress: Progress | None = None
+) -> xarray.Dataset:
     """Return the derivatives of a study's metrics by parameters at every combination of its axes.
 
     Args:
         study: its axes are parameters or inputs; its sample is not looked at.
         names: parameters and inputs to differentiate by; None takes all that enter.
+        progress: called as progress(lanes done, lanes in all) at the start and then as lanes are done.
 
     Returns:
         A data set over the axes, metric and parameter: metric_value, metric_derivative (by an input on an axis in its
@@ -51,11 +58,7 @@ def elasticity_map(study: Study, names: Sequence[str] | None = None) -> xarray.D
     at = np.tile(np.asarray(response.values()), (grid[0].size, 1))
     for name, values in zip(axes, grid, strict=True):
         at[:, moved.index(name)] = values.reshape(-1)
-    at_once = min(_AT_ONCE, len(at))
-    filled = np.concatenate([at, np.repeat(at[-1:], -len(at) % at_once, axis=0)])
-    # Batch after batch from here, not by a loop in the program: see jaxmodel.kernel.
-    batches = [_of_lanes(response, jnp.asarray(some), len(asked)) for some in np.split(filled, len(filled) // at_once)]
-    numbers, slopes = (np.concatenate(parts)[: len(at)] for parts in zip(*batches, strict=True))
+    numbers, slopes = _in_batches(response, at, len(asked), progress)
     shape = grid[0].shape
     value = numbers.reshape(*shape, -1)
     derivative = np.moveaxis(slopes, 1, 2).reshape(*shape, len(metrics), len(asked))
@@ -80,14 +83,52 @@ def elasticity_map(study: Study, names: Sequence[str] | None = None) -> xarray.D
     )
 
 
-@eqx.filter_jit
-def _of_lanes(
-    response: Response, at: Float[Array, "lanes moved"], asked: int
-) -> tuple[Float[Array, "lanes metric"], Float[Array, "lanes parameter metric"]]:
-    def lane(values):
-        def push(direction):
-            return jax.jvp(lambda x: response(x).metrics, (values,), (direction,))
+def _in_batches(
+    response: Response, at: np.ndarray, asked: int, progress: Progress | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the metrics of all lanes and their derivatives, shapes (lanes, metric) and (lanes, parameter, metric)."""
+    lanes, at_once = len(at), min(_AT_ONCE, len(at))
+    filled = np.concatenate([at, np.repeat(at[-1:], -lanes % at_once, axis=0)])
+    batches = np.split(filled, len(filled) // at_once)
+    tell = progress or (lambda done, total: None)
+    tell(0, lanes)
+    program = _compiled(response, batches[0], asked)
+    parts = []
+    # Batch after batch from here, not by a loop in the program: see jaxmodel.kernel. A batch fills one core.
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for part in pool.map(program, batches):
+            parts.append(part)
+            tell(min(len(parts) * at_once, lanes), lanes)
+    numbers, slopes = (np.concatenate(each)[:lanes] for each in zip(*parts, strict=True))
+    return numbers, slopes
 
-        return jax.vmap(push, out_axes=(None, 0))(jnp.eye(asked, values.size))
 
-    return jax.vmap(lane)(at)
+def _compiled(
+    response: Response, batch: np.ndarray, asked: int
+) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Return the compiled program from a batch of lanes to its metrics and derivatives.
+
+    Lanes outside, tangents inside: the inner loop then reads what all tangents share of a step. The other way round
+    XLA computes it anew for every tangent.
+    """
+    arrays, rest = eqx.partition(response, eqx.is_array)
+
+    def of_lanes(
+        arrays: Response, at: Float[Array, "lanes moved"]
+    ) -> tuple[Float[Array, "lanes metric"], Float[Array, "lanes parameter metric"]]:
+        def lane(values):
+            def push(direction):
+                return jax.jvp(lambda x: eqx.combine(arrays, rest)(x).metrics, (values,), (direction,))
+
+            return jax.vmap(push, out_axes=(None, 0))(jnp.eye(asked, values.size))
+
+        return jax.vmap(lane)(at)
+
+    options = CPU_COMPILER_OPTIONS if jax.default_backend() == "cpu" else None
+    program = jax.jit(of_lanes).lower(arrays, jnp.asarray(batch)).compile(options)
+
+    def run(some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        numbers, slopes = program(arrays, jnp.asarray(some))
+        return np.asarray(numbers), np.asarray(slopes)
+
+    return run

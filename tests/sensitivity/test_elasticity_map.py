@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from jaxmodel.model import Model
 from jaxmodel.parameters import Parameters
 from jaxmodel.profile import constant
+from sensitivity import elasticity_map as module
 from sensitivity.elasticity_map import elasticity_map
 from sensitivity.local import local_sensitivities
 from sweeps.study import Study
@@ -20,10 +22,15 @@ def study(**axes: list[float]) -> Study:
     return Study(kind="cell", metrics=METRICS, profile=profile, axes=axes)
 
 
-def test_each_lane_is_the_run_at_its_own_point():
-    grid = elasticity_map(study(ambient_degC=[0.0, 30.0], current_A=[1.0, 4.0, 6.0], capacity_Ah=[3.0, 5.2]), NAMES)
+def test_each_lane_is_the_run_at_its_own_point(monkeypatch: pytest.MonkeyPatch):
+    """In three batches, the last one not full."""
+    monkeypatch.setattr(module, "_AT_ONCE", 5)
+    told: list[tuple[int, int]] = []
+    axes = {"ambient_degC": [0.0, 30.0], "current_A": [1.0, 4.0, 6.0], "capacity_Ah": [3.0, 5.2]}
+    grid = elasticity_map(study(**axes), NAMES, lambda done, total: told.append((done, total)))
+    assert told == [(0, 12), (5, 12), (10, 12), (12, 12)]
     assert dict(grid.sizes) == {"ambient_degC": 2, "current_A": 3, "capacity_Ah": 2, "metric": 2, "parameter": 3}
-    for ambient, current, capacity in ((30.0, 6.0, 3.0), (0.0, 1.0, 5.2)):
+    for ambient, current, capacity in ((30.0, 6.0, 3.0), (0.0, 1.0, 5.2), (0.0, 6.0, 3.0)):
         alone = local_sensitivities(
             Model("cell", Parameters(capacity_Ah=capacity)),
             constant(200.0, 20.0, current_A=current, ambient_degC=ambient),
