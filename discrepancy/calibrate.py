@@ -27,9 +27,9 @@ IDLE_STEPS = 6
 IDLE_GAIN = 0.03
 # A model that would need this many times as many steps, each as good as its last few, never catches up with a rival.
 PACE = 10.0
-# Lanes come in eights, the width of a processor's vector; two effects have at most so many unknowns, but for a few.
+# Lanes come in eights, the width of a processor's vector; two effects seldom have more unknowns.
 _WIDTH = 8
-_OF_EFFECTS = 4
+_OF_EFFECTS = 3
 
 
 @dataclasses.dataclass(frozen=True)

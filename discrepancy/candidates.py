@@ -8,11 +8,14 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jaxmodel.cases import Case
 from jaxmodel.declaration import ParameterInfo, describe
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.ports import Effect
+
+Floats = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,7 +90,8 @@ class Candidate:
         coordinates: of its parameters; the first is its amplitude.
         probes: for each variant of its shape, the coordinates x at which its direction is taken.
         one_sided: physics allows one sign of the amplitude only.
-        amplitude_on_grid: the amplitude itself has several probes; the readings depend on it with many local optima.
+        amplitude_on_grid: the amplitude has probes on either side; the readings depend on it with many local optima.
+        has_amplitude: False where no value of the first parameter makes the effect vanish.
         null_at_infinity: the amplitude fades as its parameter grows (an exchange current, a leakage resistance).
     """
 
@@ -97,11 +101,22 @@ class Candidate:
     one_sided: bool
     null_at_infinity: bool
     amplitude_on_grid: bool = False
+    has_amplitude: bool = True
 
     @property
     def label(self) -> str:
         """Return the effect's name, with its column where it has one."""
         return self.effect.label
+
+    def times_as_strong(self, x: Floats, probe: float) -> Floats:
+        """Return how many times as strong as at a probe an effect is at x of its amplitude; 1 where it has none."""
+        first = self.coordinates[0]
+        if not self.has_amplitude:
+            return np.ones(np.shape(x))
+        if not first.logarithmic:
+            return np.asarray(x) / (probe or 1.0)
+        away = first.spread * (np.asarray(x) - probe)
+        return np.exp(-away if self.null_at_infinity else away)
 
     @property
     def is_sensor(self) -> bool:
@@ -127,7 +142,8 @@ def make_candidate(effect: Effect) -> Candidate:
         tuple(itertools.product(*choices)),
         one_sided=amplitude.logarithmic,
         null_at_infinity=first.null == math.inf,
-        amplitude_on_grid=bool(first.shape_grid),
+        amplitude_on_grid=bool(first.shape_grid) and not amplitude.logarithmic,
+        has_amplitude=first.null is not None,
     )
 
 

@@ -16,7 +16,7 @@ from discrepancy.law_file import law_file
 from discrepancy.leftover import leftover_laws
 from discrepancy.misfit import Block
 from discrepancy.next_experiment import best_of_each, propose
-from discrepancy.posterior import SOMETHING_ELSE, hypothesis_name, probabilities
+from discrepancy.posterior import SOMETHING_ELSE, bayes_factors, hypothesis_name, probabilities
 from discrepancy.result import Diagnosis, NamedEffect, ScoreEntry
 from discrepancy.score import sight
 from discrepancy.screen import Screen
@@ -137,7 +137,9 @@ def diagnose(
     left = {best.labels: leftover_laws(session, best, screened)}
     if any(block.significant for block in left[best.labels]):
         left[base.labels] = leftover_laws(session, base, first)
-    weighed, beside = probabilities(session.known(), best, left, session.candidates)
+    fitted = {label for one in session.known() for label in one.labels if len(one.labels) == 1}
+    unfitted = {k: log for k, log in bayes_factors(first, session.candidates).items() if k not in fitted}
+    weighed, beside = probabilities(session.known(), best, left, session.candidates, unfitted)
     unexplained = next((block for block in left[beside] if block.significant), None)
     scatter = ""
     verdict = "unknown_effect" if remarks else _verdict(session, best, weighed, unexplained)
@@ -180,11 +182,9 @@ def diagnose(
 
 def _undecided_between(session: Session, weighed: Mapping[str, float]) -> list[Hypothesis]:
     """Return the models between which the data has not decided, the most probable first; none where it has."""
-    names = [name for name, p in weighed.items() if name != SOMETHING_ELSE and p > RIVAL][:MOST_RIVALS]
-    if len(names) < 2:
-        return []
-    known = sorted(session.known(), key=lambda one: -one.log_evidence)
-    return [next(one for one in known if hypothesis_name(one.labels) == name) for name in names]
+    fitted = {hypothesis_name(one.labels): one for one in sorted(session.known(), key=lambda one: one.log_evidence)}
+    rivals = [fitted[name] for name, p in weighed.items() if name in fitted and p > RIVAL]
+    return rivals[:MOST_RIVALS] if len(rivals) > 1 else []
 
 
 def _law_source(case: Case, law: Block | None, tried: Sequence[Block]) -> str | None:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.special import logsumexp
 
 from discrepancy.candidates import Candidate
 from discrepancy.misfit import Block
+from discrepancy.screen import Screen
 from discrepancy.session import Hypothesis, Labels
 
 SOMETHING_ELSE = "something_else"
@@ -18,6 +20,9 @@ PRIOR = {0: 0.35, 1: 0.5, 2: 0.15}
 PRIOR_SOMETHING_ELSE = 0.1
 # Nothing is printed as surer than this.
 MOST = 0.99
+# Places of a standard normal, and its shares there.
+_PLACES = np.linspace(-4.0, 4.0, 161)
+_SHARES = np.exp(-0.5 * _PLACES**2) / np.sum(np.exp(-0.5 * _PLACES**2))
 
 
 def hypothesis_name(labels: Labels) -> str:
@@ -30,6 +35,7 @@ def probabilities(
     best: Hypothesis,
     left: Mapping[Labels, Sequence[Block]],
     candidates: Mapping[str, Candidate],
+    unfitted: Mapping[str, float] | None = None,
 ) -> tuple[dict[str, float], Labels]:
     """Return the probability of every hypothesis fitted and of something else, largest first, and beside what that is.
 
@@ -42,6 +48,7 @@ def probabilities(
         best: the one with the best evidence.
         left: deficiency maps, strongest block first, by the labels of the model they were made at; `best` among them.
         candidates: all that could be missing, by label.
+        unfitted: of effects that were not fitted by themselves, the log of their Bayes factors over the base model.
     """
     count = len(candidates)
     number_of = {0: 1, 1: count, 2: count * (count - 1) // 2}
@@ -58,12 +65,49 @@ def probabilities(
         logs[name] = max(logs.get(name, -np.inf), log)
         if one.labels in left:
             beside[one.labels] = log + _gain(left[one.labels], readings)
+        if not one.labels:
+            for label, factor in (unfitted or {}).items():
+                name, log = hypothesis_name((label,)), one.log_evidence + factor
+                logs[name] = max(logs.get(name, -np.inf), log / temperature + np.log(PRIOR[1] / count))
     basis = max(beside, key=lambda labels: beside[labels])
     logs[SOMETHING_ELSE] = beside[basis] + np.log(PRIOR_SOMETHING_ELSE / (1.0 - PRIOR_SOMETHING_ELSE))
     values = np.array(list(logs.values()))
     weights = np.exp(values - values.max())
     weights = np.minimum(weights / weights.sum(), MOST)
     return dict(sorted(zip(logs, weights.tolist(), strict=True), key=lambda pair: -pair[1])), basis
+
+
+def bayes_factors(screened: Screen, candidates: Mapping[str, Candidate]) -> dict[str, float]:
+    """Return the log of each candidate's Bayes factor over the model it was screened at, in the linear approximation.
+
+    At an amplitude of a probes, readings with the score z and |P| sigma per probe are exp(z |P| a - (|P| a)^2/2) times
+    as probable; the mean of that is taken over the prior of the amplitude, and over the probes. What the data cannot
+    see has a factor of one: it is as probable as before.
+    """
+    projection = screened.table.projection
+    found = {}
+    for label, probes in screened.probes.items():
+        logs = []
+        blocks = [block for block in projection.blocks if block.candidate == label]
+        for block, probe in zip(blocks, probes, strict=True):
+            z, lift = 0.0, block.projected_length(1.0)
+            if block.dof:
+                z = float(projection.scores(block)[0] * np.sign(block.triangle[0, 0]))
+            logs.append(_mean_odds(z, lift, candidates[label], probe[0]))
+        found[label] = float(logsumexp(logs) - np.log(len(logs)))
+    return found
+
+
+def _mean_odds(z: float, lift: float, candidate: Candidate, probe: float) -> float:
+    """Return the log of the mean of exp(z s - s^2/2) over the prior of s, the sigmas by which the effect lifts."""
+    if candidate.amplitude_on_grid:
+        sigmas = np.full(_PLACES.size, lift)  # each probe is an amplitude of its own
+    elif candidate.has_amplitude and not candidate.coordinates[0].logarithmic:
+        spread = (lift * candidate.times_as_strong(np.ones(1), probe)[0]) ** 2
+        return float(0.5 * z**2 * spread / (1.0 + spread) - 0.5 * np.log1p(spread))
+    else:
+        sigmas = lift * candidate.times_as_strong(_PLACES, probe)
+    return float(logsumexp(z * sigmas - 0.5 * sigmas**2, b=_SHARES))
 
 
 def _gain(blocks: Sequence[Block], readings: float) -> float:

@@ -298,6 +298,8 @@ class Session:
             return [{label: np.array(candidate.probes[0])}]
         scored = screened.table[label]
         probe = np.array(screened.probes[label][scored.shape], dtype=float)
+        if not candidate.has_amplitude:
+            return [{label: probe}, {label: np.zeros(probe.size)}]
         amplitude = float(scored.amplitude[0])
         suggested = probe.copy()
         coordinate = candidate.coordinates[0]
@@ -393,6 +395,6 @@ def _over_the_ridges(problem: Problem, amplitude: int, own: Sequence[int], found
 def _faintest(candidate: Candidate) -> np.ndarray:
     """Return coordinates at which the effect is far below its usual size."""
     x = np.zeros(len(candidate.coordinates))
-    if candidate.coordinates[0].logarithmic:
+    if candidate.coordinates[0].logarithmic and candidate.has_amplitude:
         x[0] = _FAINT if candidate.null_at_infinity else -_FAINT
     return x

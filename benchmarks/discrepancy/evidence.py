@@ -147,17 +147,11 @@ def _summary(session: Session, screen: Screen, blind: Blind) -> dict[str, Any]:
 
 def _ratios(candidate: Candidate, probe: float) -> np.ndarray:
     """Return the amplitude at `PLACES` of the usual range, in units of a probe's."""
-    if not _has_size(candidate):
-        return np.ones(PLACES.size)
     first = candidate.coordinates[0]
     if not first.logarithmic:
-        return (LEAST_SHARE + (1.0 - LEAST_SHARE) * PLACES) / abs(probe or 1.0)
-    return np.exp(first.spread * (2.0 * PLACES - 1.0 - (-probe if candidate.null_at_infinity else probe)))
-
-
-def _has_size(candidate: Candidate) -> bool:
-    """Return False for an effect that no value of its first parameter takes away: it is there or not (self_heating)."""
-    return next(iter(describe(candidate.effect).values())).null is not None
+        return candidate.times_as_strong(LEAST_SHARE + (1.0 - LEAST_SHARE) * PLACES, abs(probe))
+    up = -1.0 if candidate.null_at_infinity else 1.0
+    return candidate.times_as_strong(up * (2.0 * PLACES - 1.0), probe)
 
 
 def _hidden_lift(session: Session, screen: Screen, name: str, values: Mapping[str, Any]) -> float | None:
@@ -174,19 +168,11 @@ def _hidden_lift(session: Session, screen: Screen, name: str, values: Mapping[st
         for coordinate, parameter in zip(candidate.coordinates, describe(candidate.effect), strict=True)
     ]
     shapes = [block for block in screen.table.projection.blocks if block.candidate == label]
-    apart = [np.linalg.norm(np.subtract(probe[1:], true[1:])) for probe in screen.probes[label]]
-    if candidate.amplitude_on_grid:
-        apart = [abs(probe[0] - true[0]) for probe in screen.probes[label]]
+    scaled = candidate.has_amplitude and not candidate.amplitude_on_grid
+    apart = [np.linalg.norm(np.subtract(probe, true)[int(scaled) :]) for probe in screen.probes[label]]
     nearest = int(np.argmin(apart))
-    first, probe = candidate.coordinates[0], screen.probes[label][nearest][0]
-    if not _has_size(candidate):
-        ratio = 1.0
-    elif first.logarithmic:
-        stronger = first.spread * (true[0] - probe)
-        ratio = np.exp(-stronger if candidate.null_at_infinity else stronger)
-    else:
-        ratio = abs(true[0] / (probe or 1.0))
-    return shapes[nearest].projected_length(float(ratio))
+    times = candidate.times_as_strong(np.array([true[0]]), screen.probes[label][nearest][0])
+    return shapes[nearest].projected_length(float(abs(times[0])))
 
 
 def save(folder: Path, case: Case, blind: Blind) -> None:

@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from discrepancy.misfit import Block
-from discrepancy.posterior import MOST, PRIOR, PRIOR_SOMETHING_ELSE, SOMETHING_ELSE, hypothesis_name, probabilities
+from discrepancy.posterior import (
+    MOST,
+    PRIOR,
+    PRIOR_SOMETHING_ELSE,
+    SOMETHING_ELSE,
+    bayes_factors,
+    hypothesis_name,
+    probabilities,
+)
 from discrepancy.session import Hypothesis, Session
 
 
@@ -128,3 +136,32 @@ def test_an_unknown_law_may_stand_in_place_of_an_effect_that_comes_near_it(
     left[()] = [block(500.0, p_value=1e-99)]
     found, _ = probabilities([base, near], near, left, plain_session.candidates)
     assert found["slow_diffusion"] > 0.9
+
+
+def test_bayes_factor_is_the_mean_of_the_odds_over_the_prior(plain_session: Session) -> None:
+    """Of amplitudes drawn from the prior, in the linear problem that a screen makes of the readings."""
+    screened = plain_session.screen(plain_session.hypothesis())
+    found = bayes_factors(screened, plain_session.candidates)
+    draws = np.random.default_rng(0).standard_normal(400_000)
+    tested = 0
+    for label in ("arrhenius_resistance", "entropic_ocv", "ocv_hysteresis", "self_discharge"):
+        candidate = plain_session.candidates[label]
+        means = []
+        blocks = [block for block in screened.table.projection.blocks if block.candidate == label]
+        for block, probe in zip(blocks, screened.probes[label], strict=True):
+            way = np.zeros(screened.residual.size) if not block.dof else block.u[:, 0] * block.triangle[0, 0]
+            unit = way * block.scale[0]  # what a probe moves that no recalibration can make up for
+            amounts = candidate.times_as_strong(draws, probe[0])
+            drop = 2.0 * amounts * (unit @ screened.residual) - amounts**2 * (unit @ unit)
+            means.append(np.mean(np.exp(0.5 * drop)))
+        if np.mean(means) > 1e-2:
+            assert found[label] == pytest.approx(np.log(np.mean(means)), abs=0.03), label
+            tested += 1
+    assert tested >= 2
+
+
+def test_what_the_data_cannot_see_is_as_probable_as_before(base: Hypothesis, plain_session: Session) -> None:
+    candidates = plain_session.candidates
+    found, _ = probabilities([base], base, {(): []}, candidates, {"entropic_ocv": 0.0, "self_discharge": -20.0})
+    assert found["entropic_ocv"] / found["base"] == pytest.approx(PRIOR[1] / PRIOR[0] / len(candidates))
+    assert found["self_discharge"] < 1e-9
