@@ -8,6 +8,7 @@ with the root of the run's length, for one more forward run.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -15,6 +16,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax.extend.core import ClosedJaxpr, JaxprEqn, Literal, jaxpr_as_fun
+
+from jaxmodel.kernel import as_one_kernel, holds_constants
 
 # A scan shorter than this is left as it is; one longer than that is cut into blocks.
 SHORTEST, LONGEST = 16, 4096
@@ -56,23 +59,26 @@ def _evaluate(program: ClosedJaxpr, arguments: Sequence[Any]) -> list[Any]:
 def _scan_in_blocks(equation: JaxprEqn, given: Sequence[Any]) -> list[Any]:
     constants, carried = equation.params["num_consts"], equation.params["num_carry"]
     body = jaxpr_as_fun(equation.params["jaxpr"])
-    fixed, carry = given[:constants], tuple(given[constants : constants + carried])
+    fixed, carry = tuple(given[:constants]), tuple(given[constants : constants + carried])
     rows = tuple(given[constants + carried :])
     length = equation.params["length"]
 
-    def step(carry, row):
-        after = body(*fixed, *carry, *row)
-        return tuple(after[:carried]), tuple(after[carried:])
+    def steps_from(fixed, carry, some):
+        def step(carry, row):
+            after = body(*fixed, *carry, *row)
+            return tuple(after[:carried]), tuple(after[carried:])
 
-    # Within a scan nothing can be shared with the first pass anyway: no need to forbid it, which would forbid fusion.
-    once_more = jax.checkpoint(step, prevent_cse=False)
-
-    def steps(carry, some):
-        return jax.lax.scan(once_more, carry, some)
+        # In a scan nothing can be shared with the first pass anyway: no need to forbid it, which would forbid fusion.
+        return jax.lax.scan(jax.checkpoint(step, prevent_cse=False), carry, some, length=None if some else length)
 
     if length <= LONGEST:
-        carry, courses = jax.lax.scan(once_more, carry, rows, length=length)
+        run = steps_from if holds_constants((fixed, carry, rows)) else functools.partial(as_one_kernel, steps_from)
+        carry, courses = run(fixed, carry, rows)
         return [*carry, *courses]
+
+    def steps(carry, some):
+        return steps_from(fixed, carry, some)
+
     block = math.isqrt(length)
     whole = length // block * block
     in_front = tuple(x[:whole].reshape(-1, block, *x.shape[1:]) for x in rows)
