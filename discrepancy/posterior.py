@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.special import logsumexp
 
 from discrepancy.candidates import Candidate
 from discrepancy.misfit import Block
@@ -20,9 +19,9 @@ PRIOR = {0: 0.35, 1: 0.5, 2: 0.15}
 PRIOR_SOMETHING_ELSE = 0.1
 # Nothing is printed as surer than this.
 MOST = 0.99
-# Places of a standard normal, and its shares there.
+# Places of a standard normal, and the logs of its shares there.
 _PLACES = np.linspace(-4.0, 4.0, 161)
-_SHARES = np.exp(-0.5 * _PLACES**2) / np.sum(np.exp(-0.5 * _PLACES**2))
+_LOG_SHARES = -0.5 * _PLACES**2 - np.log(np.sum(np.exp(-0.5 * _PLACES**2)))
 
 
 def hypothesis_name(labels: Labels) -> str:
@@ -94,7 +93,7 @@ def bayes_factors(screened: Screen, candidates: Mapping[str, Candidate]) -> dict
             if block.dof:
                 z = float(projection.scores(block)[0] * np.sign(block.triangle[0, 0]))
             logs.append(_mean_odds(z, lift, candidates[label], probe[0]))
-        found[label] = float(logsumexp(logs) - np.log(len(logs)))
+        found[label] = float(np.logaddexp.reduce(logs)) - float(np.log(len(logs)))
     return found
 
 
@@ -107,7 +106,7 @@ def _mean_odds(z: float, lift: float, candidate: Candidate, probe: float) -> flo
         return float(0.5 * z**2 * spread / (1.0 + spread) - 0.5 * np.log1p(spread))
     else:
         sigmas = lift * candidate.times_as_strong(_PLACES, probe)
-    return float(logsumexp(z * sigmas - 0.5 * sigmas**2, b=_SHARES))
+    return float(np.logaddexp.reduce(z * sigmas - 0.5 * sigmas**2 + _LOG_SHARES))
 
 
 def _gain(blocks: Sequence[Block], readings: float) -> float:
