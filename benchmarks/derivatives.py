@@ -25,6 +25,7 @@ from jaxmodel.parameters import Parameters
 from jaxmodel.profile import constant
 from sensitivity.checkpoint import in_blocks
 from sensitivity.response import Response, make_response, steps_of
+from sweeps.devices import CPU_BLOCK, CPU_COMPILER_OPTIONS
 
 LANES = 1024
 METRIC = "delivered_energy_Wh"
@@ -32,6 +33,9 @@ _LOADS = {"cell": {"current_A": 3.0}, "robot": {"load_torque_Nm": 0.175, "duty":
 _CYCLES = np.linspace(0.5, 2.0, LANES)  # of the cycles stated: each lane is a run of its own
 # Ways that take many runs of each lane are timed on a part of the lanes: they fill a processor with less.
 _PART = 8
+# A call takes so many lanes: a run as in a sweep; what derivatives keep of as many leaves the caches.
+_AT_ONCE = {"run": CPU_BLOCK}
+_AT_ONCE_ELSE = 64
 _DIFFERENCE = 1e-3  # of a parameter's own value, or of its stated step
 
 
@@ -90,17 +94,19 @@ def cost_of(kind: str, lanes: int = LANES, rounds: int = 2) -> list[dict[str, An
     contestants, memory, found, some = {}, {}, {}, {}
     for name, one in _programs(response, jnp.asarray(step.size)).items():
         some[name] = lanes // _PART if runs.get(name, 1) > 1 else lanes
-        given = jnp.asarray(at[: some[name]])
+        calls = max(1, some[name] // _AT_ONCE.get(name, _AT_ONCE_ELSE))
+        batches = [jnp.asarray(batch) for batch in np.split(at[: some[name]], calls)]
 
         def all_lanes(arrays: Response, at: Array, one: Callable = one) -> Array:
             return jax.vmap(lambda values: one(eqx.combine(arrays, rest), values))(at)
 
-        compiled = jax.jit(all_lanes).lower(arrays, given).compile()
+        options = CPU_COMPILER_OPTIONS if jax.default_backend() == "cpu" else None
+        compiled = jax.jit(all_lanes).lower(arrays, batches[0]).compile(options)
         used = compiled.memory_analysis()
         memory[name] = used.temp_size_in_bytes / 2**20 if used else float("nan")
 
-        def contest(name: str = name, compiled: Callable = compiled, given: Array = given) -> None:
-            found[name] = np.asarray(compiled(arrays, given))
+        def contest(name: str = name, compiled: Callable = compiled, batches: list[Array] = batches) -> None:
+            found[name] = np.concatenate([np.asarray(compiled(arrays, batch)) for batch in batches])
 
         contestants[name] = contest
     times = {name: timing.as_row() for name, timing in alternate(contestants, rounds).items()}
