@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from jaxmodel.model import Model
 from jaxmodel.profile import Profile
 from jaxmodel.simulate import Cutoff
-from sensitivity.checkpoint import in_blocks
+from sensitivity.checkpoint import LONGEST, in_blocks
 from sensitivity.response import Answer, Response, Steps, make_response, steps_of
 from sweeps.lane import Outcome
 from sweeps.metrics import Metric
@@ -23,14 +23,15 @@ from sweeps.metrics import Metric
 Mode = Literal["forward", "reverse"]
 
 
-def choose_mode(parameters: int, numbers: int, lanes: int = 1) -> Mode:
-    """Return the cheaper way to differentiate some numbers by some parameters, in one run or in many lanes at once.
+def choose_mode(parameters: int, numbers: int, steps: int = LONGEST) -> Mode:
+    """Return the cheaper way to differentiate some numbers by some parameters, in one run of so many steps.
 
-    Break-even as measured on a processor (a cell of 11 parameters over 1,024 lanes and 1,800 steps): reverse mode, its
-    steps computed anew, takes as long as 4.8 runs, a tangent of forward mode as half a run; two or three tangents more
-    for each further number; a single run leaves the processor room for some forty tangents more.
+    Break-even as measured on one core, half an hour in steps of 1 s, in ms. Forward mode: a cell of 11 parameters 2.5,
+    of 16 some 6, a robot of 32 parameters 127. Reverse mode, one kernel each way: 0.8 for one number of the cell, 2.0
+    for eight; 9.9 for one of the robot, 13.5 for four. So reverse mode costs some three tangents, half a one for each
+    further number. A run cut into blocks is no one kernel: then some fifty, and two or three (measured earlier).
     """
-    break_even = 8.0 + 2.5 * numbers + 40.0 / lanes
+    break_even = 2.5 + 0.6 * numbers if steps <= LONGEST else 48.0 + 2.5 * numbers
     return "reverse" if parameters > break_even else "forward"
 
 
@@ -120,7 +121,8 @@ def local_sensitivities(
     """
     response = make_response(model, profile, names, metrics, outputs, cutoff)
     if mode is None:
-        mode = "forward" if response.outputs else choose_mode(len(response.names), len(response.metrics))
+        counts = len(response.names), len(response.metrics), response.course.duration_s.size
+        mode = "forward" if response.outputs else choose_mode(*counts)
     answer, derivative = jacobian(response, response.values(), mode)
     step = steps_of(response)
     by_metric, by_output = np.asarray(derivative.metrics).T, np.swapaxes(np.asarray(derivative.outputs), 0, 1)
