@@ -175,13 +175,12 @@ def maps(path: Path, out: Path, at: Sequence[str], effects: Sequence[str]) -> xr
     if len(study.axes) < 2:
         raise SweepError("--map: two axes make a map; add them to the study's [axes].")
     start(out)
-    with terminal.told("elasticity map") as progress:
-        progress(f"compiling and running {study.size:,} lanes")
-        data = elasticity_map(study)
-        save(data, out / "elasticity-map.zarr")
-        for metric in map(str, data["metric"].to_numpy()):
-            if bool(np.any(np.isfinite(data["elasticity"].sel(metric=metric)))):
-                (out / f"elasticity-map-{metric}.png").write_bytes(png(elasticity_maps(data, metric)))
+    with terminal.counted("elasticity map", "lanes") as progress:
+        data = elasticity_map(study, progress=progress)
+    save(data, out / "elasticity-map.zarr")
+    for metric in map(str, data["metric"].to_numpy()):
+        if bool(np.any(np.isfinite(data["elasticity"].sel(metric=metric)))):
+            (out / f"elasticity-map-{metric}.png").write_bytes(png(elasticity_maps(data, metric)))
     terminal.say(f"elasticity-map.zarr and pictures are in {out}.")
     return data
 
