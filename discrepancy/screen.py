@@ -171,8 +171,9 @@ def screen(
             if candidate.label in probes and candidate.amplitude_on_grid:
                 between = _between_the_best(base, residual, shapes[candidate.label], probes[candidate.label])
                 whole = -point.rows([point.switched_on(place, candidate, probe) for probe in between])
-                shapes[candidate.label].extend(np.concatenate([way, priors]) for way in whole)
-                probes[candidate.label].extend(between)
+                told = np.all(np.isfinite(whole), axis=1)
+                shapes[candidate.label].extend(np.concatenate([way, priors]) for way in whole[told])
+                probes[candidate.label].extend(probe for probe, tells in zip(between, told, strict=True) if tells)
     one_sided = {candidate.label: candidate.one_sided for candidate, _ in probed}
     directions = {label: Direction(own, signs=int(one_sided[label])) for label, own in shapes.items()}
     table = score_effects(base, residual, directions, names, absorbed_below=ABSORBED_BELOW)
