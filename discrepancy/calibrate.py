@@ -13,7 +13,8 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array
 
-from discrepancy.problem import Lane, Problem, Readings, jit_for_few_runs, residuals
+from discrepancy.problem import Lane, Problem, jit_for_few_runs, residuals
+from discrepancy.readings import Readings
 
 MAX_STEPS = 30
 SOLVER = optx.Dogleg(rtol=1e-4, atol=1e-4)

@@ -14,7 +14,7 @@ from jaxtyping import Array
 
 from discrepancy.candidates import Candidate, Coordinate, known_coordinate
 from discrepancy.noise import NoiseModel
-from discrepancy.whitening import chain_starts, chain_weights
+from discrepancy.readings import Readings, flatten, part_of
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.cases import Case
 from jaxmodel.effects import CATALOGUE
@@ -28,39 +28,12 @@ from jaxmodel.simulate import Track, run_track, track
 
 _QUICKLY: dict[str, Any] = {"compiler_options": {"xla_llvm_disable_expensive_passes": True}}
 # Shapes are rounded up to these, so that cases of like size share a compiled program.
-_ROWS, _STEPS, _READINGS = 512, 1024, 4096
+_ROWS, _STEPS = 512, 1024
 
 
 def jit_for_few_runs(function: Callable) -> Callable:
     """Return a function compiled in half the time, which takes a third longer: for what runs few times."""
     return eqx.filter_jit(function, **_QUICKLY)
-
-
-class Readings(eqx.Module):
-    """Every reading of a case in one flat list, with what whitening needs; padded with readings that never count.
-
-    Attributes:
-        index: (n,) place in the flattened (runs, rows, channels) predictions.
-        value: (n,) what was read.
-        sd: (n,) noise of one reading, in its unit.
-        previous: (n,) number of the reading before it in its chain.
-        weight: (n,) correlation of its noise with that of the reading before.
-        fit: (n,) 1 where the run may be used to calibrate.
-        check: (n,) 1 where the run may only judge.
-    """
-
-    index: Array
-    value: Array
-    sd: Array
-    previous: Array
-    weight: Array
-    fit: Array
-    check: Array
-
-    def whiten(self, errors: Array) -> Array:
-        """Return errors (n,) as white noise of unit variance."""
-        scaled = errors / self.sd
-        return (scaled - self.weight * scaled[self.previous]) / jnp.sqrt(1.0 - self.weight**2)
 
 
 class Lane(eqx.Module):
@@ -277,7 +250,7 @@ class Problem(eqx.Module):
             models=jax.tree.map(lambda leaf: _part(leaf, kept), self.models),
             courses=courses,
             times=_part(self.times, kept, rows),
-            readings=_readings_of(self, number, rows, split),
+            readings=part_of(self.readings, self.times.shape, len(self.channels), number, rows, split),
             unknowns=dataclasses.replace(
                 places,
                 runs=tuple(run if run < 0 else int(number[run]) for run in places.runs),
@@ -290,18 +263,6 @@ def _part(values: Array, runs: np.ndarray, size: int | None = None) -> Array:
     """Return some runs, and the first so many columns; on the host, where each shape does not compile a program."""
     kept = np.asarray(values)[runs]
     return jnp.asarray(kept if size is None else kept[:, :size])
-
-
-def _readings_of(problem: Problem, number: np.ndarray, rows: int, split: str) -> Readings:
-    """Return the readings of the runs kept, which have new numbers, with as many rows each."""
-    old = problem.readings
-    mine = np.flatnonzero(np.asarray(getattr(old, split)) > 0.0)
-    run, row, channel = np.unravel_index(np.asarray(old.index)[mine], (*problem.times.shape, len(problem.channels)))
-    index = (number[run] * rows + row) * len(problem.channels) + channel
-    # A chain of noise stays within a run: all that a kept reading refers to is kept.
-    previous = np.searchsorted(mine, np.asarray(old.previous)[mine])
-    value, sd, weight, fit, check = (np.asarray(x)[mine] for x in (old.value, old.sd, old.weight, old.fit, old.check))
-    return _filled([index, value, sd, previous, weight, fit, check])
 
 
 @eqx.filter_jit
@@ -352,7 +313,7 @@ def make_problem(
     if family:
         models = [case_model(case, run, catalogue=catalogue) for run in case.runs]
     models = [_with_effects(model, behind_switches) for model in models]
-    readings = _readings(case, noise, KINDS[case.kind].outputs, times.shape[1], variance_from_inputs)
+    readings = flatten(case, noise, KINDS[case.kind].outputs, times.shape[1], variance_from_inputs)
     if not np.any(readings.fit):
         raise FitError(f'{file_label(case.path)}: no reading of a run with split = "fit"; mark at least one such run.')
     parts = {
@@ -397,40 +358,3 @@ def _courses(models: list[Model], case: Case) -> tuple[Track, Array]:
 
 def _round_up(count: int, multiple: int) -> int:
     return -(-count // multiple) * multiple
-
-
-def _readings(
-    case: Case,
-    noise: Mapping[str, NoiseModel],
-    channels: tuple[str, ...],
-    rows: int,
-    variance_from_inputs: np.ndarray | None,
-) -> Readings:
-    """Flatten the readings channel by channel, run by run, in order of time."""
-    none, nowhere = np.zeros(0), np.zeros(0, int)
-    parts: list[tuple[np.ndarray, ...]] = [(nowhere, none, none, nowhere, none, none, none)]
-    first = 0
-    for name, model in noise.items():
-        for number, run in enumerate(case.runs):
-            values = run.measured.outputs.get(name)
-            if values is None:
-                continue
-            present, weight = chain_weights(chain_starts([values.size]), model.rho, np.isfinite(values))
-            count = present.size
-            place = (number * rows + present) * len(channels) + channels.index(name)
-            previous = np.maximum(np.arange(count) - 1, 0) + first
-            fit = np.full(count, float(run.split == "fit"))
-            sd = np.full(count, model.sd)
-            if variance_from_inputs is not None:
-                sd = np.sqrt(model.own_sd**2 + variance_from_inputs.reshape(-1)[place])
-            parts.append((place, values[present], sd, previous, weight, fit, 1.0 - fit))
-            first += count
-    return _filled([np.concatenate(column) for column in zip(*parts, strict=True)])
-
-
-def _filled(columns: Sequence[np.ndarray]) -> Readings:
-    """Return readings, filled up with some that never count."""
-    count = columns[0].size
-    extra = _round_up(max(count, 1), _READINGS) - count
-    filler = (np.zeros(extra, int), np.zeros(extra), np.ones(extra), np.zeros(extra, int), *(np.zeros(extra),) * 3)
-    return Readings(*(jnp.asarray(np.concatenate(pair)) for pair in zip(columns, filler, strict=True)))

@@ -1,0 +1,112 @@
+"""The readings of a case in one flat list, as whitening and fitting take them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from discrepancy.noise import NoiseModel
+from discrepancy.whitening import chain_starts, chain_weights
+from jaxmodel.cases import Case
+
+# Their number is rounded up to this, so that cases of like size share a compiled program.
+_MULTIPLE = 4096
+
+
+class Readings(eqx.Module):
+    """Every reading of a case in one flat list, with what whitening needs; padded with readings that never count.
+
+    Attributes:
+        index: (n,) place in the flattened (runs, rows, channels) predictions.
+        value: (n,) what was read.
+        sd: (n,) noise of one reading, in its unit.
+        previous: (n,) number of the reading before it in its chain.
+        weight: (n,) correlation of its noise with that of the reading before.
+        fit: (n,) 1 where the run may be used to calibrate.
+        check: (n,) 1 where the run may only judge.
+    """
+
+    index: Array
+    value: Array
+    sd: Array
+    previous: Array
+    weight: Array
+    fit: Array
+    check: Array
+
+    def whiten(self, errors: Array) -> Array:
+        """Return errors (n,) as white noise of unit variance."""
+        scaled = errors / self.sd
+        return (scaled - self.weight * scaled[self.previous]) / jnp.sqrt(1.0 - self.weight**2)
+
+
+def flatten(
+    case: Case,
+    noise: Mapping[str, NoiseModel],
+    channels: tuple[str, ...],
+    rows: int,
+    variance_from_inputs: np.ndarray | None,
+) -> Readings:
+    """Return the readings of a case channel by channel, run by run, in order of time.
+
+    Args:
+        case: with its measurements.
+        noise: of each output column to be used.
+        channels: all outputs of the kind.
+        rows: of a run of the predictions.
+        variance_from_inputs: of each reading, shape (runs, rows, channels), in place of its average over a channel.
+    """
+    none, nowhere = np.zeros(0), np.zeros(0, int)
+    parts: list[tuple[np.ndarray, ...]] = [(nowhere, none, none, nowhere, none, none, none)]
+    first = 0
+    for name, model in noise.items():
+        for number, run in enumerate(case.runs):
+            values = run.measured.outputs.get(name)
+            if values is None:
+                continue
+            present, weight = chain_weights(chain_starts([values.size]), model.rho, np.isfinite(values))
+            count = present.size
+            place = (number * rows + present) * len(channels) + channels.index(name)
+            previous = np.maximum(np.arange(count) - 1, 0) + first
+            fit = np.full(count, float(run.split == "fit"))
+            sd = np.full(count, model.sd)
+            if variance_from_inputs is not None:
+                sd = np.sqrt(model.own_sd**2 + variance_from_inputs.reshape(-1)[place])
+            parts.append((place, values[present], sd, previous, weight, fit, 1.0 - fit))
+            first += count
+    return _filled([np.concatenate(column) for column in zip(*parts, strict=True)])
+
+
+def part_of(
+    readings: Readings, shape: tuple[int, ...], channels: int, number: np.ndarray, rows: int, split: str
+) -> Readings:
+    """Return the readings that fit, or check, where runs have new numbers and as many rows each.
+
+    Args:
+        readings: of all runs.
+        shape: (runs, rows) of the predictions that they are places in.
+        channels: of these predictions.
+        number: the new number of each run.
+        rows: of a run of the new predictions.
+        split: "fit" or "check".
+    """
+    mine = np.flatnonzero(np.asarray(getattr(readings, split)) > 0.0)
+    run, row, channel = np.unravel_index(np.asarray(readings.index)[mine], (*shape, channels))
+    index = (number[run] * rows + row) * channels + channel
+    # A chain of noise stays within a run: all that a kept reading refers to is kept.
+    previous = np.searchsorted(mine, np.asarray(readings.previous)[mine])
+    columns = (readings.value, readings.sd, readings.weight, readings.fit, readings.check)
+    value, sd, weight, fit, check = (np.asarray(column)[mine] for column in columns)
+    return _filled([index, value, sd, previous, weight, fit, check])
+
+
+def _filled(columns: Sequence[np.ndarray]) -> Readings:
+    """Return readings, filled up with some that never count."""
+    count = columns[0].size
+    extra = -count % _MULTIPLE if count else _MULTIPLE
+    filler = (np.zeros(extra, int), np.zeros(extra), np.ones(extra), np.zeros(extra, int), *(np.zeros(extra),) * 3)
+    return Readings(*(jnp.asarray(np.concatenate(pair)) for pair in zip(columns, filler, strict=True)))
