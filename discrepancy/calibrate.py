@@ -124,17 +124,16 @@ def _whitened(readings: Readings, errors: Array) -> Array:
     return readings.whiten(errors)
 
 
-def whitened(readings: Readings, errors: np.ndarray) -> np.ndarray:
-    """Return errors (n,) as white noise of unit variance."""
-    return np.asarray(_whitened(readings, jnp.asarray(errors)))
+def residual(problem: Problem, x: np.ndarray) -> np.ndarray:
+    """Return the whitened residuals of all readings at one place, shape (readings,), by the program that predicts."""
+    readings = problem.readings
+    left = np.asarray(readings.value) - predict(problem, x).reshape(-1)[np.asarray(readings.index)]
+    return np.asarray(_whitened(readings, jnp.asarray(left)))
 
 
 def _rows_one_by_one(problem: Problem, places: np.ndarray) -> np.ndarray:
-    """Return the same of few places, by the program that predicts: check runs are seldom looked at."""
-    readings = problem.readings
-    index, value = np.asarray(readings.index), np.asarray(readings.value)
-    rows = [whitened(readings, value - predict(problem, x).reshape(-1)[index]) for x in places]
-    return _bad_where_not_finite(np.stack(rows))
+    """Return the rows of few places without a program of their own: check runs are seldom looked at."""
+    return _bad_where_not_finite(np.stack([residual(problem, x) for x in places]))
 
 
 def _bad_where_not_finite(rows: np.ndarray) -> np.ndarray:
@@ -281,8 +280,7 @@ def fit(
         if bool(state.result != optx.RESULTS.successful):
             break
     assert best is not None
-    kept = problem.runs_read(split) if part is not problem else np.arange(problem.times.shape[0])
-    return _fit_of(part, kept, problem.times.shape[0], best, counted, len(course))
+    return _fit_of(problem, split, best, len(course))
 
 
 def _at_its_end(best: _Seen, last: _Seen, course: Sequence[float], rival: float) -> bool:
@@ -295,21 +293,19 @@ def _at_its_end(best: _Seen, last: _Seen, course: Sequence[float], rival: float)
     return gained < max(IDLE_GAIN, (course[-1] - rival) / PACE - 1.0)
 
 
-def _fit_of(part: Problem, kept: np.ndarray, runs: int, seen: _Seen, counted: np.ndarray, steps: int) -> Fit:
+def _fit_of(problem: Problem, split: str, seen: _Seen, steps: int) -> Fit:
     """Return what came of a fit that saw this where it ended."""
-    size = seen.x.size
-    of_run = kept[np.asarray(part.readings.index)[counted] // (part.times.shape[1] * len(part.channels))]
-    information, score = np.zeros((runs, size, size)), np.zeros((runs, size))
-    for run in kept:
-        own = seen.jacobian[of_run == run]
-        information[run], score[run] = own.T @ own, own.T @ seen.rows[of_run == run]
+    counted = np.asarray(getattr(problem.readings, split)) > 0.0
+    runs, rows = problem.times.shape
+    of_run = np.asarray(problem.readings.index)[counted] // (rows * len(problem.channels))
+    parts = [(seen.jacobian[of_run == run], seen.rows[of_run == run]) for run in range(runs)]
     return Fit(
         x=seen.x,
         chi2=float(seen.rows @ seen.rows),
         prior=float(np.sum(seen.x[seen.moving] ** 2)),
         information=seen.information,
-        run_information=information,
-        run_score=score,
+        run_information=np.stack([jacobian.T @ jacobian for jacobian, _ in parts]),
+        run_score=np.stack([jacobian.T @ rows for jacobian, rows in parts]),
         greatest_score=float(np.max(seen.scores)),
         steps=steps,
     )

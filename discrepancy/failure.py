@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
-from discrepancy.calibrate import predict, whitened
+from discrepancy.calibrate import residual
 from discrepancy.conditions import conditions_of_rows, history_of_rows
 from discrepancy.session import Hypothesis, Session
 from discrepancy.where import (
@@ -125,9 +125,8 @@ def _whitened(hypothesis: Hypothesis) -> tuple[np.ndarray, tuple[np.ndarray, ...
     problem = hypothesis.problem
     counted = np.asarray(problem.readings.fit) > 0.0
     index = np.asarray(problem.readings.index)
-    left = np.asarray(problem.readings.value) - predict(problem, hypothesis.fitted.x).reshape(-1)[index]
     places = np.unravel_index(index[counted], (*problem.times.shape, len(problem.channels)))
-    return whitened(problem.readings, left)[counted], places
+    return residual(problem, hypothesis.fitted.x)[counted], places
 
 
 def failure(session: Session, hypothesis: Hypothesis) -> Failure:

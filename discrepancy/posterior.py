@@ -55,19 +55,17 @@ def probabilities(
     # it leaves.
     readings = float(np.sum(np.asarray(best.problem.readings.fit)))
     temperature = max(1.0, best.fitted.chi2 / readings) if not _wrong(left[best.labels]) else 1.0
+    evidence = {one.labels: one.log_evidence for one in known}
+    evidence |= {(label,): evidence[()] + factor for label, factor in (unfitted or {}).items()}
     logs: dict[str, float] = {}
     beside: dict[Labels, float] = {}
-    for one in known:
-        size = len(one.labels)
-        log = one.log_evidence / temperature + np.log(PRIOR[size] / max(1, number_of[size]))
-        name = hypothesis_name(one.labels)
+    for labels, log_evidence in evidence.items():
+        size = len(labels)
+        log = log_evidence / temperature + np.log(PRIOR[size] / max(1, number_of[size]))
+        name = hypothesis_name(labels)
         logs[name] = max(logs.get(name, -np.inf), log)
-        if one.labels in left:
-            beside[one.labels] = log + _gain(left[one.labels], readings)
-        if not one.labels:
-            for label, factor in (unfitted or {}).items():
-                name, log = hypothesis_name((label,)), one.log_evidence + factor
-                logs[name] = max(logs.get(name, -np.inf), log / temperature + np.log(PRIOR[1] / count))
+        if labels in left:
+            beside[labels] = log + _gain(left[labels], readings)
     basis = max(beside, key=lambda labels: beside[labels])
     logs[SOMETHING_ELSE] = beside[basis] + np.log(PRIOR_SOMETHING_ELSE / (1.0 - PRIOR_SOMETHING_ELSE))
     values = np.array(list(logs.values()))

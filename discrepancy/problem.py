@@ -27,6 +27,9 @@ from jaxmodel.ports import Effect
 from jaxmodel.simulate import Track, run_track, track
 
 _QUICKLY: dict[str, Any] = {"compiler_options": {"xla_llvm_disable_expensive_passes": True}}
+# Where a model stands: coordinates of effects by label, and of the base model.
+Start = Mapping[str, np.ndarray]
+BASE = ""
 # Shapes are rounded up to these, so that cases of like size share a compiled program.
 _ROWS, _STEPS = 512, 1024
 
@@ -94,6 +97,14 @@ class Layout:
     def own(self, labels: Sequence[str]) -> list[int]:
         """Return the numbers of the base model's unknowns, then of some effects'."""
         return [*range(self.base), *(number for label in labels for number in self.of_effect[label])]
+
+    def at(self, start: Start) -> np.ndarray:
+        """Return the vector of unknowns at a start, zero where it says nothing."""
+        x = np.zeros(len(self.coordinates))
+        x[: self.base] = start.get(BASE, 0.0)
+        for label, places in self.of_effect.items():
+            x[list(places)] = start.get(label, 0.0)
+        return x
 
 
 def make_layout(case: Case, effects: Sequence[Candidate]) -> Layout:
@@ -196,8 +207,7 @@ class Problem(eqx.Module):
 
         def of_run(model, course, time_s):
             states = run_track(model, course, time_s).states
-            at_rows = jnp.concatenate([jnp.zeros(1, dtype=course.last_step.dtype), course.last_step + 1])
-            inputs = {name: values[at_rows] for name, values in course.inputs.items()}
+            inputs = {name: values[course.at_rows] for name, values in course.inputs.items()}
 
             def slopes(state, row, name):
                 way = {key: jnp.asarray(float(key == name)) for key in row}
@@ -304,15 +314,12 @@ def make_problem(
     layout = make_layout(case, [*(family or present), *switched])
     on = {effect.label for effect in present}
     behind_switches = tuple(_switched(effect.effect, float(effect.label in on)) for effect in (*family, *switched))
-    models = [
-        _with_effects(case_model(case, run, catalogue=catalogue), tuple(effect.effect for effect in present))
-        for run in case.runs
-    ]
+    bare = [case_model(case, run, catalogue=catalogue) for run in case.runs]
+    own = tuple(effect.effect for effect in present)
     # Steps are as fine as what is in the model needs; what is only tried by a switch is not worth finer ones.
-    courses, times = _courses(models, case)
-    if family:
-        models = [case_model(case, run, catalogue=catalogue) for run in case.runs]
-    models = [_with_effects(model, behind_switches) for model in models]
+    courses, times = _courses([_with_effects(model, own) for model in bare], case)
+    added = behind_switches if family else (*own, *behind_switches)
+    models = [_with_effects(model, added) for model in bare]
     readings = flatten(case, noise, KINDS[case.kind].outputs, times.shape[1], variance_from_inputs)
     if not np.any(readings.fit):
         raise FitError(f'{file_label(case.path)}: no reading of a run with split = "fit"; mark at least one such run.')

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import equinox as eqx
@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array
 
 from discrepancy.candidates import Candidate
-from discrepancy.problem import Lane, Layout, Problem, jit_for_few_runs
+from discrepancy.problem import Lane, Layout, Problem, Start, jit_for_few_runs
 from discrepancy.projection import Candidate as Direction
 from discrepancy.score import ScoreTable, score_effects
 from jaxmodel.profile import Track
@@ -101,13 +101,10 @@ class Switchboard:
 class _Point:
     """A calibrated model on a switchboard, and the readings' answers to what is added to it."""
 
-    def __init__(self, board: Switchboard, start: Mapping[str, np.ndarray]) -> None:
-        """Set the unknowns of the base model ("") and of those effects that the board has, and switch them on."""
+    def __init__(self, board: Switchboard, start: Start) -> None:
+        """Set the unknowns of the base model and of those effects that the board has, and switch them on."""
         self.board, self.part = board, board.problem.only("fit")
-        self.here = np.zeros(len(board.layout.coordinates))
-        self.here[: board.layout.base] = start[""]
-        for label, places in board.layout.of_effect.items():
-            self.here[list(places)] = start.get(label, 0.0)
+        self.here = board.layout.at(start)
         self.switches = np.array([float(candidate.label in start) for candidate in board.candidates])
         self.absent = [(place, c) for place, c in enumerate(board.candidates) if c.label not in start]
 
@@ -137,7 +134,7 @@ class _Point:
 
 def screen(
     boards: Sequence[Switchboard],
-    start: Mapping[str, np.ndarray],
+    start: Start,
     base: np.ndarray,
     residual: np.ndarray,
     names: Sequence[str],
@@ -147,7 +144,7 @@ def screen(
     Args:
         boards: with the candidates. An effect of the model that is on another board than a candidate is left out beside
             it: the answer to the candidate differs a little by that, and a refit tells what it is worth.
-        start: where the model is calibrated to: coordinates of its effects by label, and of the base model by "".
+        start: where the model is calibrated to.
         base: (n, unknowns) sensitivities of the whitened fit readings to the model's own unknowns, prior rows appended.
         residual: (n,) their residual, likewise.
         names: of the model's own unknowns.

@@ -19,7 +19,7 @@ from discrepancy.candidates import Candidate, candidates
 from discrepancy.contract import noise_of_case, noisy_inputs, without_input_noise
 from discrepancy.ladder import ChannelError, Estimate, Rung
 from discrepancy.noise import NoiseModel
-from discrepancy.problem import Layout, Problem, make_problem
+from discrepancy.problem import BASE, Layout, Problem, Start, make_problem
 from discrepancy.screen import Screen, Switchboard, screen
 from jaxmodel.cases import Case, Run
 from jaxmodel.declaration import describe
@@ -29,9 +29,6 @@ from jaxmodel.names import parameter_table
 from jaxmodel.ports import Effect, touches
 
 Labels = tuple[str, ...]
-# Where a fit begins: coordinates of effects by label, and of the base model.
-Start = Mapping[str, np.ndarray]
-BASE = ""
 FAR_FROM_PRIOR = 3.0
 # How far off, and for what share of the readings, the assumed noise must be to be worth refitting.
 NOISE_CHANGED = 0.05
@@ -222,20 +219,13 @@ class Session:
         if key in self._hypotheses:
             return self._hypotheses[key]
         problem, layout = self._problem_of(key)
-        size, own = len(layout.coordinates), layout.own(key)
+        own = layout.own(key)
         # Where the base model has been calibrated already, it is the place to begin.
         known = self._hypotheses[()].fitted.x if () in self._hypotheses else np.zeros(layout.base)
 
-        def begun(start: Start) -> np.ndarray:
-            x = np.zeros(size)
-            x[: layout.base] = start.get(BASE, known)
-            for label in key:
-                x[list(layout.of_effect[label])] = start.get(label, 0.0)
-            return x
-
-        tries = [begun(start) for start in starts or [{}]]
+        tries = [layout.at({BASE: known, **start}) for start in starts or [{}]]
         if not key:
-            tries.append(_SECOND_START * np.random.default_rng(0).normal(size=size))
+            tries.append(_SECOND_START * np.random.default_rng(0).normal(size=layout.base))
         rivals = [one.fitted.objective for one in self._hypotheses.values() if 0 < len(one.labels) <= len(key)]
 
         def calibrated(begin: np.ndarray) -> Fit:
@@ -253,7 +243,7 @@ class Session:
             best = min(best, calibrated(begin), key=lambda one: one.objective)
         if key and best.objective > self.hypothesis().fitted.objective:
             # An effect can always be faint: a fit worse than without it failed, and is no evidence against the effect.
-            faint = begun({label: _faintest(self.candidates[label]) for label in key})
+            faint = layout.at({BASE: known, **{label: _faintest(self.candidates[label]) for label in key}})
             best = min(best, calibrated(faint), key=lambda one: one.objective)
         for label in key:
             if self.candidates[label].amplitude_on_grid:
