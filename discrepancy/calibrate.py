@@ -44,7 +44,8 @@ class Fit:
         information: (unknowns, unknowns) J'J of readings and priors at the end.
         run_information: (runs, unknowns, unknowns) what each run's counted readings contribute to it.
         run_score: (runs, unknowns) half the slope of each run's chi-square along each unknown.
-        greatest_score: largest |score| of a free unknown, in sd; zero at a minimum.
+        greatest_score: largest |score| of a free unknown, in sd (that of what is left, where it is more than noise);
+            zero at a minimum.
         steps: iterations used.
     """
 
@@ -220,13 +221,19 @@ class _Seen:
         return (self.axes @ self.slope) / np.sum(self.axes**2, axis=1)
 
     @property
+    def unit(self) -> float:
+        """What a reading adds to chi-square: 1 at the noise; a model far from it knows its numbers that much worse."""
+        return max(1.0, float(self.rows @ self.rows) / max(1, self.rows.size))
+
+    @property
     def promise(self) -> float:
         """What a Newton step would gain."""
         return float(self.along @ self.along)
 
     @property
     def scores(self) -> np.ndarray:
-        return np.abs(self.slope) / np.sqrt(np.diag(self.information))
+        """How far each unknown is from its minimum, in its sd as what is left tells it."""
+        return np.abs(self.slope) / np.sqrt(np.diag(self.information) * self.unit)
 
     def few(self) -> Given:
         """Return the objective in as many rows as it has unknowns, and one: the same sums of squares and products."""
@@ -285,12 +292,12 @@ def fit(
 
 def _at_its_end(best: _Seen, last: _Seen, course: Sequence[float], rival: float) -> bool:
     """Return True where further steps would gain nothing, or not enough to catch up with the rival."""
-    if best is last and best.promise < FLAT:
+    if best is last and best.promise < FLAT * best.unit:
         return True
     if len(course) <= IDLE_STEPS:
         return False
     gained = course[-1 - IDLE_STEPS] - course[-1]
-    return gained < max(IDLE_GAIN, (course[-1] - rival) / PACE - 1.0)
+    return gained < max(IDLE_GAIN * best.unit, (course[-1] - rival) / PACE - 1.0)
 
 
 def _fit_of(problem: Problem, split: str, seen: _Seen, steps: int) -> Fit:

@@ -12,15 +12,16 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from discrepancy.failure import failure, scatter_beyond_noise
+from discrepancy.found import Found, find
 from discrepancy.law_file import law_file
 from discrepancy.leftover import leftover_laws
 from discrepancy.misfit import Block
 from discrepancy.next_experiment import best_of_each, propose
-from discrepancy.posterior import SOMETHING_ELSE, bayes_factors, hypothesis_name, probabilities
+from discrepancy.posterior import MOST, SOMETHING_ELSE, bayes_factors, hypothesis_name, probabilities
 from discrepancy.result import Diagnosis, NamedEffect, ScoreEntry
 from discrepancy.score import sight
 from discrepancy.screen import Screen
-from discrepancy.search import Progress, by_strength, search, strongest, tell
+from discrepancy.search import Progress, by_strength, tell
 from discrepancy.session import Hypothesis, Session
 from jaxmodel.cases import Case
 from jaxmodel.declaration import describe
@@ -31,10 +32,6 @@ from jaxmodel.ports import Effect
 TOLD_APART = 3.0
 # Below this probability the best hypothesis is not named.
 NAMED = 0.5
-# A channel whose residual is this many times its sensor's noise is not explained by any means.
-FAR_FROM_FLOOR = 3.0
-# Where the base model leaves this many times the noise, weights by the noise would let one fine sensor decide alone.
-HOPELESS = 30.0
 # What is partly explained is named all the same where this share of the excess error goes with it. In the development
 # case with a law outside the catalogue that was looked at, the best effects of the catalogue remove 0.3.
 PARTIAL_SHARE = 0.6
@@ -102,62 +99,38 @@ def diagnose(
     session = Session(case, extra_effects, without)
     wanted = _one_column_each(session, add)
     session.warm_up()
-    tell(progress, "calibrating the base model")
-    remarks: tuple[str, ...] = ()
-    best: Hypothesis | None = None
-    seeds: list[Hypothesis] = []
-    if not wanted and _beyond(session, session.hypothesis(), HOPELESS):
-        tell(progress, "the base model is far from the sensors' noise; looking for what explains most")
-        coarse = session.reweighted(session.hypothesis())
-        single = search(coarse, progress, effects=1)
-        found_by_score, coarse = strongest(coarse), coarse.reweighted(single)
-        best, seeds = search(coarse, progress, seeds=found_by_score), strongest(coarse)
-        far = _beyond(coarse, best, FAR_FROM_FLOOR)
-        if far:
-            session = coarse
-            remarks = (
-                f"No model of one or two effects comes near the noise of {' and '.join(far)}: "
-                "channels are weighed by what the best single effect leaves in them.",
-            )
-    if wanted:
-        best = _fitted(session, progress, wanted)
-    elif best is None or not remarks:
-        best = search(session, progress, seeds=seeds)
-    finer = None if remarks else session.with_noise_of_inputs(best)
-    if finer is not None:
-        seeds, session = strongest(session), finer
-        best = _fitted(session, progress, wanted) if wanted else search(session, progress, seeds=seeds)
+    found = find(session, progress, wanted)
+    session, best, judge = found.session, found.best, found.judge
     base = session.hypothesis()
-    first = session.screen(base)
-    if not wanted and not remarks and not first.table.significant:
-        best = base
-    screened = session.screen(best)
+    first = judge.screen(judge.hypothesis())
     tell(progress, "weighing")
     # A law in no catalogue may stand beside the best effects, or in place of effects that only come near it.
-    left = {best.labels: leftover_laws(session, best, screened)}
-    if any(block.significant for block in left[best.labels]):
+    left = {best.labels: found.laws}
+    if not found.far and any(block.significant for block in found.laws):
         left[base.labels] = leftover_laws(session, base, first)
-    fitted = {label for one in session.known() for label in one.labels if len(one.labels) == 1}
+    known = judge.known()
+    fitted = {label for one in known for label in one.labels if len(one.labels) == 1}
     unfitted = {k: log for k, log in bayes_factors(first, session.candidates).items() if k not in fitted}
-    weighed, beside = probabilities(session.known(), best, left, session.candidates, unfitted)
+    # Far from the noise there is something else whatever its law: effects compete among themselves.
+    weighed, beside = probabilities(
+        known, judge.hypothesis(best.labels), {best.labels: ()} if found.far else left, session.candidates, unfitted
+    )
     unexplained = next((block for block in left[beside] if block.significant), None)
     scatter = ""
-    verdict = "unknown_effect" if remarks else _verdict(session, best, weighed, unexplained)
+    verdict = "unknown_effect" if found.far else _verdict(session, best, weighed, unexplained)
     if verdict != "unknown_effect":
         unexplained = None
         scatter = scatter_beyond_noise(session, best)
-        if scatter:
-            verdict, weighed = "unknown_effect", _with_something_else(weighed)
+    if scatter or found.far:
+        verdict, weighed = "unknown_effect", _with_something_else(weighed)
 
-    # Far from the sensors' noise no law is found to the end either, and what explains most is worth its name.
-    law_alone = verdict == "unknown_effect" and not beside and not remarks
-    named = () if law_alone and not wanted else _named(session, best, weighed, verdict, asked_for=bool(wanted))
+    named = () if verdict == "unknown_effect" and not beside and not wanted else _named(found, weighed, verdict, wanted)
     ladder = [session.rung("nominal", None), session.rung("calibrated", base)]
     for count in range(1, len(named) + 1):
         added = [effect.label for effect in named[:count]]
         ladder.append(session.rung("with " + " + ".join(added), session.hypothesis(added)))
     blind = _blind(session, first)
-    rivals = _undecided_between(session, weighed)
+    rivals = _undecided_between(judge, weighed)
     if rivals:
         tell(progress, "looking for the experiment that would decide")
     return Diagnosis(
@@ -172,9 +145,9 @@ def diagnose(
         scores=_scores(first, blind),
         critical_z=first.table.critical_z,
         failure=failure(session, base),
-        remarks=(*remarks, *_remarks(session, best)),
+        remarks=(*_what_is_explained(found), *_remarks(session, best)),
         rivals=tuple(hypothesis_name(one.labels) for one in rivals),
-        proposals=best_of_each(propose(session, rivals)),
+        proposals=best_of_each(propose(judge, rivals)),
         law=unexplained,
         law_source=_law_source(case, unexplained, left[beside]),
     )
@@ -195,12 +168,6 @@ def _law_source(case: Case, law: Block | None, tried: Sequence[Block]) -> str | 
     return next(filter(None, (law_file(block, case.kind, case.name) for block in nearly)), None)
 
 
-def _beyond(session: Session, hypothesis: Hypothesis, times: float) -> list[str]:
-    """Return the channels in which a model leaves more than so many times their sensors' noise."""
-    errors = session.rung("", hypothesis).errors
-    return [name for name, model in session.noise.items() if errors[name].fit > times * model.sd]
-
-
 def _one_column_each(session: Session, names: Sequence[str]) -> tuple[str, ...]:
     """Return the labels of effects that the user wants added."""
     labels = session.labels_of(names)
@@ -209,15 +176,6 @@ def _one_column_each(session: Session, names: Sequence[str]) -> tuple[str, ...]:
         if others:
             raise EffectError(f"--add {label.split(':')[0]}: say of which column, as in --add {label}.")
     return session.key(labels)
-
-
-def _fitted(session: Session, progress: Progress | None, labels: Sequence[str]) -> Hypothesis:
-    """Return the model with the effects that the user wants."""
-    first = session.screen(session.hypothesis())
-    tell(progress, f"fitting {', '.join(labels)}")
-    starts = [session.starts(first, label) for label in labels]
-    tries = [{label: x for own in starts for label, x in own[min(number, len(own) - 1)].items()} for number in range(2)]
-    return session.hypothesis(labels, tries)
 
 
 def _verdict(session: Session, best: Hypothesis, weighed: dict[str, float], unexplained: Block | None) -> str:
@@ -233,7 +191,7 @@ def _verdict(session: Session, best: Hypothesis, weighed: dict[str, float], unex
 
 
 def _with_something_else(weighed: Mapping[str, float]) -> dict[str, float]:
-    """Return the probabilities where the best model leaves more than noise and no law was found in it."""
+    """Return the probabilities where the best model leaves more than noise, whether or not a law was found in it."""
     rest = sum(p for name, p in weighed.items() if name != SOMETHING_ELSE)
     others = {name: p * (1.0 - NOT_TO_THE_NOISE) / rest for name, p in weighed.items() if name != SOMETHING_ELSE}
     return {SOMETHING_ELSE: NOT_TO_THE_NOISE, **others}
@@ -253,20 +211,21 @@ def _explained(session: Session, best: Hypothesis) -> float:
     return float(np.mean(shares)) if shares else 0.0
 
 
-def _named(
-    session: Session, best: Hypothesis, weighed: dict[str, float], verdict: str, asked_for: bool
-) -> tuple[NamedEffect, ...]:
+def _named(found: Found, weighed: Mapping[str, float], verdict: str, wanted: Sequence[str]) -> tuple[NamedEffect, ...]:
     """Return the effects to be named: those asked for; beside an unknown one only those that explain most."""
-    explained = _explained(session, best) if verdict == "unknown_effect" else 1.0
+    session, best = found.session, found.best
+    explained = _explained(session, best) if verdict == "unknown_effect" and not found.far else 1.0
     nothing = verdict not in ("missing_effect", "sensor_fault", "unknown_effect") or explained < PARTIAL_SHARE
-    if nothing and not asked_for:
+    if nothing and not wanted:
         return ()
     estimates = session.rung("", best).estimates
     named = []
-    for label in by_strength(session, best):
+    for label in by_strength(found.judge, found.judge.hypothesis(best.labels)):
         effect = session.candidates[label].effect
         holding = sum(p for name, p in weighed.items() if effect.name in name.split("+"))
-        if verdict == "unknown_effect":
+        if found.far:
+            holding = min(MOST, holding / (1.0 - NOT_TO_THE_NOISE))  # beside whatever else there is
+        elif verdict == "unknown_effect":
             holding = min(0.99, explained)
         prefix = f"{label}."
         named.append(
@@ -276,7 +235,7 @@ def _named(
                 column=getattr(effect, "column", ""),
                 probability=holding,
                 parameters={n.removeprefix(prefix): e for n, e in estimates.items() if n.startswith(prefix)},
-                cannot_tell_apart_from=_rivals(session, best, label),
+                cannot_tell_apart_from=_rivals(found.judge, found.judge.hypothesis(best.labels), label),
             )
         )
     return tuple(named)
@@ -318,6 +277,21 @@ def _scores(screened: Screen, blind: tuple[str, ...]) -> tuple[ScoreEntry, ...]:
         )
         for effect in screened.table.effects
     )
+
+
+def _what_is_explained(found: Found) -> tuple[str, ...]:
+    """Say what the effects named are worth where no model comes near the noise."""
+    if not found.far:
+        return ()
+    told = (
+        f"No model of few effects comes near the noise of {' and '.join(found.far)}: channels are weighed by what the "
+        "best single effect leaves in them, and evidence by the time that readings span."
+    )
+    base, best = found.session.hypothesis(), found.best
+    if not best.labels:
+        return (told,)
+    share = 100.0 * (1.0 - best.fitted.chi2 / base.fitted.chi2)
+    return (told, f"{' and '.join(best.labels)} explain {share:.0f} % of the mean square that the base model leaves.")
 
 
 def _remarks(session: Session, hypothesis: Hypothesis) -> tuple[str, ...]:

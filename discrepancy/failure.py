@@ -134,12 +134,11 @@ def failure(session: Session, hypothesis: Hypothesis) -> Failure:
     problem = hypothesis.problem
     weighed, (run, row, channel) = _whitened(hypothesis)
     # Where the search weighed channels otherwise, what fails is still told in units of the sensors' noise.
-    coarser = {
-        place: session.weights[n].sd / session.noise[n].sd
-        for place, n in enumerate(problem.channels)
-        if n in session.noise
-    }
-    whitened = weighed * np.array([coarser.get(place, 1.0) for place in range(len(problem.channels))])[channel]
+    unit = np.ones(weighed.size)
+    if session.weights is not session.noise:
+        stated = [session.noise[n].sd if n in session.noise else np.inf for n in problem.channels]
+        unit = np.array(stated)[channel] / np.asarray(problem.readings.sd)[np.asarray(problem.readings.fit) > 0.0]
+    whitened = weighed / unit
     of_rows = conditions_of_rows(session, hypothesis) | history_of_rows(session.case, problem.times.shape)
     given = {name: values[run, row] for name, values in of_rows.items()}
     floor, cells, maps, sentences, series = {}, {}, {}, [], {}
@@ -167,7 +166,7 @@ def failure(session: Session, hypothesis: Hypothesis) -> Failure:
         for number in np.unique(runs):
             series[f"{name} in {session.case.runs[number].name}"] = w[runs == number]
     shifts, drop = _shifts(session, hypothesis, given, run)
-    excess = float(np.sum(weighed**2 - 1.0))
+    excess = float(np.sum(weighed**2 - unit**2))
     return Failure(
         floor=floor,
         cells=cells,

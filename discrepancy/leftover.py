@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import jax
 import numpy as np
 
 from discrepancy.conditions import conditions
@@ -21,12 +22,20 @@ def leftover_laws(session: Session, hypothesis: Hypothesis, screened: Screen) ->
     leftover = Leftover(
         screened.base, screened.residual, np.asarray(problem.readings.index)[counted] % len(problem.channels)
     )
+
+    readings = jax.tree.map(np.asarray, problem.readings)  # on the host: each shape would compile a program
+
+    def whitened(columns: np.ndarray) -> np.ndarray:
+        everywhere = np.zeros((columns.shape[1], counted.size))
+        everywhere[:, counted] = columns.T
+        return readings.whiten(everywhere)[:, counted].T
+
     variables = conditions(session, hypothesis)
     factors = [next((name for name in variables if name.endswith("current_A")), None), "load_torque_Nm"]
     blocks = deficiency_map(
         leftover,
         problem.channels,
-        np.asarray(problem.readings.sd)[counted],
+        whitened,
         {name: values for name, values in variables.items() if name != "run"},
         {"": np.ones(counted.sum())} | {name: variables[name] for name in factors if name in variables},
     )

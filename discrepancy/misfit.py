@@ -8,7 +8,7 @@ of its rank.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
@@ -180,7 +180,7 @@ def strongest_first(blocks: Iterable[Block], readings: int) -> list[Block]:
 def deficiency_map(
     leftover: Leftover,
     channels: tuple[str, ...],
-    scale: np.ndarray,
+    whiten: Callable[[np.ndarray], np.ndarray],
     variables: dict[str, np.ndarray],
     multipliers: dict[str, np.ndarray],
 ) -> list[Block]:
@@ -189,7 +189,7 @@ def deficiency_map(
     Args:
         leftover: of a calibrated model.
         channels: names of the channels.
-        scale: (n,) noise sd of each reading, in its unit.
+        whiten: makes columns (n, k) of errors, each in its reading's unit, white noise of unit variance.
         variables: by name, (n,) what a law may be a function of.
         multipliers: by name, (n,) what may multiply a law; "" is 1.
     """
@@ -207,7 +207,8 @@ def deficiency_map(
                         continue
                     shapes, knots = made
                     columns = np.zeros((leftover.left.size, shapes.shape[1]))
-                    columns[np.flatnonzero(mine)] = shapes * (factor[mine] / scale[mine])[:, None]
+                    columns[np.flatnonzero(mine)] = shapes * factor[mine][:, None]
+                    columns[: mine.size] = whiten(columns[: mine.size])
                     yield Tried(channel, multiplier, variable, columns, knots, (number,))
 
     return leftover.blocks(laws())

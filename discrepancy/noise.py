@@ -38,6 +38,8 @@ class NoiseModel:
         source: where the two numbers come from, in words for a report.
         quantum: step to which the readings are rounded, 0 if none was seen.
         from_inputs: the part of `sd` that noise of measured inputs makes, on average over the runs.
+        memory_s: time over which errors hang together, where a model's errors are weighed in place of noise; 0 for
+            noise.
     """
 
     sd: float
@@ -45,11 +47,29 @@ class NoiseModel:
     source: str
     quantum: float = 0.0
     from_inputs: float = 0.0
+    memory_s: float = 0.0
 
     @property
     def own_sd(self) -> float:
         """Return the sd without the part from the inputs; where that was overestimated, a tenth of the whole."""
         return float(np.sqrt(max(self.sd**2 - self.from_inputs**2, 0.01 * self.sd**2)))
+
+    def with_from_inputs(self, sd: float) -> NoiseModel:
+        """Return the noise with another part from the inputs."""
+        return replace(self, sd=float(np.hypot(self.own_sd, sd)), from_inputs=sd)
+
+    def crowding(self, time_s: Floats) -> Floats:
+        """Return how many times its sd each reading's weight is worth, for errors that outlast the time between two.
+
+        Errors with the memory T have the density 2 T sd^2 at frequencies below 1/T; so has white noise of the variance
+        2 T sd^2 / dt read every dt. A run then counts by the time that it spans, not by how often it was read.
+
+        Args:
+            time_s: (n,) times of the readings, increasing.
+        """
+        if time_s.size < 2 or self.memory_s == 0.0:
+            return np.ones(time_s.size)
+        return np.sqrt(np.maximum(1.0, 2.0 * self.memory_s / np.gradient(time_s)))
 
 
 @dataclass(frozen=True)

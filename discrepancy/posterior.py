@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import comb
 
 import numpy as np
 
@@ -13,9 +14,10 @@ from discrepancy.session import Hypothesis, Labels
 
 SOMETHING_ELSE = "something_else"
 
-# Before any data: nothing missing, one effect, two; and beside whichever of these it is, something in no catalogue.
-# Assumed, as in a mixed set of benches; the shares are spread evenly over the effects of the kind and over their pairs.
-PRIOR = {0: 0.35, 1: 0.5, 2: 0.15}
+# Before any data: nothing missing, one effect, two, three (sought only far from the noise); and beside whichever of
+# these it is, something in no catalogue. Assumed, as in a mixed set of benches; the shares are spread evenly over the
+# effects of the kind and over their sets.
+PRIOR = {0: 0.35, 1: 0.5, 2: 0.12, 3: 0.03}
 PRIOR_SOMETHING_ELSE = 0.1
 # Nothing is printed as surer than this.
 MOST = 0.99
@@ -50,7 +52,7 @@ def probabilities(
         unfitted: of effects that were not fitted by themselves, the log of their Bayes factors over the base model.
     """
     count = len(candidates)
-    number_of = {0: 1, 1: count, 2: count * (count - 1) // 2}
+    number_of = {size: comb(count, size) for size in PRIOR}
     # The noise sd is known to some percent; where the best model leaves more or less than one, odds are scaled by what
     # it leaves.
     readings = float(np.sum(np.asarray(best.problem.readings.fit)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -12,6 +13,8 @@ from jaxtyping import Array
 from discrepancy.noise import NoiseModel
 from discrepancy.whitening import chain_starts, chain_weights
 from jaxmodel.cases import Case
+
+Values = TypeVar("Values", Array, np.ndarray)  # numpy's where all leaves are
 
 # Their number is rounded up to this, so that cases of like size share a compiled program.
 _MULTIPLE = 4096
@@ -38,10 +41,10 @@ class Readings(eqx.Module):
     fit: Array
     check: Array
 
-    def whiten(self, errors: Array) -> Array:
-        """Return errors (n,) as white noise of unit variance."""
+    def whiten(self, errors: Values) -> Values:
+        """Return errors (..., n) as white noise of unit variance."""
         scaled = errors / self.sd
-        return (scaled - self.weight * scaled[self.previous]) / jnp.sqrt(1.0 - self.weight**2)
+        return (scaled - self.weight * scaled[..., self.previous]) / (1.0 - self.weight**2) ** 0.5
 
 
 def flatten(
@@ -76,6 +79,7 @@ def flatten(
             sd = np.full(count, model.sd)
             if variance_from_inputs is not None:
                 sd = np.sqrt(model.own_sd**2 + variance_from_inputs.reshape(-1)[place])
+            sd = sd * model.crowding(run.measured.time_s[present])
             parts.append((place, values[present], sd, previous, weight, fit, 1.0 - fit))
             first += count
     return _filled([np.concatenate(column) for column in zip(*parts, strict=True)])

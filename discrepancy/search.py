@@ -23,6 +23,9 @@ SEEDS = 3
 LEAVES_TOO_MUCH = 2.0
 # A second effect must raise the log evidence by this much (odds of 150 to 1) over the best single one.
 SECOND_EFFECT_GAIN = 5.0
+# A third effect is sought only where no two come near the noise, and must take this share of what the base model leaves
+# (assumed): many small additions are a patchwork.
+THIRD_SHARE = 0.05
 
 
 def search(
@@ -60,6 +63,15 @@ def search(
         couple = max(couple, _refit_likely(session, progress, alone), key=lambda one: one.log_evidence)
     single = _best(session, (1,))
     return single if single.log_evidence > couple.log_evidence - SECOND_EFFECT_GAIN else couple
+
+
+def another(session: Session, progress: Progress | None, best: Hypothesis) -> Hypothesis:
+    """Return a model with one effect more, where that explains enough of what the base model leaves to be worth it."""
+    if len(best.labels) < 2 or not session.screen(best).table.significant:
+        return best
+    more = _refit_likely(session, progress, best)
+    worth = best.fitted.chi2 - more.fitted.chi2 > THIRD_SHARE * session.hypothesis().fitted.chi2
+    return more if worth and more.log_evidence > best.log_evidence + SECOND_EFFECT_GAIN else best
 
 
 def _refit_likely(session: Session, progress: Progress | None, model: Hypothesis) -> Hypothesis:

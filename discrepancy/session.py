@@ -21,6 +21,7 @@ from discrepancy.ladder import ChannelError, Estimate, Rung
 from discrepancy.noise import NoiseModel
 from discrepancy.problem import BASE, Layout, Problem, Start, make_problem
 from discrepancy.screen import Screen, Switchboard, screen
+from discrepancy.weights import by_errors, by_errors_and_time
 from jaxmodel.cases import Case, Run
 from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
@@ -172,19 +173,14 @@ class Session:
         """Return effects in the order in which they act on a port they share, that of the catalogue."""
         return tuple(label for label in self.candidates if label in labels)
 
-    def reweighted(self, best: Hypothesis) -> Session:
-        """Return a session of the same case that weighs each channel by what the best model leaves there.
+    def reweighted(self, best: Hypothesis, by_time: bool = False) -> Session:
+        """Return a session of the same case that weighs readings by what a model leaves; see `weights`.
 
-        Where no model comes near the sensors' noise, a channel with a very fine sensor would decide everything alone.
         The noise itself, and with it the verdict, stays what the sensors say.
         """
-        rms = self.rung("", best).errors
-        return self._again(
-            weights={
-                name: dataclasses.replace(model, sd=max(model.sd, rms[name].fit), rho=0.0, from_inputs=0.0)
-                for name, model in self.noise.items()
-            }
-        )
+        left = self.rung("", best)
+        weights = by_errors_and_time(self.noise, left, self.case) if by_time else by_errors(self.noise, left)
+        return self._again(weights=weights, _variance_from_inputs=None)
 
     def with_noise_of_inputs(self, best: Hypothesis) -> Session | None:
         """Return a session with each reading's noise as the best model passes it on from noisy inputs.
@@ -195,7 +191,13 @@ class Session:
         if not input_sd:
             return None
         variance = variance_from_inputs(best.problem, best.fitted.x, input_sd)
-        other = self._again(_variance_from_inputs=variance)
+        noise = dict(self.noise)
+        for place, name in enumerate(best.problem.channels):
+            if name in noise:
+                runs = [run.measured for run in self.case.runs]
+                read = [v[: r.time_s.size, place] for v, r in zip(variance, runs, strict=True) if name in r.outputs]
+                noise[name] = noise[name].with_from_inputs(float(np.sqrt(np.mean(np.concatenate(read)))))
+        other = self._again(_variance_from_inputs=variance, noise=noise, weights=noise)
         old, new = (np.asarray(problem.readings.sd) for problem in (best.problem, other._problem(())[0]))
         counted = np.asarray(best.problem.readings.fit) > 0.0
         changed = np.abs(new / old - 1.0)[counted] > NOISE_CHANGED

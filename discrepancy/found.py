@@ -1,0 +1,125 @@
+"""The best model of a case under its sensors' noise; where none comes near that, under what the best one leaves."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+
+import numpy as np
+
+from discrepancy.leftover import leftover_laws
+from discrepancy.misfit import Block
+from discrepancy.search import Progress, another, search, strongest, tell
+from discrepancy.session import Hypothesis, Session
+
+# A channel whose residual is this many times its sensor's noise is not explained by any means.
+FAR_FROM_FLOOR = 3.0
+# Where the base model leaves this many times the noise, weights by the noise would let one fine sensor decide alone.
+HOPELESS = 15.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Found:
+    """The best model.
+
+    Attributes:
+        session: in which it is fitted.
+        best: the model.
+        far: channels whose noise no model comes near.
+        evidence: the session in which effects were weighed against each other, where it is another.
+    """
+
+    session: Session
+    best: Hypothesis
+    far: tuple[str, ...] = ()
+    evidence: Session | None = None
+
+    @property
+    def judge(self) -> Session:
+        """Return the session in which effects were weighed against each other; the best model is known to it."""
+        return self.evidence or self.session
+
+    @functools.cached_property
+    def laws(self) -> list[Block]:
+        """What could explain what it leaves."""
+        return leftover_laws(self.session, self.best, self.session.screen(self.best))
+
+
+def find(session: Session, progress: Progress | None, wanted: Sequence[str]) -> Found:
+    """Search for the best model under the sensors' noise, or, where none comes near it, for what explains most."""
+    tell(progress, "calibrating the base model")
+    seeds: list[Hypothesis] = []
+    if wanted:
+        best = _fitted(session, progress, wanted)
+    elif _beyond(session, session.hypothesis(), HOPELESS):
+        tell(progress, "the base model is far from the sensors' noise; looking for what explains most")
+        coarse = _explaining_most(session, session.hypothesis(), progress)
+        if coarse.far:
+            return coarse
+        seeds = strongest(coarse.session)
+        best = search(session, progress, seeds=seeds)
+    else:
+        best = search(session, progress)
+    finer = session.with_noise_of_inputs(best)
+    if finer is not None:
+        seeds, session = strongest(session), finer
+        best = _fitted(session, progress, wanted) if wanted else search(session, progress, seeds=seeds)
+    if wanted:
+        return Found(session, best)
+    if not session.screen(session.hypothesis()).table.significant:
+        best = session.hypothesis()
+    found = Found(session, best)
+    if not _far_beside_any_law(found):
+        return found
+    coarse = _explaining_most(session, best, progress)
+    return coarse if coarse.far else Found(session, search(session, progress, seeds=strongest(coarse.session)))
+
+
+def _explaining_most(session: Session, best: Hypothesis, progress: Progress | None) -> Found:
+    """Search by what models leave in place of noise: first by its size in each channel, then by its memory too.
+
+    What the base model leaves is no measure of memory: it may be one effect's, from end to end.
+    """
+    coarse = session.reweighted(best)
+    single = search(coarse, progress, effects=1)
+    by_time = coarse.reweighted(single, by_time=True)
+    best = search(by_time, progress, seeds=strongest(coarse))
+    far = tuple(_beyond(by_time, best, FAR_FROM_FLOOR))
+    if not far:
+        return Found(by_time, best)
+    best = another(by_time, progress, best)
+    # What to add is told by time; the numbers are those that come nearest to all readings.
+    fitted = coarse.reweighted(single)
+    return Found(fitted, fitted.hypothesis(best.labels, [best.start]), far, by_time)
+
+
+def _far_beside_any_law(found: Found) -> bool:
+    """Return True where the best model leaves far more than noise in a channel, and so does any law beside it."""
+    problem, screened = found.best.problem, found.session.screen(found.best)
+    counted = np.asarray(problem.readings.fit) > 0.0
+    channel_of = np.asarray(problem.readings.index)[counted] % len(problem.channels)
+    squares = screened.residual[: channel_of.size] ** 2
+
+    def left(name: str) -> float:
+        own = squares[channel_of == problem.channels.index(name)]
+        drops = [law.drop for law in found.laws if law.in_equation or law.channel == name]
+        return float(np.sqrt(max(0.0, own.sum() - max(drops, default=0.0)) / own.size))
+
+    far = _beyond(found.session, found.best, FAR_FROM_FLOOR)
+    return any(left(name) > FAR_FROM_FLOOR for name in far)
+
+
+def _beyond(session: Session, hypothesis: Hypothesis, times: float) -> list[str]:
+    """Return the channels in which a model leaves more than so many times their sensors' noise."""
+    errors = session.rung("", hypothesis).errors
+    return [name for name, model in session.noise.items() if errors[name].fit > times * model.sd]
+
+
+def _fitted(session: Session, progress: Progress | None, labels: Sequence[str]) -> Hypothesis:
+    """Return the model with the effects that the user wants."""
+    first = session.screen(session.hypothesis())
+    tell(progress, f"fitting {', '.join(labels)}")
+    starts = [session.starts(first, label) for label in labels]
+    tries = [{label: x for own in starts for label, x in own[min(number, len(own) - 1)].items()} for number in range(2)]
+    return session.hypothesis(labels, tries)
