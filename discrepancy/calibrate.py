@@ -31,6 +31,8 @@ PACE = 10.0
 # Lanes come in eights, the width of a processor's vector; two effects seldom have more unknowns.
 _WIDTH = 8
 _OF_EFFECTS = 3
+# Unknowns that the solver sees come in so many, those that are not there at rest: its step is compiled once for most.
+_SIZE = 16
 
 
 @dataclasses.dataclass(frozen=True)
@@ -170,7 +172,7 @@ def look(
 
 @functools.lru_cache(maxsize=64)
 def _blank(unknowns: int):
-    """Return the solver's state before any step; one for all fits of a size, so that its steps are traced once."""
+    """Return the solver's state before any step; one for all fits of a size, so that its steps are compiled once."""
     rows = unknowns + 1
     struct = jax.ShapeDtypeStruct((rows,), float)
     return SOLVER.init(
@@ -235,11 +237,16 @@ class _Seen:
         """How far each unknown is from its minimum, in its sd as what is left tells it."""
         return np.abs(self.slope) / np.sqrt(np.diag(self.information) * self.unit)
 
-    def few(self) -> Given:
-        """Return the objective in as many rows as it has unknowns, and one: the same sums of squares and products."""
-        rest = np.sqrt(max(self.objective - self.promise, 0.0))
-        nothing = np.zeros((1, self.x.size))
-        return Given(jnp.asarray(np.append(self.along, rest)), jnp.asarray(np.concatenate([self.axes, nothing])))
+    def few(self, size: int) -> Given:
+        """Return the objective in few rows, the same sums of squares and products, one for each unknown and one more.
+
+        Unknowns beyond its own, up to `size`, are at their minimum.
+        """
+        own = self.x.size
+        rows, jacobian = np.zeros(size + 1), np.eye(size + 1, size)
+        rows[:own], rows[-1] = self.along, np.sqrt(max(self.objective - self.promise, 0.0))
+        jacobian[:own, :own] = self.axes
+        return Given(jnp.asarray(rows), jnp.asarray(jacobian))
 
 
 def fit(
@@ -272,13 +279,14 @@ def fit(
         rows, jacobian = look(part, x, moving, rows_of)
         return _Seen(x, rows[counted], jacobian[counted], moving)
 
-    y = jnp.asarray(start, dtype=float)
-    state = eqx.tree_at(lambda blank: blank.y_eval, _blank(start.size), y)
+    size = -(-start.size // _SIZE) * _SIZE
+    y = jnp.asarray(np.append(start, np.zeros(size - start.size)))
+    state = eqx.tree_at(lambda blank: blank.y_eval, _blank(size), y)
     best, course = None, []
     for _ in range(steps):
-        seen = see(np.where(moving, np.asarray(state.y_eval), start))
+        seen = see(np.where(moving, np.asarray(state.y_eval)[: start.size], start))
         accepted = int(state.num_accepted_steps)
-        y, state = _step(y, seen.few(), state)
+        y, state = _step(y, seen.few(size), state)
         if best is None or int(state.num_accepted_steps) > accepted:
             best = seen
         course.append(best.objective)

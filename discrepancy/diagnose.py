@@ -35,6 +35,8 @@ NAMED = 0.5
 # What is partly explained is named all the same where this share of the excess error goes with it. In the development
 # case with a law outside the catalogue that was looked at, the best effects of the catalogue remove 0.3.
 PARTIAL_SHARE = 0.6
+# Where no model and no law comes near the noise, what explains most is asked for; less than this explains little.
+LITTLE_SHARE = 0.2
 # An effect's number is remarked on this share of its usual range beyond an end: the ends are nothing sharp.
 OUT_OF_RANGE = 0.25
 # Belief in something else where the best model leaves far more than stated noise, in no form. Assumed.
@@ -214,8 +216,9 @@ def _explained(session: Session, best: Hypothesis) -> float:
 def _named(found: Found, weighed: Mapping[str, float], verdict: str, wanted: Sequence[str]) -> tuple[NamedEffect, ...]:
     """Return the effects to be named: those asked for; beside an unknown one only those that explain most."""
     session, best = found.session, found.best
-    explained = _explained(session, best) if verdict == "unknown_effect" and not found.far else 1.0
-    nothing = verdict not in ("missing_effect", "sensor_fault", "unknown_effect") or explained < PARTIAL_SHARE
+    explained = _explained(session, best) if verdict == "unknown_effect" else 1.0
+    enough = LITTLE_SHARE if found.far else PARTIAL_SHARE
+    nothing = verdict not in ("missing_effect", "sensor_fault", "unknown_effect") or explained < enough
     if nothing and not wanted:
         return ()
     estimates = session.rung("", best).estimates
@@ -291,7 +294,7 @@ def _what_is_explained(found: Found) -> tuple[str, ...]:
     if not best.labels:
         return (told,)
     share = 100.0 * (1.0 - best.fitted.chi2 / base.fitted.chi2)
-    return (told, f"{' and '.join(best.labels)} explain {share:.0f} % of the mean square that the base model leaves.")
+    return (told, f"{' and '.join(best.labels)} explain {share:.3g} % of the mean square that the base model leaves.")
 
 
 def _remarks(session: Session, hypothesis: Hypothesis) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from jaxtyping import Array
 from discrepancy.conditions import conditions_of_rows
 from discrepancy.misfit import Block, Leftover, Tried, hats
 from discrepancy.problem import Lane, Problem, jit_for_few_runs
-from discrepancy.screen import LANES, Screen, on_all_cores
+from discrepancy.screen import LANES, on_all_cores
 from discrepancy.session import Hypothesis, Session
 from jaxmodel.ports import PORTS, Effect
 
@@ -93,7 +93,7 @@ def _answers(problem: Problem, x: Array, additions: Mapping[str, Array]) -> Arra
     return jax.vmap(one)(additions)
 
 
-def equation_laws(session: Session, hypothesis: Hypothesis, screened: Screen, leftover: Leftover) -> list[Block]:
+def equation_laws(session: Session, hypothesis: Hypothesis, leftover: Leftover) -> list[Block]:
     """Return the evidence for an unknown law in each equation of a calibrated model, strongest first."""
     problem = hypothesis.problem
     places = {place.port: place for place in PLACES[session.case.kind]}
@@ -107,7 +107,7 @@ def equation_laws(session: Session, hypothesis: Hypothesis, screened: Screen, le
     lanes = [(place.port, ADDED * place.size * row) for place, _, _, on_steps, _ in shapes for row in on_steps]
     rows = _evaluate(problem, hypothesis.fitted.x, tuple(places), lanes)[:, counted]
     still, moved = rows[0], rows[1:]
-    priors = screened.base.shape[0] - counted.sum()
+    everywhere = np.arange(counted.sum())
 
     def laws() -> Iterator[Tried]:
         first = 0
@@ -115,10 +115,9 @@ def equation_laws(session: Session, hypothesis: Hypothesis, screened: Screen, le
             mine = moved[first : first + len(on_steps)]
             first += len(on_steps)
             answers = -(mine - still).T / (ADDED * place.size)
-            columns = np.concatenate([answers, np.zeros((priors, len(on_steps)))])
-            if np.all(np.isfinite(columns)):
+            if np.all(np.isfinite(answers)):
                 unit = _unit(place, multiplier)
-                yield Tried(place.equation, multiplier, variable, columns, knots, reaches, unit, place.port)
+                yield Tried(place.equation, multiplier, variable, answers, everywhere, knots, reaches, unit, place.port)
 
     return leftover.blocks(laws())
 

@@ -55,7 +55,7 @@ def find(session: Session, progress: Progress | None, wanted: Sequence[str]) -> 
     elif _beyond(session, session.hypothesis(), HOPELESS):
         tell(progress, "the base model is far from the sensors' noise; looking for what explains most")
         coarse = _explaining_most(session, session.hypothesis(), progress)
-        if coarse.far:
+        if coarse.far and _far_beside_any_law(coarse):
             return coarse
         seeds = strongest(coarse.session)
         best = search(session, progress, seeds=seeds)
@@ -83,6 +83,8 @@ def _explaining_most(session: Session, best: Hypothesis, progress: Progress | No
     """
     coarse = session.reweighted(best)
     single = search(coarse, progress, effects=1)
+    if not _beyond(coarse, single, FAR_FROM_FLOOR):
+        return Found(coarse, single)
     by_time = coarse.reweighted(single, by_time=True)
     best = search(by_time, progress, seeds=strongest(coarse))
     far = tuple(_beyond(by_time, best, FAR_FROM_FLOOR))
@@ -96,15 +98,12 @@ def _explaining_most(session: Session, best: Hypothesis, progress: Progress | No
 
 def _far_beside_any_law(found: Found) -> bool:
     """Return True where the best model leaves far more than noise in a channel, and so does any law beside it."""
-    problem, screened = found.best.problem, found.session.screen(found.best)
-    counted = np.asarray(problem.readings.fit) > 0.0
-    channel_of = np.asarray(problem.readings.index)[counted] % len(problem.channels)
-    squares = screened.residual[: channel_of.size] ** 2
+    weights, noise = found.session.weights, found.session.noise
 
     def left(name: str) -> float:
-        own = squares[channel_of == problem.channels.index(name)]
-        drops = [law.drop for law in found.laws if law.in_equation or law.channel == name]
-        return float(np.sqrt(max(0.0, own.sum() - max(drops, default=0.0)) / own.size))
+        number = found.best.problem.channels.index(name)
+        least = min((law.leaves[number] for law in found.laws if number in law.leaves), default=np.inf)
+        return least * weights[name].sd / noise[name].sd
 
     far = _beyond(found.session, found.best, FAR_FROM_FLOOR)
     return any(left(name) > FAR_FROM_FLOOR for name in far)

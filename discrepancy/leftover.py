@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import jax
 import numpy as np
 
 from discrepancy.conditions import conditions
@@ -23,12 +22,10 @@ def leftover_laws(session: Session, hypothesis: Hypothesis, screened: Screen) ->
         screened.base, screened.residual, np.asarray(problem.readings.index)[counted] % len(problem.channels)
     )
 
-    readings = jax.tree.map(np.asarray, problem.readings)  # on the host: each shape would compile a program
+    numbers = np.flatnonzero(counted)
 
-    def whitened(columns: np.ndarray) -> np.ndarray:
-        everywhere = np.zeros((columns.shape[1], counted.size))
-        everywhere[:, counted] = columns.T
-        return readings.whiten(everywhere)[:, counted].T
+    def whitened(columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        return problem.readings.some(numbers[rows]).whiten(columns.T).T
 
     variables = conditions(session, hypothesis)
     factors = [next((name for name in variables if name.endswith("current_A")), None), "load_torque_Nm"]
@@ -41,4 +38,4 @@ def leftover_laws(session: Session, hypothesis: Hypothesis, screened: Screen) ->
     )
     if not any(block.significant for block in blocks):
         return blocks
-    return strongest_first([*blocks, *equation_laws(session, hypothesis, screened, leftover)], int(counted.sum()))
+    return strongest_first([*blocks, *equation_laws(session, hypothesis, leftover)], int(counted.sum()))

@@ -8,7 +8,7 @@ of its rank.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
@@ -40,6 +40,7 @@ class Block:
         drop: the same drop in chi-square over the stated noise, the unit in which fitted models are compared.
         unit: of the law's values, where it acts in an equation; "" where it is one channel's.
         port: of the model, or its input, that the law adds to; "" where it is one channel's.
+        leaves: by number of each channel that it moves, the RMS of the whitened residuals that it would leave there.
     """
 
     channel: str
@@ -53,6 +54,7 @@ class Block:
     drop: float = np.inf
     unit: str = ""
     port: str = ""
+    leaves: Mapping[int, float] = dataclasses.field(default_factory=dict)
 
     @property
     def in_equation(self) -> bool:
@@ -95,7 +97,8 @@ class Tried:
 
     Attributes:
         channel, multiplier, variable, unit, port: as of a `Block`.
-        columns: (n + p, knots) whitened answers, prior rows appended.
+        columns: (rows, knots) whitened answers.
+        rows: numbers of the rows that these are; the law moves no other.
         knots: values of the variable.
         reaches: numbers of the channels that the law moves.
     """
@@ -104,6 +107,7 @@ class Tried:
     multiplier: str
     variable: str
     columns: np.ndarray
+    rows: np.ndarray
     knots: np.ndarray
     reaches: tuple[int, ...]
     unit: str = ""
@@ -122,16 +126,9 @@ class Leftover:
             channel_of: (n,) number of each reading's channel.
         """
         self.channel_of = channel_of
+        self._channel = np.concatenate([channel_of, np.full(residual.size - channel_of.size, -1)])
         self._q, _ = np.linalg.qr(base)
         self.left = residual - self._q @ (self._q.T @ residual)
-
-    def _scatter(self, left: np.ndarray, channels: tuple[int, ...]) -> float:
-        """Return the variance of channels' errors from one reading to the next, in units of the stated noise.
-
-        A noise sd stated to two digits is itself uncertain by some percent, which is no law.
-        """
-        fast = np.concatenate([np.diff(left[: self.channel_of.size][self.channel_of == one]) for one in channels])
-        return max(float(np.mean(fast**2)) / 2.0, 1e-12)
 
     def blocks(self, laws: Iterable[Tried]) -> list[Block]:
         """Return the evidence for each law, strongest first."""
@@ -142,17 +139,24 @@ class Leftover:
             if not kept.any():
                 continue
             columns = law.columns[:, kept] / length[kept]
-            columns -= self._q @ (self._q.T @ columns)
-            basis, size, mix = np.linalg.svd(columns, full_matrices=False)
-            own = size > ABSORBED
+            q, left = self._q[law.rows], self.left[law.rows]
+            imitated = q.T @ columns
+            # Their inner products once projected: as many numbers as knots squared, whatever the readings.
+            squared, mix = np.linalg.eigh(columns.T @ columns - imitated.T @ imitated)
+            own = squared > ABSORBED**2
             if not own.any():
                 continue
-            along = basis[:, own].T @ self.left
+            size, mix = np.sqrt(squared[own]), mix[:, own]
+            along = (mix.T @ (columns.T @ left)) / size
+            taken = mix @ (along / size)
             values = np.zeros(law.knots.size)
-            values[kept] = (mix[own].T @ (along / size[own])) / length[kept]
+            values[kept] = taken / length[kept]
             # What scatters once the law is taken off: a law that jumps with an input is no noise.
-            variance = self._scatter(self.left - basis[:, own] @ along, law.reaches)
-            found.append((law, float(np.sum(along**2)), variance, int(own.sum()), values))
+            rest = left - columns @ taken + q @ (imitated @ taken)
+            by_channel = {one: rest[self._channel[law.rows] == one] for one in law.reaches}
+            variance = _scatter(by_channel.values())
+            leaves = {one: float(np.sqrt(np.mean(errors**2))) for one, errors in by_channel.items()}
+            found.append((law, float(np.sum(along**2)), variance, int(own.sum()), values, leaves))
         blocks = [
             Block(
                 channel=law.channel,
@@ -166,10 +170,20 @@ class Leftover:
                 drop=drop,
                 unit=law.unit,
                 port=law.port,
+                leaves=leaves,
             )
-            for law, drop, variance, rank, values in found
+            for law, drop, variance, rank, values, leaves in found
         ]
         return strongest_first(blocks, self.channel_of.size)
+
+
+def _scatter(channels: Iterable[np.ndarray]) -> float:
+    """Return the variance of channels' errors from one reading to the next, in units of the stated noise.
+
+    A noise sd stated to two digits is itself uncertain by some percent, which is no law.
+    """
+    fast = np.concatenate([np.diff(errors) for errors in channels])
+    return max(float(np.mean(fast**2)) / 2.0, 1e-12)
 
 
 def strongest_first(blocks: Iterable[Block], readings: int) -> list[Block]:
@@ -180,7 +194,7 @@ def strongest_first(blocks: Iterable[Block], readings: int) -> list[Block]:
 def deficiency_map(
     leftover: Leftover,
     channels: tuple[str, ...],
-    whiten: Callable[[np.ndarray], np.ndarray],
+    whiten: Callable[[np.ndarray, np.ndarray], np.ndarray],
     variables: dict[str, np.ndarray],
     multipliers: dict[str, np.ndarray],
 ) -> list[Block]:
@@ -189,15 +203,16 @@ def deficiency_map(
     Args:
         leftover: of a calibrated model.
         channels: names of the channels.
-        whiten: makes columns (n, k) of errors, each in its reading's unit, white noise of unit variance.
+        whiten: makes columns (rows, k) of a channel's errors, in its unit, white noise of unit variance; it is given
+            the numbers of the rows.
         variables: by name, (n,) what a law may be a function of.
         multipliers: by name, (n,) what may multiply a law; "" is 1.
     """
 
     def laws() -> Iterable[Tried]:
         for number, channel in enumerate(channels):
-            mine = leftover.channel_of == number
-            if mine.sum() < 10 * KNOTS:
+            mine = np.flatnonzero(leftover.channel_of == number)
+            if mine.size < 10 * KNOTS:
                 continue
             for multiplier, factor in multipliers.items():
                 for variable, values in variables.items():
@@ -206,10 +221,8 @@ def deficiency_map(
                     if made is None:
                         continue
                     shapes, knots = made
-                    columns = np.zeros((leftover.left.size, shapes.shape[1]))
-                    columns[np.flatnonzero(mine)] = shapes * factor[mine][:, None]
-                    columns[: mine.size] = whiten(columns[: mine.size])
-                    yield Tried(channel, multiplier, variable, columns, knots, (number,))
+                    columns = whiten(shapes * factor[mine][:, None], mine)
+                    yield Tried(channel, multiplier, variable, columns, mine, knots, (number,))
 
     return leftover.blocks(laws())
 

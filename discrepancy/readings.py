@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TypeVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -45,6 +46,11 @@ class Readings(eqx.Module):
         """Return errors (..., n) as white noise of unit variance."""
         scaled = errors / self.sd
         return (scaled - self.weight * scaled[..., self.previous]) / (1.0 - self.weight**2) ** 0.5
+
+    def some(self, mine: np.ndarray) -> Readings:
+        """Return the readings of those numbers, on the host: whole chains, as of a run or a channel."""
+        kept = jax.tree.map(lambda column: np.asarray(column)[mine], self)
+        return eqx.tree_at(lambda readings: readings.previous, kept, np.searchsorted(mine, kept.previous))
 
 
 def flatten(
@@ -101,14 +107,11 @@ def part_of(
     mine = np.flatnonzero(np.asarray(getattr(readings, split)) > 0.0)
     run, row, channel = np.unravel_index(np.asarray(readings.index)[mine], (*shape, channels))
     index = (number[run] * rows + row) * channels + channel
-    # A chain of noise stays within a run: all that a kept reading refers to is kept.
-    previous = np.searchsorted(mine, np.asarray(readings.previous)[mine])
-    columns = (readings.value, readings.sd, readings.weight, readings.fit, readings.check)
-    value, sd, weight, fit, check = (np.asarray(column)[mine] for column in columns)
-    return _filled([index, value, sd, previous, weight, fit, check])
+    kept = readings.some(mine)
+    return _filled([index, kept.value, kept.sd, kept.previous, kept.weight, kept.fit, kept.check])
 
 
-def _filled(columns: Sequence[np.ndarray]) -> Readings:
+def _filled(columns: Sequence[np.ndarray | Array]) -> Readings:
     """Return readings, filled up with some that never count."""
     count = columns[0].size
     extra = -count % _MULTIPLE if count else _MULTIPLE

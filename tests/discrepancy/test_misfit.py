@@ -30,7 +30,7 @@ def made(seed: int, law=None, channel: int = 0, base_columns: int = 3) -> tuple[
         "residual": np.concatenate([error, np.zeros(base_columns)]),
         "channel_of": channel_of,
         "channels": CHANNELS,
-        "whiten": lambda columns: columns / scale[:, None],
+        "whiten": lambda columns, mine: columns / scale[mine][:, None],
         "variables": variables,
         "multipliers": {"": np.ones(2 * ROWS), "current_A": current},
     }
@@ -106,17 +106,19 @@ def test_coloured_noise_is_no_law(seed: int) -> None:
     kept, white = 0.9, rows["residual"][: 2 * ROWS]
     follows = np.arange(2 * ROWS) % ROWS > 0
 
-    def whiten(columns: np.ndarray) -> np.ndarray:
-        scaled = columns / SD[rows["channel_of"]][:, None]
+    def whiten(columns: np.ndarray, mine: np.ndarray) -> np.ndarray:
+        scaled = columns / SD[rows["channel_of"]][mine][:, None]
         before = np.roll(scaled, 1, axis=0)
-        return np.where(follows[:, None], (scaled - kept * before) / np.sqrt(1.0 - kept**2), scaled)
+        return np.where(follows[mine][:, None], (scaled - kept * before) / np.sqrt(1.0 - kept**2), scaled)
 
     blocks = blocks_of(**rows | {"whiten": whiten})
     assert not any(block.significant for block in blocks)
 
     # A law in it is found at its size, which columns that are not whitened would miss by far.
     law = 0.2 * np.maximum(0.5 - rows["variables"]["soc"], 0.0) * (rows["channel_of"] == 0)
-    rows["residual"] = np.concatenate([white + whiten(law[:, None])[:, 0], rows["residual"][2 * ROWS :]])
+    rows["residual"] = np.concatenate(
+        [white + whiten(law[:, None], np.arange(2 * ROWS))[:, 0], rows["residual"][2 * ROWS :]]
+    )
     block = strongest(**rows | {"whiten": whiten})
     assert (block.channel, block.multiplier, block.variable) == ("voltage_V", "", "soc")
     expected = 0.2 * np.maximum(0.5 - block.knots, 0.0)
