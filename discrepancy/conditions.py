@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from discrepancy.calibrate import predict
-from discrepancy.contract import of_neighbours
+from discrepancy.contract import without_input_noise
 from discrepancy.session import Hypothesis, Session
 from jaxmodel.cases import Case
 
@@ -26,15 +26,12 @@ def conditions_of_rows(session: Session, hypothesis: Hypothesis) -> dict[str, np
     problem = hypothesis.problem
     predicted = predict(problem, hypothesis.fitted.x)
     found: dict[str, np.ndarray] = {}
-    measured = [run.measured for run in session.case.runs]
+    measured = [run.measured for run in without_input_noise(session.case, session.noise).runs]
     for name in measured[0].inputs:
         padded = np.zeros(problem.times.shape)
         for number, one in enumerate(measured):
             if name in one.inputs:
-                values = one.inputs[name]
-                if name in session.case.sensors:
-                    values = of_neighbours(values, session.case.sensors[name])
-                padded[number, : one.time_s.size] = values
+                padded[number, : one.time_s.size] = one.inputs[name]
         found[name] = padded
     for place, name in enumerate(problem.channels):
         if name not in found and name.split("_")[0] in ("soc", "speed", "cell", "winding", "case", "motor"):

@@ -78,13 +78,19 @@ def noisy_inputs(case: Case) -> dict[str, float]:
     return {name: sd for name, sd in case.sensors.items() if name in case.runs[0].measured.inputs}
 
 
-def without_input_noise(case: Case) -> Case:
-    """Return the case with its noisy inputs as the neighbours of each row read them."""
+def without_input_noise(case: Case, noise: Mapping[str, NoiseModel]) -> Case:
+    """Return the case with its noisy inputs as the neighbours of each row read them.
+
+    The noise of a measured input is in the residual of its own row too; as a function of the row's own reading that
+    would look like a law of nature.
+    """
     noisy = noisy_inputs(case)
+    # Whitening coloured noise mixes a row with the one before: then the nearest neighbours are no strangers either.
+    apart = 2 if any(model.rho != 0.0 for model in noise.values()) else 1
 
     def quiet(run: Run) -> Run:
         inputs = {
-            name: of_neighbours(values, noisy[name]) if name in noisy else values
+            name: _of_neighbours(values, noisy[name], apart) if name in noisy else values
             for name, values in run.measured.inputs.items()
         }
         return dataclasses.replace(run, measured=dataclasses.replace(run.measured, inputs=inputs))
@@ -92,14 +98,10 @@ def without_input_noise(case: Case) -> Case:
     return dataclasses.replace(case, runs=tuple(quiet(run) for run in case.runs))
 
 
-def of_neighbours(values: np.ndarray, sd: float) -> np.ndarray:
-    """Return a measured input at each row as its neighbours on the same level read it.
-
-    The noise of a measured input is in the residual of its own row too; as a function of the row's own reading that
-    would look like a law of nature.
-    """
-    before, after = np.roll(values, 1), np.roll(values, -1)
-    before[0], after[-1] = np.nan, np.nan
+def _of_neighbours(values: np.ndarray, sd: float, apart: int) -> np.ndarray:
+    """Return a measured input at each row as the rows so far before and after it read it, where on the same level."""
+    before, after = np.roll(values, apart), np.roll(values, -apart)
+    before[:apart], after[-apart:] = np.nan, np.nan
     near = [np.where(np.abs(other - values) < 8.0 * sd, other, np.nan) for other in (before, after)]
     count = np.sum(np.isfinite(near), axis=0)
     return np.where(count > 0, np.nansum(near, axis=0) / np.maximum(count, 1), values)

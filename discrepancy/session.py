@@ -275,7 +275,8 @@ class Session:
         if noisy_inputs(self.case):
             # A sensitivity to resistance made with the noise of a row's own current is correlated with its residual.
             present = [self.candidates[label] for label in hypothesis.labels]
-            courses = make_problem(without_input_noise(self.case), self.weights, present, (), self.catalogue)[0].courses
+            quiet = without_input_noise(self.case, self.noise)
+            courses = make_problem(quiet, self.weights, present, (), self.catalogue)[0].courses
             slopes = look(eqx.tree_at(lambda p: p.courses, problem, courses).only("fit"), x)[1]
         counted = np.asarray(part.readings.fit) > 0.0
         base = np.concatenate([-slopes[counted][:, own], np.eye(len(own))])

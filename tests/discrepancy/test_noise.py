@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from discrepancy.noise import break_at_jumps, channel_noise, detect_quantum, local_noise, residual_noise
+from discrepancy.contract import without_input_noise
+from discrepancy.noise import NoiseModel, break_at_jumps, channel_noise, detect_quantum, local_noise, residual_noise
 from discrepancy.whitening import chain_starts
+from tests.discrepancy.made_cases import case_of, run_of
 
 ROWS = 2000
 ONE_RUN = chain_starts([ROWS])
@@ -150,3 +152,20 @@ def test_too_few_readings_leave_rounding_alone():
     noise = channel_noise(readings, lambda sd: local_noise(readings, chain_starts([5]), known_sd=sd))
     assert noise.sd == pytest.approx(0.1 / np.sqrt(12.0))
     assert "too few" in noise.source
+
+
+@pytest.mark.parametrize(("rho", "told"), [(0.0, {4, 6}), (0.6, {3, 7})])
+def test_an_input_freed_of_its_noise_says_nothing_of_its_own_row(rho: float, told: set[int]) -> None:
+    """Nor, where whitening mixes rows, of those beside it: else a function of it would find its noise in a residual."""
+    sd = 0.01
+
+    def quiet(current: np.ndarray) -> np.ndarray:
+        inputs = {"current_A": current, "ambient_degC": np.full(current.size, 20.0)}
+        case = case_of("cell", {}, [run_of(1, inputs, {"voltage_V": np.zeros(current.size)})], {"current_A": sd})
+        freed = without_input_noise(case, {"voltage_V": NoiseModel(1e-3, rho, "stated")})
+        return freed.runs[0].measured.inputs["current_A"]
+
+    current = 2.0 + sd * np.random.default_rng(0).standard_normal(11)
+    moved = current.copy()
+    moved[5] += sd
+    assert set(np.flatnonzero(quiet(moved) != quiet(current)).tolist()) == told
