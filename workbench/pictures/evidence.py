@@ -139,7 +139,7 @@ def scores(diagnosis: Diagnosis, most: int = 24) -> Figure:
     axes.set_yticks(places, [entry.label for entry in entries])
     axes.set_ylim(len(entries) - 0.4, -0.6)
     axes.grid(visible=False, axis="y")
-    axes.set_xlabel("|z|, size of the standard score of the effect's amplitude (its sign is printed)")
+    axes.set_xlabel("|z| of the effect's amplitude (its sign is printed)")
     figure.legend(loc="outside lower center", ncols=2)
     return figure
 
