@@ -341,13 +341,3 @@ def _predict(problem: Problem, x: Array) -> Array:
 def predict(problem: Problem, x: np.ndarray) -> np.ndarray:
     """Return the predicted readings at coordinates x, shape (runs, rows, channels)."""
     return np.asarray(_predict(problem, jnp.asarray(x)))
-
-
-@jit_for_few_runs
-def _variance_from_inputs(problem: Problem, x: Array, input_sd: dict[str, float]) -> Array:
-    return problem.variance_from_inputs(Lane(x, jnp.zeros(len(problem.switched))), input_sd)
-
-
-def variance_from_inputs(problem: Problem, x: np.ndarray, input_sd: dict[str, float]) -> np.ndarray:
-    """Return what noise of measured inputs (sd by column) adds to each reading's variance, (runs, rows, channels)."""
-    return np.asarray(_variance_from_inputs(problem, jnp.asarray(x), input_sd))

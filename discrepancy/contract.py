@@ -6,17 +6,19 @@ import dataclasses
 from collections.abc import Mapping
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
+from discrepancy.input_noise import variance_from_inputs
 from discrepancy.noise import NoiseModel, break_at_jumps, channel_noise, local_noise
 from discrepancy.whitening import chain_starts
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.cases import Case, Run
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.measurements import KINDS
-from jaxmodel.model import read
 from jaxmodel.ports import Effect
-from jaxmodel.simulate import simulate
+from jaxmodel.profile import Track
+from jaxmodel.simulate import run_track, track
 
 
 def noise_of_case(case: Case, catalogue: Mapping[str, type[Effect]] = CATALOGUE) -> dict[str, NoiseModel]:
@@ -49,28 +51,21 @@ def noise_of_case(case: Case, catalogue: Mapping[str, type[Effect]] = CATALOGUE)
 
 
 def _noise_from_inputs(case: Case, catalogue: Mapping[str, type[Effect]]) -> dict[str, float]:
-    """Return the sd that noise of measured inputs adds to each output at once, by the nominal model's own response.
-
-    A noisy current moves the voltage by the resistance of that moment; what it does to the state averages out.
-    """
+    """Return the sd that noise of measured inputs adds to each output of the first run, by the nominal model."""
     noisy = noisy_inputs(case)
     if not noisy:
         return {}
-    run = case.runs[0]
-    model = case_model(case, run, catalogue=catalogue)
-    states = simulate(model, run_profile(run)).states
-    variance: dict[str, float] = {}
-    for name, sd in noisy.items():
-        inputs = {key: np.asarray(values) for key, values in run.measured.inputs.items()}
-        direction = {key: np.full_like(values, float(key == name)) for key, values in inputs.items()}
+    model, profile = case_model(case, case.runs[0], catalogue=catalogue), run_profile(case.runs[0])
+    outputs = KINDS[case.kind].outputs
 
-        def response(state, row, way):
-            return jax.jvp(lambda u: read(model, state, u), (row,), (way,))[1]
+    def readings(courses: Track) -> np.ndarray:
+        course = jax.tree.map(lambda leaf: leaf[0], courses)
+        found = run_track(model, course, jnp.asarray(profile.time_s)).readings
+        return np.stack([np.asarray(found[name]) for name in outputs], axis=1)[None]
 
-        slopes = jax.vmap(response)(states, inputs, direction)
-        for output, slope in slopes.items():
-            variance[output] = variance.get(output, 0.0) + float(np.mean(np.asarray(slope) ** 2)) * sd**2
-    return {output: float(np.sqrt(total)) for output, total in variance.items()}
+    course = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], track(model, profile))
+    variance = np.mean(variance_from_inputs(readings, course, noisy)[0], axis=0)
+    return {name: float(np.sqrt(one)) for name, one in zip(outputs, variance, strict=True)}
 
 
 def noisy_inputs(case: Case) -> dict[str, float]:

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array
 
 from discrepancy.conditions import conditions_of_rows
+from discrepancy.input_noise import row_of_step
 from discrepancy.misfit import Block, Leftover, Tried, hats
 from discrepancy.problem import Lane, Problem, jit_for_few_runs
 from discrepancy.screen import LANES, on_all_cores
@@ -133,7 +134,7 @@ def _shapes(
     fitted = hypothesis.problem.runs_read("fit")
     rows = part.times.shape[1]
     conditions = {name: values[fitted, :rows] for name, values in conditions_of_rows(session, hypothesis).items()}
-    at_step = _row_of_step(part)
+    at_step = row_of_step(part.courses)
     shown = np.zeros(part.times.shape, dtype=bool)
     for place, number in enumerate(fitted):
         shown[place, : session.case.runs[number].measured.time_s.size] = True
@@ -150,14 +151,6 @@ def _shapes(
                 on_rows = [np.interp(values, knots, unit) * factor for unit in np.eye(knots.size)]
                 on_steps = np.stack([np.take_along_axis(row, at_step, 1) for row in on_rows])
                 yield place, multiplier, variable, on_steps, knots
-
-
-def _row_of_step(problem: Problem) -> np.ndarray:
-    """Return the row at whose end each step lies, and the first row for the start, shape (runs, 1 + steps)."""
-    last_step = np.asarray(problem.courses.last_step)
-    steps = problem.courses.duration_s.shape[1]
-    rows = [np.append(0, 1 + np.searchsorted(one, np.arange(steps))) for one in last_step]
-    return np.minimum(np.stack(rows), problem.times.shape[1] - 1)
 
 
 def _evaluate(

@@ -20,7 +20,7 @@ from jaxmodel.cases import Case
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import FitError
 from jaxmodel.measurements import KINDS, file_label
-from jaxmodel.model import Model, read
+from jaxmodel.model import Model
 from jaxmodel.names import with_values
 from jaxmodel.parameters import info
 from jaxmodel.ports import Effect
@@ -198,28 +198,6 @@ class Problem(eqx.Module):
     def predict(self, lane: Lane) -> Array:
         """Return the predicted readings, shape (runs, rows, channels), rows past a run's end repeating its last."""
         return self.predictions(jax.tree.map(lambda x: x[None], lane))[0]
-
-    def variance_from_inputs(self, lane: Lane, input_sd: Mapping[str, float]) -> Array:
-        """Return the variance that noise of measured inputs adds to each reading at once, shaped as `predict`.
-
-        A noisy current moves the voltage by the resistance of that moment; what it does to the state averages out.
-        """
-
-        def of_run(model, course, time_s):
-            states = run_track(model, course, time_s).states
-            inputs = {name: values[course.at_rows] for name, values in course.inputs.items()}
-
-            def slopes(state, row, name):
-                way = {key: jnp.asarray(float(key == name)) for key in row}
-                found = jax.jvp(lambda u: read(model, state, u), (row,), (way,))[1]
-                return jnp.stack([found[channel] for channel in self.channels])
-
-            parts = [
-                jax.vmap(lambda s, u, n=name: slopes(s, u, n))(states, inputs) * sd for name, sd in input_sd.items()
-            ]
-            return jnp.sum(jnp.stack(parts) ** 2, axis=0)
-
-        return jax.vmap(of_run)(self.models_at(lane), self.courses, self.times)
 
     def residuals(self, lanes: Lane) -> Array:
         """Return the whitened residuals of all readings, measured less predicted, shape (lanes, n)."""

@@ -14,9 +14,10 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from discrepancy.calibrate import Fit, fit, look, objectives, predict, variance_from_inputs
+from discrepancy.calibrate import Fit, fit, look, objectives, predict
 from discrepancy.candidates import Candidate, candidates
 from discrepancy.contract import noise_of_case, noisy_inputs, without_input_noise
+from discrepancy.input_noise import variance_from_inputs
 from discrepancy.ladder import ChannelError, Estimate, Rung
 from discrepancy.noise import NoiseModel
 from discrepancy.problem import BASE, Layout, Problem, Start, make_problem
@@ -28,6 +29,7 @@ from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import EffectError, UserError, nearest
 from jaxmodel.names import parameter_table
 from jaxmodel.ports import Effect, touches
+from jaxmodel.profile import Track
 
 Labels = tuple[str, ...]
 FAR_FROM_PRIOR = 3.0
@@ -190,7 +192,12 @@ class Session:
         input_sd = noisy_inputs(self.case)
         if not input_sd:
             return None
-        variance = variance_from_inputs(best.problem, best.fitted.x, input_sd)
+        problem, x = best.problem, best.fitted.x
+
+        def readings(courses: Track) -> np.ndarray:
+            return predict(eqx.tree_at(lambda p: p.courses, problem, courses), x)
+
+        variance = variance_from_inputs(readings, problem.courses, input_sd)
         noise = dict(self.noise)
         for place, name in enumerate(best.problem.channels):
             if name in noise:
