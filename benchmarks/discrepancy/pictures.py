@@ -129,7 +129,7 @@ def reliability_picture(cases: Sequence[Judged]) -> Figure:
         axes.annotate(
             f"{share.hits} of {share.of}",
             (said, share.share),
-            xytext=(8, -3) if high == BINS[-1] else (-6, -10),
+            xytext=(8, -3) if high == BINS[-1] else (-6, -10 if share.share > 0.1 else 5),
             textcoords="offset points",
             ha="left" if high == BINS[-1] else "right",
             fontsize=8.0,
