@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax
@@ -13,8 +13,8 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array
 
-from discrepancy.problem import Lane, Problem, jit_for_few_runs, residuals
-from discrepancy.readings import Readings
+from discrepancy.lanes import at, residuals
+from discrepancy.problem import Problem
 
 MAX_STEPS = 30
 SOLVER = optx.Dogleg(rtol=1e-4, atol=1e-4)
@@ -28,9 +28,6 @@ IDLE_STEPS = 6
 IDLE_GAIN = 0.03
 # A model that would need this many times as many steps, each as good as its last few, never catches up with a rival.
 PACE = 10.0
-# Lanes come in eights, the width of a processor's vector; two effects seldom have more unknowns.
-_WIDTH = 8
-_OF_EFFECTS = 3
 # Unknowns that the solver sees come in so many, those that are not there at rest: its step is compiled once for most.
 _SIZE = 16
 
@@ -107,61 +104,20 @@ def _given_jvp(primals, tangents):
 def rows_at(problem: Problem, places: np.ndarray) -> np.ndarray:
     """Return the whitened residuals at some places (places, unknowns), shape (places, readings).
 
-    As many lanes at a time as central differences of a model with two effects take, so that all that is asked of a
-    model is asked of one program.
+    A model driven out of its range looks bad there; it does not break the solver.
     """
-    unknowns = problem.unknowns
-    base = sum("." not in name for name, own in zip(unknowns.names, _own(problem), strict=True) if own)
-    lanes = -(-(2 * (base + _OF_EFFECTS) + 1) // _WIDTH) * _WIDTH
-    found = []
-    for first in range(0, len(places), lanes):
-        batch = places[first : first + lanes]
-        filled = np.concatenate([batch, np.repeat(batch[-1:], lanes - len(batch), axis=0)])
-        off = np.zeros((lanes, len(problem.switched)))
-        found.append(np.asarray(residuals(problem, Lane(jnp.asarray(filled), jnp.asarray(off))))[: len(batch)])
-    return _bad_where_not_finite(np.concatenate(found))
-
-
-@eqx.filter_jit
-def _whitened(readings: Readings, errors: Array) -> Array:
-    return readings.whiten(errors)
-
-
-def residual(problem: Problem, x: np.ndarray) -> np.ndarray:
-    """Return the whitened residuals of all readings at one place, shape (readings,), by the program that predicts."""
-    readings = problem.readings
-    left = np.asarray(readings.value) - predict(problem, x).reshape(-1)[np.asarray(readings.index)]
-    return np.asarray(_whitened(readings, jnp.asarray(left)))
-
-
-def _rows_one_by_one(problem: Problem, places: np.ndarray) -> np.ndarray:
-    """Return the rows of few places without a program of their own: check runs are seldom looked at."""
-    return _bad_where_not_finite(np.stack([residual(problem, x) for x in places]))
-
-
-def _bad_where_not_finite(rows: np.ndarray) -> np.ndarray:
-    """A model driven out of its range must look bad, not break the solver."""
+    rows = residuals(problem, [at(problem, x) for x in places])
     return np.where(np.isfinite(rows), np.clip(rows, -1e6, 1e6), 1e3)
 
 
-def _own(problem: Problem) -> np.ndarray:
-    """Return which unknowns are of the problem's own runs, or of all runs."""
-    return np.array([run < problem.times.shape[0] for run in problem.unknowns.runs])
-
-
-def look(
-    problem: Problem,
-    x: np.ndarray,
-    moving: np.ndarray | None = None,
-    rows_at: Callable[[Problem, np.ndarray], np.ndarray] = rows_at,
-) -> tuple[np.ndarray, np.ndarray]:
+def look(problem: Problem, x: np.ndarray, moving: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Return the whitened residuals (readings,) at a place, and their derivatives (readings, unknowns).
 
     By central differences of lanes of the forward program, not by tangents: forward mode compiles four times as long,
     and a step of 1e-3 of a prior's standard deviation costs 1e-6 of a derivative. Unknowns that do not move, and those
     of runs that the problem leaves out, get zeros.
     """
-    own = _own(problem)
+    own = problem.moving
     moved = np.flatnonzero(own if moving is None else own & moving)
     away = DIFFERENCE_STEP * np.eye(x.size)[moved]
     rows = rows_at(problem, np.concatenate([x[None], x + away, x - away]))
@@ -271,12 +227,12 @@ def fit(
         rival: objective of a model that this one must come near; the fit ends where at its pace it never will.
         steps: at most so many.
     """
-    part, rows_of = (problem.only("fit"), rows_at) if split == "fit" else (problem, _rows_one_by_one)
+    part = problem.only(split)
     counted = np.asarray(getattr(part.readings, split)) > 0.0
     moving = np.ones(start.size, dtype=bool) if free is None else np.isin(np.arange(start.size), list(free))
 
     def see(x: np.ndarray) -> _Seen:
-        rows, jacobian = look(part, x, moving, rows_of)
+        rows, jacobian = look(part, x, moving)
         return _Seen(x, rows[counted], jacobian[counted], moving)
 
     size = -(-start.size // _SIZE) * _SIZE
@@ -331,13 +287,3 @@ def objectives(problem: Problem, places: np.ndarray) -> np.ndarray:
     part = problem.only("fit")
     rows = rows_at(part, places)[:, np.asarray(part.readings.fit) > 0.0]
     return np.sum(rows**2, axis=1) + np.sum(places**2, axis=1)
-
-
-@jit_for_few_runs
-def _predict(problem: Problem, x: Array) -> Array:
-    return problem.predict(Lane(x, jnp.zeros(len(problem.switched))))
-
-
-def predict(problem: Problem, x: np.ndarray) -> np.ndarray:
-    """Return the predicted readings at coordinates x, shape (runs, rows, channels)."""
-    return np.asarray(_predict(problem, jnp.asarray(x)))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from discrepancy.calibrate import predict
 from discrepancy.contract import without_input_noise
+from discrepancy.lanes import predict
 from discrepancy.session import Hypothesis, Session
 from jaxmodel.cases import Case
 

@@ -10,16 +10,13 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
 from discrepancy.conditions import conditions_of_rows
 from discrepancy.input_noise import row_of_step
+from discrepancy.lanes import at, residuals
 from discrepancy.misfit import Block, Leftover, Tried, hats
-from discrepancy.problem import Lane, Problem, jit_for_few_runs
-from discrepancy.screen import LANES, on_all_cores
+from discrepancy.problem import Problem
 from discrepancy.session import Hypothesis, Session
 from jaxmodel.ports import PORTS, Effect
 
@@ -80,20 +77,6 @@ def _addition(port: str) -> Effect:
     return type(f"AdditionTo_{port}", (Effect,), {"name": "law", "kinds": (), "equation": "", port: add})()
 
 
-@jit_for_few_runs
-def _answers(problem: Problem, x: Array, additions: Mapping[str, Array]) -> Array:
-    """Return whitened residuals with additions (lanes, runs, 1 + steps) by port, shape (lanes, readings)."""
-
-    def one(added: Mapping[str, Array]) -> Array:
-        given = problem.courses.inputs
-        inputs = given | {name: given.get(name, 0.0) + values for name, values in added.items()}
-        courses = dataclasses.replace(problem.courses, inputs=inputs)
-        changed = dataclasses.replace(problem, courses=courses)
-        return changed.residual(Lane(x, jnp.zeros(len(problem.switched))))
-
-    return jax.vmap(one)(additions)
-
-
 def equation_laws(session: Session, hypothesis: Hypothesis, leftover: Leftover) -> list[Block]:
     """Return the evidence for an unknown law in each equation of a calibrated model, strongest first."""
     problem = hypothesis.problem
@@ -105,9 +88,14 @@ def equation_laws(session: Session, hypothesis: Hypothesis, leftover: Leftover) 
     counted = np.asarray(problem.readings.fit) > 0.0
     reaches = tuple(np.unique(leftover.channel_of).tolist())
     shapes = list(_shapes(session, hypothesis, problem, places))
-    lanes = [(place.port, ADDED * place.size * row) for place, _, _, on_steps, _ in shapes for row in on_steps]
-    rows = _evaluate(problem, hypothesis.fitted.x, tuple(places), lanes)[:, counted]
-    still, moved = rows[0], rows[1:]
+    nothing = {_input(port): np.zeros(problem.courses.inputs["ambient_degC"].shape) for port in places}
+    still = dataclasses.replace(at(problem, hypothesis.fitted.x), added=nothing)
+    lanes = [still]
+    for place, _, _, on_steps, _ in shapes:
+        added = (ADDED * place.size * row for row in on_steps)
+        lanes += [dataclasses.replace(still, added=nothing | {_input(place.port): more}) for more in added]
+    rows = residuals(problem, lanes)[:, counted]
+    unmoved, moved = rows[0], rows[1:]
     everywhere = np.arange(counted.sum())
 
     def laws() -> Iterator[Tried]:
@@ -115,7 +103,7 @@ def equation_laws(session: Session, hypothesis: Hypothesis, leftover: Leftover) 
         for place, multiplier, variable, on_steps, knots in shapes:
             mine = moved[first : first + len(on_steps)]
             first += len(on_steps)
-            answers = -(mine - still).T / (ADDED * place.size)
+            answers = -(mine - unmoved).T / (ADDED * place.size)
             if np.all(np.isfinite(answers)):
                 unit = _unit(place, multiplier)
                 yield Tried(place.equation, multiplier, variable, answers, everywhere, knots, reaches, unit, place.port)
@@ -151,21 +139,3 @@ def _shapes(
                 on_rows = [np.interp(values, knots, unit) * factor for unit in np.eye(knots.size)]
                 on_steps = np.stack([np.take_along_axis(row, at_step, 1) for row in on_rows])
                 yield place, multiplier, variable, on_steps, knots
-
-
-def _evaluate(
-    problem: Problem, x: np.ndarray, ports: tuple[str, ...], lanes: list[tuple[str, np.ndarray]]
-) -> np.ndarray:
-    """Return whitened residuals without any addition, then with each, shape (1 + lanes, readings)."""
-    shape = (LANES, *problem.courses.inputs["ambient_degC"].shape)
-    everything: list[tuple[str, np.ndarray | None]] = [("", None), *lanes]
-
-    def evaluate(first: int) -> np.ndarray:
-        batch = everything[first : first + LANES]
-        additions = {_input(port): np.zeros(shape) for port in ports}
-        for number, (port, values) in enumerate(batch):
-            if values is not None:
-                additions[_input(port)][number] = values
-        return np.asarray(_answers(problem, jnp.asarray(x), jax.tree.map(jnp.asarray, additions)))[: len(batch)]
-
-    return on_all_cores(evaluate, len(everything))

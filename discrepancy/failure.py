@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
-from discrepancy.calibrate import residual
 from discrepancy.conditions import conditions_of_rows, history_of_rows
+from discrepancy.lanes import at, residuals
 from discrepancy.session import Hypothesis, Session
 from discrepancy.where import (
     Cell,
@@ -126,7 +126,7 @@ def _whitened(hypothesis: Hypothesis) -> tuple[np.ndarray, tuple[np.ndarray, ...
     counted = np.asarray(problem.readings.fit) > 0.0
     index = np.asarray(problem.readings.index)
     places = np.unravel_index(index[counted], (*problem.times.shape, len(problem.channels)))
-    return residual(problem, hypothesis.fitted.x)[counted], places
+    return residuals(problem, [at(problem, hypothesis.fitted.x)])[0, counted], places
 
 
 def failure(session: Session, hypothesis: Hypothesis) -> Failure:

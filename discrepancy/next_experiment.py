@@ -13,7 +13,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from discrepancy.calibrate import look, predict
+from discrepancy.calibrate import look
+from discrepancy.lanes import predict
 from discrepancy.session import Hypothesis, Session
 from jaxmodel.cases import Case, Known, Run
 from jaxmodel.measurements import Measured

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import equinox as eqx
 import jax
@@ -15,6 +14,7 @@ from jaxtyping import Array
 from discrepancy.candidates import Candidate, Coordinate, known_coordinate
 from discrepancy.noise import NoiseModel
 from discrepancy.readings import Readings, flatten, part_of
+from discrepancy.readings import none as no_readings
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.cases import Case
 from jaxmodel.effects import CATALOGUE
@@ -26,7 +26,6 @@ from jaxmodel.parameters import info
 from jaxmodel.ports import Effect
 from jaxmodel.simulate import Track, run_track, track
 
-_QUICKLY: dict[str, Any] = {"compiler_options": {"xla_llvm_disable_expensive_passes": True}}
 # Where a model stands: coordinates of effects by label, and of the base model.
 Start = Mapping[str, np.ndarray]
 BASE = ""
@@ -34,16 +33,12 @@ BASE = ""
 _ROWS, _STEPS = 512, 1024
 
 
-def jit_for_few_runs(function: Callable) -> Callable:
-    """Return a function compiled in half the time, which takes a third longer: for what runs few times."""
-    return eqx.filter_jit(function, **_QUICKLY)
-
-
 class Lane(eqx.Module):
-    """Where all unknowns stand, and how far the switched effects are on."""
+    """Where all unknowns stand, how far the switched effects are on, and what is added to inputs (runs, 1 + steps)."""
 
-    x: Array
-    switches: Array
+    x: Array | np.ndarray
+    switches: Array | np.ndarray
+    added: dict[str, Array | np.ndarray] = eqx.field(default_factory=dict)
 
 
 class Unknowns(eqx.Module):
@@ -51,20 +46,18 @@ class Unknowns(eqx.Module):
 
     Attributes:
         names: of the numbers.
-        runs: for each the run it belongs to, or -1 for all.
-        fixed_in: for each the runs that state a value of their own, known exactly.
+        of_run: (runs, unknowns) True where a number is one of that run.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
-    runs: tuple[int, ...] = eqx.field(static=True)
-    fixed_in: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+    of_run: Array
     logarithmic: Array
     centre: Array
     spread: Array
     origin: Array
     sign: Array
 
-    def numbers(self, x: Array) -> Array:
+    def numbers(self, x: Array | np.ndarray) -> Array:
         """Return the numbers at the coordinates x, both of shape (unknowns,)."""
         straight = self.centre + self.spread * x
         curved = self.origin + self.sign * jnp.exp(jnp.where(self.logarithmic, straight, 0.0))
@@ -97,6 +90,11 @@ class Layout:
     def own(self, labels: Sequence[str]) -> list[int]:
         """Return the numbers of the base model's unknowns, then of some effects'."""
         return [*range(self.base), *(number for label in labels for number in self.of_effect[label])]
+
+    def of_runs(self, count: int) -> Array:
+        """Return which unknowns are of which of so many runs, shape (runs, unknowns)."""
+        places = list(zip(self.runs, self.fixed_in, strict=True))
+        return jnp.asarray([[(own < 0 and i not in fixed) or own == i for own, fixed in places] for i in range(count)])
 
     def at(self, start: Start) -> np.ndarray:
         """Return the vector of unknowns at a start, zero where it says nothing."""
@@ -147,7 +145,15 @@ def make_layout(case: Case, effects: Sequence[Candidate]) -> Layout:
 class Problem(eqx.Module):
     """Predictions of all runs for any setting of the unknowns; a pytree, so that cases of one shape share programs.
 
-    `channels` are all outputs of the kind, measured or not.
+    Attributes:
+        models: of each run.
+        courses: the steps of each run.
+        times: (runs, rows) times of the readings.
+        readings: what was read.
+        unknowns: the numbers that are free.
+        switched: effects behind a switch.
+        channels: all outputs of the kind, measured or not.
+        block: how many runs are simulated at a time, and their rows and steps: those of the runs that may calibrate.
     """
 
     models: Model
@@ -157,59 +163,48 @@ class Problem(eqx.Module):
     unknowns: Unknowns
     switched: tuple[str, ...] = eqx.field(static=True)
     channels: tuple[str, ...] = eqx.field(static=True)
+    block: tuple[int, int, int] = eqx.field(static=True)
 
-    def _model_at(self, model: Model, chosen: Array, lane: Lane) -> Model:
-        """Return a run's model; `chosen` (unknowns,) is True where an unknown is one of that run."""
+    def _model_at(self, model: Model, own: Array, lane: Lane) -> Model:
+        """Return a run's model; `own` (unknowns,) is True where an unknown is one of that run."""
         found = self.unknowns.numbers(lane.x)
         numbers: dict[str, Array] = {}
         for place, name in enumerate(self.unknowns.names):
             before = numbers.get(name, _stated(model, name))
-            numbers[name] = jnp.where(chosen[place], found[place], before)
+            numbers[name] = jnp.where(own[place], found[place], before)
         for place, label in enumerate(self.switched):
             numbers[f"{label}.switch"] = lane.switches[place]
         return with_values(model, numbers)
 
     @property
-    def _chosen(self) -> Array:
-        """Return which unknowns enter which run, shape (runs, unknowns)."""
-        places = list(zip(self.unknowns.runs, self.unknowns.fixed_in, strict=True))
-        runs = range(self.times.shape[0])
-        return jnp.asarray([[(run < 0 and i not in fixed) or run == i for run, fixed in places] for i in runs])
-
-    def models_at(self, lane: Lane) -> Model:
-        """Return the model of each run, its leaves of shape (runs, ...)."""
-        return jax.vmap(self._model_at, in_axes=(0, 0, None))(self.models, self._chosen, lane)
+    def moving(self) -> np.ndarray:
+        """Return which unknowns enter any of the runs."""
+        return np.any(np.asarray(self.unknowns.of_run), axis=0)
 
     def predictions(self, lanes: Lane) -> Array:
         """Return the predicted readings of many lanes, shape (lanes, runs, rows, channels).
 
-        Lanes are the innermost axis of all arithmetic: they are what a processor's vectors are filled with.
+        Every lane of every run is one of the innermost axis of all arithmetic, which fills a processor's vectors: runs
+        by themselves are few, and an axis more takes twice as long to trace and to compile.
         """
 
-        def of_run(model: Model, chosen: Array, course: Track, time_s: Array) -> Array:
-            def of_lane(lane: Lane) -> Array:
-                readings = run_track(self._model_at(model, chosen, lane), course, time_s).readings
-                return jnp.stack([readings[name] for name in self.channels], axis=-1)
+        def of_one(run: tuple[Model, Array, Track, Array], lane: Lane) -> Array:
+            model, own, course, time_s = run
+            inputs = course.inputs | {name: course.inputs.get(name, 0.0) + more for name, more in lane.added.items()}
+            course = dataclasses.replace(course, inputs=inputs)
+            readings = run_track(self._model_at(model, own, lane), course, time_s).readings
+            return jnp.stack([readings[name] for name in self.channels], axis=-1)
 
-            return jax.vmap(of_lane)(lanes)
-
-        return jax.vmap(of_run, out_axes=1)(self.models, self._chosen, self.courses, self.times)
-
-    def predict(self, lane: Lane) -> Array:
-        """Return the predicted readings, shape (runs, rows, channels), rows past a run's end repeating its last."""
-        return self.predictions(jax.tree.map(lambda x: x[None], lane))[0]
-
-    def residuals(self, lanes: Lane) -> Array:
-        """Return the whitened residuals of all readings, measured less predicted, shape (lanes, n)."""
-
-        def whitened(predicted: Array) -> Array:
-            return self.readings.whiten(self.readings.value - predicted.reshape(-1)[self.readings.index])
-
-        return jax.vmap(whitened)(self.predictions(lanes))
-
-    def residual(self, lane: Lane) -> Array:
-        """Return the whitened residuals of one lane, shape (n,)."""
-        return self.residuals(jax.tree.map(lambda x: x[None], lane))[0]
+        runs, count = self.times.shape[0], lanes.x.shape[0]
+        of_runs = (self.models, self.unknowns.of_run, self.courses, self.times)
+        of_each_run = jax.tree.map(lambda x: jnp.repeat(x, count, axis=0), of_runs)
+        of_each_lane = Lane(
+            jnp.tile(lanes.x, (runs, 1)),
+            jnp.tile(lanes.switches, (runs, 1)),
+            {name: jnp.concatenate(jnp.swapaxes(more, 0, 1)) for name, more in lanes.added.items()},
+        )
+        found = jax.vmap(of_one)(of_each_run, of_each_lane)
+        return jnp.swapaxes(found.reshape(runs, count, *found.shape[1:]), 0, 1)
 
     def runs_read(self, split: str) -> np.ndarray:
         """Return the numbers of the runs with readings that fit, or check."""
@@ -222,28 +217,47 @@ class Problem(eqx.Module):
         Unknowns keep their places; those of the runs left out move nothing.
         """
         kept = self.runs_read(split)
-        last_step = np.asarray(self.courses.last_step)[kept]
-        rows = _round_up(int(np.max(np.argmax(last_step == last_step[:, -1:], axis=1))) + 2, _ROWS)
-        steps = _round_up(int(last_step.max()) + 1, _STEPS)
-        courses = Track(
-            duration_s=_part(self.courses.duration_s, kept, steps),
-            inputs={name: _part(values, kept, steps + 1) for name, values in self.courses.inputs.items()},
-            last_step=_part(self.courses.last_step, kept, rows - 1),
-        )
+        rows, steps = np.maximum(self._length(kept), self.block[1:]).tolist()
         number = np.full(self.times.shape[0], kept.size)
         number[kept] = np.arange(kept.size)
-        places = self.unknowns
+        readings = part_of(self.readings, self.times.shape, len(self.channels), number, rows, split)
+        return dataclasses.replace(self._of_runs(kept, rows, steps), readings=readings)
+
+    def blocks(self) -> list[tuple[np.ndarray, Problem]]:
+        """Return the problems of a few runs at a time, as many as may calibrate, and the numbers of these runs.
+
+        They are of one shape, and share a compiled program, where no run is longer than those that calibrate. Readings
+        have no part in predictions, and are left out.
+        """
+        count, *shape = self.block
+        unread = dataclasses.replace(self, readings=no_readings())
+        if (*self.times.shape, self.courses.duration_s.shape[1]) == self.block:
+            return [(np.arange(count), unread)]
+        longer = np.array([self._length(run) > tuple(shape) for run in range(self.times.shape[0])])
+        blocks = []
+        for runs, size in ((np.flatnonzero(~longer), shape), (np.flatnonzero(longer), self._length(slice(None)))):
+            for first in range(0, runs.size, count):
+                some = runs[first : first + count]
+                blocks.append((some, unread._of_runs(np.pad(some, (0, count - some.size), mode="edge"), *size)))
+        return blocks
+
+    def _length(self, runs: np.ndarray | slice | int) -> tuple[int, int]:
+        """Return the rows and steps of the longest of some runs, rounded up."""
+        return _length(np.atleast_2d(np.asarray(self.courses.last_step)[runs]))
+
+    def _of_runs(self, runs: np.ndarray, rows: int, steps: int) -> Problem:
+        """Return the problem of some runs, cut to so many rows and steps; its readings are those of all."""
+        courses = Track(
+            duration_s=_part(self.courses.duration_s, runs, steps),
+            inputs={name: _part(values, runs, steps + 1) for name, values in self.courses.inputs.items()},
+            last_step=_part(self.courses.last_step, runs, rows - 1),
+        )
         return dataclasses.replace(
             self,
-            models=jax.tree.map(lambda leaf: _part(leaf, kept), self.models),
+            models=jax.tree.map(lambda leaf: _part(leaf, runs), self.models),
             courses=courses,
-            times=_part(self.times, kept, rows),
-            readings=part_of(self.readings, self.times.shape, len(self.channels), number, rows, split),
-            unknowns=dataclasses.replace(
-                places,
-                runs=tuple(run if run < 0 else int(number[run]) for run in places.runs),
-                fixed_in=tuple(tuple(int(number[run]) for run in runs) for runs in places.fixed_in),
-            ),
+            times=_part(self.times, runs, rows),
+            unknowns=dataclasses.replace(self.unknowns, of_run=_part(self.unknowns.of_run, runs)),
         )
 
 
@@ -251,12 +265,6 @@ def _part(values: Array, runs: np.ndarray, size: int | None = None) -> Array:
     """Return some runs, and the first so many columns; on the host, where each shape does not compile a program."""
     kept = np.asarray(values)[runs]
     return jnp.asarray(kept if size is None else kept[:, :size])
-
-
-@eqx.filter_jit
-def residuals(problem: Problem, lanes: Lane) -> Array:
-    """Return the whitened residuals of many lanes, shape (lanes, n), compiled once for cases of one shape."""
-    return problem.residuals(lanes)
 
 
 def _stated(models: Model, name: str) -> Array:
@@ -301,6 +309,7 @@ def make_problem(
     readings = flatten(case, noise, KINDS[case.kind].outputs, times.shape[1], variance_from_inputs)
     if not np.any(readings.fit):
         raise FitError(f'{file_label(case.path)}: no reading of a run with split = "fit"; mark at least one such run.')
+    fit_runs = np.flatnonzero([run.split == "fit" for run in case.runs])
     parts = {
         field: jnp.asarray([getattr(coordinate, field) for coordinate in layout.coordinates])
         for field in ("logarithmic", "centre", "spread", "origin", "sign")
@@ -310,9 +319,10 @@ def make_problem(
         courses=courses,
         times=times,
         readings=readings,
-        unknowns=Unknowns(layout.names, layout.runs, layout.fixed_in, **parts),
+        unknowns=Unknowns(layout.names, layout.of_runs(len(case.runs)), **parts),
         switched=tuple(effect.label for effect in switched),
         channels=KINDS[case.kind].outputs,
+        block=(fit_runs.size, *_length(np.asarray(courses.last_step)[fit_runs])),
     )
     return problem, layout
 
@@ -339,6 +349,12 @@ def _courses(models: list[Model], case: Case) -> tuple[Track, Array]:
         courses.append(eqx.tree_at(lambda c: c.last_step, course, filled))
         times.append(np.pad(profile.time_s, (0, rows - profile.time_s.size), mode="edge"))
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *courses), jnp.asarray(np.stack(times))
+
+
+def _length(last_step: np.ndarray) -> tuple[int, int]:
+    """Return the rows and steps of the longest of some runs, rounded up, from the step that ends at each later row."""
+    rows = int(np.max(np.argmax(last_step == last_step[:, -1:], axis=1))) + 2
+    return _round_up(rows, _ROWS), _round_up(int(last_step.max()) + 1, _STEPS)
 
 
 def _round_up(count: int, multiple: int) -> int:

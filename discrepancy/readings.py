@@ -111,6 +111,11 @@ def part_of(
     return _filled([index, kept.value, kept.sd, kept.previous, kept.weight, kept.fit, kept.check])
 
 
+def none() -> Readings:
+    """Return no readings at all."""
+    return Readings(*jnp.zeros((7, 0)))
+
+
 def _filled(columns: Sequence[np.ndarray | Array]) -> Readings:
     """Return readings, filled up with some that never count."""
     count = columns[0].size

@@ -8,22 +8,18 @@ model so linearly that the step of the difference costs 1e-3 of a score.
 from __future__ import annotations
 
 import dataclasses
-import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
 from discrepancy.candidates import Candidate
-from discrepancy.problem import Lane, Layout, Problem, Start, jit_for_few_runs
+from discrepancy.lanes import LANES, compile_for, residuals
+from discrepancy.problem import Lane, Layout, Problem, Start
 from discrepancy.projection import Candidate as Direction
 from discrepancy.score import ScoreTable, score_effects
 from jaxmodel.profile import Track
 
-LANES = 16
 SWITCH_STEP = 1e-3
 # A direction of which less than this survives the projection is not told from the error of its differences.
 ABSORBED_BELOW = 3e-3
@@ -48,33 +44,6 @@ class Screen:
     residual: np.ndarray
 
 
-@jit_for_few_runs
-def _residuals(problem: Problem, lanes: Lane) -> Array:
-    return problem.residuals(lanes)
-
-
-def _evaluate(problem: Problem, lanes: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    """Return the residuals of any number of lanes, shape (lanes, readings), a fixed number at a time on each core."""
-
-    def evaluate(first: int) -> np.ndarray:
-        batch = lanes[first : first + LANES]
-        filled = batch + [batch[-1]] * (LANES - len(batch))
-        stacked = Lane(jnp.asarray(np.stack([x for x, _ in filled])), jnp.asarray(np.stack([s for _, s in filled])))
-        return np.asarray(_residuals(problem, stacked))[: len(batch)]
-
-    return on_all_cores(evaluate, len(lanes))
-
-
-def on_all_cores(evaluate: Callable[[int], np.ndarray], lanes: int) -> np.ndarray:
-    """Return what `evaluate` gives for the batches of `LANES` that begin at 0, `LANES` and so on, one after the other.
-
-    A batch is one kernel on one core; the first runs alone, so that the program is compiled once.
-    """
-    compiled = evaluate(0)
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return np.concatenate([compiled, *pool.map(evaluate, range(LANES, lanes, LANES))])
-
-
 @dataclasses.dataclass(frozen=True)
 class Switchboard:
     """A case with candidates behind switches: one program, compiled once, that screens whatever model is calibrated.
@@ -91,7 +60,7 @@ class Switchboard:
 
     def warm_up(self) -> None:
         """Compile the program."""
-        _evaluate(self.problem.only("fit"), [(np.zeros(len(self.layout.coordinates)), np.zeros(len(self.candidates)))])
+        compile_for(self.problem.only("fit"))
 
     def over(self, courses: Track) -> Switchboard:
         """Return the switchboard of other steps, or other inputs."""
@@ -108,12 +77,13 @@ class _Point:
         self.switches = np.array([float(candidate.label in start) for candidate in board.candidates])
         self.absent = [(place, c) for place, c in enumerate(board.candidates) if c.label not in start]
 
-    def rows(self, lanes: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    def rows(self, lanes: list[Lane]) -> np.ndarray:
         """Return by how much lanes move the whitened residuals of the fit readings, shape (lanes, readings)."""
-        rows = _evaluate(self.part, [(self.here, self.switches), *lanes])[:, np.asarray(self.part.readings.fit) > 0.0]
+        rows = residuals(self.part, [Lane(self.here, self.switches), *lanes])
+        rows = rows[:, np.asarray(self.part.readings.fit) > 0.0]
         return rows[1:] - rows[0]
 
-    def a_little_and_wholly(self) -> list[tuple[np.ndarray, np.ndarray]]:
+    def a_little_and_wholly(self) -> list[Lane]:
         """Return two lanes for each probe of each absent candidate, one for its derivative."""
         return [
             self.switched_on(place, candidate, probe, step)
@@ -122,14 +92,12 @@ class _Point:
             for step in (SWITCH_STEP, 1.0)
         ]
 
-    def switched_on(
-        self, place: int, candidate: Candidate, probe: Sequence[float], step: float = 1.0
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def switched_on(self, place: int, candidate: Candidate, probe: Sequence[float], step: float = 1.0) -> Lane:
         """Return the lane in which one candidate is switched on, wholly or by a step, at a probe of its parameters."""
         moved, on = self.here.copy(), self.switches.copy()
         moved[list(self.board.layout.of_effect[candidate.label])] = probe
         on[place] = step
-        return moved, on
+        return Lane(moved, on)
 
 
 def screen(

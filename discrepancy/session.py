@@ -14,11 +14,12 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from discrepancy.calibrate import Fit, fit, look, objectives, predict
+from discrepancy.calibrate import Fit, fit, look, objectives
 from discrepancy.candidates import Candidate, candidates
 from discrepancy.contract import noise_of_case, noisy_inputs, without_input_noise
 from discrepancy.input_noise import variance_from_inputs
 from discrepancy.ladder import ChannelError, Estimate, Rung
+from discrepancy.lanes import predict
 from discrepancy.noise import NoiseModel
 from discrepancy.problem import BASE, Layout, Problem, Start, make_problem
 from discrepancy.screen import Screen, Switchboard, screen
@@ -142,17 +143,15 @@ class Session:
         family = [self.candidates[label] for label in hypothesis.layout.of_effect]
         return make_problem(case, self.weights, present, (), self.catalogue, family=family)[0]
 
-    def warm_up(self) -> Thread:
+    def warm_up(self) -> None:
         """Begin to compile the screening programs, which takes as long as the first fits, beside them."""
+        for number in range(2):
+            Thread(target=self._compile_board, args=(number,), daemon=True).start()
 
-        def prepare() -> None:
-            with contextlib.suppress(UserError):  # the calibration will meet the same mistake, and tell it
-                for board in self._boards:
-                    board.warm_up()
-
-        thread = Thread(target=prepare, daemon=True)
-        thread.start()
-        return thread
+    def _compile_board(self, number: int) -> None:
+        with contextlib.suppress(UserError):  # the calibration will meet the same mistake, and tell it
+            for board in self._boards[number : number + 1]:
+                board.warm_up()
 
     def labels_of(self, names: Sequence[str]) -> Labels:
         """Return the candidates that a user's names mean: an effect, or a sensor's effect on one column as 'a:b'.

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
-from jax.core import Tracer
+from jax.core import Tracer, eval_jaxpr
 from jax.experimental.xla_metadata import set_xla_metadata
 from jax.extend.core import ClosedJaxpr, Jaxpr
 
@@ -28,10 +28,16 @@ def as_one_kernel(function: Callable, *arguments):
     a loop, over 90,000 readings of 6 runs, ended elsewhere in 3 of 112 fits on a busy machine (jaxlib 0.10.2); the same
     program without the loop gave the same bits in all of 600 evaluations.
     """
-    if jax.default_backend() != "cpu" or not fits_one_kernel(function, *arguments):
+    if jax.default_backend() != "cpu":
         return function(*arguments)
-    with set_xla_metadata(inlineable="false", xla_cpu_small_call="true"):
-        return jax.jit(function)(*arguments)
+    traced, shapes = jax.make_jaxpr(function, return_shape=True)(*arguments)
+    values = (traced.consts, jax.tree.leaves(arguments))
+    if not _fits_one_kernel(traced.jaxpr):
+        found = eval_jaxpr(traced.jaxpr, values[0], *values[1])
+    else:
+        with set_xla_metadata(inlineable="false", xla_cpu_small_call="true"):
+            found = jax.jit(lambda consts, leaves: eval_jaxpr(traced.jaxpr, consts, *leaves))(*values)
+    return jax.tree.unflatten(jax.tree.structure(shapes), found)
 
 
 def holds_constants(values: object) -> bool:
@@ -45,9 +51,9 @@ def holds_constants(values: object) -> bool:
     return staged and not all(isinstance(leaf, Tracer) for leaf in arrays)
 
 
-def fits_one_kernel(function: Callable, *arguments) -> bool:
-    """Return True where every operation of function(*arguments) can be part of one kernel."""
-    names = _primitives(jax.make_jaxpr(function)(*arguments).jaxpr)
+def _fits_one_kernel(jaxpr: Jaxpr) -> bool:
+    """Return True where every operation can be part of one kernel."""
+    names = _primitives(jaxpr)
     return not any(name.startswith(_NEEDS_A_KERNEL) or name.endswith("callback") for name in names)
 
 

@@ -5,15 +5,16 @@ from __future__ import annotations
 import dataclasses
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from jaxtyping import Array
 from scipy.stats import chi2, multivariate_normal
 
-from discrepancy.calibrate import Fit, fit, predict
+from discrepancy.calibrate import Fit, fit
+from discrepancy.lanes import at, predict, residuals
 from discrepancy.problem import Lane, Problem
+from discrepancy.readings import Readings
 from discrepancy.session import Hypothesis, Session
 
 DRAWS = 40
@@ -30,7 +31,7 @@ def problem(base: Hypothesis) -> Problem:
 
 
 def residual_at(problem: Problem, x: np.ndarray) -> np.ndarray:
-    return np.asarray(jax.jit(Problem.residual)(problem, Lane(jnp.asarray(x), jnp.zeros(len(problem.switched)))))
+    return residuals(problem, [at(problem, x)])[0]
 
 
 def measured_anew(problem: Problem, x: np.ndarray, generator: np.random.Generator) -> Problem:
@@ -104,31 +105,38 @@ class LinearProblem(Problem):
     """Readings that are linear in the unknowns, so that everything about them is known in closed form."""
 
     matrix: Array
-    data: Array
 
-    def residuals(self, lanes: Lane) -> Array:
-        return self.data - lanes.x @ self.matrix.T
+    def predictions(self, lanes: Lane) -> Array:
+        return (lanes.x @ self.matrix.T)[:, None, :, None]
 
     def only(self, split: str) -> LinearProblem:
         return self
+
+    def blocks(self) -> list[tuple[np.ndarray, LinearProblem]]:
+        return [(np.zeros(1, int), self)]
 
 
 @pytest.fixture(scope="module")
 def linear(problem: Problem) -> LinearProblem:
     generator = np.random.default_rng(3)
-    counted = np.asarray(problem.readings.fit)
+    counted = problem.readings.fit
     size = len(problem.unknowns.names)
     fields = {field.name: getattr(problem, field.name) for field in dataclasses.fields(problem)}
     # Few rows say much and some say little; those that do not count would upset everything if they did.
     scale = np.where(np.cumsum(counted) <= 40, 1.0, 0.01)[:, None] * np.geomspace(0.05, 5.0, size)
     matrix = np.where(counted[:, None] > 0.0, scale * generator.standard_normal((counted.size, size)), 1e3)
     data = matrix @ generator.standard_normal(size) + generator.standard_normal(counted.size)
-    return LinearProblem(**fields, matrix=jnp.asarray(matrix), data=jnp.asarray(data))
+    nothing = jnp.zeros(data.size)
+    readings = Readings(
+        jnp.arange(data.size), jnp.asarray(data), nothing + 1.0, jnp.arange(data.size), nothing, counted, nothing
+    )
+    fields |= {"times": nothing[None], "channels": ("voltage_V",), "readings": readings}
+    return LinearProblem(**fields, matrix=jnp.asarray(matrix))
 
 
 def test_linear_problem_has_its_known_solution_and_evidence(linear: LinearProblem) -> None:
     counted = np.asarray(linear.readings.fit) > 0.0
-    matrix, data = np.asarray(linear.matrix)[counted], np.asarray(linear.data)[counted]
+    matrix, data = np.asarray(linear.matrix)[counted], np.asarray(linear.readings.value)[counted]
     size = matrix.shape[1]
     found = fit(linear, np.zeros(size))
     information = matrix.T @ matrix + np.eye(size)

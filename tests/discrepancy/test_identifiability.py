@@ -11,7 +11,7 @@ import pytest
 from jaxtyping import Array
 from scipy.stats import chi2
 
-from discrepancy.calibrate import Fit, fit, predict
+from discrepancy.calibrate import Fit, fit
 from discrepancy.identifiability import (
     Identifiability,
     asking_for,
@@ -21,6 +21,7 @@ from discrepancy.identifiability import (
     names_of,
     profile_likelihood,
 )
+from discrepancy.lanes import predict
 from discrepancy.problem import Lane, Problem, make_problem
 from discrepancy.session import Hypothesis, Session
 from jaxmodel.errors import ParameterError

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from discrepancy.candidates import make_candidate
+from discrepancy.lanes import LANES, predict, predictions, residuals
 from discrepancy.noise import NoiseModel
 from discrepancy.problem import Lane, Layout, Problem, make_layout, make_problem
 from discrepancy.whitening import whiten
@@ -69,12 +68,12 @@ def made(case: Case) -> tuple[Problem, Layout]:
 @pytest.fixture(scope="module")
 def lane(made: tuple[Problem, Layout]) -> Lane:
     x = np.random.default_rng(0).normal(size=len(made[1].names))
-    return Lane(jnp.asarray(x), jnp.zeros(1))
+    return Lane(x, np.zeros(1))
 
 
 @pytest.fixture(scope="module")
 def predicted(made: tuple[Problem, Layout], lane: Lane) -> np.ndarray:
-    return np.asarray(jax.jit(Problem.predict)(made[0], lane))
+    return predictions(made[0], [lane])[0]
 
 
 def alone(case: Case, layout: Layout, lane: Lane, number: int, *, switch: float = 0.0) -> dict[str, np.ndarray]:
@@ -133,9 +132,39 @@ def test_prediction_is_the_simulation_of_each_run(
         np.testing.assert_array_equal(column[rows:], column[rows - 1])
 
 
+def test_many_lanes_are_each_as_if_alone(made: tuple[Problem, Layout], lane: Lane, predicted: np.ndarray) -> None:
+    problem, _ = made
+    others = [Lane(lane.x + 0.01 * number, lane.switches) for number in range(LANES + 3)]
+    found = predictions(problem, others)
+    assert found.shape == (LANES + 3, *predicted.shape)
+    np.testing.assert_allclose(found[0], predicted, rtol=1e-12)
+    np.testing.assert_allclose(found[-1], predictions(problem, others[-1:])[0], rtol=1e-12)
+    assert not np.allclose(found[-1], found[-2], rtol=1e-9)
+
+
+def test_runs_to_be_judged_are_simulated_by_themselves_as_beside_the_others(
+    made: tuple[Problem, Layout], lane: Lane
+) -> None:
+    problem, _ = made
+    for split in ("fit", "check"):
+        part, counted = problem.only(split), np.asarray(getattr(problem.readings, split)) > 0.0
+        alone = residuals(part, [lane])[0][np.asarray(getattr(part.readings, split)) > 0.0]
+        np.testing.assert_allclose(alone, residuals(problem, [lane])[0][counted], rtol=0.0, atol=1e-9)
+
+
+def test_what_is_added_to_an_input_is_that_input(case: Case, made: tuple[Problem, Layout], lane: Lane) -> None:
+    problem = made[0].only("fit")
+    inputs = problem.courses.inputs
+    half = dataclasses.replace(problem.courses, inputs=inputs | {"current_A": 0.5 * np.asarray(inputs["current_A"])})
+    more = dataclasses.replace(lane, added={"current_A": 0.5 * np.asarray(inputs["current_A"])})
+    np.testing.assert_allclose(
+        predictions(dataclasses.replace(problem, courses=half), [more])[0], predictions(problem, [lane])[0], rtol=1e-12
+    )
+
+
 def test_switch_turns_an_effect_on(case: Case, made: tuple[Problem, Layout], lane: Lane) -> None:
     problem, layout = made
-    on = np.asarray(jax.jit(Problem.predict)(problem, Lane(lane.x, jnp.ones(1))))
+    on = predictions(problem, [Lane(lane.x, np.ones(1))])[0]
     expected = alone(case, layout, lane, 0, switch=1.0)["voltage_V"]
     np.testing.assert_allclose(on[0, : expected.size, problem.channels.index("voltage_V")], expected, rtol=1e-12)
 
@@ -146,9 +175,9 @@ def test_other_runs_change_nothing(case: Case, made: tuple[Problem, Layout], lan
     single, of_single = make_problem(first_only, NOISE, PRESENT, SWITCHED)
     places = {unknown: place for place, unknown in enumerate(zip(layout.names, layout.runs, strict=True))}
     x = [float(lane.x[places[unknown]]) for unknown in zip(of_single.names, of_single.runs, strict=True)]
-    left = np.asarray(jax.jit(Problem.residual)(single, Lane(jnp.asarray(x), lane.switches)))
+    left = residuals(single, [Lane(np.array(x), lane.switches)])[0]
     counted = np.asarray(single.readings.fit) > 0.0
-    together = np.asarray(jax.jit(Problem.residual)(problem, lane))
+    together = residuals(problem, [lane])[0]
     first_run = np.asarray(problem.readings.index) < problem.times.shape[1] * len(problem.channels)
     in_first = first_run & (np.asarray(problem.readings.fit) > 0.0)
     np.testing.assert_allclose(together[in_first], left[counted], rtol=0.0, atol=1e-9)
@@ -168,7 +197,7 @@ def test_residual_is_whitened_channel_by_channel_with_its_gaps(
             expected.append(whiten(errors, start, model.rho, model.sd, present)[present])
             is_fit.append(np.full(present.sum(), run.split == "fit"))
     expected, is_fit = np.concatenate(expected), np.concatenate(is_fit)
-    residual = np.asarray(jax.jit(Problem.residual)(problem, lane))
+    residual = residuals(problem, [lane])[0]
     np.testing.assert_allclose(residual[: expected.size], expected, rtol=0.0, atol=1e-9)
     np.testing.assert_array_equal(np.asarray(problem.readings.fit)[: expected.size], is_fit)
     np.testing.assert_array_equal(np.asarray(problem.readings.check)[: expected.size], ~is_fit)
@@ -188,7 +217,7 @@ def test_motor_runs_of_different_grids_are_simulated_as_if_alone() -> None:
     problem, layout = make_problem(case, {"speed_rad_s": NoiseModel(0.1, 0.0, "assumed")}, [friction])
     assert (layout.names, layout.base) == (("R_0", "viscous_friction.b"), 1)
     x = np.array([0.7, -0.4])
-    found = np.asarray(jax.jit(Problem.predict)(problem, Lane(jnp.asarray(x), jnp.zeros(0))))
+    found = predict(problem, x)
     resistance, b = (coordinate.number(place) for coordinate, place in zip(layout.coordinates, x, strict=True))
     given = dataclasses.replace(case, parameters={"R_0": Known(resistance)}, effects={"viscous_friction": {"b": b}})
     truth = simulate(case_model(given), run_profile(given.runs[1])).readings

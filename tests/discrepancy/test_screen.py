@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
-from discrepancy.calibrate import fit, look, predict
+from discrepancy.calibrate import fit, look
+from discrepancy.lanes import predict
 from discrepancy.problem import Lane, Layout, Problem, make_problem
 from discrepancy.projection import Candidate as Direction
 from discrepancy.projection import project
@@ -49,7 +50,13 @@ def rows_about(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 @eqx.filter_jit
 def derivatives(problem: Problem, at: Lane, ways: Lane) -> jax.Array:
     """Return the derivatives of the residuals along many ways, exact to rounding."""
-    return jax.vmap(lambda way: jax.jvp(problem.residual, (at,), (way,))[1])(ways)
+    readings = problem.readings
+
+    def residual(lane: Lane) -> jax.Array:
+        predicted = problem.predictions(jax.tree.map(lambda x: x[None], lane))
+        return readings.whiten(readings.value - predicted.reshape(-1)[readings.index])
+
+    return jax.vmap(lambda way: jax.jvp(residual, (at,), (way,))[1])(ways)
 
 
 def test_differences_are_the_derivatives(

@@ -1,0 +1,102 @@
+"""Many settings of a case's unknowns at once: one compiled program, so many lanes at a time on each core."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from discrepancy.problem import Lane, Problem
+
+# A kernel of 16 lanes takes half as long as one of 32; of 8, more than half.
+LANES = 16
+# LLVM's expensive passes double the time to compile, and what they gain is lost again within a diagnosis.
+_QUICKLY: dict[str, Any] = {"compiler_options": {"xla_llvm_disable_expensive_passes": True}}
+
+_COMPILING: defaultdict[object, threading.Lock] = defaultdict(threading.Lock)
+_COMPILED: set[object] = set()
+
+
+def predictions(problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
+    """Return the predicted readings of any number of lanes, shape (lanes, runs, rows, channels).
+
+    Args:
+        problem: a case under one model.
+        lanes: arrays on the host.
+    """
+    return _of_batches(problem, lanes, lambda predicted: predicted)
+
+
+def residuals(problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
+    """Return the whitened residuals of all readings, measured less predicted, shape (lanes, readings)."""
+    readings = jax.tree.map(np.asarray, problem.readings)
+
+    def whitened(predicted: np.ndarray) -> np.ndarray:
+        with np.errstate(over="ignore", invalid="ignore"):  # a model out of its range gives what is not finite
+            return readings.whiten(readings.value - predicted.reshape(len(predicted), -1)[:, readings.index])
+
+    return _of_batches(problem, lanes, whitened)
+
+
+def predict(problem: Problem, x: np.ndarray) -> np.ndarray:
+    """Return the predicted readings at coordinates x, switches off, shape (runs, rows, channels)."""
+    return predictions(problem, [at(problem, x)])[0]
+
+
+def at(problem: Problem, x: np.ndarray) -> Lane:
+    """Return the lane at coordinates x, switches off."""
+    return Lane(np.asarray(x), np.zeros(len(problem.switched)))
+
+
+def compile_for(problem: Problem) -> None:
+    """Compile the program of a model, if that has not been done."""
+    predict(problem, np.zeros(len(problem.unknowns.names)))
+
+
+def _of_batches(problem: Problem, lanes: Sequence[Lane], use: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """Return what is made of the predictions of each batch, one after the other; a batch is one kernel on one core."""
+    blocks = problem.blocks()
+
+    def of_batch(first: int) -> np.ndarray:
+        batch = list(lanes[first : first + LANES])
+        filled = batch + [batch[-1]] * (LANES - len(batch))
+        stacked = jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *filled)
+        found = np.empty((len(batch), *problem.times.shape, len(problem.channels)))
+        for runs, part in blocks:
+            rows = part.times.shape[1]
+            found[:, runs, :rows] = _predictions(part, stacked)[: len(batch), : len(runs)]
+            found[:, runs, rows:] = found[:, runs, rows - 1 : rows]  # past a run's end its last reading stands
+        return use(found)
+
+    if len(lanes) <= LANES:
+        return of_batch(0)
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return np.concatenate(list(pool.map(of_batch, range(0, len(lanes), LANES))))
+
+
+def _predictions(problem: Problem, lanes: Lane) -> np.ndarray:
+    """Return the predictions of one batch; the first to ask for a program compiles it while others wait."""
+    arrays, rest = eqx.partition((problem, lanes), eqx.is_array)
+    key = (jax.tree.structure(rest), tuple(jax.tree.leaves(rest)), tuple(x.shape for x in jax.tree.leaves(arrays)))
+    if key in _COMPILED:
+        return np.asarray(_program(problem, lanes))
+    with _COMPILING[key]:
+        found = np.asarray(_program(problem, lanes))
+        _COMPILED.add(key)
+    return found
+
+
+def _predicted(problem: Problem, lanes: Lane) -> Array:
+    return problem.predictions(lanes)
+
+
+_program: Callable[[Problem, Lane], Array] = eqx.filter_jit(_predicted, **_QUICKLY)
