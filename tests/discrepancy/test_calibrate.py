@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -13,9 +11,9 @@ from scipy.stats import chi2, multivariate_normal
 
 from discrepancy.calibrate import Fit, fit
 from discrepancy.lanes import at, predict, residuals
-from discrepancy.problem import Lane, Problem
-from discrepancy.readings import Readings
+from discrepancy.problem import Problem
 from discrepancy.session import Hypothesis, Session
+from tests.discrepancy.closed_form import ClosedForm, closed_form
 
 DRAWS = 40
 
@@ -101,19 +99,13 @@ def test_what_is_not_free_stays_and_only_its_split_counts(problem: Problem, base
     assert found.sd[own][0] < 0.1
 
 
-class LinearProblem(Problem):
-    """Readings that are linear in the unknowns, so that everything about them is known in closed form."""
+class LinearProblem(ClosedForm):
+    """Readings that are linear in the unknowns."""
 
     matrix: Array
 
-    def predictions(self, lanes: Lane) -> Array:
-        return (lanes.x @ self.matrix.T)[:, None, :, None]
-
-    def only(self, split: str) -> LinearProblem:
-        return self
-
-    def blocks(self) -> list[tuple[np.ndarray, LinearProblem]]:
-        return [(np.zeros(1, int), self)]
+    def readings_at(self, x: Array) -> Array:
+        return x @ self.matrix.T
 
 
 @pytest.fixture(scope="module")
@@ -121,17 +113,11 @@ def linear(problem: Problem) -> LinearProblem:
     generator = np.random.default_rng(3)
     counted = problem.readings.fit
     size = len(problem.unknowns.names)
-    fields = {field.name: getattr(problem, field.name) for field in dataclasses.fields(problem)}
     # Few rows say much and some say little; those that do not count would upset everything if they did.
     scale = np.where(np.cumsum(counted) <= 40, 1.0, 0.01)[:, None] * np.geomspace(0.05, 5.0, size)
     matrix = np.where(counted[:, None] > 0.0, scale * generator.standard_normal((counted.size, size)), 1e3)
     data = matrix @ generator.standard_normal(size) + generator.standard_normal(counted.size)
-    nothing = jnp.zeros(data.size)
-    readings = Readings(
-        jnp.arange(data.size), jnp.asarray(data), nothing + 1.0, jnp.arange(data.size), nothing, counted, nothing
-    )
-    fields |= {"times": nothing[None], "channels": ("voltage_V",), "readings": readings}
-    return LinearProblem(**fields, matrix=jnp.asarray(matrix))
+    return closed_form(LinearProblem, problem, data, counted, matrix=jnp.asarray(matrix))
 
 
 def test_linear_problem_has_its_known_solution_and_evidence(linear: LinearProblem) -> None:

@@ -22,9 +22,10 @@ from discrepancy.identifiability import (
     profile_likelihood,
 )
 from discrepancy.lanes import predict
-from discrepancy.problem import Lane, Problem, make_problem
+from discrepancy.problem import make_problem
 from discrepancy.session import Hypothesis, Session
 from jaxmodel.errors import ParameterError
+from tests.discrepancy.closed_form import ClosedForm, closed_form
 from tests.discrepancy.made_cases import MadeCell
 
 DRAWS = 25
@@ -132,21 +133,19 @@ def test_what_is_stated_with_an_sd_is_left_as_it_is(plain_cell: MadeCell) -> Non
         asking_for(plain_cell.case, ["k_tao"])
 
 
-class Curved(Problem):
-    """Readings that are sinh(2 x) of the first unknown and straight in the second, in closed form."""
+class Curved(ClosedForm):
+    """Readings that are sinh(2 x) of the first unknown and straight in the second."""
 
-    def residuals(self, lanes: Lane) -> Array:
-        counted = jnp.cumsum(self.readings.fit)
-        first, second = jnp.sinh(2.0 * lanes.x[:, :1]), lanes.x[:, 1:2]
-        return jnp.where(counted == 1.0, first, 0.0) + jnp.where(counted == 2.0, 3.0 * second - first, 0.0)
+    def readings_at(self, x: Array) -> Array:
+        first, second = jnp.sinh(2.0 * x[:, 0]), x[:, 1]
+        return jnp.stack([-first, first - 3.0 * second], axis=1)
 
 
 def test_profile_is_the_quadratic_where_it_holds_and_tells_where_it_lies(
     plain_session: Session, model: Hypothesis
 ) -> None:
-    fields = {field.name: getattr(model.problem, field.name) for field in dataclasses.fields(model.problem)}
     size = len(model.layout.coordinates)
-    problem = Curved(**fields)
+    problem = closed_form(Curved, model.problem, np.zeros(2), jnp.ones(2))
     toy = dataclasses.replace(model, problem=problem, fitted=fit(problem, np.zeros(size)))
     first, second, *_ = names_of(plain_session.case, toy)
     curved = profile_likelihood(plain_session, toy, first)
