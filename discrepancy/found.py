@@ -57,7 +57,7 @@ def find(session: Session, progress: Progress | None, wanted: Sequence[str]) -> 
         coarse = _explaining_most(session, session.hypothesis(), progress)
         if coarse.far and _far_beside_any_law(coarse):
             return coarse
-        seeds = strongest(coarse.session)
+        seeds = strongest(coarse.judge)
         best = search(session, progress, seeds=seeds)
     else:
         best = search(session, progress)
@@ -73,7 +73,7 @@ def find(session: Session, progress: Progress | None, wanted: Sequence[str]) -> 
     if not _far_beside_any_law(found):
         return found
     coarse = _explaining_most(session, best, progress)
-    return coarse if coarse.far else Found(session, search(session, progress, seeds=strongest(coarse.session)))
+    return coarse if coarse.far else Found(session, search(session, progress, seeds=strongest(coarse.judge)))
 
 
 def _explaining_most(session: Session, best: Hypothesis, progress: Progress | None) -> Found:

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array
 
 from discrepancy.problem import Lane, Problem
+from discrepancy.readings import Readings
 
 # A kernel of 16 lanes takes half as long as one of 32; of 8, more than half.
 LANES = 16
@@ -33,18 +34,12 @@ def predictions(problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
         problem: a case under one model.
         lanes: arrays on the host.
     """
-    return _of_batches(problem, lanes, lambda predicted: predicted)
+    return _of_batches(problem, lanes, np.asarray)
 
 
 def residuals(problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
     """Return the whitened residuals of all readings, measured less predicted, shape (lanes, readings)."""
-    readings = jax.tree.map(np.asarray, problem.readings)
-
-    def whitened(predicted: np.ndarray) -> np.ndarray:
-        with np.errstate(over="ignore", invalid="ignore"):  # a model out of its range gives what is not finite
-            return readings.whiten(readings.value - predicted.reshape(len(predicted), -1)[:, readings.index])
-
-    return _of_batches(problem, lanes, whitened)
+    return _of_batches(problem, lanes, lambda predicted: np.asarray(_whitened(problem.readings, predicted)))
 
 
 def predict(problem: Problem, x: np.ndarray) -> np.ndarray:
@@ -62,7 +57,7 @@ def compile_for(problem: Problem) -> None:
     predict(problem, np.zeros(len(problem.unknowns.names)))
 
 
-def _of_batches(problem: Problem, lanes: Sequence[Lane], use: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+def _of_batches(problem: Problem, lanes: Sequence[Lane], use: Callable[[Array], np.ndarray]) -> np.ndarray:
     """Return what is made of the predictions of each batch, one after the other; a batch is one kernel on one core."""
     blocks = problem.blocks()
 
@@ -70,12 +65,8 @@ def _of_batches(problem: Problem, lanes: Sequence[Lane], use: Callable[[np.ndarr
         batch = list(lanes[first : first + LANES])
         filled = batch + [batch[-1]] * (LANES - len(batch))
         stacked = jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *filled)
-        found = np.empty((len(batch), *problem.times.shape, len(problem.channels)))
-        for runs, part in blocks:
-            rows = part.times.shape[1]
-            found[:, runs, :rows] = _predictions(part, stacked)[: len(batch), : len(runs)]
-            found[:, runs, rows:] = found[:, runs, rows - 1 : rows]  # past a run's end its last reading stands
-        return use(found)
+        parts = [(runs, _predictions(part, stacked)) for runs, part in blocks]
+        return use(parts[0][1] if len(parts) == 1 else _together(problem, parts))[: len(batch)]
 
     if len(lanes) <= LANES:
         return of_batch(0)
@@ -83,14 +74,24 @@ def _of_batches(problem: Problem, lanes: Sequence[Lane], use: Callable[[np.ndarr
         return np.concatenate(list(pool.map(of_batch, range(0, len(lanes), LANES))))
 
 
-def _predictions(problem: Problem, lanes: Lane) -> np.ndarray:
+def _together(problem: Problem, parts: Sequence[tuple[np.ndarray, Array]]) -> Array:
+    """Return the predictions of all runs, from those of the blocks; past a run's end its last reading stands."""
+    found = np.empty((LANES, *problem.times.shape, len(problem.channels)))
+    for runs, predicted in parts:
+        rows = predicted.shape[2]
+        found[:, runs, :rows] = predicted[:, : len(runs)]
+        found[:, runs, rows:] = found[:, runs, rows - 1 : rows]
+    return jnp.asarray(found)
+
+
+def _predictions(problem: Problem, lanes: Lane) -> Array:
     """Return the predictions of one batch; the first to ask for a program compiles it while others wait."""
     arrays, rest = eqx.partition((problem, lanes), eqx.is_array)
     key = (jax.tree.structure(rest), tuple(jax.tree.leaves(rest)), tuple(x.shape for x in jax.tree.leaves(arrays)))
     if key in _COMPILED:
-        return np.asarray(_program(problem, lanes))
+        return _program(problem, lanes)
     with _COMPILING[key]:
-        found = np.asarray(_program(problem, lanes))
+        found = _program(problem, lanes)
         _COMPILED.add(key)
     return found
 
@@ -100,3 +101,8 @@ def _predicted(problem: Problem, lanes: Lane) -> Array:
 
 
 _program: Callable[[Problem, Lane], Array] = eqx.filter_jit(_predicted, **_QUICKLY)
+
+
+@eqx.filter_jit
+def _whitened(readings: Readings, predicted: Array) -> Array:
+    return readings.whiten(readings.value - predicted.reshape(len(predicted), -1)[:, readings.index])
