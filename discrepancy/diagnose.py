@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from discrepancy.best_model import BestModel, find_best_model
 from discrepancy.failure import failure, scatter_beyond_noise
-from discrepancy.found import Found, find
 from discrepancy.law_file import law_file
 from discrepancy.leftover import leftover_laws
 from discrepancy.misfit import Block
@@ -101,7 +101,7 @@ def diagnose(
     session = Session(case, extra_effects, without)
     wanted = _one_column_each(session, add)
     session.warm_up()
-    found = find(session, progress, wanted)
+    found = find_best_model(session, progress, wanted)
     session, best, judge = found.session, found.best, found.judge
     base = session.hypothesis()
     first = judge.screen(judge.hypothesis())
@@ -213,7 +213,9 @@ def _explained(session: Session, best: Hypothesis) -> float:
     return float(np.mean(shares)) if shares else 0.0
 
 
-def _named(found: Found, weighed: Mapping[str, float], verdict: str, wanted: Sequence[str]) -> tuple[NamedEffect, ...]:
+def _named(
+    found: BestModel, weighed: Mapping[str, float], verdict: str, wanted: Sequence[str]
+) -> tuple[NamedEffect, ...]:
     """Return the effects to be named: those asked for; beside an unknown one only those that explain most."""
     session, best = found.session, found.best
     explained = _explained(session, best) if verdict == "unknown_effect" else 1.0
@@ -282,7 +284,7 @@ def _scores(screened: Screen, blind: tuple[str, ...]) -> tuple[ScoreEntry, ...]:
     )
 
 
-def _what_is_explained(found: Found) -> tuple[str, ...]:
+def _what_is_explained(found: BestModel) -> tuple[str, ...]:
     """Say what the effects named are worth where no model comes near the noise."""
     if not found.far:
         return ()

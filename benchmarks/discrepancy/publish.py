@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import collections
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +12,13 @@ import numpy as np
 
 from benchmarks.discrepancy.ablations import IN_ANSWER
 from benchmarks.discrepancy.compare import OURS, markdown, rates, read_compared, read_hidden, read_lifts
-from benchmarks.discrepancy.judge import Rate, metrics, power, read, reliability
+from benchmarks.discrepancy.judge import Judged, Rate, metrics, power, read, reliability
 from benchmarks.discrepancy.pictures import power_picture, range_picture, reliability_picture
 from workbench.pictures.style import png
 
 _PARTS = ("cases", "metrics", "baselines", "ablations", "reliability", "power")
 _EMPTY = "\n\n".join(f"<!-- {name} --><!-- end -->" for name in _PARTS) + "\n"
+SEALED_FROM = 1000
 BASELINES = (
     OURS,
     "residual correlation",
@@ -40,7 +41,6 @@ def publish(folder: Path, page: Path, unseen_from: int) -> None:
     hidden = read_hidden(folder, cases)
     ablated = [name for name in compared if name.startswith("score") or name in IN_ANSWER]
     unseen = [case for case in cases if case.number >= unseen_from]
-    groups = collections.Counter(f"{c.blind.group} ({c.blind.kind})" for c in cases)
     out.mkdir(parents=True, exist_ok=True)
     for name, figure in (
         ("power", power_picture(hidden)),
@@ -48,21 +48,10 @@ def publish(folder: Path, page: Path, unseen_from: int) -> None:
         ("reliability", reliability_picture(cases)),
     ):
         (out / f"{name}.png").write_bytes(png(figure))
-    everything: dict[str, Any] = {
-        "cases": len(cases),
-        "first": min(c.number for c in cases),
-        "last": max(c.number for c in cases),
-        "groups": dict(sorted(groups.items())),
-        "metrics": metrics(cases),
-        "unseen_from": unseen_from,
-        "metrics of unseen": metrics(unseen),
-        "reliability": reliability(cases),
-        "power": power(cases),
-        "methods": compared,
-    }
-    (out / "results.json").write_text(json.dumps(_plain(everything), indent=1) + "\n")
+    more = {"unseen_from": unseen_from, "metrics of unseen": metrics(unseen), "methods": compared}
+    _write(out / "results.json", _summary(cases) | more)
     tables = {
-        "cases": f"{len(cases)} cases: {', '.join(f'{count} of {name}' for name, count in sorted(groups.items()))}.",
+        "cases": _in_words(cases),
         "metrics": _side_by_side({"all cases": metrics(cases), f"seeds from {unseen_from} on": metrics(unseen)}),
         "baselines": markdown(compared, "method", BASELINES),
         "ablations": markdown(compared, "part left out", [OURS, *ablated]),
@@ -70,6 +59,47 @@ def publish(folder: Path, page: Path, unseen_from: int) -> None:
         "power": _table("named where hidden", power(cases)),
     }
     page.write_text(filled(page.read_text() if page.exists() else _EMPTY, tables))
+
+
+def publish_sealed(folder: Path, page: Path) -> None:
+    """Write the sealed cases' figures into a page, and beside those of development into its `results.json`."""
+    cases = [case for case in read(folder) if case.number >= SEALED_FROM]
+    _write(page.with_suffix("") / "results.json", {"sealed": _summary(cases)})
+    tables = {
+        "sealed cases": _in_words(cases),
+        "sealed metrics": _side_by_side({"sealed cases": metrics(cases)}),
+        "sealed reliability": _table("right at a probability of", reliability(cases)),
+        "sealed power": _table("named where hidden", power(cases)),
+    }
+    page.write_text(filled(page.read_text(), tables))
+
+
+def _groups(cases: Sequence[Judged]) -> dict[str, int]:
+    """Return how many cases there are of each group and kind."""
+    return dict(sorted(collections.Counter(f"{c.blind.group} ({c.blind.kind})" for c in cases).items()))
+
+
+def _in_words(cases: Sequence[Judged]) -> str:
+    return f"{len(cases)} cases: {', '.join(f'{count} of {name}' for name, count in _groups(cases).items())}."
+
+
+def _summary(cases: Sequence[Judged]) -> dict[str, Any]:
+    """Return the figures of some cases."""
+    return {
+        "cases": len(cases),
+        "first": min(c.number for c in cases),
+        "last": max(c.number for c in cases),
+        "groups": _groups(cases),
+        "metrics": metrics(cases),
+        "reliability": reliability(cases),
+        "power": power(cases),
+    }
+
+
+def _write(file: Path, figures: Mapping[str, Any]) -> None:
+    """Write figures into a file of JSON, beside others that it has."""
+    known = json.loads(file.read_text()) if file.exists() else {}
+    file.write_text(json.dumps(known | _plain(figures), indent=1) + "\n")
 
 
 def filled(text: str, tables: Mapping[str, str]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discrepancy.found import Found, find
+from discrepancy.best_model import BestModel, find_best_model
 from discrepancy.noise import NoiseModel
 from discrepancy.session import Session
 from discrepancy.weights import memory
@@ -52,7 +52,7 @@ def test_crowded_readings_tell_of_a_mean_what_the_process_does() -> None:
 
 
 @pytest.fixture(scope="module")
-def far() -> Found:
+def far() -> BestModel:
     """A cell read every second while it works and every minute while it is slow, with errors no effect explains.
 
     The slow run lies 30 mV off, and the fast one waves by 60 mV: sensors of 1 mV.
@@ -70,10 +70,10 @@ def far() -> Found:
         ),
     ]
     parameters = {"capacity_Ah": Known(2.0, 0.1), "series_resistance_scale": Known(1.0, 0.1)}
-    return find(Session(case_of("cell", parameters, runs, {"voltage_V": 1e-3})), None, ())
+    return find_best_model(Session(case_of("cell", parameters, runs, {"voltage_V": 1e-3})), None, ())
 
 
-def test_no_model_near_the_noise_is_said_and_evidence_is_that_of_time(far: Found) -> None:
+def test_no_model_near_the_noise_is_said_and_evidence_is_that_of_time(far: BestModel) -> None:
     assert far.far == ("voltage_V",)
     weights = far.judge.weights["voltage_V"]
     assert weights.memory_s > 10.0
@@ -89,7 +89,7 @@ def test_no_model_near_the_noise_is_said_and_evidence_is_that_of_time(far: Found
     )
 
 
-def test_scores_are_no_surer_than_so_few_errors_allow(far: Found) -> None:
+def test_scores_are_no_surer_than_so_few_errors_allow(far: BestModel) -> None:
     """A thousand readings of one wave are no thousand pieces of evidence."""
     judge = far.judge
     by_time = max(effect.z_equivalent for effect in judge.screen(judge.hypothesis()).table.effects)

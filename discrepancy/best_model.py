@@ -20,7 +20,7 @@ HOPELESS = 15.0
 
 
 @dataclasses.dataclass(frozen=True)
-class Found:
+class BestModel:
     """The best model.
 
     Attributes:
@@ -46,7 +46,7 @@ class Found:
         return leftover_laws(self.session, self.best, self.session.screen(self.best))
 
 
-def find(session: Session, progress: Progress | None, wanted: Sequence[str]) -> Found:
+def find_best_model(session: Session, progress: Progress | None, wanted: Sequence[str]) -> BestModel:
     """Search for the best model under the sensors' noise, or, where none comes near it, for what explains most."""
     tell(progress, "calibrating the base model")
     seeds: list[Hypothesis] = []
@@ -66,17 +66,17 @@ def find(session: Session, progress: Progress | None, wanted: Sequence[str]) -> 
         seeds, session = strongest(session), finer
         best = _fitted(session, progress, wanted) if wanted else search(session, progress, seeds=seeds)
     if wanted:
-        return Found(session, best)
+        return BestModel(session, best)
     if not session.screen(session.hypothesis()).table.significant:
         best = session.hypothesis()
-    found = Found(session, best)
+    found = BestModel(session, best)
     if not _far_beside_any_law(found):
         return found
     coarse = _explaining_most(session, best, progress)
-    return coarse if coarse.far else Found(session, search(session, progress, seeds=strongest(coarse.judge)))
+    return coarse if coarse.far else BestModel(session, search(session, progress, seeds=strongest(coarse.judge)))
 
 
-def _explaining_most(session: Session, best: Hypothesis, progress: Progress | None) -> Found:
+def _explaining_most(session: Session, best: Hypothesis, progress: Progress | None) -> BestModel:
     """Search by what models leave in place of noise: first by its size in each channel, then by its memory too.
 
     What the base model leaves is no measure of memory: it may be one effect's, from end to end.
@@ -84,19 +84,19 @@ def _explaining_most(session: Session, best: Hypothesis, progress: Progress | No
     coarse = session.reweighted(best)
     single = search(coarse, progress, effects=1)
     if not _beyond(coarse, single, FAR_FROM_FLOOR):
-        return Found(coarse, single)
+        return BestModel(coarse, single)
     by_time = coarse.reweighted(single, by_time=True)
     best = search(by_time, progress, seeds=strongest(coarse))
     far = tuple(_beyond(by_time, best, FAR_FROM_FLOOR))
     if not far:
-        return Found(by_time, best)
+        return BestModel(by_time, best)
     best = another(by_time, progress, best)
     # What to add is told by time; the numbers are those that come nearest to all readings.
     fitted = coarse.reweighted(single)
-    return Found(fitted, fitted.hypothesis(best.labels, [best.start]), far, by_time)
+    return BestModel(fitted, fitted.hypothesis(best.labels, [best.start]), far, by_time)
 
 
-def _far_beside_any_law(found: Found) -> bool:
+def _far_beside_any_law(found: BestModel) -> bool:
     """Return True where the best model leaves far more than noise in a channel, and so does any law beside it."""
     weights, noise = found.session.weights, found.session.noise
 
