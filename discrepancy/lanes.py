@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import threading
 from collections import defaultdict
@@ -65,13 +66,20 @@ def _of_batches(problem: Problem, lanes: Sequence[Lane], use: Callable[[Array], 
         batch = list(lanes[first : first + LANES])
         filled = batch + [batch[-1]] * (LANES - len(batch))
         stacked = jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *filled)
-        parts = [(runs, _predictions(part, stacked)) for runs, part in blocks]
+        parts = [(runs, _predictions(part, _to_runs(stacked, runs, part))) for runs, part in blocks]
         return use(parts[0][1] if len(parts) == 1 else _together(problem, parts))[: len(batch)]
 
     if len(lanes) <= LANES:
         return of_batch(0)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         return np.concatenate(list(pool.map(of_batch, range(0, len(lanes), LANES))))
+
+
+def _to_runs(lanes: Lane, runs: np.ndarray, part: Problem) -> Lane:
+    """Return lanes with what they add to the inputs of some runs, those of one block."""
+    runs = np.pad(runs, (0, part.times.shape[0] - runs.size), mode="edge")
+    rows = slice(1 + part.courses.duration_s.shape[1])
+    return dataclasses.replace(lanes, added={name: more[:, runs, rows] for name, more in lanes.added.items()})
 
 
 def _together(problem: Problem, parts: Sequence[tuple[np.ndarray, Array]]) -> Array:

@@ -31,6 +31,8 @@ Start = Mapping[str, np.ndarray]
 BASE = ""
 # Shapes are rounded up to these, so that cases of like size share a compiled program.
 _ROWS, _STEPS = 512, 1024
+# Steps that short runs would be padded with, above which a program of their own is worth the time to compile it.
+_WORTH_A_PROGRAM = 30_000
 
 
 class Lane(eqx.Module):
@@ -153,7 +155,8 @@ class Problem(eqx.Module):
         unknowns: the numbers that are free.
         switched: effects behind a switch.
         channels: all outputs of the kind, measured or not.
-        block: how many runs are simulated at a time, and their rows and steps: those of the runs that may calibrate.
+        shapes: how many runs are simulated at a time, and their rows and steps: those of the runs that may calibrate,
+            the short ones by themselves where that saves much.
     """
 
     models: Model
@@ -163,7 +166,7 @@ class Problem(eqx.Module):
     unknowns: Unknowns
     switched: tuple[str, ...] = eqx.field(static=True)
     channels: tuple[str, ...] = eqx.field(static=True)
-    block: tuple[int, int, int] = eqx.field(static=True)
+    shapes: tuple[tuple[int, int, int], ...] = eqx.field(static=True)
 
     def _model_at(self, model: Model, own: Array, lane: Lane) -> Model:
         """Return a run's model; `own` (unknowns,) is True where an unknown is one of that run."""
@@ -217,7 +220,7 @@ class Problem(eqx.Module):
         Unknowns keep their places; those of the runs left out move nothing.
         """
         kept = self.runs_read(split)
-        rows, steps = np.maximum(self._length(kept), self.block[1:]).tolist()
+        rows, steps = np.max([self._length(kept), *(shape[1:] for shape in self.shapes)], axis=0).tolist()
         number = np.full(self.times.shape[0], kept.size)
         number[kept] = np.arange(kept.size)
         readings = part_of(self.readings, self.times.shape, len(self.channels), number, rows, split)
@@ -229,13 +232,16 @@ class Problem(eqx.Module):
         They are of one shape, and share a compiled program, where no run is longer than those that calibrate. Readings
         have no part in predictions, and are left out.
         """
-        count, *shape = self.block
         unread = dataclasses.replace(self, readings=no_readings())
-        if (*self.times.shape, self.courses.duration_s.shape[1]) == self.block:
-            return [(np.arange(count), unread)]
-        longer = np.array([self._length(run) > tuple(shape) for run in range(self.times.shape[0])])
+        if ((*self.times.shape, self.courses.duration_s.shape[1]),) == self.shapes:
+            return [(np.arange(self.times.shape[0]), unread)]
+        everything = self._length(slice(None))
+        shapes = [*self.shapes, (self.shapes[-1][0], *everything)]
+        lengths = [self._length(run) for run in range(self.times.shape[0])]
+        fits = [next(n for n, (_, *size) in enumerate(shapes) if np.all(np.less_equal(own, size))) for own in lengths]
         blocks = []
-        for runs, size in ((np.flatnonzero(~longer), shape), (np.flatnonzero(longer), self._length(slice(None)))):
+        for number, (count, *size) in enumerate(shapes):
+            runs = np.flatnonzero(np.equal(fits, number))
             for first in range(0, runs.size, count):
                 some = runs[first : first + count]
                 blocks.append((some, unread._of_runs(np.pad(some, (0, count - some.size), mode="edge"), *size)))
@@ -322,7 +328,7 @@ def make_problem(
         unknowns=Unknowns(layout.names, layout.of_runs(len(case.runs)), **parts),
         switched=tuple(effect.label for effect in switched),
         channels=KINDS[case.kind].outputs,
-        block=(fit_runs.size, *_length(np.asarray(courses.last_step)[fit_runs])),
+        shapes=_shapes([_length(last_step[None]) for last_step in np.asarray(courses.last_step)[fit_runs]]),
     )
     return problem, layout
 
@@ -349,6 +355,19 @@ def _courses(models: list[Model], case: Case) -> tuple[Track, Array]:
         courses.append(eqx.tree_at(lambda c: c.last_step, course, filled))
         times.append(np.pad(profile.time_s, (0, rows - profile.time_s.size), mode="edge"))
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *courses), jnp.asarray(np.stack(times))
+
+
+def _shapes(lengths: Sequence[tuple[int, int]]) -> tuple[tuple[int, int, int], ...]:
+    """Return in which blocks runs of such lengths are simulated, shorter first: their number, rows and steps."""
+    ordered = sorted(lengths, key=lambda length: length[1])
+
+    def cost(blocks: Sequence[Sequence[tuple[int, int]]]) -> int:
+        return sum(len(block) * block[-1][1] for block in blocks)
+
+    halves = [[ordered[:place], ordered[place:]] for place in range(1, len(ordered))]
+    best = min(halves, key=cost, default=[ordered])
+    blocks = best if cost([ordered]) - cost(best) > _WORTH_A_PROGRAM else [ordered]
+    return tuple((len(block), max(rows for rows, _ in block), block[-1][1]) for block in blocks)
 
 
 def _length(last_step: np.ndarray) -> tuple[int, int]:

@@ -162,6 +162,28 @@ def test_what_is_added_to_an_input_is_that_input(case: Case, made: tuple[Problem
     )
 
 
+def test_short_runs_beside_long_ones_are_simulated_as_if_alone() -> None:
+    """Padded to the long run they would take most of the time; where that is much they have a program of their own."""
+    runs = [cell_run(1, 40), cell_run(2, 33_000), cell_run(3, 25, split="check")]
+    case = case_of("cell", PARAMETERS, runs)
+    problem, layout = make_problem(case, NOISE, PRESENT)
+    assert problem.shapes == ((1, 512, 1024), (1, 33_280, 33_792))
+    x = np.random.default_rng(1).normal(size=len(layout.names))
+    together = predict(problem, x)
+    lane = Lane(x, np.zeros(0))
+    for number, run in enumerate(runs):
+        rows = run.measured.time_s.size
+        expected = alone(case, layout, lane, number)["voltage_V"]
+        np.testing.assert_allclose(together[number, :rows, problem.channels.index("voltage_V")], expected, rtol=1e-9)
+    part = problem.only("fit")
+    more = {"current_A": 0.01 * np.ones(part.courses.inputs["current_A"].shape)}
+    courses = dataclasses.replace(
+        part.courses, inputs=part.courses.inputs | {"current_A": part.courses.inputs["current_A"] + 0.01}
+    )
+    added = residuals(part, [dataclasses.replace(lane, added=more)])
+    np.testing.assert_allclose(added, residuals(dataclasses.replace(part, courses=courses), [lane]), atol=1e-8)
+
+
 def test_switch_turns_an_effect_on(case: Case, made: tuple[Problem, Layout], lane: Lane) -> None:
     problem, layout = made
     on = predictions(problem, [Lane(lane.x, np.ones(1))])[0]
