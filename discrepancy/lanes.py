@@ -24,6 +24,9 @@ LANES = 16
 # LLVM's expensive passes double the time to compile, and what they gain is lost again within a diagnosis.
 _QUICKLY: dict[str, Any] = {"compiler_options": {"xla_llvm_disable_expensive_passes": True}}
 
+# Runs by their numbers, and their predictions (lanes, runs, rows, channels).
+Parts = Sequence[tuple[np.ndarray, Array]]
+
 _COMPILING: defaultdict[object, threading.Lock] = defaultdict(threading.Lock)
 _COMPILED: set[object] = set()
 
@@ -35,12 +38,34 @@ def predictions(problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
         problem: a case under one model.
         lanes: arrays on the host.
     """
-    return _of_batches(problem, lanes, np.asarray)
+
+    def together(parts: Parts) -> np.ndarray:
+        found = np.empty((LANES, *problem.times.shape, len(problem.channels)))
+        for runs, predicted in parts:
+            rows = predicted.shape[2]
+            found[:, runs, :rows] = predicted[:, : len(runs)]
+            found[:, runs, rows:] = found[:, runs, rows - 1 : rows]  # past a run's end its last reading stands
+        return found
+
+    return _of_batches(problem, lanes, together)
 
 
 def residuals(problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
     """Return the whitened residuals of all readings, measured less predicted, shape (lanes, readings)."""
-    return _of_batches(problem, lanes, lambda predicted: np.asarray(_whitened(problem.readings, predicted)))
+    index = np.asarray(problem.readings.index)
+    run, row, channel = np.unravel_index(index, (*problem.times.shape, len(problem.channels)))
+
+    def whitened(parts: Parts) -> np.ndarray:
+        found = np.empty((LANES, index.size))
+        for runs, predicted in parts:
+            place = np.full(problem.times.shape[0], -1)
+            place[runs] = np.arange(len(runs))
+            mine = np.flatnonzero(place[run] >= 0)
+            there = np.ravel_multi_index((place[run[mine]], row[mine], channel[mine]), predicted.shape[1:])
+            found[:, mine] = np.asarray(predicted).reshape(LANES, -1)[:, there]
+        return np.asarray(_whitened(problem.readings, jnp.asarray(found)))
+
+    return _of_batches(problem, lanes, whitened)
 
 
 def predict(problem: Problem, x: np.ndarray) -> np.ndarray:
@@ -58,7 +83,7 @@ def compile_for(problem: Problem) -> None:
     predict(problem, np.zeros(len(problem.unknowns.names)))
 
 
-def _of_batches(problem: Problem, lanes: Sequence[Lane], use: Callable[[Array], np.ndarray]) -> np.ndarray:
+def _of_batches(problem: Problem, lanes: Sequence[Lane], use: Callable[[Parts], np.ndarray]) -> np.ndarray:
     """Return what is made of the predictions of each batch, one after the other; a batch is one kernel on one core."""
     blocks = problem.blocks()
 
@@ -66,8 +91,7 @@ def _of_batches(problem: Problem, lanes: Sequence[Lane], use: Callable[[Array], 
         batch = list(lanes[first : first + LANES])
         filled = batch + [batch[-1]] * (LANES - len(batch))
         stacked = jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *filled)
-        parts = [(runs, _predictions(part, _to_runs(stacked, runs, part))) for runs, part in blocks]
-        return use(parts[0][1] if len(parts) == 1 else _together(problem, parts))[: len(batch)]
+        return use([(runs, _predictions(part, _to_runs(stacked, runs, part))) for runs, part in blocks])[: len(batch)]
 
     if len(lanes) <= LANES:
         return of_batch(0)
@@ -80,16 +104,6 @@ def _to_runs(lanes: Lane, runs: np.ndarray, part: Problem) -> Lane:
     runs = np.pad(runs, (0, part.times.shape[0] - runs.size), mode="edge")
     rows = slice(1 + part.courses.duration_s.shape[1])
     return dataclasses.replace(lanes, added={name: more[:, runs, rows] for name, more in lanes.added.items()})
-
-
-def _together(problem: Problem, parts: Sequence[tuple[np.ndarray, Array]]) -> Array:
-    """Return the predictions of all runs, from those of the blocks; past a run's end its last reading stands."""
-    found = np.empty((LANES, *problem.times.shape, len(problem.channels)))
-    for runs, predicted in parts:
-        rows = predicted.shape[2]
-        found[:, runs, :rows] = predicted[:, : len(runs)]
-        found[:, runs, rows:] = found[:, runs, rows - 1 : rows]
-    return jnp.asarray(found)
 
 
 def _predictions(problem: Problem, lanes: Lane) -> Array:
@@ -113,4 +127,4 @@ _program: Callable[[Problem, Lane], Array] = eqx.filter_jit(_predicted, **_QUICK
 
 @eqx.filter_jit
 def _whitened(readings: Readings, predicted: Array) -> Array:
-    return readings.whiten(readings.value - predicted.reshape(len(predicted), -1)[:, readings.index])
+    return readings.whiten(readings.value - predicted)
