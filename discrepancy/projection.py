@@ -249,7 +249,7 @@ def project(
             signs = tuple(np.broadcast_to(candidate.signs, s.shape[1]).tolist())
             block = _block(name, shape, s, signs, q, absorbed_below)
             blocks.append(replace(block, first_column=sum(before.dof for before in blocks)))
-    beside = np.concatenate([block.u for block in blocks], axis=1)
+    beside = np.concatenate([np.zeros((len(r), 0)), *(block.u for block in blocks)], axis=1)
     left = r - q @ (q.T @ r)
     base_z = a.T @ r / np.where(scale > 0.0, scale, 1.0)
     return Projection(base, tuple(blocks), left, beside.T @ left, beside.T @ beside, base_z)

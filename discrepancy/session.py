@@ -19,7 +19,7 @@ from discrepancy.candidates import Candidate, candidates
 from discrepancy.contract import noise_of_case, noisy_inputs, without_input_noise
 from discrepancy.input_noise import variance_from_inputs
 from discrepancy.ladder import ChannelError, Estimate, Rung
-from discrepancy.lanes import predict
+from discrepancy.lanes import LANES, predict
 from discrepancy.noise import NoiseModel
 from discrepancy.problem import BASE, Layout, Problem, Start, make_problem
 from discrepancy.screen import Screen, Switchboard, screen
@@ -37,7 +37,6 @@ FAR_FROM_PRIOR = 3.0
 # How far off, and for what share of the readings, the assumed noise must be to be worth refitting.
 NOISE_CHANGED = 0.05
 NOISE_CHANGED_SHARE = 0.02
-_SECOND_START = 0.5
 _FAINT = 3.0
 # Steps in which the base model follows an effect put into it: a start needs no more.
 FOLLOWING_STEPS = 4
@@ -220,8 +219,8 @@ class Session:
         """Return the calibrated model with effects added.
 
         `starts` are tried in turn until one converges to something better than the base model; what they leave open
-        begins where the base model ended. The base model itself is also started from a random place within its priors,
-        and the better of the two kept.
+        begins where the base model ended. The base model itself is also started from the likeliest of some random
+        places within its priors, and the better of the two kept.
         """
         key = self.key(labels)
         if key in self._hypotheses:
@@ -233,7 +232,7 @@ class Session:
 
         tries = [layout.at({BASE: known, **start}) for start in starts or [{}]]
         if not key:
-            tries.append(_SECOND_START * np.random.default_rng(0).normal(size=layout.base))
+            tries.append(_likeliest_of_some(problem, layout.base))
         rivals = [one.fitted.objective for one in self._hypotheses.values() if 0 < len(one.labels) <= len(key)]
 
         def calibrated(begin: np.ndarray) -> Fit:
@@ -378,6 +377,15 @@ class Session:
             if abs(x[number]) > FAR_FROM_PRIOR:
                 far.append(name)
         return estimates, tuple(far)
+
+
+def _likeliest_of_some(problem: Problem, unknowns: int) -> np.ndarray:
+    """Return the best of one batch of places drawn from the priors.
+
+    Where a case states a motor that stalls, nothing moves the readings, and no slope leads away from there.
+    """
+    places = np.random.default_rng(0).normal(size=(LANES, unknowns))
+    return places[np.argmin(objectives(problem, places))]
 
 
 def _over_the_ridges(problem: Problem, amplitude: int, own: Sequence[int], found: Fit) -> Fit:

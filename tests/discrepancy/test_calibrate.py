@@ -13,7 +13,11 @@ from discrepancy.calibrate import Fit, fit
 from discrepancy.lanes import at, predict, residuals
 from discrepancy.problem import Problem
 from discrepancy.session import Hypothesis, Session
+from jaxmodel.build import case_model, run_profile
+from jaxmodel.cases import Known
+from jaxmodel.simulate import simulate
 from tests.discrepancy.closed_form import ClosedForm, closed_form
+from tests.discrepancy.made_cases import case_of, run_of
 
 DRAWS = 40
 
@@ -169,3 +173,21 @@ def test_model_out_of_its_range_looks_bad_and_breaks_nothing(problem: Problem, b
     found = fit(problem, worse)
     assert np.isfinite(found.objective)
     assert found.objective > base.fitted.objective
+
+
+def test_a_motor_stated_to_stall_is_calibrated_from_elsewhere() -> None:
+    """At the stated friction no torque starts the motor, and no unknown moves the readings."""
+    voltage = np.repeat([0.0, 1.0, 0.6, 1.2, 0.8], 20)
+    inputs = {"voltage_V": voltage, "load_torque_Nm": 0.0 * voltage, "ambient_degC": 20.0 + 0.0 * voltage}
+    known = {"R_0": Known(1.0, 0.3), "k_tau": Known(0.04, 0.004)}
+    run = run_of(1, inputs, {"speed_rad_s": 0.0 * voltage}, step_s=0.1)
+    truth = case_of("motor", {"R_0": Known(1.2), "k_tau": Known(0.038), "tau_0": Known(0.01)}, [run])
+    speed = np.asarray(simulate(case_model(truth), run_profile(run)).readings["speed_rad_s"])
+    speed = speed + 0.05 * np.random.default_rng(2).standard_normal(speed.size)
+    run = run_of(1, inputs, {"speed_rad_s": speed}, step_s=0.1)
+    case = case_of("motor", known | {"tau_0": Known(0.06, 0.03)}, [run], {"speed_rad_s": 0.05})
+    base = Session(case).hypothesis()
+    stated = predict(base.problem, np.zeros(base.fitted.x.size))
+    assert np.max(np.abs(stated[0, :, base.problem.channels.index("speed_rad_s")])) < 1e-3
+    assert base.fitted.converged
+    assert base.fitted.chi2 < 1.5 * speed.size

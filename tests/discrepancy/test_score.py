@@ -339,3 +339,8 @@ def test_false_discoveries_among_those_worth_a_look_are_few():
 def test_unusable_sensitivities_are_refused_by_name(broken):
     with pytest.raises(ValueError, match="hysteresis"):
         score_effects(np.ones((ROWS, 1)), np.zeros(ROWS), {"hysteresis": Candidate([broken])})
+
+
+def test_nothing_to_be_scored_is_a_table_without_entries():
+    table = score_effects(np.ones((ROWS, 1)), np.ones(ROWS), {}, ["a"], draws=100)
+    assert (table.effects, table.significant, table.classes) == ((), (), ())
