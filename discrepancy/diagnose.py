@@ -43,6 +43,8 @@ OUT_OF_RANGE = 0.25
 NOT_TO_THE_NOISE = 0.9
 # A hypothesis more probable than this is not ruled out; of so many an experiment is asked to decide between all.
 RIVAL, MOST_RIVALS = 0.05, 3
+# Readings that tell less of every unknown than this share of its prior do not answer to any.
+NO_ANSWER = 1e-6
 # A law that explains this share of what the best does may stand in its file, where no port can carry the best.
 NEARLY_THE_LAW = 0.9
 
@@ -306,6 +308,11 @@ def _remarks(session: Session, hypothesis: Hypothesis) -> tuple[str, ...]:
         remarks.append(
             f"The fit did not reach a minimum (score {hypothesis.fitted.greatest_score:.2g} where 0.1 is the limit): "
             "its numbers are not to be relied on."
+        )
+    if np.allclose(hypothesis.fitted.information, np.eye(hypothesis.fitted.x.size), rtol=0.0, atol=NO_ANSWER):
+        remarks.append(
+            "No unknown moves any reading of the fit runs: at what the case states as known the model stands still, as "
+            "a motor does whose friction no torque overcomes, or is out of its range."
         )
     for place, coordinate in enumerate(hypothesis.layout.coordinates[: hypothesis.layout.base]):
         run = hypothesis.layout.runs[place]

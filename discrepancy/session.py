@@ -14,15 +14,16 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from discrepancy.calibrate import Fit, fit, look, objectives
+from discrepancy.calibrate import Fit, fit, look
 from discrepancy.candidates import Candidate, candidates
 from discrepancy.contract import noise_of_case, noisy_inputs, without_input_noise
 from discrepancy.input_noise import variance_from_inputs
 from discrepancy.ladder import ChannelError, Estimate, Rung
-from discrepancy.lanes import LANES, predict
+from discrepancy.lanes import predict
 from discrepancy.noise import NoiseModel
 from discrepancy.problem import BASE, Layout, Problem, Start, make_problem
 from discrepancy.screen import Screen, Switchboard, screen
+from discrepancy.starts import faintest, likeliest_of_some, over_the_ridges
 from discrepancy.weights import by_errors, by_errors_and_time
 from jaxmodel.cases import Case, Run
 from jaxmodel.declaration import describe
@@ -37,12 +38,8 @@ FAR_FROM_PRIOR = 3.0
 # How far off, and for what share of the readings, the assumed noise must be to be worth refitting.
 NOISE_CHANGED = 0.05
 NOISE_CHANGED_SHARE = 0.02
-_FAINT = 3.0
 # Steps in which the base model follows an effect put into it: a start needs no more.
 FOLLOWING_STEPS = 4
-# Of an amplitude with many local optima: places looked at about a fit, and how far, in prior sd, look after look.
-_PLACES = 65
-_REACHES = (0.4, 0.1, 0.1)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -232,7 +229,7 @@ class Session:
 
         tries = [layout.at({BASE: known, **start}) for start in starts or [{}]]
         if not key:
-            tries.append(_likeliest_of_some(problem, layout.base))
+            tries.append(likeliest_of_some(problem, layout.base))
         rivals = [one.fitted.objective for one in self._hypotheses.values() if 0 < len(one.labels) <= len(key)]
 
         def calibrated(begin: np.ndarray) -> Fit:
@@ -250,11 +247,11 @@ class Session:
             best = min(best, calibrated(begin), key=lambda one: one.objective)
         if key and best.objective > self.hypothesis().fitted.objective:
             # An effect can always be faint: a fit worse than without it failed, and is no evidence against the effect.
-            faint = layout.at({BASE: known, **{label: _faintest(self.candidates[label]) for label in key}})
+            faint = layout.at({BASE: known, **{label: faintest(self.candidates[label]) for label in key}})
             best = min(best, calibrated(faint), key=lambda one: one.objective)
         for label in key:
             if self.candidates[label].amplitude_on_grid:
-                best = _over_the_ridges(problem, layout.of_effect[label][0], own, best)
+                best = over_the_ridges(problem, layout.of_effect[label][0], own, best)
         self._hypotheses[key] = Hypothesis(key, problem, layout, best)
         return self._hypotheses[key]
 
@@ -377,31 +374,3 @@ class Session:
             if abs(x[number]) > FAR_FROM_PRIOR:
                 far.append(name)
         return estimates, tuple(far)
-
-
-def _likeliest_of_some(problem: Problem, unknowns: int) -> np.ndarray:
-    """Return the best of one batch of places drawn from the priors.
-
-    Where a case states a motor that stalls, nothing moves the readings, and no slope leads away from there.
-    """
-    places = np.random.default_rng(0).normal(size=(LANES, unknowns))
-    return places[np.argmin(objectives(problem, places))]
-
-
-def _over_the_ridges(problem: Problem, amplitude: int, own: Sequence[int], found: Fit) -> Fit:
-    """Look along an amplitude with many local optima for a place better than the fit's, and fit again from there."""
-    for reach in _REACHES:
-        places = np.repeat(found.x[None], _PLACES, axis=0)
-        places[:, amplitude] += np.linspace(-reach, reach, _PLACES)
-        values = objectives(problem, places)
-        if np.min(values) < found.objective - 1.0:
-            found = min(found, fit(problem, places[np.argmin(values)], own), key=lambda one: one.objective)
-    return found
-
-
-def _faintest(candidate: Candidate) -> np.ndarray:
-    """Return coordinates at which the effect is far below its usual size."""
-    x = np.zeros(len(candidate.coordinates))
-    if candidate.coordinates[0].logarithmic and candidate.has_amplitude:
-        x[0] = _FAINT if candidate.null_at_infinity else -_FAINT
-    return x

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +12,7 @@ from jaxtyping import Array
 from scipy.stats import chi2, multivariate_normal
 
 from discrepancy.calibrate import Fit, fit
+from discrepancy.diagnose import compare
 from discrepancy.lanes import at, predict, residuals
 from discrepancy.problem import Problem
 from discrepancy.session import Hypothesis, Session
@@ -191,3 +194,6 @@ def test_a_motor_stated_to_stall_is_calibrated_from_elsewhere() -> None:
     assert np.max(np.abs(stated[0, :, base.problem.channels.index("speed_rad_s")])) < 1e-3
     assert base.fitted.converged
     assert base.fitted.chi2 < 1.5 * speed.size
+    assert not any("No unknown moves" in remark for remark in compare(case).remarks)
+    stalled = dataclasses.replace(case, parameters=known | {"tau_0": Known(1.0)})
+    assert any("No unknown moves" in remark for remark in compare(stalled).remarks)
