@@ -21,6 +21,7 @@ from discrepancy.whitening import Bools, Floats, Integers
 _THRESHOLDS_PER_REGRESSOR = 60
 _COST_OF_A_CONDITION = 0.03  # of the excess error: what a longer sentence must gain
 _LEAST_CONTRAST = 0.1
+_ROUNDING = 1e-9  # of the largest value
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ def split_excess(
     total = float(np.sum(w**2 - 1.0))
     cells, p_values = [], []
     for regressor in regressors:
-        values = np.asarray(regressor.values, dtype=float)[read]
+        values = _without_rounding(np.asarray(regressor.values, dtype=float)[read])
         for members in _bins(values, bins):
             bias, error, count = _clustered_mean(w[members], cluster[members])
             excess = float(np.sum(w[members] ** 2 - 1.0))
@@ -140,7 +141,7 @@ def map_over_two(
     w = np.asarray(whitened, dtype=float)
     read = np.isfinite(w)
     w, cluster = w[read], np.asarray(clusters)[read]
-    along = [np.asarray(one.values, dtype=float)[read] for one in (x, y)]
+    along = [_without_rounding(np.asarray(one.values, dtype=float)[read]) for one in (x, y)]
     found, p_values = [], []
     for columns in _bins(along[0], bins):
         for rows in _bins(along[1], bins):
@@ -159,6 +160,11 @@ def map_over_two(
         return ()
     biased = multipletests(p_values, alpha=0.05, method="fdr_bh")[0]
     return tuple(replace(cell, is_biased=bool(one)) for cell, one in zip(found, biased, strict=True))
+
+
+def _without_rounding(values: Floats) -> Floats:
+    """Return values, zero where they are rounding beside the largest: a motor at rest has one speed, not a range."""
+    return np.where(np.abs(values) > _ROUNDING * np.max(np.abs(values), initial=0.0), values, 0.0)
 
 
 def _bins(values: Floats, bins: int) -> list[Integers]:

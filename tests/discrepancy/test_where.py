@@ -135,3 +135,14 @@ def test_ljung_box_tells_white_from_coloured_and_corrects_for_the_number_of_seri
     assert found["coloured"].lags == 25
     assert min(found[f"run {k}"].p_holm for k in range(5)) > 0.05
     assert all(result.p_holm >= result.p for result in found.values())
+
+
+def test_a_motor_at_rest_is_one_condition_whatever_its_rounding() -> None:
+    generator = np.random.default_rng(5)
+    speed = np.concatenate([generator.normal(size=300) * 1e-160, np.repeat([50.0, 100.0], 300)])
+    cells = split_excess(generator.normal(size=900), [Regressor("speed", "rad/s", speed)], np.arange(900) // 30)
+    assert [(cell.lower, cell.upper, cell.count) for cell in cells] == [
+        (0.0, 0.0, 300),
+        (50.0, 50.0, 300),
+        (100.0, 100.0, 300),
+    ]

@@ -79,13 +79,23 @@ def _shares(axes: Axes, cells: Sequence[Cell], runs: Sequence[str]) -> None:
     if cells[0].regressor == "run":
         names = [runs[int(cell.lower)] for cell in cells]
     else:
-        names = [_range(cell.lower, cell.upper) for cell in cells]
+        names = _ranges([(cell.lower, cell.upper) for cell in cells])
     axes.set_xticks(place, names, rotation=50, ha="right", rotation_mode="anchor", fontsize=6.5)
     axes.grid(visible=False, axis="x")
 
 
-def _range(lower: float, upper: float) -> str:
-    low, high = (f"{x:.0f}" if abs(x) >= 100.0 else f"{x:.3g}" for x in (lower, upper))
+def _ranges(bounds: Sequence[tuple[float, float]]) -> list[str]:
+    """Return ranges as labels, in as few digits as tell them apart."""
+    names: list[str] = []
+    for digits in range(3, 8):
+        names = [_range(*bound, digits) for bound in bounds]
+        if len(set(names)) == len(names):
+            break
+    return names
+
+
+def _range(lower: float, upper: float, digits: int) -> str:
+    low, high = (f"{x:.0f}" if abs(x) >= 10.0**digits / 10.0 else f"{x:.{digits}g}" for x in (lower, upper))
     return low if low == high else f"{low} … {high}"
 
 
@@ -141,13 +151,13 @@ def _map(axes: Axes, cells: Sequence[MapCell], most: float):
     axes.add_patch(Rectangle((-0.5, -0.5), len(columns), len(rows), fill=False, edgecolor=GREY, lw=0.7))
     axes.set_xticks(
         range(len(columns)),
-        [_range(*side) for side in columns],
+        _ranges(columns),
         rotation=50,
         ha="right",
         rotation_mode="anchor",
         fontsize=6.5,
     )
-    axes.set_yticks(range(len(rows)), [_range(*side) for side in rows], fontsize=6.5)
+    axes.set_yticks(range(len(rows)), _ranges(rows), fontsize=6.5)
     axes.grid(visible=False)
     return drawn
 
