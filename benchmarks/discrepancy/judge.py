@@ -16,17 +16,20 @@ from statsmodels.stats.proportion import proportion_confint
 from benchmarks.discrepancy.generate import Blind
 
 SURE = 0.95
+# Of the true effect, in sigma after projection: what the data show clearly. Not known where it was not gathered.
+CLEAR = 4.0
 BINS = (0.0, 0.5, 0.8, 0.95, 1.0)
 
 
 @dataclasses.dataclass(frozen=True)
 class Judged:
-    """One blind case, what was said of it, and how long that took."""
+    """One blind case, what was said of it, how long that took, and by how many sigma its faintest effect stands out."""
 
     number: int
     blind: Blind
     said: dict[str, Any]
     seconds: float
+    sigma: float = float("nan")
 
     @property
     def named(self) -> list[str]:
@@ -111,6 +114,7 @@ def metrics(cases: Sequence[Judged]) -> dict[str, Rate | float]:
     """Return every figure of merit by name; nan without a case."""
     nulls = [c for c in cases if c.blind.group == "null"]
     singles = [c for c in cases if c.blind.group == "single"]
+    clear = [c for c in singles if c.sigma >= CLEAR]
     sensors = [c for c in cases if c.blind.group == "sensor"]
     catalogued = [c for c in cases if c.blind.effects]
     physics = [c for c in cases if c.blind.group in ("single", "double")]
@@ -123,6 +127,12 @@ def metrics(cases: Sequence[Judged]) -> dict[str, Rate | float]:
         "right verdict": rate(c.said["verdict"] == c.blind.verdict for c in cases),
         "singles: right effect first": rate(c.first_three[:1] == list(c.blind.effects) for c in singles),
         "singles: right effect in the first three": rate(set(c.blind.effects) <= set(c.first_three) for c in singles),
+        f"singles above {CLEAR:g} sigma: right effect first": rate(
+            c.first_three[:1] == list(c.blind.effects) for c in clear
+        ),
+        f"singles above {CLEAR:g} sigma: in the first three": rate(
+            set(c.blind.effects) <= set(c.first_three) for c in clear
+        ),
         "doubles exactly right": rate(c.right for c in cases if c.blind.group == "double"),
         "outside the catalogue recognised": rate(c.said["verdict"] == "unknown_effect" for c in outside),
         "known effects called unknown": rate(c.said["verdict"] == "unknown_effect" for c in catalogued),
@@ -183,6 +193,12 @@ def read_blind(path: Path) -> Blind:
     return Blind(**hidden)
 
 
+def _sigma(screened: Path) -> float:
+    """Return by how many sigma the faintest hidden effect of a case stands out, nan where that was not gathered."""
+    hidden = json.loads(screened.read_text())["hidden"] if screened.exists() else {}
+    return min((sigma or 0.0 for sigma in hidden.values()), default=float("nan"))
+
+
 def read(folder: Path) -> list[Judged]:
     """Return the cases of a folder that were diagnosed."""
     found = []
@@ -190,5 +206,6 @@ def read(folder: Path) -> list[Judged]:
         hidden, said = path / "blind.json", path / "said.json"
         if hidden.exists() and said.exists():
             answer = json.loads(said.read_text())
-            found.append(Judged(int(path.name), read_blind(path), answer, answer.get("seconds", float("nan"))))
+            seconds = answer.get("seconds", float("nan"))
+            found.append(Judged(int(path.name), read_blind(path), answer, seconds, _sigma(path / "evidence.json")))
     return found
