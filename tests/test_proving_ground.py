@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -43,12 +44,13 @@ def case(group: str, answer: dict[str, Any], *hidden: str, outside: str = "", ho
 CASES = [
     case("null", said("adequate")),
     case("null", said("missing_effect", "windage"), hostile=True),
-    case("single", said("missing_effect", "saturation"), "saturation"),
+    dataclasses.replace(case("single", said("missing_effect", "saturation"), "saturation"), sigma=9.0),
     case("single", said("missing_effect", "saturation"), "windage", a=1.5),
     case("single", said("unknown_effect", unexplained="a law"), "saturation"),
     case("double", said("missing_effect", "gear_loss", "windage", probability=0.7), "windage", "gear_loss", a=2.0),
     case("sensor", said("missing_effect", "windage"), "current_offset"),
-    case("outside", said("unknown_effect", unexplained="a law"), outside="brake_that_fades"),
+    case("outside", said("unknown_effect", unexplained="acts on the torque balance"), outside="brake_that_fades"),
+    case("outside", said("unknown_effect", unexplained="acts on the duty"), outside="brake_that_fades"),
 ]
 
 
@@ -57,15 +59,18 @@ def test_each_rate_counts_its_own_cases():
     assert counts == {
         "false alarms on clean nulls": "0 of 1",
         "false alarms on hostile nulls": "1 of 1",
-        "right verdict": "5 of 8",
+        "right verdict": "6 of 9",
         "singles: right effect first": "1 of 3",
         "singles: right effect in the first three": "2 of 3",
+        "singles above 4 sigma: right effect first": "1 of 1",
+        "singles above 4 sigma: in the first three": "1 of 1",
         "doubles exactly right": "1 of 1",
-        "outside the catalogue recognised": "1 of 1",
+        "outside the catalogue recognised": "2 of 2",
+        "outside the catalogue: in the right equation": "1 of 2",
         "known effects called unknown": "1 of 5",
         "physics called a sensor's fault": "0 of 4",
         "a sensor's fault called physics": "1 of 1",
-        "answers above 0.95 that are right": "3 of 7",
+        "answers above 0.95 that are right": "4 of 8",
         "parameters in their 95 % interval": "1 of 3",
     }
     assert metrics(CASES)["check error over floor, median"] == pytest.approx(1.2)

@@ -118,6 +118,14 @@ OUTSIDE_DRIVE: dict[str, Callable] = {
     ),
 }
 
+# Where these laws act, in the words in which a diagnosis names an equation or a channel.
+ACTS_ON = {
+    **dict.fromkeys(OUTSIDE_CELL, ("acts on voltage_V",)),
+    "amplifier_that_saturates": ("the armature voltage", "the duty"),
+    "brake_that_fades": ("the torque balance",),
+    "torque_sensor_that_bends": ("the torque balance",),
+}
+
 
 def _share(values):
     return np.abs(values) / max(1e-9, float(np.abs(values).max()))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from statsmodels.stats.proportion import proportion_confint
 
-from benchmarks.discrepancy.generate import Blind
+from benchmarks.discrepancy.generate import ACTS_ON, Blind
 
 SURE = 0.95
 # Of the true effect, in sigma after projection: what the data show clearly. Not known where it was not gathered.
@@ -47,6 +47,12 @@ class Judged:
         """The effects of the likeliest hypotheses, named ones first."""
         others = [name for each in self.said["candidates"] for name in each["name"].split("+")]
         return list(dict.fromkeys([*self.named, *others]))[:3]
+
+    @property
+    def right_equation(self) -> bool:
+        """Whether a law in no catalogue is told where it acts."""
+        said = self.said["unexplained"] or ""
+        return self.said["verdict"] == "unknown_effect" and any(e in said for e in ACTS_ON[self.blind.outside])
 
     @property
     def probability(self) -> float:
@@ -135,6 +141,7 @@ def metrics(cases: Sequence[Judged]) -> dict[str, Rate | float]:
         ),
         "doubles exactly right": rate(c.right for c in cases if c.blind.group == "double"),
         "outside the catalogue recognised": rate(c.said["verdict"] == "unknown_effect" for c in outside),
+        "outside the catalogue: in the right equation": rate(c.right_equation for c in outside),
         "known effects called unknown": rate(c.said["verdict"] == "unknown_effect" for c in catalogued),
         "physics called a sensor's fault": rate(c.said["verdict"] == "sensor_fault" for c in physics),
         "a sensor's fault called physics": rate(c.said["verdict"] == "missing_effect" for c in sensors),
