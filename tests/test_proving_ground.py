@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from benchmarks.discrepancy.baselines import Says, correlation, stepwise
 from benchmarks.discrepancy.compare import Compared, rates
 from benchmarks.discrepancy.evidence import Evidence, _ratios, read_evidence
 from benchmarks.discrepancy.generate import Blind
-from benchmarks.discrepancy.judge import Judged, Rate, metrics, power, reliability, report
+from benchmarks.discrepancy.judge import Judged, Rate, keep, metrics, power, reliability, report
 from benchmarks.discrepancy.publish import filled
 from discrepancy.candidates import make_candidate
 from discrepancy.whitening import chain_starts, whiten
@@ -243,3 +244,14 @@ def test_a_table_is_written_over_the_one_before():
     once = filled(page, {"power": "| 1 |"})
     assert once == "text\n<!-- power -->\n\n| 1 |\n\n<!-- end -->\nmore\n<!-- other -->\nkept\n<!-- end -->"
     assert filled(once, {"power": "| 1 |"}) == once
+
+
+def test_kept_cases_come_back_as_they_were(tmp_path: Path):
+    first = [dataclasses.replace(case, number=number, sigma=2.0) for number, case in enumerate(CASES[:3])]
+    assert keep(first, tmp_path / "sealed.jsonl") == first
+    again = dataclasses.replace(first[1], said=said("adequate"))
+    other = dataclasses.replace(CASES[4], number=7, sigma=0.0)
+    assert keep([other, again], tmp_path / "sealed.jsonl") == [first[0], again, first[2], other]
+    unscreened = dataclasses.replace(CASES[5], number=9)
+    keep([unscreened], tmp_path / "sealed.jsonl")
+    assert np.isnan(keep([], tmp_path / "sealed.jsonl")[-1].sigma)

@@ -200,6 +200,25 @@ def read_blind(path: Path) -> Blind:
     return Blind(**hidden)
 
 
+def keep(cases: Sequence[Judged], file: Path) -> list[Judged]:
+    """Write cases into a file, one a line, beside those that it has of other seeds; return all in order."""
+    lines = file.read_text().splitlines() if file.exists() else []
+    known = {case.number: case for case in (_of_line(json.loads(line)) for line in lines)}
+    known |= {case.number: case for case in cases}
+    ordered = [known[number] for number in sorted(known)]
+    file.write_text("".join(f"{_line(case)}\n" for case in ordered))
+    return ordered
+
+
+def _line(case: Judged) -> str:
+    return json.dumps(dataclasses.asdict(case) | {"sigma": None if np.isnan(case.sigma) else case.sigma})
+
+
+def _of_line(kept: dict[str, Any]) -> Judged:
+    sigma = float("nan") if kept["sigma"] is None else kept["sigma"]
+    return Judged(**kept | {"blind": Blind(**kept["blind"]), "sigma": sigma})
+
+
 def _sigma(screened: Path) -> float:
     """Return by how many sigma the faintest hidden effect of a case stands out, nan where that was not gathered."""
     hidden = json.loads(screened.read_text())["hidden"] if screened.exists() else {}

@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.discrepancy.ablations import IN_ANSWER
 from benchmarks.discrepancy.compare import OURS, markdown, rates, read_compared, read_hidden, read_lifts
-from benchmarks.discrepancy.judge import Judged, Rate, metrics, power, read, reliability
+from benchmarks.discrepancy.judge import Judged, Rate, keep, metrics, power, read, reliability
 from benchmarks.discrepancy.pictures import power_picture, range_picture, reliability_picture
 from workbench.pictures.style import png
 
@@ -62,8 +62,12 @@ def publish(folder: Path, page: Path, unseen_from: int) -> None:
 
 
 def publish_sealed(folder: Path, page: Path) -> None:
-    """Write the sealed cases' figures into a page, and beside those of development into its `results.json`."""
+    """Write the sealed cases' figures into a page, and beside those of development into its `results.json`.
+
+    The answers are kept in `sealed.jsonl`: so many cases take hours, and need not be diagnosed in one go.
+    """
     cases = [case for case in read(folder) if case.number >= SEALED_FROM]
+    cases = keep(cases, page.with_suffix("") / "sealed.jsonl")
     _write(page.with_suffix("") / "results.json", {"sealed": _summary(cases)})
     tables = {
         "sealed cases": _in_words(cases),
