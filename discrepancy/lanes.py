@@ -24,9 +24,6 @@ LANES = 16
 # LLVM's expensive passes double the time to compile, and what they gain is lost again within a diagnosis.
 _QUICKLY: dict[str, Any] = {"compiler_options": {"xla_llvm_disable_expensive_passes": True}}
 
-# Runs by their numbers, and their predictions (lanes, runs, rows, channels).
-Parts = Sequence[tuple[np.ndarray, Array]]
-
 _COMPILING: defaultdict[object, threading.Lock] = defaultdict(threading.Lock)
 _COMPILED: set[object] = set()
 
@@ -38,34 +35,38 @@ def predictions(problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
         problem: a case under one model.
         lanes: arrays on the host.
     """
+    blocks = problem.blocks()
 
-    def together(parts: Parts) -> np.ndarray:
+    def together(predicted: Sequence[Array]) -> np.ndarray:
         found = np.empty((LANES, *problem.times.shape, len(problem.channels)))
-        for runs, predicted in parts:
-            rows = predicted.shape[2]
-            found[:, runs, :rows] = predicted[:, : len(runs)]
+        for (runs, _), part in zip(blocks, predicted, strict=True):
+            rows = part.shape[2]
+            found[:, runs, :rows] = part[:, : len(runs)]
             found[:, runs, rows:] = found[:, runs, rows - 1 : rows]  # past a run's end its last reading stands
         return found
 
-    return _of_batches(problem, lanes, together)
+    return _of_batches(blocks, lanes, together)
 
 
 def residuals(problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
     """Return the whitened residuals of all readings, measured less predicted, shape (lanes, readings)."""
-    index = np.asarray(problem.readings.index)
+    blocks, index = problem.blocks(), np.asarray(problem.readings.index)
     run, row, channel = np.unravel_index(index, (*problem.times.shape, len(problem.channels)))
+    places = []  # of each block: its readings, and where they are in its predictions
+    for runs, part in blocks:
+        of_block = np.full(problem.times.shape[0], -1)
+        of_block[runs] = np.arange(len(runs))
+        mine = np.flatnonzero(of_block[run] >= 0)
+        shape = (*part.times.shape, len(part.channels))
+        places.append((mine, np.ravel_multi_index((of_block[run[mine]], row[mine], channel[mine]), shape)))
 
-    def whitened(parts: Parts) -> np.ndarray:
+    def whitened(predicted: Sequence[Array]) -> np.ndarray:
         found = np.empty((LANES, index.size))
-        for runs, predicted in parts:
-            place = np.full(problem.times.shape[0], -1)
-            place[runs] = np.arange(len(runs))
-            mine = np.flatnonzero(place[run] >= 0)
-            there = np.ravel_multi_index((place[run[mine]], row[mine], channel[mine]), predicted.shape[1:])
-            found[:, mine] = np.asarray(predicted).reshape(LANES, -1)[:, there]
+        for (mine, there), part in zip(places, predicted, strict=True):
+            found[:, mine] = np.asarray(part).reshape(LANES, -1)[:, there]
         return np.asarray(_whitened(problem.readings, jnp.asarray(found)))
 
-    return _of_batches(problem, lanes, whitened)
+    return _of_batches(blocks, lanes, whitened)
 
 
 def predict(problem: Problem, x: np.ndarray) -> np.ndarray:
@@ -83,15 +84,19 @@ def compile_for(problem: Problem) -> None:
     predict(problem, np.zeros(len(problem.unknowns.names)))
 
 
-def _of_batches(problem: Problem, lanes: Sequence[Lane], use: Callable[[Parts], np.ndarray]) -> np.ndarray:
-    """Return what is made of the predictions of each batch, one after the other; a batch is one kernel on one core."""
-    blocks = problem.blocks()
+def _of_batches(
+    blocks: Sequence[tuple[np.ndarray, Problem]], lanes: Sequence[Lane], use: Callable[[Sequence[Array]], np.ndarray]
+) -> np.ndarray:
+    """Return what is made of the predictions (lanes, runs, rows, channels) of all blocks, batch after batch.
+
+    A batch of a block is one kernel on one core.
+    """
 
     def of_batch(first: int) -> np.ndarray:
         batch = list(lanes[first : first + LANES])
         filled = batch + [batch[-1]] * (LANES - len(batch))
         stacked = jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *filled)
-        return use([(runs, _predictions(part, _to_runs(stacked, runs, part))) for runs, part in blocks])[: len(batch)]
+        return use([_predictions(part, _to_runs(stacked, runs, part)) for runs, part in blocks])[: len(batch)]
 
     if len(lanes) <= LANES:
         return of_batch(0)
