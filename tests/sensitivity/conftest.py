@@ -1,4 +1,8 @@
-"""A short, smooth run of each kind, every effect of the catalogue on in one of them: few programs, compiled once."""
+"""A short, smooth run of each kind: the cell with all its effects, every sensor's among them, the drives with some.
+
+That each effect's own derivatives are right is tested on the model itself (tests/jaxmodel/test_derivatives.py); here,
+that effects of any kind go through metrics, inputs and curves. All of a robot's would compile three times as long.
+"""
 
 from __future__ import annotations
 
@@ -21,6 +25,8 @@ SENSOR_COLUMNS = {
     "clock_shift": "",
 }
 
+OF_DRIVES = {"motor": ("magnet_temperature", "gear_loss"), "robot": ("bridge_resistance", "pwm_ripple")}
+
 PROFILES = {
     "cell": constant(12.0, 1.0, current_A=4.0, ambient_degC=12.0),
     "motor": constant(12.0, 1.0, voltage_V=3.0, load_torque_Nm=0.05, ambient_degC=12.0),
@@ -40,13 +46,11 @@ PROFILES = {
 
 
 def effects_of(kind: str) -> tuple[Effect, ...]:
-    """The effects that no kind before it has, so that each is on in one model; the cell has the sensors."""
+    names = OF_DRIVES.get(kind, [name for name, cls in CATALOGUE.items() if kind in cls.kinds])
     chosen = []
-    for name, cls in CATALOGUE.items():
-        others = {"cell": (), "motor": ("cell",), "robot": ("cell", "motor")}[kind]
-        if kind in cls.kinds and not set(others) & set(cls.kinds):
-            sensor = {"column": SENSOR_COLUMNS[name]} if cls.is_sensor else {}
-            chosen.append(cls(**OFF_A_ROW.get(name, {}), **sensor))
+    for name in names:
+        sensor = {"column": SENSOR_COLUMNS[name]} if CATALOGUE[name].is_sensor else {}
+        chosen.append(CATALOGUE[name](**OFF_A_ROW.get(name, {}), **sensor))
     return tuple(chosen)
 
 
