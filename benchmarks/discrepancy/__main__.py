@@ -31,12 +31,12 @@ Folder = Annotated[Path, typer.Argument(help="Where the cases are, one folder ea
 @app.command()
 def make(folder: Folder, first: int = 0, count: int = 240) -> None:
     """Make the cases that are not there yet."""
+    keep_compiled_programs()
     for number in track(range(first, first + count), "making"):
         hidden = folder / f"{number:04d}" / "blind.json"
         if not hidden.exists():
             blind = make_case(hidden.parent, number)
             hidden.write_text(json.dumps(dataclasses.asdict(blind)))
-            jax.clear_caches()
 
 
 @app.command()
