@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from discrepancy.session import Session
 from jaxmodel.cases import Case, Known, Run, read_case
 from jaxmodel.measurements import Measured
 from tests.independent import Run as Drive
@@ -91,6 +92,16 @@ def made_cell_with_unknown_law(folder: Path, ohm_per_soc: float, seed: int = 0) 
         table["voltage_V"] -= table["current_A"] * ohm_per_soc * np.maximum(0.5 - soc, 0.0)
         table.to_csv(run.source, index=False)
     return MadeCell(read_case(folder), made.noise_V)
+
+
+def all_but(case: Case, *names: str) -> list[str]:
+    """The effects that could be missing from a case, but for some: ruled out, they need not be compiled."""
+    return sorted({c.effect.name for c in Session(case).candidates.values()} - set(names))
+
+
+def with_candidates(case: Case, *names: str) -> Session:
+    """A session in which these effects alone could be missing."""
+    return Session(case, None, all_but(case, *names))
 
 
 def run_of(

@@ -13,7 +13,7 @@ from jaxmodel.cases import Case, Known
 from jaxmodel.model import Model
 from jaxmodel.profile import Profile
 from jaxmodel.simulate import simulate
-from tests.discrepancy.made_cases import case_of, run_of
+from tests.discrepancy.made_cases import case_of, run_of, with_candidates
 from tests.jaxmodel.runs import staircase
 
 NOISE = {"current_A": 0.02, "speed_rad_s": 0.3, "winding_temperature_degC": 0.2}
@@ -23,6 +23,10 @@ LAWS = {
     "a brake that fades": ("load_torque_Nm", lambda torque, given: torque * (1.0 - 0.15 * given["time_s"] / 1200.0)),
     "an amplifier that gives way": ("voltage_V", lambda volts, given: volts - 0.002 * volts * np.abs(volts)),
 }
+
+
+def session_of(case: Case) -> Session:
+    return with_candidates(case, "viscous_friction", "windage")
 
 
 def measured(law: str, seed: int = 0) -> Case:
@@ -52,7 +56,7 @@ def measured(law: str, seed: int = 0) -> Case:
     ],
 )
 def test_a_law_is_found_in_its_equation(law: str, equation: str, variable: str, multiplier: str):
-    session = Session(measured(law))
+    session = session_of(measured(law))
     base = session.hypothesis()
     blocks = leftover_laws(session, base, session.screen(base))
     assert equation in blocks[0].channel
@@ -65,7 +69,7 @@ def test_a_law_is_found_in_its_equation(law: str, equation: str, variable: str, 
 
 def test_the_law_itself_comes_out():
     """The brake has lost 15 % of the torque after 20 minutes, whatever the calibration made of its mean."""
-    session = Session(measured("a brake that fades"))
+    session = session_of(measured("a brake that fades"))
     base = session.hypothesis()
     block = leftover_laws(session, base, session.screen(base))[0]
     slope = np.polyfit(block.knots, block.law, 1)[0]
@@ -81,7 +85,7 @@ def test_a_right_model_asks_no_equation():
         rng = np.random.default_rng(5)
         outputs = {name: np.asarray(readings[name]) + sd * rng.standard_normal(ROWS) for name, sd in NOISE.items()}
         runs.append(dataclasses.replace(run, measured=dataclasses.replace(run.measured, outputs=outputs)))
-    session = Session(dataclasses.replace(case, runs=tuple(runs)))
+    session = session_of(dataclasses.replace(case, runs=tuple(runs)))
     base = session.hypothesis()
     blocks = leftover_laws(session, base, session.screen(base))
     assert not any(block.significant or block.in_equation for block in blocks)

@@ -13,7 +13,7 @@ from jaxmodel.build import load_effect_class
 from jaxmodel.model import Model
 from jaxmodel.profile import Profile
 from jaxmodel.simulate import simulate
-from tests.discrepancy.made_cases import NOISE_V, made_cell_with_unknown_law
+from tests.discrepancy.made_cases import NOISE_V, all_but, made_cell_with_unknown_law
 from tests.jaxmodel.runs import staircase
 
 
@@ -75,7 +75,8 @@ def test_the_law_found_takes_the_error_away(tmp_path):
     assert first.law_source is not None
     path = tmp_path / "found_law.py"
     path.write_text(first.law_source)
-    second = diagnose(case, extra_effects={"found_law": load_effect_class(f"{path}:FoundLaw")})
+    own = {"found_law": load_effect_class(f"{path}:FoundLaw")}
+    second = diagnose(case, extra_effects=own, without=all_but(case, "ocv_hysteresis", "charge_transfer"))
     assert second.effects[0].name == "found_law"
     assert second.effects[0].parameters["s"].value == pytest.approx(1.0, abs=0.2)
     assert first.base.errors["voltage_V"].fit > 3.0 * NOISE_V

@@ -7,10 +7,9 @@ import pytest
 
 from discrepancy.best_model import BestModel, find_best_model
 from discrepancy.noise import NoiseModel
-from discrepancy.session import Session
 from discrepancy.weights import memory
 from jaxmodel.cases import Known
-from tests.discrepancy.made_cases import case_of, run_of
+from tests.discrepancy.made_cases import case_of, run_of, with_candidates
 
 MEMORY_S = 200.0
 
@@ -70,7 +69,9 @@ def far() -> BestModel:
         ),
     ]
     parameters = {"capacity_Ah": Known(2.0, 0.1), "series_resistance_scale": Known(1.0, 0.1)}
-    return find_best_model(Session(case_of("cell", parameters, runs, {"voltage_V": 1e-3})), None, ())
+    case = case_of("cell", parameters, runs, {"voltage_V": 1e-3})
+    session = with_candidates(case, "ocv_hysteresis", "slow_diffusion", "rate_capacity", "voltage_offset")
+    return find_best_model(session, None, ())
 
 
 def test_no_model_near_the_noise_is_said_and_evidence_is_that_of_time(far: BestModel) -> None:

@@ -14,6 +14,7 @@ from discrepancy.result import Diagnosis
 from discrepancy.whiteness import FloorRatio
 from workbench.commands.diagnose import pictures_of
 from workbench.extended import extended_case
+from workbench.pictures.failures import maps
 from workbench.report import write_report
 from workbench.runs import simulate_case
 
@@ -94,6 +95,20 @@ def test_model_that_fails_nowhere_has_a_report_too(diagnosis: Diagnosis, tmp_pat
     assert not {"excess", "maps", "run-shifts"} & set(pictures)
     write_report(diagnosis, tmp_path / "report.html", pictures)
     assert "Where it fails" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_labels_of_maps_stay_beside_their_map(diagnosis: Diagnosis) -> None:
+    """The longest name of a condition is longer than a map is high."""
+    long = {
+        (x, f"time since load changed_{unit}"): cells
+        for unit, (((x, _), cells),) in zip("sV", (of.items() for of in diagnosis.failure.maps.values()), strict=True)
+    }
+    figure = maps(dataclasses.replace(diagnosis.failure, maps=dict.fromkeys(diagnosis.failure.maps, long)))
+    figure.draw_without_rendering()
+    drawn = [axes for axes in figure.axes if axes.get_ylabel().startswith("time")]
+    assert drawn
+    for axes in drawn:
+        assert axes.yaxis.label.get_window_extent().height < axes.get_window_extent().height
 
 
 def test_what_a_user_writes_is_text_and_no_markup(page: Page) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 
 import numpy as np
@@ -24,6 +25,7 @@ from workbench.pictures.style import (
 )
 
 _CONDITIONS, _MAPS, _CHANNELS = 4, 3, 3  # on a page
+_LABEL_WIDTH = 18  # letters of the largest label that stands beside a map without reaching into the next
 _LEAST_FULL_COLOUR = 2.0  # sd of the noise: a map is no darker for less
 
 
@@ -120,7 +122,7 @@ def maps(found: Failure) -> Figure:
         for axes, ((x, y), cells) in zip(row, pairs, strict=False):
             drawn = _map(axes, cells, most)
             axes.set_xlabel(column_label(x))
-            axes.set_ylabel(column_label(y))
+            axes.set_ylabel(textwrap.fill(column_label(y), _LABEL_WIDTH))
             axes.set_title(split_unit(channel)[0], fontsize=8.5)
         for axes in row[len(pairs) :]:
             axes.set_visible(False)
