@@ -7,8 +7,9 @@ import pytest
 
 from discrepancy.diagnose import diagnose
 from discrepancy.result import VERDICTS, Diagnosis, answer
+from jaxmodel.build import load_effect_class
 from jaxmodel.errors import EffectError
-from tests.discrepancy.made_cases import NOISE_V, TRUE, MadeCell, made_cell, made_cell_with_unknown_law
+from tests.discrepancy.made_cases import NOISE_V, TRUE, MadeCell, all_but, made_cell, made_cell_with_unknown_law
 
 HIDDEN = {
     "ocv_hysteresis": {"M_V": 0.02, "g": 60.0},
@@ -77,13 +78,38 @@ def test_sensor_fault_is_not_sold_as_physics(tmp_path):
     assert diagnosis.effects[0].probability > 0.5
 
 
-def test_law_in_no_catalogue_is_unknown(tmp_path):
-    """A resistance that grows below half charge is called unknown, and the sentence says where it acts."""
-    diagnosis = diagnose(made_cell_with_unknown_law(tmp_path, ohm_per_soc=0.1).case)
+@pytest.fixture(scope="module")
+def unknown(tmp_path_factory) -> Diagnosis:
+    """Of a resistance that grows below half charge."""
+    return diagnose(made_cell_with_unknown_law(tmp_path_factory.mktemp("unknown"), ohm_per_soc=0.1).case)
+
+
+def test_law_in_no_catalogue_is_unknown(unknown):
+    """It is called so, and the sentence says where it acts."""
+    diagnosis = unknown
     assert diagnosis.verdict == "unknown_effect"
     assert diagnosis.unexplained is not None
     assert "voltage_V" in diagnosis.unexplained
     assert "soc" in diagnosis.unexplained
+
+
+def test_the_law_found_takes_the_error_away(unknown, tmp_path):
+    """Written, and given back as an effect: where it was fitted the model is nearly as good as the sensor.
+
+    The held-out run goes on to lower charge, where the law is held at its last value.
+    """
+    assert unknown.law is not None
+    assert unknown.law_source is not None
+    path = tmp_path / "found_law.py"
+    path.write_text(unknown.law_source)
+    own = {"found_law": load_effect_class(f"{path}:FoundLaw")}
+    others = all_but(unknown.case, "ocv_hysteresis", "charge_transfer")
+    second = diagnose(unknown.case, extra_effects=own, without=others)
+    assert second.effects[0].name == "found_law"
+    assert second.effects[0].parameters["s"].value == pytest.approx(1.0, abs=0.2)
+    assert unknown.base.errors["voltage_V"].fit > 3.0 * NOISE_V
+    assert second.final.errors["voltage_V"].fit < 1.15 * NOISE_V
+    assert second.final.errors["voltage_V"].check < 0.5 * unknown.base.errors["voltage_V"].check
 
 
 @pytest.fixture(scope="module")
@@ -93,8 +119,11 @@ def hysteresis(tmp_path_factory) -> MadeCell:
 
 def test_what_the_user_rules_out_is_not_named(hysteresis):
     """Without the true effect the answer is another one or none, and it is worse."""
-    diagnosis = diagnose(hysteresis.case, without=["ocv_hysteresis"])
+    ruled_out = all_but(hysteresis.case, "slow_diffusion", "charge_transfer", "self_discharge", "voltage_offset")
+    assert "ocv_hysteresis" in ruled_out
+    diagnosis = diagnose(hysteresis.case, without=ruled_out)
     assert "ocv_hysteresis" not in {effect.name for effect in diagnosis.effects}
+    assert diagnosis.candidates
     assert not any("ocv_hysteresis" in name for name, _ in diagnosis.candidates)
     assert diagnosis.verdict != "adequate"
 

@@ -1,4 +1,4 @@
-"""A found law becomes an effect in a file: what it adds, it adds, and fitted it takes the error away."""
+"""A found law becomes an effect in a file, where a port can carry it: what it adds, it adds."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from discrepancy.diagnose import diagnose
 from discrepancy.law_file import law_file
 from discrepancy.misfit import Block
 from jaxmodel.build import load_effect_class
 from jaxmodel.model import Model
 from jaxmodel.profile import Profile
 from jaxmodel.simulate import simulate
-from tests.discrepancy.made_cases import NOISE_V, all_but, made_cell_with_unknown_law
 from tests.jaxmodel.runs import staircase
 
 
@@ -62,23 +60,3 @@ def test_a_torque_that_grows_with_time_is_that_torque(tmp_path):
 )
 def test_what_no_port_can_carry_has_no_file(found: Block, kind: str):
     assert law_file(found, kind, "bench") is None
-
-
-def test_the_law_found_takes_the_error_away(tmp_path):
-    """Diagnosed, written, given back as an effect: where it was fitted the model is nearly as good as the sensor.
-
-    The held-out run goes on to lower charge, where the law is held at its last value.
-    """
-    case = made_cell_with_unknown_law(tmp_path, ohm_per_soc=0.1).case
-    first = diagnose(case)
-    assert first.law is not None
-    assert first.law_source is not None
-    path = tmp_path / "found_law.py"
-    path.write_text(first.law_source)
-    own = {"found_law": load_effect_class(f"{path}:FoundLaw")}
-    second = diagnose(case, extra_effects=own, without=all_but(case, "ocv_hysteresis", "charge_transfer"))
-    assert second.effects[0].name == "found_law"
-    assert second.effects[0].parameters["s"].value == pytest.approx(1.0, abs=0.2)
-    assert first.base.errors["voltage_V"].fit > 3.0 * NOISE_V
-    assert second.final.errors["voltage_V"].fit < 1.15 * NOISE_V
-    assert second.final.errors["voltage_V"].check < 0.5 * first.base.errors["voltage_V"].check
