@@ -1,4 +1,4 @@
-"""Make three cases from measurements: an LFP cell, an NCA cell in cold drive cycles, a gear motor on a brake.
+"""Make cases from measurements: an LFP cell, an NCA cell in cold drive cycles, a gear motor on a brake.
 
 Usage: python make_cases.py DATA_FOLDER OUT_FOLDER. DATA_FOLDER has a123_26650_plett/, panasonic_18650pf/ and
 gearmotor_prony_brake/, the files of the sources in README.md beside this script with the columns named there.
@@ -86,8 +86,27 @@ def resistances(rows: pd.DataFrame, ocv: np.ndarray, capacity_Ah: float) -> tupl
     return misfit(taus)[1], taus
 
 
+A123_RUNS = {
+    "a123_lfp": (
+        ("dyn_p25degC", 25, "fit"),
+        ("ocv_slow_discharge_p25degC", 25, "fit"),
+        ("ocv_slow_charge_p25degC", 25, "fit"),
+        ("dyn_p45degC", 45, "fit"),
+        ("dyn_p05degC", 5, "fit"),
+        ("dyn_n05degC", -5, "check"),
+    ),
+    "a123_cold": (
+        ("dyn_p05degC", 5, "fit"),
+        ("dyn_n25degC", -25, "fit"),
+        ("ocv_slow_discharge_p05degC", 5, "fit"),
+        ("ocv_slow_charge_p05degC", 5, "fit"),
+        ("dyn_n05degC", -5, "check"),
+    ),
+}
+
+
 def a123(source: Path, out: Path) -> None:
-    """Write the case of the LFP cell: the slow branches and the dynamic profile, the cold kept as check."""
+    """Write a case of the LFP cell: the slow branches and the dynamic profile, one temperature kept as check."""
     folder = source / "a123_26650_plett"
     slow = pd.read_csv(folder / "ocv_slow_discharge_p25degC.csv")
     capacity_Ah = float(slow.discharged_Ah.max())
@@ -111,29 +130,48 @@ cycles = 0
     text += toml_table("R_TL", "ohm", R_TL * ones, ends) + toml_table("C_TL", "farad", tau_L / R_TL * ones, ends)
     text += "\n[sensors]\nvoltage_V = 0.001\ncurrent_A = 0.005\n"
     full, empty = "initial_soc = { value = 1.0, sd = 0.01 }\n", "initial_soc = { value = 0.0, sd = 0.01 }\n"
-    for name, ambient_degC, split, label, soc in (
-        ("dyn_p25degC", 25, "fit", "25 degC, dynamic", full),
-        ("ocv_slow_discharge_p25degC", 25, "fit", "25 degC, C/30 discharge", full),
-        ("ocv_slow_charge_p25degC", 25, "fit", "25 degC, C/30 charge", empty),
-        ("dyn_p45degC", 45, "fit", "45 degC, dynamic", full),
-        ("dyn_p05degC", 5, "fit", "5 degC, dynamic", full),
-        ("dyn_n05degC", -5, "check", "-5 degC, dynamic", full),
-    ):
+    for name, ambient_degC, split in A123_RUNS[out.name]:
+        profile = "dynamic" if "dyn" in name else "C/30 charge" if "slow_charge" in name else "C/30 discharge"
+        soc = empty if "slow_charge" in name else full
         rows = pd.read_csv(folder / f"{name}.csv")
         columns = {"time_s": rows.time_s, "current_A": rows.current_A, "ambient_degC": float(ambient_degC)}
         write_csv(out / f"{name}.csv", columns | {"voltage_V": rows.voltage_V})
-        text += run_entry(name, split, label, soc)
+        text += run_entry(name, split, f"{ambient_degC} degC, {profile}", soc)
     (out / "case.toml").write_text(text, encoding="utf-8", newline="\n")
 
 
 # Panasonic NCR18650PF
 
 
+PANASONIC_RUNS = {
+    "panasonic_drive": (
+        ("us06_p25", 25, "fit"),
+        ("us06_p10", 10, "fit"),
+        ("us06_p00", 0, "fit"),
+        ("us06_n20", -20, "check"),
+    ),
+    "panasonic_cycle1": (
+        ("cycle1_p25", 25, "fit"),
+        ("cycle1_p10", 10, "fit"),
+        ("cycle1_p00", 0, "fit"),
+        ("cycle1_n20", -20, "check"),
+        ("nn_p10", 10, "check"),
+    ),
+    "panasonic_cold": (
+        ("nn_p25", 25, "fit"),
+        ("nn_n20", -20, "fit"),
+        ("us06_p00", 0, "fit"),
+        ("us06_n20", -20, "check"),
+        ("cycle3_p25", 25, "check"),
+    ),
+}
+
+
 def panasonic(source: Path, out: Path) -> None:
-    """Write the case of the NCA cell: its base model knows 25 degC and takes the chamber for the cell."""
+    """Write a case of the NCA cell: its base model knows 25 degC and takes the chamber for the cell."""
     folder = source / "panasonic_18650pf"
     preset = tomllib.loads((ROOT / "jaxmodel" / "presets" / "panasonic_18650pf.toml").read_text())["parameters"]
-    text = """title = "Panasonic NCR18650PF, US06 drive cycle from -20 to 25 degC"
+    text = """title = "Panasonic NCR18650PF, drive cycles from -20 to 25 degC"
 kind = "cell"
 
 [parameters]
@@ -157,14 +195,13 @@ cycles = 0
         warm = values[-1] if values.ndim == 2 else values  # the row of 25 degC
         text += toml_table(name, key, warm, np.asarray(curve["soc"]))
     text += "\n[sensors]\nvoltage_V = 0.001\ncurrent_A = 0.005\ncell_temperature_degC = 0.1\n"
-    for name, ambient_degC, split in (("p25", 25, "fit"), ("p10", 10, "fit"), ("p00", 0, "fit"), ("n20", -20, "check")):
-        rows = pd.read_csv(folder / f"drive_us06_{name}degC.csv")
+    for name, ambient_degC, split in PANASONIC_RUNS[out.name]:
+        rows = pd.read_csv(folder / f"drive_{name}degC.csv")
         columns = {"time_s": rows.time_s, "current_A": rows.current_A, "ambient_degC": float(ambient_degC)}
         readings = {"voltage_V": rows.voltage_V, "cell_temperature_degC": rows.temperature_degC}
-        write_csv(out / f"us06_{name}.csv", columns | readings)
-        text += run_entry(
-            f"us06_{name}", split, f"US06 at {ambient_degC} degC", "initial_soc = { value = 1.0, sd = 0.01 }\n"
-        )
+        write_csv(out / f"{name}.csv", columns | readings)
+        cycle = name.split("_")[0].upper()
+        text += run_entry(name, split, f"{cycle} at {ambient_degC} degC", "initial_soc = { value = 1.0, sd = 0.01 }\n")
     (out / "case.toml").write_text(text, encoding="utf-8", newline="\n")
 
 
@@ -206,8 +243,9 @@ speed_rad_s = 0.3
 
 
 def main(source: Path, out: Path) -> None:
-    """Write all three cases."""
-    for name, make in (("a123_lfp", a123), ("panasonic_drive", panasonic), ("gear_motor", gear_motor)):
+    """Write all cases."""
+    makers = dict.fromkeys(A123_RUNS, a123) | dict.fromkeys(PANASONIC_RUNS, panasonic) | {"gear_motor": gear_motor}
+    for name, make in makers.items():
         (out / name).mkdir(parents=True, exist_ok=True)
         make(source, out / name)
 
