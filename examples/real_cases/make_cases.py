@@ -10,6 +10,7 @@ import argparse
 import itertools
 import sys
 import tomllib
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,8 @@ SOC = np.round(np.hstack([np.linspace(0, 0.1, 9), np.linspace(0.15, 0.9, 16), np
 RESTING_A = 0.01
 SHORT_TAU_S = (5, 10, 15, 20, 30, 45)
 LONG_TAU_S = (100, 200, 300, 500, 800, 1200)
+# File, ambient temperature in degC, whether it is fitted or kept as check.
+Runs = tuple[tuple[str, int, str], ...]
 
 
 def toml_table(name: str, key: str, values: np.ndarray, soc: np.ndarray = SOC) -> str:
@@ -86,7 +89,7 @@ def resistances(rows: pd.DataFrame, ocv: np.ndarray, capacity_Ah: float) -> tupl
     return misfit(taus)[1], taus
 
 
-A123_RUNS = {
+A123_RUNS: dict[str, Runs] = {
     "a123_lfp": (
         ("dyn_p25degC", 25, "fit"),
         ("ocv_slow_discharge_p25degC", 25, "fit"),
@@ -105,7 +108,7 @@ A123_RUNS = {
 }
 
 
-def a123(source: Path, out: Path) -> None:
+def a123(source: Path, out: Path, runs: Runs) -> None:
     """Write a case of the LFP cell: the slow branches and the dynamic profile, one temperature kept as check."""
     folder = source / "a123_26650_plett"
     slow = pd.read_csv(folder / "ocv_slow_discharge_p25degC.csv")
@@ -130,7 +133,7 @@ cycles = 0
     text += toml_table("R_TL", "ohm", R_TL * ones, ends) + toml_table("C_TL", "farad", tau_L / R_TL * ones, ends)
     text += "\n[sensors]\nvoltage_V = 0.001\ncurrent_A = 0.005\n"
     full, empty = "initial_soc = { value = 1.0, sd = 0.01 }\n", "initial_soc = { value = 0.0, sd = 0.01 }\n"
-    for name, ambient_degC, split in A123_RUNS[out.name]:
+    for name, ambient_degC, split in runs:
         profile = "dynamic" if "dyn" in name else "C/30 charge" if "slow_charge" in name else "C/30 discharge"
         soc = empty if "slow_charge" in name else full
         rows = pd.read_csv(folder / f"{name}.csv")
@@ -143,7 +146,7 @@ cycles = 0
 # Panasonic NCR18650PF
 
 
-PANASONIC_RUNS = {
+PANASONIC_RUNS: dict[str, Runs] = {
     "panasonic_drive": (
         ("us06_p25", 25, "fit"),
         ("us06_p10", 10, "fit"),
@@ -167,7 +170,7 @@ PANASONIC_RUNS = {
 }
 
 
-def panasonic(source: Path, out: Path) -> None:
+def panasonic(source: Path, out: Path, runs: Runs) -> None:
     """Write a case of the NCA cell: its base model knows 25 degC and takes the chamber for the cell."""
     folder = source / "panasonic_18650pf"
     preset = tomllib.loads((ROOT / "jaxmodel" / "presets" / "panasonic_18650pf.toml").read_text())["parameters"]
@@ -195,7 +198,7 @@ cycles = 0
         warm = values[-1] if values.ndim == 2 else values  # the row of 25 degC
         text += toml_table(name, key, warm, np.asarray(curve["soc"]))
     text += "\n[sensors]\nvoltage_V = 0.001\ncurrent_A = 0.005\ncell_temperature_degC = 0.1\n"
-    for name, ambient_degC, split in PANASONIC_RUNS[out.name]:
+    for name, ambient_degC, split in runs:
         rows = pd.read_csv(folder / f"drive_{name}degC.csv")
         columns = {"time_s": rows.time_s, "current_A": rows.current_A, "ambient_degC": float(ambient_degC)}
         readings = {"voltage_V": rows.voltage_V, "cell_temperature_degC": rows.temperature_degC}
@@ -244,8 +247,9 @@ speed_rad_s = 0.3
 
 def main(source: Path, out: Path) -> None:
     """Write all cases."""
-    makers = dict.fromkeys(A123_RUNS, a123) | dict.fromkeys(PANASONIC_RUNS, panasonic) | {"gear_motor": gear_motor}
-    for name, make in makers.items():
+    makers = {name: partial(a123, runs=runs) for name, runs in A123_RUNS.items()}
+    makers |= {name: partial(panasonic, runs=runs) for name, runs in PANASONIC_RUNS.items()}
+    for name, make in (makers | {"gear_motor": gear_motor}).items():
         (out / name).mkdir(parents=True, exist_ok=True)
         make(source, out / name)
 
