@@ -49,6 +49,16 @@ class Judged:
         return list(dict.fromkeys([*self.named, *others]))[:3]
 
     @property
+    def first_is_right(self) -> bool:
+        """Whether the likeliest effect is the one hidden."""
+        return self.first_three[:1] == list(self.blind.effects)
+
+    @property
+    def in_first_three(self) -> bool:
+        """Whether all that is hidden is among the likeliest."""
+        return set(self.blind.effects) <= set(self.first_three)
+
+    @property
     def right_equation(self) -> bool:
         """Whether a law in no catalogue is told where it acts."""
         said = self.said["unexplained"] or ""
@@ -131,14 +141,10 @@ def metrics(cases: Sequence[Judged]) -> dict[str, Rate | float]:
         "false alarms on clean nulls": rate(c.said["verdict"] != "adequate" for c in nulls if not c.blind.hostile),
         "false alarms on hostile nulls": rate(c.said["verdict"] != "adequate" for c in nulls if c.blind.hostile),
         "right verdict": rate(c.said["verdict"] == c.blind.verdict for c in cases),
-        "singles: right effect first": rate(c.first_three[:1] == list(c.blind.effects) for c in singles),
-        "singles: right effect in the first three": rate(set(c.blind.effects) <= set(c.first_three) for c in singles),
-        f"singles above {CLEAR:g} sigma: right effect first": rate(
-            c.first_three[:1] == list(c.blind.effects) for c in clear
-        ),
-        f"singles above {CLEAR:g} sigma: in the first three": rate(
-            set(c.blind.effects) <= set(c.first_three) for c in clear
-        ),
+        "singles: right effect first": rate(c.first_is_right for c in singles),
+        "singles: right effect in the first three": rate(c.in_first_three for c in singles),
+        f"singles above {CLEAR:g} sigma: right effect first": rate(c.first_is_right for c in clear),
+        f"singles above {CLEAR:g} sigma: in the first three": rate(c.in_first_three for c in clear),
         "doubles exactly right": rate(c.right for c in cases if c.blind.group == "double"),
         "outside the catalogue recognised": rate(c.said["verdict"] == "unknown_effect" for c in outside),
         "outside the catalogue: in the right equation": rate(c.right_equation for c in outside),

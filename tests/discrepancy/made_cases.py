@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from discrepancy.candidates import candidates
 from discrepancy.session import Session
 from jaxmodel.cases import Case, Known, Run, read_case
 from jaxmodel.measurements import Measured
@@ -96,7 +97,7 @@ def made_cell_with_unknown_law(folder: Path, ohm_per_soc: float, seed: int = 0) 
 
 def all_but(case: Case, *names: str) -> list[str]:
     """The effects that could be missing from a case, but for some: ruled out, they need not be compiled."""
-    return sorted({c.effect.name for c in Session(case).candidates.values()} - set(names))
+    return sorted({candidate.effect.name for candidate in candidates(case)} - set(names))
 
 
 def with_candidates(case: Case, *names: str) -> Session:

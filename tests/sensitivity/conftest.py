@@ -1,7 +1,8 @@
 """A short, smooth run of each kind: the cell with all its effects, every sensor's among them, the drives with some.
 
-That each effect's own derivatives are right is tested on the model itself (tests/jaxmodel/test_derivatives.py); here,
-that effects of any kind go through metrics, inputs and curves. All of a robot's would compile three times as long.
+That each effect's own derivatives are right is tested on the model itself (tests/jaxmodel/test_derivatives.py), but for
+the brush drop's; here, that effects of any kind go through metrics, inputs and curves. All of a robot's would compile
+three times as long.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ SENSOR_COLUMNS = {
     "clock_shift": "",
 }
 
-OF_DRIVES = {"motor": ("magnet_temperature", "gear_loss"), "robot": ("bridge_resistance", "pwm_ripple")}
+OF_DRIVES = {"motor": ("magnet_temperature", "brush_drop"), "robot": ("bridge_resistance", "pwm_ripple")}
 
 PROFILES = {
     "cell": constant(12.0, 1.0, current_A=4.0, ambient_degC=12.0),

@@ -99,11 +99,10 @@ def test_model_that_fails_nowhere_has_a_report_too(diagnosis: Diagnosis, tmp_pat
 
 def test_labels_of_maps_stay_beside_their_map(diagnosis: Diagnosis) -> None:
     """The longest name of a condition is longer than a map is high."""
-    long = {
-        (x, f"time since load changed_{unit}"): cells
-        for unit, (((x, _), cells),) in zip("sV", (of.items() for of in diagnosis.failure.maps.values()), strict=True)
-    }
-    figure = maps(dataclasses.replace(diagnosis.failure, maps=dict.fromkeys(diagnosis.failure.maps, long)))
+    found = diagnosis.failure
+    cells = next(cells for pairs in found.maps.values() for cells in pairs.values())
+    long = {("current_A", "time since load changed_s"): cells}
+    figure = maps(dataclasses.replace(found, maps=dict.fromkeys(found.maps, long)))
     figure.draw_without_rendering()
     drawn = [axes for axes in figure.axes if axes.get_ylabel().startswith("time")]
     assert drawn

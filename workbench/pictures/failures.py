@@ -97,7 +97,7 @@ def _ranges(bounds: Sequence[tuple[float, float]]) -> list[str]:
 
 
 def _range(lower: float, upper: float, digits: int) -> str:
-    low, high = (f"{x:.0f}" if abs(x) >= 10.0**digits / 10.0 else f"{x:.{digits}g}" for x in (lower, upper))
+    low, high = (f"{x:.0f}" if abs(x) >= 10.0 ** (digits - 1) else f"{x:.{digits}g}" for x in (lower, upper))
     return low if low == high else f"{low} … {high}"
 
 
