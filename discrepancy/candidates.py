@@ -108,6 +108,12 @@ class Candidate:
         """Return the effect's name, with its column where it has one."""
         return self.effect.label
 
+    @property
+    def shape_ends(self) -> list[tuple[float, ...]]:
+        """Return the coordinates of the ends of the usual range of each parameter but the amplitude."""
+        shapes = list(zip(self.coordinates, describe(self.effect).values(), strict=True))[1:]
+        return [tuple(coordinate.at(end) for end in info.typical or ()) for coordinate, info in shapes]
+
     def times_as_strong(self, x: Floats, probe: float) -> Floats:
         """Return how many times as strong as at a probe an effect is at x of its amplitude; 1 where it has none."""
         first = self.coordinates[0]

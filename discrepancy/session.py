@@ -126,7 +126,7 @@ class Session:
             if not any(family <= set(known) for known in self._families):
                 self._families.append(self.key(tuple(family)))
 
-    def _problem_of(self, key: Labels) -> tuple[Problem, Layout]:
+    def problem_of(self, key: Labels) -> tuple[Problem, Layout]:
         """Return a model in the smallest family of which it is one."""
         self.bring_together(key, ())
         family = min((one for one in self._families if set(key) <= set(one)), key=len)
@@ -222,7 +222,7 @@ class Session:
         key = self.key(labels)
         if key in self._hypotheses:
             return self._hypotheses[key]
-        problem, layout = self._problem_of(key)
+        problem, layout = self.problem_of(key)
         own = layout.own(key)
         # Where the base model has been calibrated already, it is the place to begin.
         known = self._hypotheses[()].fitted.x if () in self._hypotheses else np.zeros(layout.base)
@@ -251,7 +251,7 @@ class Session:
             best = min(best, calibrated(faint), key=lambda one: one.objective)
         for label in key:
             if self.candidates[label].amplitude_on_grid:
-                best = over_the_ridges(problem, layout.of_effect[label][0], own, best)
+                best = over_the_ridges(problem, self.candidates[label], layout.of_effect[label], own, best)
         self._hypotheses[key] = Hypothesis(key, problem, layout, best)
         return self._hypotheses[key]
 

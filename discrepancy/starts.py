@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -26,14 +27,32 @@ def likeliest_of_some(problem: Problem, unknowns: int) -> np.ndarray:
     return places[np.argmin(objectives(problem, places))]
 
 
-def over_the_ridges(problem: Problem, amplitude: int, own: Sequence[int], found: Fit) -> Fit:
-    """Look along an amplitude with many local optima for a place better than the fit's, and fit again from there."""
+def over_the_ridges(
+    problem: Problem, candidate: Candidate, places: Sequence[int], own: Sequence[int], found: Fit
+) -> Fit:
+    """Look along an amplitude with many local optima for a place better than the fit's, and fit again from there.
+
+    Far along it the other numbers are looked at where the fit has them and at the ends of their range: a fit that
+    settled between the wrong ridges has settled them wrongly too.
+
+    Args:
+        problem: the case under a model with the effect.
+        candidate: the effect, its amplitude first.
+        places: numbers of its unknowns.
+        own: numbers of the model's own unknowns.
+        found: the fit.
+    """
+    amplitude, *shapes = places
+    others = [found.x[shapes], *(np.array(ends) for ends in itertools.product(*candidate.shape_ends) if ends)]
     for reach in _REACHES:
-        places = np.repeat(found.x[None], _PLACES, axis=0)
-        places[:, amplitude] += np.linspace(-reach, reach, _PLACES)
-        values = objectives(problem, places)
+        along = np.linspace(-reach, reach, _PLACES)
+        looks = np.repeat(found.x[None], _PLACES * len(others), axis=0)
+        looks[:, amplitude] += np.tile(along, len(others))
+        looks[:, shapes] = np.repeat(others, _PLACES, axis=0)
+        values = objectives(problem, looks)
         if np.min(values) < found.objective - 1.0:
-            found = min(found, fit(problem, places[np.argmin(values)], own), key=lambda one: one.objective)
+            found = min(found, fit(problem, looks[np.argmin(values)], own), key=lambda one: one.objective)
+        others = [found.x[shapes]]
     return found
 
 
