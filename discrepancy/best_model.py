@@ -50,9 +50,12 @@ def find_best_model(session: Session, progress: Progress | None, wanted: Sequenc
     """Search for the best model under the sensors' noise, or, where none comes near it, for what explains most."""
     tell(progress, "calibrating the base model")
     seeds: list[Hypothesis] = []
+    hopeless = bool(_beyond(session, session.hypothesis(), HOPELESS))
+    if not hopeless:
+        session = session.with_noise_left_by(session.hypothesis()) or session
     if wanted:
         best = _fitted(session, progress, wanted)
-    elif _beyond(session, session.hypothesis(), HOPELESS):
+    elif hopeless:
         tell(progress, "the base model is far from the sensors' noise; looking for what explains most")
         coarse = _explaining_most(session, session.hypothesis(), progress)
         if coarse.far and _far_beside_any_law(coarse):
@@ -61,7 +64,7 @@ def find_best_model(session: Session, progress: Progress | None, wanted: Sequenc
         best = search(session, progress, seeds=seeds)
     else:
         best = search(session, progress)
-    finer = session.with_noise_of_inputs(best)
+    finer = _with_noise_beside(session, best)
     if finer is not None:
         seeds, session = strongest(session), finer
         best = _fitted(session, progress, wanted) if wanted else search(session, progress, seeds=seeds)
@@ -74,6 +77,12 @@ def find_best_model(session: Session, progress: Progress | None, wanted: Sequenc
         return found
     coarse = _explaining_most(session, best, progress)
     return coarse if coarse.far else BestModel(session, search(session, progress, seeds=strongest(coarse.judge)))
+
+
+def _with_noise_beside(session: Session, best: Hypothesis) -> Session | None:
+    """Return a session with the noise that the best model leaves and passes on; None where that is assumed."""
+    left = session.with_noise_left_by(best)
+    return (left or session).with_noise_of_inputs(best) or left
 
 
 def _explaining_most(session: Session, best: Hypothesis, progress: Progress | None) -> BestModel:

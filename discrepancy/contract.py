@@ -20,31 +20,59 @@ from jaxmodel.ports import Effect
 from jaxmodel.profile import Track
 from jaxmodel.simulate import run_track, track
 
+# Readings of a model, by run and output.
+Predictions = Mapping[str, Mapping[str, np.ndarray]]
 
-def noise_of_case(case: Case, catalogue: Mapping[str, type[Effect]] = CATALOGUE) -> dict[str, NoiseModel]:
+# What tells the noise that nobody states, and the rows of the windows in which it is looked at. What a model leaves has
+# lost the course of the readings: windows may be longer, which a long memory needs. On 32 blind development cases with
+# something missing, windows of 48 rows told the stated sd within 6 % from what the base model leaves.
+_READ = ("the readings between jumps of the inputs", 12)
+_LEFT = ("what the calibrated model leaves between jumps of the inputs", 48)
+
+
+def noise_of_case(
+    case: Case, catalogue: Mapping[str, type[Effect]] = CATALOGUE, predicted: Predictions | None = None
+) -> dict[str, NoiseModel]:
     """Return the noise of every output that the case measured, in the order of the kind's outputs.
 
     A stated sd is believed, quantisation and the noise of measured inputs are added; where none is stated it is
-    estimated from the readings between the jumps of the inputs. Channels whose readings never change say nothing and
-    are left out.
+    estimated between the jumps of the inputs, from the readings or, sharper, from what a model leaves of them.
+
+    Channels whose readings never change say nothing and are left out.
+
+    Args:
+        case: with its measurements.
+        catalogue: the known effects.
+        predicted: readings of a calibrated model, by run and output, to be taken off those of the fit runs.
     """
     noise = {}
+    shown_by, window = _READ if predicted is None else _LEFT
     from_inputs = _noise_from_inputs(case, catalogue)
     for name in KINDS[case.kind].outputs:
         runs = [run for run in case.runs if name in run.measured.outputs]
         readings = [run.measured.outputs[name] for run in runs]
         if not runs or not any(np.isfinite(values).any() for values in readings):
             continue
-        values = np.concatenate(readings)
-        starts = chain_starts([part.size for part in readings])
+        if predicted is not None:
+            runs = [run for run in runs if run.split == "fit"]
+        if not runs:
+            continue
+        shown = [run.measured.outputs[name] - (predicted[run.name][name] if predicted else 0.0) for run in runs]
         inputs = [np.stack(list(run.measured.inputs.values()), axis=1) for run in runs]
-        calm = np.concatenate([break_at_jumps(chain_starts([len(part)]), part, settling_rows=3) for part in inputs])
-        times = np.concatenate([run.measured.time_s for run in runs])
+        calm = [break_at_jumps(chain_starts([len(part)]), part, settling_rows=3) for part in inputs]
+        times = [run.measured.time_s for run in runs]
+        series = [np.concatenate(part) for part in (shown, calm, times)]
 
-        def estimate(known_sd, values=values, calm=calm | starts, times=times):
-            return local_noise(values, calm, times, known_sd=known_sd)
+        def estimate(known_sd, series=series):
+            return local_noise(*series, known_sd=known_sd, window=window)
 
-        model = channel_noise(values, estimate, stated_sd=case.sensors.get(name), input_sd=from_inputs.get(name, 0.0))
+        model = channel_noise(
+            np.concatenate(readings),
+            estimate,
+            stated_sd=case.sensors.get(name),
+            input_sd=from_inputs.get(name, 0.0),
+            shown_by=shown_by,
+        )
         if model.sd > 0.0:
             noise[name] = dataclasses.replace(model, from_inputs=from_inputs.get(name, 0.0))
     return noise

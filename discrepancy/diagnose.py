@@ -22,7 +22,7 @@ from discrepancy.result import Diagnosis, NamedEffect, ScoreEntry
 from discrepancy.score import sight
 from discrepancy.screen import Screen
 from discrepancy.search import Progress, by_strength, tell
-from discrepancy.session import Hypothesis, Session
+from discrepancy.session import Hypothesis, Labels, Session
 from jaxmodel.cases import Case
 from jaxmodel.declaration import describe
 from jaxmodel.errors import EffectError
@@ -112,12 +112,13 @@ def diagnose(
     left = {best.labels: found.laws}
     if not found.far and any(block.significant for block in found.laws):
         left[base.labels] = leftover_laws(session, base, first)
-    known = judge.known()
-    fitted = {label for one in known for label in one.labels if len(one.labels) == 1}
-    unfitted = {k: log for k, log in bayes_factors(first, session.candidates).items() if k not in fitted}
     # Far from the noise there is something else whatever its law: effects compete among themselves.
     weighed, beside = probabilities(
-        known, judge.hypothesis(best.labels), {best.labels: ()} if found.far else left, session.candidates, unfitted
+        judge.known(),
+        judge.hypothesis(best.labels),
+        {best.labels: ()} if found.far else left,
+        session.candidates,
+        _never_fitted(judge, first, judge.hypothesis(best.labels)),
     )
     unexplained = next((block for block in left[beside] if block.significant), None)
     scatter = ""
@@ -157,6 +158,20 @@ def diagnose(
     )
 
 
+def _never_fitted(session: Session, first: Screen, best: Hypothesis) -> dict[Labels, float]:
+    """Return the log evidence, in the linear approximation, of effects alone and beside the best single one.
+
+    What the data cannot show may be there all the same: it keeps the share that it had before.
+    """
+    fitted = {one.labels for one in session.known()}
+    base = session.hypothesis().log_evidence
+    alone = {(label,): base + log for label, log in bayes_factors(first, session.candidates).items()}
+    if len(best.labels) == 1:
+        beside = bayes_factors(session.screen(best), session.candidates)
+        alone |= {session.key((*best.labels, label)): best.log_evidence + log for label, log in beside.items()}
+    return {labels: log for labels, log in alone.items() if labels not in fitted}
+
+
 def _undecided_between(session: Session, weighed: Mapping[str, float]) -> list[Hypothesis]:
     """Return the models between which the data has not decided, the most probable first; none where it has."""
     fitted = {hypothesis_name(one.labels): one for one in sorted(session.known(), key=lambda one: one.log_evidence)}
@@ -187,11 +202,17 @@ def _verdict(session: Session, best: Hypothesis, weighed: dict[str, float], unex
         return "unknown_effect"
     if not best.labels:
         return "adequate"
-    if weighed.get(hypothesis_name(best.labels), 0.0) < NAMED:
+    # Whether something more is missing beside what is named is another question.
+    if _holding(weighed, {session.candidates[label].effect.name for label in best.labels}) < NAMED:
         return "adequate" if weighed["base"] > NAMED else "undecided"
     if all(session.candidates[label].is_sensor for label in best.labels):
         return "sensor_fault"
     return "missing_effect"
+
+
+def _holding(weighed: Mapping[str, float], names: set[str]) -> float:
+    """Return the probability of all hypotheses together that have some effects."""
+    return sum(p for name, p in weighed.items() if names <= set(name.split("+")))
 
 
 def _with_something_else(weighed: Mapping[str, float]) -> dict[str, float]:
@@ -229,7 +250,7 @@ def _named(
     named = []
     for label in by_strength(found.judge, found.judge.hypothesis(best.labels)):
         effect = session.candidates[label].effect
-        holding = sum(p for name, p in weighed.items() if effect.name in name.split("+"))
+        holding = min(MOST, _holding(weighed, {effect.name}))
         if found.far:
             holding = min(MOST, holding / (1.0 - NOT_TO_THE_NOISE))  # beside whatever else there is
         elif verdict == "unknown_effect":

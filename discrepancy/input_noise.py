@@ -1,8 +1,17 @@
-"""What the noise of measured inputs does to the readings: each input moved by its sd, row by row, and simulated."""
+"""What the noise of measured inputs does to the readings: each input moved by its sd, row by row, and simulated.
+
+A row's noise moves the reading of that row, and by what it does to the state all later ones. The first is noise of each
+reading like its sensor's own; the second is slow, shared by many readings, and counts as what one unknown more would
+do: left out, numbers that follow from slow changes seem up to twice as sure as they are.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
+import os
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,8 +19,25 @@ import numpy as np
 
 from jaxmodel.profile import Track
 
+# Slow noise is that of the means of so many stretches of a run.
+_STRETCHES = 64
+# A direction of the readings in which slow noise raises the sd by less than this share is left as it is.
+_FAINT = 0.05
 # Rows of one simulation that are moved are so many apart: what a row's noise does to later readings has faded by then.
 _APART = 8
+
+
+@dataclasses.dataclass(frozen=True)
+class InputNoise:
+    """What noise of measured inputs does to the readings of a case under one model.
+
+    Attributes:
+        variance: (runs, rows, channels) of each reading by itself.
+        slow: (readings, directions) what takes out noise that readings share, see `Readings`; none of it where None.
+    """
+
+    variance: np.ndarray
+    slow: np.ndarray | None = None
 
 
 def variance_from_inputs(
@@ -39,6 +65,54 @@ def variance_from_inputs(
             answer = predict(eqx.tree_at(lambda c, n=name: c.inputs[n], courses, moved)) - still
             variance += np.where(np.isfinite(answer), answer, 0.0) ** 2
     return variance
+
+
+def answers_to_slow_noise(
+    predict: Callable[[Track], np.ndarray], courses: Track, input_sd: Mapping[str, float]
+) -> np.ndarray:
+    """Return how the readings answer to an sd of the mean of each stretch, shape (inputs stretches, *predictions).
+
+    Args:
+        predict: the readings under given steps, shape (runs, rows, ...).
+        courses: of all runs, leaves with a leading axis of runs.
+        input_sd: by input, the sd of one reading's noise.
+    """
+    still = predict(courses)
+    row = row_of_step(courses)
+    rows = row.max(axis=1, keepdims=True) + 1
+    stretch = row * _STRETCHES // rows
+    of_mean = 1.0 / np.sqrt(np.maximum(rows / _STRETCHES, 1.0))
+
+    def answer(which: tuple[str, int]) -> np.ndarray:
+        name, number = which
+        moved = np.asarray(courses.inputs[name]) + input_sd[name] * of_mean * (stretch == number)
+        found = predict(eqx.tree_at(lambda c: c.inputs[name], courses, jnp.asarray(moved))) - still
+        return np.where(np.isfinite(found), found, 0.0)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return np.stack(list(pool.map(answer, itertools.product(input_sd, range(_STRETCHES)))))
+
+
+def slow_directions(answers: np.ndarray, run: np.ndarray) -> np.ndarray:
+    """Return what takes slow noise out of whitened residuals e: e - slow (slow' e), shape (readings, directions).
+
+    With A the answers, residuals have the covariance I + A'A = I + Q s^2 Q', and so I - Q (1 - 1/sqrt(1 + s^2)) Q'
+    makes them white.
+
+    Args:
+        answers: (n, readings) of the whitened readings to independent noises of unit variance.
+        run: (readings,) number of each reading's run; runs have no noise in common.
+    """
+    found = [np.zeros((run.size, 0))]
+    for one in np.unique(run):
+        mine = np.flatnonzero(run == one)
+        q, size, _ = np.linalg.svd(answers[:, mine].T, full_matrices=False)
+        larger = np.sqrt(1.0 + size**2)
+        kept = larger > 1.0 + _FAINT
+        directions = np.zeros((run.size, int(kept.sum())))
+        directions[mine] = q[:, kept] * np.sqrt(1.0 - 1.0 / larger[kept])
+        found.append(directions)
+    return np.concatenate(found, axis=1)
 
 
 def row_of_step(courses: Track) -> np.ndarray:

@@ -106,7 +106,7 @@ def channel_noise(
     *,
     stated_sd: float | None = None,
     input_sd: float = 0.0,
-    shown_by: str = "the readings between jumps of the inputs",
+    shown_by: str = "the readings",
 ) -> NoiseModel:
     """Settle one sensor's noise from what is stated and what its data shows.
 

@@ -36,7 +36,7 @@ def probabilities(
     best: Hypothesis,
     left: Mapping[Labels, Sequence[Block]],
     candidates: Mapping[str, Candidate],
-    unfitted: Mapping[str, float] | None = None,
+    unfitted: Mapping[Labels, float] | None = None,
 ) -> tuple[dict[str, float], Labels]:
     """Return the probability of every hypothesis fitted and of something else, largest first, and beside what that is.
 
@@ -49,7 +49,7 @@ def probabilities(
         best: the one with the best evidence.
         left: deficiency maps, strongest block first, by the labels of the model they were made at; `best` among them.
         candidates: all that could be missing, by label.
-        unfitted: of effects that were not fitted by themselves, the log of their Bayes factors over the base model.
+        unfitted: of models that were not fitted, their log evidence as far as it is known.
     """
     count = len(candidates)
     number_of = {size: comb(count, size) for size in PRIOR}
@@ -57,8 +57,7 @@ def probabilities(
     # it leaves.
     readings = float(np.sum(np.asarray(best.problem.readings.fit)))
     temperature = max(1.0, best.fitted.chi2 / readings) if not _wrong(left[best.labels]) else 1.0
-    evidence = {one.labels: one.log_evidence for one in known}
-    evidence |= {(label,): evidence[()] + factor for label, factor in (unfitted or {}).items()}
+    evidence = dict(unfitted or {}) | {one.labels: one.log_evidence for one in known}
     logs: dict[str, float] = {}
     beside: dict[Labels, float] = {}
     for labels, log_evidence in evidence.items():

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array
 
 from discrepancy.candidates import Candidate, Coordinate, known_coordinate
+from discrepancy.input_noise import InputNoise
 from discrepancy.noise import NoiseModel
 from discrepancy.readings import Readings, flatten, part_of
 from discrepancy.readings import none as no_readings
@@ -285,7 +286,7 @@ def make_problem(
     present: Sequence[Candidate] = (),
     switched: Sequence[Candidate] = (),
     catalogue: Mapping[str, type[Effect]] = CATALOGUE,
-    variance_from_inputs: np.ndarray | None = None,
+    input_noise: InputNoise | None = None,
     family: Sequence[Candidate] = (),
 ) -> tuple[Problem, Layout]:
     """Lay a case out for fitting.
@@ -296,7 +297,7 @@ def make_problem(
         present: effects added to the case's model, their parameters unknown.
         switched: effects added behind a switch, their parameters unknown.
         catalogue: the known effects, for those that the case itself names.
-        variance_from_inputs: of each reading, shape (runs, rows, channels), in place of its average over a channel.
+        input_noise: of each reading, in place of its average over a channel.
         family: effects among which are those present, for models that shall share one compiled program: the others are
             in it too, switched off, and their parameters among the unknowns, where nothing depends on them.
 
@@ -312,7 +313,7 @@ def make_problem(
     courses, times = _courses([_with_effects(model, own) for model in bare], case)
     added = behind_switches if family else (*own, *behind_switches)
     models = [_with_effects(model, added) for model in bare]
-    readings = flatten(case, noise, KINDS[case.kind].outputs, times.shape[1], variance_from_inputs)
+    readings = flatten(case, noise, KINDS[case.kind].outputs, times.shape[1], input_noise)
     if not np.any(readings.fit):
         raise FitError(f'{file_label(case.path)}: no reading of a run with split = "fit"; mark at least one such run.')
     fit_runs = np.flatnonzero([run.split == "fit" for run in case.runs])

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from discrepancy.input_noise import InputNoise
 from discrepancy.noise import NoiseModel
 from discrepancy.whitening import chain_starts, chain_weights
 from jaxmodel.cases import Case
@@ -32,6 +33,7 @@ class Readings(eqx.Module):
         weight: (n,) correlation of its noise with that of the reading before.
         fit: (n,) 1 where the run may be used to calibrate.
         check: (n,) 1 where the run may only judge.
+        slow: (n, directions) what takes noise that many readings share out of whitened errors e: e - slow (slow' e).
     """
 
     index: Array
@@ -41,14 +43,19 @@ class Readings(eqx.Module):
     weight: Array
     fit: Array
     check: Array
+    slow: Array
 
     def whiten(self, errors: Values) -> Values:
         """Return errors (..., n) as white noise of unit variance."""
         scaled = errors / self.sd
-        return (scaled - self.weight * scaled[..., self.previous]) / (1.0 - self.weight**2) ** 0.5
+        white = (scaled - self.weight * scaled[..., self.previous]) / (1.0 - self.weight**2) ** 0.5
+        return white - (white @ self.slow) @ self.slow.T
 
     def some(self, mine: np.ndarray) -> Readings:
-        """Return the readings of those numbers, on the host: whole chains, as of a run or a channel."""
+        """Return the readings of those numbers, on the host: whole chains, as of a run or a channel.
+
+        Slow noise that channels share is counted in each by itself.
+        """
         kept = jax.tree.map(lambda column: np.asarray(column)[mine], self)
         return eqx.tree_at(lambda readings: readings.previous, kept, np.searchsorted(mine, kept.previous))
 
@@ -58,7 +65,7 @@ def flatten(
     noise: Mapping[str, NoiseModel],
     channels: tuple[str, ...],
     rows: int,
-    variance_from_inputs: np.ndarray | None,
+    input_noise: InputNoise | None,
 ) -> Readings:
     """Return the readings of a case channel by channel, run by run, in order of time.
 
@@ -67,7 +74,7 @@ def flatten(
         noise: of each output column to be used.
         channels: all outputs of the kind.
         rows: of a run of the predictions.
-        variance_from_inputs: of each reading, shape (runs, rows, channels), in place of its average over a channel.
+        input_noise: of each reading, in place of its average over a channel.
     """
     none, nowhere = np.zeros(0), np.zeros(0, int)
     parts: list[tuple[np.ndarray, ...]] = [(nowhere, none, none, nowhere, none, none, none)]
@@ -83,12 +90,14 @@ def flatten(
             previous = np.maximum(np.arange(count) - 1, 0) + first
             fit = np.full(count, float(run.split == "fit"))
             sd = np.full(count, model.sd)
-            if variance_from_inputs is not None:
-                sd = np.sqrt(model.own_sd**2 + variance_from_inputs.reshape(-1)[place])
+            if input_noise is not None:
+                sd = np.sqrt(model.own_sd**2 + input_noise.variance.reshape(-1)[place])
             sd = sd * model.crowding(run.measured.time_s[present])
             parts.append((place, values[present], sd, previous, weight, fit, 1.0 - fit))
             first += count
-    return _filled([np.concatenate(column) for column in zip(*parts, strict=True)])
+    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    slow = None if input_noise is None else input_noise.slow
+    return _filled(columns, np.zeros((first, 0)) if slow is None else slow)
 
 
 def part_of(
@@ -108,17 +117,18 @@ def part_of(
     run, row, channel = np.unravel_index(np.asarray(readings.index)[mine], (*shape, channels))
     index = (number[run] * rows + row) * channels + channel
     kept = readings.some(mine)
-    return _filled([index, kept.value, kept.sd, kept.previous, kept.weight, kept.fit, kept.check])
+    return _filled([index, kept.value, kept.sd, kept.previous, kept.weight, kept.fit, kept.check], kept.slow)
 
 
 def none() -> Readings:
     """Return no readings at all."""
-    return Readings(*jnp.zeros((7, 0)))
+    return Readings(*jnp.zeros((7, 0)), slow=jnp.zeros((0, 0)))
 
 
-def _filled(columns: Sequence[np.ndarray | Array]) -> Readings:
+def _filled(columns: Sequence[np.ndarray | Array], slow: np.ndarray | Array) -> Readings:
     """Return readings, filled up with some that never count."""
     count = columns[0].size
     extra = -count % _MULTIPLE if count else _MULTIPLE
     filler = (np.zeros(extra, int), np.zeros(extra), np.ones(extra), np.zeros(extra, int), *(np.zeros(extra),) * 3)
-    return Readings(*(jnp.asarray(np.concatenate(pair)) for pair in zip(columns, filler, strict=True)))
+    filled = (jnp.asarray(np.concatenate(pair)) for pair in zip(columns, filler, strict=True))
+    return Readings(*filled, slow=jnp.asarray(np.pad(slow, ((0, extra), (0, 0)))))

@@ -39,7 +39,7 @@ def search(
     if seeds:
         tell(progress, f"refitting {', '.join(hypothesis_name(seed.labels) for seed in seeds)}")
         session.hypotheses([(seed.labels, [seed.start]) for seed in seeds])
-    else:
+    if not _best(session, (0, 1, 2)).labels:
         tell(progress, f"scoring {len(session.candidates)} candidate effects")
         if not session.screen(base).table.significant:
             return base

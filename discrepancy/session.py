@@ -17,11 +17,12 @@ import numpy as np
 from discrepancy.calibrate import Fit, fit, look
 from discrepancy.candidates import Candidate, candidates
 from discrepancy.contract import noise_of_case, noisy_inputs, without_input_noise
-from discrepancy.input_noise import variance_from_inputs
+from discrepancy.input_noise import InputNoise, answers_to_slow_noise, slow_directions, variance_from_inputs
 from discrepancy.ladder import ChannelError, Estimate, Rung
 from discrepancy.lanes import predict
 from discrepancy.noise import NoiseModel
 from discrepancy.problem import BASE, Layout, Problem, Start, make_problem
+from discrepancy.readings import flatten
 from discrepancy.screen import Screen, Switchboard, screen
 from discrepancy.starts import faintest, likeliest_of_some, over_the_ridges
 from discrepancy.weights import by_errors, by_errors_and_time
@@ -89,7 +90,7 @@ class Session:
         ruled_out = self.labels_of(without)
         self.candidates = {label: c for label, c in self.candidates.items() if label not in ruled_out}
         self.weights = self.noise
-        self._variance_from_inputs: np.ndarray | None = None
+        self._input_noise: InputNoise | None = None
         self._hypotheses: dict[Labels, Hypothesis] = {}
         self._screens: dict[Labels, Screen] = {}
         self._rungs: dict[Labels | None, Rung] = {}
@@ -112,9 +113,7 @@ class Session:
     def _problem(
         self, present: Sequence[Candidate], switched: Sequence[Candidate] = (), family: Sequence[Candidate] = ()
     ) -> tuple[Problem, Layout]:
-        return make_problem(
-            self.case, self.weights, present, switched, self.catalogue, self._variance_from_inputs, family
-        )
+        return make_problem(self.case, self.weights, present, switched, self.catalogue, self._input_noise, family)
 
     def bring_together(self, labels: Sequence[str], others: Sequence[str]) -> None:
         """Have the models of some effects and each of the others share a program: it takes less to compile than many.
@@ -177,7 +176,16 @@ class Session:
         """
         left = self.rung("", best)
         weights = by_errors_and_time(self.noise, left, self.case) if by_time else by_errors(self.noise, left)
-        return self._again(weights=weights, _variance_from_inputs=None)
+        return self._again(weights=weights, _input_noise=None)
+
+    def with_noise_left_by(self, model: Hypothesis) -> Session | None:
+        """Return a session with the noise of sensors as what a calibrated model leaves of the readings tells it.
+
+        None where that is what is assumed already, within some percent.
+        """
+        noise = self.noise | noise_of_case(self.case, self.catalogue, self.rung("", model).predictions)
+        changed = any(_other_noise(noise[name], before) for name, before in self.noise.items())
+        return self._again(noise=noise, weights=noise, _input_noise=None) if changed else None
 
     def with_noise_of_inputs(self, best: Hypothesis) -> Session | None:
         """Return a session with each reading's noise as the best model passes it on from noisy inputs.
@@ -199,11 +207,17 @@ class Session:
                 runs = [run.measured for run in self.case.runs]
                 read = [v[: r.time_s.size, place] for v, r in zip(variance, runs, strict=True) if name in r.outputs]
                 noise[name] = noise[name].with_from_inputs(float(np.sqrt(np.mean(np.concatenate(read)))))
-        other = self._again(_variance_from_inputs=variance, noise=noise, weights=noise)
-        old, new = (np.asarray(problem.readings.sd) for problem in (best.problem, other._problem(())[0]))
-        counted = np.asarray(best.problem.readings.fit) > 0.0
-        changed = np.abs(new / old - 1.0)[counted] > NOISE_CHANGED
-        return other if np.mean(changed) > NOISE_CHANGED_SHARE else None
+        counted = flatten(self.case, noise, problem.channels, variance.shape[1], InputNoise(variance))
+        answers = answers_to_slow_noise(readings, problem.courses, input_sd)
+        real = np.flatnonzero(np.asarray(counted.fit) + np.asarray(counted.check) > 0.0)
+        index = np.asarray(counted.index)
+        white = np.asarray(counted.whiten(answers.reshape(len(answers), -1)[:, index]))[:, real]
+        slow = slow_directions(white, index[real] // int(np.prod(answers.shape[2:])))
+        old, new = np.asarray(problem.readings.sd), np.asarray(counted.sd)
+        changed = np.abs(new / old - 1.0)[np.asarray(counted.fit) > 0.0] > NOISE_CHANGED
+        if not slow.size and np.mean(changed) <= NOISE_CHANGED_SHARE:
+            return None
+        return self._again(_input_noise=InputNoise(variance, slow), noise=noise, weights=noise)
 
     def _again(self, **changes: Any) -> Session:
         """Return a session of the same case with other weights, nothing fitted yet."""
@@ -374,3 +388,7 @@ class Session:
             if abs(x[number]) > FAR_FROM_PRIOR:
                 far.append(name)
         return estimates, tuple(far)
+
+
+def _other_noise(one: NoiseModel, other: NoiseModel) -> bool:
+    return abs(one.sd / other.sd - 1.0) > NOISE_CHANGED or abs(one.rho - other.rho) > NOISE_CHANGED
