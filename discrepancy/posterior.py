@@ -60,13 +60,17 @@ def probabilities(
     evidence = dict(unfitted or {}) | {one.labels: one.log_evidence for one in known}
     logs: dict[str, float] = {}
     beside: dict[Labels, float] = {}
+    # The most that any law can explain of a model: down to what the best one leaves beside a law, or the noise.
+    least = min(readings, best.fitted.chi2 - 2.0 * max(0.0, _gain(left[best.labels], readings)))
+    chi2 = {one.labels: one.fitted.chi2 for one in known}
     for labels, log_evidence in evidence.items():
         size = len(labels)
         log = log_evidence / temperature + np.log(PRIOR[size] / max(1, number_of[size]))
         name = hypothesis_name(labels)
         logs[name] = max(logs.get(name, -np.inf), log)
         if labels in left:
-            beside[labels] = log + _gain(left[labels], readings)
+            most = np.inf if labels == best.labels else 0.5 * (chi2[labels] - least)
+            beside[labels] = log + _gain(left[labels], readings, most)
     basis = max(beside, key=lambda labels: beside[labels])
     logs[SOMETHING_ELSE] = beside[basis] + np.log(PRIOR_SOMETHING_ELSE / (1.0 - PRIOR_SOMETHING_ELSE))
     values = np.array(list(logs.values()))
@@ -108,20 +112,27 @@ def _mean_odds(z: float, lift: float, candidate: Candidate, probe: float) -> flo
     return float(np.logaddexp.reduce(z * sigmas - 0.5 * sigmas**2 + _LOG_SHARES))
 
 
-def _gain(blocks: Sequence[Block], readings: float) -> float:
-    """Return what unknown laws add to a model's log evidence: one in an equation, or one for each channel in need."""
-    gains: dict[str, float] = {}
+def _gain(blocks: Sequence[Block], readings: float, most: float = np.inf) -> float:
+    """Return what unknown laws add to a model's log evidence: one in an equation, or one for each channel in need.
+
+    Together they explain no more than `most`: channels' laws share what the model's own unknowns could take.
+    """
+    gains: dict[str, tuple[float, float]] = {}
     in_equation = -np.inf
     for block in blocks:
         # In no unit may a law explain more than there was: where the noise is overstated its own scatter says too much.
-        gain = 0.5 * min(block.chi2, block.drop) - 0.5 * block.rank * np.log(readings) - np.log(len(blocks))
+        explained = 0.5 * min(block.chi2, block.drop)
+        price = 0.5 * block.rank * np.log(readings) + np.log(len(blocks))
         if block.in_equation:
-            in_equation = max(in_equation, gain)
+            in_equation = max(in_equation, min(explained, most) - price)
         else:
-            gains[block.channel] = max(gains.get(block.channel, -np.inf), gain)
-    needed = [gain for gain in gains.values() if gain > 0.0]
-    on_channels = sum(needed) if needed else max(gains.values(), default=0.0)
-    return max(on_channels, in_equation)
+            one = (explained, price)
+            gains[block.channel] = max(gains.get(block.channel, one), one, key=lambda each: each[0] - each[1])
+    needed = [one for one in gains.values() if one[0] > one[1]]
+    if not needed:
+        return max(in_equation, max((one[0] - one[1] for one in gains.values()), default=0.0))
+    explained, price = np.sum(needed, axis=0)
+    return max(in_equation, min(float(explained), most) - float(price))
 
 
 def _wrong(left: Sequence[Block]) -> bool:

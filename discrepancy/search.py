@@ -46,23 +46,32 @@ def search(
         _refit_likely(session, progress, base)
     best = _best(session, (0, 1))
     couple = _best(session, (2,)) if any(len(seed.labels) == 2 for seed in seeds) else best
-    if couple.log_evidence > best.log_evidence + SECOND_EFFECT_GAIN:
+    if couple.labels and _takes_both(session, couple):
         return couple
-    if not best.labels or effects == 1:
-        return best
-    if not session.screen(best).table.significant:
+    best = _best(session, (0, 1))
+    if not best.labels or effects == 1 or not session.screen(best).table.significant:
         return best
     couple = _refit_likely(session, progress, best)
-    if couple.log_evidence < best.log_evidence + SECOND_EFFECT_GAIN:
-        return best
+    if not _takes_both(session, couple):
+        return _best(session, (0, 1))
     # Swap: the first may have been a stand-in for two others. The second is refitted alone, where it may explain as
     # much as both, and then beside what scores best with it.
     second = next(label for label in couple.labels if label not in best.labels)
     alone = session.hypothesis((second,), session.starts(session.screen(base), second))
     if session.screen(alone).table.significant:
         couple = max(couple, _refit_likely(session, progress, alone), key=lambda one: one.log_evidence)
-    single = _best(session, (1,))
-    return single if single.log_evidence > couple.log_evidence - SECOND_EFFECT_GAIN else couple
+    return couple if _takes_both(session, couple) else _best(session, (1,))
+
+
+def _takes_both(session: Session, couple: Hypothesis) -> bool:
+    """Return True where two effects are worth it, each by itself refitted from where both end too.
+
+    A single effect that settled in a poor place would make any second one look needed.
+    """
+    if len(couple.labels) < 2 or couple.log_evidence < _best(session, (0, 1)).log_evidence + SECOND_EFFECT_GAIN:
+        return False
+    singles = [session.again((label,), couple.start) for label in couple.labels]
+    return couple.log_evidence > max(one.log_evidence for one in singles) + SECOND_EFFECT_GAIN
 
 
 def another(session: Session, progress: Progress | None, best: Hypothesis) -> Hypothesis:

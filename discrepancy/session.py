@@ -269,6 +269,18 @@ class Session:
         self._hypotheses[key] = Hypothesis(key, problem, layout, best)
         return self._hypotheses[key]
 
+    def again(self, labels: Sequence[str], start: Start) -> Hypothesis:
+        """Return the calibrated model with effects added, begun from one more start: the better of what it finds."""
+        key = self.key(labels)
+        known = self.hypothesis(key, [start])
+        begin = known.layout.at({name: x for name, x in start.items() if name in (BASE, *key)})
+        other = fit(known.problem, begin, known.own, rival=known.fitted.objective)
+        if other.objective < known.fitted.objective:
+            self._hypotheses[key] = dataclasses.replace(known, fitted=other)
+            self._screens.pop(key, None)
+            self._rungs.pop(key, None)
+        return self._hypotheses[key]
+
     def hypotheses(self, sets: Sequence[tuple[Labels, Sequence[Start]]]) -> list[Hypothesis]:
         """Return several hypotheses; two are compiled and fitted at a time."""
         with ThreadPoolExecutor(2) as pool:
