@@ -5,12 +5,16 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from discrepancy.input_noise import variance_from_inputs
+from discrepancy.input_noise import InputNoise, answers_to_slow_noise, slow_directions, variance_from_inputs
+from discrepancy.lanes import predict
 from discrepancy.noise import NoiseModel, break_at_jumps, channel_noise, local_noise
+from discrepancy.problem import Problem
+from discrepancy.readings import flatten
 from discrepancy.whitening import chain_starts
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.cases import Case, Run
@@ -94,6 +98,38 @@ def _noise_from_inputs(case: Case, catalogue: Mapping[str, type[Effect]]) -> dic
     course = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], track(model, profile))
     variance = np.mean(variance_from_inputs(readings, course, noisy)[0], axis=0)
     return {name: float(np.sqrt(one)) for name, one in zip(outputs, variance, strict=True)}
+
+
+def noise_passed_on(
+    case: Case, noise: Mapping[str, NoiseModel], problem: Problem, x: np.ndarray
+) -> tuple[dict[str, NoiseModel], InputNoise]:
+    """Return what a calibrated model makes of the noise of measured inputs: in each channel, and in each reading.
+
+    Args:
+        case: with its measurements.
+        noise: of each output column to be used.
+        problem: the case under the model.
+        x: (unknowns,) where it is calibrated to.
+    """
+    input_sd = noisy_inputs(case)
+
+    def readings(courses: Track) -> np.ndarray:
+        return predict(eqx.tree_at(lambda p: p.courses, problem, courses), x)
+
+    variance = variance_from_inputs(readings, problem.courses, input_sd)
+    found = dict(noise)
+    for place, name in enumerate(problem.channels):
+        if name in noise:
+            runs = [run.measured for run in case.runs]
+            read = [v[: r.time_s.size, place] for v, r in zip(variance, runs, strict=True) if name in r.outputs]
+            found[name] = noise[name].with_from_inputs(float(np.sqrt(np.mean(np.concatenate(read)))))
+    counted = flatten(case, found, problem.channels, variance.shape[1], InputNoise(variance))
+    answers = answers_to_slow_noise(readings, problem.courses, input_sd)
+    real = np.flatnonzero(np.asarray(counted.fit) + np.asarray(counted.check) > 0.0)
+    index = np.asarray(counted.index)
+    white = np.asarray(counted.whiten(answers.reshape(len(answers), -1)[:, index]))[:, real]
+    slow = slow_directions(white, index[real] // int(np.prod(answers.shape[2:])))
+    return found, InputNoise(variance, slow)
 
 
 def noisy_inputs(case: Case) -> dict[str, float]:

@@ -14,10 +14,10 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from discrepancy.calibrate import Fit, fit, look
+from discrepancy.calibrate import IDLE_GAIN, Fit, fit, look
 from discrepancy.candidates import Candidate, candidates
-from discrepancy.contract import noise_of_case, noisy_inputs, without_input_noise
-from discrepancy.input_noise import InputNoise, answers_to_slow_noise, slow_directions, variance_from_inputs
+from discrepancy.contract import noise_of_case, noise_passed_on, noisy_inputs, without_input_noise
+from discrepancy.input_noise import InputNoise
 from discrepancy.ladder import ChannelError, Estimate, Rung
 from discrepancy.lanes import predict
 from discrepancy.noise import NoiseModel
@@ -32,7 +32,6 @@ from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import EffectError, UserError, nearest
 from jaxmodel.names import parameter_table
 from jaxmodel.ports import Effect, touches
-from jaxmodel.profile import Track
 
 Labels = tuple[str, ...]
 FAR_FROM_PRIOR = 3.0
@@ -192,32 +191,16 @@ class Session:
 
         None where that is what is assumed already, within some percent.
         """
-        input_sd = noisy_inputs(self.case)
-        if not input_sd:
+        if not noisy_inputs(self.case):
             return None
-        problem, x = best.problem, best.fitted.x
-
-        def readings(courses: Track) -> np.ndarray:
-            return predict(eqx.tree_at(lambda p: p.courses, problem, courses), x)
-
-        variance = variance_from_inputs(readings, problem.courses, input_sd)
-        noise = dict(self.noise)
-        for place, name in enumerate(best.problem.channels):
-            if name in noise:
-                runs = [run.measured for run in self.case.runs]
-                read = [v[: r.time_s.size, place] for v, r in zip(variance, runs, strict=True) if name in r.outputs]
-                noise[name] = noise[name].with_from_inputs(float(np.sqrt(np.mean(np.concatenate(read)))))
-        counted = flatten(self.case, noise, problem.channels, variance.shape[1], InputNoise(variance))
-        answers = answers_to_slow_noise(readings, problem.courses, input_sd)
-        real = np.flatnonzero(np.asarray(counted.fit) + np.asarray(counted.check) > 0.0)
-        index = np.asarray(counted.index)
-        white = np.asarray(counted.whiten(answers.reshape(len(answers), -1)[:, index]))[:, real]
-        slow = slow_directions(white, index[real] // int(np.prod(answers.shape[2:])))
+        problem = best.problem
+        noise, passed_on = noise_passed_on(self.case, self.noise, problem, best.fitted.x)
+        counted = flatten(self.case, noise, problem.channels, problem.times.shape[1], passed_on)
         old, new = np.asarray(problem.readings.sd), np.asarray(counted.sd)
         changed = np.abs(new / old - 1.0)[np.asarray(counted.fit) > 0.0] > NOISE_CHANGED
-        if not slow.size and np.mean(changed) <= NOISE_CHANGED_SHARE:
+        if not counted.slow.size and np.mean(changed) <= NOISE_CHANGED_SHARE:
             return None
-        return self._again(_input_noise=InputNoise(variance, slow), noise=noise, weights=noise)
+        return self._again(_input_noise=passed_on, noise=noise, weights=noise)
 
     def _again(self, **changes: Any) -> Session:
         """Return a session of the same case with other weights, nothing fitted yet."""
@@ -275,7 +258,7 @@ class Session:
         known = self.hypothesis(key, [start])
         begin = known.layout.at({name: x for name, x in start.items() if name in (BASE, *key)})
         other = fit(known.problem, begin, known.own, rival=known.fitted.objective)
-        if other.objective < known.fitted.objective:
+        if other.objective < known.fitted.objective - IDLE_GAIN:
             self._hypotheses[key] = dataclasses.replace(known, fitted=other)
             self._screens.pop(key, None)
             self._rungs.pop(key, None)

@@ -34,5 +34,5 @@ def closed_form(kind: type[ClosedForm], like: Problem, data: np.ndarray, counted
     """Return a problem with the unknowns of another and readings of its own, of which those counted may calibrate."""
     fields = {field.name: getattr(like, field.name) for field in dataclasses.fields(like)}
     number, nothing = jnp.arange(data.size), jnp.zeros(data.size)
-    readings = Readings(number, jnp.asarray(data), nothing + 1.0, number, nothing, counted, nothing)
+    readings = Readings(number, jnp.asarray(data), nothing + 1.0, number, nothing, counted, nothing, nothing[:, None])
     return kind(**fields | {"times": nothing[None], "channels": ("voltage_V",), "readings": readings}, **own)

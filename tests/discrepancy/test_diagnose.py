@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from discrepancy.diagnose import diagnose
+from discrepancy.diagnose import _verdict, diagnose
 from discrepancy.result import VERDICTS, Diagnosis, answer
+from discrepancy.session import Session
 from jaxmodel.build import load_effect_class
 from jaxmodel.errors import EffectError
 from tests.discrepancy.made_cases import NOISE_V, TRUE, MadeCell, all_but, made_cell, made_cell_with_unknown_law
@@ -144,3 +147,12 @@ def test_a_name_that_is_no_candidate_is_one_sentence(hysteresis):
         diagnose(hysteresis.case, without=["ocv_hysteresys"])
     with pytest.raises(EffectError, match="'windage'"):  # of a motor
         diagnose(hysteresis.case, add=["windage"])
+
+
+def test_what_all_likely_models_have_in_common_is_named(plain_session: Session) -> None:
+    """Whether a second effect is there may stay open where the first is in every likely model."""
+    best = dataclasses.replace(plain_session.hypothesis(), labels=("self_discharge",))
+    open_second = {"self_discharge": 0.4, "rate_capacity+self_discharge": 0.35, "self_discharge+slow_diffusion": 0.25}
+    assert _verdict(plain_session, best, {"base": 0.0} | open_second, None) == "missing_effect"
+    either = {"self_discharge": 0.4, "rate_capacity": 0.35, "base": 0.25}
+    assert _verdict(plain_session, best, either, None) == "undecided"

@@ -5,15 +5,19 @@ from __future__ import annotations
 import dataclasses
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from discrepancy.calibrate import look, rows_at
 from discrepancy.contract import noise_of_case
-from discrepancy.input_noise import row_of_step
+from discrepancy.input_noise import answers_to_slow_noise, row_of_step, slow_directions
+from discrepancy.session import Session
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.cases import Known
-from jaxmodel.simulate import simulate, track
-from tests.discrepancy.made_cases import case_of, run_of
+from jaxmodel.profile import Track
+from jaxmodel.simulate import run_track, simulate, track
+from tests.discrepancy.made_cases import NOISE_V, case_of, made_cell, run_of
 
 CURRENT_SD = 0.02
 
@@ -50,3 +54,71 @@ def test_each_step_belongs_to_the_row_that_it_ends_in() -> None:
     course = track(case_model(case, run), run_profile(run))
     several = jax.tree.map(lambda leaf: leaf[None], course)
     np.testing.assert_array_equal(row_of_step(several)[0][np.asarray(course.at_rows)], np.arange(rows))
+
+
+def test_slow_noise_is_what_random_noise_moves_over_many_rows() -> None:
+    """A charge miscounted stays miscounted: the mean and the trend of the voltage scatter by as much as is said."""
+    rows = 320
+    inputs = {"current_A": np.where((np.arange(rows) // 25) % 2 == 0, 2.0, 0.5), "ambient_degC": np.full(rows, 20.0)}
+    run = run_of(1, inputs, {"voltage_V": np.linspace(4.0, 3.9, rows)}, step_s=10.0)
+    case = case_of("cell", {"capacity_Ah": Known(4.0, 0.1)}, [run])
+    model = case_model(case, run)
+    courses = jax.tree.map(lambda leaf: leaf[None], track(model, run_profile(run)))
+    voltages = jax.jit(lambda course: run_track(model, course, jnp.asarray(run.measured.time_s)).readings["voltage_V"])
+
+    def predict(courses: Track) -> np.ndarray:
+        return np.asarray(voltages(jax.tree.map(lambda leaf: leaf[0], courses)))[None]
+
+    answers = answers_to_slow_noise(predict, courses, {"current_A": CURRENT_SD})[:, 0]
+    rng, row = np.random.default_rng(0), row_of_step(courses)
+
+    def drawn() -> np.ndarray:
+        moved = courses.inputs["current_A"] + CURRENT_SD * rng.standard_normal(rows)[row]
+        return predict(dataclasses.replace(courses, inputs=courses.inputs | {"current_A": moved}))[0]
+
+    still = predict(courses)[0]
+    scatter = np.array([drawn() - still for _ in range(300)])
+    for slow in (np.ones(rows), np.linspace(-1.0, 1.0, rows)):
+        assert np.std(scatter @ slow) == pytest.approx(np.linalg.norm(answers @ slow), rel=0.12)
+
+
+def test_residuals_are_white_once_slow_noise_is_taken_out() -> None:
+    rng = np.random.default_rng(1)
+    run = np.repeat([0, 1, 1, 0], 15)
+    answers = rng.standard_normal((4, run.size))
+    slow = slow_directions(answers, run)
+    together = run[:, None] == run[None, :]
+    covariance = np.eye(run.size) + together * (answers.T @ answers)
+    white = np.eye(run.size) - slow @ slow.T
+    np.testing.assert_allclose(white @ covariance @ white.T, np.eye(run.size), atol=1e-9)
+    # What hardly matters is left alone: a number more for each reading would tell nothing.
+    assert slow_directions(0.01 * answers, run).shape == (run.size, 0)
+
+
+def test_numbers_are_as_sure_as_fits_to_other_draws_of_the_noise_would_scatter(tmp_path) -> None:
+    current_sd, draws = 0.008, 64
+    made = made_cell(tmp_path, {}, sensors={"voltage_V": NOISE_V, "current_A": current_sd})
+    session = Session(made.case)
+    finer = session.with_noise_of_inputs(session.hypothesis())
+    assert finer is not None
+    base = finer.hypothesis()
+    part = base.problem.only("fit")
+    counted = np.asarray(part.readings.fit) > 0.0
+    row = row_of_step(part.courses)
+    rng = np.random.default_rng(0)
+    still, away = base.fitted.x, []
+    for _ in range(draws):
+        # As if the current had been read with another noise, and the voltage too: what a Newton step makes of it.
+        noise = current_sd * rng.standard_normal((row.shape[0], row.max() + 1))
+        current = part.courses.inputs["current_A"] + np.take_along_axis(noise, row, 1)
+        moved = dataclasses.replace(part.courses, inputs=part.courses.inputs | {"current_A": current})
+        other = rows_at(dataclasses.replace(part, courses=moved), still[None])[0] - rows_at(part, still[None])[0]
+        own = np.asarray(part.readings.whiten(NOISE_V * rng.standard_normal(counted.size)))
+        away.append((other + own)[counted])
+    _, jacobian = look(part, still)
+    moved_by = np.linalg.solve(base.fitted.information, jacobian[counted].T @ np.array(away).T)
+    inverse = np.linalg.inv(base.fitted.information)
+    scatter = np.sqrt(np.var(moved_by, axis=1) + np.sum(inverse**2, axis=1))  # the priors are drawn too
+    np.testing.assert_allclose(scatter / base.fitted.sd, 1.0, atol=0.25)
+    # Were each reading's noise its own, some would seem surer than they are.
+    assert np.max(scatter / session.hypothesis().fitted.sd) > 1.15

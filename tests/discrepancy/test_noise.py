@@ -6,8 +6,9 @@ from scipy.signal import lfilter
 
 from discrepancy.contract import without_input_noise
 from discrepancy.noise import NoiseModel, break_at_jumps, channel_noise, detect_quantum, local_noise, residual_noise
+from discrepancy.session import Session
 from discrepancy.whitening import chain_starts
-from tests.discrepancy.made_cases import case_of, run_of
+from tests.discrepancy.made_cases import NOISE_V, case_of, made_cell, run_of
 
 ROWS = 2000
 ONE_RUN = chain_starts([ROWS])
@@ -169,3 +170,25 @@ def test_an_input_freed_of_its_noise_says_nothing_of_its_own_row(rho: float, tol
     moved = current.copy()
     moved[5] += sd
     assert set(np.flatnonzero(quiet(moved) != quiet(current)).tolist()) == told
+
+
+def test_what_a_model_leaves_tells_the_noise_where_the_readings_do_not(tmp_path):
+    """Pulses and relaxations leave no stretch of readings that noise alone moves; the base model takes them off."""
+    made = made_cell(
+        tmp_path,
+        {},
+        sensors={"voltage_V": NOISE_V},
+        autocorrelation={"voltage_V": 0.6},
+        unstated_sensors=["voltage_V"],
+    )
+    session = Session(made.case)
+    before = session.noise["voltage_V"]
+    told = (session.with_noise_left_by(session.hypothesis()) or session).noise["voltage_V"]
+    assert told.rho == pytest.approx(0.6, abs=0.08)
+    assert told.sd == pytest.approx(NOISE_V, rel=0.1)
+    assert abs(told.rho - 0.6) <= abs(before.rho - 0.6)
+    assert "the calibrated model leaves" in told.source or told is before
+
+
+def test_noise_that_is_stated_and_white_is_left_as_it_is(plain_session):
+    assert plain_session.with_noise_left_by(plain_session.hypothesis()) is None

@@ -128,14 +128,26 @@ def test_an_unknown_law_may_stand_in_place_of_an_effect_that_comes_near_it(
     base: Hypothesis, plain_session: Session
 ) -> None:
     """Beside the base model it explains what the effect explains, and more; beside the effect nothing is left."""
-    near = with_effects(base, "slow_diffusion", gain=300.0)
+    readings = base.fitted.chi2
+    poor = with_effects(base, gain=0.0, chi2=readings + 900.0)
+    near = with_effects(poor, "slow_diffusion", gain=300.0, chi2=readings + 300.0)
     left = {(): [block(900.0, p_value=1e-99)], near.labels: [block(9.0)]}
-    found, beside = probabilities([base, near], near, left, plain_session.candidates)
+    found, beside = probabilities([poor, near], near, left, plain_session.candidates)
     assert found[SOMETHING_ELSE] > 0.9
     assert beside == ()
     left[()] = [block(500.0, p_value=1e-99)]
-    found, _ = probabilities([base, near], near, left, plain_session.candidates)
+    found, _ = probabilities([poor, near], near, left, plain_session.candidates)
     assert found["slow_diffusion"] > 0.9
+
+
+def test_laws_of_several_channels_do_not_explain_more_than_there_is(base: Hypothesis, plain_session: Session) -> None:
+    """Far from the noise each channel's law may take what the model's own unknowns could: their sum is no evidence."""
+    readings = base.fitted.chi2
+    poor = with_effects(base, gain=0.0, chi2=readings + 1e5)
+    right = with_effects(poor, "slow_diffusion", gain=0.49995e5, chi2=readings)
+    laws = [dataclasses.replace(block(9e4, p_value=0.0), channel=channel) for channel in ("voltage_V", "speed_rad_s")]
+    found, _ = probabilities([poor, right], right, {(): laws, right.labels: []}, plain_session.candidates)
+    assert found["slow_diffusion"] == pytest.approx(1.0 - PRIOR_SOMETHING_ELSE)
 
 
 def test_bayes_factor_is_the_mean_of_the_odds_over_the_prior(plain_session: Session) -> None:
@@ -162,6 +174,17 @@ def test_bayes_factor_is_the_mean_of_the_odds_over_the_prior(plain_session: Sess
 
 def test_what_the_data_cannot_see_is_as_probable_as_before(base: Hypothesis, plain_session: Session) -> None:
     candidates = plain_session.candidates
-    found, _ = probabilities([base], base, {(): []}, candidates, {"entropic_ocv": 0.0, "self_discharge": -20.0})
+    unfitted = {("entropic_ocv",): base.log_evidence, ("self_discharge",): base.log_evidence - 20.0}
+    found, _ = probabilities([base], base, {(): []}, candidates, unfitted)
     assert found["entropic_ocv"] / found["base"] == pytest.approx(PRIOR[1] / PRIOR[0] / len(candidates))
     assert found["self_discharge"] < 1e-9
+
+
+def test_an_unseen_second_effect_keeps_its_share(base: Hypothesis, plain_session: Session) -> None:
+    candidates = plain_session.candidates
+    one = with_effects(base, "slow_diffusion", gain=50.0)
+    unfitted = {("self_discharge", "slow_diffusion"): one.log_evidence}
+    found, _ = probabilities([base, one], one, {one.labels: []}, candidates, unfitted)
+    pairs = len(candidates) * (len(candidates) - 1) / 2
+    odds = found["self_discharge+slow_diffusion"] / found["slow_diffusion"]
+    assert odds == pytest.approx(PRIOR[2] / pairs / (PRIOR[1] / len(candidates)))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import dataclasses
+
 import numpy as np
 
 from discrepancy.calibrate import fit
@@ -27,3 +30,17 @@ def test_a_fit_between_the_wrong_ridges_is_led_over_them(tmp_path):
     led = over_the_ridges(problem, candidate, places, layout.own(("clock_shift",)), stuck)
     assert led.chi2 < 1.1 * readings
     assert abs(delay.number(led.x[places[0]]) - DELAY_S) < 3.0 * delay.slope(0.0) * led.sd[places[0]]
+
+
+def test_a_model_is_fitted_again_from_where_another_ended(plain_session):
+    """What settled in a poor place is replaced, and all that was read off it; what is no better is not."""
+    session = copy.copy(plain_session)
+    found = session.hypothesis()
+    poor = dataclasses.replace(found, fitted=fit(found.problem, found.fitted.x + 1.0, steps=1))
+    session.__dict__.update(_hypotheses={(): poor}, _rungs={}, _screens={})
+    left = session.rung("", session.hypothesis()).errors["voltage_V"].fit
+    better = session.again((), found.start | {"an effect of the other": np.ones(1)})
+    assert better.fitted.objective < poor.fitted.objective
+    assert session.hypothesis() is better
+    assert session.rung("", better).errors["voltage_V"].fit < left
+    assert session.again((), poor.start) is better
