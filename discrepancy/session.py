@@ -228,13 +228,14 @@ class Session:
         if not key:
             tries.append(likeliest_of_some(problem, layout.base))
         rivals = [one.fitted.objective for one in self._hypotheses.values() if 0 < len(one.labels) <= len(key)]
+        rival = min(rivals, default=np.inf)
 
         def calibrated(begin: np.ndarray) -> Fit:
             """Let the base model follow the effects at their first amplitude, then free all."""
             if not key:
                 return fit(problem, begin)
             followed = fit(problem, begin, range(layout.base), steps=FOLLOWING_STEPS).x
-            return fit(problem, followed, own, rival=min(rivals, default=np.inf))
+            return fit(problem, followed, own, rival=rival)
 
         best = calibrated(tries[0])
         for begin in tries[1:]:
@@ -248,7 +249,7 @@ class Session:
             best = min(best, calibrated(faint), key=lambda one: one.objective)
         for label in key:
             if self.candidates[label].amplitude_on_grid:
-                best = over_the_ridges(problem, self.candidates[label], layout.of_effect[label], own, best)
+                best = over_the_ridges(problem, self.candidates[label], layout.of_effect[label], own, best, rival)
         self._hypotheses[key] = Hypothesis(key, problem, layout, best)
         return self._hypotheses[key]
 

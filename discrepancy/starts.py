@@ -28,7 +28,7 @@ def likeliest_of_some(problem: Problem, unknowns: int) -> np.ndarray:
 
 
 def over_the_ridges(
-    problem: Problem, candidate: Candidate, places: Sequence[int], own: Sequence[int], found: Fit
+    problem: Problem, candidate: Candidate, places: Sequence[int], own: Sequence[int], found: Fit, rival: float = np.inf
 ) -> Fit:
     """Look along an amplitude with many local optima for a place better than the fit's, and fit again from there.
 
@@ -41,6 +41,7 @@ def over_the_ridges(
         places: numbers of its unknowns.
         own: numbers of the model's own unknowns.
         found: the fit.
+        rival: objective of a model that this one must come near.
     """
     amplitude, *shapes = places
     others = [found.x[shapes], *(np.array(ends) for ends in itertools.product(*candidate.shape_ends) if ends)]
@@ -51,7 +52,8 @@ def over_the_ridges(
         looks[:, shapes] = np.repeat(others, _PLACES, axis=0)
         values = objectives(problem, looks)
         if np.min(values) < found.objective - 1.0:
-            found = min(found, fit(problem, looks[np.argmin(values)], own), key=lambda one: one.objective)
+            led = fit(problem, looks[np.argmin(values)], own, rival=rival)
+            found = min(found, led, key=lambda one: one.objective)
         others = [found.x[shapes]]
     return found
 

@@ -64,14 +64,18 @@ def publish(folder: Path, page: Path, unseen_from: int) -> None:
 def publish_sealed(folder: Path, page: Path) -> None:
     """Write the sealed cases' figures into a page, and beside those of development into its `results.json`.
 
-    The answers are kept in `sealed.jsonl`: so many cases take hours, and need not be diagnosed in one go.
+    The answers are kept in `sealed.jsonl`: so many cases take hours, and need not be diagnosed in one go. Those of an
+    earlier version whose misses were looked at since are in `opened.jsonl`; they stand beside, and judge no more.
     """
-    cases = [case for case in read(folder) if case.number >= SEALED_FROM]
+    opened = keep([], page.with_suffix("") / "opened.jsonl")
+    seen = {case.number for case in opened}
+    cases = [case for case in read(folder) if case.number >= SEALED_FROM and case.number not in seen]
     cases = keep(cases, page.with_suffix("") / "sealed.jsonl")
+    sets = {"sealed": cases} | ({"opened since, by the version before": opened} if opened else {})
     _write(page.with_suffix("") / "results.json", {"sealed": _summary(cases)})
     tables = {
         "sealed cases": _in_words(cases),
-        "sealed metrics": _side_by_side({"sealed cases": metrics(cases)}),
+        "sealed metrics": _side_by_side({name: metrics(some) for name, some in sets.items()}),
         "sealed reliability": _table("right at a probability of", reliability(cases)),
         "sealed power": _table("named where hidden", power(cases)),
     }
