@@ -162,15 +162,16 @@ def _score_style(entry: ScoreEntry) -> tuple[str, str, str]:
 
 @styled
 def candidates(diagnosis: Diagnosis) -> Figure:
-    """Draw the probability of each hypothesis."""
-    names = [candidate_name(name) for name, _ in diagnosis.candidates]
-    values = np.array([probability for _, probability in diagnosis.candidates])
+    """Draw the probability of each hypothesis that has a hundredth of it."""
+    shown = [one for one in diagnosis.candidates if one[1] >= 0.005] or diagnosis.candidates[:1]
+    names = [candidate_name(name) for name, _ in shown]
+    values = np.array([probability for _, probability in shown])
     figure = new_figure(PAGE_CM, 1.6 + 0.68 * len(names))
     axes = figure.subplots()
     places = np.arange(len(names))
     axes.barh(places, values, height=0.6, color=[FINAL if v == values.max() else BASE for v in values])
     for place, value in zip(places, values, strict=True):
-        text = f"{value:.2f}" if value >= 0.005 else "< 0.01"
+        text = f"{value:.2f}"
         axes.annotate(text, (value, place), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8.5)
     axes.set_xlim(0.0, 1.08)
     axes.set_xticks(np.linspace(0.0, 1.0, 6))
