@@ -10,9 +10,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from discrepancy.input_noise import InputNoise, answers_to_slow_noise, slow_directions, variance_from_inputs
+from discrepancy.input_noise import InputNoise, MovedInputs, slow_directions
 from discrepancy.lanes import predict
-from discrepancy.noise import NoiseModel, break_at_jumps, channel_noise, local_noise
+from discrepancy.noise import BETWEEN_JUMPS, NoiseModel, break_at_jumps, channel_noise, local_noise
 from discrepancy.problem import Problem
 from discrepancy.readings import flatten
 from discrepancy.whitening import chain_starts
@@ -30,28 +30,34 @@ Predictions = Mapping[str, Mapping[str, np.ndarray]]
 # What tells the noise that nobody states, and the rows of the windows in which it is looked at. What a model leaves has
 # lost the course of the readings: windows may be longer, which a long memory needs. On 32 blind development cases with
 # something missing, windows of 48 rows told the stated sd within 6 % from what the base model leaves.
-_READ = ("the readings between jumps of the inputs", 12)
+_READ = (BETWEEN_JUMPS, 12)
 _LEFT = ("what the calibrated model leaves between jumps of the inputs", 48)
 
 
-def noise_of_case(
-    case: Case, catalogue: Mapping[str, type[Effect]] = CATALOGUE, predicted: Predictions | None = None
-) -> dict[str, NoiseModel]:
+def noise_of_case(case: Case, catalogue: Mapping[str, type[Effect]] = CATALOGUE) -> dict[str, NoiseModel]:
     """Return the noise of every output that the case measured, in the order of the kind's outputs.
 
     A stated sd is believed, quantisation and the noise of measured inputs are added; where none is stated it is
-    estimated between the jumps of the inputs, from the readings or, sharper, from what a model leaves of them.
+    estimated from the readings between the jumps of the inputs. Channels whose readings never change say nothing and
+    are left out.
+    """
+    return _noise(case, _noise_from_inputs(case, catalogue))
 
-    Channels whose readings never change say nothing and are left out.
+
+def noise_left_by(case: Case, noise: Mapping[str, NoiseModel], predicted: Predictions) -> dict[str, NoiseModel]:
+    """Return the noise as what a calibrated model leaves of the fit runs tells it, sharper than the readings do.
 
     Args:
         case: with its measurements.
-        catalogue: the known effects.
-        predicted: readings of a calibrated model, by run and output, to be taken off those of the fit runs.
+        noise: of every output, as it was before: what comes from inputs stays.
+        predicted: readings of the model, by run and output.
     """
+    return {**noise, **_noise(case, {name: model.from_inputs for name, model in noise.items()}, predicted)}
+
+
+def _noise(case: Case, from_inputs: Mapping[str, float], predicted: Predictions | None = None) -> dict[str, NoiseModel]:
     noise = {}
     shown_by, window = _READ if predicted is None else _LEFT
-    from_inputs = _noise_from_inputs(case, catalogue)
     for name in KINDS[case.kind].outputs:
         runs = [run for run in case.runs if name in run.measured.outputs]
         readings = [run.measured.outputs[name] for run in runs]
@@ -96,7 +102,7 @@ def _noise_from_inputs(case: Case, catalogue: Mapping[str, type[Effect]]) -> dic
         return np.stack([np.asarray(found[name]) for name in outputs], axis=1)[None]
 
     course = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], track(model, profile))
-    variance = np.mean(variance_from_inputs(readings, course, noisy)[0], axis=0)
+    variance = np.mean(MovedInputs(readings, course, noisy).variance()[0], axis=0)
     return {name: float(np.sqrt(one)) for name, one in zip(outputs, variance, strict=True)}
 
 
@@ -111,12 +117,12 @@ def noise_passed_on(
         problem: the case under the model.
         x: (unknowns,) where it is calibrated to.
     """
-    input_sd = noisy_inputs(case)
 
     def readings(courses: Track) -> np.ndarray:
         return predict(eqx.tree_at(lambda p: p.courses, problem, courses), x)
 
-    variance = variance_from_inputs(readings, problem.courses, input_sd)
+    moved = MovedInputs(readings, problem.courses, noisy_inputs(case))
+    variance = moved.variance()
     found = dict(noise)
     for place, name in enumerate(problem.channels):
         if name in noise:
@@ -124,7 +130,7 @@ def noise_passed_on(
             read = [v[: r.time_s.size, place] for v, r in zip(variance, runs, strict=True) if name in r.outputs]
             found[name] = noise[name].with_from_inputs(float(np.sqrt(np.mean(np.concatenate(read)))))
     counted = flatten(case, found, problem.channels, variance.shape[1], InputNoise(variance))
-    answers = answers_to_slow_noise(readings, problem.courses, input_sd)
+    answers = moved.to_slow_noise()
     real = np.flatnonzero(np.asarray(counted.fit) + np.asarray(counted.check) > 0.0)
     index = np.asarray(counted.index)
     white = np.asarray(counted.whiten(answers.reshape(len(answers), -1)[:, index]))[:, real]

@@ -40,57 +40,51 @@ class InputNoise:
     slow: np.ndarray | None = None
 
 
-def variance_from_inputs(
-    predict: Callable[[Track], np.ndarray], courses: Track, input_sd: Mapping[str, float]
-) -> np.ndarray:
-    """Return the variance that noise of measured inputs adds to each reading, shaped as the predictions.
+class MovedInputs:
+    """The readings of a model, and how they answer where its noisy inputs are moved."""
 
-    Row by row the noise moves a reading at once (a resistance), by what its step does to the state (a relaxation), and
-    by the tail of earlier rows; the squares of all are summed, var_k = sum_j (dy_k/du_j)^2 sd^2. Neighbours among the
-    rows moved go up and down in turn, so that nothing drifts.
+    def __init__(self, predict: Callable[[Track], np.ndarray], courses: Track, input_sd: Mapping[str, float]) -> None:
+        """Predict the readings at the inputs as they were read.
 
-    Args:
-        predict: the readings under given steps, shape (runs, rows, ...).
-        courses: of all runs, leaves with a leading axis of runs.
-        input_sd: by input, the sd of one reading's noise.
-    """
-    still = predict(courses)
-    row = row_of_step(courses)
-    variance = np.zeros_like(still)
-    for name, sd in input_sd.items():
-        values = np.asarray(courses.inputs[name])
-        for first in range(_APART):
-            turn = np.where((row // _APART) % 2 == 0, 1.0, -1.0)
-            moved = jnp.asarray(values + sd * np.where(row % _APART == first, turn, 0.0))
-            answer = predict(eqx.tree_at(lambda c, n=name: c.inputs[n], courses, moved)) - still
-            variance += np.where(np.isfinite(answer), answer, 0.0) ** 2
-    return variance
+        Args:
+            predict: the readings under given steps, shape (runs, rows, ...).
+            courses: of all runs, leaves with a leading axis of runs.
+            input_sd: by input, the sd of one reading's noise.
+        """
+        self._predict, self._courses, self._input_sd = predict, courses, input_sd
+        self._still, self._row = predict(courses), row_of_step(courses)
 
+    def _answer(self, name: str, sds: np.ndarray) -> np.ndarray:
+        """Return what moving each step (runs, 1 + steps) of an input by so many of its sd does to the readings."""
+        moved = jnp.asarray(np.asarray(self._courses.inputs[name]) + self._input_sd[name] * sds)
+        answer = self._predict(eqx.tree_at(lambda c: c.inputs[name], self._courses, moved)) - self._still
+        return np.where(np.isfinite(answer), answer, 0.0)
 
-def answers_to_slow_noise(
-    predict: Callable[[Track], np.ndarray], courses: Track, input_sd: Mapping[str, float]
-) -> np.ndarray:
-    """Return how the readings answer to an sd of the mean of each stretch, shape (inputs stretches, *predictions).
+    def variance(self) -> np.ndarray:
+        """Return the variance that noise of measured inputs adds to each reading, shaped as the predictions.
 
-    Args:
-        predict: the readings under given steps, shape (runs, rows, ...).
-        courses: of all runs, leaves with a leading axis of runs.
-        input_sd: by input, the sd of one reading's noise.
-    """
-    still = predict(courses)
-    row = row_of_step(courses)
-    rows = row.max(axis=1, keepdims=True) + 1
-    stretch = row * _STRETCHES // rows
-    of_mean = 1.0 / np.sqrt(np.maximum(rows / _STRETCHES, 1.0))
+        Row by row the noise moves a reading at once (a resistance), by what its step does to the state (a relaxation),
+        and by the tail of earlier rows; the squares of all are summed, var_k = sum_j (dy_k/du_j)^2 sd^2. Neighbours
+        among the rows moved go up and down in turn, so that nothing drifts.
+        """
+        variance = np.zeros_like(self._still)
+        turn = np.where((self._row // _APART) % 2 == 0, 1.0, -1.0)
+        for name, first in itertools.product(self._input_sd, range(_APART)):
+            variance += self._answer(name, np.where(self._row % _APART == first, turn, 0.0)) ** 2
+        return variance
 
-    def answer(which: tuple[str, int]) -> np.ndarray:
-        name, number = which
-        moved = np.asarray(courses.inputs[name]) + input_sd[name] * of_mean * (stretch == number)
-        found = predict(eqx.tree_at(lambda c: c.inputs[name], courses, jnp.asarray(moved))) - still
-        return np.where(np.isfinite(found), found, 0.0)
+    def to_slow_noise(self) -> np.ndarray:
+        """Return the answers to an sd of the mean of each stretch of a run, shape (inputs stretches, *predictions)."""
+        rows = self._row.max(axis=1, keepdims=True) + 1
+        stretch = self._row * _STRETCHES // rows
+        of_mean = 1.0 / np.sqrt(np.maximum(rows / _STRETCHES, 1.0))
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return np.stack(list(pool.map(answer, itertools.product(input_sd, range(_STRETCHES)))))
+        def answer(which: tuple[str, int]) -> np.ndarray:
+            name, number = which
+            return self._answer(name, of_mean * (stretch == number))
+
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            return np.stack(list(pool.map(answer, itertools.product(self._input_sd, range(_STRETCHES)))))
 
 
 def slow_directions(answers: np.ndarray, run: np.ndarray) -> np.ndarray:

@@ -19,6 +19,9 @@ from scipy.stats import chi2
 
 from discrepancy.whitening import Bools, Floats, Integers, chain_weights, whiten
 
+# The series that tells noise which nobody states.
+BETWEEN_JUMPS = "the readings between jumps of the inputs"
+
 _MAD_OF_NORMAL = 0.6745
 _SHORTEST_WINDOW = 8
 _KEPT_PROBABILITY = 0.99
@@ -106,7 +109,7 @@ def channel_noise(
     *,
     stated_sd: float | None = None,
     input_sd: float = 0.0,
-    shown_by: str = "the readings",
+    shown_by: str = BETWEEN_JUMPS,
 ) -> NoiseModel:
     """Settle one sensor's noise from what is stated and what its data shows.
 

@@ -44,10 +44,8 @@ def search(
         if not session.screen(base).table.significant:
             return base
         _refit_likely(session, progress, base)
-    best = _best(session, (0, 1))
-    couple = _best(session, (2,)) if any(len(seed.labels) == 2 for seed in seeds) else best
-    if couple.labels and _takes_both(session, couple):
-        return couple
+    if any(len(seed.labels) == 2 for seed in seeds) and _takes_both(session, _best(session, (2,))):
+        return _best(session, (2,))
     best = _best(session, (0, 1))
     if not best.labels or effects == 1 or not session.screen(best).table.significant:
         return best

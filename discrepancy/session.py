@@ -16,7 +16,7 @@ import numpy as np
 
 from discrepancy.calibrate import IDLE_GAIN, Fit, fit, look
 from discrepancy.candidates import Candidate, candidates
-from discrepancy.contract import noise_of_case, noise_passed_on, noisy_inputs, without_input_noise
+from discrepancy.contract import noise_left_by, noise_of_case, noise_passed_on, noisy_inputs, without_input_noise
 from discrepancy.input_noise import InputNoise
 from discrepancy.ladder import ChannelError, Estimate, Rung
 from discrepancy.lanes import predict
@@ -182,7 +182,7 @@ class Session:
 
         None where that is what is assumed already, within some percent.
         """
-        noise = self.noise | noise_of_case(self.case, self.catalogue, self.rung("", model).predictions)
+        noise = noise_left_by(self.case, self.noise, self.rung("", model).predictions)
         changed = any(_other_noise(noise[name], before) for name, before in self.noise.items())
         return self._again(noise=noise, weights=noise, _input_noise=None) if changed else None
 

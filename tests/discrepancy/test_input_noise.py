@@ -11,7 +11,7 @@ import pytest
 
 from discrepancy.calibrate import look, rows_at
 from discrepancy.contract import noise_of_case
-from discrepancy.input_noise import answers_to_slow_noise, row_of_step, slow_directions
+from discrepancy.input_noise import MovedInputs, row_of_step, slow_directions
 from discrepancy.session import Session
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.cases import Known
@@ -69,7 +69,7 @@ def test_slow_noise_is_what_random_noise_moves_over_many_rows() -> None:
     def predict(courses: Track) -> np.ndarray:
         return np.asarray(voltages(jax.tree.map(lambda leaf: leaf[0], courses)))[None]
 
-    answers = answers_to_slow_noise(predict, courses, {"current_A": CURRENT_SD})[:, 0]
+    answers = MovedInputs(predict, courses, {"current_A": CURRENT_SD}).to_slow_noise()[:, 0]
     rng, row = np.random.default_rng(0), row_of_step(courses)
 
     def drawn() -> np.ndarray:

@@ -131,7 +131,7 @@ def test_a_stated_sd_that_the_readings_contradict_is_said_to_be():
     readings = ar1(0.0, seed=10)
     told = channel_noise(readings, lambda sd: local_noise(readings, ONE_RUN, known_sd=sd), stated_sd=0.5)
     assert told.sd == 0.5
-    assert told.source.startswith("stated (0.5); the readings show ")
+    assert told.source.startswith("stated (0.5); the readings between jumps of the inputs show ")
     assert float(told.source.split()[-1]) == pytest.approx(1.0, rel=0.06)
 
 
