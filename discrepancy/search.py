@@ -23,6 +23,8 @@ SEEDS = 3
 LEAVES_TOO_MUCH = 2.0
 # A second effect must raise the log evidence by this much (odds of 150 to 1) over the best single one.
 SECOND_EFFECT_GAIN = 5.0
+# Scores beside an effect that by itself leaves so many times what the best one leaves are those of a model far off.
+HOPELESS_ALONE = 10.0
 # A third effect is sought only where no two come near the noise, and must take this share of what the base model leaves
 # (assumed): many small additions are a patchwork.
 THIRD_SHARE = 0.05
@@ -52,13 +54,29 @@ def search(
     couple = _refit_likely(session, progress, best)
     if not _takes_both(session, couple):
         return _best(session, (0, 1))
-    # Swap: the first may have been a stand-in for two others. The second is refitted alone, where it may explain as
-    # much as both, and then beside what scores best with it.
+    swapped = _swap(session, progress, best, couple)
+    return swapped if swapped is couple or _takes_both(session, swapped) else _best(session, (1,))
+
+
+def _swap(session: Session, progress: Progress | None, best: Hypothesis, couple: Hypothesis) -> Hypothesis:
+    """Return the better of a pair and of those of its second effect with another than its first.
+
+    The first may have been a stand-in for two others. The second goes beside what scores best with it, or, where it
+    explains next to nothing by itself, beside the other effects that explain nearly as much as the first.
+    """
     second = next(label for label in couple.labels if label not in best.labels)
-    alone = session.hypothesis((second,), session.starts(session.screen(base), second))
-    if session.screen(alone).table.significant:
-        couple = max(couple, _refit_likely(session, progress, alone), key=lambda one: one.log_evidence)
-    return couple if _takes_both(session, couple) else _best(session, (1,))
+    alone = session.hypothesis((second,))
+    if alone.fitted.chi2 < HOPELESS_ALONE * best.fitted.chi2:
+        if not session.screen(alone).table.significant:
+            return couple
+        others = [_refit_likely(session, progress, alone)]
+    else:
+        enough = LEAVES_TOO_MUCH * best.fitted.objective
+        singles = [one for one in session.known() if len(one.labels) == 1 and one.labels[0] not in couple.labels]
+        rivals = [one for one in singles if one.fitted.objective < enough]
+        sets = [(session.key((*one.labels, second)), [one.start | {second: couple.start[second]}]) for one in rivals]
+        others = session.hypotheses(sets)
+    return max([couple, *others], key=lambda one: one.log_evidence)
 
 
 def _takes_both(session: Session, couple: Hypothesis) -> bool:
@@ -68,7 +86,7 @@ def _takes_both(session: Session, couple: Hypothesis) -> bool:
     """
     if len(couple.labels) < 2 or couple.log_evidence < _best(session, (0, 1)).log_evidence + SECOND_EFFECT_GAIN:
         return False
-    singles = [session.again((label,), couple.start) for label in couple.labels]
+    singles = [session.again((label,), couple) for label in couple.labels]
     return couple.log_evidence > max(one.log_evidence for one in singles) + SECOND_EFFECT_GAIN
 
 

@@ -253,12 +253,15 @@ class Session:
         self._hypotheses[key] = Hypothesis(key, problem, layout, best)
         return self._hypotheses[key]
 
-    def again(self, labels: Sequence[str], start: Start) -> Hypothesis:
-        """Return the calibrated model with effects added, begun from one more start: the better of what it finds."""
+    def again(self, labels: Sequence[str], rival: Hypothesis) -> Hypothesis:
+        """Return the calibrated model with effects added, begun from where a rival ended too: the better of both.
+
+        It ends where it never will come near the rival.
+        """
         key = self.key(labels)
+        start = {name: x for name, x in rival.start.items() if name in (BASE, *key)}
         known = self.hypothesis(key, [start])
-        begin = known.layout.at({name: x for name, x in start.items() if name in (BASE, *key)})
-        other = fit(known.problem, begin, known.own, rival=known.fitted.objective)
+        other = fit(known.problem, known.layout.at(start), known.own, rival=rival.fitted.objective)
         if other.objective < known.fitted.objective - IDLE_GAIN:
             self._hypotheses[key] = dataclasses.replace(known, fitted=other)
             self._screens.pop(key, None)

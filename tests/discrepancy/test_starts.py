@@ -9,6 +9,7 @@ import numpy as np
 
 from discrepancy.calibrate import fit
 from discrepancy.problem import BASE
+from discrepancy.session import Hypothesis
 from discrepancy.starts import over_the_ridges
 from tests.discrepancy.made_cases import made_cell, with_candidates
 
@@ -32,6 +33,14 @@ def test_a_fit_between_the_wrong_ridges_is_led_over_them(tmp_path):
     assert abs(delay.number(led.x[places[0]]) - DELAY_S) < 3.0 * delay.slope(0.0) * led.sd[places[0]]
 
 
+class _BesideAnother(Hypothesis):
+    """A model with an effect that the one fitted again does not have."""
+
+    @property
+    def start(self):
+        return super().start | {"an effect of the other": np.ones(1)}
+
+
 def test_a_model_is_fitted_again_from_where_another_ended(plain_session):
     """What settled in a poor place is replaced, and all that was read off it; what is no better is not."""
     session = copy.copy(plain_session)
@@ -39,8 +48,8 @@ def test_a_model_is_fitted_again_from_where_another_ended(plain_session):
     poor = dataclasses.replace(found, fitted=fit(found.problem, found.fitted.x + 1.0, steps=1))
     session.__dict__.update(_hypotheses={(): poor}, _rungs={}, _screens={})
     left = session.rung("", session.hypothesis()).errors["voltage_V"].fit
-    better = session.again((), found.start | {"an effect of the other": np.ones(1)})
+    better = session.again((), _BesideAnother(**vars(found)))
     assert better.fitted.objective < poor.fitted.objective
     assert session.hypothesis() is better
     assert session.rung("", better).errors["voltage_V"].fit < left
-    assert session.again((), poor.start) is better
+    assert session.again((), poor) is better
