@@ -74,7 +74,7 @@ def _swap(session: Session, progress: Progress | None, best: Hypothesis, couple:
         enough = LEAVES_TOO_MUCH * best.fitted.objective
         singles = [one for one in session.known() if len(one.labels) == 1 and one.labels[0] not in couple.labels]
         rivals = [one for one in singles if one.fitted.objective < enough]
-        sets = [(session.key((*one.labels, second)), [one.start | {second: couple.start[second]}]) for one in rivals]
+        sets = [(session.key((*one.labels, second)), [{**one.start, second: couple.start[second]}]) for one in rivals]
         others = session.hypotheses(sets)
     return max([couple, *others], key=lambda one: one.log_evidence)
 

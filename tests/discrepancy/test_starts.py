@@ -8,7 +8,7 @@ import dataclasses
 import numpy as np
 
 from discrepancy.calibrate import fit
-from discrepancy.problem import BASE
+from discrepancy.problem import BASE, Start
 from discrepancy.session import Hypothesis
 from discrepancy.starts import over_the_ridges
 from tests.discrepancy.made_cases import made_cell, with_candidates
@@ -37,8 +37,8 @@ class _BesideAnother(Hypothesis):
     """A model with an effect that the one fitted again does not have."""
 
     @property
-    def start(self):
-        return super().start | {"an effect of the other": np.ones(1)}
+    def start(self) -> Start:
+        return {**super().start, "an effect of the other": np.ones(1)}
 
 
 def test_a_model_is_fitted_again_from_where_another_ended(plain_session):
