@@ -17,6 +17,11 @@ from jaxmodel.ports import Effect
 
 Floats = NDArray[np.float64]
 
+# How far, in prior sd, better optima of an amplitude may be: between the ridges that jumps of an input make, and on the
+# other side of a standstill.
+_ACROSS_RIDGES = 0.4
+_ACROSS_STANDSTILL = 1.0
+
 
 @dataclasses.dataclass(frozen=True)
 class Coordinate:
@@ -91,6 +96,7 @@ class Candidate:
         probes: for each variant of its shape, the coordinates x at which its direction is taken.
         one_sided: physics allows one sign of the amplitude only.
         amplitude_on_grid: the amplitude has probes on either side; the readings depend on it with many local optima.
+        reach: how far about a fit, in prior sd, its amplitude may have a better optimum; 0 where it has but one.
         has_amplitude: False where no value of the first parameter makes the effect vanish.
         null_at_infinity: the amplitude fades as its parameter grows (an exchange current, a leakage resistance).
     """
@@ -101,6 +107,7 @@ class Candidate:
     one_sided: bool
     null_at_infinity: bool
     amplitude_on_grid: bool = False
+    reach: float = 0.0
     has_amplitude: bool = True
 
     @property
@@ -142,13 +149,15 @@ def make_candidate(effect: Effect) -> Candidate:
             choices.append([0.0 if coordinate.logarithmic else 0.5])
     amplitude = coordinates[0]
     first = next(iter(table.values()))
+    on_grid = bool(first.shape_grid) and not amplitude.logarithmic
     return Candidate(
         effect,
         coordinates,
         tuple(itertools.product(*choices)),
         one_sided=amplitude.logarithmic,
         null_at_infinity=first.null == math.inf,
-        amplitude_on_grid=bool(first.shape_grid) and not amplitude.logarithmic,
+        amplitude_on_grid=on_grid,
+        reach=_ACROSS_RIDGES if on_grid else 0.0,
         has_amplitude=first.null is not None,
     )
 
@@ -165,7 +174,10 @@ def candidates(case: Case, catalogue: Mapping[str, type[Effect]] = CATALOGUE) ->
             found.append(make_candidate(cls()))
             continue
         for column in [column for column in columns if column.endswith(cls.reads)] if cls.reads else [""]:
-            found.append(make_candidate(cls(column=column)))
+            fault = make_candidate(cls(column=column))
+            # With a drive's input a little off, a rotor that stands still turns in the model, or does not start.
+            sticks = case.kind != "cell" and column in case.runs[0].measured.inputs
+            found.append(dataclasses.replace(fault, reach=_ACROSS_STANDSTILL) if sticks else fault)
     return found
 
 

@@ -17,6 +17,9 @@ SHORTLIST = 5
 # that look the same or promise nearly as much.
 FIRST_REFITTED = 2
 NEARLY_AS_GOOD = 0.8
+# Where no single effect of a shortlist leaves nothing, so do those that promise this share of the first's z: the score
+# of a fault too large for slopes to tell (a motor that turns in the model and stands still) comes behind four others.
+PROMISES_ENOUGH = 1.0 / 3.0
 # How many models of each size, found with coarse weights, are refitted with those of the sensors; none that leaves so
 # many times as much as the best.
 SEEDS = 3
@@ -125,7 +128,13 @@ def _refit_likely(session: Session, progress: Progress | None, model: Hypothesis
         alike = next((names for names in screened.table.classes if added in names), ())
         near = NEARLY_AS_GOOD * promised[added]
         rest = [label for label in rest if label in alike or promised[label] > near]
-    return max(best, refit(rest), key=lambda one: one.log_evidence) if rest else best
+    if rest:
+        best = max(best, refit(rest), key=lambda one: one.log_evidence)
+    if model.labels or not session.screen(best).table.significant:
+        return best
+    enough = PROMISES_ENOUGH * promised[likely[0]]
+    more = [label for label in screened.table.significant if label not in likely and promised[label] > enough]
+    return max(best, refit(more), key=lambda one: one.log_evidence) if more else best
 
 
 def _best(session: Session, sizes: Sequence[int]) -> Hypothesis:

@@ -248,7 +248,7 @@ class Session:
             faint = layout.at({BASE: known, **{label: faintest(self.candidates[label]) for label in key}})
             best = min(best, calibrated(faint), key=lambda one: one.objective)
         for label in key:
-            if self.candidates[label].amplitude_on_grid:
+            if self.candidates[label].reach:
                 best = over_the_ridges(problem, self.candidates[label], layout.of_effect[label], own, best, rival)
         self._hypotheses[key] = Hypothesis(key, problem, layout, best)
         return self._hypotheses[key]

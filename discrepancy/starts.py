@@ -13,9 +13,10 @@ from discrepancy.lanes import LANES
 from discrepancy.problem import Problem
 
 _FAINT = 3.0
-# Of an amplitude with many local optima: places looked at about a fit, and how far, in prior sd, look after look.
+# Of an amplitude with many local optima: places looked at about a fit, and how far, in prior sd, in looks after the
+# first.
 _PLACES = 65
-_REACHES = (0.4, 0.1, 0.1)
+_CLOSER = (0.1, 0.1)
 
 
 def likeliest_of_some(problem: Problem, unknowns: int) -> np.ndarray:
@@ -45,7 +46,7 @@ def over_the_ridges(
     """
     amplitude, *shapes = places
     others = [found.x[shapes], *(np.array(ends) for ends in itertools.product(*candidate.shape_ends) if ends)]
-    for reach in _REACHES:
+    for reach in (candidate.reach, *_CLOSER):
         along = np.linspace(-reach, reach, _PLACES)
         looks = np.repeat(found.x[None], _PLACES * len(others), axis=0)
         looks[:, amplitude] += np.tile(along, len(others))

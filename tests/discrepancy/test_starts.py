@@ -1,4 +1,4 @@
-"""Starts of fits: over the ridges of an amplitude with many local optima."""
+"""Starts of fits: over the ridges of an amplitude with many local optima, beyond a standstill, from another's end."""
 
 from __future__ import annotations
 
@@ -11,9 +11,13 @@ from discrepancy.calibrate import fit
 from discrepancy.problem import BASE, Start
 from discrepancy.session import Hypothesis
 from discrepancy.starts import over_the_ridges
-from tests.discrepancy.made_cases import made_cell, with_candidates
+from jaxmodel.build import case_model, run_profile
+from jaxmodel.cases import Known
+from jaxmodel.simulate import simulate
+from tests.discrepancy.made_cases import case_of, made_cell, run_of, with_candidates
 
 DELAY_S = -7.7
+OFFSET_V = 0.09
 
 
 def test_a_fit_between_the_wrong_ridges_is_led_over_them(tmp_path):
@@ -31,6 +35,34 @@ def test_a_fit_between_the_wrong_ridges_is_led_over_them(tmp_path):
     led = over_the_ridges(problem, candidate, places, layout.own(("clock_shift",)), stuck)
     assert led.chi2 < 1.1 * readings
     assert abs(delay.number(led.x[places[0]]) - DELAY_S) < 3.0 * delay.slope(0.0) * led.sd[places[0]]
+
+
+def test_an_offset_beyond_a_standstill_is_found():
+    """A motor at rest whose voltage reads too much turns in the model: no slope there says that it stands still."""
+    voltage = np.repeat([0.0, 9.0, 0.0, 12.0, 0.0], [100, 6, 100, 6, 100])
+    acting = {"voltage_V": voltage, "load_torque_Nm": 0.0 * voltage, "ambient_degC": 20.0 + 0.0 * voltage}
+    true = {"R_0": Known(0.118), "k_tau": Known(0.0387), "tau_0": Known(0.0105)}
+    bench = case_of("motor", true, [run_of(1, acting, {"speed_rad_s": 0.0 * voltage}, step_s=1.5)])
+    readings = simulate(case_model(bench), run_profile(bench.runs[0])).readings
+    rng, noise = np.random.default_rng(3), {"current_A": 0.02, "speed_rad_s": 0.5}
+    outputs = {name: np.asarray(readings[name]) + sd * rng.standard_normal(voltage.size) for name, sd in noise.items()}
+    reported = acting | {"voltage_V": voltage + OFFSET_V}
+    stated = {"R_0": Known(0.116, 0.0035), "k_tau": Known(0.0385, 0.001), "tau_0": Known(0.01, 0.0015)}
+    label = "voltage_offset:voltage_V"
+    case = case_of("motor", stated, [run_of(1, reported, outputs, step_s=1.5)], noise)
+    session = with_candidates(case, "voltage_offset")
+    candidate = session.candidates[label]
+    offset = candidate.coordinates[0]
+
+    problem, layout = session.problem_of((label,))
+    stuck = fit(problem, layout.at({BASE: session.hypothesis().fitted.x, label: np.array([offset.at(0.3)])}))
+    counted = float(np.sum(np.asarray(problem.readings.fit)))
+    assert stuck.chi2 > 3.0 * counted, "the fit is to be led out of a poor place, and is in none"
+
+    place = layout.of_effect[label]
+    led = over_the_ridges(problem, candidate, place, layout.own((label,)), stuck)
+    assert led.chi2 < 1.2 * counted
+    assert abs(offset.number(led.x[place[0]]) - OFFSET_V) < 3.0 * offset.slope(0.0) * led.sd[place[0]]
 
 
 class _BesideAnother(Hypothesis):
