@@ -46,6 +46,7 @@ class Fit:
         greatest_score: largest |score| of a free unknown, in sd (that of what is left, where it is more than noise);
             zero at a minimum.
         steps: iterations used.
+        idle: it ended where steps gained nothing, at the rounding of a kink in the model.
     """
 
     x: np.ndarray
@@ -56,6 +57,7 @@ class Fit:
     run_score: np.ndarray
     greatest_score: float
     steps: int
+    idle: bool = False
 
     @property
     def objective(self) -> float:
@@ -246,22 +248,26 @@ def fit(
         if best is None or int(state.num_accepted_steps) > accepted:
             best = seen
         course.append(best.objective)
-        if _at_its_end(best, seen, course, rival) or bool(state.terminate):
+        if _at_its_end(best, seen, course) or _never_near(course, rival) or bool(state.terminate):
             break
         if bool(state.result != optx.RESULTS.successful):
             break
     assert best is not None
-    return _fit_of(problem, split, best, len(course))
+    return dataclasses.replace(_fit_of(problem, split, best, len(course)), idle=_idle(best, course))
 
 
-def _at_its_end(best: _Seen, last: _Seen, course: Sequence[float], rival: float) -> bool:
-    """Return True where further steps would gain nothing, or not enough to catch up with the rival."""
-    if best is last and best.promise < FLAT * best.unit:
-        return True
-    if len(course) <= IDLE_STEPS:
-        return False
-    gained = course[-1 - IDLE_STEPS] - course[-1]
-    return gained < max(IDLE_GAIN * best.unit, (course[-1] - rival) / PACE - 1.0)
+def _at_its_end(best: _Seen, last: _Seen, course: Sequence[float]) -> bool:
+    """Return True where further steps would gain nothing."""
+    return (best is last and best.promise < FLAT * best.unit) or _idle(best, course)
+
+
+def _idle(best: _Seen, course: Sequence[float]) -> bool:
+    return len(course) > IDLE_STEPS and course[-1 - IDLE_STEPS] - course[-1] < IDLE_GAIN * best.unit
+
+
+def _never_near(course: Sequence[float], rival: float) -> bool:
+    """Return True where a fit at its pace does not catch up with the rival."""
+    return len(course) > IDLE_STEPS and course[-1 - IDLE_STEPS] - course[-1] < (course[-1] - rival) / PACE - 1.0
 
 
 def _fit_of(problem: Problem, split: str, seen: _Seen, steps: int) -> Fit:

@@ -19,7 +19,7 @@ FIRST_REFITTED = 2
 NEARLY_AS_GOOD = 0.8
 # Where no single effect of a shortlist leaves nothing, so do those that promise this share of the first's z: the score
 # of a fault too large for slopes to tell (a motor that turns in the model and stands still) comes behind four others.
-PROMISES_ENOUGH = 1.0 / 3.0
+PROMISES_ENOUGH = 0.33
 # How many models of each size, found with coarse weights, are refitted with those of the sensors; none that leaves so
 # many times as much as the best.
 SEEDS = 3

@@ -240,7 +240,8 @@ class Session:
         best = calibrated(tries[0])
         for begin in tries[1:]:
             # Another start is worth its time for the base model, and where the first one made nothing better.
-            if key and best.converged and best.objective < self.hypothesis().fitted.objective:
+            ended = best.converged or (len(key) > 1 and best.idle)
+            if key and ended and best.objective < self.hypothesis().fitted.objective:
                 break
             best = min(best, calibrated(begin), key=lambda one: one.objective)
         if key and best.objective > self.hypothesis().fitted.objective:
