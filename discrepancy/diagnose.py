@@ -18,13 +18,13 @@ from discrepancy.leftover import leftover_laws
 from discrepancy.misfit import Block
 from discrepancy.next_experiment import best_of_each, propose
 from discrepancy.posterior import MOST, SOMETHING_ELSE, bayes_factors, hypothesis_name, probabilities
+from discrepancy.remarks import remarks
 from discrepancy.result import Diagnosis, NamedEffect, ScoreEntry
 from discrepancy.score import sight
 from discrepancy.screen import Screen
 from discrepancy.search import Progress, by_strength, tell
 from discrepancy.session import Hypothesis, Labels, Session
 from jaxmodel.cases import Case
-from jaxmodel.declaration import describe
 from jaxmodel.errors import EffectError
 from jaxmodel.ports import Effect
 
@@ -37,14 +37,10 @@ NAMED = 0.5
 PARTIAL_SHARE = 0.6
 # Where no model and no law comes near the noise, what explains most is asked for; less than this explains little.
 LITTLE_SHARE = 0.2
-# An effect's number is remarked on this share of its usual range beyond an end: the ends are nothing sharp.
-OUT_OF_RANGE = 0.25
 # Belief in something else where the best model leaves far more than stated noise, in no form. Assumed.
 NOT_TO_THE_NOISE = 0.9
 # A hypothesis more probable than this is not ruled out; of so many an experiment is asked to decide between all.
 RIVAL, MOST_RIVALS = 0.05, 3
-# Readings that tell less of every unknown than this share of its prior do not answer to any.
-NO_ANSWER = 1e-6
 # A law that explains this share of what the best does may stand in its file, where no port can carry the best.
 NEARLY_THE_LAW = 0.9
 
@@ -75,7 +71,7 @@ def compare(
         scores=(),
         critical_z=float("nan"),
         failure=failure(session, base),
-        remarks=_remarks(session, base),
+        remarks=remarks(session, base),
     )
 
 
@@ -150,7 +146,7 @@ def diagnose(
         scores=_scores(first, blind),
         critical_z=first.table.critical_z,
         failure=failure(session, base),
-        remarks=(*_what_is_explained(found), *_remarks(session, best)),
+        remarks=(*_what_is_explained(found), *remarks(session, best)),
         rivals=tuple(hypothesis_name(one.labels) for one in rivals),
         proposals=best_of_each(propose(judge, rivals)),
         law=unexplained,
@@ -320,38 +316,3 @@ def _what_is_explained(found: BestModel) -> tuple[str, ...]:
         return (told,)
     share = 100.0 * (1.0 - best.fitted.chi2 / base.fitted.chi2)
     return (told, f"{' and '.join(best.labels)} explain {share:.3g} % of the mean square that the base model leaves.")
-
-
-def _remarks(session: Session, hypothesis: Hypothesis) -> tuple[str, ...]:
-    """Return what a reader should know of the fit itself."""
-    remarks = []
-    if not hypothesis.fitted.converged:
-        remarks.append(
-            f"The fit did not reach a minimum (score {hypothesis.fitted.greatest_score:.2g} where 0.1 is the limit): "
-            "its numbers are not to be relied on."
-        )
-    if np.allclose(hypothesis.fitted.information, np.eye(hypothesis.fitted.x.size), rtol=0.0, atol=NO_ANSWER):
-        remarks.append(
-            "No unknown moves any reading of the fit runs: at what the case states as known the model stands still, as "
-            "a motor does whose friction no torque overcomes, or is out of its range."
-        )
-    for place, coordinate in enumerate(hypothesis.layout.coordinates[: hypothesis.layout.base]):
-        run = hypothesis.layout.runs[place]
-        where = f" of {session.case.runs[run].name}" if run >= 0 else ""
-        if abs(hypothesis.fitted.x[place]) > 3.0:
-            remarks.append(
-                f"{coordinate.name}{where} is {abs(hypothesis.fitted.x[place]):.1f} sd from what the case states: "
-                "it may be standing in for something the model lacks."
-            )
-    for label in hypothesis.labels:
-        places = hypothesis.layout.of_effect[label]
-        for place, (name, info) in zip(places, describe(session.candidates[label].effect).items(), strict=True):
-            low, high = info.typical or (-np.inf, np.inf)
-            value = hypothesis.layout.coordinates[place].number(hypothesis.fitted.x[place])
-            room = OUT_OF_RANGE * (high - low)
-            if not low - room <= value <= high + room:
-                remarks.append(
-                    f"{label}.{name} = {value:.3g} is outside its usual range, {low:g} to {high:g}: "
-                    "the effect may be standing in for another."
-                )
-    return tuple(remarks)

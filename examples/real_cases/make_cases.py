@@ -1,7 +1,8 @@
-"""Make cases from measurements: an LFP cell, an NCA cell in cold drive cycles, a gear motor on a brake.
+"""Make cases from measurements: two LFP cells, an NCA cell in cold drive cycles, a cell that warms, a gear motor.
 
-Usage: python make_cases.py DATA_FOLDER OUT_FOLDER. DATA_FOLDER has a123_26650_plett/, panasonic_18650pf/ and
-gearmotor_prony_brake/, the files of the sources in README.md beside this script with the columns named there.
+Usage: python make_cases.py DATA_FOLDER OUT_FOLDER. DATA_FOLDER has a123_26650_plett/, panasonic_18650pf/,
+k2_lfp_26650/, dmegc_18650_electrothermal/ and gearmotor_prony_brake/, the files of the sources in README.md beside this
+script with the columns named there.
 """
 
 from __future__ import annotations
@@ -89,6 +90,29 @@ def resistances(rows: pd.DataFrame, ocv: np.ndarray, capacity_Ah: float) -> tupl
     return misfit(taus)[1], taus
 
 
+def two_pair_cell(
+    title: str, capacity_Ah: float, capacity_sd: float, ocv: np.ndarray, known: pd.DataFrame, sensors: str
+) -> str:
+    """Return the TOML of a cell of one resistance and two RC pairs, these fitted to one run that its user knows."""
+    (R_ints, R_TS, R_TL), (tau_S, tau_L) = resistances(known, ocv, capacity_Ah)
+    ends, ones = np.array([0.0, 1.0]), np.ones(2)
+    text = f"""title = "{title}"
+kind = "cell"
+
+[parameters]
+capacity_Ah = {{ value = {capacity_Ah:.3f}, sd = {capacity_sd} }}
+series_resistance_scale = {{ value = 1.0, sd = 0.1 }}
+rc_resistance_scale = {{ value = 1.0, sd = 0.2 }}
+rc_capacitance_scale = {{ value = 1.0, sd = 0.2 }}
+storage_months = 0
+cycles = 0
+"""
+    text += toml_table("ocv", "voltage_V", ocv) + toml_table("R_ints", "ohm", R_ints * ones, ends)
+    text += toml_table("R_TS", "ohm", R_TS * ones, ends) + toml_table("C_TS", "farad", tau_S / R_TS * ones, ends)
+    text += toml_table("R_TL", "ohm", R_TL * ones, ends) + toml_table("C_TL", "farad", tau_L / R_TL * ones, ends)
+    return text + f"\n[sensors]\n{sensors}"
+
+
 A123_RUNS: dict[str, Runs] = {
     "a123_lfp": (
         ("dyn_p25degC", 25, "fit"),
@@ -115,23 +139,8 @@ def a123(source: Path, out: Path, runs: Runs) -> None:
     capacity_Ah = float(slow.discharged_Ah.max())
     ocv = middle_of_branches(folder, capacity_Ah)
     warm = pd.read_csv(folder / "dyn_p25degC.csv").drop_duplicates("time_s")
-    (R_ints, R_TS, R_TL), (tau_S, tau_L) = resistances(warm, ocv, capacity_Ah)
-    ends, ones = np.array([0.0, 1.0]), np.ones(2)
-    text = f"""title = "A123 26650 LFP, dynamic profile and slow charge and discharge"
-kind = "cell"
-
-[parameters]
-capacity_Ah = {{ value = {capacity_Ah:.3f}, sd = 0.02 }}
-series_resistance_scale = {{ value = 1.0, sd = 0.1 }}
-rc_resistance_scale = {{ value = 1.0, sd = 0.2 }}
-rc_capacitance_scale = {{ value = 1.0, sd = 0.2 }}
-storage_months = 0
-cycles = 0
-"""
-    text += toml_table("ocv", "voltage_V", ocv) + toml_table("R_ints", "ohm", R_ints * ones, ends)
-    text += toml_table("R_TS", "ohm", R_TS * ones, ends) + toml_table("C_TS", "farad", tau_S / R_TS * ones, ends)
-    text += toml_table("R_TL", "ohm", R_TL * ones, ends) + toml_table("C_TL", "farad", tau_L / R_TL * ones, ends)
-    text += "\n[sensors]\nvoltage_V = 0.001\ncurrent_A = 0.005\n"
+    title = "A123 26650 LFP, dynamic profile and slow charge and discharge"
+    text = two_pair_cell(title, capacity_Ah, 0.02, ocv, warm, "voltage_V = 0.001\ncurrent_A = 0.005\n")
     full, empty = "initial_soc = { value = 1.0, sd = 0.01 }\n", "initial_soc = { value = 0.0, sd = 0.01 }\n"
     for name, ambient_degC, split in runs:
         profile = "dynamic" if "dyn" in name else "C/30 charge" if "slow_charge" in name else "C/30 discharge"
@@ -140,6 +149,82 @@ cycles = 0
         columns = {"time_s": rows.time_s, "current_A": rows.current_A, "ambient_degC": float(ambient_degC)}
         write_csv(out / f"{name}.csv", columns | {"voltage_V": rows.voltage_V})
         text += run_entry(name, split, f"{ambient_degC} degC, {profile}", soc)
+    (out / "case.toml").write_text(text, encoding="utf-8", newline="\n")
+
+
+# K2 Energy 26650 LFP
+
+K2_RUNS: Runs = (
+    ("hppc_p30degC", 30, "fit"),
+    ("hppc_p20degC", 20, "fit"),
+    ("cc1C_p30degC", 30, "fit"),
+    ("cc1C_p20degC", 20, "fit"),
+    ("hppc_p50degC", 50, "check"),
+    ("cc1C_p50degC", 50, "check"),
+)
+
+
+def rested(rows: pd.DataFrame, capacity_Ah: float) -> np.ndarray:
+    """Return the open-circuit voltage at SOC: where a run of pulses has rested longest, just before each load."""
+    still = rows.current_A.abs() < 0.03
+    last = rows[still & ~still.shift(-1, fill_value=False)]
+    points = last.assign(soc=1.0 - last.discharged_Ah / capacity_Ah).sort_values("soc")
+    return np.maximum.accumulate(np.interp(SOC, points.soc, points.voltage_V))
+
+
+def k2(source: Path, out: Path) -> None:
+    """Write the case of the other LFP cell: pulses and 1C at 20 and 30 degC, those at 50 degC kept as check."""
+    folder = source / "k2_lfp_26650"
+    known = pd.read_csv(folder / "hppc_p30degC.csv").drop_duplicates("time_s")
+    capacity_Ah = float(known.discharged_Ah.max())
+    sensors = "voltage_V = 0.001\ncurrent_A = 0.02\ncell_temperature_degC = 0.1\n"
+    title = "K2 26650 LFP, pulses and 1C discharges"
+    text = two_pair_cell(title, capacity_Ah, 0.1, rested(known, capacity_Ah), known, sensors)
+    for name, ambient_degC, split in K2_RUNS:
+        rows = pd.read_csv(folder / f"{name}.csv")
+        columns = {"time_s": rows.time_s, "current_A": rows.current_A, "ambient_degC": rows.ambient_temperature_degC}
+        readings = {"voltage_V": rows.voltage_V, "cell_temperature_degC": rows.temperature_degC}
+        write_csv(out / f"{name}.csv", columns | readings)
+        profile = "pulses" if "hppc" in name else "1C"
+        text += run_entry(name, split, f"{ambient_degC} degC, {profile}", "initial_soc = { value = 1.0, sd = 0.02 }\n")
+    (out / "case.toml").write_text(text, encoding="utf-8", newline="\n")
+
+
+# DMEGC INR18650
+
+DMEGC_RUNS = (
+    ("pulse", "0.5C pulses", "fit"),
+    ("cc0p5C", "0.5C", "fit"),
+    ("cc1C", "1C", "fit"),
+    ("cc2C", "2C", "check"),
+)
+
+
+def dmegc(source: Path, out: Path) -> None:
+    """Write the case of the cell that warms: constant current and pulses at 25 degC, the highest current kept as check.
+
+    Its thermocouple is good to a degree: the first readings, at rest, are taken for the chamber.
+    """
+    folder = source / "dmegc_18650_electrothermal"
+
+    def read(name: str) -> pd.DataFrame:
+        rows = pd.read_csv(folder / f"cell1_{name}.csv").drop_duplicates("time_s")
+        steps_Ah = np.diff(rows.time_s) * rows.current_A.to_numpy()[1:] / 3600.0
+        return rows.assign(discharged_Ah=np.append(0.0, np.cumsum(steps_Ah)))
+
+    slow = read("ocv_c20")
+    capacity_Ah = float(slow.discharged_Ah.max())
+    ocv = np.interp(SOC, 1.0 - slow.discharged_Ah[::-1] / capacity_Ah, slow.voltage_V[::-1])
+    sensors = "voltage_V = 0.001\ncurrent_A = 0.001\ncell_temperature_degC = 0.2\n"
+    title = "DMEGC INR18650, constant current and pulses"
+    text = two_pair_cell(title, capacity_Ah, 0.08, ocv, read("pulse"), sensors)
+    for name, label, split in DMEGC_RUNS:
+        rows = read(name)
+        rested_degC = float(rows.temperature_degC.head(3).mean())
+        columns = {"time_s": rows.time_s, "current_A": rows.current_A, "ambient_degC": rested_degC}
+        readings = {"voltage_V": rows.voltage_V, "cell_temperature_degC": rows.temperature_degC}
+        write_csv(out / f"{name}.csv", columns | readings)
+        text += run_entry(name, split, label, "initial_soc = { value = 1.0, sd = 0.01 }\n")
     (out / "case.toml").write_text(text, encoding="utf-8", newline="\n")
 
 
@@ -249,7 +334,7 @@ def main(source: Path, out: Path) -> None:
     """Write all cases."""
     makers = {name: partial(a123, runs=runs) for name, runs in A123_RUNS.items()}
     makers |= {name: partial(panasonic, runs=runs) for name, runs in PANASONIC_RUNS.items()}
-    for name, make in (makers | {"gear_motor": gear_motor}).items():
+    for name, make in (makers | {"k2_lfp": k2, "dmegc_18650": dmegc, "gear_motor": gear_motor}).items():
         (out / name).mkdir(parents=True, exist_ok=True)
         make(source, out / name)
 

@@ -1,0 +1,83 @@
+"""What a reader of a diagnosis should know beside its verdict: of the fit, and of what it is held against."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from discrepancy.contract import Predictions
+from discrepancy.noise import NoiseModel
+from discrepancy.session import Hypothesis, Session
+from jaxmodel.cases import Case
+from jaxmodel.declaration import describe
+
+# An effect's number is remarked on this share of its usual range beyond an end: the ends are nothing sharp.
+OUT_OF_RANGE = 0.25
+# Readings that tell less of every unknown than this share of its prior do not answer to any.
+NO_ANSWER = 1e-6
+# A temperature that begins so many sd of its noise off the ambient one, from which every model starts, is remarked on.
+STARTS_ELSEWHERE = 5.0
+
+
+def remarks(session: Session, hypothesis: Hypothesis) -> tuple[str, ...]:
+    """Return what a reader should know of a fit, and of what it is held against."""
+    predictions = session.rung("", session.hypothesis()).predictions
+    found = list(starts_elsewhere(session.case, session.noise, predictions))
+    if not hypothesis.fitted.converged:
+        found.append(
+            f"The fit did not reach a minimum (score {hypothesis.fitted.greatest_score:.2g} where 0.1 is the limit): "
+            "its numbers are not to be relied on."
+        )
+    if np.allclose(hypothesis.fitted.information, np.eye(hypothesis.fitted.x.size), rtol=0.0, atol=NO_ANSWER):
+        found.append(
+            "No unknown moves any reading of the fit runs: at what the case states as known the model stands still, as "
+            "a motor does whose friction no torque overcomes, or is out of its range."
+        )
+    for place, coordinate in enumerate(hypothesis.layout.coordinates[: hypothesis.layout.base]):
+        run = hypothesis.layout.runs[place]
+        where = f" of {session.case.runs[run].name}" if run >= 0 else ""
+        if abs(hypothesis.fitted.x[place]) > 3.0:
+            found.append(
+                f"{coordinate.name}{where} is {abs(hypothesis.fitted.x[place]):.1f} sd from what the case states: "
+                "it may be standing in for something the model lacks."
+            )
+    for label in hypothesis.labels:
+        places = hypothesis.layout.of_effect[label]
+        for place, (name, info) in zip(places, describe(session.candidates[label].effect).items(), strict=True):
+            low, high = info.typical or (-np.inf, np.inf)
+            value = hypothesis.layout.coordinates[place].number(hypothesis.fitted.x[place])
+            room = OUT_OF_RANGE * (high - low)
+            if not low - room <= value <= high + room:
+                found.append(
+                    f"{label}.{name} = {value:.3g} is outside its usual range, {low:g} to {high:g}: "
+                    "the effect may be standing in for another."
+                )
+    return tuple(found)
+
+
+def starts_elsewhere(case: Case, noise: Mapping[str, NoiseModel], predicted: Predictions) -> tuple[str, ...]:
+    """Say where a temperature does not begin at the ambient one, as the model does.
+
+    An offset of a thermocouple has no effect of the catalogue: left in, it hides what the temperature does after it.
+
+    Args:
+        case: with its measurements.
+        noise: of every output.
+        predicted: readings of the base model, by run and output.
+    """
+    told = []
+    for name, model in noise.items():
+        if not name.endswith("temperature_degC"):
+            continue
+        runs = [run for run in case.runs if name in run.measured.outputs]
+        off = {run.name: float(run.measured.outputs[name][0] - predicted[run.name][name][0]) for run in runs}
+        off = {run: kelvin for run, kelvin in off.items() if abs(kelvin) > STARTS_ELSEWHERE * model.sd}
+        if off:
+            worst = max(off, key=lambda run: abs(off[run]))
+            others = f", as it does by less in {', '.join(run for run in off if run != worst)}" if len(off) > 1 else ""
+            told.append(
+                f"{name} in {worst} begins {off[worst]:+.2g} K off ambient_degC, where the model starts{others}: if "
+                "all was at rest, give what this sensor read as ambient_degC; no effect of the catalogue stands for an offset."
+            )
+    return tuple(told)

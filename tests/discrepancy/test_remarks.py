@@ -1,0 +1,38 @@
+"""What is remarked on beside a verdict."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from discrepancy.contract import noise_of_case
+from discrepancy.remarks import starts_elsewhere
+from jaxmodel.cases import Case
+from tests.discrepancy.made_cases import case_of, run_of
+
+SD = 0.1
+NAME = "cell_temperature_degC"
+
+
+def _case(*starts_degC: float) -> Case:
+    inputs = {"current_A": np.full(40, 1.0), "ambient_degC": np.full(40, 25.0)}
+    rng = np.random.default_rng(5)
+    read = [start + np.linspace(0.0, 4.0, 40) + SD * rng.standard_normal(40) for start in starts_degC]
+    runs = [run_of(number, inputs, {NAME: values}) for number, values in enumerate(read, start=1)]
+    return case_of("cell", {}, runs, {NAME: SD})
+
+
+def _said(case: Case) -> tuple[str, ...]:
+    return starts_elsewhere(case, noise_of_case(case), {run.name: {NAME: np.full(40, 25.0)} for run in case.runs})
+
+
+def test_a_thermometer_that_starts_off_the_ambient_temperature_is_remarked_on():
+    (said,) = _said(_case(25.0, 23.5, 24.3))
+    assert said.startswith(f"{NAME} in run-02 begins -1")
+    assert "K off ambient_degC" in said
+    assert "by less in run-03:" in said
+    assert "run-01" not in said
+    assert "by less" not in _said(_case(24.3, 25.0))[0]
+
+
+def test_noise_at_the_start_and_a_temperature_that_rises_later_are_not():
+    assert _said(_case(25.0, 25.0)) == ()
