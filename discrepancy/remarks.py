@@ -78,6 +78,6 @@ def starts_elsewhere(case: Case, noise: Mapping[str, NoiseModel], predicted: Pre
             others = f", as it does by less in {', '.join(run for run in off if run != worst)}" if len(off) > 1 else ""
             told.append(
                 f"{name} in {worst} begins {off[worst]:+.2g} K off ambient_degC, where the model starts{others}: if "
-                "all was at rest, give what this sensor read as ambient_degC; no effect of the catalogue stands for an offset."
+                "all was at rest, give what this sensor read as ambient_degC; no effect stands for an offset."
             )
     return tuple(told)
