@@ -18,7 +18,7 @@ from discrepancy.leftover import leftover_laws
 from discrepancy.misfit import Block
 from discrepancy.next_experiment import best_of_each, propose
 from discrepancy.posterior import MOST, SOMETHING_ELSE, bayes_factors, hypothesis_name, probabilities
-from discrepancy.remarks import remarks
+from discrepancy.remarks import remarks, worse_held_out
 from discrepancy.result import Diagnosis, NamedEffect, ScoreEntry
 from discrepancy.score import sight
 from discrepancy.screen import Screen
@@ -146,7 +146,7 @@ def diagnose(
         scores=_scores(first, blind),
         critical_z=first.table.critical_z,
         failure=failure(session, base),
-        remarks=(*_what_is_explained(found), *remarks(session, best)),
+        remarks=(*_what_is_explained(found), *remarks(session, best), *worse_held_out(ladder[1:], session.noise)),
         rivals=tuple(hypothesis_name(one.labels) for one in rivals),
         proposals=best_of_each(propose(judge, rivals)),
         law=unexplained,

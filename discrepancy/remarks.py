@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from discrepancy.contract import Predictions
+from discrepancy.ladder import Rung
 from discrepancy.noise import NoiseModel
 from discrepancy.session import Hypothesis, Session
 from jaxmodel.cases import Case
@@ -18,6 +20,8 @@ OUT_OF_RANGE = 0.25
 NO_ANSWER = 1e-6
 # A temperature that begins so many sd of its noise off the ambient one, from which every model starts, is remarked on.
 STARTS_ELSEWHERE = 5.0
+# So are effects with which a channel's error on runs held out grows by this, beyond its noise.
+WORSE_HELD_OUT = 1.1
 
 
 def remarks(session: Session, hypothesis: Hypothesis) -> tuple[str, ...]:
@@ -80,4 +84,25 @@ def starts_elsewhere(case: Case, noise: Mapping[str, NoiseModel], predicted: Pre
                 f"{name} in {worst} begins {off[worst]:+.2g} K off ambient_degC, where the model starts{others}: if "
                 "all was at rest, give what this sensor read as ambient_degC; no effect stands for an offset."
             )
+    return tuple(told)
+
+
+def worse_held_out(ladder: Sequence[Rung], noise: Mapping[str, NoiseModel]) -> tuple[str, ...]:
+    """Say which effects fit the fit runs and make runs held out worse.
+
+    Args:
+        ladder: calibrated models, each with one effect more than the one before.
+        noise: of every output.
+    """
+    told = []
+    for before, after in itertools.pairwise(ladder):
+        added = " and ".join(label for label in after.added if label not in before.added)
+        for name, model in noise.items():
+            now = after.errors[name].check
+            if now > WORSE_HELD_OUT * max(before.errors[name].check, model.sd):
+                growth = now / before.errors[name].check - 1.0
+                told.append(
+                    f"With {added} the error of {name} on check runs grows by {growth:.0%}: "
+                    "it may stand in for something else, and is not to be relied on beyond the runs fitted."
+                )
     return tuple(told)

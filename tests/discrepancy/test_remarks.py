@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from discrepancy.contract import noise_of_case
-from discrepancy.remarks import starts_elsewhere
+from discrepancy.ladder import ChannelError, Rung
+from discrepancy.remarks import starts_elsewhere, worse_held_out
 from jaxmodel.cases import Case
 from tests.discrepancy.made_cases import case_of, run_of
 
@@ -36,3 +37,16 @@ def test_a_thermometer_that_starts_off_the_ambient_temperature_is_remarked_on():
 
 def test_noise_at_the_start_and_a_temperature_that_rises_later_are_not():
     assert _said(_case(25.0, 25.0)) == ()
+
+
+def _rung(check: float, *added: str) -> Rung:
+    return Rung("", added, {}, (), {NAME: ChannelError(fit=SD, check=check)}, {}, 0.0, 0)
+
+
+def test_an_effect_that_makes_runs_held_out_worse_is_remarked_on():
+    noise = noise_of_case(_case(25.0))
+    (said,) = worse_held_out([_rung(1.0), _rung(0.5, "one"), _rung(0.7, "one", "other")], noise)
+    assert said.startswith(f"With other the error of {NAME} on check runs grows by 40%")
+    assert worse_held_out([_rung(1.0), _rung(1.05, "one")], noise) == ()
+    assert worse_held_out([_rung(0.7 * SD), _rung(SD, "one")], noise) == (), "both are as good as the sensor"
+    assert worse_held_out([_rung(np.nan), _rung(np.nan, "one")], noise) == (), "nothing was held out"
