@@ -30,12 +30,16 @@ Folder = Annotated[Path, typer.Argument(help="Where the cases are, one folder ea
 
 @app.command()
 def make(folder: Folder, first: int = 0, count: int = 240) -> None:
-    """Make the cases that are not there yet."""
+    """Make the cases that are not there yet, but for seeds that the referee cannot integrate."""
     keep_compiled_programs()
     for number in track(range(first, first + count), "making"):
         hidden = folder / f"{number:04d}" / "blind.json"
         if not hidden.exists():
-            blind = make_case(hidden.parent, number)
+            try:
+                blind = make_case(hidden.parent, number)
+            except RuntimeError as error:
+                typer.echo(f"Seed {number} is left out: {error}.", err=True)
+                continue
             hidden.write_text(json.dumps(dataclasses.asdict(blind)))
 
 
