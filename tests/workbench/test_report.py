@@ -12,11 +12,12 @@ import pytest
 
 from discrepancy.result import Diagnosis
 from discrepancy.whiteness import FloorRatio
-from workbench.commands.diagnose import pictures_of
+from workbench.commands.diagnose import pictures_of, print_diagnosis
 from workbench.extended import extended_case
 from workbench.pictures.failures import maps
 from workbench.report import write_report
 from workbench.runs import simulate_case
+from workbench.wording import verdict_sentence
 
 VOID = {"meta", "img", "br", "hr", "link", "input"}
 
@@ -126,14 +127,19 @@ def test_what_a_user_writes_is_text_and_no_markup(page: Page) -> None:
     ],
 )
 def test_every_verdict_is_one_sentence(diagnosis: Diagnosis, tmp_path: Path, verdict: str, said: str) -> None:
-    from workbench.wording import verdict_sentence
-
     named = () if verdict in ("adequate", "", "undecided") else diagnosis.effects
     other = dataclasses.replace(diagnosis, verdict=verdict, effects=named, unexplained="a torque that grows with speed")
     sentence = verdict_sentence(other)
     assert said in sentence
     assert sentence.endswith(".")
     assert sentence.count(". ") == 0
+
+
+def test_verdict_and_remarks_are_printed(diagnosis: Diagnosis, capsys: pytest.CaptureFixture[str]) -> None:
+    print_diagnosis(diagnosis)
+    printed = " ".join(capsys.readouterr().out.split())
+    assert verdict_sentence(diagnosis) in printed
+    assert f"Note: {diagnosis.remarks[0]}" in printed
 
 
 def test_comparison_without_effects_has_a_report_too(diagnosis: Diagnosis, tmp_path: Path) -> None:

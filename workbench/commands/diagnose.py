@@ -241,7 +241,7 @@ def _comments(diagnosis: Diagnosis, own: Mapping[str, type[Effect]], notes: Sequ
 
 
 def print_diagnosis(diagnosis: Diagnosis) -> None:
-    """Print the errors of every rung of the ladder as a table, and the verdict."""
+    """Print the errors of every rung of the ladder as a table, the verdict, and what should be known beside it."""
     rungs = [rung_name(diagnosis, place) for place in range(len(diagnosis.ladder))]
     rows = [
         [row["label"], row["floor"], *(f"{fit} / {check}" for fit, check in row["errors"])]
@@ -250,6 +250,8 @@ def print_diagnosis(diagnosis: Diagnosis) -> None:
     columns = ["error, RMS: fitted / held out", "noise floor", *rungs]
     terminal.table(diagnosis.case.title, columns, rows, right=range(1, len(columns)))
     terminal.say(verdict_sentence(diagnosis))
+    for remark in diagnosis.remarks:
+        terminal.say(f"Note: {remark}")
     if diagnosis.proposals:
         terminal.say(in_words(diagnosis.proposals, [candidate_name(name) for name in diagnosis.rivals]))
 
