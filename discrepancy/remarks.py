@@ -18,8 +18,10 @@ from jaxmodel.declaration import describe
 OUT_OF_RANGE = 0.25
 # Readings that tell less of every unknown than this share of its prior do not answer to any.
 NO_ANSWER = 1e-6
-# A temperature that begins so many sd of its noise off the ambient one, from which every model starts, is remarked on.
+# A temperature that begins so many sd of its noise off the ambient one, from which every model starts, is remarked on,
+# where that is this share of its course or more.
 STARTS_ELSEWHERE = 5.0
+SHARE_OF_COURSE = 0.1
 # So are effects with which a channel's error on runs held out grows by this, beyond its noise.
 WORSE_HELD_OUT = 1.1
 
@@ -75,8 +77,13 @@ def starts_elsewhere(case: Case, noise: Mapping[str, NoiseModel], predicted: Pre
         if not name.endswith("temperature_degC"):
             continue
         runs = [run for run in case.runs if name in run.measured.outputs]
-        off = {run.name: float(run.measured.outputs[name][0] - predicted[run.name][name][0]) for run in runs}
-        off = {run: kelvin for run, kelvin in off.items() if abs(kelvin) > STARTS_ELSEWHERE * model.sd}
+        off = {}
+        for run in runs:
+            read = run.measured.outputs[name]
+            starts = float(read[0] - predicted[run.name][name][0])
+            course = float(np.nanmax(read) - np.nanmin(read)) if np.isfinite(read).any() else 0.0
+            if abs(starts) > max(STARTS_ELSEWHERE * model.sd, SHARE_OF_COURSE * course):
+                off[run.name] = starts
         if off:
             worst = max(off, key=lambda run: abs(off[run]))
             others = f", as it does by less in {', '.join(run for run in off if run != worst)}" if len(off) > 1 else ""

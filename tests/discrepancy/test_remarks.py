@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from discrepancy.contract import noise_of_case
@@ -35,8 +37,11 @@ def test_a_thermometer_that_starts_off_the_ambient_temperature_is_remarked_on():
     assert "by less" not in _said(_case(24.3, 25.0))[0]
 
 
-def test_noise_at_the_start_and_a_temperature_that_rises_later_are_not():
+def test_noise_at_the_start_a_temperature_that_rises_later_and_little_of_its_course_are_not():
     assert _said(_case(25.0, 25.0)) == ()
+    fine = dataclasses.replace(noise_of_case(_case(24.7))[NAME], sd=0.001)
+    case = _case(24.7)
+    assert starts_elsewhere(case, {NAME: fine}, {case.runs[0].name: {NAME: np.full(40, 25.0)}}) == ()
 
 
 def _rung(check: float, *added: str) -> Rung:
