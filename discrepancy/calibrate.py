@@ -253,7 +253,7 @@ def fit(
         if bool(state.result != optx.RESULTS.successful):
             break
     assert best is not None
-    return dataclasses.replace(_fit_of(problem, split, best, len(course)), idle=_idle(best, course))
+    return _fit_of(problem, split, best, course)
 
 
 def _at_its_end(best: _Seen, last: _Seen, course: Sequence[float]) -> bool:
@@ -262,16 +262,20 @@ def _at_its_end(best: _Seen, last: _Seen, course: Sequence[float]) -> bool:
 
 
 def _idle(best: _Seen, course: Sequence[float]) -> bool:
-    return len(course) > IDLE_STEPS and course[-1 - IDLE_STEPS] - course[-1] < IDLE_GAIN * best.unit
+    return _gained_lately(course) < IDLE_GAIN * best.unit
 
 
 def _never_near(course: Sequence[float], rival: float) -> bool:
     """Return True where a fit at its pace does not catch up with the rival."""
-    return len(course) > IDLE_STEPS and course[-1 - IDLE_STEPS] - course[-1] < (course[-1] - rival) / PACE - 1.0
+    return _gained_lately(course) < (course[-1] - rival) / PACE - 1.0
 
 
-def _fit_of(problem: Problem, split: str, seen: _Seen, steps: int) -> Fit:
-    """Return what came of a fit that saw this where it ended."""
+def _gained_lately(course: Sequence[float]) -> float:
+    return course[-1 - IDLE_STEPS] - course[-1] if len(course) > IDLE_STEPS else np.inf
+
+
+def _fit_of(problem: Problem, split: str, seen: _Seen, course: Sequence[float]) -> Fit:
+    """Return what came of a fit of this course that saw this where it ended."""
     counted = np.asarray(getattr(problem.readings, split)) > 0.0
     runs, rows = problem.times.shape
     of_run = np.asarray(problem.readings.index)[counted] // (rows * len(problem.channels))
@@ -284,7 +288,8 @@ def _fit_of(problem: Problem, split: str, seen: _Seen, steps: int) -> Fit:
         run_information=np.stack([jacobian.T @ jacobian for jacobian, _ in parts]),
         run_score=np.stack([jacobian.T @ rows for jacobian, rows in parts]),
         greatest_score=float(np.max(seen.scores)),
-        steps=steps,
+        steps=len(course),
+        idle=_idle(seen, course),
     )
 
 

@@ -18,7 +18,7 @@ from discrepancy.leftover import leftover_laws
 from discrepancy.misfit import Block
 from discrepancy.next_experiment import best_of_each, propose
 from discrepancy.posterior import MOST, SOMETHING_ELSE, bayes_factors, hypothesis_name, probabilities
-from discrepancy.remarks import remarks, worse_held_out
+from discrepancy.remarks import remarks, what_is_explained, worse_held_out
 from discrepancy.result import Diagnosis, NamedEffect, ScoreEntry
 from discrepancy.score import sight
 from discrepancy.screen import Screen
@@ -146,7 +146,7 @@ def diagnose(
         scores=_scores(first, blind),
         critical_z=first.table.critical_z,
         failure=failure(session, base),
-        remarks=(*_what_is_explained(found), *remarks(session, best), *worse_held_out(ladder[1:], session.noise)),
+        remarks=(*what_is_explained(found), *remarks(session, best), *worse_held_out(ladder[1:], session.noise)),
         rivals=tuple(hypothesis_name(one.labels) for one in rivals),
         proposals=best_of_each(propose(judge, rivals)),
         law=unexplained,
@@ -301,18 +301,3 @@ def _scores(screened: Screen, blind: tuple[str, ...]) -> tuple[ScoreEntry, ...]:
         )
         for effect in screened.table.effects
     )
-
-
-def _what_is_explained(found: BestModel) -> tuple[str, ...]:
-    """Say what the effects named are worth where no model comes near the noise."""
-    if not found.far:
-        return ()
-    told = (
-        f"No model of few effects comes near the noise of {' and '.join(found.far)}: channels are weighed by what the "
-        "best single effect leaves in them, and evidence by the time that readings span."
-    )
-    base, best = found.session.hypothesis(), found.best
-    if not best.labels:
-        return (told,)
-    share = 100.0 * (1.0 - best.fitted.chi2 / base.fitted.chi2)
-    return (told, f"{' and '.join(best.labels)} explain {share:.3g} % of the mean square that the base model leaves.")

@@ -7,10 +7,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from discrepancy.best_model import BestModel
 from discrepancy.contract import Predictions
 from discrepancy.ladder import Rung
 from discrepancy.noise import NoiseModel
-from discrepancy.session import Hypothesis, Session
+from discrepancy.session import FAR_FROM_PRIOR, Hypothesis, Session
 from jaxmodel.cases import Case
 from jaxmodel.declaration import describe
 
@@ -43,7 +44,7 @@ def remarks(session: Session, hypothesis: Hypothesis) -> tuple[str, ...]:
     for place, coordinate in enumerate(hypothesis.layout.coordinates[: hypothesis.layout.base]):
         run = hypothesis.layout.runs[place]
         where = f" of {session.case.runs[run].name}" if run >= 0 else ""
-        if abs(hypothesis.fitted.x[place]) > 3.0:
+        if abs(hypothesis.fitted.x[place]) > FAR_FROM_PRIOR:
             found.append(
                 f"{coordinate.name}{where} is {abs(hypothesis.fitted.x[place]):.1f} sd from what the case states: "
                 "it may be standing in for something the model lacks."
@@ -113,3 +114,18 @@ def worse_held_out(ladder: Sequence[Rung], noise: Mapping[str, NoiseModel]) -> t
                     "it may stand in for something else, and is not to be relied on beyond the runs fitted."
                 )
     return tuple(told)
+
+
+def what_is_explained(found: BestModel) -> tuple[str, ...]:
+    """Say what the effects named are worth where no model comes near the noise."""
+    if not found.far:
+        return ()
+    told = (
+        f"No model of few effects comes near the noise of {' and '.join(found.far)}: channels are weighed by what the "
+        "best single effect leaves in them, and evidence by the time that readings span."
+    )
+    base, best = found.session.hypothesis(), found.best
+    if not best.labels:
+        return (told,)
+    share = 100.0 * (1.0 - best.fitted.chi2 / base.fitted.chi2)
+    return (told, f"{' and '.join(best.labels)} explain {share:.3g} % of the mean square that the base model leaves.")

@@ -1,4 +1,4 @@
-"""Where fits begin anew: within the priors, beside an effect too faint to matter, and over a bending law's ridges."""
+"""Where fits begin anew: within the priors, beside an effect too faint to matter, along an amplitude of many optima."""
 
 from __future__ import annotations
 

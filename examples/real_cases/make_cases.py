@@ -48,6 +48,16 @@ def write_csv(path: Path, columns: dict[str, Any] | pd.DataFrame) -> None:
     rows.to_csv(path, index=False, lineterminator="\n")
 
 
+def write_warm_run(
+    out: Path, name: str, rows: pd.DataFrame, ambient_degC: Any, split: str, label: str, soc_sd: float = 0.01
+) -> str:
+    """Write a run of a cell whose temperature was read too, from full; return its TOML."""
+    columns = {"time_s": rows.time_s, "current_A": rows.current_A, "ambient_degC": ambient_degC}
+    readings = {"voltage_V": rows.voltage_V, "cell_temperature_degC": rows.temperature_degC}
+    write_csv(out / f"{name}.csv", columns | readings)
+    return run_entry(name, split, label, f"initial_soc = {{ value = 1.0, sd = {soc_sd} }}\n")
+
+
 # A123 26650 LFP
 
 
@@ -182,11 +192,8 @@ def k2(source: Path, out: Path) -> None:
     text = two_pair_cell(title, capacity_Ah, 0.1, rested(known, capacity_Ah), known, sensors)
     for name, ambient_degC, split in K2_RUNS:
         rows = pd.read_csv(folder / f"{name}.csv")
-        columns = {"time_s": rows.time_s, "current_A": rows.current_A, "ambient_degC": rows.ambient_temperature_degC}
-        readings = {"voltage_V": rows.voltage_V, "cell_temperature_degC": rows.temperature_degC}
-        write_csv(out / f"{name}.csv", columns | readings)
-        profile = "pulses" if "hppc" in name else "1C"
-        text += run_entry(name, split, f"{ambient_degC} degC, {profile}", "initial_soc = { value = 1.0, sd = 0.02 }\n")
+        label = f"{ambient_degC} degC, {'pulses' if 'hppc' in name else '1C'}"
+        text += write_warm_run(out, name, rows, rows.ambient_temperature_degC, split, label, soc_sd=0.02)
     (out / "case.toml").write_text(text, encoding="utf-8", newline="\n")
 
 
@@ -221,10 +228,7 @@ def dmegc(source: Path, out: Path) -> None:
     for name, label, split in DMEGC_RUNS:
         rows = read(name)
         rested_degC = float(rows.temperature_degC.head(3).mean())
-        columns = {"time_s": rows.time_s, "current_A": rows.current_A, "ambient_degC": rested_degC}
-        readings = {"voltage_V": rows.voltage_V, "cell_temperature_degC": rows.temperature_degC}
-        write_csv(out / f"{name}.csv", columns | readings)
-        text += run_entry(name, split, label, "initial_soc = { value = 1.0, sd = 0.01 }\n")
+        text += write_warm_run(out, name, rows, rested_degC, split, label)
     (out / "case.toml").write_text(text, encoding="utf-8", newline="\n")
 
 
@@ -285,11 +289,8 @@ cycles = 0
     text += "\n[sensors]\nvoltage_V = 0.001\ncurrent_A = 0.005\ncell_temperature_degC = 0.1\n"
     for name, ambient_degC, split in runs:
         rows = pd.read_csv(folder / f"drive_{name}degC.csv")
-        columns = {"time_s": rows.time_s, "current_A": rows.current_A, "ambient_degC": float(ambient_degC)}
-        readings = {"voltage_V": rows.voltage_V, "cell_temperature_degC": rows.temperature_degC}
-        write_csv(out / f"{name}.csv", columns | readings)
         cycle = name.split("_")[0].upper()
-        text += run_entry(name, split, f"{cycle} at {ambient_degC} degC", "initial_soc = { value = 1.0, sd = 0.01 }\n")
+        text += write_warm_run(out, name, rows, float(ambient_degC), split, f"{cycle} at {ambient_degC} degC")
     (out / "case.toml").write_text(text, encoding="utf-8", newline="\n")
 
 
