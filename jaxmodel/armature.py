@@ -9,6 +9,7 @@ is no event to find, standstill is exact, and a reversal inside a step is right 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
@@ -17,6 +18,7 @@ import jax.numpy as jnp
 from jaxmodel.circle import sine_and_cosine
 from jaxmodel.declaration import Scalar
 from jaxmodel.flow import mean_exponential
+from jaxmodel.root import rising_root
 
 
 class Pair(NamedTuple):
@@ -141,8 +143,27 @@ def _hold_or_slide(free_speed: Scalar, speed_per_torque: Scalar, level: Scalar, 
     return jnp.clip(stopping, -level, level)
 
 
+class Bend(NamedTuple):
+    """A law of the current that is not the line it is linearised to.
+
+    Attributes:
+        off_the_line: what di/dt (A/s) at a pair is less than on the line, rising with the current but for the line.
+        line: slope of the line, 1/s.
+    """
+
+    off_the_line: Callable[[Pair], Scalar]
+    line: Scalar
+
+
 def solve_pair(
-    start: Pair, rate: Pair, drift: Pair, jacobian: Matrix, level: Scalar, inertia: Scalar, duration: Scalar
+    start: Pair,
+    rate: Pair,
+    drift: Pair,
+    jacobian: Matrix,
+    level: Scalar,
+    inertia: Scalar,
+    duration: Scalar,
+    bend: Bend | None = None,
 ) -> ArmatureStep:
     """Advance (i_a, w) over a step with the voltage given, eqs. 11-13.
 
@@ -154,6 +175,8 @@ def solve_pair(
         level: size of the Coulomb friction in N m, holding and sliding.
         inertia: J in kg m^2.
         duration: s; zero leaves the pair as it is.
+        bend: what the linearisation leaves out. Like friction it is the one, held over the step, that fits the pair at
+            the step's end: a step far longer than the time constants ends in the equilibrium of the law itself.
     """
     inverse = jacobian.inverse()
     decay = matrix_exponential(jacobian, duration)
@@ -163,6 +186,20 @@ def solve_pair(
 
     free_end = equilibrium.plus(creep, duration).plus(decay @ start.plus(equilibrium, -1.0))
     response = per_torque.plus(decay @ per_torque, -1.0)
+    if bend is not None:
+        per_rate = Pair(inverse.a, inverse.c)
+        slowed = per_rate.plus(decay @ per_rate, -1.0)
+
+        def end_with(less: Scalar) -> Pair:
+            end = free_end.plus(slowed, less)
+            return end.plus(response, _hold_or_slide(end.speed, -response.speed, level, start.speed))
+
+        less = rising_root(
+            lambda less: less - bend.off_the_line(end_with(less)),
+            near=jnp.zeros(()),
+            least_slope=1.0 - duration * mean_exponential(-jacobian.a * duration) * jnp.maximum(bend.line, 0.0),
+        )
+        equilibrium, free_end = equilibrium.plus(per_rate, less), free_end.plus(slowed, less)
     torque = _hold_or_slide(free_end.speed, -response.speed, level, start.speed)
 
     equilibrium = equilibrium.plus(per_torque, torque)

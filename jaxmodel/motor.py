@@ -7,12 +7,11 @@ from collections.abc import Callable
 import equinox as eqx
 import jax.numpy as jnp
 
-from jaxmodel.armature import ArmatureStep, Matrix, Pair, solve_pair, solve_speed, stable
+from jaxmodel.armature import ArmatureStep, Bend, Matrix, Pair, solve_pair, solve_speed, stable
 from jaxmodel.declaration import Scalar
-from jaxmodel.flow import Flow, State, mean_exponential, relaxation
+from jaxmodel.flow import Flow, State, relaxation
 from jaxmodel.parameters import Parameters
 from jaxmodel.ports import Effect, MotorContext, fold, touches
-from jaxmodel.root import rising_root
 
 TerminalVoltage = Callable[[Scalar], Scalar]
 # A secant is never shorter than this share of its variable (and of 1 A or 1 rad/s): short enough to be a tangent, long
@@ -149,10 +148,8 @@ def run(
         friction_slope = jnp.sign(pair.speed) * level_slope / inertia
         jacobian = Matrix(by_current.current, by_speed.current, by_current.speed, by_speed.speed - friction_slope)
         jacobian = stable(jacobian, later.torque_constant / inertia, duration)
-        step = solve_pair(pair, rate_now, drift, jacobian, level, inertia, duration)
-        if not touches(later.effects, "armature_voltage_drop"):
-            return step
-        return _on_the_law_of_the_drop(later, pair.current, end.current, step, jacobian, duration)
+        bend = _bend_of_the_drop(later, pair, end) if touches(later.effects, "armature_voltage_drop") else None
+        return solve_pair(pair, rate_now, drift, jacobian, level, inertia, duration, bend)
 
     step = solve(expected)
     if now is not later and touches(later.effects, "armature_voltage_drop"):
@@ -160,31 +157,19 @@ def run(
     return step
 
 
-def _on_the_law_of_the_drop(
-    motor: Motor, start: Scalar, secant_end: Scalar, step: ArmatureStep, jacobian: Matrix, duration: Scalar
-) -> ArmatureStep:
-    """Move the current at the end of a step to where the drop is that of the effects, not of its linearisation.
+def _bend_of_the_drop(motor: Motor, start: Pair, secant_end: Pair) -> Bend:
+    """Return what a voltage drop is beyond its secant in the current: near zero current it bends sharply."""
 
-    A drop that bends sharply near zero current is far off its linearisation after a step across the bend. What the drop
-    exceeds its linearisation by acts on the current through armature resistance and inductance: a scalar equation with
-    a rising left side, i - i_linear + reach (drop(i) - drop_linear(i)) = 0.
-    """
-    reach = duration * mean_exponential(-jacobian.a * duration) / motor.inductance_H
-    speed = step.speed_rad_s
+    def drop(pair: Pair) -> Scalar:
+        return fold(motor.effects, "armature_voltage_drop", jnp.zeros(()), _running(motor, pair))
 
-    def drop(current: Scalar) -> Scalar:
-        context = _running(motor, Pair(current, speed))
-        return fold(motor.effects, "armature_voltage_drop", jnp.zeros(()), context)
-
-    linear = step.current_A
     at_start = drop(start)
-    slope = (drop(secant_end) - at_start) / (secant_end - start)
-    end = rising_root(
-        lambda i: i - linear + reach * (drop(i) - at_start - slope * (i - start)),
-        near=linear,
-        least_slope=1.0 - reach * jnp.maximum(slope, 0.0),
-    )
-    return eqx.tree_at(lambda s: s.current_A, step, end)
+    slope = (drop(Pair(secant_end.current, start.speed)) - at_start) / (secant_end.current - start.current)
+
+    def off_the_line(pair: Pair) -> Scalar:
+        return (drop(pair) - at_start - slope * (pair.current - start.current)) / motor.inductance_H
+
+    return Bend(off_the_line, slope / motor.inductance_H)
 
 
 def run_at_current(motor: Motor, current_A: Scalar, duration: Scalar) -> ArmatureStep:
