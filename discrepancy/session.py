@@ -97,8 +97,9 @@ class Session:
 
     @functools.cached_property
     def _bending(self) -> Labels:
-        """Candidates that bend the armature's equation: each step then takes several times as long to solve."""
-        return tuple(c.label for c in self.candidates.values() if touches((c.effect,), "armature_voltage_drop"))
+        """Candidates that bend the armature's equations: a run has more steps then, and each may take longer to solve."""
+        ports = ("armature_voltage_drop", "motor_torque")
+        return tuple(c.label for c in self.candidates.values() if any(touches((c.effect,), port) for port in ports))
 
     @functools.cached_property
     def _boards(self) -> tuple[Switchboard, ...]:

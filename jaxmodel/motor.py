@@ -17,6 +17,9 @@ TerminalVoltage = Callable[[Scalar], Scalar]
 # A secant is never shorter than this share of its variable (and of 1 A or 1 rad/s): short enough to be a tangent, long
 # enough to lose but 1e-13 of it to rounding.
 SMALLEST_SECANT = 1e-3
+# In a long step the torque follows the current by at least this share of its chord to zero current: its tangent does
+# while the current is below a third of that which halves it.
+CHORD_SHARE = 0.8
 # Below this speed in rad/s a rotor that friction holds is at rest: its sign is that of a rounding error.
 STANDSTILL = 1e-9
 
@@ -137,24 +140,39 @@ def run(
         rate_now = Pair(rate_now.current, rate_now.speed + growth)
     drift = at_start.plus(rate_now, -1.0).times(jnp.where(lead > 0.0, 1.0 / jnp.where(lead > 0.0, lead, 1.0), 0.0))
 
-    def solve(expected: Pair) -> ArmatureStep:
-        end = Pair(*(_secant_end(*each) for each in zip(pair, expected, at_start, strict=True)))
-        volts_at_end = voltage_later(end.current)
-        at_corner = rates(later, volts_at_end, Pair(end.current, pair.speed))
-        at_end = rates(later, volts_at_end, end)
-        by_current = at_corner.plus(at_start, -1.0).times(1.0 / (end.current - pair.current))
-        by_speed = at_end.plus(at_corner, -1.0).times(1.0 / (end.speed - pair.speed))
-        level_slope = (_coulomb_torque(later, end.speed) - level) / (end.speed - pair.speed)
-        friction_slope = jnp.sign(pair.speed) * level_slope / inertia
-        jacobian = Matrix(by_current.current, by_speed.current, by_current.speed, by_speed.speed - friction_slope)
-        jacobian = stable(jacobian, later.torque_constant / inertia, duration)
-        bend = _bend_of_the_drop(later, pair, end) if touches(later.effects, "armature_voltage_drop") else None
-        return solve_pair(pair, rate_now, drift, jacobian, level, inertia, duration, bend)
+    end = Pair(*(_secant_end(*each) for each in zip(pair, expected, at_start, strict=True)))
+    volts_at_end = voltage_later(end.current)
+    at_corner = rates(later, volts_at_end, Pair(end.current, pair.speed))
+    at_end = rates(later, volts_at_end, end)
+    by_current = at_corner.plus(at_start, -1.0).times(1.0 / (end.current - pair.current))
+    by_speed = at_end.plus(at_corner, -1.0).times(1.0 / (end.speed - pair.speed))
+    level_slope = (_coulomb_torque(later, end.speed) - level) / (end.speed - pair.speed)
+    friction_slope = jnp.sign(pair.speed) * level_slope / inertia
+    jacobian = Matrix(by_current.current, by_speed.current, by_current.speed, by_speed.speed - friction_slope)
+    if touches(later.effects, "motor_torque"):
+        jacobian = _following_the_torque(jacobian, later, pair, end, duration)
+    jacobian = stable(jacobian, later.torque_constant / inertia, duration)
+    bend = _bend_of_the_drop(later, pair, end) if touches(later.effects, "armature_voltage_drop") else None
+    return solve_pair(pair, rate_now, drift, jacobian, level, inertia, duration, bend)
 
-    step = solve(expected)
-    if now is not later and touches(later.effects, "armature_voltage_drop"):
-        step = solve(Pair(step.current_A, step.speed_rad_s))
-    return step
+
+def _following_the_torque(jacobian: Matrix, motor: Motor, start: Pair, end: Pair, duration: Scalar) -> Matrix:
+    """Bound d(dw/dt)/di from below in a step that is long beside the rotor's time constant.
+
+    Where saturation makes the torque fall as the current grows, the secant of a long step would keep the torque up
+    while the current falls, and the rotor would run far past its equilibrium. There the torque follows nearly its chord to
+    zero current, that of the end which saturates more.
+    """
+    inertia = motor.context.parameters.J
+
+    def chord(pair: Pair) -> Scalar:
+        none = pair.current == 0.0
+        torque = fold(motor.effects, "motor_torque", motor.torque_constant * pair.current, _running(motor, pair))
+        return jnp.where(none, motor.torque_constant, torque / jnp.where(none, 1.0, pair.current)) / inertia
+
+    least = CHORD_SHARE * jnp.minimum(chord(start), chord(end))
+    steps = (duration * jacobian.b * least / jacobian.a) ** 2  # duration in time constants, squared
+    return jacobian._replace(c=jacobian.c + steps / (1.0 + steps) * jnp.maximum(least - jacobian.c, 0.0))
 
 
 def _bend_of_the_drop(motor: Motor, start: Pair, secant_end: Pair) -> Bend:

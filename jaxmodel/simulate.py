@@ -15,7 +15,7 @@ from jaxmodel.flow import State
 from jaxmodel.kernel import as_one_kernel, holds_constants
 from jaxmodel.model import Model, initial_state, read, step, valid
 from jaxmodel.ports import touches
-from jaxmodel.profile import Grid, Profile, Track, make_grid
+from jaxmodel.profile import GROWTH, GROWTH_SATURATING, Grid, Profile, Track, make_grid
 from jaxmodel.sensors import distort
 
 
@@ -76,7 +76,8 @@ def _grid(model: Model, profile: Profile) -> Grid:
     p = jax.tree.map(np.asarray, model.parameters)
     electrical = float(np.min(p.L_a / p.R_0))
     bends = touches(model.effects, "armature_voltage_drop")
-    return make_grid(profile, electrical, float(np.min(p.R_0 * p.J / p.k_tau**2)) if bends else None)
+    growth = GROWTH_SATURATING if touches(model.effects, "motor_torque") else GROWTH
+    return make_grid(profile, electrical, float(np.min(p.R_0 * p.J / p.k_tau**2)) if bends else None, growth)
 
 
 def simulate(model: Model, profile: Profile, cutoff: Cutoff | None = None) -> Trajectory:

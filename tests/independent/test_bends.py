@@ -1,0 +1,44 @@
+"""Long rows of a motor whose law bends, against the referee: it neither rings nor runs away, and its heat is right."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from jaxmodel.effects import CATALOGUE
+from jaxmodel.model import Model
+from jaxmodel.parameters import Parameters
+from jaxmodel.profile import Profile
+from jaxmodel.simulate import simulate as run
+from tests.independent import simulate
+
+STRONG = {"R_0": 0.063, "k_tau": 0.039}  # an inrush of two hundred ampere
+
+
+def held(*levels: float) -> np.ndarray:
+    """Each level for six rows."""
+    return np.append(levels[0], np.repeat(levels, 6))
+
+
+# A drop so large that the rotor coasts for a tenth of a second without current; starts and stops of saturated iron.
+CASES = {
+    "coasting": ("brush_drop", {"V_b": 1.5}, held(12.1, 3.0, 13.2, 10.4, 0.0, -5.0), held(0.1, 0.04, 0.1, 0.04, 0, -0.1)),
+    "little drop": ("brush_drop", {"V_b": 0.1}, held(12.1, 6.7, 13.2, 10.4, 0.0, -5.0), held(0.1, 0.04, 0.1, 0.04, 0, 0)),
+    "starting": ("saturation", {"i_s": 40.0}, held(0.0, 12.0, 0.0, -10.0, 0.0, 14.0), held(0, 0.15, 0, -0.12, 0, 0.17)),
+    "reversing": ("saturation", {"i_s": 60.0}, held(6.0, 12.0, -8.0, 10.0, 0.0, 14.0), held(0, 0.1, 0, 0.1, 0, 0.1)),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_long_rows_of_a_motor_whose_law_bends(case: str):
+    effect, numbers, voltage, load = CASES[case]
+    inputs = {"voltage_V": voltage, "load_torque_Nm": load, "ambient_degC": np.full(voltage.size, 20.0)}
+    time = 1.5 * np.arange(voltage.size)
+    truth = simulate("motor", STRONG, {"time_s": time, **inputs}, {effect: numbers})
+    model = Model("motor", Parameters(**STRONG), effects=(CATALOGUE[effect](**numbers),))
+    found = run(model, Profile(time, inputs)).readings
+    warmest = truth["winding_temperature_degC"].max() - 20.0
+    np.testing.assert_allclose(found["current_A"], truth["current_A"], rtol=0.0, atol=2e-3)
+    np.testing.assert_allclose(found["speed_rad_s"], truth["speed_rad_s"], rtol=0.0, atol=0.05)
+    heat = found["winding_temperature_degC"] - truth["winding_temperature_degC"]
+    assert np.abs(heat).max() < 0.02 * warmest, (np.abs(heat).max(), warmest)
