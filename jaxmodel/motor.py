@@ -160,8 +160,8 @@ def _following_the_torque(jacobian: Matrix, motor: Motor, start: Pair, end: Pair
     """Bound d(dw/dt)/di from below in a step that is long beside the rotor's time constant.
 
     Where saturation makes the torque fall as the current grows, the secant of a long step would keep the torque up
-    while the current falls, and the rotor would run far past its equilibrium. There the torque follows nearly its chord to
-    zero current, that of the end which saturates more.
+    while the current falls, and the rotor would run far past its equilibrium. There the torque follows nearly its chord
+    to zero current, that of the end which saturates more.
     """
     inertia = motor.context.parameters.J
 

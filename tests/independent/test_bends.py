@@ -21,11 +21,14 @@ def held(*levels: float) -> np.ndarray:
 
 
 # A drop so large that the rotor coasts for a tenth of a second without current; starts and stops of saturated iron.
+DRIVES = held(12.1, 3.0, 13.2, 10.4, 0.0, -5.0), held(0.1, 0.04, 0.1, 0.04, 0.0, -0.1)
+STARTS = held(0.0, 12.0, 0.0, -10.0, 0.0, 14.0), held(0.0, 0.15, 0.0, -0.12, 0.0, 0.17)
+REVERSALS = held(6.0, 12.0, -8.0, 10.0, 0.0, 14.0), held(0.0, 0.1, 0.0, 0.1, 0.0, 0.1)
 CASES = {
-    "coasting": ("brush_drop", {"V_b": 1.5}, held(12.1, 3.0, 13.2, 10.4, 0.0, -5.0), held(0.1, 0.04, 0.1, 0.04, 0, -0.1)),
-    "little drop": ("brush_drop", {"V_b": 0.1}, held(12.1, 6.7, 13.2, 10.4, 0.0, -5.0), held(0.1, 0.04, 0.1, 0.04, 0, 0)),
-    "starting": ("saturation", {"i_s": 40.0}, held(0.0, 12.0, 0.0, -10.0, 0.0, 14.0), held(0, 0.15, 0, -0.12, 0, 0.17)),
-    "reversing": ("saturation", {"i_s": 60.0}, held(6.0, 12.0, -8.0, 10.0, 0.0, 14.0), held(0, 0.1, 0, 0.1, 0, 0.1)),
+    "coasting": ("brush_drop", {"V_b": 1.5}, *DRIVES),
+    "little drop": ("brush_drop", {"V_b": 0.1}, *DRIVES),
+    "starting": ("saturation", {"i_s": 40.0}, *STARTS),
+    "reversing": ("saturation", {"i_s": 60.0}, *REVERSALS),
 }
 
 
