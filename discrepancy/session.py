@@ -97,7 +97,7 @@ class Session:
 
     @functools.cached_property
     def _bending(self) -> Labels:
-        """Candidates that bend the armature's equations: a run has more steps then, and they may take longer to solve."""
+        """Candidates that bend the armature's equations: a run then has more steps, which may take longer to solve."""
         ports = ("armature_voltage_drop", "motor_torque")
         return tuple(c.label for c in self.candidates.values() if any(touches((c.effect,), port) for port in ports))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jaxmodel.effects import CATALOGUE
+from jaxmodel.build import make_effect
 from jaxmodel.model import Model
 from jaxmodel.parameters import Parameters
 from jaxmodel.profile import Profile
@@ -38,7 +38,7 @@ def test_long_rows_of_a_motor_whose_law_bends(case: str):
     inputs = {"voltage_V": voltage, "load_torque_Nm": load, "ambient_degC": np.full(voltage.size, 20.0)}
     time = 1.5 * np.arange(voltage.size)
     truth = simulate("motor", STRONG, {"time_s": time, **inputs}, {effect: numbers})
-    model = Model("motor", Parameters(**STRONG), effects=(CATALOGUE[effect](**numbers),))
+    model = Model("motor", Parameters(**STRONG), effects=(make_effect(effect, numbers, case),))
     found = run(model, Profile(time, inputs)).readings
     warmest = truth["winding_temperature_degC"].max() - 20.0
     np.testing.assert_allclose(found["current_A"], truth["current_A"], rtol=0.0, atol=2e-3)

@@ -270,5 +270,6 @@ def test_at_its_null_an_effect_changes_nothing(kind: str, effect: str):
     null = {f"{effect}__{name}": value for name, value in NULLS[effect].items()}
     at_null = changed(off, **{f"{effect}__switch": 1.0}, **null)
     base, found = run(off, drive(kind)).readings, run(at_null, drive(kind)).readings
+    rounding = 1e-15 if effect == "cell_imbalance" else 0.0  # the weak cell's charge is a sum of its own
     for name, values in found.items():
-        np.testing.assert_array_equal(values, base[name], err_msg=name)
+        np.testing.assert_allclose(values, base[name], rtol=rounding, atol=0.0, err_msg=name)
