@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from discrepancy.held_inputs import LONG, noisy_inputs, rows_held
 from discrepancy.input_noise import InputNoise, MovedInputs, slow_directions
 from discrepancy.lanes import predict
 from discrepancy.noise import BETWEEN_JUMPS, NoiseModel, break_at_jumps, channel_noise, local_noise
@@ -138,13 +139,8 @@ def noise_passed_on(
     return found, InputNoise(variance, slow)
 
 
-def noisy_inputs(case: Case) -> dict[str, float]:
-    """Return the sd of every measured input that the case states one for."""
-    return {name: sd for name, sd in case.sensors.items() if name in case.runs[0].measured.inputs}
-
-
 def without_input_noise(case: Case, noise: Mapping[str, NoiseModel]) -> Case:
-    """Return the case with its noisy inputs as the neighbours of each row read them.
+    """Return the case with its noisy inputs, where they were not held, as the neighbours of each row read them.
 
     The noise of a measured input is in the residual of its own row too; as a function of the row's own reading that
     would look like a law of nature.
@@ -169,4 +165,5 @@ def _of_neighbours(values: np.ndarray, sd: float, apart: int) -> np.ndarray:
     before[:apart], after[-apart:] = np.nan, np.nan
     near = [np.where(np.abs(other - values) < 8.0 * sd, other, np.nan) for other in (before, after)]
     count = np.sum(np.isfinite(near), axis=0)
-    return np.where(count > 0, np.nansum(near, axis=0) / np.maximum(count, 1), values)
+    alone = rows_held(values, np.arange(values.size)) < LONG
+    return np.where(alone & (count > 0), np.nansum(near, axis=0) / np.maximum(count, 1), values)

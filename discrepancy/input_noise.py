@@ -8,7 +8,6 @@ do: left out, numbers that follow from slow changes seem up to twice as sure as 
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -17,9 +16,10 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from discrepancy.held_inputs import LONG, rows_held, stretches
 from jaxmodel.profile import Track
 
-# Slow noise is that of the means of so many stretches of a run.
+# Slow noise is that of the means of so many stretches of a run, or more where an input was held for less.
 _STRETCHES = 64
 # A direction of the readings in which slow noise raises the sd by less than this share is left as it is.
 _FAINT = 0.05
@@ -53,10 +53,11 @@ class MovedInputs:
         """
         self._predict, self._courses, self._input_sd = predict, courses, input_sd
         self._still, self._row = predict(courses), row_of_step(courses)
+        self._inputs = {name: np.asarray(courses.inputs[name]) for name in input_sd}
 
     def _answer(self, name: str, sds: np.ndarray) -> np.ndarray:
         """Return what moving each step (runs, 1 + steps) of an input by so many of its sd does to the readings."""
-        moved = jnp.asarray(np.asarray(self._courses.inputs[name]) + self._input_sd[name] * sds)
+        moved = jnp.asarray(self._inputs[name] + self._input_sd[name] * sds)
         answer = self._predict(eqx.tree_at(lambda c: c.inputs[name], self._courses, moved)) - self._still
         return np.where(np.isfinite(answer), answer, 0.0)
 
@@ -65,26 +66,34 @@ class MovedInputs:
 
         Row by row the noise moves a reading at once (a resistance), by what its step does to the state (a relaxation),
         and by the tail of earlier rows; the squares of all are summed, var_k = sum_j (dy_k/du_j)^2 sd^2. Neighbours
-        among the rows moved go up and down in turn, so that nothing drifts.
+        among the rows moved go up and down in turn, so that nothing drifts. Noise of a mean over rows in which the
+        input was held is slow.
         """
         variance = np.zeros_like(self._still)
         turn = np.where((self._row // _APART) % 2 == 0, 1.0, -1.0)
-        for name, first in itertools.product(self._input_sd, range(_APART)):
-            variance += self._answer(name, np.where(self._row % _APART == first, turn, 0.0)) ** 2
+        for name in self._input_sd:
+            sds = np.where(self._of_each_run(rows_held, name) < LONG, turn, 0.0)
+            for first in range(_APART):
+                variance += self._answer(name, np.where(self._row % _APART == first, sds, 0.0)) ** 2
         return variance
 
     def to_slow_noise(self) -> np.ndarray:
-        """Return the answers to an sd of the mean of each stretch of a run, shape (inputs stretches, *predictions)."""
-        rows = self._row.max(axis=1, keepdims=True) + 1
-        stretch = self._row * _STRETCHES // rows
-        of_mean = 1.0 / np.sqrt(np.maximum(rows / _STRETCHES, 1.0))
+        """Return the answers to an sd of the mean of each stretch of a run, shape (stretches, *predictions)."""
 
         def answer(which: tuple[str, int]) -> np.ndarray:
             name, number = which
-            return self._answer(name, of_mean * (stretch == number))
+            mine = stretch[name] == number
+            rows = np.array([np.unique(row[own]).size for row, own in zip(self._row, mine, strict=True)])
+            return self._answer(name, mine / np.sqrt(np.maximum(rows, 1))[:, None])
 
+        most = np.maximum((self._row.max(axis=1) + 1) // _STRETCHES, 1)
+        stretch = {name: self._of_each_run(stretches, name, most) for name in self._input_sd}
+        moves = [(name, number) for name, numbers in stretch.items() for number in range(numbers.max() + 1)]
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            return np.stack(list(pool.map(answer, itertools.product(self._input_sd, range(_STRETCHES)))))
+            return np.stack(list(pool.map(answer, moves)))
+
+    def _of_each_run(self, function: Callable[..., np.ndarray], name: str, *more: np.ndarray) -> np.ndarray:
+        return np.stack([function(*each) for each in zip(self._inputs[name], self._row, *more, strict=True)])
 
 
 def slow_directions(answers: np.ndarray, run: np.ndarray) -> np.ndarray:

@@ -16,7 +16,8 @@ import numpy as np
 
 from discrepancy.calibrate import IDLE_GAIN, Fit, fit, look
 from discrepancy.candidates import Candidate, candidates
-from discrepancy.contract import noise_left_by, noise_of_case, noise_passed_on, noisy_inputs, without_input_noise
+from discrepancy.contract import noise_left_by, noise_of_case, noise_passed_on, without_input_noise
+from discrepancy.held_inputs import noisy_inputs, with_held_inputs
 from discrepancy.input_noise import InputNoise
 from discrepancy.ladder import ChannelError, Estimate, Rung
 from discrepancy.lanes import predict
@@ -82,10 +83,10 @@ class Session:
         self, case: Case, extra_effects: Mapping[str, type[Effect]] | None = None, without: Sequence[str] = ()
     ) -> None:
         """Read the case's noise and list what could be missing, without the effects that the user rules out."""
-        self.case = case
+        self.case = with_held_inputs(case)
         self.catalogue = CATALOGUE | dict(extra_effects or {})
-        self.noise: dict[str, NoiseModel] = noise_of_case(case, self.catalogue)
-        self.candidates: dict[str, Candidate] = {c.label: c for c in candidates(case, self.catalogue)}
+        self.noise: dict[str, NoiseModel] = noise_of_case(self.case, self.catalogue)
+        self.candidates: dict[str, Candidate] = {c.label: c for c in candidates(self.case, self.catalogue)}
         ruled_out = self.labels_of(without)
         self.candidates = {label: c for label, c in self.candidates.items() if label not in ruled_out}
         self.weights = self.noise
