@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import equinox as eqx
@@ -86,13 +86,13 @@ class MovedInputs:
             rows = np.array([np.unique(row[own]).size for row, own in zip(self._row, mine, strict=True)])
             return self._answer(name, mine / np.sqrt(np.maximum(rows, 1))[:, None])
 
-        most = np.maximum((self._row.max(axis=1) + 1) // _STRETCHES, 1)
+        most = [max(1, int(rows + 1) // _STRETCHES) for rows in self._row.max(axis=1)]
         stretch = {name: self._of_each_run(stretches, name, most) for name in self._input_sd}
         moves = [(name, number) for name, numbers in stretch.items() for number in range(numbers.max() + 1)]
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             return np.stack(list(pool.map(answer, moves)))
 
-    def _of_each_run(self, function: Callable[..., np.ndarray], name: str, *more: np.ndarray) -> np.ndarray:
+    def _of_each_run(self, function: Callable[..., np.ndarray], name: str, *more: Sequence[int]) -> np.ndarray:
         return np.stack([function(*each) for each in zip(self._inputs[name], self._row, *more, strict=True)])
 
 
