@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.discrepancy import generate
 from benchmarks.discrepancy.ablations import by_score, weighed, with_one_shape, without_projection
 from benchmarks.discrepancy.baselines import Says, correlation, stepwise
 from benchmarks.discrepancy.compare import Compared, rates
@@ -255,3 +256,13 @@ def test_kept_cases_come_back_as_they_were(tmp_path: Path):
     unscreened = dataclasses.replace(CASES[5], number=9)
     keep([unscreened], tmp_path / "sealed.jsonl")
     assert np.isnan(keep([], tmp_path / "sealed.jsonl")[-1].sigma)
+
+
+def test_a_seed_that_empties_its_cell_is_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    ends = [0.2, 0.1, -0.01, 0.3]
+    emptied = [{"soc": np.array([0.9, end])} for end in ends]
+    monkeypatch.setattr(generate, "write_case", lambda *arguments, **options: emptied)
+    with pytest.raises(RuntimeError, match="beyond empty"):
+        generate.make(tmp_path, 1)
+    monkeypatch.setattr(generate, "write_case", lambda *arguments, **options: emptied[:2])
+    assert generate.make(tmp_path, 1).kind in generate.KINDS

@@ -132,7 +132,12 @@ def _share(values):
 
 
 def make(folder: Path, seed: int) -> Blind:
-    """Write the blind case of a seed and return what is hidden in it."""
+    """Write the blind case of a seed and return what is hidden in it.
+
+    Raises:
+        RuntimeError: the referee cannot integrate it, or its cell is discharged beyond empty, where no voltage means
+            anything.
+    """
     rng = np.random.default_rng([7, seed])
     kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
     group = str(rng.choice(list(CLASSES), p=list(CLASSES.values())))
@@ -168,6 +173,8 @@ def make(folder: Path, seed: int) -> Blind:
     clean = write_case(
         folder, kind, true, stated, runs, effects=effects, sensors=sensors, seed=seed, tolerance=1e-7, **options
     )
+    if any(float(np.min(truth["soc"])) < 0.0 for truth in clean if "soc" in truth):
+        raise RuntimeError("its cell is discharged beyond empty")
     if law:
         _apply(folder, kind, law, strength, clean, reported)
     return Blind(kind, group, effects, law, hostile)
