@@ -75,8 +75,9 @@ def _grid(model: Model, profile: Profile) -> Grid:
         return make_grid(profile, None)
     p = jax.tree.map(np.asarray, model.parameters)
     electrical = float(np.min(p.L_a / p.R_0))
-    saturates = touches(model.effects, "motor_torque")
-    return make_grid(profile, electrical, GROWTH_SATURATING if saturates else GROWTH)
+    bends = touches(model.effects, "armature_voltage_drop")
+    growth = GROWTH_SATURATING if touches(model.effects, "motor_torque") else GROWTH
+    return make_grid(profile, electrical, float(np.min(p.R_0 * p.J / p.k_tau**2)) if bends else None, growth)
 
 
 def simulate(model: Model, profile: Profile, cutoff: Cutoff | None = None) -> Trajectory:
