@@ -16,8 +16,8 @@ from jaxmodel.robot import duty_of_signal
 # constant so that what is nonlinear (friction, saturation, brushes) and the heat of the inrush are resolved.
 FIRST_STEP_SHARE = 0.25
 GROWTH = 2.0
-# Iron that saturates in an inrush prolongs it: of 25 motors of low resistance, each started and braked a dozen times,
-# steps that double end a tenth far off; these do in one that the load may or may not carry away.
+# Iron that saturates prolongs the inrush. Of 25 motors of low resistance, each started and braked a dozen times, three
+# quarters have its heat right to 0.02 K then; to 0.09 K where steps double.
 GROWTH_SATURATING = 1.5
 # A bend that is crossed within a step costs the speed some share^2 / 8 of the acceleration there; a motor has settled
 # to 1 part in 150 after five time constants.

@@ -13,6 +13,7 @@ from jaxmodel.simulate import simulate as run
 from tests.independent import simulate
 
 STRONG = {"R_0": 0.063, "k_tau": 0.039}  # an inrush of two hundred ampere
+SLOW = STRONG | {"J": 0.003}  # on a brake, with a time constant of an eighth of a second
 
 
 def held(*levels: float) -> np.ndarray:
@@ -25,23 +26,26 @@ DRIVES = held(12.1, 3.0, 13.2, 10.4, 0.0, -5.0), held(0.1, 0.04, 0.1, 0.04, 0.0,
 STARTS = held(0.0, 12.0, 0.0, -10.0, 0.0, 14.0), held(0.0, 0.15, 0.0, -0.12, 0.0, 0.17)
 REVERSALS = held(6.0, 12.0, -8.0, 10.0, 0.0, 14.0), held(0.0, 0.1, 0.0, 0.1, 0.0, 0.1)
 CASES = {
-    "coasting": ("brush_drop", {"V_b": 1.5}, *DRIVES),
-    "little drop": ("brush_drop", {"V_b": 0.1}, *DRIVES),
-    "starting": ("saturation", {"i_s": 40.0}, *STARTS),
-    "reversing": ("saturation", {"i_s": 60.0}, *REVERSALS),
+    "coasting": (STRONG, "brush_drop", {"V_b": 1.5}, *DRIVES),
+    "little drop": (STRONG, "brush_drop", {"V_b": 0.1}, *DRIVES),
+    "starting": (STRONG, "saturation", {"i_s": 40.0}, *STARTS),
+    "reversing": (STRONG, "saturation", {"i_s": 60.0}, *REVERSALS),
+    "slow": (SLOW, "brush_drop", {"V_b": 0.35}, *DRIVES),
 }
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_long_rows_of_a_motor_whose_law_bends(case: str):
-    effect, numbers, voltage, load = CASES[case]
+    hardware, effect, numbers, voltage, load = CASES[case]
     inputs = {"voltage_V": voltage, "load_torque_Nm": load, "ambient_degC": np.full(voltage.size, 20.0)}
     time = 1.5 * np.arange(voltage.size)
-    truth = simulate("motor", STRONG, {"time_s": time, **inputs}, {effect: numbers})
-    model = Model("motor", Parameters(**STRONG), effects=(make_effect(effect, numbers, case),))
+    truth = simulate("motor", hardware, {"time_s": time, **inputs}, {effect: numbers})
+    model = Model("motor", Parameters(**hardware), effects=(make_effect(effect, numbers, case),))
     found = run(model, Profile(time, inputs)).readings
     warmest = truth["winding_temperature_degC"].max() - 20.0
-    np.testing.assert_allclose(found["current_A"], truth["current_A"], rtol=0.0, atol=2e-3)
-    np.testing.assert_allclose(found["speed_rad_s"], truth["speed_rad_s"], rtol=0.0, atol=0.05)
+    # Within a row of a slow rotor its start goes on, and with it the errors of the steps.
+    current, speed = (0.1, 0.7) if hardware is SLOW else (2e-3, 0.05)
+    np.testing.assert_allclose(found["current_A"], truth["current_A"], rtol=0.0, atol=current)
+    np.testing.assert_allclose(found["speed_rad_s"], truth["speed_rad_s"], rtol=0.0, atol=speed)
     heat = found["winding_temperature_degC"] - truth["winding_temperature_degC"]
     assert np.abs(heat).max() < 0.02 * warmest, (np.abs(heat).max(), warmest)
