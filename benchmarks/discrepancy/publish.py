@@ -71,7 +71,7 @@ def publish_sealed(folder: Path, page: Path) -> None:
     seen = {case.number for case in opened}
     cases = [case for case in read(folder) if case.number >= SEALED_FROM and case.number not in seen]
     cases = keep(cases, page.with_suffix("") / "sealed.jsonl")
-    sets = {"sealed": cases} | ({"opened since, by the version before": opened} if opened else {})
+    sets = {"sealed": cases} | ({"opened since, by versions before": opened} if opened else {})
     _write(page.with_suffix("") / "results.json", {"sealed": _summary(cases)})
     tables = {
         "sealed cases": _in_words(cases),
