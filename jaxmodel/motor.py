@@ -81,8 +81,7 @@ def rates(motor: Motor, terminal_voltage_V: Scalar, pair: Pair) -> Pair:
     L_a di_a/dt = V_M - R i_a - k_e w - drops; J dw/dt = tau_D - tau_l - smooth friction.
     """
     context = _running(motor, pair)
-    drop = fold(motor.effects, "armature_voltage_drop", jnp.zeros(()), context)
-    torque = fold(motor.effects, "motor_torque", motor.torque_constant * pair.current, context)
+    drop, torque = _voltage_drop(motor, pair), _driving_torque(motor, pair)
     friction = fold(motor.effects, "friction_torque", jnp.zeros(()), context)
     ohmic, back_emf = motor.winding_resistance_ohm * pair.current, motor.torque_constant * pair.speed
     across = terminal_voltage_V - ohmic - back_emf - drop
@@ -91,6 +90,14 @@ def rates(motor: Motor, terminal_voltage_V: Scalar, pair: Pair) -> Pair:
 
 def _running(motor: Motor, pair: Pair) -> MotorContext:
     return eqx.tree_at(lambda c: (c.current_A, c.speed_rad_s), motor.context, (pair.current, pair.speed))
+
+
+def _voltage_drop(motor: Motor, pair: Pair) -> Scalar:
+    return fold(motor.effects, "armature_voltage_drop", jnp.zeros(()), _running(motor, pair))
+
+
+def _driving_torque(motor: Motor, pair: Pair) -> Scalar:
+    return fold(motor.effects, "motor_torque", motor.torque_constant * pair.current, _running(motor, pair))
 
 
 def _secant_end(start: Scalar, expected: Scalar, rate: Scalar) -> Scalar:
@@ -167,7 +174,7 @@ def _following_the_torque(jacobian: Matrix, motor: Motor, start: Pair, end: Pair
 
     def chord(pair: Pair) -> Scalar:
         none = pair.current == 0.0
-        torque = fold(motor.effects, "motor_torque", motor.torque_constant * pair.current, _running(motor, pair))
+        torque = _driving_torque(motor, pair)
         return jnp.where(none, motor.torque_constant, torque / jnp.where(none, 1.0, pair.current)) / inertia
 
     least = CHORD_SHARE * jnp.minimum(chord(start), chord(end))
@@ -177,15 +184,12 @@ def _following_the_torque(jacobian: Matrix, motor: Motor, start: Pair, end: Pair
 
 def _bend_of_the_drop(motor: Motor, start: Pair, secant_end: Pair) -> Bend:
     """Return what a voltage drop is beyond its secant in the current: near zero current it bends sharply."""
-
-    def drop(pair: Pair) -> Scalar:
-        return fold(motor.effects, "armature_voltage_drop", jnp.zeros(()), _running(motor, pair))
-
-    at_start = drop(start)
-    slope = (drop(Pair(secant_end.current, start.speed)) - at_start) / (secant_end.current - start.current)
+    at_start = _voltage_drop(motor, start)
+    at_end = _voltage_drop(motor, Pair(secant_end.current, start.speed))
+    slope = (at_end - at_start) / (secant_end.current - start.current)
 
     def off_the_line(pair: Pair) -> Scalar:
-        return (drop(pair) - at_start - slope * (pair.current - start.current)) / motor.inductance_H
+        return (_voltage_drop(motor, pair) - at_start - slope * (pair.current - start.current)) / motor.inductance_H
 
     return Bend(off_the_line, slope / motor.inductance_H)
 
