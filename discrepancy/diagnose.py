@@ -151,6 +151,7 @@ def diagnose(
         proposals=best_of_each(propose(judge, rivals)),
         law=unexplained,
         law_source=_law_source(case, unexplained, left[beside]),
+        far=tuple(found.far),
     )
 
 

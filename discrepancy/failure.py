@@ -27,6 +27,8 @@ _BLOCKS = 60
 _UNITS = {"A": "A", "V": "V", "Nm": "Nm", "degC": "degC", "s": "s"}
 # A shift of a parameter from run to run is worth a sentence where a right model would hardly want it.
 _SURE = 1e-3
+# What goes is said in percent from here on.
+_WORTH_SAYING = 0.005
 # A model that leaves a channel this many times what its noise explains has not explained it. Of the development cases
 # that were answered rightly the worst is at 1.02 (readings weighed one by one); sensors' sd are stated to some percent.
 FAR_ABOVE = 1.25
@@ -86,14 +88,14 @@ class Failure:
         if not self.shifts or self.shifts[0].p_value > _SURE or self.excess <= 0.0:
             return ""
         first = self.shifts[0]
-        share = 100.0 * min(self.shift_share, 1.0)
         low, high = (
             min(first.wanted, key=lambda run: first.wanted[run]),
             max(first.wanted, key=lambda run: first.wanted[run]),
         )
         ordered = f", in the order of {first.goes_with}" if first.goes_with else ""
+        gone = f"up to {min(self.shift_share, 1.0):.0%}" if self.shift_share > _WORTH_SAYING else "hardly any"
         return (
-            f"If parameters could differ from run to run, up to {share:.0f} % of the excess error would go; "
+            f"If parameters could differ from run to run, {gone} of the excess error would go; "
             f"{first.parameter}, {first.calibrated:.3g} for all, would be {first.wanted[low]:.3g} in {low} "
             f"and {first.wanted[high]:.3g} in {high}{ordered}."
         )

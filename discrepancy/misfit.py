@@ -68,14 +68,23 @@ class Block:
 
     def sentence(self, tried: Iterable[Block] = ()) -> str:
         """Say where it acts and how it depends on state and input; of all laws tried, which variables serve as well."""
-        change = self.law[np.argmax(self.knots)] - self.law[np.argmin(self.knots)]
-        trend = "rising" if change > 0.0 else "falling"
-        shape = "" if np.all(np.diff(self.law) * change >= 0.0) else ", not evenly"
         factor = f" in proportion to {self.multiplier}" if self.multiplier else ""
         return (
-            f"what is left acts on {self.channel}{factor} as a function of {self.variable}, {trend}{shape} "
-            f"by {' '.join(filter(None, (f'{abs(change):.3g}', self.unit)))} over {self.knots.min():.3g} to "
-            f"{self.knots.max():.3g}{self._or(tried)}"
+            f"what is left acts on {self.channel}{factor} as a function of {self.variable}, {self._shape()} over "
+            f"{self.knots.min():.3g} to {self.knots.max():.3g}{self._or(tried)}"
+        )
+
+    def _shape(self) -> str:
+        """Say how the law runs: by how much it rises or falls, or between which extremes it does both."""
+        law = self.law[np.argsort(self.knots)]
+        turns = np.diff(law)
+        unit = f" {self.unit}" if self.unit else ""
+        if np.all(turns >= 0.0) or np.all(turns <= 0.0):
+            return f"{'rising' if law[-1] > law[0] else 'falling'} by {abs(law[-1] - law[0]):.3g}{unit}"
+        low, high = np.argmin(self.law), np.argmax(self.law)
+        return (
+            f"rising and falling between {self.law[low]:.3g}{unit} at {self.knots[low]:.3g} and "
+            f"{self.law[high]:.3g}{unit} at {self.knots[high]:.3g}"
         )
 
     def _or(self, tried: Iterable[Block]) -> str:

@@ -52,7 +52,12 @@ class ScoreEntry:
 
 @dataclasses.dataclass(frozen=True)
 class Diagnosis:
-    """The whole result for one case."""
+    """The whole result for one case.
+
+    Attributes:
+        far: channels that no model of few effects brings near their noise: chi-square is over what the best single
+            effect leaves in them.
+    """
 
     case: Case
     verdict: str
@@ -70,6 +75,7 @@ class Diagnosis:
     proposals: tuple[Proposal, ...] = ()
     law: Block | None = None
     law_source: str | None = None
+    far: tuple[str, ...] = ()
 
     @property
     def base(self) -> Rung:

@@ -66,6 +66,19 @@ def test_a_law_on_another_channel_is_not_laid_at_the_first() -> None:
     assert block.significant
 
 
+@pytest.mark.parametrize(
+    ("law", "said"),
+    [
+        ([0.0, 0.5, 2.0], "rising by 2 Ohm over 0.2 to 1"),
+        ([2.0, 0.5, 0.5], "falling by 1.5 Ohm over 0.2 to 1"),
+        ([1.0, -0.5, 2.0], "rising and falling between -0.5 Ohm at 0.6 and 2 Ohm at 1 over 0.2 to 1"),
+    ],
+)
+def test_a_law_is_said_to_rise_or_fall_only_where_it_does_nothing_else(law: list[float], said: str) -> None:
+    block = Block("voltage_V", "", "soc", 9.0, 3, 1e-9, np.array([0.2, 0.6, 1.0]), np.array(law), unit="Ohm")
+    assert block.sentence().endswith(said)
+
+
 def test_what_the_base_model_imitates_is_no_law() -> None:
     rows, _ = made(2, lambda v: 0.01 * v["current_A"])
     assert not strongest(**rows).significant

@@ -98,6 +98,14 @@ def test_model_that_fails_nowhere_has_a_report_too(diagnosis: Diagnosis, tmp_pat
     assert "Where it fails" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
+def test_chi_square_over_something_else_than_noise_says_so(page: Page, diagnosis: Diagnosis, tmp_path: Path) -> None:
+    """Far from the noise it is near one where the error is not: a reader must not take it for a good fit."""
+    assert "weighed by what" not in page.text
+    far = dataclasses.replace(diagnosis, far=("voltage_V",))
+    write_report(far, tmp_path / "report.html", pictures_of(far, simulate_case(diagnosis.case)))
+    assert "weighed by what" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
 def test_labels_of_maps_stay_beside_their_map(diagnosis: Diagnosis) -> None:
     """The longest name of a condition is longer than a map is high."""
     found = diagnosis.failure

@@ -185,7 +185,7 @@ def candidates(diagnosis: Diagnosis) -> Figure:
 @styled
 def law(found: Block) -> Figure:
     """Draw the law that explains what is left, at the knots between which it is straight."""
-    figure = new_figure(0.6 * PAGE_CM, 6.0)
+    figure = new_figure(PAGE_CM, 7.0)
     axes = figure.subplots()
     axes.axhline(0.0, color=GREY, lw=0.7)
     axes.plot(found.knots, found.law, "o-", color=FINAL, markersize=4.0)
@@ -193,5 +193,5 @@ def law(found: Block) -> Figure:
     of_channel = f"{split_unit(found.channel)[1]} per unit of {found.multiplier}" if found.multiplier else ""
     unit = found.unit or of_channel or split_unit(found.channel)[1]
     axes.set_ylabel(axis_label("what is missing", unit.replace("_", " ")).replace(" [", "\n["), fontsize=8.0)
-    axes.set_title("\n".join(textwrap.wrap(f"Law in {found.channel.replace('_', ' ')}", 48)))
+    axes.set_title("\n".join(textwrap.wrap(f"What is missing from {split_unit(found.channel)[0]}", 90)))
     return figure
