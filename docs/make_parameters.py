@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -86,7 +87,7 @@ def _effects(classes: Iterable[type[Effect]]) -> str:
     rows = [
         (
             f"`{cls.name}`",
-            (inspect.getdoc(cls) or "").partition(":")[0].rstrip("."),
+            re.split(r":|\n\n", inspect.getdoc(cls) or "")[0].rstrip("."),
             f"`{cls.equation}`",
             ", ".join(cls.kinds),
             ", ".join(f"`{port}`" for port in PORTS if hasattr(cls, port)),
