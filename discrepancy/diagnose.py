@@ -17,7 +17,7 @@ from discrepancy.law_file import law_file
 from discrepancy.leftover import leftover_laws
 from discrepancy.misfit import Block
 from discrepancy.next_experiment import best_of_each, propose
-from discrepancy.posterior import MOST, SOMETHING_ELSE, bayes_factors, hypothesis_name, probabilities
+from discrepancy.posterior import MOST, PRIOR, SOMETHING_ELSE, bayes_factors, hypothesis_name, probabilities
 from discrepancy.remarks import remarks, what_is_explained, worse_held_out
 from discrepancy.result import Diagnosis, NamedEffect, ScoreEntry
 from discrepancy.score import sight
@@ -97,7 +97,12 @@ def diagnose(
         EffectError: a name that is no candidate of this case, or a sensor's effect without its column.
     """
     session = Session(case, extra_effects, without)
-    wanted = _one_column_each(session, add)
+    wanted = session.labels_to_add(add)
+    if len(wanted) > max(PRIOR):
+        raise EffectError(
+            f"--add names {len(wanted)} effects, and no more than {max(PRIOR)} are weighed together; put those that "
+            "you are sure of under [effects] of the case."
+        )
     session.warm_up()
     found = find_best_model(session, progress, wanted)
     session, best, judge = found.session, found.best, found.judge
@@ -131,6 +136,7 @@ def diagnose(
         added = [effect.label for effect in named[:count]]
         ladder.append(session.rung("with " + " + ".join(added), session.hypothesis(added)))
     blind = _blind(session, first)
+    blind_names = dict.fromkeys(session.candidates[label].effect.name for label in blind)
     rivals = _undecided_between(judge, weighed)
     if rivals:
         tell(progress, "looking for the experiment that would decide")
@@ -140,7 +146,7 @@ def diagnose(
         effects=named,
         candidates=tuple((name, p) for name, p in weighed.items() if p >= 5e-4),
         unexplained=unexplained.sentence(left[beside]) if unexplained is not None else scatter or None,
-        blind_to=blind,
+        blind_to=tuple(blind_names),
         noise=session.noise,
         ladder=tuple(ladder),
         scores=_scores(first, blind),
@@ -182,16 +188,6 @@ def _law_source(case: Case, law: Block | None, tried: Sequence[Block]) -> str | 
         return None
     nearly = [block for block in tried if block.drop > NEARLY_THE_LAW * law.drop]
     return next(filter(None, (law_file(block, case.kind, case.name) for block in nearly)), None)
-
-
-def _one_column_each(session: Session, names: Sequence[str]) -> tuple[str, ...]:
-    """Return the labels of effects that the user wants added."""
-    labels = session.labels_of(names)
-    for label in labels:
-        others = [other for other in labels if other != label and other.split(":")[0] == label.split(":")[0]]
-        if others:
-            raise EffectError(f"--add {label.split(':')[0]}: say of which column, as in --add {label}.")
-    return session.key(labels)
 
 
 def _verdict(session: Session, best: Hypothesis, weighed: dict[str, float], unexplained: Block | None) -> str:
@@ -267,7 +263,10 @@ def _named(
 
 
 def _rivals(session: Session, best: Hypothesis, label: str) -> tuple[str, ...]:
-    """Return the effects that, put in an effect's place and refitted, explain the readings as well."""
+    """Return the effects that, put in an effect's place and refitted, explain the readings as well.
+
+    The same fault on another column is told by its column.
+    """
     rest = set(best.labels) - {label}
     others = [
         next(iter(set(one.labels) - rest))
@@ -277,18 +276,20 @@ def _rivals(session: Session, best: Hypothesis, label: str) -> tuple[str, ...]:
         and one.labels != best.labels
         and one.log_evidence > best.log_evidence - TOLD_APART
     ]
-    return tuple(dict.fromkeys(session.candidates[other].effect.name for other in others))
+    name = session.candidates[label].effect.name
+    names = {other: session.candidates[other].effect.name for other in others}
+    return tuple(dict.fromkeys(other if known == name else known for other, known in names.items()))
 
 
 def _blind(session: Session, screened: Screen) -> tuple[str, ...]:
-    """Return what this data could not have shown: effects at the low end of their usual range below four sigma."""
+    """Return labels of what this data could not have shown: below four sigma at the low end of its usual range."""
     smallest = {}
     for name in screened.probes:
         coordinate = session.candidates[name].coordinates[0]
         smallest[name] = float(np.exp(-coordinate.spread)) if coordinate.logarithmic else 0.2
     unseen = [entry.name for entry in sight(screened.table, smallest) if entry.cell == "blind"]
     unscored = [label for label in session.candidates if label not in screened.probes]
-    return tuple(dict.fromkeys(session.candidates[label].effect.name for label in [*unseen, *unscored]))
+    return (*unseen, *unscored)
 
 
 def _scores(screened: Screen, blind: tuple[str, ...]) -> tuple[ScoreEntry, ...]:
@@ -297,7 +298,7 @@ def _scores(screened: Screen, blind: tuple[str, ...]) -> tuple[ScoreEntry, ...]:
             label=effect.name,
             z=float(np.copysign(effect.z_equivalent, effect.z)),
             significant=effect.name in screened.table.significant,
-            blind=effect.name.split(":")[0] in blind,
+            blind=effect.name in blind,
             hidden_by=effect.hidden_by,
         )
         for effect in screened.table.effects

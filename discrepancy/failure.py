@@ -159,10 +159,12 @@ def failure(session: Session, hypothesis: Hypothesis) -> Failure:
         )
         starts = np.diff(runs, prepend=-1) != 0
         blocks = block_labels(starts, max(5, w.size // _BLOCKS))
-        cells[name] = split_excess(w, regressors, blocks)
-        of_state = [one for one in regressors if one.name not in ("run", "time_s")]
+        of_runs = [one for one in regressors if one.name == "run"]
+        others = [one for one in regressors if one.name != "run"]
+        cells[name] = split_excess(w, of_runs, blocks, bins=len(session.case.runs)) + split_excess(w, others, blocks)
+        of_state = [one for one in others if one.name != "time_s"]
         maps[name] = {(x.name, y.name): map_over_two(w, x, y, blocks) for x, y in itertools.combinations(of_state, 2)}
-        region = worst_region(w, [one for one in regressors if one.name != "run"])
+        region = worst_region(w, others)
         if region is not None:
             sentences.append(f"{name}: {region.sentence()}")
         for number in np.unique(runs):
@@ -199,7 +201,7 @@ def _shifts(
     the prior's, about the values calibrated to all runs.
     """
     layout, fitted = hypothesis.layout, hypothesis.fitted
-    runs = [number for number, one in enumerate(session.case.runs) if one.split == "fit"]
+    runs = np.unique(run).tolist()
     if len(runs) < 2:
         return (), 0.0
     information = fitted.run_information[runs] + np.eye(fitted.x.size)

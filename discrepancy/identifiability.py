@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -15,10 +15,12 @@ from discrepancy.session import Hypothesis, Session
 from discrepancy.whitening import chain_starts
 from jaxmodel.build import case_model
 from jaxmodel.cases import Case
+from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import ParameterError, nearest
 from jaxmodel.known import Known
 from jaxmodel.names import parameter_table, value
 from jaxmodel.parameters import TABLE, info
+from jaxmodel.ports import Effect
 from sensitivity.information import Floats, Information, direction_in_words
 
 # What is asked for and stated as exact is taken as known to this share of its value, for want of anything better.
@@ -207,7 +209,9 @@ def _rounded(number: float) -> str:
     return f"{number:.2g}" if abs(number) < 100.0 else f"{number:.0f}"
 
 
-def asking_for(case: Case, names: Sequence[str]) -> tuple[Case, tuple[str, ...]]:
+def asking_for(
+    case: Case, names: Sequence[str], catalogue: Mapping[str, type[Effect]] = CATALOGUE
+) -> tuple[Case, tuple[str, ...]]:
     """Return the case with parameters made uncertain that it states as exact, and which these are.
 
     A number without an uncertainty is taken as known to 30 % of its value, one that may be zero to a tenth of its
@@ -219,14 +223,16 @@ def asking_for(case: Case, names: Sequence[str]) -> tuple[Case, tuple[str, ...]]
     changed: dict[str, Known] = {}
     for name in names:
         if name not in TABLE:
-            known = parameter_table(case_model(case, case.runs[0]))
+            known = parameter_table(case_model(case, case.runs[0], catalogue=catalogue))
             raise ParameterError(f"--parameter {name}: no parameter is called so.{nearest(name, [*known])}")
         stated = case.parameters.get(name)
         in_runs = name == "initial_soc" or any(name in run.overrides and run.overrides[name].sd for run in case.runs)
         if in_runs or (stated is not None and stated.sd is not None):
             continue
         known = info(name)
-        number = float(stated.value if stated is not None else value(case_model(case, case.runs[0]), name))
+        number = float(
+            stated.value if stated is not None else value(case_model(case, case.runs[0], catalogue=catalogue), name)
+        )
         width = known.upper - known.lower
         sd = ASSUMED_SHARE * abs(number) or (_ASSUMED_RANGE_SHARE * width if np.isfinite(width) else 1.0)
         changed[name] = Known(number, sd)
@@ -249,6 +255,8 @@ def calibrated(session: Session, labels: Sequence[str] = ()) -> tuple[Session, H
     runs = [run for run in session.case.runs if run.split == "fit"]
     for name, model in coarse.weights.items():
         own = [run for run in runs if name in run.measured.outputs]
+        if not own:
+            continue
         left = [run.measured.outputs[name] - predictions[run.name][name] for run in own]
         found = residual_noise(np.concatenate(left), chain_starts([part.size for part in left]))
         coarse.weights[name] = dataclasses.replace(model, sd=max(model.sd, found.sd), rho=max(found.rho, 0.0))

@@ -19,6 +19,8 @@ from discrepancy.session import Hypothesis, Session
 from jaxmodel.cases import Case, Known, Run
 from jaxmodel.measurements import Measured
 
+# Inputs that drive; all others load.
+DRIVES = ("current_A", "voltage_V", "duty")
 AMBIENTS_degC = (-10.0, 0.0, 10.0, 25.0, 40.0)
 FIRST_SOC = 0.95
 EMPTY_SOC = 0.1
@@ -75,7 +77,7 @@ def bank(case: Case) -> Iterator[Run]:
 
     They last as long, and are read as often, as the longest run of the case.
     """
-    longest = max(case.runs, key=lambda run: run.measured.time_s.size)
+    longest = max(case.runs, key=lambda run: np.ptp(run.measured.time_s))
     times = longest.measured.time_s
     time_s = np.linspace(0.0, float(times[-1] - times[0]), times.size)
     largest = {
@@ -100,11 +102,12 @@ def _patterns(time_s: np.ndarray, kind: str):
     part = time_s / span
 
     def both(drive: np.ndarray, load: np.ndarray):
-        return lambda name: np.where(rested, load if name.endswith("torque_Nm") else drive, 0.0)
+        return lambda name: np.where(rested, drive if name in DRIVES else load, 0.0)
 
     steps = np.array([0.2, 0.6, 0.35, 0.9, 0.5, 1.0, 0.7, 0.25])
     stepped = steps[np.minimum((part * steps.size).astype(int), steps.size - 1)]
-    pulses = np.where((time_s % max(span / 12.0, 4.0)) < 0.25 * max(span / 12.0, 4.0), 1.0, 0.0)
+    period = max(span / 12.0, 4.0 * span / (time_s.size - 1))
+    pulses = np.where((time_s % period) < 0.25 * period, 1.0, 0.0)
     slow, one = np.full(time_s.size, 0.15), np.ones(time_s.size)
     alternating = np.where((part * 8.0).astype(int) % 2 == 0, 0.8, -0.4)
     if kind == "cell":

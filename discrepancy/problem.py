@@ -315,7 +315,7 @@ def make_problem(
     models = [_with_effects(model, added) for model in bare]
     readings = flatten(case, noise, KINDS[case.kind].outputs, times.shape[1], input_noise)
     if not np.any(readings.fit):
-        raise FitError(f'{file_label(case.path)}: no reading of a run with split = "fit"; mark at least one such run.')
+        raise FitError(f"{file_label(case.path)}: {_why_no_readings(case)}.")
     fit_runs = np.flatnonzero([run.split == "fit" for run in case.runs])
     parts = {
         field: jnp.asarray([getattr(coordinate, field) for coordinate in layout.coordinates])
@@ -332,6 +332,17 @@ def make_problem(
         shapes=_shapes([_length(last_step[None]) for last_step in np.asarray(courses.last_step)[fit_runs]]),
     )
     return problem, layout
+
+
+def _why_no_readings(case: Case) -> str:
+    """Return why there is nothing to calibrate to, and what to do."""
+    read = {name for run in case.runs if run.split == "fit" for name in run.measured.outputs}
+    if not read:
+        return 'no reading of a run with split = "fit"; mark at least one such run, with a column that is measured'
+    return (
+        f"{' and '.join(sorted(read))} never change in the fit runs and their noise is not stated, so that nothing is "
+        "learnt from them; state it under [sensors], or measure something that moves"
+    )
 
 
 def _switched(effect: Effect, on: float) -> Effect:

@@ -81,8 +81,11 @@ def starts_elsewhere(case: Case, noise: Mapping[str, NoiseModel], predicted: Pre
         off = {}
         for run in runs:
             read = run.measured.outputs[name]
-            starts = float(read[0] - predicted[run.name][name][0])
-            course = float(np.nanmax(read) - np.nanmin(read)) if np.isfinite(read).any() else 0.0
+            there = np.flatnonzero(np.isfinite(read))
+            if not there.size:
+                continue
+            starts = float(read[there[0]] - predicted[run.name][name][there[0]])
+            course = float(np.ptp(read[there]))
             if abs(starts) > max(STARTS_ELSEWHERE * model.sd, SHARE_OF_COURSE * course):
                 off[run.name] = starts
         if off:

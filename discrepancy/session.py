@@ -14,6 +14,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
+from discrepancy.alike import check_sign_of_current, with_like_inputs
 from discrepancy.calibrate import IDLE_GAIN, Fit, fit, look
 from discrepancy.candidates import Candidate, candidates
 from discrepancy.contract import noise_left_by, noise_of_case, noise_passed_on, without_input_noise
@@ -83,8 +84,9 @@ class Session:
         self, case: Case, extra_effects: Mapping[str, type[Effect]] | None = None, without: Sequence[str] = ()
     ) -> None:
         """Read the case's noise and list what could be missing, without the effects that the user rules out."""
-        self.case = with_held_inputs(case)
         self.catalogue = CATALOGUE | dict(extra_effects or {})
+        self.case = with_held_inputs(with_like_inputs(case))
+        check_sign_of_current(self.case, self.catalogue)
         self.noise: dict[str, NoiseModel] = noise_of_case(self.case, self.catalogue)
         self.candidates: dict[str, Candidate] = {c.label: c for c in candidates(self.case, self.catalogue)}
         ruled_out = self.labels_of(without)
@@ -138,6 +140,20 @@ class Session:
         present = [self.candidates[label] for label in hypothesis.labels]
         family = [self.candidates[label] for label in hypothesis.layout.of_effect]
         return make_problem(case, self.weights, present, (), self.catalogue, family=family)[0]
+
+    def labels_to_add(self, names: Sequence[str]) -> Labels:
+        """Return the candidates that a user wants in the model.
+
+        Raises:
+            EffectError: no candidate is called so, or a fault could be on several columns.
+        """
+        labels: dict[str, None] = {}
+        for name in names:
+            meant = self.labels_of([name])
+            if len(meant) > 1:
+                raise EffectError(f"--add {name}: say of which column, as in --add {meant[0]}.")
+            labels |= dict.fromkeys(meant)
+        return self.key(tuple(labels))
 
     def warm_up(self) -> None:
         """Begin to compile the screening programs, which takes as long as the first fits, beside them."""
@@ -229,7 +245,7 @@ class Session:
         tries = [layout.at({BASE: known, **start}) for start in starts or [{}]]
         if not key:
             tries.append(likeliest_of_some(problem, layout.base))
-        rivals = [one.fitted.objective for one in self._hypotheses.values() if 0 < len(one.labels) <= len(key)]
+        rivals = [one.fitted.objective for one in self.known() if 0 < len(one.labels) <= len(key)]
         rival = min(rivals, default=np.inf)
 
         def calibrated(begin: np.ndarray) -> Fit:
@@ -339,7 +355,7 @@ class Session:
         x = np.zeros_like(fitted.x) if nominal else fitted.x.copy()
         checks = {number for number, run in enumerate(self.case.runs) if run.split == "check"}
         own = [i for i, run in enumerate(layout.runs) if run in checks]
-        if own and not nominal:
+        if own and not nominal and problem.runs_read("check").size:
             x = fit(problem, x, own, "check").x
         predicted = predict(problem, x)
         predictions = {

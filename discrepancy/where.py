@@ -97,7 +97,7 @@ def split_excess(
             cells.append(
                 Cell(regressor.name, within.min(), within.max(), len(within), excess, share, bias, error, False)
             )
-            p_values.append(2.0 * t.sf(abs(bias) / error, count - 1) if count > 1 else 1.0)
+            p_values.append(2.0 * t.sf(abs(_z(bias, error)), count - 1) if count > 1 else 1.0)
     if not cells:
         return ()
     biased = multipletests(p_values, alpha=0.05, method="fdr_bh")[0]
@@ -149,7 +149,7 @@ def map_over_two(
             if members.size < 5:
                 continue
             bias, error, count = _clustered_mean(w[members], cluster[members])
-            z = bias / error if np.isfinite(error) and error > 0.0 else 0.0
+            z = _z(bias, error)
             sides = [
                 (float(v[part].min()), float(v[part].max())) for v, part in zip(along, (columns, rows), strict=True)
             ]
@@ -160,6 +160,11 @@ def map_over_two(
         return ()
     biased = multipletests(p_values, alpha=0.05, method="fdr_bh")[0]
     return tuple(replace(cell, is_biased=bool(one)) for cell, one in zip(found, biased, strict=True))
+
+
+def _z(bias: float, error: float) -> float:
+    """Return a mean over its standard error; 0 for a single cluster, and where no reading differs from another."""
+    return bias / error if np.isfinite(error) and error > 0.0 else 0.0
 
 
 def _without_rounding(values: Floats) -> Floats:

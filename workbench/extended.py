@@ -13,6 +13,7 @@ from jaxmodel.case_schema import parse_case
 from jaxmodel.cases import Case, Known, Run, Table
 from jaxmodel.declaration import ParameterInfo, describe
 from jaxmodel.effects import CATALOGUE
+from jaxmodel.measurements import read_utf8
 from jaxmodel.parameters import info
 from jaxmodel.ports import Effect
 from workbench import toml
@@ -64,7 +65,7 @@ def write_case(case: Case, path: Path, comments: list[str] | None = None) -> Non
         comments: lines to stand on top.
     """
     # A run's constant ambient temperature is in the case file alone, and read_case has made a column of it.
-    entries = parse_case(case.path.read_text(encoding="utf-8"), case.path.name).runs
+    entries = parse_case(read_utf8(case.path), case.path.name).runs
     constants = [{} if e.ambient_degC is None else {"ambient_degC": e.ambient_degC} for e in entries]
     soc = [{} if case.kind == "motor" else {"initial_soc": run.initial_soc.value} for run in case.runs]
     content: dict[str, Any] = {"title": case.title, "kind": case.kind, "preset": case.preset}

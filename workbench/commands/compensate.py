@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -28,6 +29,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 RECORDED = EXAMPLES / "paper_table1" / "recorded"
 MISSION = EXAMPLES / "missions" / "house_search.toml"
 PRINTED = "equations as printed"
+_RECORDED = "Table 1 by "
 AMBIENT_DEGC = np.arange(-20.0, 60.1, 5.0)
 TORQUE_NM = np.round(np.arange(0.1, 0.3501, 0.0125), 4)
 MISSION_DEGC = np.arange(-20.0, 60.1, 10.0)
@@ -72,7 +74,7 @@ def compensate_models(out: Path, cases: Sequence[Path], mission_path: Path | Non
         f"The duty that holds the pace of the charge; made in {time.perf_counter() - began:.0f} s",
         lines,
         sections,
-        [*(path if path.suffix else path / "case.toml" for path in paths), mission_path],
+        [*(read_case(path).path for path in paths), mission_path],
     )
     for section in sections:
         for table in (part for part in section.parts if isinstance(part, Table)):
@@ -92,12 +94,12 @@ def _recorded() -> list[Path]:
 
 
 def _recorded_name(path: Path) -> str:
-    return "Table 1 by " + " and ".join(read_case(path).effects)
+    return _RECORDED + " and ".join(read_case(path).effects)
 
 
 def _write(out: Path, name: str, model: Model, map_: Compensation) -> None:
     """Write a map as CSV and as two headers."""
-    label = "printed" if name == PRINTED else name.split()[-1]
+    label = "printed" if name == PRINTED else re.sub(r"\W+", "-", name.removeprefix(_RECORDED))
     rows = [
         (t, m, map_.duty[i, j], map_.share[i, j], map_.before.soc_gradient[i, j], map_.after.soc_gradient[i, j],
          map_.after.speed_rad_s[i, j])

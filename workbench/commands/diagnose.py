@@ -197,6 +197,8 @@ def pictures_of(diagnosis: Diagnosis, outcomes: Sequence[Outcome]) -> dict[str, 
     if diagnosis.scores:
         pictures["scores"] = png(evidence.scores(diagnosis))
     for run, outcome in zip(diagnosis.case.runs, outcomes, strict=True):
+        if not any(np.any(np.isfinite(run.measured.outputs.get(channel, np.nan))) for channel in noise_sd):
+            continue
         of_run = {name: predictions[run.name] for name, predictions in models.items()}
         valid = outcome.table["valid"].to_numpy(dtype=bool)
         pictures[f"run-{run.name}"] = png(fit_and_residuals(run, of_run, noise_sd, valid))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import time
 from collections.abc import Mapping, Sequence
@@ -16,6 +17,7 @@ import pandas as pd
 from jaxmodel.build import case_model
 from jaxmodel.cases import Case, read_case
 from jaxmodel.errors import MeasurementError
+from jaxmodel.measurements import file_label, read_utf8
 from jaxmodel.model import Model
 from operation.cheap import Cheap, cheap_of
 from operation.estimate import Measured, Tuning, rms
@@ -95,7 +97,20 @@ def estimate(path: Path, out: Path, count: int, tuning_path: Path | None) -> Non
 
 
 def _read(path: Path) -> dict[str, dict[str, float]]:
-    return json.loads(path.read_text(encoding="utf-8"))
+    """Return the tunings of a run before.
+
+    Raises:
+        MeasurementError: the file is not there, or not one of these.
+    """
+    try:
+        found = json.loads(read_utf8(path))
+        fields = {field.name for field in dataclasses.fields(Tuning)}
+        whole = found.keys() == {AWARE, UNAWARE} and all(found[name].keys() == fields for name in found)
+    except (ValueError, AttributeError):
+        whole = False
+    if not whole:
+        raise MeasurementError(f"{file_label(path)} is no tuning.json of `jaxmodel estimate`; name one that it wrote.")
+    return found
 
 
 def _tuned(model: Model, fit, count: int, progress) -> dict[str, dict[str, float]]:

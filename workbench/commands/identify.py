@@ -22,6 +22,7 @@ from discrepancy.identifiability import (
 )
 from discrepancy.session import Session
 from jaxmodel.cases import read_case
+from jaxmodel.effects import CATALOGUE
 from workbench import terminal
 from workbench.commands.start import own_effects, start
 from workbench.pictures.identifiability import correlations, ellipse, information_bars, profile_beside_quadratic
@@ -53,9 +54,9 @@ def identify(
         UserError: the case cannot be used, or a name is unknown.
     """
     own = own_effects(effects)
-    case, assumed = asking_for(read_case(path), parameters)
+    case, assumed = asking_for(read_case(path), parameters, CATALOGUE | own)
     session = Session(case, own)
-    labels = session.labels_of(add)
+    labels = session.labels_to_add(add)
     start(out)
     with terminal.told("identify") as progress:
         progress("calibrating")

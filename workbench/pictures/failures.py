@@ -116,7 +116,8 @@ def maps(found: Failure) -> Figure:
     figure = new_figure(PAGE_CM, 1.0 + 5.6 * len(channels))
     grid = figure.subplots(len(channels), _MAPS, squeeze=False)
     for row, channel in zip(grid, channels, strict=True):
-        pairs = sorted(found.maps[channel].items(), key=lambda item: -_spread(item[1]))[:_MAPS]
+        full = [(names, cells) for names, cells in found.maps[channel].items() if cells]
+        pairs = sorted(full, key=lambda item: -_spread(item[1]))[:_MAPS]
         sizes = [abs(cell.bias) for _, cells in pairs for cell in cells]
         most = max(_LEAST_FULL_COLOUR, float(np.quantile(sizes, 0.9)) if sizes else 0.0)
         for axes, ((x, y), cells) in zip(row, pairs, strict=False):

@@ -44,7 +44,7 @@ def fit_and_residuals(
     """Draw measurement, models and residuals of one run, a column for each measured channel.
 
     Args:
-        run: the run.
+        run: the run, with readings of one channel at least.
         models: predictions by channel of one or two models, by the name in the legend; the better one last.
         noise_sd: the noise floor of each channel to draw, in the channel's unit.
         valid: by row, False where the equations leave the range in which they make sense; those spans are shaded.

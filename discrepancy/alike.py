@@ -1,0 +1,110 @@
+"""A case as a session takes it: every run driven by the same inputs, currents counted as the model counts them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+
+from jaxmodel.build import case_model, run_profile
+from jaxmodel.cases import Case, Run
+from jaxmodel.effects import CATALOGUE
+from jaxmodel.errors import FitError, MeasurementError
+from jaxmodel.measurements import KINDS, file_label
+from jaxmodel.ports import Effect
+from jaxmodel.robot import duty_of_signal
+from jaxmodel.simulate import simulate
+
+# Reversing its current must leave a cell's voltage this much closer to the model's to be taken for right.
+_CLOSER = 0.5
+# What varies by less than this share of its largest value is constant.
+_CHANGING = 0.05
+
+
+def with_like_inputs(case: Case) -> Case:
+    """Return a case whose runs have the same inputs: a set voltage is its duty (eq. 22), an optional input 0 if absent.
+
+    Raises:
+        FitError: two runs are driven in different ways.
+    """
+    case = _with_duty(case)
+    optional = KINDS[case.kind].optional_inputs
+    zeros = [name for name in optional if any(name in run.measured.inputs for run in case.runs)]
+    runs = []
+    for run in case.runs:
+        inputs = {name: np.zeros(run.measured.time_s.size) for name in zeros} | run.measured.inputs
+        runs.append(_with_inputs(run, inputs))
+    first = runs[0]
+    for run in runs[1:]:
+        if other := sorted(first.measured.inputs.keys() ^ run.measured.inputs.keys()):
+            raise FitError(
+                f"{file_label(case.path)}: {first.file} and {run.file} are driven in different ways ("
+                f"{', '.join(other)}); put runs that are driven alike into a case of their own."
+            )
+    return dataclasses.replace(case, runs=tuple(runs))
+
+
+def check_sign_of_current(case: Case, catalogue: Mapping[str, type[Effect]] = CATALOGUE) -> None:
+    """Refuse a cell whose current is counted as negative on discharge, which nothing else would show so plainly.
+
+    Its voltage then rises with the current and with the charge it takes, in every run, and the stated model, run
+    backwards, is far closer to it.
+
+    Raises:
+        MeasurementError: the sign is wrong.
+    """
+    runs = [run for run in case.runs if case.kind == "cell" and "voltage_V" in run.measured.outputs]
+    runs = [run for run in runs if np.any(run.measured.inputs["current_A"])]
+    if not runs or not all(_rises_with_current(run) for run in runs):
+        return
+    if _misfit(case, runs, -1.0, catalogue) < _CLOSER * _misfit(case, runs, 1.0, catalogue):
+        raise MeasurementError(
+            f"{file_label(case.path)}: voltage_V falls where current_A is negative, in every run; currents are "
+            "positive on discharge, so multiply the column current_A by -1."
+        )
+
+
+def _rises_with_current(run: Run) -> bool:
+    """Return whether the voltage rises with the current and the charge it has carried, as far as these change."""
+    current, voltage = run.measured.inputs["current_A"], run.measured.outputs["voltage_V"]
+    charge = np.cumsum(current * np.diff(run.measured.time_s, prepend=run.measured.time_s[0]))
+    there = np.isfinite(voltage)
+    changing = [one[there] for one in (current, charge) if np.std(one[there]) > _CHANGING * np.max(np.abs(one))]
+    if not changing:
+        return False
+    columns = [one - one.mean() for one in changing]
+    scaled = np.stack([one / np.linalg.norm(one) for one in columns], axis=1)
+    slopes = np.linalg.lstsq(scaled, voltage[there] - voltage[there].mean(), rcond=None)[0]
+    return bool(np.all(slopes > 0.0))
+
+
+def _misfit(case: Case, runs: list[Run], sign: float, catalogue: Mapping[str, type[Effect]]) -> float:
+    """Return the RMS of measured less predicted voltage of the stated model, its currents times a sign."""
+    errors = []
+    for run in runs:
+        turned = _with_inputs(run, run.measured.inputs | {"current_A": sign * run.measured.inputs["current_A"]})
+        found = simulate(case_model(case, run, catalogue=catalogue), run_profile(turned)).readings["voltage_V"]
+        errors.append(run.measured.outputs["voltage_V"] - np.asarray(found))
+    together = np.concatenate(errors)
+    together = together[np.isfinite(together)]
+    return float(np.sqrt(np.mean(together**2))) if together.size else np.inf
+
+
+def _with_duty(case: Case) -> Case:
+    """Return a robot's case with the operator's signal, and the noise stated of it, as duties (eq. 22)."""
+    runs = []
+    for run in case.runs:
+        inputs = dict(run.measured.inputs)
+        if "V_set" in inputs:
+            inputs["duty"] = duty_of_signal(inputs.pop("V_set"))
+        runs.append(_with_inputs(run, inputs))
+    sensors = dict(case.sensors)
+    if "V_set" in sensors:
+        sd = sensors.pop("V_set") * (duty_of_signal(1.0) - duty_of_signal(0.0))
+        sensors = {"duty": sd} | sensors
+    return dataclasses.replace(case, runs=tuple(runs), sensors=sensors)
+
+
+def _with_inputs(run: Run, inputs: Mapping[str, np.ndarray]) -> Run:
+    return dataclasses.replace(run, measured=dataclasses.replace(run.measured, inputs=dict(inputs)))
