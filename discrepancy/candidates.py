@@ -21,6 +21,8 @@ Floats = NDArray[np.float64]
 # other side of a standstill.
 _ACROSS_RIDGES = 0.4
 _ACROSS_STANDSTILL = 1.0
+# No fit begins further from the middle of an amplitude's usual range, in prior sd.
+_FURTHEST_START = 2.5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -130,6 +132,17 @@ class Candidate:
             return np.asarray(x) / (probe or 1.0)
         away = first.spread * (np.asarray(x) - probe)
         return np.exp(-away if self.null_at_infinity else away)
+
+    def at(self, probe: np.ndarray, amplitude: float) -> np.ndarray:
+        """Return the coordinates of an effect so many times as strong as at a probe, within its usual range."""
+        suggested, first = probe.copy(), self.coordinates[0]
+        if first.logarithmic:
+            stronger = math.log(max(amplitude, 1e-3)) / first.spread
+            suggested[0] = probe[0] + (-stronger if self.null_at_infinity else stronger)
+        else:
+            suggested[0] = probe[0] * amplitude
+        suggested[0] = np.clip(suggested[0], -_FURTHEST_START, _FURTHEST_START)
+        return suggested
 
     @property
     def is_sensor(self) -> bool:

@@ -223,15 +223,12 @@ def break_at_jumps(starts: ArrayLike, inputs: ArrayLike, settling_rows: int = 1)
     return result
 
 
-def residual_noise(
-    residual: ArrayLike, starts: ArrayLike, elapsed: ArrayLike | None = None, *, known_sd: float | None = None
-) -> NoiseEstimate:
+def residual_noise(residual: ArrayLike, starts: ArrayLike, *, known_sd: float | None = None) -> NoiseEstimate:
     """Estimate sd and AR(1) correlation of a residual by maximum likelihood, every frequency counted.
 
     Args:
         residual: (n,) measured minus modelled, NaN where the reading is missing.
         starts: (n,) booleans, True where a chain begins.
-        elapsed: (n,) noise clock, as in `whitening.chain_weights`; rows are counted when not given.
         known_sd: the sd, where it is known.
 
     Returns:
@@ -243,13 +240,12 @@ def residual_noise(
         return _NO_ESTIMATE
 
     def likelihood(rho: float) -> tuple[float, float]:
-        _, weight = chain_weights(starts, rho, present, elapsed)
-        squared = whiten(values, starts, rho, 1.0, present, elapsed)[present] ** 2
+        _, weight = chain_weights(starts, rho, present)
+        squared = whiten(values, starts, rho, 1.0, present)[present] ** 2
         variance = known_sd**2 if known_sd else float(np.mean(squared))
         return float(np.sum(np.log(variance * (1.0 - weight**2)) + squared / variance)), variance
 
-    lowest = _RHO_BOUNDS[0] if elapsed is None else 0.0
-    return _maximise(likelihood, (lowest, _RHO_BOUNDS[1]), int(present.sum()))
+    return _maximise(likelihood, _RHO_BOUNDS, int(present.sum()))
 
 
 def local_noise(

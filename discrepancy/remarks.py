@@ -130,5 +130,9 @@ def what_is_explained(found: BestModel) -> tuple[str, ...]:
     base, best = found.session.hypothesis(), found.best
     if not best.labels:
         return (told,)
+    verb = "explains" if len(best.labels) == 1 else "explain"
     share = 100.0 * (1.0 - best.fitted.chi2 / base.fitted.chi2)
-    return (told, f"{' and '.join(best.labels)} explain {share:.3g} % of the mean square that the base model leaves.")
+    return (
+        told,
+        f"{' and '.join(best.labels)} {verb} {share:.3g} % of the mean square that the base model leaves.",
+    )

@@ -13,15 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse.csgraph import connected_components
-from scipy.stats import chi2, norm, t
-from statsmodels.stats.multitest import multipletests
+from scipy.stats import norm
 
 from discrepancy.projection import Block, Candidate, Projection, project, z_equivalent
 from discrepancy.whitening import Floats
 
-_SAME_COSINE = 0.98
+SAME_COSINE = 0.98
 _SEPARATED_SIGMA = 3.0
-_PAIR_MARGIN = 8.0
 _VISIBLE_SIGMA = 4.0  # 80 % power at a critical value of 3.2
 
 
@@ -36,13 +34,11 @@ class EffectScore:
         chi2: predicted drop in chi-square within the sign constraints.
         dof: amplitudes tested; 0 where the base absorbs the candidate.
         p: p-value at the best shape: two-sided, one-sided or chi-bar-square.
-        p_familywise: p-value against the best of all candidates and shapes (single-step Westfall-Young).
         z_equivalent: |z| of a two-sided normal test with the same p; what the critical value is for.
         amplitude: (m,) estimates, in the effect's units; 0 for an absorbed column.
         amplitude_sd: (m,) their standard errors; infinite for an absorbed column.
         detectability: |P| / |S|, the share of the effect that no recalibration can imitate.
         hidden_by: the base parameter that moves most, in its own standard errors, to imitate the effect.
-        base_shift: (p,) change of the base parameters when the effect is added.
     """
 
     name: str
@@ -51,18 +47,11 @@ class EffectScore:
     chi2: float
     dof: int
     p: float
-    p_familywise: float
     z_equivalent: float
     amplitude: Floats
     amplitude_sd: Floats
     detectability: float
     hidden_by: str
-    base_shift: Floats
-
-    @property
-    def is_absorbed(self) -> bool:
-        """Whether the base can imitate the effect so well that this data cannot test it."""
-        return self.dof == 0
 
 
 @dataclass(frozen=True)
@@ -73,7 +62,6 @@ class ScoreTable:
         effects: the scores.
         critical_z: value that z_equivalent exceeds anywhere in the table in 5 % of data sets without any effect.
         significant: names above it.
-        worth_a_look: names at a false discovery rate of 10 %.
         names: order of the rows and columns of the matrices, that of `effects`.
         cosine: cosine between projected sensitivities at their best shapes, signed for single amplitudes, else of the
             smallest principal angle.
@@ -86,7 +74,6 @@ class ScoreTable:
     effects: tuple[EffectScore, ...]
     critical_z: float
     significant: tuple[str, ...]
-    worth_a_look: tuple[str, ...]
     names: tuple[str, ...]
     cosine: Floats
     separation: Floats
@@ -110,7 +97,6 @@ def score_effects(
     *,
     absorbed_below: float = 0.03,
     familywise_error: float = 0.05,
-    false_discovery_rate: float = 0.10,
     draws: int = 10_000,
     seed: int = 0,
 ) -> ScoreTable:
@@ -127,7 +113,6 @@ def score_effects(
         base_names: names of the p base parameters.
         absorbed_below: share below which a direction counts as absorbed by the base.
         familywise_error: probability of naming any effect where there is none.
-        false_discovery_rate: of the `worth_a_look` list (Benjamini-Hochberg).
         draws: number of simulated data sets.
         seed: of the draws.
 
@@ -147,15 +132,8 @@ def score_effects(
     for index, block in enumerate(blocks):
         if block.candidate not in best or observed[index] > observed[best[block.candidate]]:
             best[block.candidate] = index
-    tests = sum(block.dof > 0 for block in blocks)
     ranked = sorted(best.values(), key=lambda index: -observed[index])
-    effects = tuple(
-        _effect_score(projection, blocks[index], float(observed[index]), largest, tests) for index in ranked
-    )
-
-    shapes = {name: len(candidate.shapes) for name, candidate in candidates.items()}
-    p_values = [min(1.0, effect.p * shapes[effect.name]) for effect in effects]
-    looked_at = multipletests(p_values, alpha=false_discovery_rate, method="fdr_bh")[0]
+    effects = tuple(_effect_score(projection, blocks[index], float(observed[index])) for index in ranked)
     significant = tuple(effect.name for effect in effects if effect.z_equivalent > critical)
     cosine, separation, alike = _compare(projection, [blocks[index] for index in ranked], observed[ranked], critical)
     names = tuple(effect.name for effect in effects)
@@ -167,7 +145,6 @@ def score_effects(
         effects=effects,
         critical_z=critical,
         significant=significant,
-        worth_a_look=tuple(name for name, looked in zip(names, looked_at, strict=True) if looked),
         names=names,
         cosine=cosine,
         separation=separation,
@@ -187,14 +164,11 @@ def _largest_under_null(projection: Projection, draws: int, generator: np.random
     return largest
 
 
-def _effect_score(projection: Projection, block: Block, z_eq: float, largest: Floats, tests: int) -> EffectScore:
+def _effect_score(projection: Projection, block: Block, z_eq: float) -> EffectScore:
     scores = projection.scores(block)
     (drop,), (fitted,) = block.fit(scores[None])
     amplitude, amplitude_sd = block.amplitudes(scores if block.dof == 1 else fitted)
     p = float(2.0 * norm.sf(z_eq))
-    exceeded = int(np.sum(largest >= z_eq))
-    simulated = (1 + exceeded) / (1 + len(largest))
-    shift = -projection.base.step(block.in_base @ amplitude)
     # Where nothing can be tested the direction, not the size, says which parameter stands in the effect's place.
     direction = block.in_base @ (amplitude if block.dof else 1.0 / np.where(block.scale > 0.0, block.scale, 1.0))
     moved = np.abs(projection.base.step(direction)) / projection.base.sd()
@@ -205,13 +179,11 @@ def _effect_score(projection: Projection, block: Block, z_eq: float, largest: Fl
         chi2=float(drop),
         dof=block.dof,
         p=p,
-        p_familywise=min(1.0, simulated if exceeded else min(simulated, tests * p)),
         z_equivalent=float(z_eq),
         amplitude=amplitude,
         amplitude_sd=amplitude_sd,
         detectability=block.detectability,
         hidden_by=projection.base.names[int(np.argmax(moved))] if moved.any() else "",
-        base_shift=shift,
     )
 
 
@@ -241,110 +213,11 @@ def _compare(
             apart = min(drop_i - np.sum((cross.T @ fit_i) ** 2), drop_j - np.sum((cross @ fit_j) ** 2))
             cosine[i, j] = cosine[j, i] = angle
             separation[i, j] = separation[j, i] = np.sqrt(max(0.0, apart))
-            alike[i, j] = abs(angle) > _SAME_COSINE
+            alike[i, j] = abs(angle) > SAME_COSINE
             if not alike[i, j] and z_eq[i] > critical and separation[i, j] < _SEPARATED_SIGMA:
                 left = projection.joint_drop(blocks[i], blocks[j])[0] - drop_j
                 alike[i, j] = left < _SEPARATED_SIGMA**2
     return cosine, separation, alike
-
-
-@dataclass(frozen=True)
-class PairScore:
-    """Two candidates together.
-
-    Attributes:
-        first: one candidate.
-        second: the other.
-        shapes: index of the shape of each.
-        chi2: drop in chi-square of both together.
-        gain: how far that exceeds the drop of the best single candidate of all.
-    """
-
-    first: str
-    second: str
-    shapes: tuple[int, int]
-    chi2: float
-    gain: float
-
-
-def pair_scan(table: ScoreTable) -> tuple[PairScore, ...]:
-    """Find pairs of effects that explain far more together than any alone: masking, cancellation, two errors at once.
-
-    Args:
-        table: the scores of the single candidates.
-
-    Returns:
-        Pairs whose joint drop exceeds the best single one by more than critical_z^2 + 8 (for one amplitude more; by the
-        chi-square of the same p for several), best first; each at its best shapes, all amplitudes on their allowed
-        sides. Pairs nearly parallel are left out.
-    """
-    projection = table.projection
-    best = max(table.effects, key=lambda effect: effect.chi2)
-    tail = 2.0 * norm.sf(table.critical_z)
-    found: dict[tuple[str, str], PairScore] = {}
-    blocks = [block for block in projection.blocks if block.dof]
-    for i, first in enumerate(blocks):
-        for second in blocks[i + 1 :]:
-            if first.candidate == second.candidate or np.linalg.norm(projection.cross(first, second), 2) > _SAME_COSINE:
-                continue
-            drop, of_first, of_second = projection.joint_drop(first, second)
-            names = (first.candidate, second.candidate)
-            gain = drop - best.chi2
-            more_amplitudes = max(1, first.dof + second.dof - best.dof)
-            if gain <= chi2.isf(tail, more_amplitudes) + _PAIR_MARGIN or (names in found and drop <= found[names].chi2):
-                continue
-            if first.allows(of_first) and second.allows(of_second):
-                found[names] = PairScore(*names, (first.shape, second.shape), drop, gain)
-    return tuple(sorted(found.values(), key=lambda pair: -pair.chi2))
-
-
-@dataclass(frozen=True)
-class ClusteredScore:
-    """A score with a standard error that trusts no noise model within a cluster.
-
-    Attributes:
-        z: the score over its cluster-robust standard error.
-        p: its p-value, two-sided t with clusters - 1 degrees of freedom.
-        clusters: number of clusters.
-        agrees: whether it is within a factor of two of the model-based score; if not, the noise model is in doubt, or
-            the evidence comes from a few clusters.
-    """
-
-    z: float
-    p: float
-    clusters: int
-    agrees: bool
-
-
-def clustered_z(table: ScoreTable, name: str, clusters: ArrayLike) -> ClusteredScore:
-    """Cross-check one candidate's score by the scatter of its clusters' contributions (jackknife, CR3).
-
-    With v the unit vector of what the candidate fits, z = v'r; each cluster b adds the error v_b'(r_b - z v_b) / (1 -
-    |v_b|^2). Unreliable alone: it needs 20 clusters of at least five correlation times, see `whitening.block_labels`.
-
-    Args:
-        table: the scores.
-        name: a candidate that is not absorbed.
-        clusters: (n,) label of each row's cluster; each prior row should have one of its own.
-
-    Returns:
-        The robust score; for several amplitudes, along the direction that fits best.
-    """
-    block = table.block(name)
-    scores = table.projection.scores(block)
-    direction = block.u @ scores / np.linalg.norm(scores)
-    _, label = np.unique(np.asarray(clusters), return_inverse=True)
-    count = int(label.max()) + 1
-    z = float(np.linalg.norm(scores))
-    error = np.bincount(label, direction * (table.projection.residual - z * direction))
-    leverage = np.bincount(label, direction**2)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        jackknife = np.where(leverage < 1.0 - 1e-9, error / (1.0 - leverage), np.inf)
-    robust = z / np.sqrt((count - 1.0) / count * np.sum(jackknife**2))
-    signed = np.sign(table[name].z) * robust
-    return ClusteredScore(
-        float(signed), float(2.0 * t.sf(robust, count - 1)), count, bool(z / 2.0 <= robust <= 2.0 * z)
-    )
 
 
 @dataclass(frozen=True)
@@ -355,13 +228,11 @@ class Sight:
         name: the effect.
         cell: "present", "negligible" (real, but below the amplitude that matters), "absent" or "blind".
         sigma: delta |P|, how far the smallest amplitude that matters lifts above the noise, at the median shape.
-        power: probability that it would have been found.
     """
 
     name: str
     cell: str
     sigma: float
-    power: float
 
 
 def sight(table: ScoreTable, smallest: Mapping[str, float | ArrayLike]) -> tuple[Sight, ...]:
@@ -381,11 +252,10 @@ def sight(table: ScoreTable, smallest: Mapping[str, float | ArrayLike]) -> tuple
     for name, delta in smallest.items():
         shapes = [block for block in table.projection.blocks if block.candidate == name]
         sigma = float(np.median([block.projected_length(delta) for block in shapes]))
-        power = float(norm.sf(table.critical_z - sigma) + norm.sf(table.critical_z + sigma))
         if name in table.significant:
             matters = np.any(np.abs(table[name].amplitude) >= np.abs(np.asarray(delta, dtype=float)))
             cell = "present" if matters else "negligible"
         else:
             cell = "absent" if sigma >= _VISIBLE_SIGMA else "blind"
-        result.append(Sight(name, cell, sigma, power))
+        result.append(Sight(name, cell, sigma))
     return tuple(result)

@@ -47,7 +47,7 @@ def search(
     if not _best(session, (0, 1, 2)).labels:
         tell(progress, f"scoring {len(session.candidates)} candidate effects")
         if not session.screen(base).table.significant:
-            return base
+            return _unmasked(session, progress, base)
         _refit_likely(session, progress, base)
     if any(len(seed.labels) == 2 for seed in seeds) and _takes_both(session, _best(session, (2,))):
         return _best(session, (2,))
@@ -59,6 +59,17 @@ def search(
         return _best(session, (0, 1))
     swapped = _swap(session, progress, best, couple)
     return swapped if swapped is couple or _takes_both(session, swapped) else _best(session, (1,))
+
+
+def _unmasked(session: Session, progress: Progress | None, base: Hypothesis) -> Hypothesis:
+    """Return a pair of effects that hide each other, where both are worth it, else the base model."""
+    pairs = session.masking(session.screen(base))[:FIRST_REFITTED]
+    if pairs:
+        tell(progress, f"refitting {', '.join(hypothesis_name(labels) for labels, _ in pairs)}")
+        couple = max(session.hypotheses(pairs), key=lambda one: one.log_evidence)
+        if _takes_both(session, couple):
+            return couple
+    return base
 
 
 def _swap(session: Session, progress: Progress | None, best: Hypothesis, couple: Hypothesis) -> Hypothesis:

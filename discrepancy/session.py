@@ -22,11 +22,12 @@ from discrepancy.held_inputs import noisy_inputs, with_held_inputs
 from discrepancy.input_noise import InputNoise
 from discrepancy.ladder import ChannelError, Estimate, Rung
 from discrepancy.lanes import predict
+from discrepancy.masking import masking_pairs
 from discrepancy.noise import NoiseModel
 from discrepancy.problem import BASE, Layout, Problem, Start, make_problem
 from discrepancy.readings import flatten
 from discrepancy.screen import Screen, Switchboard, screen
-from discrepancy.starts import faintest, likeliest_of_some, over_the_ridges
+from discrepancy.starts import faintest, likeliest_of_some, over_the_ridges, pair_start, scored_starts
 from discrepancy.weights import by_errors, by_errors_and_time
 from jaxmodel.cases import Case, Run
 from jaxmodel.declaration import describe
@@ -142,11 +143,7 @@ class Session:
         return make_problem(case, self.weights, present, (), self.catalogue, family=family)[0]
 
     def labels_to_add(self, names: Sequence[str]) -> Labels:
-        """Return the candidates that a user wants in the model.
-
-        Raises:
-            EffectError: no candidate is called so, or a fault could be on several columns.
-        """
+        """Return the candidates that a user wants in the model; EffectError as `labels_of`, or for want of a column."""
         labels: dict[str, None] = {}
         for name in names:
             meant = self.labels_of([name])
@@ -320,22 +317,12 @@ class Session:
 
     def starts(self, screened: Screen, label: str) -> list[Start]:
         """Return where to begin fitting a candidate: at its best-scoring shape and the amplitude it suggests."""
-        candidate = self.candidates[label]
-        if label not in screened.probes:
-            return [{label: np.array(candidate.probes[0])}]
-        scored = screened.table[label]
-        probe = np.array(screened.probes[label][scored.shape], dtype=float)
-        if not candidate.has_amplitude:
-            return [{label: probe}, {label: np.zeros(probe.size)}]
-        amplitude = float(scored.amplitude[0])
-        suggested = probe.copy()
-        coordinate = candidate.coordinates[0]
-        if coordinate.logarithmic:
-            stronger = np.log(max(amplitude, 1e-3)) / coordinate.spread
-            suggested[0] = np.clip(probe[0] + (-stronger if candidate.null_at_infinity else stronger), -2.5, 2.5)
-        else:
-            suggested[0] = np.clip(probe[0] * amplitude, -2.5, 2.5)
-        return [{label: suggested}, {label: probe}]
+        return scored_starts(self.candidates[label], screened)
+
+    def masking(self, screened: Screen) -> list[tuple[Labels, list[Start]]]:
+        """Return pairs of effects that a screen shows together and not alone, the best first, with their starts."""
+        pairs = masking_pairs(screened.table)
+        return [(self.key(pair.labels), [pair_start(pair, screened, self.candidates)]) for pair in pairs]
 
     def rung(self, name: str, hypothesis: Hypothesis | None) -> Rung:
         """Return one rung of the ladder; None is the base model at its nominal parameters, uncalibrated.

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from discrepancy.calibrate import Fit, fit, objectives
 from discrepancy.candidates import Candidate
 from discrepancy.lanes import LANES
-from discrepancy.problem import Problem
+from discrepancy.masking import Pair
+from discrepancy.problem import Problem, Start
+from discrepancy.screen import Screen
 
 _FAINT = 3.0
 # Of an amplitude with many local optima: places looked at about a fit, and how far, in prior sd, in looks after the
@@ -26,6 +28,28 @@ def likeliest_of_some(problem: Problem, unknowns: int) -> np.ndarray:
     """
     places = np.random.default_rng(0).normal(size=(LANES, unknowns))
     return places[np.argmin(objectives(problem, places))]
+
+
+def scored_starts(candidate: Candidate, screened: Screen) -> list[Start]:
+    """Return where to begin fitting a candidate: at its best-scoring shape and the amplitude it suggests."""
+    label = candidate.label
+    if label not in screened.probes:
+        return [{label: np.array(candidate.probes[0])}]
+    scored = screened.table[label]
+    probe = np.array(screened.probes[label][scored.shape], dtype=float)
+    if not candidate.has_amplitude:
+        return [{label: probe}, {label: np.zeros(probe.size)}]
+    return [{label: candidate.at(probe, float(scored.amplitude[0]))}, {label: probe}]
+
+
+def pair_start(pair: Pair, screened: Screen, candidates: Mapping[str, Candidate]) -> Start:
+    """Return where to begin fitting two candidates together: at the shapes and amplitudes that both suggest."""
+    start: dict[str, np.ndarray] = {}
+    for label, shape, amplitude in zip(pair.labels, pair.shapes, pair.amplitudes, strict=True):
+        probe = np.array(screened.probes[label][shape], dtype=float)
+        known = candidates[label]
+        start[label] = known.at(probe, amplitude) if known.has_amplitude else probe
+    return start
 
 
 def over_the_ridges(

@@ -1,8 +1,8 @@
 """Turning coloured noise into white noise, one chain of readings at a time.
 
 A *chain* is a stretch of consecutive rows of one run over which the noise is one AR(1) process. Rows of all runs are
-stacked, and a boolean array `starts` is True where a new chain begins: at the first row of every run and after every
-break in the recording. Without whitening a nominal 5 % false-alarm rate becomes nearly 100 % at rho = 0.9.
+stacked, and a boolean array `starts` is True where a new chain begins: at the first row of every run. Without whitening
+a nominal 5 % false-alarm rate becomes nearly 100 % at rho = 0.9.
 """
 
 from __future__ import annotations
@@ -32,21 +32,6 @@ def chain_starts(run_lengths: Iterable[int]) -> Bools:
     return starts
 
 
-def break_at_gaps(starts: ArrayLike, time_s: ArrayLike, longest_gap_s: float) -> Bools:
-    """Begin a new chain wherever two rows of a chain are further apart in time than a gap allows.
-
-    Args:
-        starts: (n,) booleans, True where a chain begins.
-        time_s: (n,) time stamps in seconds, increasing within a chain.
-        longest_gap_s: the longest step that still belongs to one recording.
-
-    Returns:
-        (n,) booleans, True where a chain begins.
-    """
-    step = np.diff(np.asarray(time_s, dtype=float), prepend=0.0)
-    return np.asarray(starts, dtype=bool) | (step > longest_gap_s)
-
-
 def block_labels(starts: ArrayLike, block_length: int) -> Integers:
     """Cut every chain into blocks of equal length, the clusters of cluster-robust statistics.
 
@@ -71,34 +56,27 @@ def block_labels(starts: ArrayLike, block_length: int) -> Integers:
     return np.cumsum(begins) - 1
 
 
-def chain_weights(
-    starts: ArrayLike, rho: float, present: ArrayLike, elapsed: ArrayLike | None = None
-) -> tuple[Integers, Floats]:
+def chain_weights(starts: ArrayLike, rho: float, present: ArrayLike) -> tuple[Integers, Floats]:
     """Return the rows that were read, and the correlation of each one's noise with that of the one read before it.
 
     Args:
         starts: (n,) booleans, True where a chain begins.
-        rho: correlation of the noise between consecutive rows, or over one unit of `elapsed`; |rho| < 1.
+        rho: correlation of the noise between consecutive rows; |rho| < 1.
         present: (n,) booleans, False for a missing reading.
-        elapsed: (n,) noise clock in units of the step that rho belongs to, for noise that decays with time rather than
-            with the sample count; then rho must not be negative.
 
     Returns:
-        Row numbers (k,), and weights (k,): rho^(rows or time since the previous reading), 0 at the first of a chain.
+        Row numbers (k,), and weights (k,): rho^(rows since the previous reading), 0 at the first of a chain.
 
     Raises:
-        ValueError: |rho| >= 1, or a negative rho with `elapsed`.
+        ValueError: |rho| >= 1.
     """
     if not abs(rho) < 1.0:
         raise ValueError(f"rho must lie between -1 and 1, not {rho}.")
-    if elapsed is not None and rho < 0.0:
-        raise ValueError("A negative rho has no continuous-time form: leave `elapsed` out.")
     rows = np.flatnonzero(np.asarray(present, dtype=bool))
     weight = np.zeros(len(rows))
     if len(rows) > 1 and rho != 0.0:
-        clock = rows if elapsed is None else np.asarray(elapsed, dtype=float)[rows]
         chain = np.cumsum(np.asarray(starts, dtype=bool))[rows]
-        weight[1:] = np.where(np.diff(chain) == 0, np.float64(rho) ** np.diff(clock), 0.0)
+        weight[1:] = np.where(np.diff(chain) == 0, np.float64(rho) ** np.diff(rows), 0.0)
     return rows, weight
 
 
@@ -108,7 +86,6 @@ def whiten(
     rho: float,
     sd: float | ArrayLike,
     present: ArrayLike | None = None,
-    elapsed: ArrayLike | None = None,
 ) -> Floats:
     """Whiten columns of readings whose noise is AR(1).
 
@@ -120,21 +97,20 @@ def whiten(
         values: (n,) or (n, m); columns are whitened alike (a residual, or sensitivities to m parameters). Rows that are
             not present may hold anything, NaN included.
         starts: (n,) booleans, True where a chain begins.
-        rho: correlation of the noise between consecutive rows, or over one unit of `elapsed`; |rho| < 1.
+        rho: correlation of the noise between consecutive rows; |rho| < 1.
         sd: standard deviation of one reading's noise in the unit of the readings: one number, or (n,) where it varies.
         present: (n,) booleans, False for a missing reading; all present when not given. Give the residual's for the
             sensitivities too, so that both are whitened alike.
-        elapsed: (n,) noise clock, as in `chain_weights`; rows are counted when not given.
 
     Returns:
         The whitened values, same shape; missing rows are 0 (weight 0).
 
     Raises:
-        ValueError: |rho| >= 1, a negative rho with `elapsed`, or an sd that is not positive.
+        ValueError: |rho| >= 1, or an sd that is not positive.
     """
     shaped = np.asarray(values, dtype=float)
     columns = shaped.reshape(len(shaped), -1)
-    rows, weight = chain_weights(starts, rho, np.ones(len(columns)) if present is None else present, elapsed)
+    rows, weight = chain_weights(starts, rho, np.ones(len(columns)) if present is None else present)
     scale = np.broadcast_to(np.asarray(sd, dtype=float), len(columns))[rows]
     if not np.all(scale > 0.0):
         raise ValueError("Every noise sd must be positive.")

@@ -10,7 +10,7 @@ import pytest
 from discrepancy.next_experiment import EMPTY_SOC, FIRST_SOC, Proposal, bank, propose
 from discrepancy.session import Hypothesis, Session
 from jaxmodel.cases import Case, Known
-from tests.discrepancy.made_cases import NOISE_V, SOC_SD, TRUE, made_cell
+from tests.discrepancy.made_cases import NOISE_V, SOC_SD, TRUE, case_of, made_cell, run_of
 from tests.independent import simulate
 
 HIDDEN = {"capacity_temperature": {"a": 0.0006}}
@@ -79,3 +79,31 @@ def test_doing_the_proposed_run_tells_and_a_poor_one_does_not(case: Case, undeci
     assert np.sqrt(2.0 * best) > runs[0].sigma - 2.0
     assert np.sqrt(2.0 * best) < 2.0 * runs[0].sigma
     assert abs(poor) < 2.0
+
+
+def _robot(*spans_s: float) -> Case:
+    """Runs of a robot on a slope, each with 50 readings."""
+    runs = []
+    for number, span in enumerate(spans_s, start=1):
+        inputs = {"duty": np.full(50, 0.6), "incline_deg": np.full(50, 8.0), "ambient_degC": np.full(50, 20.0)}
+        run = run_of(number, inputs, {"pack_voltage_V": np.full(50, 24.0)})
+        runs.append(
+            dataclasses.replace(run, measured=dataclasses.replace(run.measured, time_s=np.linspace(0.0, span, 50)))
+        )
+    return case_of("robot", {}, runs, {})
+
+
+def test_runs_of_the_bank_last_as_long_as_the_longest_and_a_slope_is_a_load() -> None:
+    designs = {run.label: run.measured for run in bank(_robot(1800.0, 60.0))}
+    assert all(one.time_s[-1] == 1800.0 for one in designs.values())
+    flat = designs["full drive without load at 25 degC"].inputs
+    assert np.all(flat["incline_deg"] == 0.0)
+    assert np.max(flat["duty"]) == 0.6
+    assert np.max(designs["full drive and load at 25 degC"].inputs["incline_deg"]) == 8.0
+
+
+def test_pulses_of_a_short_run_have_rests() -> None:
+    (pulses,) = (
+        run.measured.inputs["duty"] for run in bank(_robot(0.5)) if run.label == "starts with rests at 25 degC"
+    )
+    assert 0.1 < np.mean(pulses > 0.0) < 0.5

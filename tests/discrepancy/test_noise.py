@@ -73,16 +73,6 @@ def test_residual_noise_of_a_right_model_is_sharp(rho):
     assert found.sd == pytest.approx(0.02, rel=0.2)
 
 
-def test_residual_noise_by_the_clock_finds_the_decay_in_time():
-    generator = np.random.default_rng(4)
-    clock = np.cumsum(generator.choice([0.5, 1.0, 4.0], ROWS))
-    weight = 0.8 ** np.diff(clock, prepend=0.0)
-    residual = np.zeros(ROWS)
-    for row in range(1, ROWS):
-        residual[row] = weight[row] * residual[row - 1] + np.sqrt(1.0 - weight[row] ** 2) * generator.normal()
-    assert residual_noise(residual, ONE_RUN, elapsed=clock).rho == pytest.approx(0.8, abs=0.04)
-
-
 def test_local_noise_does_without_missing_readings_at_unequal_steps():
     generator = np.random.default_rng(6)
     time_s = np.cumsum(generator.uniform(0.7, 3.0, ROWS))

@@ -55,3 +55,11 @@ def test_an_effect_that_makes_runs_held_out_worse_is_remarked_on():
     assert worse_held_out([_rung(1.0), _rung(1.05, "one")], noise) == ()
     assert worse_held_out([_rung(0.7 * SD), _rung(SD, "one")], noise) == (), "both are as good as the sensor"
     assert worse_held_out([_rung(np.nan), _rung(np.nan, "one")], noise) == (), "nothing was held out"
+
+
+def test_a_first_reading_that_is_missing_is_not_what_a_thermometer_starts_with():
+    case = _case(23.5)
+    for run in case.runs:
+        run.measured.outputs[NAME][:2] = np.nan
+    (said,) = _said(case)
+    assert "begins -1" in said

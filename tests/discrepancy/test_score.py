@@ -6,8 +6,8 @@ from scipy.signal import lfilter
 from scipy.stats import binom, chi2, norm
 
 from discrepancy.projection import Candidate, project, z_equivalent
-from discrepancy.score import clustered_z, pair_scan, score_effects, sight
-from discrepancy.whitening import block_labels, chain_starts, whiten
+from discrepancy.score import score_effects, sight
+from discrepancy.whitening import chain_starts, whiten
 
 ROWS = 400
 
@@ -76,7 +76,6 @@ def test_score_predicts_the_refit_exactly_on_a_linear_problem():
     assert effect.z == pytest.approx(after[3] / np.sqrt(covariance[3, 3]))
     assert effect.amplitude[0] == pytest.approx(after[3])
     assert effect.amplitude_sd[0] == pytest.approx(np.sqrt(covariance[3, 3]))
-    assert effect.base_shift == pytest.approx(after[:3] - before)
     assert effect.hidden_by == "a"
     assert np.abs(table.projection.base_z).max() < 1e-9
 
@@ -154,7 +153,6 @@ def test_overwhelming_evidence_is_still_ranked():
     table = score_effects(np.zeros((ROWS, 0)), residual, effects)
     assert table.names == ("one", "block", "small")
     assert table["block"].z_equivalent == pytest.approx(2000.0, rel=0.01)
-    assert table["one"].p_familywise <= 1e-4
 
 
 def test_the_best_shape_is_found_and_all_are_counted():
@@ -175,7 +173,7 @@ def test_what_the_base_imitates_is_absorbed_and_says_by_what():
     imitated = base[:, 1:2] + 0.01 * generator.normal(size=(ROWS, 1))
     table = score_effects(base, generator.normal(size=ROWS), {"effect": Candidate([imitated])}, ["R", "Q", "C"])
     effect = table["effect"]
-    assert effect.is_absorbed
+    assert effect.dof == 0
     assert effect.hidden_by == "Q"
     assert effect.p == 1.0
     assert effect.amplitude_sd[0] == np.inf
@@ -184,7 +182,7 @@ def test_what_the_base_imitates_is_absorbed_and_says_by_what():
 
 def test_an_effect_that_this_data_never_excites_is_blind_not_absent():
     table = score_effects(np.ones((ROWS, 1)), np.zeros(ROWS), {"still": Candidate([np.zeros((ROWS, 1))])})
-    assert table["still"].is_absorbed
+    assert table["still"].dof == 0
     assert sight(table, {"still": 1.0})[0].cell == "blind"
 
 
@@ -239,74 +237,6 @@ def test_one_direction_inside_a_block_is_alike_to_it():
     assert table.names[0] == "line"
 
 
-def test_two_effects_that_mask_each_other_are_found_as_a_pair():
-    u = np.linalg.qr(np.random.default_rng(15).normal(size=(ROWS, 3)))[0]
-    second = 0.95 * u[:, :1] + np.sqrt(1.0 - 0.95**2) * u[:, 1:2]
-    effects = {"one": Candidate([u[:, :1]]), "two": Candidate([second]), "other": Candidate([u[:, 2:]])}
-    residual = 30.0 * u[:, 0] - 30.0 * second[:, 0]
-    table = score_effects(np.zeros((ROWS, 0)), residual, effects)
-    assert max(effect.chi2 for effect in table.effects) < 0.03 * (residual @ residual)
-    (pair,) = pair_scan(table)
-    assert {pair.first, pair.second} == {"one", "two"}
-    assert pair.chi2 == pytest.approx(residual @ residual)
-    one_sided = {name: Candidate(effect.shapes, signs=1) for name, effect in effects.items()}
-    assert pair_scan(score_effects(np.zeros((ROWS, 0)), residual, one_sided)) == ()
-
-
-def test_one_effect_alone_needs_no_pair():
-    generator = np.random.default_rng(16)
-    base, effects = smooth(generator, 4), catalogue(generator)
-    residual = 15.0 * effects["effect 0"].shapes[0][:, 0] + generator.normal(size=ROWS)
-    assert pair_scan(score_effects(base, residual, effects)) == ()
-
-
-def test_many_amplitudes_do_not_make_a_pair_out_of_noise():
-    generator = np.random.default_rng(21)
-    effects = {name: Candidate([generator.normal(size=(ROWS, 9))]) for name in "abcd"}
-    effects["one"] = Candidate([generator.normal(size=(ROWS, 1))])
-    tables = [score_effects(np.ones((ROWS, 1)), r, effects, draws=200) for r in generator.normal(size=(8, ROWS))]
-    assert [pair_scan(table) for table in tables] == [()] * 8
-
-
-def test_clusters_agree_with_white_noise_and_expose_coloured_noise():
-    generator = np.random.default_rng(17)
-    rows = 4000
-    s = lfilter([1.0], [1.0, -0.97], generator.normal(size=(rows, 1)), axis=0)
-    s /= np.linalg.norm(s)
-    clusters = block_labels(chain_starts([rows]), 100)
-    true = score_effects(np.ones((rows, 1)), 10.0 * s[:, 0] + generator.normal(size=rows), {"e": Candidate([s])})
-    checked = clustered_z(true, "e", clusters)
-    assert checked.clusters == 40
-    assert checked.agrees
-    assert checked.p < 1e-3
-    noise = lfilter([np.sqrt(1.0 - 0.95**2)], [1.0, -0.95], generator.normal(size=(rows, 200)), axis=0)
-    false = max(
-        (score_effects(np.ones((rows, 1)), r, {"e": Candidate([s])}, draws=50) for r in noise.T[:20]),
-        key=lambda table: abs(table["e"].z),
-    )
-    assert abs(false["e"].z) > 5.0
-    assert not clustered_z(false, "e", clusters).agrees
-
-
-def test_clustered_score_is_the_jackknife():
-    generator = np.random.default_rng(18)
-    s, noise = generator.normal(size=60), generator.normal(size=60)
-    data = 0.5 * s + noise
-    clusters = np.repeat(np.arange(12), 5)
-    table = score_effects(np.zeros((60, 0)), data, {"e": Candidate([s])})
-    estimate = s @ data / (s @ s)
-    left_out = np.array([s[clusters != c] @ data[clusters != c] / np.sum(s[clusters != c] ** 2) for c in range(12)])
-    se = np.sqrt(11.0 / 12.0 * np.sum((left_out - estimate) ** 2))
-    assert clustered_z(table, "e", clusters).z == pytest.approx(estimate / se)
-
-
-def test_evidence_from_one_cluster_alone_is_worth_nothing():
-    s = np.zeros(40)
-    s[:4] = 1.0
-    table = score_effects(np.zeros((40, 0)), 5.0 * s, {"e": Candidate([s])})
-    assert clustered_z(table, "e", np.repeat(np.arange(10), 4)).z == 0.0
-
-
 def test_four_cells():
     s = np.linalg.qr(np.random.default_rng(19).normal(size=(ROWS, 4)))[0]
     effects = {name: Candidate([s[:, k : k + 1]]) for k, name in enumerate("abcd")}
@@ -319,20 +249,6 @@ def test_four_cells():
         "d": "blind",
     }
     assert cells["c"].sigma == pytest.approx(6.0)
-    assert cells["c"].power == pytest.approx(norm.cdf(6.0 - table.critical_z), abs=1e-6)
-
-
-def test_false_discoveries_among_those_worth_a_look_are_few():
-    generator = np.random.default_rng(20)
-    s = np.linalg.qr(generator.normal(size=(ROWS, 20)))[0]
-    effects = {str(k): Candidate([s[:, k : k + 1]]) for k in range(20)}
-    true = {str(k) for k in range(5)}
-    looked = [
-        set(score_effects(np.zeros((ROWS, 0)), 4.0 * s[:, :5].sum(axis=1) + r, effects, draws=50).worth_a_look)
-        for r in generator.normal(size=(12, ROWS))
-    ]
-    assert np.mean([len(names - true) / len(names) for names in looked]) < 0.12
-    assert np.mean([len(names & true) for names in looked]) > 4.0
 
 
 @pytest.mark.parametrize("broken", [np.full((ROWS, 1), np.nan), np.ones((ROWS - 1, 1))])

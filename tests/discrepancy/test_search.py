@@ -40,8 +40,11 @@ class _Screen(Screen):
 class _Bench(Session):
     """A session whose models leave what a table says; one that is not in it leaves as much as its best part."""
 
-    def __init__(self, leaves: Mapping[str, float], told: Mapping[str, float] | None = None) -> None:
-        """`told` are scores of effects beside the base model in place of those that the table promises."""
+    def __init__(
+        self, leaves: Mapping[str, float], told: Mapping[str, float] | None = None, masked: Sequence[str] = ()
+    ) -> None:
+        """`told` are scores of effects beside the base model in place of those promised, `masked` pairs seen there."""
+        self.masked = masked
         self.leaves = {frozenset(key.split()): chi2 for key, chi2 in leaves.items()}
         self.told = told or {}
         self.order = sorted(set().union(*self.leaves))
@@ -73,6 +76,9 @@ class _Bench(Session):
 
     def bring_together(self, labels: Sequence[str], others: Sequence[str]) -> None:
         pass
+
+    def masking(self, screened: Screen) -> list[tuple[Labels, list[Start]]]:
+        return [(self.key(labels.split()), [{}]) for labels in self.masked]
 
     def screen(self, hypothesis: Hypothesis) -> Screen:
         def z(label: str) -> float:
@@ -123,3 +129,11 @@ def test_a_fault_that_slopes_tell_poorly_is_refitted_where_nothing_else_explains
     bench = _Bench({"": 1e4, **decoys, "fault": 10.0}, told=told | {"fault": 50.0})
     assert _found(bench) == ("fault",)
     assert max(len(labels) for labels in bench.models) == 1, "and no pair is needed to find it"
+
+
+def test_two_effects_that_hide_each_other_are_found_together():
+    leaves = {"": 150.0, "one": 147.0, "two": 146.0, "other": 149.0, "one two": 60.0}
+    assert _found(_Bench(leaves)) == ()
+    assert _found(_Bench(leaves, masked=["one two"])) == ("one", "two")
+    assert _found(_Bench(leaves | {"one two": 140.0}, masked=["one two"])) == (), "they must be worth it"
+    assert _found(_Bench(leaves | {"two": 65.0}, told={"two": 0.0}, masked=["one two"])) == ()

@@ -146,3 +146,11 @@ def test_a_motor_at_rest_is_one_condition_whatever_its_rounding() -> None:
         (50.0, 50.0, 300),
         (100.0, 100.0, 300),
     ]
+
+
+def test_readings_that_the_model_meets_exactly_are_no_bias() -> None:
+    """A coarse thermometer at rest reads what an isothermal model says, every time."""
+    residual = np.concatenate([np.zeros(200), noise()[:200] + 3.0])
+    run = Regressor("run", "", np.repeat([0.0, 1.0], 200))
+    cells = split_excess(residual, [run], np.arange(400) // 20)
+    assert [cell.is_biased for cell in cells] == [False, True]

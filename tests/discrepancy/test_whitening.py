@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from discrepancy.whitening import block_labels, break_at_gaps, chain_starts, chain_weights, whiten
+from discrepancy.whitening import block_labels, chain_starts, chain_weights, whiten
 
 
 def covariance(starts: np.ndarray, clock: np.ndarray, rho: float, sd: np.ndarray) -> np.ndarray:
@@ -36,16 +36,8 @@ def test_what_stands_in_a_missing_row_does_not_matter():
     assert np.array_equal(whiten(values, starts, 0.5, 1.0, present), whiten(filled, starts, 0.5, 1.0, present))
 
 
-def test_noise_that_decays_with_time_follows_the_clock():
-    clock = np.array([0.0, 0.7, 2.9, 3.0, 9.0])
-    starts = chain_starts([5])
-    w = whiten(np.eye(5), starts, 0.7, 1.0, elapsed=clock)
-    assert w @ covariance(starts, clock, 0.7, np.ones(5)) @ w.T == pytest.approx(np.eye(5), abs=1e-12)
-
-
-def test_chain_restarts_at_every_run_and_gap():
-    time_s = np.array([0.0, 1.0, 2.0, 60.0, 61.0, 0.0, 1.0])
-    starts = break_at_gaps(chain_starts([5, 2]), time_s, longest_gap_s=10.0)
+def test_chain_restarts_at_every_run():
+    starts = chain_starts([3, 2, 2])
     assert starts.tolist() == [True, False, False, True, False, True, False]
     values = np.array([3.0, 1.0, 4.0, 1.0, 5.0, 9.0, 2.0])
     whitened = whiten(values, starts, 0.9, 2.0)
@@ -78,7 +70,6 @@ def test_blocks_cut_chains_and_never_cross_them():
     [
         ({"rho": 1.0, "sd": 1.0}, "rho"),
         ({"rho": 0.5, "sd": 0.0}, "positive"),
-        ({"rho": -0.5, "sd": 1.0, "elapsed": np.arange(3.0)}, "negative"),
     ],
 )
 def test_impossible_noise_is_refused(arguments, why):

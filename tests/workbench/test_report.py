@@ -167,3 +167,11 @@ def test_comparison_without_effects_has_a_report_too(diagnosis: Diagnosis, tmp_p
     assert "no effects were tried" in page.text
     assert "What this data cannot say" not in page.text
     assert "scores" not in pictures
+
+
+def test_maps_without_a_cell_are_left_out(diagnosis: Diagnosis) -> None:
+    """Few readings leave no combination of two conditions with five of them."""
+    found = diagnosis.failure
+    sparse = {name: {("a", "b"): (), **pairs} for name, pairs in found.maps.items()}
+    drawn = maps(dataclasses.replace(found, maps=sparse))
+    assert "a" not in {axes.get_xlabel() for axes in drawn.axes}
