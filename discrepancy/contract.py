@@ -39,8 +39,8 @@ def noise_of_case(case: Case, catalogue: Mapping[str, type[Effect]] = CATALOGUE)
     """Return the noise of every output that the case measured, in the order of the kind's outputs.
 
     A stated sd is believed, quantisation and the noise of measured inputs are added; where none is stated it is
-    estimated from the readings between the jumps of the inputs. Channels whose readings never change say nothing and
-    are left out.
+    estimated from the readings between the jumps of the inputs. Channels whose readings never change, and of
+    whose noise nothing is known, say nothing and are left out.
     """
     return _noise(case, _noise_from_inputs(case, catalogue))
 

@@ -49,7 +49,7 @@ _DRIVE = (
     Place("torque_constant", "the torque constant (eqs. 11 and 12)", "N m/A", 0.04),
     Place("motor_loss", "the winding's heat (eq. 16)", "W", 10.0),
 )
-_COUNTING = Place("counted_current", "the counting of charge (eq. 1)", "A", 5.0, ("", "current_A", "pack_current_A"))
+_COUNTING = Place("counted_current", "the counting of charge (eq. 1)", "A", 5.0, ("", "current_A"))
 PLACES = {
     "cell": (_COUNTING,),
     "motor": (*_DRIVE, Place("bridge_voltage", "the armature voltage (eq. 11)", "V", 10.0, ("", "current_A"))),

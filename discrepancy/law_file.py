@@ -13,7 +13,6 @@ from jaxmodel.ports import CELL_PORTS, MOTOR_PORTS
 _IN_CELL = {
     "soc": "context.soc",
     "current_A": "context.current_A",
-    "pack_current_A": "context.current_A",
     "ambient_degC": "context.ambient_degC",
     "cell_temperature_degC": "context.temperature_degC",
 }

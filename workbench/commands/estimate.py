@@ -102,11 +102,12 @@ def _read(path: Path) -> dict[str, dict[str, float]]:
     Raises:
         MeasurementError: the file is not there, or not one of these.
     """
+    text = read_utf8(path)
     try:
-        found = json.loads(read_utf8(path))
+        found = json.loads(text)
         fields = {field.name for field in dataclasses.fields(Tuning)}
         whole = found.keys() == {AWARE, UNAWARE} and all(found[name].keys() == fields for name in found)
-    except (ValueError, AttributeError):
+    except (json.JSONDecodeError, AttributeError):
         whole = False
     if not whole:
         raise MeasurementError(f"{file_label(path)} is no tuning.json of `jaxmodel estimate`; name one that it wrote.")
