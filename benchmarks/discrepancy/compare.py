@@ -141,7 +141,7 @@ def read_lifts(folder: Path, cases: Iterable[Judged]) -> dict[str, dict[str, np.
     return {kind: {name: np.stack(rows) for name, rows in each.items()} for kind, each in found.items()}
 
 
-def markdown(table: Mapping[str, Mapping[str, Rate | float]], first: str, methods: Sequence[str] = ()) -> str:
+def markdown(table: Mapping[str, Mapping[str, Rate | float | str]], first: str, methods: Sequence[str] = ()) -> str:
     """Return rates by method as a table for a page: a share, its interval, and of how many."""
     rows = {name: table[name] for name in methods or table if name in table}
     columns = list(next(iter(rows.values())))
@@ -150,7 +150,9 @@ def markdown(table: Mapping[str, Mapping[str, Rate | float]], first: str, method
     return "\n".join(lines)
 
 
-def _cell(found: Rate | float) -> str:
+def _cell(found: Rate | float | str) -> str:
+    if isinstance(found, str):
+        return found
     if not isinstance(found, Rate):
         return f"{found:.3g}" if np.isfinite(found) else ""
     if not found.of:
