@@ -111,13 +111,13 @@ def read(model: Model, state: State, inputs: Inputs) -> Readings:
 
 
 def valid(model: Model, state: State, inputs: Inputs) -> Any:
-    """Return True where the cell's equations make sense: within tables and formulas, series resistance positive."""
+    """Return True where the cell's equations make sense: within tables and formulas, with resistance and capacity."""
     if model.kind == "motor":
         return jnp.asarray(True)
     cell, _ = _parts(model, state, true_inputs(model, inputs))
     assert cell is not None
     soc, temperature = cell.context.soc, cell.context.temperature_degC
-    inside = cell.context.series_resistance_ohm > 0.0
+    inside = (cell.context.series_resistance_ohm > 0.0) & (cell.context.usable_charge_C > 0.0)
     for curve in (model.curves.ocv, model.curves.R_ints, model.curves.R_TS, model.curves.R_TL):
         inside &= curve.inside(soc, temperature)
     return inside

@@ -98,7 +98,7 @@ class Track(eqx.Module):
 def make_grid(
     profile: Profile,
     electrical_time_constant_s: float | None,
-    bending_time_constant_s: float | None = None,
+    bending_time_constants_s: tuple[float, float] | None = None,
     growth: float = GROWTH,
 ) -> Grid:
     """Return the grid of a profile: one step a row, and after a jump of the inputs steps that grow from milliseconds.
@@ -106,8 +106,8 @@ def make_grid(
     Args:
         profile: inputs over time.
         electrical_time_constant_s: L_a / R of the motor, or None where there is no motor to start.
-        bending_time_constant_s: R J / k^2 of a motor whose law bends as its current passes zero: while its speed
-            settles after a jump, steps stay a small share of it.
+        bending_time_constants_s: R J / k^2 of a motor whose law bends as its current passes zero: while its speed
+            settles after a jump, steps stay a small share of it. The shortest and the longest of motors in many lanes.
         growth: how many times as long as the step before it each one after a jump is.
     """
     rows = np.diff(profile.time_s)
@@ -119,8 +119,8 @@ def make_grid(
     for index, (span, jump) in enumerate(zip(rows, jumps, strict=True)):
         since_jump = 0.0 if jump else since_jump
         parts = growing_steps(span, FIRST_STEP_SHARE * electrical_time_constant_s, growth) if jump else [span]
-        if bending_time_constant_s is not None:
-            parts = _fine_while_settling(parts, since_jump, bending_time_constant_s)
+        if bending_time_constants_s is not None:
+            parts = _fine_while_settling(parts, since_jump, *bending_time_constants_s)
         since_jump += span
         durations.extend(parts)
         owners.extend([index + 1] * len(parts))
@@ -129,11 +129,15 @@ def make_grid(
     return Grid(np.asarray(durations), row, last_step)
 
 
-def _fine_while_settling(parts: list[float], since_jump: float, time_constant: float) -> list[float]:
-    """Cut the steps that begin while the motor settles so that none is longer than a share of its time constant."""
+def _fine_while_settling(parts: list[float], since_jump: float, shortest: float, longest: float) -> list[float]:
+    """Cut the steps that begin while a motor settles so that none is longer than a share of its time constant.
+
+    Of many motors those with shorter constants have settled before; the others say how long a step may be.
+    """
     fine = []
     for part in parts:
-        settling = since_jump < SETTLED * time_constant
+        time_constant = max(shortest, since_jump / SETTLED)
+        settling = since_jump < SETTLED * longest
         count = int(np.ceil(part / (BENDING_STEP_SHARE * time_constant))) if settling else 1
         fine.extend([part / count] * count)
         since_jump += part

@@ -77,7 +77,8 @@ def _grid(model: Model, profile: Profile) -> Grid:
     electrical = float(np.min(p.L_a / p.R_0))
     bends = touches(model.effects, "armature_voltage_drop")
     growth = GROWTH_SATURATING if touches(model.effects, "motor_torque") else GROWTH
-    return make_grid(profile, electrical, float(np.min(p.R_0 * p.J / p.k_tau**2)) if bends else None, growth)
+    bending = np.asarray(p.R_0 * p.J / p.k_tau**2)
+    return make_grid(profile, electrical, (float(bending.min()), float(bending.max())) if bends else None, growth)
 
 
 def simulate(model: Model, profile: Profile, cutoff: Cutoff | None = None) -> Trajectory:
@@ -135,7 +136,7 @@ def _run_true(
     fine_states = jax.tree.map(with_start, start, states)
     row_states, row_inputs = jax.tree.map(lambda x: x[course.at_rows], (fine_states, course.inputs))
     readings = jax.vmap(lambda s, u: read(model, s, u))(row_states, row_inputs)
-    finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(values)) for values in row_states.values()]))
+    finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(v)) for v in (*row_states.values(), *readings.values())]))
     completed = jnp.sum(running[course.last_step])
     ended = completed < time_s.shape[0] - 1
     status = jnp.where(finite, jnp.where(ended, Status.REACHED_CUTOFF, Status.COMPLETE), Status.NOT_FINITE)

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jaxmodel.cell import cycle_resistance, storage_factor
 from jaxmodel.declaration import Scalar
 from jaxmodel.model import Model
 from operation.estimate import Measured
@@ -60,7 +61,7 @@ def cheap_of(model: Model, degC: np.ndarray, blend_s: float, order: int = ORDER)
     """
     p, curves = model.parameters, model.curves
     soc = jnp.linspace(*FITTED_SOC, 91)
-    volts = np.asarray(jax.vmap(lambda s: curves.ocv(s, jnp.asarray(25.0)))(soc))
+    volts = np.asarray(jax.vmap(lambda s: curves.ocv(s, jnp.asarray(25.0)))(soc)) + float(p.ocv_offset_V)
     centre = float(volts.mean())
     polynomial = np.polyfit(volts - centre, np.asarray(soc), order)
     off = np.polyval(polynomial, volts - centre) - np.asarray(soc)
@@ -68,6 +69,10 @@ def cheap_of(model: Model, degC: np.ndarray, blend_s: float, order: int = ORDER)
     def at(curve, scale):
         return tuple(float(curve(jnp.asarray(_MIDDLE), jnp.asarray(t)) * scale) for t in degC)
 
+    series = tuple(
+        ohm + float(cycle_resistance(p.cycles) * p.series_resistance_scale)
+        for ohm in at(curves.R_ints, p.series_resistance_scale)
+    )
     later = [np.array(at(curve, p.rc_resistance_scale)) for curve in (curves.R_TS, curves.R_TL)]
     seconds = [
         np.array(at(r, p.rc_resistance_scale)) * np.array(at(c, p.rc_capacitance_scale))
@@ -77,11 +82,11 @@ def cheap_of(model: Model, degC: np.ndarray, blend_s: float, order: int = ORDER)
         soc_of_volts=tuple(map(float, polynomial)),
         centre_V=centre,
         degC=tuple(map(float, degC)),
-        at_once_ohm=at(curves.R_ints, p.series_resistance_scale),
+        at_once_ohm=series,
         later_ohm=tuple(map(float, later[0] + later[1])),
         lag_s=float(np.mean((seconds[0] * later[0] + seconds[1] * later[1]) / (later[0] + later[1]))),
         blend_s=blend_s,
-        capacity_Ah=float(p.capacity_Ah),
+        capacity_Ah=float(p.capacity_Ah * storage_factor(p.storage_months, p.storage_temperature_degC)),
         worst_fit=float(np.abs(off).max()),
     )
 

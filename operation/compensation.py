@@ -33,7 +33,7 @@ LEAST_DUTY, MOST_DUTY = 1e-3, 1.0
 MOST_ROUNDS = 64
 # A run ends here and its slope is that until then: a high duty empties the pack before the half hour.
 NEARLY_EMPTY = Cutoff(soc=0.05)  # type: ignore[arg-type]
-_METRICS = ("soc_gradient", "mean_speed_rad_s", "delivered_charge_Ah")
+_METRICS = ("soc_gradient", "mean_speed_rad_s")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,12 +52,10 @@ class Runs:
     Attributes:
         soc_gradient: 1/s.
         speed_rad_s: of a motor, mean.
-        pack_A: current of the pack, mean.
     """
 
     soc_gradient: np.ndarray
     speed_rad_s: np.ndarray
-    pack_A: np.ndarray
 
 
 @dataclasses.dataclass(frozen=True)
@@ -133,7 +131,6 @@ def compensate(
         return Runs(
             soc_gradient=runs.soc_gradient.reshape(shape),
             speed_rad_s=runs.speed_rad_s.reshape(shape),
-            pack_A=runs.pack_A.reshape(shape),
         )
 
     return Compensation(
@@ -156,7 +153,6 @@ def steady(
     return Runs(
         np.asarray(values["soc_gradient"]),
         np.asarray(values["mean_speed_rad_s"]),
-        np.asarray(values["delivered_charge_Ah"]) * 3600.0 / DURATION_S,
     )
 
 

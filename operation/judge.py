@@ -81,7 +81,8 @@ class Entry:
 
     def errors(self, estimates: np.ndarray) -> np.ndarray:
         """Return the RMS error after convergence, shape (...), of estimates of shape (..., rows and padding)."""
-        return np.asarray(np.sqrt(np.mean((self.late(estimates) - self.late(self.soc)) ** 2, axis=-1)))
+        there = np.isfinite(self.late(self.soc))
+        return np.asarray(np.sqrt(np.mean((self.late(estimates) - self.late(self.soc))[..., there] ** 2, axis=-1)))
 
     def convergence_s(self, estimate: np.ndarray, within: float = 0.05) -> float:
         """Return the time after which one estimate stays within a distance of the reference; inf if it never does."""
@@ -100,14 +101,19 @@ def entries(runs: Sequence[Run], *, aware: bool) -> list[Entry]:
             degC whatever it is.
 
     Raises:
-        MeasurementError: a run has no reference.
+        MeasurementError: a run has no reference at its start, or none after the time to converge.
     """
     made = []
     for run in runs:
         outputs = run.measured.outputs
         if "soc" not in outputs or "voltage_V" not in outputs:
             raise MeasurementError(f"{run.source.name}: needs the columns voltage_V and soc, to be judged by.")
-        soc = outputs["soc"]
+        soc, time_s = outputs["soc"], run.measured.time_s
+        if not np.isfinite(soc[0]) or not np.isfinite(soc[time_s > time_s[0] + CONVERGED_S]).any():
+            raise MeasurementError(
+                f"{run.source.name}: needs soc in its first row, and after the {CONVERGED_S:g} s that estimators are "
+                "given to converge."
+            )
         made.append(_entry(run, 0, (0.0, -OFF), aware))
         for charge in UNDER_WAY_SOC:
             row = int(np.argmax(soc < charge))
@@ -119,6 +125,8 @@ def entries(runs: Sequence[Run], *, aware: bool) -> list[Entry]:
 def _entry(run: Run, row: int, offsets: tuple[float, ...], aware: bool) -> Entry:
     inputs, outputs = run.measured.inputs, run.measured.outputs
     degC = outputs.get("cell_temperature_degC", inputs["ambient_degC"]) if aware else UNAWARE_DEGC
+    if aware:
+        degC = _without_gaps(run.measured.time_s, np.asarray(degC))
     time_s = run.measured.time_s[row:]
     length = LENGTH * -(-time_s.size // LENGTH)
     columns = (time_s, inputs["current_A"][row:], np.broadcast_to(degC, run.measured.time_s.shape)[row:])
@@ -133,6 +141,12 @@ def _entry(run: Run, row: int, offsets: tuple[float, ...], aware: bool) -> Entry
         padded(outputs["voltage_V"][row:], np.nan),
     )
     return Entry(run.name, measured, outputs["soc"][row:], time_s, offsets, rested=row == 0)
+
+
+def _without_gaps(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return readings with those that are missing drawn straight between their neighbours."""
+    there = np.isfinite(values)
+    return np.interp(time_s, time_s[there], values[there]) if there.any() else np.full(time_s.size, UNAWARE_DEGC)
 
 
 @eqx.filter_jit

@@ -7,6 +7,7 @@ until the first of three limits: the charge, the voltage of a cell, the temperat
 from __future__ import annotations
 
 import dataclasses
+import math
 import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -15,7 +16,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from pydantic import ConfigDict, Field, ValidationError
+from pydantic import ConfigDict, Field, ValidationError, model_validator
 
 from jaxmodel.errors import SweepError, nearest
 from jaxmodel.measurements import file_label, read_utf8
@@ -24,7 +25,7 @@ from jaxmodel.names import with_values
 from jaxmodel.profile import Profile
 from jaxmodel.robot import flipper_torque, track_torque
 from jaxmodel.simulate import Cutoff, run_track, track
-from sweeps.form import Form, complaint
+from sweeps.form import Form, complaint, wrong
 
 # Friction coefficients mu of eq. 18 by surface. The paper has 0.7, rubber on asphalt; the others are assumed, in the
 # order of how hard a track pulls on them.
@@ -74,6 +75,16 @@ class MissionForm(Form):
     title: str = ""
     step_s: float = Field(default=1.0, gt=0)
     segment: list[Segment] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _whole_steps(self) -> "MissionForm":
+        for number, one in enumerate(self.segment, start=1):
+            steps = one.duration_s / self.step_s
+            if round(steps) < 1 or not math.isclose(steps, round(steps), rel_tol=1e-9):
+                raise wrong(
+                    f"segment {number} lasts {one.duration_s:g} s, no whole number of steps of {self.step_s:g} s"
+                )
+        return self
 
 
 @dataclasses.dataclass(frozen=True)
@@ -160,7 +171,7 @@ def course(mission: MissionForm, model: Model, rounds: int, slower: Callable | N
         values = (duty, torque, float(lift), segment.flipper_duty if lifts else 0.0)
         for name, value in zip(rows, values, strict=True):
             rows[name].append(value)
-        counts.append(max(1, round(segment.duration_s / mission.step_s)))
+        counts.append(round(segment.duration_s / mission.step_s))
     columns = {name: np.tile(np.repeat(values, counts), rounds) for name, values in rows.items()}
     if slower is not None:
         columns["duty"] = slower(columns["load_torque_Nm"], columns["duty"])

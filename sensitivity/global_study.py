@@ -9,6 +9,7 @@ import numpy as np
 import xarray
 from pydantic import PrivateAttr
 
+from jaxmodel.simulate import Status
 from sensitivity.global_indices import analyse, make_design
 from sweeps.axes_form import Range
 from sweeps.engine import Progress, run
@@ -77,6 +78,7 @@ def global_of_study(
     done = run(designed, progress)
     over_lanes = done.isel({name: 0 for name in fields["axes"]})
     names = [metric.name for metric in designed.prepared.metrics]
+    failed = over_lanes["status"].to_numpy() == Status.NOT_FINITE  # a metric may be missing where no run failed
     data = analyse(design, {name: over_lanes[name].to_numpy() for name in names}, seed=seed)
     return (
         data.assign_coords(parameter=list(spans))
@@ -85,5 +87,5 @@ def global_of_study(
             high=("parameter", [span.high for span in spans.values()]),
             metric_unit=("metric", [metric.unit for metric in designed.prepared.metrics]),
         )
-        .assign_attrs(title=study.title, **data.attrs)
+        .assign_attrs(title=study.title, **data.attrs | {"failed": int(failed.sum())})
     )

@@ -44,7 +44,7 @@ class _Spaced(Form):
 def _axis_values(raw: Any) -> Any:
     """Return the values of an axis as a list: as given, or spaced."""
     if isinstance(raw, Mapping):
-        return _Spaced.model_validate(dict(raw)).values
+        raw = _Spaced.model_validate(dict(raw)).values
     if isinstance(raw, np.ndarray | range | tuple):
         raw = np.asarray(raw).tolist()
     if not isinstance(raw, list):

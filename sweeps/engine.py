@@ -215,9 +215,13 @@ def _one_ahead(items: Iterator[Any]) -> Iterator[Any]:
 
 
 def _stiffest(study: Study) -> Model:
-    """Return the model with the shortest electrical time constant L_a / R_0 of all lanes: its steps serve them all."""
-    extremes = {name: pick(study.range_of(name)) for name, pick in (("L_a", min), ("R_0", max)) if name in study.varied}
-    return with_values(study.prepared.model, {name: jnp.asarray(value) for name, value in extremes.items()})
+    """Return a model with the extreme time constants of all lanes: steps for it serve them all.
+
+    The least L_a / R_0 is needed, and R_0 J / k_tau^2 of the fastest and of the slowest motor, in this order.
+    """
+    ends = {"L_a": (min, min), "R_0": (min, max), "J": (min, max), "k_tau": (max, min)}
+    varied = {name: [pick(study.range_of(name)) for pick in ends[name]] for name in ends if name in study.varied}
+    return with_values(study.prepared.model, {name: jnp.asarray(values) for name, values in varied.items()})
 
 
 def _signature(arguments: Any):

@@ -99,6 +99,8 @@ def run_lane(keep: Keep, model: Model, course: Course, cutoff: Cutoff | None, ow
         return inputs | {name: inputs[name] * factor for name, factor in scales.items()}
 
     first_inputs = inputs_of(course.first)
+    if "soc" in initial:  # effects that hold a charge of their own begin with it too
+        model = with_values(model, {"initial_soc": initial["soc"]})
     start = initial_state(model, first_inputs) | initial
     asks_powers = any(metric.asks_powers for metric in keep.metrics)
 
@@ -128,8 +130,9 @@ def run_lane(keep: Keep, model: Model, course: Course, cutoff: Cutoff | None, ow
     (state, running, elapsed, carried), courses = jax.lax.scan(
         advance_one, begin, (course.later, course.duration_s, course.ends_row)
     )
-    # What is not finite stays so: the last state tells of all.
-    finite = jnp.all(jnp.stack([jnp.isfinite(value) for value in state.values()]))
+    # What is not finite stays so: the last state, and what is read of it, tell of all.
+    last = read(model, state, inputs_of({name: values[-1] for name, values in course.later.items()}))
+    finite = jnp.all(jnp.stack([jnp.isfinite(value) for value in (*state.values(), *last.values())]))
     # All lanes may share `elapsed`. Made a lane's own, a division by it is one: by a shared number it may also be
     # compiled as a product with the reciprocal, which one device and two do not agree on in the last bit.
     end = End(jnp.where(finite, elapsed, jnp.nan), ~running)

@@ -54,6 +54,8 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
         return f"the study has changed ({', '.join(named)})"
     if list(was.get("axes", ())) != list(now.get("axes", ())):
         return "the study has changed (the order of its axes)"
+    if _ranges(was) != _ranges(now):
+        return "the study has changed (the order of its sample's ranges, to which the points are dealt)"
     for name, digest in new["files_sha256"].items():
         if old["files_sha256"].get(name) != digest:
             return f"the file {name} has changed"
@@ -66,6 +68,10 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
     if old["machine"] != new["machine"]:
         return f"this machine is {new['machine']}, and it was {old['machine']}"
     return ""
+
+
+def _ranges(study: Mapping[str, Any]) -> list[str]:
+    return list((study.get("sample") or {}).get("ranges", ()))
 
 
 def code_digest(study: Study) -> str:

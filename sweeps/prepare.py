@@ -72,19 +72,26 @@ def prepare(study: StudyForm) -> Prepared:
     info: dict[str, ParameterInfo] = {}
     for name, (values, where) in varied.items():
         if name.startswith(SCALE):
-            info[name] = _scale(name, values, profile, model.kind, where)
+            own = {column: ends for column, (ends, _) in varied.items() if column in input_names(model.kind)}
+            info[name] = _scale(name, values, profile, model.kind, where, own)
         elif name.startswith(INITIAL):
             info[name] = _initial(name, values, model, profile, where)
         elif name in input_names(model.kind):
             check_input(name, model.kind, values, where)
         else:
             info[name] = _parameter(name, values, model, table, where)
+            if info[name].whole and study.sample and name in study.sample.ranges:
+                raise SweepError(f"{where}: {name} takes whole numbers; put it on an axis instead.")
 
     cutoff = study.cutoff.model_dump(exclude_none=True) or case.cutoff
     for name in study.store:
         outputs = KINDS[model.kind].outputs
         if name not in outputs:
             raise SweepError(f"store: a {model.kind} has no column '{name}'.{nearest(name, outputs)}")
+        if name in varied:
+            raise SweepError(
+                f"store: '{name}' is what lanes differ in, and stands beside each of them; remove it here."
+            )
     return Prepared(
         model=model,
         profile=profile,
@@ -148,14 +155,16 @@ def _parameter(
     return info
 
 
-def _scale(name: str, values: list[float], profile: Profile, kind: str, where: str) -> ParameterInfo:
-    """Return what is known of a factor on an input."""
+def _scale(
+    name: str, values: list[float], profile: Profile, kind: str, where: str, own: Mapping[str, list[float]]
+) -> ParameterInfo:
+    """Return what is known of a factor on an input; `own` are the inputs in which lanes differ."""
     column = name.removeprefix(SCALE)
     if column not in profile.inputs:
         raise SweepError(f"{where}: the profile has no input '{column}'.{nearest(column, profile.inputs)}")
     if column.endswith("_degC"):
         raise SweepError(f"{where}: a temperature in degC has no factor; put {column} itself on an axis.")
-    course = profile.inputs[column]
+    course = np.concatenate([profile.inputs[column], own.get(column, [])])
     for value in values:
         check_input(column, kind, [value * course.min(), value * course.max()], where)
     return ParameterInfo(name, unit="", meaning=f"factor on the input {column}", default=1.0)

@@ -64,6 +64,10 @@ class ProfileForm(Inputs):
             raise wrong("has a scale and no csv; a scale multiplies columns of a csv")
         if self.pulses and self.duration_s is None:
             raise wrong("has pulses and no duration_s; pulses run for a duration")
+        if self.repeat > 1 and self.duration_s is not None:
+            raise wrong("has repeat and duration_s; a csv and a mission are repeated, a duration may be made longer")
+        if "step_s" in self.model_fields_set and self.csv is not None:
+            raise wrong("has step_s and csv; the steps of a csv are its rows")
         self._in_steps(self.duration_s, "duration_s", "the duration")
         for number, segment in enumerate(self.mission, start=1):
             self._in_steps(segment.duration_s, f"mission[{number}].duration_s", "a segment")

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxmodel.build import preset_model
+from jaxmodel.cases import Run
+from jaxmodel.cell import cycle_resistance, storage_factor
+from jaxmodel.errors import MeasurementError
 from jaxmodel.names import with_values
 from jaxmodel.profile import Profile
 from jaxmodel.simulate import simulate
 from operation.cheap import cheap_of
 from operation.estimate import Measured, Track, Tuning, rms
-from operation.judge import NEARER, Entry, cheap_ones, draw, filters, tuned
+from operation.judge import NEARER, Entry, cheap_ones, draw, entries, filters, tuned
+from tests.discrepancy.made_cases import run_of
 
 CELL = preset_model("panasonic_18650pf", "cell")
 ROWS = 1801
@@ -135,3 +141,38 @@ def test_tuning_is_the_best_of_those_drawn() -> None:
     assert error <= errors[best] * (1.0 + 1e-9)
     # A second round looks near the best of the first.
     assert 1.0 / NEARER <= float(tuning.scale_s / drawn.scale_s[best]) <= NEARER
+
+
+def _run_of(soc: np.ndarray, **outputs: np.ndarray) -> Run:
+    inputs = {"current_A": np.ones(soc.size), "ambient_degC": np.full(soc.size, 20.0)}
+    run = run_of(1, inputs, {"voltage_V": np.full(soc.size, 3.7), "soc": soc} | outputs)
+    time_s = np.arange(0.0, 10.0 * soc.size, 10.0)
+    return dataclasses.replace(run, measured=dataclasses.replace(run.measured, time_s=time_s))
+
+
+def test_readings_that_are_missing_are_no_reason_to_lose_a_run() -> None:
+    soc, degC = np.linspace(0.9, 0.5, 300), np.full(300, 20.0)
+    soc[150], degC[[0, 40]] = np.nan, np.nan
+    (entry, *_) = entries([_run_of(soc, cell_temperature_degC=degC)], aware=True)
+    assert np.all(np.isfinite(entry.measured.degC))
+    assert entry.errors(np.nan_to_num(soc, nan=0.7) + 0.01) == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("rows", [slice(0, 1), slice(80, 300)], ids=["at the start", "after converging"])
+def test_run_without_a_reference_is_told(rows: slice) -> None:
+    soc = np.linspace(0.9, 0.5, 300)
+    soc[rows] = np.nan
+    with pytest.raises(MeasurementError, match="needs soc in its first row, and after the 900 s"):
+        entries([_run_of(soc)], aware=True)
+
+
+def test_cheap_estimator_knows_age_and_storage() -> None:
+    aged = with_values(CELL, {"storage_months": jnp.asarray(18.0), "cycles": jnp.asarray(100.0)})
+    new, old = (cheap_of(model, np.array([25.0]), 600.0) for model in (CELL, aged))
+    assert old.capacity_Ah == pytest.approx(
+        new.capacity_Ah * float(storage_factor(jnp.asarray(18.0), jnp.asarray(20.0)))
+    )
+    more = cycle_resistance(jnp.asarray(100.0)) - cycle_resistance(CELL.parameters.cycles)
+    assert old.at_once_ohm[0] - new.at_once_ohm[0] == pytest.approx(
+        float(more * CELL.parameters.series_resistance_scale)
+    )

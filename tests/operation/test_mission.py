@@ -97,3 +97,9 @@ def test_wrong_mission_is_said_in_a_sentence(text: str, said: str, tmp_path: Pat
 def test_segment_that_is_too_fast_is_refused() -> None:
     with pytest.raises(SweepError, match="duty of"):
         course(steady(speed_m_s=2.0), MODEL, 1)
+
+
+def test_segment_between_steps_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "m.toml").write_text("step_s = 60\n[[segment]]\nduration_s = 20\n", encoding="utf-8")
+    with pytest.raises(SweepError, match="segment 1 lasts 20 s, no whole number of steps of 60 s"):
+        read_mission(tmp_path / "m.toml")

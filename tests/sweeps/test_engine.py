@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 from collections.abc import Callable
 
 import jax
@@ -13,8 +14,8 @@ import xarray as xr
 from jaxmodel.cell import storage_factor
 from jaxmodel.model import Model, read
 from jaxmodel.names import with_values
-from jaxmodel.profile import Profile, constant
-from jaxmodel.simulate import Cutoff, Status, Trajectory, simulate
+from jaxmodel.profile import BENDING_STEP_SHARE, SETTLED, Profile, constant
+from jaxmodel.simulate import Cutoff, Status, Trajectory, simulate, track
 from sweeps import Metric, Study, engine, plan, run
 
 TABLE_2 = {0.175: -2.05e-4, 0.25: -2.80e-4, 0.30: -3.30e-4, 0.35: -3.80e-4}
@@ -216,3 +217,51 @@ def test_cutoff_by_voltage_is_that_of_one_cell():
         expected = float(course.time_s[course.end_row]) if ended else np.nan
         np.testing.assert_array_equal(result.time_to_cutoff_s[number], expected)
     assert set(result.status.values) == {Status.COMPLETE, Status.REACHED_CUTOFF}
+
+
+def test_weak_cell_begins_at_the_charge_that_an_axis_gives_the_others() -> None:
+    shared = {
+        "kind": "robot",
+        "profile": {"duration_s": 60, "step_s": 2, "duty": 0.3, "load_torque_Nm": 0.1, "ambient_degC": 20.0},
+        "effects": {"cell_imbalance": {"d": 0.1}},
+        "metrics": ["min_pack_voltage_V", "final_soc"],
+    }
+    state = run(Study(**shared, axes={"initial.soc": [0.5, 0.8]}))
+    parameter = run(Study(**shared, axes={"initial_soc": [0.5, 0.8]}))
+    for name in shared["metrics"]:
+        np.testing.assert_allclose(state[name].values, parameter[name].values, rtol=1e-12)
+
+
+def test_cell_without_capacity_left_is_out_of_range(cell_study) -> None:
+    """Eq. 8 leaves nothing after 107 months at 20 degC; the state of charge would rise on discharge."""
+    found = run(cell_study(axes={"current_A": [1.0], "storage_months": [36.0, 120.0]}, metrics=["valid_share"]))
+    assert found["valid_share"].values.ravel().tolist() == [1.0, 0.0]
+
+
+def test_lane_whose_readings_overflow_is_not_finite(cell_study) -> None:
+    """exp(-35 SOC) of the paper's cell overflows below -20: the charge itself is still a number."""
+    profile = {"duration_s": 100_000, "step_s": 100, "ambient_degC": 20.0}
+    axes = {"current_A": [1.0, 6.0], "storage_months": [0.0]}
+    found = run(cell_study(profile=profile, axes=axes, metrics=["min_voltage_V"]))
+    assert found["status"].values.ravel().tolist() == [Status.COMPLETE, Status.NOT_FINITE]
+
+
+def test_steps_serve_the_slowest_and_the_fastest_motor_of_a_sweep() -> None:
+    """Brush drop asks for steps by the least R_0 J / k_tau^2, starts for those by the least L_a / R_0."""
+    shared = {
+        "kind": "motor",
+        "profile": {"duration_s": 60, "step_s": 20, "voltage_V": 10.0, "load_torque_Nm": 0.05, "ambient_degC": 20.0},
+        "effects": {"brush_drop": {}},
+        "metrics": ["final_winding_temperature_degC"],
+    }
+    axes = {"R_0": [0.1, 1.0], "J": [1e-4, 1e-3]}
+    profile = Study(**shared, axes=axes).prepared.profile
+    steps = np.asarray(track(engine._stiffest(Study(**shared, axes=axes)), profile).duration_s)
+    begun = np.cumsum(steps) - steps
+    p = Study(**shared, axes=axes).prepared.model.parameters
+    for resistance, inertia in itertools.product(*axes.values()):
+        constant_s = resistance * inertia / float(p.k_tau) ** 2
+        settling = begun < SETTLED * constant_s
+        assert np.all(steps[settling] <= 1.001 * BENDING_STEP_SHARE * constant_s)
+        assert settling.sum() > 10
+    assert steps[0] < float(p.L_a) / 1.0

@@ -228,6 +228,12 @@ def test_only_the_same_study_by_the_same_code_goes_on(cell_study, tmp_path, monk
     assert "the study has changed (axes.cycles)" in refused(study(axes={"cycles": [0.0, 8.0], "initial_soc": [0.5]}))
     assert "the study has changed (parameters.R_0)" in refused(study(parameters={"R_0": 0.1}))
     assert "(the order of its axes)" in refused(study(axes={"initial_soc": [0.5], "cycles": [0.0, 9.0]}))
+    ranges = {"cycles": (0.0, 9.0), "capacity_Ah": (2.0, 3.0)}
+    drawn = study(axes={}, sample={"count": 4, "ranges": ranges})
+    run(drawn, out=tmp_path / "drawn")
+    turned = study(axes={}, sample={"count": 4, "ranges": dict(reversed(ranges.items()))})
+    with pytest.raises(SweepError, match="the order of its sample's ranges"):
+        run(turned, out=tmp_path / "drawn", resume=True)
     with monkeypatch.context() as other:
         other.setattr(manifest, "sources_digest", lambda: "other")
         assert "the code has changed (jaxmodel" in refused(study())

@@ -296,6 +296,13 @@ WRONG = {
         "[sample]\ncount = 4\nranges = { capacity_Ah = [-1, 2] }\n[axes]",
         "sample.ranges.capacity_Ah: 'capacity_Ah' = -1 is outside",
     ),
+    "sample of things counted": (
+        "[axes]",
+        "[sample]\ncount = 4\nranges = { n_motors = [2, 4] }\n[axes]",
+        "n_motors takes whole numbers; put it on an axis instead.",
+    ),
+    "axis that goes nowhere": ("start = 0,", "start = 40,", "has a value twice"),
+    "duration repeated": ("duration_s = 60", "duration_s = 60\nrepeat = 3", "profile has repeat and duration_s"),
     "pulse between rows": (
         "duty = 0.3",
         "pulses.duty = { high = 0.5, on_s = 2.5, period_s = 10 }",
@@ -374,3 +381,23 @@ def test_mistake_is_told_in_one_sentence(tmp_path, old: str, new: str, message: 
     assert text.startswith(f"{tmp_path.name}/study.toml: ")
     assert text.endswith((".", "?"))
     assert "\n" not in text
+
+
+def test_column_in_which_lanes_differ_is_not_stored_again(tmp_path):
+    motor = """kind = "motor"
+store = ["current_A"]
+[profile]
+duration_s = 60
+load_torque_Nm = 0.1
+ambient_degC = 20
+[axes]
+current_A = [2.0, 4.0]
+"""
+    with pytest.raises(UserError, match="store: 'current_A' is what lanes differ in"):
+        read(tmp_path, motor)
+
+
+def test_factor_is_checked_on_every_value_of_an_axis(tmp_path):
+    text = STUDY.replace("duty = 0.3\n", "").replace("cycles = [0, 100]", 'duty = [0.3, 0.6]\n"scale.duty" = [1, 2]')
+    with pytest.raises(UserError, match=r"axes\.scale\.duty: 1\.2 is outside -1 to 1"):
+        read(tmp_path, text)

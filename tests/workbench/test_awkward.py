@@ -74,3 +74,9 @@ def test_more_effects_than_are_weighed_are_refused(run: Run, case_folder: Path, 
     names = ("self_heating", "rate_capacity", "entropic_ocv", "slow_diffusion")
     wanted = [word for name in names for word in ("--add", name)]
     assert_one_sentence(run("diagnose", case_folder, "--out", tmp_path / "out", *wanted), "no more than 3 are weighed")
+
+
+def test_simulation_is_not_written_over_the_measurement(run: Run, case_folder: Path) -> None:
+    measured = (case_folder / "run-01.csv").read_bytes()
+    assert_one_sentence(run("simulate", case_folder, "--out", case_folder), "run-01.csv there is a measurement")
+    assert (case_folder / "run-01.csv").read_bytes() == measured

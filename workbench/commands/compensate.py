@@ -61,6 +61,11 @@ def compensate_models(out: Path, cases: Sequence[Path], mission_path: Path | Non
         for name, model in models.items():
             progress(f"solving the map: {name}")
             found[name] = compensate(model, AMBIENT_DEGC, TORQUE_NM)
+            if not np.isfinite(found[name].duty).any():
+                raise MeasurementError(
+                    f"{name}: this robot does not drive at any place of the map, {TORQUE_NM[0]:g} to "
+                    f"{TORQUE_NM[-1]:g} N m at a reference duty of {found[name].reference.duty:g}; check its motors."
+                )
             progress(f"checking between its places and by the paper's rule: {name}")
             rules[name] = paper_rule_error(model, found[name])
             _write(out, name, model, found[name])

@@ -6,14 +6,17 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
 from jaxmodel.build import case_model, preset_model
 from jaxmodel.cases import read_case
+from jaxmodel.cell import storage_factor
 from jaxmodel.errors import SweepError
 from jaxmodel.model import Model
 from jaxmodel.names import with_values
+from jaxmodel.parameters import TABLE
 from jaxmodel.simulate import simulate
 
 # First of ours: sweeps gives JAX every core, which must happen before the first array.
@@ -124,6 +127,10 @@ def _age(text: str) -> tuple[str, tuple[float, float]]:
         months, cycles = map(float, text.split(","))
     except ValueError as error:
         raise SweepError(f"--age {text}: write months of storage and cycles, as in --age 18,25.") from error
+    for name, number in (("storage_months", months), ("cycles", cycles)):
+        TABLE[name].check(number, f"--age {text}")
+    if storage_factor(jnp.asarray(months), jnp.asarray(TABLE["storage_temperature_degC"].default)) <= 0.0:
+        raise SweepError(f"--age {text}: by eq. 8 no capacity is left after {months:g} months at 20 degC; take fewer.")
     return f"{months:g} months, {cycles:g} cycles", (months, cycles)
 
 

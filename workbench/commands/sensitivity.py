@@ -73,17 +73,18 @@ def uncertainty(
     """
     point: dict[str, float] = {}
     sd: dict[str, float] = {}
-    correlation = None
+    correlation, correlated = None, []
     for entry in uncertain:
         if entry == "case":
-            sd |= _stated_sd(sweeps.read_study(path))
+            sd |= _stated_sd(study_at(path, {}, effects))
         elif "=" in entry:
             sd |= dict([assignment(entry, "--uncertain")])
         else:
             estimates, sd_of_fit, correlation = _estimates(Path(entry))
             point |= estimates
             sd |= sd_of_fit
-    if correlation is not None and len(sd) != len(correlation):
+            correlated = list(sd_of_fit)
+    if correlation is not None and list(sd) != correlated:
         raise SweepError("--uncertain: state either standard deviations or the folder of an identify, not both.")
     study = study_at(path, point | dict(assignment(entry, "--at") for entry in at), effects)
     start(out)

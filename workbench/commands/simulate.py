@@ -7,7 +7,7 @@ from pathlib import Path
 
 from jaxmodel.build import FIDELITIES
 from jaxmodel.cases import read_case
-from jaxmodel.errors import ParameterError, nearest
+from jaxmodel.errors import MeasurementError, ParameterError, nearest
 from workbench import terminal
 from workbench.commands.start import catalogue_with, own_effects, start
 from workbench.pictures.runs import simulation
@@ -26,6 +26,9 @@ def simulate(path: Path, out: Path, fidelity: str, effects: Sequence[str]) -> No
         raise ParameterError(f"--fidelity: there is no '{fidelity}', only {known}.{nearest(fidelity, FIDELITIES)}")
     catalogue = catalogue_with(own_effects(effects))
     case = read_case(path)
+    for run in case.runs:
+        if (out / f"{run.name}.csv").resolve() == run.source:
+            raise MeasurementError(f"--out {out}: {run.name}.csv there is a measurement; name another folder.")
     start(out)
     with terminal.told(case.name) as progress:
         outcomes = simulate_case(case, fidelity=fidelity, catalogue=catalogue, progress=progress)

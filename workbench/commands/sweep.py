@@ -120,7 +120,8 @@ def pictures_of(dataset: xr.Dataset) -> Iterator[tuple[str, bytes]]:
         yield "parallel", png(parallel(dataset, varied, metrics))
     for metric in metrics:
         if LANE in dataset.dims:
-            yield metric, png(points(dataset, metric, varied))
+            if varied:
+                yield metric, png(points(dataset, metric, varied))
             continue
         axes = _by_influence(dataset, metric)
         if not axes:
