@@ -23,7 +23,7 @@ def solved() -> Compensation:
 
 
 def made_up(duty: np.ndarray, ambient: np.ndarray, torque: np.ndarray) -> Compensation:
-    runs = Runs(*(np.ones_like(duty) for _ in range(3)))
+    runs = Runs(*(np.ones_like(duty) for _ in range(2)))
     return Compensation(Reference(), -2e-4, ambient, torque, duty, runs, runs)
 
 

@@ -13,6 +13,8 @@ from jaxmodel.build import preset_model
 from jaxmodel.profile import Profile
 from jaxmodel.simulate import simulate
 from tests.workbench.conftest import Run
+from tests.workbench.test_mistakes import assert_one_sentence
+from workbench.commands import compensate as compensate_command
 from workbench.commands import estimate as estimate_command
 from workbench.commands import mission as mission_command
 
@@ -84,3 +86,20 @@ def test_estimate_ends_with_a_page(run: Run, tmp_path: Path, monkeypatch: pytest
     assert again.exit_code == 0, again.output
     assert json.loads((tmp_path / "again" / "tuning.json").read_text(encoding="utf-8")) == tuning
     np.testing.assert_allclose(pd.read_csv(tmp_path / "again" / "errors.csv").rms, errors.rms, rtol=1e-4)
+
+
+def test_robot_that_drives_nowhere_on_the_map_is_told(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compensate_command, "AMBIENT_DEGC", np.array([0.0, 20.0]))
+    monkeypatch.setattr(compensate_command, "TORQUE_NM", np.array([0.1, 0.2]))
+    weak = tmp_path / "weak"
+    weak.mkdir()
+    (weak / "case.toml").write_text(
+        'kind = "robot"\n[parameters]\nk_tau = 0.01\nR_0 = 0.5\nn_series = 2\n'
+        '[[runs]]\nfile = "r.csv"\nsplit = "fit"\n',
+        encoding="utf-8",
+    )
+    (weak / "r.csv").write_text("time_s,ambient_degC,duty,load_torque_Nm\n0,20,0.3,0.1\n1,20,0.3,0.1\n", "utf-8")
+    result = run("compensate", "--model", weak, "--out", tmp_path / "out")
+    assert_one_sentence(result, "weak: this robot does not drive at any place of the map, 0.1 to 0.2 N m")

@@ -61,7 +61,7 @@ def compensate_models(out: Path, cases: Sequence[Path], mission_path: Path | Non
         for name, model in models.items():
             progress(f"solving the map: {name}")
             found[name] = compensate(model, AMBIENT_DEGC, TORQUE_NM)
-            if not np.isfinite(found[name].duty).any():
+            if not (np.isfinite(found[name].duty) & found[name].drives).any():
                 raise MeasurementError(
                     f"{name}: this robot does not drive at any place of the map, {TORQUE_NM[0]:g} to "
                     f"{TORQUE_NM[-1]:g} N m at a reference duty of {found[name].reference.duty:g}; check its motors."
@@ -122,7 +122,7 @@ def _write(out: Path, name: str, model: Model, map_: Compensation) -> None:
 def between(model: Model, map_: Compensation, *, integers: bool) -> tuple[float, float]:
     """Return the largest error of the header's look-up in the middles between places: of duty, and of the slope.
 
-    The duty there is solved for, the slope simulated with what the header says; where the robot drives.
+    The duty there is solved for, the slope simulated with what the header says; where the robot drives, NaN if nowhere.
     """
     ambient = map_.ambient_degC[:-1] + 0.5 * np.diff(map_.ambient_degC)
     torque = map_.load_torque_Nm[:-1] + 0.5 * np.diff(map_.load_torque_Nm)
@@ -130,6 +130,8 @@ def between(model: Model, map_: Compensation, *, integers: bool) -> tuple[float,
     true = compensate(model, ambient, torque, map_.reference).duty.ravel()
     said = looked_up(map_, t, m, integers=integers)
     there = np.isfinite(true) & np.isfinite(said)
+    if not there.any():
+        return np.nan, np.nan
     slope = steady(model, t[there], m[there], said[there]).soc_gradient
     return float(np.abs(said - true)[there].max()), float(np.abs(slope / map_.slope - 1.0).max())
 
