@@ -154,7 +154,7 @@ def without_input_noise(case: Case, noise: Mapping[str, NoiseModel]) -> Case:
             name: _of_neighbours(values, noisy[name], apart) if name in noisy else values
             for name, values in run.measured.inputs.items()
         }
-        return dataclasses.replace(run, measured=dataclasses.replace(run.measured, inputs=inputs))
+        return run.driven_by(inputs)
 
     return dataclasses.replace(case, runs=tuple(quiet(run) for run in case.runs))
 

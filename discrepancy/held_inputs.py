@@ -36,7 +36,7 @@ def with_held_inputs(case: Case) -> Case:
     runs = []
     for run in case.runs:
         inputs = {n: held(v, noisy[n]) if n in noisy else v for n, v in run.measured.inputs.items()}
-        runs.append(dataclasses.replace(run, measured=dataclasses.replace(run.measured, inputs=inputs)))
+        runs.append(run.driven_by(inputs))
     return dataclasses.replace(case, runs=tuple(runs))
 
 

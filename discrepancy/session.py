@@ -14,12 +14,12 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from discrepancy.alike import check_sign_of_current, with_like_inputs
 from discrepancy.calibrate import IDLE_GAIN, Fit, fit, look
 from discrepancy.candidates import Candidate, candidates
 from discrepancy.contract import noise_left_by, noise_of_case, noise_passed_on, without_input_noise
 from discrepancy.held_inputs import noisy_inputs, with_held_inputs
 from discrepancy.input_noise import InputNoise
+from discrepancy.inputs import check_sign_of_current, with_like_inputs
 from discrepancy.ladder import ChannelError, Estimate, Rung
 from discrepancy.lanes import predict
 from discrepancy.masking import masking_pairs

@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
 from jaxmodel.case_schema import RunEntry, parse_case
 from jaxmodel.errors import MeasurementError, ParameterError, nearest
 from jaxmodel.known import Known, Table, scalars, tables
@@ -41,6 +43,10 @@ class Run:
     overrides: dict[str, Known]
     measured: Measured
     source: Path
+
+    def driven_by(self, inputs: Mapping[str, np.ndarray]) -> Run:
+        """Return the run with other inputs, its readings as they are."""
+        return dataclasses.replace(self, measured=dataclasses.replace(self.measured, inputs=dict(inputs)))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -79,7 +79,7 @@ def compensate_models(out: Path, cases: Sequence[Path], mission_path: Path | Non
         f"The duty that holds the pace of the charge; made in {time.perf_counter() - began:.0f} s",
         lines,
         sections,
-        [*(read_case(path).path for path in paths), mission_path],
+        [*(path / "case.toml" if path.is_dir() else path for path in paths), mission_path],
     )
     for section in sections:
         for table in (part for part in section.parts if isinstance(part, Table)):

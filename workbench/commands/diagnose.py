@@ -24,7 +24,7 @@ from workbench import terminal
 from workbench.commands.start import catalogue_with, own_effects, start
 from workbench.extended import extended_case, write_case
 from workbench.pictures import evidence, failures
-from workbench.pictures.runs import fit_and_residuals, residuals_by_condition
+from workbench.pictures.runs import channels_read, fit_and_residuals, residuals_by_condition
 from workbench.pictures.style import png
 from workbench.report import error_rows, write_report
 from workbench.runs import Outcome, simulate_case
@@ -197,7 +197,7 @@ def pictures_of(diagnosis: Diagnosis, outcomes: Sequence[Outcome]) -> dict[str, 
     if diagnosis.scores:
         pictures["scores"] = png(evidence.scores(diagnosis))
     for run, outcome in zip(diagnosis.case.runs, outcomes, strict=True):
-        if not any(np.any(np.isfinite(run.measured.outputs.get(channel, np.nan))) for channel in noise_sd):
+        if not channels_read(run, noise_sd):
             continue
         of_run = {name: predictions[run.name] for name, predictions in models.items()}
         valid = outcome.table["valid"].to_numpy(dtype=bool)

@@ -129,8 +129,11 @@ def _age(text: str) -> tuple[str, tuple[float, float]]:
         raise SweepError(f"--age {text}: write months of storage and cycles, as in --age 18,25.") from error
     for name, number in (("storage_months", months), ("cycles", cycles)):
         TABLE[name].check(number, f"--age {text}")
-    if storage_factor(jnp.asarray(months), jnp.asarray(TABLE["storage_temperature_degC"].default)) <= 0.0:
-        raise SweepError(f"--age {text}: by eq. 8 no capacity is left after {months:g} months at 20 degC; take fewer.")
+    degC = TABLE["storage_temperature_degC"].default
+    if storage_factor(jnp.asarray(months), jnp.asarray(degC)) <= 0.0:
+        raise SweepError(
+            f"--age {text}: by eq. 8 no capacity is left after {months:g} months at {degC:g} degC; take fewer."
+        )
     return f"{months:g} months, {cycles:g} cycles", (months, cycles)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,11 @@ _LEFT_CM, _LABEL_CM = 2.0, 1.25  # of a panel: room for its labels, and from its
 _WHITE_EDGE: dict[str, Any] = {"markeredgecolor": "white", "markeredgewidth": 0.5}
 
 
+def channels_read(run: Run, names: Iterable[str]) -> list[str]:
+    """Return those channels of which a run has a reading."""
+    return [name for name in names if np.any(np.isfinite(run.measured.outputs.get(name, np.nan)))]
+
+
 @styled
 def fit_and_residuals(
     run: Run, models: Mapping[str, Predictions], noise_sd: Mapping[str, float], valid: np.ndarray | None = None
@@ -49,7 +54,7 @@ def fit_and_residuals(
         noise_sd: the noise floor of each channel to draw, in the channel's unit.
         valid: by row, False where the equations leave the range in which they make sense; those spans are shaded.
     """
-    channels = [name for name in noise_sd if np.any(np.isfinite(run.measured.outputs.get(name, np.nan)))]
+    channels = channels_read(run, noise_sd)
     factor, unit = minutes_or_seconds(run.measured.time_s)
     time = (run.measured.time_s - run.measured.time_s[0]) * factor
     columns = _SIDE_BY_SIDE if len(channels) > _SIDE_BY_SIDE else len(channels)

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from discrepancy.alike import check_sign_of_current, with_like_inputs
+from discrepancy.inputs import check_sign_of_current, with_like_inputs
 from jaxmodel.cases import Case, read_case
 from jaxmodel.errors import FitError, MeasurementError
 from tests.discrepancy.made_cases import MadeCell
@@ -55,7 +55,7 @@ def with_current(case: Case, change) -> Case:
     runs = []
     for run in case.runs:
         inputs = run.measured.inputs | {"current_A": change(run.measured.inputs["current_A"])}
-        runs.append(dataclasses.replace(run, measured=dataclasses.replace(run.measured, inputs=inputs)))
+        runs.append(run.driven_by(inputs))
     return dataclasses.replace(case, runs=tuple(runs))
 
 

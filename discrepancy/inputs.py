@@ -34,7 +34,7 @@ def with_like_inputs(case: Case) -> Case:
     runs = []
     for run in case.runs:
         inputs = {name: np.zeros(run.measured.time_s.size) for name in zeros} | run.measured.inputs
-        runs.append(_with_inputs(run, inputs))
+        runs.append(run.driven_by(inputs))
     first = runs[0]
     for run in runs[1:]:
         if other := sorted(first.measured.inputs.keys() ^ run.measured.inputs.keys()):
@@ -83,7 +83,7 @@ def _misfit(case: Case, runs: list[Run], sign: float, catalogue: Mapping[str, ty
     """Return the RMS of measured less predicted voltage of the stated model, its currents times a sign."""
     errors = []
     for run in runs:
-        turned = _with_inputs(run, run.measured.inputs | {"current_A": sign * run.measured.inputs["current_A"]})
+        turned = run.driven_by(run.measured.inputs | {"current_A": sign * run.measured.inputs["current_A"]})
         found = simulate(case_model(case, run, catalogue=catalogue), run_profile(turned)).readings["voltage_V"]
         errors.append(run.measured.outputs["voltage_V"] - np.asarray(found))
     together = np.concatenate(errors)
@@ -98,13 +98,9 @@ def _with_duty(case: Case) -> Case:
         inputs = dict(run.measured.inputs)
         if "V_set" in inputs:
             inputs["duty"] = duty_of_signal(inputs.pop("V_set"))
-        runs.append(_with_inputs(run, inputs))
+        runs.append(run.driven_by(inputs))
     sensors = dict(case.sensors)
     if "V_set" in sensors:
         sd = sensors.pop("V_set") * (duty_of_signal(1.0) - duty_of_signal(0.0))
         sensors = {"duty": sd} | sensors
     return dataclasses.replace(case, runs=tuple(runs), sensors=sensors)
-
-
-def _with_inputs(run: Run, inputs: Mapping[str, np.ndarray]) -> Run:
-    return dataclasses.replace(run, measured=dataclasses.replace(run.measured, inputs=dict(inputs)))
