@@ -168,7 +168,8 @@ def _following_the_torque(jacobian: Matrix, motor: Motor, start: Pair, end: Pair
 
     Where saturation makes the torque fall as the current grows, the secant of a long step would keep the torque up
     while the current falls, and the rotor would run far past its equilibrium. There the torque follows nearly its chord
-    to zero current, that of the end which saturates more.
+    to zero current, that of the end which saturates more. Steps shorter than that constant keep their secant: it is
+    what makes the start, and the heat of its inrush, right.
     """
     inertia = motor.context.parameters.J
 
@@ -178,8 +179,9 @@ def _following_the_torque(jacobian: Matrix, motor: Motor, start: Pair, end: Pair
         return jnp.where(none, motor.torque_constant, torque / jnp.where(none, 1.0, pair.current)) / inertia
 
     least = CHORD_SHARE * jnp.minimum(chord(start), chord(end))
-    steps = (duration * jacobian.b * least / jacobian.a) ** 2  # duration in time constants, squared
-    return jacobian._replace(c=jacobian.c + steps / (1.0 + steps) * jnp.maximum(least - jacobian.c, 0.0))
+    far_longer = (duration * jacobian.b * least / jacobian.a) ** 8  # duration in time constants; 0 or all, and smooth
+    share = far_longer / (1.0 + far_longer)
+    return jacobian._replace(c=jacobian.c + share * jnp.maximum(least - jacobian.c, 0.0))
 
 
 def _bend_of_the_drop(motor: Motor, start: Pair, secant_end: Pair) -> Bend:

@@ -22,7 +22,7 @@ from jaxmodel.profile import Profile, Track
 from jaxmodel.simulate import Status, Trajectory, run_track, track
 from tests.jaxmodel.runs import staircase
 
-ROWS, STEPS = 13, 1200
+ROWS, STEPS = 13, 2000
 TRANSIENT_S = 0.1
 TEMPERATURE_DEPENDENT = ("arrhenius_resistance", "capacity_temperature", "charge_transfer", "entropic_ocv")
 # What the rotor's acceleration takes of the current while the slow states move it is right to first order only,
@@ -33,28 +33,28 @@ INPUTS = {
     "motor": {"voltage_V": (8.0, 3.0), "load_torque_Nm": (0.15, 0.1)},
     "robot": {"duty": (0.35, 0.15), "load_torque_Nm": (0.15, 0.1)},
 }
-BRUSHES = ("brush_drop",)  # their steps after a jump are others, and so is the compiled shape
+BENDING = ("brush_drop", "saturation")  # their steps after a jump are others, and so is the compiled shape
 
 
-def effects_of(kind: str, brushes: bool) -> list[str]:
+def effects_of(kind: str, bends: bool) -> list[str]:
     physical = [name for name, cls in CATALOGUE.items() if kind in cls.kinds and not cls.is_sensor]
-    return [name for name in physical if (name in BRUSHES) == brushes]
+    return [name for name in physical if (name in BENDING) == bends]
 
 
 @functools.cache
-def switched(kind: str, brushes: bool) -> Model:
-    effects = (CATALOGUE[name](switch=jnp.zeros(())) for name in effects_of(kind, brushes))
+def switched(kind: str, bends: bool) -> Model:
+    effects = (CATALOGUE[name](switch=jnp.zeros(())) for name in effects_of(kind, bends))
     return Model(kind, Parameters(initial_soc=0.9), effects=tuple(effects))
 
 
 def with_effects(kind: str, *names: str, **numbers: float) -> Model:
     given = {f"{name}.switch": 1.0 for name in names} | numbers
     arrays = {name: jnp.asarray(value, dtype=float) for name, value in given.items()}
-    return with_values(switched(kind, any(name in BRUSHES for name in names)), arrays)
+    return with_values(switched(kind, any(name in BENDING for name in names)), arrays)
 
 
 CASES = [(kind, "") for kind in INPUTS] + [
-    (kind, name) for kind in INPUTS for brushes in (False, True) for name in effects_of(kind, brushes)
+    (kind, name) for kind in INPUTS for bends in (False, True) for name in effects_of(kind, bends)
 ]
 every_effect = pytest.mark.parametrize(("kind", "effect"), CASES, ids=[f"{k}-{e or 'base'}" for k, e in CASES])
 

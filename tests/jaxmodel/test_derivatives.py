@@ -25,7 +25,7 @@ ROWS = 13
 KINDS = ("cell", "motor", "robot")
 NEVER = Cutoff()
 # Where a number is zero by default, what a change of it is measured by.
-SCALES = {"ocv_offset_V": 0.1, "psi_L": 1e-2, "clock_shift.resampled": 0.1}
+SCALES = {"ocv_offset_V": 0.1, "psi_L": 1e-2, "clock_shift.resampled": 0.1, "saturation.i_s": 15.0}
 
 
 @functools.cache
@@ -119,7 +119,7 @@ def test_forward_derivatives_are_differences(kind: str):
     x, steps = values(kind), course(kind, profile(kind))
     expected, h = differences(kind, x, steps)
     largest = np.abs(np.asarray(compiled(kind)["values"](jnp.asarray(x[None]), steps, NEVER))[0]).max(axis=1)
-    rounding = 150.0 * np.finfo(float).eps * largest[:, None] / h
+    rounding = 500.0 * np.finfo(float).eps * largest[:, None] / h
     off = np.abs(forward(kind, x, steps) - expected).max(axis=1)
     beyond = off > 1e-6 * np.abs(expected).max(axis=1) + rounding
     assert not beyond.any(), [names(kind)[column] for column in np.flatnonzero(beyond.any(axis=0))]
