@@ -8,10 +8,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from discrepancy.hypothesis import Hypothesis
 from discrepancy.leftover import leftover_laws
 from discrepancy.misfit import Block
 from discrepancy.search import Progress, another, search, strongest, tell
-from discrepancy.session import Hypothesis, Session
+from discrepancy.session import Session
 
 # A channel whose residual is this many times its sensor's noise is not explained by any means.
 FAR_FROM_FLOOR = 3.0

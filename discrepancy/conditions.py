@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from discrepancy.contract import without_input_noise
+from discrepancy.hypothesis import Hypothesis
 from discrepancy.lanes import predict
-from discrepancy.session import Hypothesis, Session
+from discrepancy.session import Session
 from jaxmodel.cases import Case
 
 # A step of an input by this share of its range in the run is a change of load.

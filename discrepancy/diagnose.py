@@ -13,6 +13,7 @@ import numpy as np
 
 from discrepancy.best_model import BestModel, find_best_model
 from discrepancy.failure import failure, scatter_beyond_noise
+from discrepancy.hypothesis import Hypothesis, Labels
 from discrepancy.law_file import law_file
 from discrepancy.leftover import leftover_laws
 from discrepancy.misfit import Block
@@ -23,7 +24,7 @@ from discrepancy.result import Diagnosis, NamedEffect, ScoreEntry
 from discrepancy.score import sight
 from discrepancy.screen import Screen
 from discrepancy.search import Progress, by_strength, tell
-from discrepancy.session import Hypothesis, Labels, Session
+from discrepancy.session import Session
 from jaxmodel.cases import Case
 from jaxmodel.errors import EffectError
 from jaxmodel.ports import Effect

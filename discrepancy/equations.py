@@ -13,11 +13,12 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from discrepancy.conditions import conditions_of_rows
+from discrepancy.hypothesis import Hypothesis
 from discrepancy.input_noise import row_of_step
 from discrepancy.lanes import at, residuals
 from discrepancy.misfit import Block, Leftover, Tried, hats
 from discrepancy.problem import Problem
-from discrepancy.session import Hypothesis, Session
+from discrepancy.session import Session
 from jaxmodel.ports import PORTS, Effect
 
 KNOTS, EVEN_KNOTS = 5, 7

@@ -9,8 +9,9 @@ import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
 from discrepancy.conditions import conditions_of_rows, history_of_rows
+from discrepancy.hypothesis import Hypothesis
 from discrepancy.lanes import at, residuals
-from discrepancy.session import Hypothesis, Session
+from discrepancy.session import Session
 from discrepancy.where import (
     Cell,
     MapCell,

@@ -9,9 +9,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from discrepancy.calibrate import Fit, fit, look
+from discrepancy.hypothesis import Hypothesis
 from discrepancy.noise import residual_noise
 from discrepancy.problem import Problem
-from discrepancy.session import Hypothesis, Session
+from discrepancy.session import Session
 from discrepancy.whitening import chain_starts
 from jaxmodel.build import case_model
 from jaxmodel.cases import Case

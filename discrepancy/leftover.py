@@ -6,9 +6,10 @@ import numpy as np
 
 from discrepancy.conditions import conditions
 from discrepancy.equations import equation_laws
+from discrepancy.hypothesis import Hypothesis
 from discrepancy.misfit import Block, Leftover, deficiency_map, strongest_first
 from discrepancy.screen import Screen
-from discrepancy.session import Hypothesis, Session
+from discrepancy.session import Session
 
 
 def leftover_laws(session: Session, hypothesis: Hypothesis, screened: Screen) -> list[Block]:

@@ -14,8 +14,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from discrepancy.calibrate import look
+from discrepancy.hypothesis import Hypothesis
 from discrepancy.lanes import predict
-from discrepancy.session import Hypothesis, Session
+from discrepancy.session import Session
 from jaxmodel.cases import Case, Known, Run
 from jaxmodel.measurements import Measured
 

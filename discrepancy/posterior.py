@@ -8,9 +8,9 @@ from math import comb
 import numpy as np
 
 from discrepancy.candidates import Candidate
+from discrepancy.hypothesis import Hypothesis, Labels
 from discrepancy.misfit import Block
 from discrepancy.screen import Screen
-from discrepancy.session import Hypothesis, Labels
 
 SOMETHING_ELSE = "something_else"
 

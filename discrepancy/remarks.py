@@ -9,9 +9,10 @@ import numpy as np
 
 from discrepancy.best_model import BestModel
 from discrepancy.contract import Predictions
+from discrepancy.hypothesis import Hypothesis
 from discrepancy.ladder import Rung
 from discrepancy.noise import NoiseModel
-from discrepancy.session import FAR_FROM_PRIOR, Hypothesis, Session
+from discrepancy.session import FAR_FROM_PRIOR, Session
 from jaxmodel.cases import Case
 from jaxmodel.declaration import describe
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from discrepancy.hypothesis import Hypothesis
 from discrepancy.posterior import hypothesis_name
 from discrepancy.screen import Screen
-from discrepancy.session import Hypothesis, Session
+from discrepancy.session import Session
 
 Progress = Callable[[str], None]
 

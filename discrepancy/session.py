@@ -18,6 +18,7 @@ from discrepancy.calibrate import IDLE_GAIN, Fit, fit, look
 from discrepancy.candidates import Candidate, candidates
 from discrepancy.contract import noise_left_by, noise_of_case, noise_passed_on, without_input_noise
 from discrepancy.held_inputs import noisy_inputs, with_held_inputs
+from discrepancy.hypothesis import Hypothesis, Labels
 from discrepancy.input_noise import InputNoise
 from discrepancy.inputs import check_sign_of_current, with_like_inputs
 from discrepancy.ladder import ChannelError, Estimate, Rung
@@ -36,46 +37,12 @@ from jaxmodel.errors import EffectError, UserError, nearest
 from jaxmodel.names import parameter_table
 from jaxmodel.ports import Effect, touches
 
-Labels = tuple[str, ...]
 FAR_FROM_PRIOR = 3.0
 # How far off, and for what share of the readings, the assumed noise must be to be worth refitting.
 NOISE_CHANGED = 0.05
 NOISE_CHANGED_SHARE = 0.02
 # Steps in which the base model follows an effect put into it: a start needs no more.
 FOLLOWING_STEPS = 4
-
-
-@dataclasses.dataclass(frozen=True)
-class Hypothesis:
-    """A model with some effects added, calibrated on the fit runs.
-
-    Attributes:
-        labels: of the added effects.
-        problem: the case under this model.
-        layout: of its unknowns. Models that share a program have the unknowns of one another's effects too, at zero.
-        fitted: the calibration.
-    """
-
-    labels: Labels
-    problem: Problem
-    layout: Layout
-    fitted: Fit
-
-    @property
-    def log_evidence(self) -> float:
-        """Return the log of the probability of the readings, less a constant common to all hypotheses of the case."""
-        return self.fitted.log_evidence
-
-    @property
-    def own(self) -> list[int]:
-        """Return the numbers of the unknowns that are the model's own: the base model's, then its effects'."""
-        return self.layout.own(self.labels)
-
-    @property
-    def start(self) -> Start:
-        """Return where it ended, as a start for another."""
-        of_effects = {label: self.fitted.x[list(self.layout.of_effect[label])] for label in self.labels}
-        return {BASE: self.fitted.x[: self.layout.base]} | of_effects
 
 
 class Session:
@@ -224,12 +191,15 @@ class Session:
         other.__dict__.update(changes, _hypotheses={}, _screens={}, _rungs={})
         return other
 
-    def hypothesis(self, labels: Sequence[str] = (), starts: Sequence[Start] = ()) -> Hypothesis:
+    def hypothesis(
+        self, labels: Sequence[str] = (), starts: Sequence[Start] = (), rival: float | None = None
+    ) -> Hypothesis:
         """Return the calibrated model with effects added.
 
         `starts` are tried in turn until one converges to something better than the base model; what they leave open
         begins where the base model ended. The base model itself is also started from the likeliest of some random
-        places within its priors, and the better of the two kept.
+        places within its priors, and the better of the two kept. Fits that never come near a `rival`'s objective, else
+        that of the best so far, are given up early.
         """
         key = self.key(labels)
         if key in self._hypotheses:
@@ -242,8 +212,7 @@ class Session:
         tries = [layout.at({BASE: known, **start}) for start in starts or [{}]]
         if not key:
             tries.append(likeliest_of_some(problem, layout.base))
-        rivals = [one.fitted.objective for one in self.known() if 0 < len(one.labels) <= len(key)]
-        rival = min(rivals, default=np.inf)
+        rival = self._best_so_far(key) if rival is None else rival
 
         def calibrated(begin: np.ndarray) -> Fit:
             """Let the base model follow the effects at their first amplitude, then free all."""
@@ -285,9 +254,19 @@ class Session:
         return self._hypotheses[key]
 
     def hypotheses(self, sets: Sequence[tuple[Labels, Sequence[Start]]]) -> list[Hypothesis]:
-        """Return several hypotheses; two are compiled and fitted at a time."""
+        """Return several hypotheses; two are compiled and fitted at a time.
+
+        What two must come near is the best before both: no answer depends on which of them is done first.
+        """
+        found: list[Hypothesis] = []
         with ThreadPoolExecutor(2) as pool:
-            return list(pool.map(lambda one: self.hypothesis(*one), sets))
+            for first in range(0, len(sets), 2):
+                two = [(*one, self._best_so_far(one[0])) for one in sets[first : first + 2]]
+                found += pool.map(lambda one: self.hypothesis(*one), two)
+        return found
+
+    def _best_so_far(self, key: Labels) -> float:
+        return min((one.fitted.objective for one in self.known() if 0 < len(one.labels) <= len(key)), default=np.inf)
 
     def known(self) -> list[Hypothesis]:
         """Return every hypothesis fitted so far."""

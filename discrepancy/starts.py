@@ -57,7 +57,7 @@ def over_the_ridges(
 ) -> Fit:
     """Look along an amplitude with many local optima for a place better than the fit's, and fit again from there.
 
-    Far along it the other numbers are looked at where the fit has them and at the ends of their range: a fit that
+    Far along it the other numbers are looked at where the fit has them, within their range, and at its ends: a fit that
     settled between the wrong ridges has settled them wrongly too.
 
     Args:
@@ -69,7 +69,12 @@ def over_the_ridges(
         rival: objective of a model that this one must come near.
     """
     amplitude, *shapes = places
-    others = [found.x[shapes], *(np.array(ends) for ends in itertools.product(*candidate.shape_ends) if ends)]
+    ends = [np.array(each) for each in itertools.product(*candidate.shape_ends) if each]
+
+    def within(x: np.ndarray) -> np.ndarray:
+        return np.clip(x[shapes], np.min(ends, axis=0), np.max(ends, axis=0)) if ends else x[shapes]
+
+    others = [within(found.x), *ends]
     for reach in (candidate.reach, *_CLOSER):
         along = np.linspace(-reach, reach, _PLACES)
         looks = np.repeat(found.x[None], _PLACES * len(others), axis=0)
@@ -77,9 +82,12 @@ def over_the_ridges(
         looks[:, shapes] = np.repeat(others, _PLACES, axis=0)
         values = objectives(problem, looks)
         if np.min(values) < found.objective - 1.0:
-            led = fit(problem, looks[np.argmin(values)], own, rival=rival)
+            best = looks[np.argmin(values)]
+            if shapes:  # held at first: from ridge to ridge they make up for an amplitude a little off
+                best = fit(problem, best, [number for number in own if number not in shapes], rival=rival).x
+            led = fit(problem, best, own, rival=rival)
             found = min(found, led, key=lambda one: one.objective)
-        others = [found.x[shapes]]
+        others = [within(found.x)]
     return found
 
 

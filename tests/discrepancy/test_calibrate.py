@@ -13,9 +13,10 @@ from scipy.stats import chi2, multivariate_normal
 
 from discrepancy.calibrate import Fit, fit
 from discrepancy.diagnose import compare
+from discrepancy.hypothesis import Hypothesis
 from discrepancy.lanes import at, predict, residuals
 from discrepancy.problem import Problem
-from discrepancy.session import Hypothesis, Session
+from discrepancy.session import Session
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.cases import Known
 from jaxmodel.simulate import simulate

@@ -12,6 +12,7 @@ from jaxtyping import Array
 from scipy.stats import chi2
 
 from discrepancy.calibrate import Fit, fit
+from discrepancy.hypothesis import Hypothesis
 from discrepancy.identifiability import (
     Identifiability,
     asking_for,
@@ -23,7 +24,7 @@ from discrepancy.identifiability import (
 )
 from discrepancy.lanes import predict
 from discrepancy.problem import make_problem
-from discrepancy.session import Hypothesis, Session
+from discrepancy.session import Session
 from jaxmodel.errors import ParameterError
 from tests.discrepancy.closed_form import ClosedForm, closed_form
 from tests.discrepancy.made_cases import MadeCell

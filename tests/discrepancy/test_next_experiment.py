@@ -7,8 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from discrepancy.hypothesis import Hypothesis
 from discrepancy.next_experiment import EMPTY_SOC, FIRST_SOC, Proposal, bank, propose
-from discrepancy.session import Hypothesis, Session
+from discrepancy.session import Session
 from jaxmodel.cases import Case, Known
 from tests.discrepancy.made_cases import NOISE_V, SOC_SD, TRUE, case_of, made_cell, run_of
 from tests.independent import simulate

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from discrepancy.hypothesis import Hypothesis
 from discrepancy.misfit import Block
 from discrepancy.posterior import (
     MOST,
@@ -17,7 +18,7 @@ from discrepancy.posterior import (
     hypothesis_name,
     probabilities,
 )
-from discrepancy.session import Hypothesis, Session
+from discrepancy.session import Session
 
 
 @pytest.fixture(scope="module")

@@ -13,12 +13,13 @@ import pytest
 from scipy.stats import binom, chi2
 
 from discrepancy.calibrate import fit, look
+from discrepancy.hypothesis import Hypothesis
 from discrepancy.lanes import predict
 from discrepancy.problem import Lane, Layout, Problem, make_problem
 from discrepancy.projection import Candidate as Direction
 from discrepancy.projection import project
 from discrepancy.screen import Screen, Switchboard, screen
-from discrepancy.session import Hypothesis, Session
+from discrepancy.session import Session
 from tests.discrepancy.made_cases import made_cell
 
 DRAWS = 16

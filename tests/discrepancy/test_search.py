@@ -9,10 +9,11 @@ from types import SimpleNamespace
 import numpy as np
 
 from discrepancy.calibrate import Fit
+from discrepancy.hypothesis import Hypothesis, Labels
 from discrepancy.problem import BASE, Start
 from discrepancy.screen import Screen
 from discrepancy.search import search
-from discrepancy.session import Hypothesis, Labels, Session
+from discrepancy.session import Session
 
 CRITICAL_Z = 3.0
 

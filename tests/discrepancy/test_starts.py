@@ -7,9 +7,10 @@ import dataclasses
 
 import numpy as np
 
+from discrepancy import starts
 from discrepancy.calibrate import fit
+from discrepancy.hypothesis import Hypothesis
 from discrepancy.problem import BASE, Start
-from discrepancy.session import Hypothesis
 from discrepancy.starts import over_the_ridges
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.cases import Known
@@ -35,6 +36,31 @@ def test_a_fit_between_the_wrong_ridges_is_led_over_them(tmp_path):
     led = over_the_ridges(problem, candidate, places, layout.own(("clock_shift",)), stuck)
     assert led.chi2 < 1.1 * readings
     assert abs(delay.number(led.x[places[0]]) - DELAY_S) < 3.0 * delay.slope(0.0) * led.sd[places[0]]
+
+
+def test_how_a_logger_reads_is_looked_at_within_its_range_and_held_while_its_clock_is_set(tmp_path, monkeypatch):
+    """A logger that goes five times beyond straight lines makes up for any delay, and leaves a fit in a long valley."""
+    session = with_candidates(made_cell(tmp_path, {"clock_shift": {"d": DELAY_S}}).case, "clock_shift")
+    problem, layout = session.problem_of(("clock_shift",))
+    delay, way = layout.of_effect["clock_shift"]
+    stuck = session.hypothesis().fitted
+    stuck = dataclasses.replace(stuck, x=layout.at({"clock_shift": np.array([0.3, 4.8])}))
+    seen, freed = [], []
+
+    def looked(_, looks):
+        seen.append(looks)
+        return np.arange(len(looks), dtype=float) - (2.0 + 1e9 * (len(seen) == 1))
+
+    def fitted(_, start, free, **__):
+        freed.append(list(free))
+        return dataclasses.replace(stuck, x=start)
+
+    monkeypatch.setattr(starts, "objectives", looked)
+    monkeypatch.setattr(starts, "fit", fitted)
+    own = layout.own(("clock_shift",))
+    over_the_ridges(problem, session.candidates["clock_shift"], (delay, way), own, stuck)
+    assert all(looks[:, way].min() >= 0.0 and looks[:, way].max() <= 1.0 for looks in seen)
+    assert freed[:2] == [[number for number in own if number != way], own]
 
 
 def test_an_offset_beyond_a_standstill_is_found():
