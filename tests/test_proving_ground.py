@@ -14,13 +14,15 @@ from benchmarks.discrepancy.ablations import by_score, weighed, with_one_shape, 
 from benchmarks.discrepancy.baselines import Says, correlation, stepwise
 from benchmarks.discrepancy.compare import Compared, rates
 from benchmarks.discrepancy.evidence import Evidence, _ratios, read_evidence
-from benchmarks.discrepancy.generate import Blind
+from benchmarks.discrepancy.generate import Blind, Drawn, moves
 from benchmarks.discrepancy.judge import Judged, Rate, keep, metrics, power, reliability, report
 from benchmarks.discrepancy.publish import filled
 from discrepancy.candidates import make_candidate
 from discrepancy.whitening import chain_starts, whiten
 from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
+from tests.independent.make_case import Run
+from tests.independent.profiles import make_profile
 
 
 def said(verdict: str, *names: str, probability: float = 0.97, sd: float = 0.1, **more: Any) -> dict[str, Any]:
@@ -265,4 +267,25 @@ def test_a_seed_that_empties_its_cell_is_left_out(tmp_path: Path, monkeypatch: p
     with pytest.raises(RuntimeError, match="beyond empty"):
         generate.make(tmp_path, 1)
     monkeypatch.setattr(generate, "write_case", lambda *arguments, **options: emptied[:2])
+    monkeypatch.setattr(generate, "moves", lambda drawn: {})
     assert generate.make(tmp_path, 1).kind in generate.KINDS
+
+
+def test_an_effect_that_no_run_of_a_case_lets_act_moves_no_reading():
+    profile = make_profile("cell", "load steps", 3, duration_s=60.0, step_s=2.0, ambient_degC=20.0, largest_drive=6.0)
+    hidden = {"arrhenius_resistance": {"E_a": 2e4}, "resistance_ageing": {"c": 1e-3}}
+    blind = Blind("cell", "double", hidden, "", False)
+    runs = [Run(profile, initial_soc=0.9, parameters={"cycles": 300.0})]
+    drawn = Drawn(blind, {}, {"storage_months": 0.0}, {"current_A": 0.01, "voltage_V": 1e-3}, runs, 1.0, {})
+    found = moves(drawn)
+    assert found["arrhenius_resistance"] == 0.0
+    assert found["resistance_ageing"] > 10.0
+
+
+def test_what_moves_no_reading_is_taken_for_absent():
+    both = Blind("cell", "double", {"a": {}, "b": {}}, "", False)
+    assert both.in_the_readings == both, "not known how far they move"
+    one = dataclasses.replace(both, moves={"a": 0.9, "b": 1.1}).in_the_readings
+    assert (one.group, list(one.effects), one.verdict) == ("single", ["b"], "missing_effect")
+    none = Blind("cell", "sensor", {"a": {}}, "", False, {"a": 0.0}).in_the_readings
+    assert (none.group, none.effects, none.verdict) == ("null", {}, "adequate")

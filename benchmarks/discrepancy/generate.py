@@ -12,12 +12,15 @@ import pandas as pd
 
 from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
-from tests.independent.integrate import DEFAULTS
+from tests.independent.effects import reported_inputs
+from tests.independent.integrate import DEFAULTS, simulate
 from tests.independent.make_case import Run, write_case
 from tests.independent.profiles import make_profile
 
 KINDS = {"cell": 0.45, "motor": 0.3, "robot": 0.25}
 CLASSES = {"null": 0.25, "single": 0.42, "double": 0.1, "sensor": 0.11, "outside": 0.12}
+# Of the referee; far below any sensor.
+TOLERANCE = 1e-7
 PATTERNS = ("load steps", "varying load", "pulse train", "rests with pulses", "constant load")
 
 # What a user knows of the hardware, as a share of the value; the truth is drawn from it.
@@ -73,6 +76,8 @@ class Blind:
         effects: the hidden effects of the catalogue with their parameters.
         outside: the name of a law outside the catalogue, or "".
         hostile: whether the noise is coloured, heavy-tailed or unstated.
+        moves: by how many sigma each effect moves all readings together, the other numbers as they truly are; an
+            Arrhenius law in runs at its reference temperature moves none.
     """
 
     kind: str
@@ -80,6 +85,14 @@ class Blind:
     effects: dict[str, dict[str, Any]]
     outside: str
     hostile: bool
+    moves: dict[str, float] = dataclasses.field(default_factory=dict)
+
+    @property
+    def in_the_readings(self) -> Blind:
+        """Return the same case, effects that move the readings by less than noise does taken for absent."""
+        there = {name: numbers for name, numbers in self.effects.items() if self.moves.get(name, np.inf) >= 1.0}
+        group = self.group if len(there) == len(self.effects) else ("null", "single")[len(there)]
+        return dataclasses.replace(self, effects=there, group=group)
 
     @property
     def verdict(self) -> str:
@@ -131,13 +144,31 @@ def _share(values):
     return np.abs(values) / max(1e-9, float(np.abs(values).max()))
 
 
-def make(folder: Path, seed: int) -> Blind:
-    """Write the blind case of a seed and return what is hidden in it.
+@dataclasses.dataclass(frozen=True)
+class Drawn:
+    """All that a seed says of a case.
 
-    Raises:
-        RuntimeError: the referee cannot integrate it, or its cell is discharged beyond empty, where no voltage means
-            anything.
+    Attributes:
+        blind: what is hidden.
+        stated: the numbers that the user knows, each with its sd.
+        true: those numbers as they are.
+        sensors: sd of the noise of each column that is measured.
+        runs: the runs, with what truly acts in them.
+        strength: of a law outside the catalogue.
+        options: of the noise and of the logger's digits.
     """
+
+    blind: Blind
+    stated: dict[str, Any]
+    true: dict[str, float]
+    sensors: dict[str, float]
+    runs: list[Run]
+    strength: float
+    options: dict[str, Any]
+
+
+def draw(seed: int) -> Drawn:
+    """Return what a seed says of a case."""
     rng = np.random.default_rng([7, seed])
     kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
     group = str(rng.choice(list(CLASSES), p=list(CLASSES.values())))
@@ -160,24 +191,65 @@ def make(folder: Path, seed: int) -> Blind:
         sensors[TEMPERATURES[kind]] = float(rng.uniform(0.05, 0.3))
     runs = _runs(rng, kind, true, effects, law)
     strength = float(np.exp(rng.uniform(np.log(0.5), np.log(2.0))))
-    reported = [run.profile for run in runs]
-    if law and kind != "cell":
-        drive = {"motor": "voltage_V", "robot": "duty"}[kind]
-        runs = [dataclasses.replace(r, profile=OUTSIDE_DRIVE[law](r.profile, strength, drive)) for r in runs]
     options: dict[str, Any] = {}
     if hostile:
         first = next(iter(sensors))
         options = {"autocorrelation": {first: float(rng.uniform(0.3, 0.9))}, "unstated_sensors": [first]}
     if rng.uniform() < 0.5:
         options["quantisation"] = {name: 10.0 ** np.floor(np.log10(sd)) for name, sd in sensors.items()}
+    return Drawn(Blind(kind, group, effects, law, hostile), stated, true, sensors, runs, strength, options)
+
+
+def make(folder: Path, seed: int) -> Blind:
+    """Write the blind case of a seed and return what is hidden in it.
+
+    Raises:
+        RuntimeError: the referee cannot integrate it, or its cell is discharged beyond empty, where no voltage means
+            anything.
+    """
+    drawn = draw(seed)
+    blind, runs = drawn.blind, drawn.runs
+    reported = [run.profile for run in runs]
+    if blind.outside and blind.kind != "cell":
+        drive = {"motor": "voltage_V", "robot": "duty"}[blind.kind]
+        law = OUTSIDE_DRIVE[blind.outside]
+        runs = [dataclasses.replace(r, profile=law(r.profile, drawn.strength, drive)) for r in runs]
     clean = write_case(
-        folder, kind, true, stated, runs, effects=effects, sensors=sensors, seed=seed, tolerance=1e-7, **options
+        folder,
+        blind.kind,
+        drawn.true,
+        drawn.stated,
+        runs,
+        effects=blind.effects,
+        sensors=drawn.sensors,
+        seed=seed,
+        tolerance=TOLERANCE,
+        **drawn.options,
     )
     if any(float(np.min(truth["soc"])) < 0.0 for truth in clean if "soc" in truth):
         raise RuntimeError("its cell is discharged beyond empty")
-    if law:
-        _apply(folder, kind, law, strength, clean, reported)
-    return Blind(kind, group, effects, law, hostile)
+    if blind.outside:
+        _apply(folder, blind.kind, blind.outside, drawn.strength, clean, reported)
+    return dataclasses.replace(blind, moves=moves(drawn))
+
+
+def moves(drawn: Drawn) -> dict[str, float]:
+    """Return by how many sigma each hidden effect moves all readings together, from the same reported inputs."""
+    effects = drawn.blind.effects
+    squares = dict.fromkeys(effects, 0.0)
+    for run in drawn.runs:
+        reported, truth = reported_inputs(run.profile, effects), drawn.true | dict(run.parameters)
+
+        def readings(present: Mapping[str, Any], run=run, reported=reported, truth=truth):
+            return simulate(drawn.blind.kind, truth, reported, present, run.initial_soc, tolerance=TOLERANCE)
+
+        with_all = readings(effects)
+        for name in effects:
+            without = readings({other: numbers for other, numbers in effects.items() if other != name})
+            for column, sd in drawn.sensors.items():
+                if column not in reported:
+                    squares[name] += float(np.sum(((with_all[column] - without[column]) / sd) ** 2))
+    return {name: float(np.sqrt(square)) for name, square in squares.items()}
 
 
 def _apply(folder: Path, kind: str, law: str, strength: float, clean: list, reported: list) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import dataclasses
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -82,14 +83,20 @@ def publish(folder: Path, page: Path, unseen_from: int) -> None:
 def publish_sealed(folder: Path, page: Path) -> None:
     """Write the sealed cases' figures into a page, and beside those of development into its `results.json`.
 
-    The answers are kept in `sealed.jsonl`: so many cases take hours, and need not be diagnosed in one go. Those of an
-    earlier version whose misses were looked at since are in `opened.jsonl`; they stand beside, and judge no more.
+    The answers are kept in `sealed.jsonl`: so many cases take hours, and need not be diagnosed in one go. Those of
+    earlier versions, looked at since, are in `before.jsonl` and `opened.jsonl`; they stand beside, and judge no more.
     """
-    opened = keep([], page.with_suffix("") / "opened.jsonl")
-    seen = {case.number for case in opened}
+    before, opened = (keep([], page.with_suffix("") / name) for name in ("before.jsonl", "opened.jsonl"))
+    seen = {case.number for case in (*before, *opened)}
     cases = [case for case in read(folder) if case.number >= SEALED_FROM and case.number not in seen]
     cases = keep(cases, page.with_suffix("") / "sealed.jsonl")
-    sets = {"sealed": cases} | ({"opened since, by versions before": opened} if opened else {})
+    sets = {
+        "sealed": cases,
+        "sealed, as the readings show": _in_the_readings(cases),
+        "version before": before,
+        "version before, as the readings show": _in_the_readings(before),
+        "versions before that": opened,
+    }
     _write(page.with_suffix("") / "results.json", {"sealed": _summary(cases)})
     tables = {
         "sealed cases": _in_words(cases),
@@ -98,6 +105,11 @@ def publish_sealed(folder: Path, page: Path) -> None:
         "sealed power": _table("named where hidden", power(cases)),
     }
     page.write_text(filled(page.read_text(), tables))
+
+
+def _in_the_readings(cases: Sequence[Judged]) -> list[Judged]:
+    """Return the cases with effects that move no reading taken for absent."""
+    return [dataclasses.replace(case, blind=case.blind.in_the_readings) for case in cases]
 
 
 def _groups(cases: Sequence[Judged]) -> dict[str, int]:
