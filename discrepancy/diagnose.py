@@ -13,13 +13,14 @@ import numpy as np
 
 from discrepancy.best_model import BestModel, find_best_model
 from discrepancy.failure import failure, scatter_beyond_noise
+from discrepancy.glitches import without_glitches
 from discrepancy.hypothesis import Hypothesis, Labels
 from discrepancy.law_file import law_file
 from discrepancy.leftover import leftover_laws
 from discrepancy.misfit import Block
 from discrepancy.next_experiment import best_of_each, propose
 from discrepancy.posterior import MOST, PRIOR, SOMETHING_ELSE, bayes_factors, hypothesis_name, probabilities
-from discrepancy.remarks import remarks, what_is_explained, worse_held_out
+from discrepancy.remarks import far_on_check_runs, remarks, what_is_explained, worse_held_out
 from discrepancy.result import Diagnosis, NamedEffect, ScoreEntry
 from discrepancy.score import sight
 from discrepancy.screen import Screen
@@ -56,6 +57,7 @@ def compare(
         extra_effects: the user's own, by name.
         progress: told what is being done.
     """
+    case, glitches = without_glitches(case)
     session = Session(case, extra_effects)
     tell(progress, "calibrating")
     base = session.hypothesis()
@@ -72,7 +74,7 @@ def compare(
         scores=(),
         critical_z=float("nan"),
         failure=failure(session, base),
-        remarks=remarks(session, base),
+        remarks=(*glitches, *remarks(session, base)),
     )
 
 
@@ -97,6 +99,7 @@ def diagnose(
         FitError: nothing is uncertain, or no run may be used to calibrate.
         EffectError: a name that is no candidate of this case, or a sensor's effect without its column.
     """
+    case, glitches = without_glitches(case)
     session = Session(case, extra_effects, without)
     wanted = session.labels_to_add(add)
     if len(wanted) > max(PRIOR):
@@ -136,8 +139,10 @@ def diagnose(
     for count in range(1, len(named) + 1):
         added = [effect.label for effect in named[:count]]
         ladder.append(session.rung("with " + " + ".join(added), session.hypothesis(added)))
+    held_out = far_on_check_runs(ladder[-1], session.noise)
+    if verdict == "adequate" and held_out:
+        verdict, scatter = "undecided", held_out[0]
     blind = _blind(session, first)
-    blind_names = dict.fromkeys(session.candidates[label].effect.name for label in blind)
     rivals = _undecided_between(judge, weighed)
     if rivals:
         tell(progress, "looking for the experiment that would decide")
@@ -147,13 +152,19 @@ def diagnose(
         effects=named,
         candidates=tuple((name, p) for name, p in weighed.items() if p >= 5e-4),
         unexplained=unexplained.sentence(left[beside]) if unexplained is not None else scatter or None,
-        blind_to=tuple(blind_names),
+        blind_to=_blind_names(session, blind, [effect.name for effect in named]),
         noise=session.noise,
         ladder=tuple(ladder),
         scores=_scores(first, blind),
         critical_z=first.table.critical_z,
         failure=failure(session, base),
-        remarks=(*what_is_explained(found), *remarks(session, best), *worse_held_out(ladder[1:], session.noise)),
+        remarks=(
+            *glitches,
+            *what_is_explained(found),
+            *remarks(session, best),
+            *held_out,
+            *worse_held_out(ladder[1:], session.noise),
+        ),
         rivals=tuple(hypothesis_name(one.labels) for one in rivals),
         proposals=best_of_each(propose(judge, rivals)),
         law=unexplained,
@@ -291,6 +302,15 @@ def _blind(session: Session, screened: Screen) -> tuple[str, ...]:
     unseen = [entry.name for entry in sight(screened.table, smallest) if entry.cell == "blind"]
     unscored = [label for label in session.candidates if label not in screened.probes]
     return (*unseen, *unscored)
+
+
+def _blind_names(session: Session, blind: Sequence[str], named: Sequence[str]) -> tuple[str, ...]:
+    """Return the effects not named that this data is blind to, those of a sensor on every column they could have."""
+    labels: dict[str, list[str]] = {}
+    for label, candidate in session.candidates.items():
+        labels.setdefault(candidate.effect.name, []).append(label)
+    found = dict.fromkeys(session.candidates[label].effect.name for label in blind)
+    return tuple(name for name in found if name not in named and set(labels[name]) <= set(blind))
 
 
 def _scores(screened: Screen, blind: tuple[str, ...]) -> tuple[ScoreEntry, ...]:

@@ -24,6 +24,9 @@ NO_ANSWER = 1e-6
 # where that is this share of its course or more.
 STARTS_ELSEWHERE = 5.0
 SHARE_OF_COURSE = 0.1
+# So is a channel whose error on runs held out is so many times that on fit runs and the noise: of 300 sealed cases
+# whose model was right one in twenty exceeds 1.06.
+FAR_HELD_OUT = 1.25
 # So are effects with which a channel's error on runs held out grows by this, beyond its noise.
 WORSE_HELD_OUT = 1.1
 
@@ -55,8 +58,7 @@ def remarks(session: Session, hypothesis: Hypothesis) -> tuple[str, ...]:
         for place, (name, info) in zip(places, describe(session.candidates[label].effect).items(), strict=True):
             low, high = info.typical or (-np.inf, np.inf)
             value = hypothesis.layout.coordinates[place].number(hypothesis.fitted.x[place])
-            room = OUT_OF_RANGE * (high - low)
-            if not low - room <= value <= high + room:
+            if not _about(value, low, high):
                 found.append(
                     f"{label}.{name} = {value:.3g} is outside its usual range, {low:g} to {high:g}: "
                     "the effect may be standing in for another."
@@ -95,6 +97,35 @@ def starts_elsewhere(case: Case, noise: Mapping[str, NoiseModel], predicted: Pre
             told.append(
                 f"{name} in {worst} begins {off[worst]:+.2g} K off ambient_degC, where the model starts{others}: if "
                 "all was at rest, give what this sensor read as ambient_degC; no effect stands for an offset."
+            )
+    return tuple(told)
+
+
+def _about(value: float, low: float, high: float) -> bool:
+    """Return True within a usual range and a little beyond: of its ratio where it has one sign, else of its length."""
+    if low > 0.0:
+        room = (high / low) ** OUT_OF_RANGE
+        return low / room <= value <= high * room
+    room = OUT_OF_RANGE * (high - low)
+    return low - room <= value <= high + room
+
+
+def far_on_check_runs(rung: Rung, noise: Mapping[str, NoiseModel]) -> tuple[str, ...]:
+    """Say which channels a calibrated model leaves far above the noise in runs held out, and not in those fitted.
+
+    What acts in all runs a parameter of the model may have taken up in the others.
+
+    Args:
+        rung: the model.
+        noise: of every output.
+    """
+    told = []
+    for name, model in noise.items():
+        error = rung.errors[name]
+        if error.check > FAR_HELD_OUT * max(error.fit, model.sd):
+            told.append(
+                f"On check runs the error of {name} is {error.check / max(error.fit, model.sd):.1f} times that on fit "
+                "runs: something acts there that the fit runs do not show; make one of those runs a fit run."
             )
     return tuple(told)
 

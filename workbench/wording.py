@@ -39,6 +39,10 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
             beside = f" beside {named}" if named else ""
             what = f": {diagnosis.unexplained.rstrip('.')}" if diagnosis.unexplained else ""
             return f"Something is missing{beside} that no effect of the catalogue explains{what}."
+        case "undecided" if diagnosis.unexplained:
+            return (
+                f"The base model is as good as the sensors where it was fitted, and not beyond: {diagnosis.unexplained}"
+            )
         case "undecided":
             rivals = [candidate_name(name) for name, p in diagnosis.candidates if p >= 0.05] or ["the candidates"]
             found = f"This data shows {named}, but it" if named else "This data"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ from discrepancy.diagnose import _verdict, diagnose
 from discrepancy.result import VERDICTS, Diagnosis, answer
 from discrepancy.session import Session
 from jaxmodel.build import load_effect_class
+from jaxmodel.cases import Case
 from jaxmodel.errors import EffectError
 from tests.discrepancy.made_cases import NOISE_V, TRUE, MadeCell, all_but, made_cell, made_cell_with_unknown_law
+from workbench.wording import verdict_sentence
 
 HIDDEN = {
     "ocv_hysteresis": {"M_V": 0.02, "g": 60.0},
@@ -70,6 +73,31 @@ def test_nothing_hidden_nothing_named(tmp_path):
     assert diagnosis.verdict == "adequate"
     assert diagnosis.effects == ()
     assert np.isclose(diagnosis.base.errors["voltage_V"].check, NOISE_V, rtol=0.07)
+
+
+def _with_voltage(case: Case, number: int, voltage: Callable[[np.ndarray], np.ndarray]) -> Case:
+    """The case with the voltage of one run changed."""
+    run = case.runs[number]
+    measured = dataclasses.replace(run.measured, outputs={"voltage_V": voltage(run.measured.outputs["voltage_V"])})
+    runs = [dataclasses.replace(run, measured=measured) if run is one else one for one in case.runs]
+    return dataclasses.replace(case, runs=tuple(runs))
+
+
+def test_a_lost_reading_at_0_V_changes_nothing_and_is_told(tmp_path):
+    lost = diagnose(
+        _with_voltage(made_cell(tmp_path, {}).case, 2, lambda v: np.where(np.arange(v.size) == 137, 0.0, v))
+    )
+    assert lost.verdict == "adequate"
+    assert any(said.startswith("1 reading of voltage_V left out as glitch") for said in lost.remarks)
+    assert np.isclose(lost.base.errors["voltage_V"].fit, NOISE_V, rtol=0.07)
+
+
+def test_what_only_a_run_held_out_shows_is_not_called_adequate(tmp_path):
+    sags = diagnose(_with_voltage(made_cell(tmp_path, {}).case, 3, lambda v: v - np.linspace(0.0, 0.03, v.size)))
+    assert sags.verdict == "undecided"
+    assert sags.unexplained is not None
+    assert "times that on fit runs" in sags.unexplained
+    assert verdict_sentence(sags).endswith(sags.unexplained)
 
 
 def test_sensor_fault_is_not_sold_as_physics(tmp_path):

@@ -8,7 +8,7 @@ import numpy as np
 
 from discrepancy.contract import noise_of_case
 from discrepancy.ladder import ChannelError, Rung
-from discrepancy.remarks import starts_elsewhere, worse_held_out
+from discrepancy.remarks import _about, far_on_check_runs, starts_elsewhere, worse_held_out
 from jaxmodel.cases import Case
 from tests.discrepancy.made_cases import case_of, run_of
 
@@ -55,6 +55,25 @@ def test_an_effect_that_makes_runs_held_out_worse_is_remarked_on():
     assert worse_held_out([_rung(1.0), _rung(1.05, "one")], noise) == ()
     assert worse_held_out([_rung(0.7 * SD), _rung(SD, "one")], noise) == (), "both are as good as the sensor"
     assert worse_held_out([_rung(np.nan), _rung(np.nan, "one")], noise) == (), "nothing was held out"
+
+
+def test_runs_held_out_that_are_left_far_above_noise_and_fit_are_told():
+    noise = noise_of_case(_case(25.0))
+    (said,) = far_on_check_runs(_rung(7.0 * SD), noise)
+    assert said.startswith(f"On check runs the error of {NAME} is 7.0 times that on fit runs")
+    assert far_on_check_runs(_rung(1.2 * SD), noise) == ()
+    assert far_on_check_runs(_rung(np.nan), noise) == (), "nothing was held out"
+    far = dataclasses.replace(_rung(7.0 * SD), errors={NAME: ChannelError(fit=6.0 * SD, check=7.0 * SD)})
+    assert far_on_check_runs(far, noise) == (), "the fit runs show it too"
+
+
+def test_an_effect_far_stronger_than_usual_is_beyond_its_range_at_either_end():
+    assert _about(15.0, 20.0, 2000.0), "the ends are nothing sharp"
+    assert _about(4000.0, 20.0, 2000.0)
+    assert not _about(1.0, 20.0, 2000.0), "a resistance is strong where it is small"
+    assert not _about(1e5, 20.0, 2000.0)
+    assert _about(-0.011, -0.01, 0.01)
+    assert not _about(-0.02, -0.01, 0.01)
 
 
 def test_a_first_reading_that_is_missing_is_not_what_a_thermometer_starts_with():

@@ -1,0 +1,106 @@
+"""Readings that no course of the hardware explains: for a row or three far off, and back, while no input does a thing.
+
+A loose contact, a lost telegram, a converter that read nothing: one such reading of thousands, at 0 V, weighs more in a
+sum of squares than all others. It tells nothing of the physics, so it is left out, and told.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from discrepancy.noise import detect_quantum
+from jaxmodel.cases import Case, Run
+
+# A glitch stands this many sd off the readings before and after it, which differ by less than half of that; it is over
+# after so many rows. White noise has none in 1e20 readings.
+FAR = 10.0
+MOST_ROWS = 3
+# More than this share of a channel's readings is something that happens.
+MOST_OF_CHANNEL = 0.005
+# Rows about a step of an input that may show it.
+_CALM = 2
+# An input steps where it changes by so many robust sd of what its noise makes of a change.
+_INPUT_MOVES = 4.0
+_SD_OF_MAD = 1.4826
+# A pause this many times as long as a row parts what is before it from what is after.
+_PAUSE = 3.0
+
+Rows = Bool[np.ndarray, " rows"]
+Values = Float[np.ndarray, " rows"]
+
+
+def without_glitches(case: Case) -> tuple[Case, tuple[str, ...]]:
+    """Return a case with glitches of its outputs as missing readings, and a sentence for each channel that had some."""
+    told, runs = [], {run.name: run for run in case.runs}
+    channels = dict.fromkeys(name for run in case.runs for name in run.measured.outputs)
+    for channel in channels:
+        with_it = [run for run in case.runs if channel in run.measured.outputs]
+        found = {run.name: glitches(run, channel, case.sensors.get(channel, 0.0)) for run in with_it}
+        count = sum(int(rows.sum()) for rows in found.values())
+        if not 0 < count <= MOST_OF_CHANNEL * sum(rows.size for rows in found.values()):
+            continue
+        first = next(run for run in with_it if found[run.name].any())
+        row = int(np.argmax(found[first.name]))
+        value = first.measured.outputs[channel][row]
+        told.append(
+            f"{count} reading{'s' * (count > 1)} of {channel} left out as glitch{'es' * (count > 1)}, far from those "
+            f"before and after while no input changed: {value:.4g} at {first.measured.time_s[row]:g} s of {first.file}"
+            f"{' and others' * (count > 1)}."
+        )
+        for name, rows in found.items():
+            runs[name] = _without(runs[name], channel, rows)
+    return dataclasses.replace(case, runs=tuple(runs.values())), tuple(told)
+
+
+def glitches(run: Run, channel: str, stated_sd: float = 0.0) -> Rows:
+    """Return which rows of a run are glitches of a channel, (rows,) booleans; a missing reading is none."""
+    values, time_s = run.measured.outputs[channel], run.measured.time_s
+    there = np.flatnonzero(np.isfinite(values))
+    found = np.zeros(values.size, dtype=bool)
+    if there.size < 5:
+        return found
+    read, calm = values[there], _calm(run)[there]
+    off = read[1:-1] - 0.5 * (read[:-2] + read[2:])
+    off = off[off != 0.0]  # a sensor that is coarse, or stuck half of the time, tells its noise when it moves
+    scale = max(stated_sd, _robust_sd(off) / np.sqrt(1.5), detect_quantum(read))
+    if not scale:
+        return found
+    paused = np.diff(time_s[there]) > _PAUSE * np.median(np.diff(time_s))
+    for first, last in _spans(read, FAR * scale):
+        away = np.stack([read[first:last] - read[first - 1], read[first:last] - read[last]])
+        back = abs(read[last] - read[first - 1]) < 0.5 * np.abs(away).min()
+        one_way = np.all(away > FAR * scale) or np.all(away < -FAR * scale)
+        together = calm[first - 1 : last + 1].all() and not paused[first - 1 : last].any()
+        if one_way and back and together:
+            found[there[first:last]] = True
+    return found
+
+
+def _spans(read: Values, far: float) -> Iterator[tuple[int, int]]:
+    """Give the first row and the one after the last of all short spans that begin with a leap."""
+    for first in np.flatnonzero(np.abs(np.diff(read)) > far) + 1:
+        for last in range(first + 1, min(first + MOST_ROWS, read.size - 1) + 1):
+            yield int(first), last
+
+
+def _calm(run: Run) -> Rows:
+    """Return at which rows no input steps, nor shortly before or after."""
+    moves = np.zeros(run.measured.time_s.size, dtype=bool)
+    for values in run.measured.inputs.values():
+        step = np.abs(np.diff(values, prepend=values[0]))
+        moves |= step > _INPUT_MOVES * np.sqrt(2.0) * _robust_sd(values[1:-1] - 0.5 * (values[:-2] + values[2:]))
+    near = np.convolve(moves, np.ones(2 * _CALM + 1), mode="same") > 0.5
+    return ~near
+
+
+def _robust_sd(values: np.ndarray) -> float:
+    return _SD_OF_MAD * float(np.median(np.abs(values))) if values.size else 0.0
+
+
+def _without(run: Run, channel: str, rows: Rows) -> Run:
+    outputs = run.measured.outputs | {channel: np.where(rows, np.nan, run.measured.outputs[channel])}
+    return dataclasses.replace(run, measured=dataclasses.replace(run.measured, outputs=outputs))
