@@ -170,6 +170,7 @@ def diagnose(
         law=unexplained,
         law_source=_law_source(case, unexplained, left[beside]),
         far=tuple(found.far),
+        ordered=(*(f"--add {name}" for name in add), *(f"--without {name}" for name in without)),
     )
 
 

@@ -57,6 +57,7 @@ class Diagnosis:
     Attributes:
         far: channels that no model of few effects brings near their noise: chi-square is over what the best single
             effect leaves in them.
+        ordered: what the user had added or ruled out, as told to the shell.
     """
 
     case: Case
@@ -76,6 +77,7 @@ class Diagnosis:
     law: Block | None = None
     law_source: str | None = None
     far: tuple[str, ...] = ()
+    ordered: tuple[str, ...] = ()
 
     @property
     def base(self) -> Rung:

@@ -12,6 +12,7 @@ from discrepancy.candidates import Candidate
 from discrepancy.lanes import LANES
 from discrepancy.masking import Pair
 from discrepancy.problem import Problem, Start
+from discrepancy.score import SEED
 from discrepancy.screen import Screen
 
 _FAINT = 3.0
@@ -26,7 +27,7 @@ def likeliest_of_some(problem: Problem, unknowns: int) -> np.ndarray:
 
     Where a case states a motor that stalls, nothing moves the readings, and no slope leads away from there.
     """
-    places = np.random.default_rng(0).normal(size=(LANES, unknowns))
+    places = np.random.default_rng(SEED).normal(size=(LANES, unknowns))
     return places[np.argmin(objectives(problem, places))]
 
 

@@ -1,4 +1,4 @@
-"""Where a result comes from: the files by their SHA-256, the versions of what computed it, the date."""
+"""Where a result comes from: files by their SHA-256, versions of what computed it, seed, orders, the date."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ import datetime
 import hashlib
 import importlib.metadata
 import platform
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+
+from discrepancy.score import SEED
 
 _PACKAGES = ("jaxmodel", "jax", "jaxlib", "equinox", "optimistix", "numpy", "scipy")
 
@@ -22,16 +24,20 @@ class Provenance:
         files: each file's name and SHA-256.
         versions: of Python and the packages that computed it.
         machine: operating system and processor.
+        seed: of all random numbers.
+        ordered: what the user asked for beside the files.
     """
 
     date: str
     files: tuple[tuple[str, str], ...]
     versions: tuple[tuple[str, str], ...]
     machine: str
+    seed: int
+    ordered: tuple[str, ...]
 
 
-def provenance(files: Iterable[Path]) -> Provenance:
-    """Return the provenance of a result made now from some files."""
+def provenance(files: Iterable[Path], ordered: Sequence[str] = ()) -> Provenance:
+    """Return the provenance of a result made now from some files, as ordered."""
     installed = [("python", platform.python_version())]
     installed += [(package, importlib.metadata.version(package)) for package in _PACKAGES]
     return Provenance(
@@ -39,4 +45,6 @@ def provenance(files: Iterable[Path]) -> Provenance:
         files=tuple((file.name, hashlib.sha256(file.read_bytes()).hexdigest()) for file in files),
         versions=tuple(installed),
         machine=f"{platform.system()} {platform.machine()}",
+        seed=SEED,
+        ordered=tuple(ordered),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -90,8 +91,15 @@ def report_content(
         "at_bound": join(list(diagnosis.final.at_bound)),
         "noise": [_noise_row(diagnosis, channel) for channel in diagnosis.noise],
         "tests": _test_rows(diagnosis),
-        "origin": provenance([case.path, *(run.source for run in case.runs)]),
+        "origin": provenance(_files(diagnosis, catalogue), diagnosis.ordered),
     }
+
+
+def _files(diagnosis: Diagnosis, catalogue: Mapping[str, type[Effect]]) -> list[Path]:
+    """Return the files of the case, and those of effects of the user's own."""
+    case = diagnosis.case
+    own = dict.fromkeys(inspect.getfile(effect) for name, effect in catalogue.items() if name not in CATALOGUE)
+    return [case.path, *(run.source for run in case.runs), *(Path(file) for file in own)]
 
 
 def summary(diagnosis: Diagnosis) -> list[str]:

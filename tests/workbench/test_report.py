@@ -12,6 +12,8 @@ import pytest
 
 from discrepancy.result import Diagnosis
 from discrepancy.whiteness import FloorRatio
+from jaxmodel.build import load_effect_class
+from jaxmodel.effects import CATALOGUE
 from workbench.commands.diagnose import pictures_of, print_diagnosis
 from workbench.extended import extended_case
 from workbench.pictures.failures import maps
@@ -19,6 +21,7 @@ from workbench.report import write_report
 from workbench.runs import simulate_case
 from workbench.wording import verdict_sentence
 
+OWN_EFFECTS = Path(__file__).parents[2] / "examples" / "my_effects.py"
 VOID = {"meta", "img", "br", "hr", "link", "input"}
 
 
@@ -86,6 +89,18 @@ def test_report_names_its_data_by_their_digests(page: Page, diagnosis: Diagnosis
         assert hashlib.sha256(file.read_bytes()).hexdigest() in page.text
 
 
+def test_report_says_what_else_it_was_made_with(diagnosis: Diagnosis, tmp_path: Path) -> None:
+    """The seed, what the user ordered, and the file of an effect of their own."""
+    own = load_effect_class(f"{OWN_EFFECTS}:HotContact")
+    ordered = dataclasses.replace(diagnosis, ordered=("--without pwm_ripple",))
+    pictures = pictures_of(ordered, simulate_case(ordered.case))
+    write_report(ordered, tmp_path / "report.html", pictures, CATALOGUE | {own.name: own})
+    text = Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
+    assert "random numbers from seed 0" in text
+    assert "ordered: --without pwm_ripple" in text
+    assert hashlib.sha256(OWN_EFFECTS.read_bytes()).hexdigest() in text
+
+
 def test_model_that_fails_nowhere_has_a_report_too(diagnosis: Diagnosis, tmp_path: Path) -> None:
     """Without failing channels there are no pictures of where they fail."""
     fine = dataclasses.replace(
@@ -125,18 +140,19 @@ def test_what_a_user_writes_is_text_and_no_markup(page: Page) -> None:
 
 
 @pytest.mark.parametrize(
-    ("verdict", "said"),
+    ("verdict", "unexplained", "said"),
     [
-        ("adequate", "nothing is missing"),
-        ("sensor_fault", "a sensor is not"),
-        ("unknown_effect", "no effect of the catalogue explains: a torque that grows with speed."),
-        ("undecided", "cannot tell between"),
-        ("", "no effects were tried"),
+        ("adequate", None, "nothing is missing"),
+        ("sensor_fault", None, "a sensor is not"),
+        ("unknown_effect", "a torque that grows with speed", "catalogue explains: a torque that grows with speed."),
+        ("undecided", None, "cannot tell between"),
+        ("undecided", "Runs held out are far off.", "on the fit runs, and not beyond: Runs held out are far off."),
+        ("", None, "no effects were tried"),
     ],
 )
-def test_every_verdict_is_one_sentence(diagnosis: Diagnosis, tmp_path: Path, verdict: str, said: str) -> None:
+def test_every_verdict_is_one_sentence(diagnosis: Diagnosis, verdict: str, unexplained: str | None, said: str) -> None:
     named = () if verdict in ("adequate", "", "undecided") else diagnosis.effects
-    other = dataclasses.replace(diagnosis, verdict=verdict, effects=named, unexplained="a torque that grows with speed")
+    other = dataclasses.replace(diagnosis, verdict=verdict, effects=named, unexplained=unexplained)
     sentence = verdict_sentence(other)
     assert said in sentence
     assert sentence.endswith(".")
