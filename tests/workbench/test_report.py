@@ -146,7 +146,7 @@ def test_what_a_user_writes_is_text_and_no_markup(page: Page) -> None:
         ("sensor_fault", None, "a sensor is not"),
         ("unknown_effect", "a torque that grows with speed", "catalogue explains: a torque that grows with speed."),
         ("undecided", None, "cannot tell between"),
-        ("undecided", "Runs held out are far off.", "on the fit runs, and not beyond: Runs held out are far off."),
+        ("undecided", "Runs held out are far off.", "not beyond: Runs held out are far off."),
         ("", None, "no effects were tried"),
     ],
 )
