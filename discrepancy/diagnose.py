@@ -151,7 +151,7 @@ def diagnose(
         verdict=verdict,
         effects=named,
         candidates=tuple((name, p) for name, p in weighed.items() if p >= 5e-4),
-        unexplained=unexplained.sentence(left[beside]) if unexplained is not None else scatter or None,
+        unexplained=unexplained.sentence(left[beside]) if unexplained is not None else scatter or _no_form(found),
         blind_to=_blind_names(session, blind, [effect.name for effect in named]),
         noise=session.noise,
         ladder=tuple(ladder),
@@ -303,6 +303,12 @@ def _blind(session: Session, screened: Screen) -> tuple[str, ...]:
     unseen = [entry.name for entry in sight(screened.table, smallest) if entry.cell == "blind"]
     unscored = [label for label in session.candidates if label not in screened.probes]
     return (*unseen, *unscored)
+
+
+def _no_form(found: BestModel) -> str | None:
+    """Say that what every model leaves far above the noise follows none of the laws tried; None where none does."""
+    left = f"every model leaves far more than noise in {' and '.join(found.far)}, in the form of no law that was tried"
+    return left if found.far else None
 
 
 def _blind_names(session: Session, blind: Sequence[str], named: Sequence[str]) -> tuple[str, ...]:

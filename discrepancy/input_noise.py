@@ -21,6 +21,8 @@ from jaxmodel.profile import Track
 
 # Slow noise is that of the means of so many stretches of a run, or more where an input was held for less.
 _STRETCHES = 64
+# Never more: neighbours are one then, whose charge is what matters. All answers to them are held at once.
+_MOST_STRETCHES = 512
 # A direction of the readings in which slow noise raises the sd by less than this share is left as it is.
 _FAINT = 0.05
 # Rows of one simulation that are moved are so many apart: what a row's noise does to later readings has faded by then.
@@ -87,13 +89,18 @@ class MovedInputs:
             return self._answer(name, mine / np.sqrt(np.maximum(rows, 1))[:, None])
 
         most = [max(1, int(rows + 1) // _STRETCHES) for rows in self._row.max(axis=1)]
-        stretch = {name: self._of_each_run(stretches, name, most) for name in self._input_sd}
+        stretch = {name: at_most(_MOST_STRETCHES, self._of_each_run(stretches, name, most)) for name in self._input_sd}
         moves = [(name, number) for name, numbers in stretch.items() for number in range(numbers.max() + 1)]
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             return np.stack(list(pool.map(answer, moves)))
 
     def _of_each_run(self, function: Callable[..., np.ndarray], name: str, *more: Sequence[int]) -> np.ndarray:
         return np.stack([function(*each) for each in zip(self._inputs[name], self._row, *more, strict=True)])
+
+
+def at_most(most: int, number: np.ndarray) -> np.ndarray:
+    """Return numbers of stretches with neighbours put together, as many as it takes to leave no more than `most`."""
+    return number // -(-(int(number.max()) + 1) // most)
 
 
 def slow_directions(answers: np.ndarray, run: np.ndarray) -> np.ndarray:

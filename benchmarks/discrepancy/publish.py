@@ -90,19 +90,16 @@ def publish_sealed(folder: Path, page: Path) -> None:
     seen = {case.number for case in (*before, *opened)}
     cases = [case for case in read(folder) if case.number >= SEALED_FROM and case.number not in seen]
     cases = keep(cases, page.with_suffix("") / "sealed.jsonl")
-    sets = {
-        "sealed": cases,
-        "sealed, as the readings show": _in_the_readings(cases),
-        "version before": before,
-        "version before, as the readings show": _in_the_readings(before),
-        "versions before that": opened,
-    }
+    sets = {"sealed": cases}
+    if all(case.blind.moves or not case.blind.effects for case in cases):
+        sets["sealed, as the readings show"] = _in_the_readings(cases)
+    sets |= {"version before": before, "versions before that": opened}
     _write(page.with_suffix("") / "results.json", {"sealed": _summary(cases)})
     tables = {
         "sealed cases": _in_words(cases),
         "sealed metrics": _side_by_side({name: metrics(some) for name, some in sets.items()}, asked=True),
-        "sealed reliability": _table("right at a probability of", reliability(cases)),
-        "sealed power": _table("named where hidden", power(cases)),
+        "sealed reliability": _table("right at a probability of", reliability([*before, *cases])),
+        "sealed power": _table("named where hidden", power([*before, *cases])),
     }
     page.write_text(filled(page.read_text(), tables))
 

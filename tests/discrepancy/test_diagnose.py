@@ -8,7 +8,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from discrepancy.diagnose import _verdict, diagnose
+from discrepancy.best_model import BestModel
+from discrepancy.diagnose import _no_form, _verdict, diagnose
 from discrepancy.result import VERDICTS, Diagnosis, answer
 from discrepancy.session import Session
 from jaxmodel.build import load_effect_class
@@ -184,3 +185,11 @@ def test_what_all_likely_models_have_in_common_is_named(plain_session: Session) 
     assert _verdict(plain_session, best, {"base": 0.0} | open_second, None) == "missing_effect"
     either = {"self_discharge": 0.4, "rate_capacity": 0.35, "base": 0.25}
     assert _verdict(plain_session, best, either, None) == "undecided"
+
+
+def test_what_is_far_from_noise_and_follows_no_law_is_said(plain_session: Session) -> None:
+    model = BestModel(plain_session, plain_session.hypothesis(), ("voltage_V",))
+    said = _no_form(model)
+    assert said is not None
+    assert "in voltage_V, in the form of no law" in said
+    assert _no_form(dataclasses.replace(model, far=())) is None

@@ -11,7 +11,7 @@ import pytest
 
 from discrepancy.calibrate import look, rows_at
 from discrepancy.contract import noise_of_case
-from discrepancy.input_noise import MovedInputs, row_of_step, slow_directions
+from discrepancy.input_noise import MovedInputs, at_most, row_of_step, slow_directions
 from discrepancy.session import Session
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.cases import Known
@@ -123,3 +123,12 @@ def test_numbers_are_as_sure_as_fits_to_other_draws_of_the_noise_would_scatter(t
     np.testing.assert_allclose(scatter / base.fitted.sd, 1.0, atol=0.25)
     # Were each reading's noise its own, some would seem surer than they are.
     assert np.max(scatter / session.hypothesis().fitted.sd) > 1.15
+
+
+def test_a_long_pulsed_run_has_not_more_stretches_than_can_be_held_at_once():
+    number = np.repeat(np.arange(1000), 3).reshape(1, -1)
+    fewer = at_most(256, number)
+    assert fewer.max() + 1 <= 256
+    assert np.unique(np.diff(fewer[0])).tolist() == [0, 1], "neighbours stay neighbours, and none is left out"
+    few = np.repeat(np.arange(256), 3).reshape(1, -1)
+    np.testing.assert_array_equal(at_most(256, few), few)
