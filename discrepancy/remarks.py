@@ -105,9 +105,9 @@ def _about(value: float, low: float, high: float) -> bool:
     """Return True within a usual range and a little beyond: of its ratio where it has one sign, else of its length."""
     if low > 0.0:
         room = (high / low) ** OUT_OF_RANGE
-        return low / room <= value <= high * room
+        return bool(low / room <= value <= high * room)
     room = OUT_OF_RANGE * (high - low)
-    return low - room <= value <= high + room
+    return bool(low - room <= value <= high + room)
 
 
 def far_on_check_runs(rung: Rung, noise: Mapping[str, NoiseModel]) -> tuple[str, ...]:
