@@ -93,7 +93,7 @@ def publish_sealed(folder: Path, page: Path) -> None:
     sets = {"sealed": cases}
     if all(case.blind.moves or not case.blind.effects for case in cases):
         sets["sealed, as the readings show"] = _in_the_readings(cases)
-    sets |= {"version before": before, "versions before that": opened}
+    sets |= {"version before": before, "both": [*before, *cases], "versions before that": opened}
     _write(page.with_suffix("") / "results.json", {"sealed": _summary(cases)})
     tables = {
         "sealed cases": _in_words(cases),
