@@ -43,6 +43,17 @@ def conditions_of_rows(session: Session, hypothesis: Hypothesis) -> dict[str, np
     return found
 
 
+def currents_of_rows(session: Session, hypothesis: Hypothesis) -> dict[str, np.ndarray]:
+    """Return the currents that the model draws where something else drives it, at every row: (runs, rows) arrays.
+
+    They say where a model fails. No law is sought in them: of a motor at speed its current is its torque once more.
+    """
+    problem = hypothesis.problem
+    drawn = [name for name in problem.channels if name.endswith("current_A")]
+    predicted = predict(problem, hypothesis.fitted.x)
+    return {name: predicted[:, :, problem.channels.index(name)] for name in drawn}
+
+
 def history_of_rows(case: Case, shape: tuple[int, ...]) -> dict[str, np.ndarray]:
     """Return what a row's past says of it: the time since the load changed, and the run's age; (runs, rows) arrays."""
     since, cycles = np.zeros(shape), np.zeros(shape)

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from discrepancy.failure import failure
 from discrepancy.leftover import leftover_laws
 from discrepancy.session import Session
 from jaxmodel.cases import Case, Known
@@ -89,3 +90,9 @@ def test_a_right_model_asks_no_equation():
     base = session.hypothesis()
     blocks = leftover_laws(session, base, session.screen(base))
     assert not any(block.significant or block.in_equation for block in blocks)
+
+
+def test_where_a_motor_fails_is_told_by_the_current_it_draws_too():
+    session = session_of(measured("a brake that fades"))
+    told = failure(session, session.hypothesis()).cells["speed_rad_s"]
+    assert {"current_A", "voltage_V"} <= {cell.regressor for cell in told}
