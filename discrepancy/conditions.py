@@ -22,8 +22,12 @@ def conditions(session: Session, hypothesis: Hypothesis) -> dict[str, np.ndarray
     return {name: values[runs, rows] for name, values in conditions_of_rows(session, hypothesis).items()}
 
 
-def conditions_of_rows(session: Session, hypothesis: Hypothesis) -> dict[str, np.ndarray]:
-    """Return the inputs and the model's states at every row of every run: (runs, rows) arrays by name."""
+def conditions_of_rows(session: Session, hypothesis: Hypothesis, *, currents: bool = False) -> dict[str, np.ndarray]:
+    """Return the inputs and the model's states at every row of every run: (runs, rows) arrays by name.
+
+    With the `currents` that the model draws where something else drives it, if asked for. They say where a model fails;
+    no law is sought in them, for a motor's current at speed is its torque once more.
+    """
     problem = hypothesis.problem
     predicted = predict(problem, hypothesis.fitted.x)
     found: dict[str, np.ndarray] = {}
@@ -35,23 +39,13 @@ def conditions_of_rows(session: Session, hypothesis: Hypothesis) -> dict[str, np
                 padded[number, : one.time_s.size] = one.inputs[name]
         found[name] = padded
     for place, name in enumerate(problem.channels):
-        if name not in found and name.split("_")[0] in ("soc", "speed", "cell", "winding", "case", "motor"):
+        is_state = name.split("_")[0] in ("soc", "speed", "cell", "winding", "case", "motor")
+        if name not in found and (is_state or (currents and name.endswith("current_A"))):
             found[name] = predicted[:, :, place]
     times = np.asarray(problem.times)
     found["time_s"] = times - times[:, :1]  # a logger's clock may start anywhere
     found["run"] = np.broadcast_to(np.arange(len(measured), dtype=float)[:, None], problem.times.shape)
     return found
-
-
-def currents_of_rows(session: Session, hypothesis: Hypothesis) -> dict[str, np.ndarray]:
-    """Return the currents that the model draws where something else drives it, at every row: (runs, rows) arrays.
-
-    They say where a model fails. No law is sought in them: of a motor at speed its current is its torque once more.
-    """
-    problem = hypothesis.problem
-    drawn = [name for name in problem.channels if name.endswith("current_A")]
-    predicted = predict(problem, hypothesis.fitted.x)
-    return {name: predicted[:, :, problem.channels.index(name)] for name in drawn}
 
 
 def history_of_rows(case: Case, shape: tuple[int, ...]) -> dict[str, np.ndarray]:

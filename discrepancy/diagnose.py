@@ -139,9 +139,10 @@ def diagnose(
     for count in range(1, len(named) + 1):
         added = [effect.label for effect in named[:count]]
         ladder.append(session.rung("with " + " + ".join(added), session.hypothesis(added)))
+    told = unexplained.sentence(left[beside]) if unexplained is not None else scatter or _no_form(found)
     held_out = far_on_check_runs(ladder[-1], session.noise)
     if verdict == "adequate" and held_out:
-        verdict, scatter = "undecided", held_out[0]
+        verdict, told = "undecided", held_out[0]
     blind = _blind(session, first)
     rivals = _undecided_between(judge, weighed)
     if rivals:
@@ -151,7 +152,7 @@ def diagnose(
         verdict=verdict,
         effects=named,
         candidates=tuple((name, p) for name, p in weighed.items() if p >= 5e-4),
-        unexplained=unexplained.sentence(left[beside]) if unexplained is not None else scatter or _no_form(found),
+        unexplained=told,
         blind_to=_blind_names(session, blind, [effect.name for effect in named]),
         noise=session.noise,
         ladder=tuple(ladder),
@@ -307,8 +308,9 @@ def _blind(session: Session, screened: Screen) -> tuple[str, ...]:
 
 def _no_form(found: BestModel) -> str | None:
     """Say that what every model leaves far above the noise follows none of the laws tried; None where none does."""
-    left = f"every model leaves far more than noise in {' and '.join(found.far)}, in the form of no law that was tried"
-    return left if found.far else None
+    if not found.far:
+        return None
+    return f"every model leaves far more than noise in {' and '.join(found.far)}, in the form of no law that was tried"
 
 
 def _blind_names(session: Session, blind: Sequence[str], named: Sequence[str]) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
-from discrepancy.conditions import conditions_of_rows, currents_of_rows, history_of_rows
+from discrepancy.conditions import conditions_of_rows, history_of_rows
 from discrepancy.hypothesis import Hypothesis
 from discrepancy.lanes import at, residuals
 from discrepancy.session import Session
@@ -142,7 +142,7 @@ def failure(session: Session, hypothesis: Hypothesis) -> Failure:
         stated = [session.noise[n].sd if n in session.noise else np.inf for n in problem.channels]
         unit = np.array(stated)[channel] / np.asarray(problem.readings.sd)[np.asarray(problem.readings.fit) > 0.0]
     whitened = weighed / unit
-    of_rows = conditions_of_rows(session, hypothesis) | currents_of_rows(session, hypothesis)
+    of_rows = conditions_of_rows(session, hypothesis, currents=True)
     of_rows |= history_of_rows(session.case, problem.times.shape)
     given = {name: values[run, row] for name, values in of_rows.items()}
     floor, cells, maps, sentences, series = {}, {}, {}, [], {}

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Bool, Float
 
-from discrepancy.noise import detect_quantum
+from discrepancy.noise import MAD_OF_NORMAL, detect_quantum
 from jaxmodel.cases import Case, Run
 
 # A glitch stands this many sd off the readings before and after it, which differ by less than half of that; it is over
@@ -25,7 +25,6 @@ MOST_OF_CHANNEL = 0.005
 _CALM = 2
 # An input steps where it changes by so many robust sd of what its noise makes of a change.
 _INPUT_MOVES = 4.0
-_SD_OF_MAD = 1.4826
 # A pause this many times as long as a row parts what is before it from what is after.
 _PAUSE = 3.0
 
@@ -64,7 +63,7 @@ def glitches(run: Run, channel: str, stated_sd: float = 0.0) -> Rows:
     if there.size < 5:
         return found
     read, calm = values[there], _calm(run)[there]
-    off = read[1:-1] - 0.5 * (read[:-2] + read[2:])
+    off = _off_the_neighbours(read)
     off = off[off != 0.0]  # a sensor that is coarse, or stuck half of the time, tells its noise when it moves
     scale = max(stated_sd, _robust_sd(off) / np.sqrt(1.5), detect_quantum(read))
     if not scale:
@@ -88,17 +87,25 @@ def _spans(read: Values, far: float) -> Iterator[tuple[int, int]]:
 
 
 def _calm(run: Run) -> Rows:
-    """Return at which rows no input steps, nor shortly before or after."""
+    """Return at which rows no input steps, nor shortly before or after.
+
+    Steps that `break_at_jumps` takes for small, 2 % of an input's range, show in a fine sensor too.
+    """
     moves = np.zeros(run.measured.time_s.size, dtype=bool)
     for values in run.measured.inputs.values():
         step = np.abs(np.diff(values, prepend=values[0]))
-        moves |= step > _INPUT_MOVES * np.sqrt(2.0) * _robust_sd(values[1:-1] - 0.5 * (values[:-2] + values[2:]))
+        moves |= step > _INPUT_MOVES * np.sqrt(2.0) * _robust_sd(_off_the_neighbours(values))
     near = np.convolve(moves, np.ones(2 * _CALM + 1), mode="same") > 0.5
     return ~near
 
 
+def _off_the_neighbours(values: np.ndarray) -> np.ndarray:
+    """Return by how much each value is off the mean of the one before and the one after."""
+    return values[1:-1] - 0.5 * (values[:-2] + values[2:])
+
+
 def _robust_sd(values: np.ndarray) -> float:
-    return _SD_OF_MAD * float(np.median(np.abs(values))) if values.size else 0.0
+    return float(np.median(np.abs(values))) / MAD_OF_NORMAL if values.size else 0.0
 
 
 def _without(run: Run, channel: str, rows: Rows) -> Run:

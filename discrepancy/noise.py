@@ -22,7 +22,7 @@ from discrepancy.whitening import Bools, Floats, Integers, chain_weights, whiten
 # The series that tells noise which nobody states.
 BETWEEN_JUMPS = "the readings between jumps of the inputs"
 
-_MAD_OF_NORMAL = 0.6745
+MAD_OF_NORMAL = 0.6745
 _SHORTEST_WINDOW = 8
 _KEPT_PROBABILITY = 0.99
 _RHO_BOUNDS = (-0.8, 0.99)
@@ -216,7 +216,7 @@ def break_at_jumps(starts: ArrayLike, inputs: ArrayLike, settling_rows: int = 1)
         if len(read) < 2:
             continue
         step = np.where(np.diff(chain[read]) == 0, np.abs(np.diff(column[read])), 0.0)
-        sd_of_steps = np.median(step) / _MAD_OF_NORMAL
+        sd_of_steps = np.median(step) / MAD_OF_NORMAL
         jumped = read[1:][step > max(8.0 * sd_of_steps, 0.02 * np.ptp(column[read]))]
         after = np.unique(jumped[:, None] + np.arange(settling_rows + 1))
         result[after[after < len(result)]] = True

@@ -24,8 +24,8 @@ NO_ANSWER = 1e-6
 # where that is this share of its course or more.
 STARTS_ELSEWHERE = 5.0
 SHARE_OF_COURSE = 0.1
-# So is a channel whose error on runs held out is so many times that on fit runs and the noise: of 300 sealed cases
-# whose model was right one in twenty exceeds 1.06.
+# So is a channel whose error on runs held out is so many times that on fit runs and the noise: assumed. Of
+# the sealed cases answered rightly one in twenty exceeds 1.07.
 FAR_HELD_OUT = 1.25
 # So are effects with which a channel's error on runs held out grows by this, beyond its noise.
 WORSE_HELD_OUT = 1.1

@@ -1,4 +1,4 @@
-"""Where a result comes from: files by their SHA-256, versions of what computed it, seed, orders, the date."""
+"""Where a result comes from: files by their SHA-256, versions of what computed it, settings, the date."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ import importlib.metadata
 import platform
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-
-from discrepancy.score import SEED
 
 _PACKAGES = ("jaxmodel", "jax", "jaxlib", "equinox", "optimistix", "numpy", "scipy")
 
@@ -24,20 +22,18 @@ class Provenance:
         files: each file's name and SHA-256.
         versions: of Python and the packages that computed it.
         machine: operating system and processor.
-        seed: of all random numbers.
-        ordered: what the user asked for beside the files.
+        settings: what else it hangs on, in words: the seed of its random numbers, what the user ordered.
     """
 
     date: str
     files: tuple[tuple[str, str], ...]
     versions: tuple[tuple[str, str], ...]
     machine: str
-    seed: int
-    ordered: tuple[str, ...]
+    settings: tuple[str, ...]
 
 
-def provenance(files: Iterable[Path], ordered: Sequence[str] = ()) -> Provenance:
-    """Return the provenance of a result made now from some files, as ordered."""
+def provenance(files: Iterable[Path], settings: Sequence[str] = ()) -> Provenance:
+    """Return the provenance of a result made now from some files, with some settings."""
     installed = [("python", platform.python_version())]
     installed += [(package, importlib.metadata.version(package)) for package in _PACKAGES]
     return Provenance(
@@ -45,6 +41,5 @@ def provenance(files: Iterable[Path], ordered: Sequence[str] = ()) -> Provenance
         files=tuple((file.name, hashlib.sha256(file.read_bytes()).hexdigest()) for file in files),
         versions=tuple(installed),
         machine=f"{platform.system()} {platform.machine()}",
-        seed=SEED,
-        ordered=tuple(ordered),
+        settings=tuple(settings),
     )

@@ -14,6 +14,7 @@ import numpy as np
 from discrepancy.ladder import ChannelError, Estimate
 from discrepancy.next_experiment import in_words
 from discrepancy.result import Diagnosis
+from discrepancy.score import SEED
 from jaxmodel.cases import Known
 from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
@@ -91,7 +92,7 @@ def report_content(
         "at_bound": join(list(diagnosis.final.at_bound)),
         "noise": [_noise_row(diagnosis, channel) for channel in diagnosis.noise],
         "tests": _test_rows(diagnosis),
-        "origin": provenance(_files(diagnosis, catalogue), diagnosis.ordered),
+        "origin": provenance(_files(diagnosis, catalogue), _settings(diagnosis)),
     }
 
 
@@ -100,6 +101,11 @@ def _files(diagnosis: Diagnosis, catalogue: Mapping[str, type[Effect]]) -> list[
     case = diagnosis.case
     own = dict.fromkeys(inspect.getfile(effect) for name, effect in catalogue.items() if name not in CATALOGUE)
     return [case.path, *(run.source for run in case.runs), *(Path(file) for file in own)]
+
+
+def _settings(diagnosis: Diagnosis) -> list[str]:
+    ordered = [f"ordered: {' '.join(diagnosis.ordered)}"] if diagnosis.ordered else []
+    return [f"random numbers from seed {SEED}", *ordered]
 
 
 def summary(diagnosis: Diagnosis) -> list[str]:
