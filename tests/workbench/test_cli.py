@@ -257,8 +257,12 @@ def test_sweep_and_sensitivity_take_what_diagnose_wrote(run: Run, diagnosed: Pat
     study = STUDY.replace('kind = "cell"', f'case = "{(diagnosed / "extended.toml").as_posix()}"')
     study = study.replace("[effects]\nself_heating = {}\n", "")
     (tmp_path / "study.toml").write_text(study, encoding="utf-8")
-    for command in (["sweep"], ["sensitivity", "--gradient-only"]):
-        result = run(*command, tmp_path / "study.toml", "--out", tmp_path / command[0])
+    for command in (
+        ["sweep"],
+        ["sensitivity", "--gradient-only"],
+        ["sensitivity", "--uncertain", "case", "--count", "8"],
+    ):
+        result = run(*command, tmp_path / "study.toml", "--out", tmp_path / command[-1])
         assert result.exit_code == 0, result.output
 
 

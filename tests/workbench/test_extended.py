@@ -10,7 +10,7 @@ import pytest
 
 from discrepancy.ladder import Estimate
 from discrepancy.result import Diagnosis
-from jaxmodel.cases import Case, read_case
+from jaxmodel.cases import Case, Known, read_case
 from workbench.extended import extended_case, write_case
 from workbench.runs import simulate_case
 
@@ -27,7 +27,12 @@ def test_extended_case_holds_the_final_model(diagnosis: Diagnosis, written: Case
     estimates = diagnosis.final.estimates
     assert written.parameters["capacity_Ah"].value == estimates["capacity_Ah"].value
     assert written.effects == {"self_heating": {"C_th": 82.0, "hA": 0.11}, "arrhenius_resistance": {"E_a": 9000.0}}
-    assert all(known.sd is None for known in written.parameters.values())
+    assert {name: known.sd for name, known in written.parameters.items()} == {
+        name: estimates[name].sd if known.sd else None for name, known in diagnosis.case.parameters.items()
+    }
+    assert [run.initial_soc.sd for run in written.runs] == [
+        estimates[f"initial_soc[{run.name}]"].sd for run in written.runs
+    ]
     assert [run.initial_soc.value for run in written.runs] == [
         estimates[f"initial_soc[{r.name}]"].value for r in written.runs
     ]
@@ -58,7 +63,7 @@ def test_tables_overrides_ambient_and_cutoff_survive(case_folder: Path, diagnosi
     changed = dataclasses.replace(diagnosis, case=case, ladder=(*diagnosis.ladder[:-1], final))
     write_case(extended_case(changed)[0], tmp_path / "extended.toml")
     written = read_case(tmp_path / "extended.toml")
-    assert written.runs[2].overrides["cycles"].value == 44.0
+    assert written.runs[2].overrides["cycles"] == Known(44.0, 4.0)
     assert set(written.runs[2].measured.inputs["ambient_degC"]) == {21.5}
     assert written.cutoff == {"voltage_V": 2.5}
     np.testing.assert_array_equal(written.tables["R_ints"].values, case.tables["R_ints"].values)

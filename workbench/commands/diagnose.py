@@ -237,6 +237,10 @@ def _comments(diagnosis: Diagnosis, own: Mapping[str, type[Effect]], notes: Sequ
     """Return what stands on top of the extended case."""
     model = final_name(diagnosis) if diagnosis.final.added else "without any effect"
     lines = [f"The case '{diagnosis.case.name}', calibrated {model}.", *notes]
+    if diagnosis.final.estimates:
+        lines.append(
+            "An sd is what its runs left of it: give it other runs before it is diagnosed, or they count twice."
+        )
     if needed := [label for label in diagnosis.final.added if label in own]:
         lines.append(f"Give --effect FILE.py:CLASS again for {', '.join(needed)}.")
     return lines
