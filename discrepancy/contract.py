@@ -70,8 +70,8 @@ def _noise(case: Case, from_inputs: Mapping[str, float], predicted: Predictions 
             continue
         shown = [run.measured.outputs[name] - (predicted[run.name][name] if predicted else 0.0) for run in runs]
         inputs = [np.stack(list(run.measured.inputs.values()), axis=1) for run in runs]
-        calm = [break_at_jumps(chain_starts([len(part)]), part, settling_rows=3) for part in inputs]
         times = [run.measured.time_s for run in runs]
+        calm = [break_at_jumps(chain_starts([t]), part, settling_rows=3) for t, part in zip(times, inputs, strict=True)]
         series = [np.concatenate(part) for part in (shown, calm, times)]
 
         def estimate(known_sd, series=series):

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from discrepancy.noise import MAD_OF_NORMAL, detect_quantum
+from discrepancy.whitening import chain_starts
 from jaxmodel.cases import Case, Run
 
 # A glitch stands this many sd off the readings before and after it, which differ by less than half of that; it is over
@@ -25,8 +26,6 @@ MOST_OF_CHANNEL = 0.005
 _CALM = 2
 # An input steps where it changes by so many robust sd of what its noise makes of a change.
 _INPUT_MOVES = 4.0
-# A pause this many times as long as a row parts what is before it from what is after.
-_PAUSE = 3.0
 
 Rows = Bool[np.ndarray, " rows"]
 Values = Float[np.ndarray, " rows"]
@@ -68,12 +67,12 @@ def glitches(run: Run, channel: str, stated_sd: float = 0.0) -> Rows:
     scale = max(stated_sd, _robust_sd(off) / np.sqrt(1.5), detect_quantum(read))
     if not scale:
         return found
-    paused = np.diff(time_s[there]) > _PAUSE * np.median(np.diff(time_s))
+    after_pause = chain_starts([time_s[there]])
     for first, last in _spans(read, FAR * scale):
         away = np.stack([read[first:last] - read[first - 1], read[first:last] - read[last]])
         back = abs(read[last] - read[first - 1]) < 0.5 * np.abs(away).min()
         one_way = np.all(away > FAR * scale) or np.all(away < -FAR * scale)
-        together = calm[first - 1 : last + 1].all() and not paused[first - 1 : last].any()
+        together = calm[first - 1 : last + 1].all() and not after_pause[first : last + 1].any()
         if one_way and back and together:
             found[there[first:last]] = True
     return found

@@ -259,7 +259,7 @@ def calibrated(session: Session, labels: Sequence[str] = ()) -> tuple[Session, H
         if not own:
             continue
         left = [run.measured.outputs[name] - predictions[run.name][name] for run in own]
-        found = residual_noise(np.concatenate(left), chain_starts([part.size for part in left]))
+        found = residual_noise(np.concatenate(left), chain_starts([run.measured.time_s for run in own]))
         coarse.weights[name] = dataclasses.replace(model, sd=max(model.sd, found.sd), rho=max(found.rho, 0.0))
     return coarse, coarse.hypothesis(labels), misfit
 

@@ -84,7 +84,7 @@ def flatten(
             values = run.measured.outputs.get(name)
             if values is None:
                 continue
-            present, weight = chain_weights(chain_starts([values.size]), model.rho, np.isfinite(values))
+            present, weight = chain_weights(chain_starts([run.measured.time_s]), model.rho, np.isfinite(values))
             count = present.size
             place = (number * rows + present) * len(channels) + channels.index(name)
             previous = np.maximum(np.arange(count) - 1, 0) + first

@@ -97,7 +97,7 @@ ROWS = 600
 
 def evidence(residual, base, effects: dict[str, np.ndarray], rho: float = 0.0) -> Evidence:
     """Two runs of one channel, whitened; one calibrated unknown with its prior row."""
-    starts = chain_starts([ROWS // 2, ROWS // 2])
+    starts = chain_starts([range(ROWS // 2), range(ROWS // 2)])
 
     def rows(column, prior=0.0):
         return np.append(whiten(column, starts, rho, 1.0), prior)

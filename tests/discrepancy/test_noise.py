@@ -11,7 +11,7 @@ from discrepancy.whitening import chain_starts
 from tests.discrepancy.made_cases import NOISE_V, case_of, made_cell, run_of
 
 ROWS = 2000
-ONE_RUN = chain_starts([ROWS])
+ONE_RUN = chain_starts([range(ROWS)])
 
 
 def ar1(rho: float, seed: int, sd: float = 1.0, rows: int = ROWS) -> np.ndarray:
@@ -134,13 +134,13 @@ def test_a_wrong_sd_does_not_make_white_noise_coloured(wrong_sd):
 
 
 def test_white_noise_is_called_coloured_no_more_often_than_promised():
-    found = [local_noise(ar1(0.0, seed, rows=400), chain_starts([400])).is_coloured for seed in range(40)]
+    found = [local_noise(ar1(0.0, seed, rows=400), chain_starts([range(400)])).is_coloured for seed in range(40)]
     assert sum(found) <= 1
 
 
 def test_too_few_readings_leave_rounding_alone():
     readings = np.array([20.1, 20.2, 20.1, 20.4, 20.1])
-    noise = channel_noise(readings, lambda sd: local_noise(readings, chain_starts([5]), known_sd=sd))
+    noise = channel_noise(readings, lambda sd: local_noise(readings, chain_starts([range(5)]), known_sd=sd))
     assert noise.sd == pytest.approx(0.1 / np.sqrt(12.0))
     assert "too few" in noise.source
 

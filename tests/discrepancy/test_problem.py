@@ -228,6 +228,20 @@ def test_residual_is_whitened_channel_by_channel_with_its_gaps(
     assert not np.any(np.asarray(problem.readings.check)[expected.size :])
 
 
+def test_noise_before_a_pause_says_nothing_of_noise_after_it(case: Case) -> None:
+    first = case.runs[0]
+    later = np.where(np.arange(first.measured.time_s.size) < 20, 0.0, 3600.0)
+    paused = dataclasses.replace(first.measured, time_s=first.measured.time_s + later)
+    gap = dataclasses.replace(case, runs=(dataclasses.replace(first, measured=paused),))
+    (whole, _), (parted, _) = (
+        make_problem(dataclasses.replace(case, runs=(one.runs[0],)), NOISE) for one in (case, gap)
+    )
+    read = np.flatnonzero(np.isfinite(paused.outputs["voltage_V"]))
+    weights = [np.asarray(problem.readings.weight)[: read.size] for problem in (whole, parted)]
+    assert np.flatnonzero(weights[0] != weights[1]).tolist() == [np.searchsorted(read, 20)]
+    assert weights[1][np.searchsorted(read, 20)] == 0.0
+
+
 def test_motor_runs_of_different_grids_are_simulated_as_if_alone() -> None:
     def run(number: int, rows: int, jumps: int) -> Run:
         voltage = np.repeat(np.linspace(2.0, 8.0, jumps), -(-rows // jumps))[:rows]

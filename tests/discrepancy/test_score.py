@@ -46,7 +46,7 @@ def test_false_alarm_rate_over_the_whole_catalogue_is_the_nominal_one():
 def test_coloured_noise_breaks_the_rate_and_whitening_keeps_it():
     generator = np.random.default_rng(1)
     base, effects = smooth(generator, 4), catalogue(generator)
-    starts, rho, count = chain_starts([ROWS // 2, ROWS // 2]), 0.9, 3000
+    starts, rho, count = chain_starts([range(ROWS // 2), range(ROWS // 2)]), 0.9, 3000
     innovation = generator.normal(size=(2, ROWS // 2, count))
     innovation[:, 1:] *= np.sqrt(1.0 - rho**2)
     noise = lfilter([1.0], [1.0, -rho], innovation, axis=1).reshape(ROWS, count)

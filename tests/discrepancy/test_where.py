@@ -45,7 +45,7 @@ def test_shares_of_every_condition_add_to_one_and_point_at_the_planted_cell(cond
     w = noise()
     cold = conditions[0].values == -10.0
     w[cold] += 1.5
-    cells = split_excess(w, conditions, block_labels(chain_starts([ROWS]), 50))
+    cells = split_excess(w, conditions, block_labels(chain_starts([range(ROWS)]), 50))
     for condition in conditions:
         of_it = [cell for cell in cells if cell.regressor == condition.name]
         assert sum(cell.share for cell in of_it) == pytest.approx(1.0)
@@ -62,7 +62,7 @@ def test_clusters_keep_correlated_errors_from_looking_like_bias():
     correlated = lfilter([np.sqrt(1.0 - 0.95**2)], [1.0, -0.95], noise())
     everywhere = [Regressor("everywhere", "", np.zeros(ROWS))]
     (naive,) = split_excess(correlated, everywhere, np.arange(ROWS))
-    (robust,) = split_excess(correlated, everywhere, block_labels(chain_starts([ROWS]), 200))
+    (robust,) = split_excess(correlated, everywhere, block_labels(chain_starts([range(ROWS)]), 200))
     assert robust.bias_se == pytest.approx(naive.bias_se * np.sqrt(1.95 / 0.05), rel=0.35)
 
 
