@@ -13,7 +13,7 @@ from benchmarks.discrepancy import generate
 from benchmarks.discrepancy.ablations import by_score, weighed, with_one_shape, without_projection
 from benchmarks.discrepancy.baselines import Says, correlation, stepwise
 from benchmarks.discrepancy.compare import Compared, rates
-from benchmarks.discrepancy.evidence import Evidence, _ratios, read_evidence
+from benchmarks.discrepancy.evidence import Evidence, _ratios, read_evidence, stands_out
 from benchmarks.discrepancy.generate import Blind, Drawn, moves
 from benchmarks.discrepancy.judge import Judged, Rate, keep, metrics, power, reliability, report
 from benchmarks.discrepancy.publish import filled
@@ -21,6 +21,7 @@ from discrepancy.candidates import make_candidate
 from discrepancy.whitening import chain_starts, whiten
 from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
+from tests.discrepancy.made_cases import made_cell, with_candidates
 from tests.independent.make_case import Run
 from tests.independent.profiles import make_profile
 
@@ -51,7 +52,10 @@ CASES = [
     dataclasses.replace(case("single", said("missing_effect", "saturation"), "saturation"), sigma=9.0),
     case("single", said("missing_effect", "saturation"), "windage", a=1.5),
     case("single", said("unknown_effect", unexplained="a law"), "saturation"),
-    case("double", said("missing_effect", "gear_loss", "windage", probability=0.7), "windage", "gear_loss", a=2.0),
+    dataclasses.replace(
+        case("double", said("missing_effect", "gear_loss", "windage", probability=0.7), "windage", "gear_loss", a=2.0),
+        sigma=4.5,
+    ),
     case("sensor", said("missing_effect", "windage"), "current_offset"),
     case("outside", said("unknown_effect", unexplained="acts on the torque balance"), outside="brake_that_fades"),
     case("outside", said("unknown_effect", unexplained="acts on the duty"), outside="brake_that_fades"),
@@ -69,6 +73,7 @@ def test_each_rate_counts_its_own_cases():
         "singles above 4 sigma: right effect first": "1 of 1",
         "singles above 4 sigma: in the first three": "1 of 1",
         "doubles exactly right": "1 of 1",
+        "doubles both above 4 sigma: exactly right": "1 of 1",
         "outside the catalogue recognised": "2 of 2",
         "outside the catalogue: in the right equation": "1 of 2",
         "known effects called unknown": "1 of 5",
@@ -280,6 +285,17 @@ def test_an_effect_that_no_run_of_a_case_lets_act_moves_no_reading():
     found = moves(drawn)
     assert found["arrhenius_resistance"] == 0.0
     assert found["resistance_ageing"] > 10.0
+
+
+def test_of_two_effects_that_are_alike_each_stands_out_less_than_alone(tmp_path):
+    hidden = {"self_discharge": {"R_self": 60.0}, "current_offset": {"c": 0.07, "column": "current_A"}}
+    made = made_cell(tmp_path, hidden)
+    session = with_candidates(made.case, *hidden)
+    screen = session.screen(session.hypothesis())
+    together = {name: stands_out(session, screen, name, hidden) for name in hidden}
+    alone = {name: stands_out(session, screen, name, {name: own}) for name, own in hidden.items()}
+    assert all(0.5 * alone[name] < together[name] < 0.8 * alone[name] for name in hidden)
+    assert stands_out(session, screen, "self_heating", {"self_heating": {"C_th": 80.0, "hA": 0.1}}) is None
 
 
 def test_what_moves_no_reading_is_taken_for_absent():

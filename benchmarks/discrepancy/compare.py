@@ -103,11 +103,11 @@ def _rates(pairs: Sequence[tuple[Blind, Says]]) -> dict[str, Rate | float]:
 
 
 def read_hidden(folder: Path, cases: Iterable[Judged]) -> list[Hidden]:
-    """Return every hidden effect of the cases gathered."""
+    """Return every effect hidden by itself in the cases gathered; the score of one of two is not its own."""
     found = []
     for case in cases:
         path = folder_of(folder, case) / "evidence.json"
-        if not path.exists():
+        if len(case.blind.effects) > 1 or not path.exists():
             continue
         seen = json.loads(path.read_text())
         for name, sigma in seen["hidden"].items():

@@ -98,7 +98,7 @@ def gather(case: Case, blind: Blind) -> tuple[Evidence, dict[str, Any]]:
 
     Returns:
         The arrays, and as JSON: the critical value, each candidate's score, how far it would lift above the noise at
-        `PLACES` of its usual range, and the same for each hidden effect at its true amplitude.
+        `PLACES` of its usual range, and the same for each hidden effect at its true amplitude, beside any other.
     """
     session = Session(case)
     base = session.hypothesis()
@@ -141,7 +141,7 @@ def _summary(session: Session, screen: Screen, blind: Blind) -> dict[str, Any]:
         "scores": {effect.name: effect.z_equivalent for effect in table.effects},
         "sensor": [label for label in screen.probes if session.candidates[label].is_sensor],
         "lifts": lifts,
-        "hidden": {name: _hidden_lift(session, screen, name, values) for name, values in blind.effects.items()},
+        "hidden": {name: stands_out(session, screen, name, blind.effects) for name in blind.effects},
     }
 
 
@@ -154,15 +154,28 @@ def _ratios(candidate: Candidate, probe: float) -> np.ndarray:
     return candidate.times_as_strong(up * (2.0 * PLACES - 1.0), probe)
 
 
-def _hidden_lift(session: Session, screen: Screen, name: str, values: Mapping[str, Any]) -> float | None:
-    """Return how many sigma the hidden effect lifts above the noise, in the linear model, at the shape nearest to its.
+def stands_out(session: Session, screen: Screen, name: str, effects: Mapping[str, Mapping[str, Any]]) -> float | None:
+    """Return by how many sigma a hidden effect stands out, in the linear model, at the shape nearest to its own.
 
-    None where the effect cannot be tried on this case.
+    Out of what the base model makes of it, calibrated with all else that is hidden: of two effects that can stand in
+    for each other neither stands out. None where the effect cannot be tried on this case.
+
+    Args:
+        session: of the case.
+        screen: of its base model.
+        name: of the effect.
+        effects: all that are hidden, with their parameters.
     """
-    label = f"{name}:{values['column']}" if "column" in values else name
+    labels = {hidden: f"{hidden}:{own['column']}" if "column" in own else hidden for hidden, own in effects.items()}
+    label, others = labels[name], [other for hidden, other in labels.items() if hidden != name]
+    if not set(labels.values()) <= set(screen.probes):
+        return None
+    if others:
+        starts = {other: session.starts(screen, other)[0][other] for other in others}
+        screen = session.screen(session.hypothesis(others, [starts]))
     if label not in screen.probes:
         return None
-    candidate = session.candidates[label]
+    candidate, values = session.candidates[label], effects[name]
     true = [
         coordinate.at(values[parameter]) if parameter in values else 0.0
         for coordinate, parameter in zip(candidate.coordinates, describe(candidate.effect), strict=True)

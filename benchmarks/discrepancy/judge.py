@@ -130,6 +130,7 @@ def metrics(cases: Sequence[Judged]) -> dict[str, Rate | float]:
     """Return every figure of merit by name; nan without a case."""
     nulls = [c for c in cases if c.blind.group == "null"]
     singles = [c for c in cases if c.blind.group == "single"]
+    doubles = [c for c in cases if c.blind.group == "double"]
     clear = [c for c in singles if c.sigma >= CLEAR]
     sensors = [c for c in cases if c.blind.group == "sensor"]
     catalogued = [c for c in cases if c.blind.effects]
@@ -145,7 +146,8 @@ def metrics(cases: Sequence[Judged]) -> dict[str, Rate | float]:
         "singles: right effect in the first three": rate(c.in_first_three for c in singles),
         f"singles above {CLEAR:g} sigma: right effect first": rate(c.first_is_right for c in clear),
         f"singles above {CLEAR:g} sigma: in the first three": rate(c.in_first_three for c in clear),
-        "doubles exactly right": rate(c.right for c in cases if c.blind.group == "double"),
+        "doubles exactly right": rate(c.right for c in doubles),
+        f"doubles both above {CLEAR:g} sigma: exactly right": rate(c.right for c in doubles if c.sigma >= CLEAR),
         "outside the catalogue recognised": rate(c.said["verdict"] == "unknown_effect" for c in outside),
         "outside the catalogue: in the right equation": rate(c.right_equation for c in outside),
         "known effects called unknown": rate(c.said["verdict"] == "unknown_effect" for c in catalogued),
