@@ -372,7 +372,10 @@ def _distances(groups: list[_Windows], rho: float) -> tuple[Floats, Floats]:
     for group in groups:
         covariance = np.swapaxes(group.basis, 1, 2) @ (np.float64(rho) ** group.lag @ group.basis)
         factor = np.linalg.cholesky(covariance)
-        white = np.linalg.solve(factor, group.contrast[:, :, None])[:, :, 0]
+        if len(factor) == 1:  # one covariance for all windows, to be solved once
+            white = np.linalg.solve(factor[0], group.contrast.T).T
+        else:
+            white = np.linalg.solve(factor, group.contrast[:, :, None])[:, :, 0]
         squared.append(np.sum(white**2, axis=1))
         log_determinant.append(
             np.broadcast_to(2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1), len(white))

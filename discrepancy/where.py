@@ -142,22 +142,27 @@ def map_over_two(
     read = np.isfinite(w)
     w, cluster = w[read], np.asarray(clusters)[read]
     along = [_without_rounding(np.asarray(one.values, dtype=float)[read]) for one in (x, y)]
-    found, p_values = [], []
-    for columns in _bins(along[0], bins):
-        for rows in _bins(along[1], bins):
-            members = np.intersect1d(columns, rows, assume_unique=True)
+    columns, rows = (
+        [(part, (float(values[part].min()), float(values[part].max()))) for part in _bins(values, bins)]
+        for values in along
+    )
+    found, counts = [], []
+    inside = np.zeros(w.size, dtype=bool)
+    for column, across in columns:
+        inside[column] = True
+        for row, up in rows:
+            members = row[inside[row]]
             if members.size < 5:
                 continue
             bias, error, count = _clustered_mean(w[members], cluster[members])
-            z = _z(bias, error)
-            sides = [
-                (float(v[part].min()), float(v[part].max())) for v, part in zip(along, (columns, rows), strict=True)
-            ]
             excess = float(np.sum(w[members] ** 2 - 1.0))
-            found.append(MapCell(sides[0], sides[1], members.size, bias, z, excess, False))
-            p_values.append(2.0 * t.sf(abs(z), count - 1) if count > 1 else 1.0)
+            found.append(MapCell(across, up, members.size, bias, _z(bias, error), excess, False))
+            counts.append(count)
+        inside[column] = False
     if not found:
         return ()
+    # A single cluster says nothing of its own error; its z is 0, of which the p-value is 1 whatever the freedom.
+    p_values = 2.0 * t.sf(np.abs([cell.z for cell in found]), np.maximum(np.array(counts) - 1, 1))
     biased = multipletests(p_values, alpha=0.05, method="fdr_bh")[0]
     return tuple(replace(cell, is_biased=bool(one)) for cell, one in zip(found, biased, strict=True))
 
