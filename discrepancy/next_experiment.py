@@ -76,7 +76,8 @@ def propose(session: Session, rivals: Sequence[Hypothesis]) -> tuple[Proposal, .
 def bank(case: Case) -> Iterator[Run]:
     """Return the runs that the bench can do: loads no larger than it has driven, at five temperatures.
 
-    They last as long, and are read as often, as the longest run of the case.
+    They last as long, and are read as often, as the longest run of the case. Where runs state exact numbers of their
+    own (a cell of another age), each run is proposed for either of the specimens that differ most.
     """
     longest = max(case.runs, key=lambda run: np.ptp(run.measured.time_s))
     times = longest.measured.time_s
@@ -85,15 +86,38 @@ def bank(case: Case) -> Iterator[Run]:
         name: max(float(np.max(np.abs(run.measured.inputs.get(name, np.zeros(1))))) for run in case.runs)
         for name in longest.measured.inputs
     }
-    for ambient_degC in AMBIENTS_degC:
-        for pattern, drive in _patterns(time_s, case.kind).items():
-            inputs = {
-                name: np.full(time_s.size, ambient_degC) if name == "ambient_degC" else largest[name] * drive(name)
-                for name in longest.measured.inputs
-            }
-            measured = Measured(time_s, inputs, {})
-            label = f"{pattern} at {ambient_degC:g} degC"
-            yield dataclasses.replace(longest, name=label, label=label, split="fit", measured=measured)
+    for which, overrides in _specimens(case).items():
+        for ambient_degC in AMBIENTS_degC:
+            for pattern, drive in _patterns(time_s, case.kind).items():
+                inputs = {
+                    name: np.full(time_s.size, ambient_degC) if name == "ambient_degC" else largest[name] * drive(name)
+                    for name in longest.measured.inputs
+                }
+                label = f"{pattern}{which} at {ambient_degC:g} degC"
+                yield dataclasses.replace(
+                    longest,
+                    name=label,
+                    label=label,
+                    split="fit",
+                    overrides=overrides,
+                    measured=Measured(time_s, inputs, {}),
+                )
+
+
+def _specimens(case: Case) -> dict[str, dict[str, Known]]:
+    """Return the exact numbers of the two most different specimens among the runs, of a single one if all are alike."""
+    stated = [{name: known for name, known in run.overrides.items() if known.sd is None} for run in case.runs]
+    names = dict.fromkeys(name for one in stated for name in one)
+
+    def values(own: dict[str, Known]) -> tuple[float, ...]:
+        return tuple((own.get(name) or case.parameters.get(name, Known(0.0))).value for name in names)
+
+    ordered = sorted(stated, key=values)
+    ends = {values(own): own for own in (ordered[0], ordered[-1])}
+    if len(ends) == 1:
+        return {"": ordered[0]}
+    told = {key: ", ".join(f"{name} = {value:g}" for name, value in zip(names, key, strict=True)) for key in ends}
+    return {f" with {told[key]}": own for key, own in ends.items()}
 
 
 def _patterns(time_s: np.ndarray, kind: str):
@@ -153,6 +177,7 @@ def _foreseen(session: Session, hypothesis: Hypothesis, designs: Sequence[Run]) 
     precision = np.eye(fitted.x.size)
     precision[np.ix_(shared, shared)] = np.linalg.inv(covariance)
     x = np.where(np.asarray(layout.runs) < 0, fitted.x, 0.0)
+    fastest = _fastest(hypothesis) if case.kind == "motor" and "current_A" in designs[0].measured.inputs else np.inf
     for first in range(0, len(designs), len(slots)):
         batch = list(designs[first : first + len(slots)])
         runs = list(case.runs)
@@ -163,26 +188,39 @@ def _foreseen(session: Session, hypothesis: Hypothesis, designs: Sequence[Run]) 
         run, row, _ = np.unravel_index(
             np.asarray(problem.readings.index), (*problem.times.shape, len(problem.channels))
         )
-        possible = _not_empty(problem.channels, predict(problem, x))[run, row]
+        possible = _possible(problem.channels, predict(problem, x), fastest)[run, row]
         for place in range(len(batch)):
             mine = np.flatnonzero((np.asarray(problem.readings.fit) > 0.0) & (run == place))
             found.append(_Foreseen(rows[mine], jacobian[mine], possible[mine], precision))
     return found
 
 
-def _not_empty(channels: Sequence[str], predicted: np.ndarray) -> np.ndarray:
-    """Return, by run and row, whether the cell still has charge to go on."""
-    if "soc" not in channels:
-        return np.ones(predicted.shape[:2], dtype=bool)
-    return np.logical_and.accumulate(predicted[:, :, channels.index("soc")] > EMPTY_SOC, axis=1)
+def _fastest(hypothesis: Hypothesis) -> float:
+    """Return the greatest speed of a motor in the runs at hand: one driven by its current has no other limit."""
+    speed = predict(hypothesis.problem, hypothesis.fitted.x)[..., hypothesis.problem.channels.index("speed_rad_s")]
+    return float(np.max(np.abs(speed)))
+
+
+def _possible(channels: Sequence[str], predicted: np.ndarray, fastest: float) -> np.ndarray:
+    """Return, by run and row, whether the cell still has charge to go on, and no motor has run away."""
+    goes_on = np.ones(predicted.shape[:2], dtype=bool)
+    if "soc" in channels:
+        goes_on &= predicted[:, :, channels.index("soc")] > EMPTY_SOC
+    if "speed_rad_s" in channels:
+        goes_on &= np.abs(predicted[:, :, channels.index("speed_rad_s")]) <= fastest
+    return np.logical_and.accumulate(goes_on, axis=1)
 
 
 def _in_the_place_of(old: Run, new: Run, channels: Sequence[str]) -> Run:
     """Return a run of the bank in the place of a run of the case: its unknowns, the readings still to be made."""
     blank = {name: np.zeros(new.measured.time_s.size) for name in channels}
-    soc = Known(FIRST_SOC, old.initial_soc.sd)
+    unknown = {name: known for name, known in old.overrides.items() if known.sd is not None}
     return dataclasses.replace(
-        old, initial_soc=soc, split="fit", measured=dataclasses.replace(new.measured, outputs=blank)
+        old,
+        initial_soc=Known(FIRST_SOC, old.initial_soc.sd),
+        split="fit",
+        overrides=new.overrides | unknown,
+        measured=dataclasses.replace(new.measured, outputs=blank),
     )
 
 

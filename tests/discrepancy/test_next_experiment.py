@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from discrepancy.hypothesis import Hypothesis
-from discrepancy.next_experiment import EMPTY_SOC, FIRST_SOC, Proposal, bank, propose
+from discrepancy.next_experiment import EMPTY_SOC, FIRST_SOC, Proposal, _possible, bank, propose
 from discrepancy.session import Session
 from jaxmodel.cases import Case, Known
 from tests.discrepancy.made_cases import NOISE_V, SOC_SD, TRUE, case_of, made_cell, run_of
@@ -108,3 +108,25 @@ def test_pulses_of_a_short_run_have_rests() -> None:
         run.measured.inputs["duty"] for run in bank(_robot(0.5)) if run.label == "starts with rests at 25 degC"
     )
     assert 0.1 < np.mean(pulses > 0.0) < 0.5
+
+
+def test_runs_are_proposed_for_the_two_specimens_that_differ_most() -> None:
+    case = _robot(60.0, 1800.0, 60.0)
+    aged = [
+        dataclasses.replace(run, overrides={"cycles": Known(cycles), "capacity_Ah": Known(2.0, 0.1)})
+        for run, cycles in zip(case.runs, (300.0, 40.0, 800.0), strict=True)
+    ]
+    designs = list(bank(dataclasses.replace(case, runs=tuple(aged))))
+    assert {run.overrides["cycles"].value for run in designs} == {40.0, 800.0}
+    assert {tuple(run.overrides) for run in designs} == {("cycles",)}, "what is unknown belongs to the run replaced"
+    (new,) = (run for run in designs if run.label == "full drive and load with cycles = 40 at 25 degC")
+    assert new.overrides["cycles"].value == 40.0
+    assert len(designs) == 2 * len(list(bank(case)))
+    as_stated = dataclasses.replace(case, parameters={"cycles": Known(800.0)}, runs=(case.runs[0], *aged[2:]))
+    assert len(list(bank(as_stated))) == len(list(bank(case))), "one age, stated in two ways"
+
+
+def test_a_run_ends_where_the_cell_is_empty_or_the_motor_has_run_away() -> None:
+    predicted = np.array([[[0.5, 100.0], [0.3, 220.0], [0.2, 150.0]], [[0.3, -150.0], [0.05, -160.0], [0.3, -170.0]]])
+    assert _possible(("soc", "speed_rad_s"), predicted, 200.0).tolist() == [[True, False, False], [True, False, False]]
+    assert _possible(("speed_rad_s",), predicted[..., 1:], np.inf).all()
