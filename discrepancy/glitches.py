@@ -20,7 +20,7 @@ from jaxmodel.cases import Case, Run
 # after so many rows. White noise has none in 1e20 readings.
 FAR = 10.0
 MOST_ROWS = 3
-# More than this share of a channel's readings is something that happens.
+# More than this share of a channel's readings, and more than one, is something that happens.
 MOST_OF_CHANNEL = 0.005
 # Rows about a step of an input that may show it.
 _CALM = 2
@@ -39,7 +39,7 @@ def without_glitches(case: Case) -> tuple[Case, tuple[str, ...]]:
         with_it = [run for run in case.runs if channel in run.measured.outputs]
         found = {run.name: glitches(run, channel, case.sensors.get(channel, 0.0)) for run in with_it}
         count = sum(int(rows.sum()) for rows in found.values())
-        if not 0 < count <= MOST_OF_CHANNEL * sum(rows.size for rows in found.values()):
+        if not 0 < count <= max(1.0, MOST_OF_CHANNEL * sum(rows.size for rows in found.values())):
             continue
         first = next(run for run in with_it if found[run.name].any())
         row = int(np.argmax(found[first.name]))

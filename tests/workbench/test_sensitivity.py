@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -88,6 +89,20 @@ def test_identify_answers_and_hands_its_covariance_on(run: Run, made_case: Path,
         table.loc["capacity_Ah", "value"], rel=1e-6
     )
     assert set(data["parameter"].values) == {name for name in table.index if "[" not in name}
+
+
+def test_identify_leaves_a_glitch_out_and_says_so(run: Run, case_folder: Path, tmp_path: Path) -> None:
+    table = pd.read_csv(case_folder / "run-01.csv")
+    table.loc[20, "voltage_V"] = 0.0
+    table.to_csv(case_folder / "run-01.csv", index=False)
+    told = run("identify", case_folder, "--out", tmp_path)
+    assert told.exit_code == 0, told.output
+    glitch = "1 reading of voltage_V left out as glitch"
+    assert glitch in told.stdout
+    (remark,) = json.loads((tmp_path / "identify.json").read_text(encoding="utf-8"))["remarks"]
+    assert remark.startswith(glitch)
+    capacity = pd.read_csv(tmp_path / "identifiability.csv", index_col="parameter").loc["capacity_Ah"]
+    assert abs(capacity["value"] - 3.0) < 4.0 * capacity["sd"]
 
 
 def test_derivatives_are_drawn_to_be_read_with_a_pointer(run: Run, study: Path, tmp_path: Path) -> None:

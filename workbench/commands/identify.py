@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from discrepancy.glitches import without_glitches
 from discrepancy.identifiability import (
     MISFIT,
     Identifiability,
@@ -54,7 +55,8 @@ def identify(
         UserError: the case cannot be used, or a name is unknown.
     """
     own = own_effects(effects)
-    case, assumed = asking_for(read_case(path), parameters, CATALOGUE | own)
+    case, glitches = without_glitches(read_case(path))
+    case, assumed = asking_for(case, parameters, CATALOGUE | own)
     session = Session(case, own)
     labels = session.labels_to_add(add)
     start(out)
@@ -72,8 +74,10 @@ def identify(
                 break
             model = min(better, key=lambda one: one.fitted.objective)
             found = identifiability(session, model, misfit, assumed)
-        _write(found, profiled, [found.names[i] for i in asked], out)
+        _write(found, profiled, [found.names[i] for i in asked], glitches, out)
     _print(found, profiled, [found.names[i] for i in asked])
+    for glitch in glitches:
+        terminal.say(f"Note: {glitch}")
     terminal.say(f"identify.json, tables and pictures are in {out}.")
     return found
 
@@ -96,7 +100,9 @@ def table_of(found: Identifiability) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def _write(found: Identifiability, profiled: Sequence[Profiled], asked: Sequence[str], out: Path) -> None:
+def _write(
+    found: Identifiability, profiled: Sequence[Profiled], asked: Sequence[str], remarks: Sequence[str], out: Path
+) -> None:
     table_of(found).to_csv(out / "identifiability.csv", index=False, float_format="%.8g")
     parts = [("run", found.runs, found.sd_without_run()), ("sensor", found.sensors, found.sd_without_sensor())]
     left_out = [
@@ -110,6 +116,7 @@ def _write(found: Identifiability, profiled: Sequence[Profiled], asked: Sequence
     content = {
         "case": found.case,
         "misfit": found.misfit,
+        "remarks": list(remarks),
         "answers": {name: found.answer(name) for name in found.names},
         "asked": list(asked),
         "sloppy": [{"information": strength, "told": words} for strength, words in found.sloppy()],
