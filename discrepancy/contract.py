@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from discrepancy.held_inputs import LONG, noisy_inputs, rows_held
 from discrepancy.input_noise import InputNoise, MovedInputs, slow_directions
-from discrepancy.lanes import predict
+from discrepancy.lanes import at, predictions
 from discrepancy.noise import BETWEEN_JUMPS, NoiseModel, break_at_jumps, channel_noise, local_noise
 from discrepancy.problem import Problem
 from discrepancy.readings import flatten
@@ -22,7 +21,6 @@ from jaxmodel.cases import Case, Run
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.measurements import KINDS
 from jaxmodel.ports import Effect
-from jaxmodel.profile import Track
 from jaxmodel.simulate import run_track, track
 
 # Readings of a model, by run and output.
@@ -97,13 +95,17 @@ def _noise_from_inputs(case: Case, catalogue: Mapping[str, type[Effect]]) -> dic
     model, profile = case_model(case, case.runs[0], catalogue=catalogue), run_profile(case.runs[0])
     outputs = KINDS[case.kind].outputs
 
-    def readings(courses: Track) -> np.ndarray:
-        course = jax.tree.map(lambda leaf: leaf[0], courses)
-        found = run_track(model, course, jnp.asarray(profile.time_s)).readings
+    course = track(model, profile)
+
+    def readings(move: Mapping[str, np.ndarray]) -> np.ndarray:
+        inputs = course.inputs | {name: course.inputs[name] + more[0] for name, more in move.items()}
+        moved = dataclasses.replace(course, inputs=inputs)
+        found = run_track(model, moved, jnp.asarray(profile.time_s)).readings
         return np.stack([np.asarray(found[name]) for name in outputs], axis=1)[None]
 
-    course = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], track(model, profile))
-    variance = np.mean(MovedInputs(readings, course, noisy).variance()[0], axis=0)
+    courses = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], course)
+    moved = MovedInputs(lambda moves: np.stack([readings(move) for move in moves]), courses, noisy)
+    variance = np.mean(moved.variance()[0], axis=0)
     return {name: float(np.sqrt(one)) for name, one in zip(outputs, variance, strict=True)}
 
 
@@ -118,9 +120,10 @@ def noise_passed_on(
         problem: the case under the model.
         x: (unknowns,) where it is calibrated to.
     """
+    still = at(problem, x)
 
-    def readings(courses: Track) -> np.ndarray:
-        return predict(eqx.tree_at(lambda p: p.courses, problem, courses), x)
+    def readings(moves: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:
+        return predictions(problem, [dataclasses.replace(still, added=dict(move)) for move in moves])
 
     moved = MovedInputs(readings, problem.courses, noisy_inputs(case))
     variance = moved.variance()

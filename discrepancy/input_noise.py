@@ -8,12 +8,9 @@ do: left out, numbers that follow from slow changes seem up to twice as sure as 
 from __future__ import annotations
 
 import dataclasses
-import os
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
 from discrepancy.held_inputs import LONG, rows_held, stretches
@@ -27,6 +24,11 @@ _MOST_STRETCHES = 512
 _FAINT = 0.05
 # Rows of one simulation that are moved are so many apart: what a row's noise does to later readings has faded by then.
 _APART = 8
+# So many moves are simulated at once: two batches of lanes.
+_AT_ONCE = 32
+
+# Readings (moves, runs, rows, ...) where something is added to inputs, (runs, 1 + steps) each, in each of some moves.
+Predict = Callable[[Sequence[Mapping[str, np.ndarray]]], np.ndarray]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,23 +47,27 @@ class InputNoise:
 class MovedInputs:
     """The readings of a model, and how they answer where its noisy inputs are moved."""
 
-    def __init__(self, predict: Callable[[Track], np.ndarray], courses: Track, input_sd: Mapping[str, float]) -> None:
+    def __init__(self, predict: Predict, courses: Track, input_sd: Mapping[str, float]) -> None:
         """Predict the readings at the inputs as they were read.
 
         Args:
-            predict: the readings under given steps, shape (runs, rows, ...).
-            courses: of all runs, leaves with a leading axis of runs.
+            predict: the readings under the steps with something added to their inputs, for each of several moves.
+            courses: the steps of all runs, leaves with a leading axis of runs.
             input_sd: by input, the sd of one reading's noise.
         """
-        self._predict, self._courses, self._input_sd = predict, courses, input_sd
-        self._still, self._row = predict(courses), row_of_step(courses)
+        self._predict, self._input_sd = predict, input_sd
         self._inputs = {name: np.asarray(courses.inputs[name]) for name in input_sd}
+        self._row = row_of_step(courses)
+        self._nothing = {name: np.zeros(self._row.shape) for name in input_sd}
+        self._still = predict([self._nothing])[0]
 
-    def _answer(self, name: str, sds: np.ndarray) -> np.ndarray:
-        """Return what moving each step (runs, 1 + steps) of an input by so many of its sd does to the readings."""
-        moved = jnp.asarray(self._inputs[name] + self._input_sd[name] * sds)
-        answer = self._predict(eqx.tree_at(lambda c: c.inputs[name], self._courses, moved)) - self._still
-        return np.where(np.isfinite(answer), answer, 0.0)
+    def _answers(self, moves: Iterable[tuple[str, np.ndarray]]) -> Iterator[np.ndarray]:
+        """Give what each move does to the readings: of an input's steps (runs, 1 + steps) by so many of its sd."""
+        left = iter(moves)
+        while some := list(itertools.islice(left, _AT_ONCE)):
+            moved = self._predict([self._nothing | {name: self._input_sd[name] * sds} for name, sds in some])
+            for answer in moved - self._still:
+                yield np.where(np.isfinite(answer), answer, 0.0)
 
     def variance(self) -> np.ndarray:
         """Return the variance that noise of measured inputs adds to each reading, shaped as the predictions.
@@ -71,28 +77,25 @@ class MovedInputs:
         among the rows moved go up and down in turn, so that nothing drifts. Noise of a mean over rows in which the
         input was held is slow.
         """
-        variance = np.zeros_like(self._still)
         turn = np.where((self._row // _APART) % 2 == 0, 1.0, -1.0)
-        for name in self._input_sd:
-            sds = np.where(self._of_each_run(rows_held, name) < LONG, turn, 0.0)
-            for first in range(_APART):
-                variance += self._answer(name, np.where(self._row % _APART == first, sds, 0.0)) ** 2
-        return variance
+        free = {name: np.where(self._of_each_run(rows_held, name) < LONG, turn, 0.0) for name in self._input_sd}
+        each = itertools.product(free.items(), range(_APART))
+        moves = ((name, np.where(self._row % _APART == first, sds, 0.0)) for (name, sds), first in each)
+        return sum((answer**2 for answer in self._answers(moves)), np.zeros_like(self._still))
 
     def to_slow_noise(self) -> np.ndarray:
         """Return the answers to an sd of the mean of each stretch of a run, shape (stretches, *predictions)."""
-
-        def answer(which: tuple[str, int]) -> np.ndarray:
-            name, number = which
-            mine = stretch[name] == number
-            rows = np.array([np.unique(row[own]).size for row, own in zip(self._row, mine, strict=True)])
-            return self._answer(name, mine / np.sqrt(np.maximum(rows, 1))[:, None])
-
         most = [max(1, int(rows + 1) // _STRETCHES) for rows in self._row.max(axis=1)]
-        stretch = {name: at_most(_MOST_STRETCHES, self._of_each_run(stretches, name, most)) for name in self._input_sd}
-        moves = [(name, number) for name, numbers in stretch.items() for number in range(numbers.max() + 1)]
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            return np.stack(list(pool.map(answer, moves)))
+
+        def moves() -> Iterator[tuple[str, np.ndarray]]:
+            for name in self._input_sd:
+                stretch = at_most(_MOST_STRETCHES, self._of_each_run(stretches, name, most))
+                for number in range(stretch.max() + 1):
+                    mine = stretch == number
+                    rows = np.array([np.unique(row[own]).size for row, own in zip(self._row, mine, strict=True)])
+                    yield name, mine / np.sqrt(np.maximum(rows, 1))[:, None]
+
+        return np.stack(list(self._answers(moves())))
 
     def _of_each_run(self, function: Callable[..., np.ndarray], name: str, *more: Sequence[int]) -> np.ndarray:
         return np.stack([function(*each) for each in zip(self._inputs[name], self._row, *more, strict=True)])
@@ -116,11 +119,13 @@ def slow_directions(answers: np.ndarray, run: np.ndarray) -> np.ndarray:
     found = [np.zeros((run.size, 0))]
     for one in np.unique(run):
         mine = np.flatnonzero(run == one)
-        q, size, _ = np.linalg.svd(answers[:, mine].T, full_matrices=False)
-        larger = np.sqrt(1.0 + size**2)
+        own = answers[:, mine]
+        squares, vectors = np.linalg.eigh(own @ own.T)  # far fewer noises than readings
+        larger = np.sqrt(1.0 + np.maximum(squares, 0.0))
         kept = larger > 1.0 + _FAINT
         directions = np.zeros((run.size, int(kept.sum())))
-        directions[mine] = q[:, kept] * np.sqrt(1.0 - 1.0 / larger[kept])
+        q = own.T @ vectors[:, kept] / np.sqrt(squares[kept])
+        directions[mine] = q * np.sqrt(1.0 - 1.0 / larger[kept])
         found.append(directions)
     return np.concatenate(found, axis=1)
 

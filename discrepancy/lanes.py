@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import os
 import threading
 from collections import defaultdict
@@ -105,10 +106,20 @@ def _of_batches(
 
 
 def _to_runs(lanes: Lane, runs: np.ndarray, part: Problem) -> Lane:
-    """Return lanes with what they add to the inputs of some runs, those of one block."""
+    """Return lanes with what they add to the inputs of some runs, those of one block.
+
+    To noisy inputs they all add something, if only zeros: lanes that move them need no program of their own.
+    """
     runs = np.pad(runs, (0, part.times.shape[0] - runs.size), mode="edge")
-    rows = slice(1 + part.courses.duration_s.shape[1])
-    return dataclasses.replace(lanes, added={name: more[:, runs, rows] for name, more in lanes.added.items()})
+    steps = 1 + part.courses.duration_s.shape[1]
+    added = {name: _nothing(LANES, runs.size, steps) for name in part.noisy}
+    added |= {name: more[:, runs, :steps] for name, more in lanes.added.items()}
+    return dataclasses.replace(lanes, added=added)
+
+
+@functools.lru_cache(maxsize=16)
+def _nothing(*shape: int) -> Array:
+    return jnp.zeros(shape)
 
 
 def _predictions(problem: Problem, lanes: Lane) -> Array:

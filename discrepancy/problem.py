@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array
 
 from discrepancy.candidates import Candidate, Coordinate, known_coordinate
+from discrepancy.held_inputs import noisy_inputs
 from discrepancy.input_noise import InputNoise
 from discrepancy.noise import NoiseModel
 from discrepancy.readings import Readings, flatten, part_of
@@ -156,6 +157,7 @@ class Problem(eqx.Module):
         unknowns: the numbers that are free.
         switched: effects behind a switch.
         channels: all outputs of the kind, measured or not.
+        noisy: inputs whose noise is known, to which every lane may add something.
         shapes: how many runs are simulated at a time, and their rows and steps: those of the runs that may calibrate,
             the short ones by themselves where that saves much.
     """
@@ -167,6 +169,7 @@ class Problem(eqx.Module):
     unknowns: Unknowns
     switched: tuple[str, ...] = eqx.field(static=True)
     channels: tuple[str, ...] = eqx.field(static=True)
+    noisy: tuple[str, ...] = eqx.field(static=True)
     shapes: tuple[tuple[int, int, int], ...] = eqx.field(static=True)
 
     def _model_at(self, model: Model, own: Array, lane: Lane) -> Model:
@@ -329,6 +332,7 @@ def make_problem(
         unknowns=Unknowns(layout.names, layout.of_runs(len(case.runs)), **parts),
         switched=tuple(effect.label for effect in switched),
         channels=KINDS[case.kind].outputs,
+        noisy=tuple(noisy_inputs(case)),
         shapes=_shapes([_length(last_step[None]) for last_step in np.asarray(courses.last_step)[fit_runs]]),
     )
     return problem, layout

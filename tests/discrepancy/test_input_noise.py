@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +16,6 @@ from discrepancy.input_noise import MovedInputs, at_most, row_of_step, slow_dire
 from discrepancy.session import Session
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.cases import Known
-from jaxmodel.profile import Track
 from jaxmodel.simulate import run_track, simulate, track
 from tests.discrepancy.made_cases import NOISE_V, case_of, made_cell, run_of
 
@@ -67,18 +67,15 @@ def test_slow_noise_is_what_random_noise_moves_over_many_rows() -> None:
     courses = jax.tree.map(lambda leaf: leaf[None], track(model, run_profile(run)))
     voltages = jax.jit(lambda course: run_track(model, course, jnp.asarray(run.measured.time_s)).readings["voltage_V"])
 
-    def predict(courses: Track) -> np.ndarray:
-        return np.asarray(voltages(jax.tree.map(lambda leaf: leaf[0], courses)))[None]
+    def predict(moves: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:
+        course = jax.tree.map(lambda leaf: leaf[0], courses)
+        moved = [course.inputs | {name: course.inputs[name] + more[0] for name, more in one.items()} for one in moves]
+        return np.stack([np.asarray(voltages(dataclasses.replace(course, inputs=one)))[None] for one in moved])
 
     answers = MovedInputs(predict, courses, {"current_A": CURRENT_SD}).to_slow_noise()[:, 0]
     rng, row = np.random.default_rng(0), row_of_step(courses)
-
-    def drawn() -> np.ndarray:
-        moved = courses.inputs["current_A"] + CURRENT_SD * rng.standard_normal(rows)[row]
-        return predict(dataclasses.replace(courses, inputs=courses.inputs | {"current_A": moved}))[0]
-
-    still = predict(courses)[0]
-    scatter = np.array([drawn() - still for _ in range(300)])
+    noise = CURRENT_SD * rng.standard_normal((300, rows))
+    scatter = (predict([{"current_A": one[row]} for one in noise]) - predict([{}]))[:, 0]
     for slow in (np.ones(rows), np.linspace(-1.0, 1.0, rows)):
         assert np.std(scatter @ slow) == pytest.approx(np.linalg.norm(answers @ slow), rel=0.12)
 
