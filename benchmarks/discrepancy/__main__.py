@@ -74,9 +74,9 @@ def judge(folder: Folder) -> None:
 
 
 @app.command(name="report")
-def write_report(folder: Folder, page: Path = Path("docs/proving_ground.md"), unseen_from: int = 25) -> None:
+def write_report(folder: Folder, page: Path = Path("docs/proving_ground.md")) -> None:
     """Write a page's tables, and JSON and pictures beside it, of the cases diagnosed and screened."""
-    publish(folder, page, unseen_from)
+    publish(folder, page)
 
 
 @app.command(name="sealed")

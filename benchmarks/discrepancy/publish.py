@@ -49,17 +49,13 @@ BASELINES = (
 )
 
 
-def publish(folder: Path, page: Path, unseen_from: int) -> None:
-    """Write the tables into a page, and `results.json` and three pictures into a folder of the page's name.
-
-    Cases from the seed `unseen_from` on, which nobody looked at while the method was made, are also told apart.
-    """
+def publish(folder: Path, page: Path) -> None:
+    """Write the tables into a page, and `results.json` and three pictures into a folder of the page's name."""
     out = page.with_suffix("")
     cases = read(folder)
     compared = rates(read_compared(folder, cases))
     hidden = read_hidden(folder, cases)
     ablated = [name for name in compared if name.startswith("score") or name in IN_ANSWER]
-    unseen = [case for case in cases if case.number >= unseen_from]
     out.mkdir(parents=True, exist_ok=True)
     for name, figure in (
         ("power", power_picture(hidden)),
@@ -67,11 +63,10 @@ def publish(folder: Path, page: Path, unseen_from: int) -> None:
         ("reliability", reliability_picture(cases)),
     ):
         (out / f"{name}.png").write_bytes(png(figure))
-    more = {"unseen_from": unseen_from, "metrics of unseen": metrics(unseen), "methods": compared}
-    _write(out / "results.json", _summary(cases) | more)
+    _write(out / "results.json", _summary(cases) | {"methods": compared})
     tables = {
         "cases": _in_words(cases),
-        "metrics": _side_by_side({"all cases": metrics(cases), f"seeds from {unseen_from} on": metrics(unseen)}),
+        "metrics": _side_by_side({"development": metrics(cases)}),
         "baselines": markdown(compared, "method", BASELINES),
         "ablations": markdown(compared, "part left out", [OURS, *ablated]),
         "reliability": _table("right at a probability of", reliability(cases)),
