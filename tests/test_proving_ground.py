@@ -260,7 +260,7 @@ def test_kept_cases_come_back_as_they_were(tmp_path: Path):
     again = dataclasses.replace(first[1], said=said("adequate"))
     other = dataclasses.replace(CASES[4], number=7, sigma=0.0)
     assert keep([other, again], tmp_path / "sealed.jsonl") == [first[0], again, first[2], other]
-    unscreened = dataclasses.replace(CASES[5], number=9)
+    unscreened = dataclasses.replace(CASES[6], number=9)
     keep([unscreened], tmp_path / "sealed.jsonl")
     assert np.isnan(keep([], tmp_path / "sealed.jsonl")[-1].sigma)
 
