@@ -158,7 +158,7 @@ def stands_out(session: Session, screen: Screen, name: str, effects: Mapping[str
     """Return by how many sigma a hidden effect stands out, in the linear model, at the shape nearest to its own.
 
     Out of what the base model makes of it, calibrated with all else that is hidden: of two effects that can stand in
-    for each other neither stands out. None where the effect cannot be tried on this case.
+    for each other neither stands out. None where it, or what else is hidden, cannot be tried on this case.
 
     Args:
         session: of the case.
