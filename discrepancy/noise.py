@@ -24,6 +24,7 @@ BETWEEN_JUMPS = "the readings between jumps of the inputs"
 
 MAD_OF_NORMAL = 0.6745
 _SHORTEST_WINDOW = 8
+_PARABOLA = 3  # columns
 _KEPT_PROBABILITY = 0.99
 _RHO_BOUNDS = (-0.8, 0.99)
 _COLOURED_CHI2 = 10.83  # chi-square(1) at p = 0.001
@@ -280,18 +281,18 @@ def local_noise(
     Returns:
         The estimate; its sd is NaN where no chain is as long as eight rows, or most windows hold equal readings.
     """
-    groups = _windows(np.asarray(values, dtype=float), np.asarray(starts, dtype=bool), time_s, window)
-    if not groups:
+    windows = _windows(np.asarray(values, dtype=float), np.asarray(starts, dtype=bool), time_s, window)
+    if windows is None:
         return _NO_ESTIMATE
-    size = np.concatenate([np.full(len(group.contrast), group.contrast.shape[1]) for group in groups])
+    size = (windows.length - _PARABOLA).astype(float)
     cutoff = chi2.ppf(_KEPT_PROBABILITY, size)
     size_of_kept = size * chi2.cdf(cutoff, size + 2) / _KEPT_PROBABILITY  # mean of a chi-square cut off there
     median = chi2.median(size)
-    if np.median(_distances(groups, 0.0)[0]) <= 1e-20 * np.nanmax(np.abs(values)) ** 2:
+    if np.median(_distances(windows, 0.0)[0]) <= 1e-20 * np.nanmax(np.abs(values)) ** 2:
         return _NO_ESTIMATE
 
     def robust_likelihood(rho: float) -> tuple[float, float]:
-        squared, log_determinant = _distances(groups, rho)
+        squared, log_determinant = _distances(windows, rho)
         variance = known_sd**2 if known_sd else float(np.median(squared / median))
         freedom = 5.0  # of the multivariate t
         fit = (freedom + size) * np.log1p(squared / (freedom * variance))
@@ -299,16 +300,16 @@ def local_noise(
 
     result = _maximise(robust_likelihood, _RHO_BOUNDS, 0)
     for _ in range(3):
-        squared, _ = _distances(groups, result.rho)
+        squared, _ = _distances(windows, result.rho)
         kept = squared <= cutoff * np.median(squared / median)
 
         def likelihood(rho: float, kept: Bools = kept) -> tuple[float, float]:
-            squared, log_determinant = _distances(groups, rho)
+            squared, log_determinant = _distances(windows, rho)
             variance = known_sd**2 if known_sd else float(squared[kept].sum() / size_of_kept[kept].sum())
             fit = log_determinant + size * np.log(variance) + squared / variance
             return float(np.sum(fit[kept])), variance
 
-        result = _maximise(likelihood, _RHO_BOUNDS, int((size + 3)[kept].sum()))
+        result = _maximise(likelihood, _RHO_BOUNDS, int(windows.length[kept].sum()))
     return result
 
 
@@ -334,50 +335,58 @@ def _maximise(
 
 @dataclass(frozen=True)
 class _Windows:
-    """Windows of one length: contrasts free of any parabola, and what their covariance needs beside rho."""
+    """Windows of a series, one after another: n readings in w windows.
 
-    contrast: Floats  # (windows, k)
-    basis: Floats  # (windows or 1, length, k), orthonormal columns orthogonal to 1, t, t^2
-    lag: Floats  # (windows or 1, length, length), rows between two values
+    Attributes:
+        columns: (4, n) the three of a parabola in time, orthonormal within each window, then the readings less it.
+        lag: (n,) rows since the reading before; infinite at the first of a window.
+        first: (w,) numbers of the first readings.
+        length: (w,) numbers of readings.
+    """
+
+    columns: Floats
+    lag: Floats
+    first: Integers
+    length: Integers
 
 
-def _windows(values: Floats, starts: Bools, time_s: ArrayLike | None, window: int) -> list[_Windows]:
+def _windows(values: Floats, starts: Bools, time_s: ArrayLike | None, window: int) -> _Windows | None:
     clock = np.arange(len(values), dtype=float) if time_s is None else np.asarray(time_s, dtype=float)
     rows = np.flatnonzero(np.isfinite(values))
     chain = np.cumsum(starts)[rows]
-    # Windows of equal steps share one covariance, so they are kept apart from the others.
-    parts_of: dict[tuple[int, bool], list[Integers]] = {}
-    for members in np.split(rows, np.flatnonzero(np.diff(chain)) + 1):
-        for part in np.array_split(members, max(1, round(len(members) / window))):
-            if len(part) >= _SHORTEST_WINDOW:
-                even = np.diff(part).max() == 1 and np.ptp(np.diff(clock[part])) < 1e-6 * np.ptp(clock[part])
-                parts_of.setdefault((len(part), bool(even)), []).append(part)
-    groups = []
-    for (_, even), parts in parts_of.items():
-        index = np.array(parts)
-        pattern = index[:1] if even else index
-        lag = np.abs(pattern[:, :, None] - pattern[:, None, :]).astype(float)
-        when = clock[pattern] - clock[pattern[:, :1]]
-        centred = when / when[:, -1:] - 0.5
-        parabola = np.stack([np.ones_like(centred), centred, centred**2], axis=-1)
-        basis = np.linalg.qr(parabola, mode="complete")[0][:, :, 3:]
-        contrast = (np.swapaxes(basis, 1, 2) @ values[index][:, :, None])[:, :, 0]
-        groups.append(_Windows(contrast, basis, lag))
-    return groups
+    chains = np.split(rows, np.flatnonzero(np.diff(chain)) + 1)
+    parts = [part for one in chains for part in np.array_split(one, max(1, round(len(one) / window)))]
+    parts = [part for part in parts if len(part) >= _SHORTEST_WINDOW]
+    if not parts:
+        return None
+    index, length = np.concatenate(parts), np.array([len(part) for part in parts])
+    first = np.cumsum(length) - length
+    lag = np.diff(index, prepend=0).astype(float)
+    lag[first] = np.inf
+    since = clock[index] - np.repeat(clock[index[first]], length)
+    centred = since / np.repeat(since[first + length - 1], length) - 0.5
+    columns = [np.ones_like(centred), centred, centred**2, values[index]]
+    for number, column in enumerate(columns):
+        for before in [*columns[:number]] * 2:  # once more for what rounding left
+            column -= before * np.repeat(np.add.reduceat(before * column, first), length)
+        if number < _PARABOLA:
+            column /= np.repeat(np.sqrt(np.add.reduceat(column**2, first)), length)
+    return _Windows(np.stack(columns), lag, first, length)
 
 
-def _distances(groups: list[_Windows], rho: float) -> tuple[Floats, Floats]:
-    """Squared Mahalanobis length of each window's contrasts at unit variance, and their log-determinant."""
-    squared, log_determinant = [], []
-    for group in groups:
-        covariance = np.swapaxes(group.basis, 1, 2) @ (np.float64(rho) ** group.lag @ group.basis)
-        factor = np.linalg.cholesky(covariance)
-        if len(factor) == 1:  # one covariance for all windows, to be solved once
-            white = np.linalg.solve(factor[0], group.contrast.T).T
-        else:
-            white = np.linalg.solve(factor, group.contrast[:, :, None])[:, :, 0]
-        squared.append(np.sum(white**2, axis=1))
-        log_determinant.append(
-            np.broadcast_to(2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1), len(white))
-        )
-    return np.concatenate(squared), np.concatenate(log_determinant)
+def _distances(windows: _Windows, rho: float) -> tuple[Floats, Floats]:
+    """Squared Mahalanobis length of each window's readings free of any parabola, at unit variance; its log-determinant.
+
+    The restricted likelihood: what whitened readings leave beside a whitened parabola, and the determinants of both.
+    """
+    weight = np.float64(rho) ** windows.lag
+    white = windows.columns.copy()
+    white[:, 1:] -= weight[1:] * windows.columns[:, :-1]
+    white /= np.sqrt(1.0 - weight**2)
+    log_determinant = np.add.reduceat(np.log1p(-(weight**2)), windows.first)
+    products = np.add.reduceat(white[:, None] * white[None], windows.first, axis=2)
+    for column in range(_PARABOLA):  # Gauss's elimination
+        pivot, beside = products[column, column].copy(), products[column, column + 1 :].copy()
+        products[column + 1 :, column + 1 :] -= beside[:, None] * beside / pivot
+        log_determinant += np.log(pivot)
+    return products[-1, -1], log_determinant
