@@ -35,6 +35,9 @@ BASE = ""
 _ROWS, _STEPS = 512, 1024
 # Steps that short runs would be padded with, above which a program of their own is worth the time to compile it.
 _WORTH_A_PROGRAM = 30_000
+# Runs that only judge and are longer than those that calibrate by no more share their program, which takes longer then:
+# in a robot's diagnosis some 4 s; to compile another takes 20 s, and to trace it 3 s.
+_LITTLE_LONGER = 1.5
 
 
 class Lane(eqx.Module):
@@ -159,7 +162,7 @@ class Problem(eqx.Module):
         channels: all outputs of the kind, measured or not.
         noisy: inputs whose noise is known, to which every lane may add something.
         shapes: how many runs are simulated at a time, and their rows and steps: those of the runs that may calibrate,
-            the short ones by themselves where that saves much.
+            the short ones by themselves where that saves much, and of the others where they are little longer.
     """
 
     models: Model
@@ -333,7 +336,7 @@ def make_problem(
         switched=tuple(effect.label for effect in switched),
         channels=KINDS[case.kind].outputs,
         noisy=tuple(noisy_inputs(case)),
-        shapes=_shapes([_length(last_step[None]) for last_step in np.asarray(courses.last_step)[fit_runs]]),
+        shapes=_shapes([_length(last_step[None]) for last_step in np.asarray(courses.last_step)], fit_runs),
     )
     return problem, layout
 
@@ -373,9 +376,12 @@ def _courses(models: list[Model], case: Case) -> tuple[Track, Array]:
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *courses), jnp.asarray(np.stack(times))
 
 
-def _shapes(lengths: Sequence[tuple[int, int]]) -> tuple[tuple[int, int, int], ...]:
-    """Return in which blocks runs of such lengths are simulated, shorter first: their number, rows and steps."""
-    ordered = sorted(lengths, key=lambda length: length[1])
+def _shapes(lengths: Sequence[tuple[int, int]], fit_runs: np.ndarray) -> tuple[tuple[int, int, int], ...]:
+    """Return in which blocks runs of such lengths are simulated, shorter first: their number, rows and steps.
+
+    Those of the runs that may calibrate; longer ones fit in too where that saves a program.
+    """
+    ordered = sorted((lengths[run] for run in fit_runs), key=lambda length: length[1])
 
     def cost(blocks: Sequence[Sequence[tuple[int, int]]]) -> int:
         return sum(len(block) * block[-1][1] for block in blocks)
@@ -383,7 +389,12 @@ def _shapes(lengths: Sequence[tuple[int, int]]) -> tuple[tuple[int, int, int], .
     halves = [[ordered[:place], ordered[place:]] for place in range(1, len(ordered))]
     best = min(halves, key=cost, default=[ordered])
     blocks = best if cost([ordered]) - cost(best) > _WORTH_A_PROGRAM else [ordered]
-    return tuple((len(block), max(rows for rows, _ in block), block[-1][1]) for block in blocks)
+    shapes = [(len(block), max(rows for rows, _ in block), block[-1][1]) for block in blocks]
+    count, rows, steps = shapes[-1]
+    rows_of_all, steps_of_all = np.max([(rows, steps), *lengths], axis=0).tolist()
+    if steps_of_all <= _LITTLE_LONGER * steps:
+        shapes[-1] = (count, rows_of_all, steps_of_all)
+    return tuple(shapes)
 
 
 def _length(last_step: np.ndarray) -> tuple[int, int]:

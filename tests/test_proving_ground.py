@@ -268,12 +268,22 @@ def test_kept_cases_come_back_as_they_were(tmp_path: Path):
 def test_a_seed_that_empties_its_cell_is_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     ends = [0.2, 0.1, -0.01, 0.3]
     emptied = [{"soc": np.array([0.9, end])} for end in ends]
+    monkeypatch.setattr(generate, "moves", lambda drawn: {})
     monkeypatch.setattr(generate, "write_case", lambda *arguments, **options: emptied)
     with pytest.raises(RuntimeError, match="beyond empty"):
         generate.make(tmp_path, 1)
     monkeypatch.setattr(generate, "write_case", lambda *arguments, **options: emptied[:2])
-    monkeypatch.setattr(generate, "moves", lambda drawn: {})
     assert generate.make(tmp_path, 1).kind in generate.KINDS
+
+
+def test_a_seed_whose_effect_moves_no_reading_is_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(generate, "write_case", lambda *arguments, **options: [])
+    monkeypatch.setattr(generate, "moves", lambda drawn: {"entropic_ocv": 0.3, "self_heating": 40.0})
+    with pytest.raises(RuntimeError, match="^entropic_ocv moves no reading$"):
+        generate.make(tmp_path, 1)
+    assert not list(tmp_path.iterdir())
+    monkeypatch.setattr(generate, "moves", lambda drawn: {"entropic_ocv": 1.5})
+    assert generate.make(tmp_path, 1).moves == {"entropic_ocv": 1.5}
 
 
 def test_an_effect_that_no_run_of_a_case_lets_act_moves_no_reading():

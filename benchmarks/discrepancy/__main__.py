@@ -30,7 +30,7 @@ Folder = Annotated[Path, typer.Argument(help="Where the cases are, one folder ea
 
 @app.command()
 def make(folder: Folder, first: int = 0, count: int = 240) -> None:
-    """Make the cases that are not there yet, but for seeds that the referee cannot integrate or that empty a cell."""
+    """Make the cases that are not there yet, but for seeds that cannot be made; why is told."""
     keep_compiled_programs()
     for number in track(range(first, first + count), "making"):
         hidden = folder / f"{number:04d}" / "blind.json"

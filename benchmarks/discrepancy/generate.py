@@ -19,6 +19,8 @@ from tests.independent.profiles import make_profile
 
 KINDS = {"cell": 0.45, "motor": 0.3, "robot": 0.25}
 CLASSES = {"null": 0.25, "single": 0.42, "double": 0.1, "sensor": 0.11, "outside": 0.12}
+# By how many sigma an effect that is there moves all readings together at least.
+NOTHING = 1.0
 # Of the referee; far below any sensor.
 TOLERANCE = 1e-7
 PATTERNS = ("load steps", "varying load", "pulse train", "rests with pulses", "constant load")
@@ -90,7 +92,7 @@ class Blind:
     @property
     def in_the_readings(self) -> Blind:
         """Return the same case, effects that move the readings by less than noise does taken for absent."""
-        there = {name: numbers for name, numbers in self.effects.items() if self.moves.get(name, np.inf) >= 1.0}
+        there = {name: numbers for name, numbers in self.effects.items() if self.moves.get(name, np.inf) >= NOTHING}
         group = self.group if len(there) == len(self.effects) else ("null", "single")[len(there)]
         return dataclasses.replace(self, effects=there, group=group)
 
@@ -204,10 +206,13 @@ def make(folder: Path, seed: int) -> Blind:
     """Write the blind case of a seed and return what is hidden in it.
 
     Raises:
-        RuntimeError: the referee cannot integrate it, or its cell is discharged beyond empty, where no voltage means
-            anything.
+        RuntimeError: the referee cannot integrate it; its cell is discharged beyond empty, where no voltage means
+            anything; or what is hidden moves no reading, as a law of temperature in runs at its reference.
     """
     drawn = draw(seed)
+    moved = moves(drawn)
+    if idle := [name for name, sigma in moved.items() if sigma < NOTHING]:
+        raise RuntimeError(f"{' and '.join(idle)} moves no reading")
     blind, runs = drawn.blind, drawn.runs
     reported = [run.profile for run in runs]
     if blind.outside and blind.kind != "cell":
@@ -230,7 +235,7 @@ def make(folder: Path, seed: int) -> Blind:
         raise RuntimeError("its cell is discharged beyond empty")
     if blind.outside:
         _apply(folder, blind.kind, blind.outside, drawn.strength, clean, reported)
-    return dataclasses.replace(blind, moves=moves(drawn))
+    return dataclasses.replace(blind, moves=moved)
 
 
 def moves(drawn: Drawn) -> dict[str, float]:
