@@ -15,6 +15,7 @@ from discrepancy.best_model import BestModel, find_best_model
 from discrepancy.failure import failure, scatter_beyond_noise
 from discrepancy.glitches import without_glitches
 from discrepancy.hypothesis import Hypothesis, Labels
+from discrepancy.lanes import one_thread_of_blas
 from discrepancy.law_file import law_file
 from discrepancy.leftover import leftover_laws
 from discrepancy.misfit import Block
@@ -47,6 +48,7 @@ RIVAL, MOST_RIVALS = 0.05, 3
 NEARLY_THE_LAW = 0.9
 
 
+@one_thread_of_blas
 def compare(
     case: Case, *, extra_effects: Mapping[str, type[Effect]] | None = None, progress: Progress | None = None
 ) -> Diagnosis:
@@ -78,6 +80,7 @@ def compare(
     )
 
 
+@one_thread_of_blas
 def diagnose(
     case: Case,
     *,

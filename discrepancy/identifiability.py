@@ -10,6 +10,7 @@ import numpy as np
 
 from discrepancy.calibrate import Fit, fit, look
 from discrepancy.hypothesis import Hypothesis
+from discrepancy.lanes import one_thread_of_blas
 from discrepancy.noise import residual_noise
 from discrepancy.problem import Problem
 from discrepancy.session import Session
@@ -240,6 +241,7 @@ def asking_for(
     return dataclasses.replace(case, parameters=case.parameters | changed), tuple(changed)
 
 
+@one_thread_of_blas
 def calibrated(session: Session, labels: Sequence[str] = ()) -> tuple[Session, Hypothesis, float]:
     """Return the session in which a model's estimates can be trusted, the model calibrated, and its misfit.
 
@@ -337,6 +339,7 @@ def _parts(problem: Problem, x: np.ndarray, sensors: Sequence[str]) -> np.ndarra
     return np.array(parts)
 
 
+@one_thread_of_blas
 def profile_likelihood(
     session: Session, hypothesis: Hypothesis, name: str, reach: float = 3.0, places: int = 9
 ) -> Profiled:

@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
+from threadpoolctl import threadpool_limits
 
 from discrepancy.problem import Lane, Problem
 from discrepancy.readings import Readings
@@ -24,6 +25,10 @@ from discrepancy.readings import Readings
 LANES = 16
 # Of a processor's code: bit for bit what the highest level computes, as fast, and compiled in 50 to 60 % of its time.
 _QUICKLY = {"xla_backend_optimization_level": 1}
+
+# Batches and fits run on a thread of each core. Threads of BLAS beside them wait for a core, and for each other: a
+# product that takes 1 ms on a machine with nothing else to do takes 200 then.
+one_thread_of_blas = threadpool_limits.wrap(limits=1, user_api="blas")
 
 _COMPILING: defaultdict[object, threading.Lock] = defaultdict(threading.Lock)
 _COMPILED: set[object] = set()
