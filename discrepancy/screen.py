@@ -101,7 +101,7 @@ class _Point:
 
 
 def screen(
-    boards: Sequence[Switchboard],
+    board: Switchboard,
     start: Start,
     base: np.ndarray,
     residual: np.ndarray,
@@ -110,18 +110,16 @@ def screen(
     """Score at a calibrated model every candidate that is not in it.
 
     Args:
-        boards: with the candidates. An effect of the model that is on another board than a candidate is left out beside
-            it: the answer to the candidate differs a little by that, and a refit tells what it is worth.
+        board: with the candidates.
         start: where the model is calibrated to.
         base: (n, unknowns) sensitivities of the whitened fit readings to the model's own unknowns, prior rows appended.
         residual: (n,) their residual, likewise.
         names: of the model's own unknowns.
     """
-    points = [point for point in (_Point(board, start) for board in boards) if point.absent]
-    probed = [(c, probe) for point in points for _, c in point.absent for probe in c.probes]
+    point = _Point(board, start)
+    probed = [(c, probe) for _, c in point.absent for probe in c.probes]
     priors = np.zeros(base.shape[1])
-    nothing = np.zeros((0, residual.size - priors.size))
-    answers = np.concatenate([nothing, *(point.rows(point.a_little_and_wholly()) for point in points)])
+    answers = point.rows(point.a_little_and_wholly())
     shapes: dict[str, list[np.ndarray]] = {}
     probes: dict[str, list[tuple[float, ...]]] = {}
     for number, (candidate, probe) in enumerate(probed):
@@ -131,14 +129,13 @@ def screen(
             if np.all(np.isfinite(way)) and np.linalg.norm(way) > 1e-6:
                 shapes.setdefault(candidate.label, []).append(np.concatenate([way, priors]))
                 probes.setdefault(candidate.label, []).append(probe)
-    for point in points:
-        for place, candidate in point.absent:
-            if candidate.label in probes and candidate.amplitude_on_grid:
-                between = _between_the_best(base, residual, shapes[candidate.label], probes[candidate.label])
-                whole = -point.rows([point.switched_on(place, candidate, probe) for probe in between])
-                told = np.all(np.isfinite(whole), axis=1)
-                shapes[candidate.label].extend(np.concatenate([way, priors]) for way in whole[told])
-                probes[candidate.label].extend(probe for probe, tells in zip(between, told, strict=True) if tells)
+    for place, candidate in point.absent:
+        if candidate.label in probes and candidate.amplitude_on_grid:
+            between = _between_the_best(base, residual, shapes[candidate.label], probes[candidate.label])
+            whole = -point.rows([point.switched_on(place, candidate, probe) for probe in between])
+            told = np.all(np.isfinite(whole), axis=1)
+            shapes[candidate.label].extend(np.concatenate([way, priors]) for way in whole[told])
+            probes[candidate.label].extend(probe for probe, tells in zip(between, told, strict=True) if tells)
     one_sided = {candidate.label: candidate.one_sided for candidate, _ in probed}
     directions = {label: Direction(own, signs=int(one_sided[label])) for label, own in shapes.items()}
     table = score_effects(base, residual, directions, names, absorbed_below=ABSORBED_BELOW)

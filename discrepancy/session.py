@@ -36,6 +36,7 @@ from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import EffectError, UserError, nearest
 from jaxmodel.names import parameter_table
 from jaxmodel.ports import Effect, touches
+from jaxmodel.profile import Track
 
 FAR_FROM_PRIOR = 3.0
 # How far off, and for what share of the readings, the assumed noise must be to be worth refitting.
@@ -73,13 +74,19 @@ class Session:
         return tuple(c.label for c in self.candidates.values() if any(touches((c.effect,), port) for port in ports))
 
     @functools.cached_property
-    def _boards(self) -> tuple[Switchboard, ...]:
-        """All candidates but those that bend, and those that do, which would make the program of all as slow."""
-        sets = ([c for c in self.candidates.values() if (c.label in self._bending) == bends] for bends in (False, True))
-        return tuple(self._switchboard(some) for some in sets if some)
+    def _board(self) -> Switchboard:
+        """Every candidate behind a switch, with inputs free of noise; its steps are those of the base model."""
+        everything = tuple(self.candidates.values())
+        board = Switchboard(*self._problem((), everything), everything)
+        return board if self._quiet is None else board.over(self._courses_of(self._quiet, ()))
 
-    def _switchboard(self, candidates: Sequence[Candidate]) -> Switchboard:
-        return Switchboard(*self._problem((), candidates), tuple(candidates))
+    @functools.cached_property
+    def _quiet(self) -> Case | None:
+        """The case with the noise taken out of its inputs; None where they have none that is known."""
+        return without_input_noise(self.case, self.noise) if noisy_inputs(self.case) else None
+
+    def _courses_of(self, case: Case, present: Sequence[Candidate]) -> Track:
+        return make_problem(case, self.weights, present, (), self.catalogue)[0].courses
 
     def _problem(
         self, present: Sequence[Candidate], switched: Sequence[Candidate] = (), family: Sequence[Candidate] = ()
@@ -120,14 +127,13 @@ class Session:
         return self.key(tuple(labels))
 
     def warm_up(self) -> None:
-        """Begin to compile the screening programs, which takes as long as the first fits, beside them."""
-        for number in range(2):
-            Thread(target=self._compile_board, args=(number,), daemon=True).start()
+        """Begin to compile the screening program, which takes as long as the first fits, beside them."""
 
-    def _compile_board(self, number: int) -> None:
-        with contextlib.suppress(UserError):  # the calibration will meet the same mistake, and tell it
-            for board in self._boards[number : number + 1]:
-                board.warm_up()
+        def compile_board() -> None:
+            with contextlib.suppress(UserError):  # the calibration will meet the same mistake, and tell it
+                self._board.warm_up()
+
+        Thread(target=compile_board, daemon=True).start()
 
     def labels_of(self, names: Sequence[str]) -> Labels:
         """Return the candidates that a user's names mean: an effect, or a sensor's effect on one column as 'a:b'.
@@ -187,7 +193,8 @@ class Session:
     def _again(self, **changes: Any) -> Session:
         """Return a session of the same case with other weights, nothing fitted yet."""
         other = copy.copy(self)
-        other.__dict__.pop("_boards", None)
+        for kept in ("_board", "_quiet"):
+            other.__dict__.pop(kept, None)
         other.__dict__.update(changes, _hypotheses={}, _screens={}, _rungs={})
         return other
 
@@ -280,19 +287,17 @@ class Session:
 
     def _screened(self, hypothesis: Hypothesis) -> Screen:
         problem, own, x = hypothesis.problem, hypothesis.own, hypothesis.fitted.x
-        part, courses = problem.only("fit"), problem.courses
+        part = problem.only("fit")
         rows, slopes = look(part, x)
-        if noisy_inputs(self.case):
+        if self._quiet is not None:
             # A sensitivity to resistance made with the noise of a row's own current is correlated with its residual.
-            present = [self.candidates[label] for label in hypothesis.labels]
-            quiet = without_input_noise(self.case, self.noise)
-            courses = make_problem(quiet, self.weights, present, (), self.catalogue)[0].courses
+            courses = self._courses_of(self._quiet, [self.candidates[label] for label in hypothesis.labels])
             slopes = look(eqx.tree_at(lambda p: p.courses, problem, courses).only("fit"), x)[1]
         counted = np.asarray(part.readings.fit) > 0.0
         base = np.concatenate([-slopes[counted][:, own], np.eye(len(own))])
         residual = np.concatenate([rows[counted], -x[own]])
-        boards = [board.over(courses) for board in self._boards]
-        return screen(boards, hypothesis.start, base, residual, [hypothesis.layout.names[number] for number in own])
+        names = [hypothesis.layout.names[number] for number in own]
+        return screen(self._board, hypothesis.start, base, residual, names)
 
     def starts(self, screened: Screen, label: str) -> list[Start]:
         """Return where to begin fitting a candidate: at its best-scoring shape and the amplitude it suggests."""

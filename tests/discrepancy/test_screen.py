@@ -117,7 +117,7 @@ def test_scores_are_standard_normal_where_nothing_is_missing(
         measured = eqx.tree_at(lambda p: p.readings.value, base.problem, anew)
         fitted = fit(measured, truth)
         board = Switchboard(eqx.tree_at(lambda p: p.readings.value, problem, anew), layout, candidates)
-        table = screen([board], {"": fitted.x}, *rows_about(measured, fitted.x), names).table
+        table = screen(board, {"": fitted.x}, *rows_about(measured, fitted.x), names).table
         assert np.max(np.abs(table.projection.base_z)) < 0.1
         alarms += bool(table.significant)
         for block in table.projection.blocks:
@@ -158,7 +158,7 @@ def test_what_no_reading_shows_is_not_scored(
     candidates = tuple(plain_session.candidates.values())
     dead = [dataclasses.replace(c, probes=((-400.0,),)) if c.label == "resistance_ageing" else c for c in candidates]
     board, names = Switchboard(problem, layout, tuple(dead)), base.layout.names
-    scored = screen([board], {"": base.fitted.x}, *rows_about(base.problem, base.fitted.x), names)
+    scored = screen(board, {"": base.fitted.x}, *rows_about(base.problem, base.fitted.x), names)
     assert "resistance_ageing" not in scored.probes
     assert "resistance_ageing" not in scored.table.names
     assert set(scored.table.names) == set(plain_session.candidates) - {"resistance_ageing"}
