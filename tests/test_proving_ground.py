@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from benchmarks.discrepancy.compare import Compared, rates
 from benchmarks.discrepancy.evidence import Evidence, _ratios, read_evidence, stands_out
 from benchmarks.discrepancy.generate import Blind, Drawn, moves
 from benchmarks.discrepancy.judge import Judged, Rate, keep, metrics, power, reliability, report
-from benchmarks.discrepancy.publish import filled
+from benchmarks.discrepancy.publish import filled, publish_sealed
 from discrepancy.candidates import make_candidate
 from discrepancy.whitening import chain_starts, whiten
 from jaxmodel.declaration import describe
@@ -263,6 +264,28 @@ def test_kept_cases_come_back_as_they_were(tmp_path: Path):
     unscreened = dataclasses.replace(CASES[6], number=9)
     keep([unscreened], tmp_path / "sealed.jsonl")
     assert np.isnan(keep([], tmp_path / "sealed.jsonl")[-1].sigma)
+
+
+def test_cases_of_one_group_are_kept_and_told_apart_from_those_of_all(tmp_path: Path):
+    def made(name: str, numbered: dict[int, Judged]) -> Path:
+        for number, one in numbered.items():
+            path = tmp_path / name / str(number)
+            path.mkdir(parents=True)
+            (path / "blind.json").write_text(json.dumps(dataclasses.asdict(one.blind)))
+            (path / "said.json").write_text(json.dumps(one.said | {"seconds": 10.0}))
+        return tmp_path / name
+
+    page = tmp_path / "page.md"
+    (tmp_path / "page").mkdir()
+    page.write_text("<!-- sealed metrics --><!-- end -->")
+    publish_sealed(made("all", {1001: CASES[0], 1002: CASES[5], 999: CASES[1]}), page)
+    kept = (tmp_path / "page" / "sealed.jsonl").read_text()
+    missed = dataclasses.replace(CASES[5], said=said("missing_effect", "windage"))
+    publish_sealed(made("some", {1003: missed, 1004: CASES[5], 1005: CASES[0]}), page, "double")
+    assert (tmp_path / "page" / "sealed.jsonl").read_text() == kept
+    assert len(kept.splitlines()) == 2
+    row = next(line for line in page.read_text().splitlines() if line.startswith("| doubles exactly right"))
+    assert [cell.split(" (")[0].strip() for cell in row.split("|")[3:5]] == ["1 of 1", "1 of 2"]
 
 
 def test_a_seed_that_empties_its_cell_is_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

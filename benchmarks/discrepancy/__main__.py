@@ -16,6 +16,7 @@ import typer
 from rich.progress import track
 
 from benchmarks.discrepancy.evidence import save
+from benchmarks.discrepancy.generate import draw
 from benchmarks.discrepancy.generate import make as make_case
 from benchmarks.discrepancy.judge import read, read_blind, report
 from benchmarks.discrepancy.publish import publish, publish_sealed
@@ -26,13 +27,15 @@ from workbench.compiled import keep_compiled_programs
 
 app = typer.Typer(add_completion=False, no_args_is_help=True)
 Folder = Annotated[Path, typer.Argument(help="Where the cases are, one folder each.")]
+Group = Annotated[str, typer.Option(help="Cases of this group alone: null, single, double, sensor or outside.")]
 
 
 @app.command()
-def make(folder: Folder, first: int = 0, count: int = 240) -> None:
+def make(folder: Folder, first: int = 0, count: int = 240, group: Group = "") -> None:
     """Make the cases that are not there yet, but for seeds that cannot be made; why is told."""
     keep_compiled_programs()
-    for number in track(range(first, first + count), "making"):
+    seeds = [number for number in range(first, first + count) if group in ("", draw(number).blind.group)]
+    for number in track(seeds, "making"):
         hidden = folder / f"{number:04d}" / "blind.json"
         if not hidden.exists():
             try:
@@ -80,9 +83,9 @@ def write_report(folder: Folder, page: Path = Path("docs/proving_ground.md")) ->
 
 
 @app.command(name="sealed")
-def write_sealed(folder: Folder, page: Path = Path("docs/proving_ground.md")) -> None:
+def write_sealed(folder: Folder, page: Path = Path("docs/proving_ground.md"), group: Group = "") -> None:
     """Write the figures of sealed cases into a page and its JSON; what each case hid is not told."""
-    publish_sealed(folder, page)
+    publish_sealed(folder, page, group)
 
 
 if __name__ == "__main__":

@@ -20,6 +20,8 @@ from workbench.pictures.style import png
 _PARTS = ("cases", "metrics", "baselines", "ablations", "reliability", "power")
 _EMPTY = "\n\n".join(f"<!-- {name} --><!-- end -->" for name in _PARTS) + "\n"
 SEALED_FROM = 1000
+# Begins the names of files with the answers to cases of one group.
+ALONE = "alone-"
 # What is asked of the sealed cases, in the words of the page.
 ASKED = {
     "false alarms on clean nulls": "at most 5 %",
@@ -75,24 +77,35 @@ def publish(folder: Path, page: Path) -> None:
     page.write_text(filled(page.read_text() if page.exists() else _EMPTY, tables))
 
 
-def publish_sealed(folder: Path, page: Path) -> None:
+def publish_sealed(folder: Path, page: Path, group: str = "") -> None:
     """Write the sealed cases' figures into a page, and beside those of development into its `results.json`.
 
     The answers are kept in `sealed.jsonl`: so many cases take hours, and need not be diagnosed in one go. Those of
     earlier versions, looked at since, are in `before.jsonl` and `opened.jsonl`; they stand beside, and judge no more.
+
+    Args:
+        folder: with cases made and diagnosed.
+        page: to be filled.
+        group: where the folder has cases of this group alone, kept in a file of their own: they say nothing of others.
     """
-    before, opened = (keep([], page.with_suffix("") / name) for name in ("before.jsonl", "opened.jsonl"))
+    out = page.with_suffix("")
+    before, opened, cases = (keep([], out / f"{name}.jsonl") for name in ("before", "opened", "sealed"))
     seen = {case.number for case in (*before, *opened)}
-    cases = [case for case in read(folder) if case.number >= SEALED_FROM and case.number not in seen]
-    cases = keep(cases, page.with_suffix("") / "sealed.jsonl")
+    new = [case for case in read(folder) if case.number >= SEALED_FROM and case.number not in seen]
+    if group:
+        keep([case for case in new if case.blind.group == group], out / f"{ALONE}{group}.jsonl")
+    else:
+        cases = keep(new, out / "sealed.jsonl")
+    alone = {path.stem.removeprefix(ALONE): keep([], path) for path in sorted(out.glob(f"{ALONE}*.jsonl"))}
     sets = {"sealed": cases}
     if all(case.blind.moves or not case.blind.effects for case in cases):
         sets["sealed, as the readings show"] = _in_the_readings(cases)
+    sets |= {f"{name}s alone": some for name, some in alone.items()}
     sets |= {"version before": before, "both": [*before, *cases], "versions before that": opened}
-    _write(page.with_suffix("") / "results.json", {"sealed": _summary(cases)})
+    _write(out / "results.json", {"sealed": _summary(cases)} | {f"{n}s alone": _summary(c) for n, c in alone.items()})
     tables = {
         "sealed cases": _in_words(cases),
-        "sealed metrics": _side_by_side({name: metrics(some) for name, some in sets.items()}, asked=True),
+        "sealed metrics": _side_by_side({name: metrics(some) for name, some in sets.items() if some}, asked=True),
         "sealed reliability": _table("right at a probability of", reliability([*before, *cases])),
         "sealed power": _table("named where hidden", power([*before, *cases])),
     }
