@@ -266,6 +266,7 @@ def calibrated(session: Session, labels: Sequence[str] = ()) -> tuple[Session, H
     return coarse, coarse.hypothesis(labels), misfit
 
 
+@one_thread_of_blas
 def deeper(hypothesis: Hypothesis, profiled: Profiled) -> Hypothesis | None:
     """Return the model calibrated anew from where a profile was lower than its minimum, None where it nowhere was."""
     if np.min(profiled.rise) > -_DEEPER:
@@ -274,6 +275,7 @@ def deeper(hypothesis: Hypothesis, profiled: Profiled) -> Hypothesis | None:
     return dataclasses.replace(hypothesis, fitted=found)
 
 
+@one_thread_of_blas
 def identifiability(
     session: Session, hypothesis: Hypothesis, misfit: float = 1.0, assumed: Sequence[str] = ()
 ) -> Identifiability:

@@ -24,7 +24,7 @@ from discrepancy.readings import Readings
 # A kernel of 16 lanes takes half as long as one of 32; of 8, more than half.
 LANES = 16
 # Of a processor's code: bit for bit what the highest level computes, as fast, and compiled in 50 to 60 % of its time.
-_QUICKLY = {"xla_backend_optimization_level": 1}
+_QUICKLY: dict[str, Any] = {"compiler_options": {"xla_backend_optimization_level": 1}}
 
 # Batches and fits run on a thread of each core. Threads of BLAS beside them wait for a core, and for each other: a
 # product that takes 1 ms on a machine with nothing else to do takes 200 then.
@@ -132,22 +132,23 @@ def _predictions(problem: Problem, lanes: Lane) -> Array:
     arrays, rest = eqx.partition((problem, lanes), eqx.is_array)
     key = (jax.tree.structure(rest), tuple(jax.tree.leaves(rest)), tuple(x.shape for x in jax.tree.leaves(arrays)))
     if key in _COMPILED:
-        return _program()(problem, lanes)
+        return _program(problem, lanes)
     with _COMPILING[key]:
-        found = _program()(problem, lanes)
+        found = _program(problem, lanes)
         _COMPILED.add(key)
     return found
 
 
-@functools.cache
-def _program() -> Callable[[Problem, Lane], Array]:
-    """Return the function of a batch; which processor it is for is asked when it is first run."""
+def _predicted(problem: Problem, lanes: Lane) -> Array:
+    return problem.predictions(lanes)
 
-    def predicted(problem: Problem, lanes: Lane) -> Array:
-        return problem.predictions(lanes)
 
-    options: dict[str, Any] = {"compiler_options": _QUICKLY} if jax.default_backend() == "cpu" else {}
-    return eqx.filter_jit(predicted, **options)
+_on_a_processor: Callable[[Problem, Lane], Array] = eqx.filter_jit(_predicted, **_QUICKLY)
+_elsewhere: Callable[[Problem, Lane], Array] = eqx.filter_jit(_predicted)
+
+
+def _program(problem: Problem, lanes: Lane) -> Array:
+    return (_on_a_processor if jax.default_backend() == "cpu" else _elsewhere)(problem, lanes)
 
 
 @eqx.filter_jit

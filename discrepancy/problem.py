@@ -17,6 +17,7 @@ from discrepancy.input_noise import InputNoise
 from discrepancy.noise import NoiseModel
 from discrepancy.readings import Readings, flatten, part_of
 from discrepancy.readings import none as no_readings
+from discrepancy.shapes import rounded_length, rounded_rows, rounded_steps, shapes_of
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.cases import Case
 from jaxmodel.effects import CATALOGUE
@@ -31,13 +32,6 @@ from jaxmodel.simulate import Track, run_track, track
 # Where a model stands: coordinates of effects by label, and of the base model.
 Start = Mapping[str, np.ndarray]
 BASE = ""
-# Shapes are rounded up to these, so that cases of like size share a compiled program.
-_ROWS, _STEPS = 512, 1024
-# Steps that short runs would be padded with, above which a program of their own is worth the time to compile it.
-_WORTH_A_PROGRAM = 30_000
-# Runs that only judge and are longer than those that calibrate by no more share their program, which takes longer then:
-# in a robot's diagnosis some 4 s; to compile another takes 20 s, and to trace it 3 s.
-_LITTLE_LONGER = 1.5
 
 
 class Lane(eqx.Module):
@@ -236,8 +230,8 @@ class Problem(eqx.Module):
     def blocks(self) -> list[tuple[np.ndarray, Problem]]:
         """Return the problems of a few runs at a time, as many as may calibrate, and the numbers of these runs.
 
-        They are of one shape, and share a compiled program, where no run is longer than those that calibrate. Readings
-        have no part in predictions, and are left out.
+        They are of one shape, and share a compiled program, where `shapes` has one and no run is longer. Readings have
+        no part in predictions, and are left out.
         """
         unread = dataclasses.replace(self, readings=no_readings())
         if ((*self.times.shape, self.courses.duration_s.shape[1]),) == self.shapes:
@@ -256,7 +250,7 @@ class Problem(eqx.Module):
 
     def _length(self, runs: np.ndarray | slice | int) -> tuple[int, int]:
         """Return the rows and steps of the longest of some runs, rounded up."""
-        return _length(np.atleast_2d(np.asarray(self.courses.last_step)[runs]))
+        return rounded_length(np.atleast_2d(np.asarray(self.courses.last_step)[runs]))
 
     def _of_runs(self, runs: np.ndarray, rows: int, steps: int) -> Problem:
         """Return the problem of some runs, cut to so many rows and steps; its readings are those of all."""
@@ -336,7 +330,7 @@ def make_problem(
         switched=tuple(effect.label for effect in switched),
         channels=KINDS[case.kind].outputs,
         noisy=tuple(noisy_inputs(case)),
-        shapes=_shapes([_length(last_step[None]) for last_step in np.asarray(courses.last_step)], fit_runs),
+        shapes=shapes_of([rounded_length(last_step[None]) for last_step in np.asarray(courses.last_step)], fit_runs),
     )
     return problem, layout
 
@@ -364,8 +358,8 @@ def _courses(models: list[Model], case: Case) -> tuple[Track, Array]:
     """Lay the runs out in steps of equal number, ends padded with steps of zero length."""
     profiles = [run_profile(run) for run in case.runs]
     pairs = list(zip(models, profiles, strict=True))
-    steps = _round_up(max(track(model, profile).duration_s.shape[0] for model, profile in pairs), _STEPS)
-    rows = _round_up(max(profile.time_s.size for profile in profiles), _ROWS)
+    steps = rounded_steps(max(track(model, profile).duration_s.shape[0] for model, profile in pairs))
+    rows = rounded_rows(max(profile.time_s.size for profile in profiles))
     courses, times = [], []
     for model, profile in pairs:
         course = track(model, profile, steps)
@@ -374,34 +368,3 @@ def _courses(models: list[Model], case: Case) -> tuple[Track, Array]:
         courses.append(eqx.tree_at(lambda c: c.last_step, course, filled))
         times.append(np.pad(profile.time_s, (0, rows - profile.time_s.size), mode="edge"))
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *courses), jnp.asarray(np.stack(times))
-
-
-def _shapes(lengths: Sequence[tuple[int, int]], fit_runs: np.ndarray) -> tuple[tuple[int, int, int], ...]:
-    """Return in which blocks runs of such lengths are simulated, shorter first: their number, rows and steps.
-
-    Those of the runs that may calibrate; longer ones fit in too where that saves a program.
-    """
-    ordered = sorted((lengths[run] for run in fit_runs), key=lambda length: length[1])
-
-    def cost(blocks: Sequence[Sequence[tuple[int, int]]]) -> int:
-        return sum(len(block) * block[-1][1] for block in blocks)
-
-    halves = [[ordered[:place], ordered[place:]] for place in range(1, len(ordered))]
-    best = min(halves, key=cost, default=[ordered])
-    blocks = best if cost([ordered]) - cost(best) > _WORTH_A_PROGRAM else [ordered]
-    shapes = [(len(block), max(rows for rows, _ in block), block[-1][1]) for block in blocks]
-    count, rows, steps = shapes[-1]
-    rows_of_all, steps_of_all = np.max([(rows, steps), *lengths], axis=0).tolist()
-    if steps_of_all <= _LITTLE_LONGER * steps:
-        shapes[-1] = (count, rows_of_all, steps_of_all)
-    return tuple(shapes)
-
-
-def _length(last_step: np.ndarray) -> tuple[int, int]:
-    """Return the rows and steps of the longest of some runs, rounded up, from the step that ends at each later row."""
-    rows = int(np.max(np.argmax(last_step == last_step[:, -1:], axis=1))) + 2
-    return _round_up(rows, _ROWS), _round_up(int(last_step.max()) + 1, _STEPS)
-
-
-def _round_up(count: int, multiple: int) -> int:
-    return -(-count // multiple) * multiple

@@ -71,7 +71,7 @@ class _Point:
     """A calibrated model on a switchboard, and the readings' answers to what is added to it."""
 
     def __init__(self, board: Switchboard, start: Start) -> None:
-        """Set the unknowns of the base model and of those effects that the board has, and switch them on."""
+        """Set the unknowns of the base model and of the effects in the model, and switch these on."""
         self.board, self.part = board, board.problem.only("fit")
         self.here = board.layout.at(start)
         self.switches = np.array([float(candidate.label in start) for candidate in board.candidates])

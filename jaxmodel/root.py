@@ -19,8 +19,9 @@ MOST_ROUNDS = 24
 def rising_root(function: Callable[[Scalar], Scalar], near: Scalar, least_slope: Scalar) -> Scalar:
     """Return the x where a rising function is zero: Chandrupatla's method in a bracket, and one step of Newton's.
 
-    Newton's method alone goes to and fro for ever between the straight sides of a bend. This one halves the bracket
-    unless the inverse quadratic through its last three points can be trusted (Chandrupatla 1997).
+    Newton's method alone goes to and fro for ever between the straight sides of a bend. This one begins where a line
+    through both ends is zero, then halves the bracket unless the inverse quadratic through its last three points can be
+    trusted (Chandrupatla 1997). What is not a number, as of a law past its range, lies beyond the root.
 
     Args:
         function: of one scalar; its slope is at least `least_slope` everywhere.
@@ -29,7 +30,12 @@ def rising_root(function: Callable[[Scalar], Scalar], near: Scalar, least_slope:
     """
     value = function(near)
     far = near - value / least_slope
-    begin = jax.lax.stop_gradient((near, far, value, function(far)))
+
+    def side(x):
+        at_x = function(x)
+        return jax.lax.stop_gradient(jnp.where(jnp.isnan(at_x), -jnp.inf * jnp.sign(value), at_x))
+
+    begin = (*jax.lax.stop_gradient((near, far, value)), side(far))
     near_enough = NARROW * jnp.abs(begin[1] - begin[0]), NARROW * jnp.abs(begin[2])
 
     def goes_on(points):
@@ -40,7 +46,7 @@ def rising_root(function: Callable[[Scalar], Scalar], near: Scalar, least_slope:
     def narrow(points):
         rounds, share, (a, b, c), (at_a, at_b, at_c) = points
         x = a + share * (b - a)
-        at_x = jax.lax.stop_gradient(function(x))
+        at_x = side(x)
         same_side = jnp.sign(at_x) == jnp.sign(at_a)
         c, at_c = jnp.where(same_side, a, b), jnp.where(same_side, at_a, at_b)
         b, at_b = jnp.where(same_side, b, a), jnp.where(same_side, at_b, at_a)

@@ -302,7 +302,7 @@ def test_a_seed_that_empties_its_cell_is_left_out(tmp_path: Path, monkeypatch: p
 def test_a_seed_whose_effect_moves_no_reading_is_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(generate, "write_case", lambda *arguments, **options: [])
     monkeypatch.setattr(generate, "moves", lambda drawn: {"entropic_ocv": 0.3, "self_heating": 40.0})
-    with pytest.raises(RuntimeError, match=r"^entropic_ocv moves no reading$"):
+    with pytest.raises(RuntimeError, match=r"^no reading is moved by entropic_ocv$"):
         generate.make(tmp_path, 1)
     assert not list(tmp_path.iterdir())
     monkeypatch.setattr(generate, "moves", lambda drawn: {"entropic_ocv": 1.5})

@@ -13,6 +13,7 @@ import numpy as np
 from benchmarks.discrepancy.generate import Blind
 from discrepancy.candidates import Candidate
 from discrepancy.conditions import conditions
+from discrepancy.lanes import one_thread_of_blas
 from discrepancy.projection import Block, Projection
 from discrepancy.screen import Screen
 from discrepancy.session import Session
@@ -93,6 +94,7 @@ def read_evidence(path: Path) -> Evidence:
     return Evidence(**parts, conditions=given)
 
 
+@one_thread_of_blas
 def gather(case: Case, blind: Blind) -> tuple[Evidence, dict[str, Any]]:
     """Screen a case once.
 

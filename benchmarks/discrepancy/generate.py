@@ -20,7 +20,7 @@ from tests.independent.profiles import make_profile
 KINDS = {"cell": 0.45, "motor": 0.3, "robot": 0.25}
 CLASSES = {"null": 0.25, "single": 0.42, "double": 0.1, "sensor": 0.11, "outside": 0.12}
 # By how many sigma an effect that is there moves all readings together at least.
-NOTHING = 1.0
+LEAST_MOVE = 1.0
 # Of the referee; far below any sensor.
 TOLERANCE = 1e-7
 PATTERNS = ("load steps", "varying load", "pulse train", "rests with pulses", "constant load")
@@ -92,7 +92,7 @@ class Blind:
     @property
     def in_the_readings(self) -> Blind:
         """Return the same case, effects that move the readings by less than noise does taken for absent."""
-        there = {name: numbers for name, numbers in self.effects.items() if self.moves.get(name, np.inf) >= NOTHING}
+        there = {name: numbers for name, numbers in self.effects.items() if self.moves.get(name, np.inf) >= LEAST_MOVE}
         group = self.group if len(there) == len(self.effects) else ("null", "single")[len(there)]
         return dataclasses.replace(self, effects=there, group=group)
 
@@ -211,8 +211,8 @@ def make(folder: Path, seed: int) -> Blind:
     """
     drawn = draw(seed)
     moved = moves(drawn)
-    if idle := [name for name, sigma in moved.items() if sigma < NOTHING]:
-        raise RuntimeError(f"{' and '.join(idle)} moves no reading")
+    if idle := [name for name, sigma in moved.items() if sigma < LEAST_MOVE]:
+        raise RuntimeError(f"no reading is moved by {' and '.join(idle)}")
     blind, runs = drawn.blind, drawn.runs
     reported = [run.profile for run in runs]
     if blind.outside and blind.kind != "cell":

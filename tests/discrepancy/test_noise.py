@@ -5,7 +5,16 @@ import pytest
 from scipy.signal import lfilter
 
 from discrepancy.contract import without_input_noise
-from discrepancy.noise import NoiseModel, break_at_jumps, channel_noise, detect_quantum, local_noise, residual_noise
+from discrepancy.noise import (
+    NoiseModel,
+    _distances,
+    _windows,
+    break_at_jumps,
+    channel_noise,
+    detect_quantum,
+    local_noise,
+    residual_noise,
+)
 from discrepancy.session import Session
 from discrepancy.whitening import chain_starts
 from tests.discrepancy.made_cases import NOISE_V, case_of, made_cell, run_of
@@ -81,6 +90,29 @@ def test_local_noise_does_without_missing_readings_at_unequal_steps():
     found = local_noise(values, ONE_RUN, time_s)
     assert found.rho == pytest.approx(0.5, abs=0.15)
     assert found.sd == pytest.approx(1.0, rel=0.15)
+
+
+@pytest.mark.parametrize("rho", [-0.8, 0.0, 0.5, 0.99])
+@pytest.mark.parametrize("window", [12, 48])
+def test_windows_have_the_restricted_likelihood_of_their_covariance(window: int, rho: float):
+    """Written out with matrices: contrasts orthogonal to any parabola, across missing readings and uneven steps."""
+    generator = np.random.default_rng(7)
+    rows = 600
+    time_s, values = np.cumsum(generator.uniform(0.7, 3.0, rows)), 500.0 + generator.normal(size=rows)
+    values[generator.random(rows) < 0.1] = np.nan
+    starts = np.isin(np.arange(rows), [0, 5, 40, 41, 220, 300, 309])
+    squared, log_determinant = _distances(_windows(values, starts, time_s, window), rho)
+    read = np.flatnonzero(np.isfinite(values))
+    chains = np.split(read, np.flatnonzero(np.diff(np.cumsum(starts)[read])) + 1)
+    parts = [part for chain in chains for part in np.array_split(chain, max(1, round(len(chain) / window)))]
+    expected = []
+    for part in (part for part in parts if len(part) >= 8):
+        basis = np.linalg.qr(np.vander(time_s[part] - time_s[part].mean(), 3), mode="complete")[0][:, 3:]
+        covariance = basis.T @ np.float64(rho) ** np.abs(np.subtract.outer(part, part)) @ basis
+        contrast = basis.T @ values[part]
+        expected.append((contrast @ np.linalg.solve(covariance, contrast), np.linalg.slogdet(covariance)[1]))
+    np.testing.assert_allclose(squared, [one for one, _ in expected], rtol=1e-8)
+    np.testing.assert_allclose(log_determinant, [one for _, one in expected], atol=1e-8)
 
 
 def test_readings_alone_show_their_noise_between_the_jumps_of_the_input():

@@ -6,11 +6,13 @@ import dataclasses
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info
 
 from discrepancy.candidates import make_candidate
-from discrepancy.lanes import LANES, predict, predictions, residuals
+from discrepancy.lanes import LANES, one_thread_of_blas, predict, predictions, residuals
 from discrepancy.noise import NoiseModel
 from discrepancy.problem import Lane, Layout, Problem, make_layout, make_problem
+from discrepancy.shapes import shapes_of
 from discrepancy.whitening import whiten
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.cases import Case, Known, Run
@@ -268,3 +270,43 @@ def test_what_cannot_be_fitted_is_said(case: Case) -> None:
     judged = dataclasses.replace(case.runs[0], split="check")
     with pytest.raises(FitError, match='split = "fit"'):
         make_problem(dataclasses.replace(case, runs=(judged,)), NOISE)
+
+
+def test_a_run_that_only_judges_and_is_little_longer_shares_the_program_of_the_others() -> None:
+    def of(judged: int) -> tuple[Case, Problem, Layout]:
+        case = case_of("cell", PARAMETERS, [cell_run(1, 2000), cell_run(2, judged, split="check")])
+        return case, *make_problem(case, NOISE, PRESENT)
+
+    case, problem, layout = of(2500)
+    assert problem.shapes == ((1, 2560, 3072),)
+    assert {(part.times.shape, part.courses.duration_s.shape) for _, part in problem.blocks()} == {
+        ((1, 2560), (1, 3072))
+    }
+    lane = Lane(np.random.default_rng(1).normal(size=len(layout.names)), np.zeros(0))
+    together = predictions(problem, [lane])[0]
+    for number, run in enumerate(case.runs):
+        expected = alone(case, layout, lane, number)["voltage_V"]
+        column = together[number, : run.measured.time_s.size, problem.channels.index("voltage_V")]
+        np.testing.assert_allclose(column, expected, rtol=1e-9)
+    assert of(3500)[1].shapes == ((1, 2048, 2048),)
+    long = [(71_680, 71_680)] * 3 + [(102_400, 102_400)]
+    assert shapes_of(long, np.arange(3)) == ((3, 71_680, 71_680),), "so many steps are worth a program"
+
+
+def test_blas_has_one_thread_while_fits_have_them_all() -> None:
+    def threads() -> list[int]:
+        return [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
+
+    @one_thread_of_blas
+    def within(fails: bool) -> list[int]:
+        if fails:
+            raise FitError("no")
+        return threads()
+
+    before = threads()
+    assert before
+    assert set(within(False)) == {1}
+    assert threads() == before
+    with pytest.raises(FitError, match="no"):
+        within(True)
+    assert threads() == before

@@ -20,7 +20,12 @@ from discrepancy.projection import Candidate as Direction
 from discrepancy.projection import project
 from discrepancy.screen import Screen, Switchboard, screen
 from discrepancy.session import Session
-from tests.discrepancy.made_cases import made_cell
+from jaxmodel.cases import Known
+from jaxmodel.effects.drive import BrushDrop, ViscousFriction
+from jaxmodel.model import Model
+from jaxmodel.profile import Profile
+from jaxmodel.simulate import simulate
+from tests.discrepancy.made_cases import case_of, made_cell, run_of, with_candidates
 
 DRAWS = 16
 
@@ -162,3 +167,34 @@ def test_what_no_reading_shows_is_not_scored(
     assert "resistance_ageing" not in scored.probes
     assert "resistance_ageing" not in scored.table.names
     assert set(scored.table.names) == set(plain_session.candidates) - {"resistance_ageing"}
+
+
+def test_steps_of_the_base_model_are_fine_enough_to_score_beside_a_drop_at_the_brushes() -> None:
+    """The model of a drop is solved in finer steps; what others would add to it is asked in those of the base model."""
+    time = 0.25 * np.arange(400)
+    known = {"R_0": Known(0.103, 0.003), "k_tau": Known(0.0385, 0.001), "tau_0": Known(0.01, 0.0015)}
+    noise = {"current_A": 0.02, "speed_rad_s": 0.3}
+    rng, runs = np.random.default_rng(3), []
+    for number in range(2):
+        inputs = {
+            "voltage_V": np.repeat(rng.uniform(2.0, 14.0, 20), 20),
+            "load_torque_Nm": np.repeat(rng.uniform(0.0, 0.15, 20), 20),
+            "ambient_degC": np.full(time.size, 20.0),
+        }
+        hidden = (BrushDrop(V_b=jnp.asarray(0.5)), ViscousFriction(b=jnp.asarray(2e-5)))
+        readings = simulate(Model("motor", effects=hidden), Profile(time, inputs)).readings
+        outputs = {name: np.asarray(readings[name]) + sd * rng.normal(size=time.size) for name, sd in noise.items()}
+        runs.append(run_of(number + 1, inputs, outputs, step_s=0.25))
+    case = case_of("motor", known, runs, noise)
+    session = with_candidates(case, "brush_drop", "viscous_friction", "stribeck_friction", "gear_loss")
+    model = session.hypothesis(["brush_drop"], [{"brush_drop": np.zeros(1)}])
+    board = session._board
+    assert board.problem.courses.duration_s.shape == session.hypothesis().problem.courses.duration_s.shape
+    assert board.problem.courses.duration_s.shape[1] < model.problem.courses.duration_s.shape[1]
+    coarse = session.screen(model)
+    names = [model.layout.names[number] for number in model.own]
+    fine = screen(board.over(model.problem.courses), model.start, coarse.base, coarse.residual, names).table
+    assert coarse.table.names[0] == fine.names[0] == "viscous_friction"
+    assert coarse.table["viscous_friction"].z > 10.0
+    for name in fine.names:
+        assert coarse.table[name].z == pytest.approx(fine[name].z, abs=0.2, rel=0.02), name

@@ -30,3 +30,19 @@ def test_a_bend_is_met_from_wherever_one_looks(place: float, height: float, widt
     rest = found - place + height * (np.tanh(found / width) - tilt * (found - near))
     assert abs(rest) <= 1e-9 * (1.0 + inner)
     assert slope == pytest.approx(1.0 / (1.0 + inner - share), rel=1e-4)
+
+
+def test_a_lane_that_is_no_number_does_not_touch_the_others():
+    nears = jnp.array([3.0, jnp.nan, -20.0, 0.0])
+    found, slopes = jax.vmap(root, (None, None, None, 0, None))(0.5, 2.0, 0.1, nears, 0.1)
+    whole = jax.vmap(root, (None, None, None, 0, None))(0.5, 2.0, 0.1, nears[jnp.array([0, 2, 3])], 0.1)
+    np.testing.assert_array_equal(np.isnan(found), [False, True, False, False])
+    np.testing.assert_array_equal(np.asarray((found, slopes))[:, [0, 2, 3]], whole)
+
+
+def test_a_law_that_ends_within_the_bracket_has_its_root_all_the_same():
+    def law(x):
+        return jnp.where(x < 1.5, x - 0.5 + 0.3 * x**3, jnp.nan)
+
+    found = float(rising_root(law, jnp.asarray(-1.0), jnp.asarray(0.3)))
+    assert float(law(found)) == pytest.approx(0.0, abs=1e-12)
