@@ -11,12 +11,13 @@ INSTALLED := .venv/.installed
 demo: $(INSTALLED)
 	$(BIN)/jaxmodel demo --out demo-results
 
-# Cheapest first. Each pytest worker compiles for itself, so a file stays with one worker and compiles once.
+# Cheapest first. Each pytest worker compiles for itself, so a file stays with one worker and compiles once; beside two
+# workers, threads of BLAS would only wait for a core.
 test: $(INSTALLED)
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright
-	$(BIN)/pytest -n 2 --dist loadfile
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile
 
 bench: $(INSTALLED) bench-peers
 	$(BIN)/python -m benchmarks

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_info
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from discrepancy.candidates import make_candidate
 from discrepancy.lanes import LANES, one_thread_of_blas, predict, predictions, residuals
@@ -303,10 +303,10 @@ def test_blas_has_one_thread_while_fits_have_them_all() -> None:
             raise FitError("no")
         return threads()
 
-    before = threads()
-    assert before
-    assert set(within(False)) == {1}
-    assert threads() == before
-    with pytest.raises(FitError, match="no"):
-        within(True)
-    assert threads() == before
+    with threadpool_limits(limits=2, user_api="blas"):
+        assert set(threads()) == {2}
+        assert set(within(False)) == {1}
+        assert set(threads()) == {2}
+        with pytest.raises(FitError, match="no"):
+            within(True)
+        assert set(threads()) == {2}
