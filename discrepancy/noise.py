@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import fminbound
 from scipy.stats import chi2
 
-from discrepancy.whitening import Bools, Floats, Integers, chain_weights, whiten
+from discrepancy.whitening import Bools, Floats, Integers, chain_weights, innovations, whiten
 
 # The series that tells noise which nobody states.
 BETWEEN_JUMPS = "the readings between jumps of the inputs"
@@ -380,9 +380,7 @@ def _distances(windows: _Windows, rho: float) -> tuple[Floats, Floats]:
     The restricted likelihood: what whitened readings leave beside a whitened parabola, and the determinants of both.
     """
     weight = np.float64(rho) ** windows.lag
-    white = windows.columns.copy()
-    white[:, 1:] -= weight[1:] * windows.columns[:, :-1]
-    white /= np.sqrt(1.0 - weight**2)
+    white = innovations(windows.columns, weight)
     log_determinant = np.add.reduceat(np.log1p(-(weight**2)), windows.first)
     products = np.add.reduceat(white[:, None] * white[None], windows.first, axis=2)
     for column in range(_PARABOLA):  # Gauss's elimination

@@ -123,9 +123,18 @@ def whiten(
     scale = np.broadcast_to(np.asarray(sd, dtype=float), len(columns))[rows]
     if not np.all(scale > 0.0):
         raise ValueError("Every noise sd must be positive.")
-    standard = columns[rows] / scale[:, None]
-    innovation = standard.copy()
-    innovation[1:] -= weight[1:, None] * standard[:-1]
     whitened = np.zeros_like(columns)
-    whitened[rows] = innovation / np.sqrt(1.0 - weight**2)[:, None]
+    whitened[rows] = innovations((columns[rows] / scale[:, None]).T, weight).T
     return whitened.reshape(shaped.shape)
+
+
+def innovations(values: Floats, weight: Floats) -> Floats:
+    """Return what is new in each of (..., n) values, in its sd: (u_t - w u_s) / sqrt(1 - w^2).
+
+    Args:
+        values: in units of their sd, each with the one before it in its chain just before it.
+        weight: (n,) w, the correlation of each with the one before; 0 at the first of a chain.
+    """
+    new = values.copy()
+    new[..., 1:] -= weight[1:] * values[..., :-1]
+    return new / np.sqrt(1.0 - weight**2)

@@ -35,8 +35,9 @@ def rising_root(function: Callable[[Scalar], Scalar], near: Scalar, least_slope:
         at_x = function(x)
         return jax.lax.stop_gradient(jnp.where(jnp.isnan(at_x), -jnp.inf * jnp.sign(value), at_x))
 
-    begin = (*jax.lax.stop_gradient((near, far, value)), side(far))
-    near_enough = NARROW * jnp.abs(begin[1] - begin[0]), NARROW * jnp.abs(begin[2])
+    a, b, at_a = jax.lax.stop_gradient((near, far, value))
+    at_b = side(far)
+    near_enough = NARROW * jnp.abs(b - a), NARROW * jnp.abs(at_a)
 
     def goes_on(points):
         rounds, _, (a, b, _), (at_a, at_b, _) = points
@@ -58,7 +59,6 @@ def rising_root(function: Callable[[Scalar], Scalar], near: Scalar, least_slope:
         share = jnp.where(trusted, jnp.clip(quadratic, 1e-9, 1.0 - 1e-9), 0.5)
         return rounds + 1, share, (a, b, c), (at_a, at_b, at_c)
 
-    a, b, at_a, at_b = begin
     straight = _ratio(at_a, at_a - at_b)  # where a line through both ends is zero
     points = jnp.asarray(0), straight, (a, b, a), (at_a, at_b, at_a)
     _, _, (a, b, _), (at_a, at_b, _) = jax.lax.while_loop(goes_on, narrow, points)

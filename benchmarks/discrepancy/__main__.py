@@ -9,7 +9,7 @@ import dataclasses
 import json
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import jax
 import typer
@@ -27,14 +27,16 @@ from workbench.compiled import keep_compiled_programs
 
 app = typer.Typer(add_completion=False, no_args_is_help=True)
 Folder = Annotated[Path, typer.Argument(help="Where the cases are, one folder each.")]
-Group = Annotated[str, typer.Option(help="Cases of this group alone: null, single, double, sensor or outside.")]
+Group = Annotated[
+    Literal["null", "single", "double", "sensor", "outside"] | None, typer.Option(help="Cases of this group alone.")
+]
 
 
 @app.command()
-def make(folder: Folder, first: int = 0, count: int = 240, group: Group = "") -> None:
+def make(folder: Folder, first: int = 0, count: int = 240, group: Group = None) -> None:
     """Make the cases that are not there yet, but for seeds that cannot be made; why is told."""
     keep_compiled_programs()
-    seeds = [number for number in range(first, first + count) if group in ("", draw(number).blind.group)]
+    seeds = [number for number in range(first, first + count) if group is None or draw(number).blind.group == group]
     for number in track(seeds, "making"):
         hidden = folder / f"{number:04d}" / "blind.json"
         if not hidden.exists():
@@ -83,7 +85,7 @@ def write_report(folder: Folder, page: Path = Path("docs/proving_ground.md")) ->
 
 
 @app.command(name="sealed")
-def write_sealed(folder: Folder, page: Path = Path("docs/proving_ground.md"), group: Group = "") -> None:
+def write_sealed(folder: Folder, page: Path = Path("docs/proving_ground.md"), group: Group = None) -> None:
     """Write the figures of sealed cases into a page and its JSON; what each case hid is not told."""
     publish_sealed(folder, page, group)
 

@@ -77,7 +77,7 @@ def publish(folder: Path, page: Path) -> None:
     page.write_text(filled(page.read_text() if page.exists() else _EMPTY, tables))
 
 
-def publish_sealed(folder: Path, page: Path, group: str = "") -> None:
+def publish_sealed(folder: Path, page: Path, group: str | None = None) -> None:
     """Write the sealed cases' figures into a page, and beside those of development into its `results.json`.
 
     The answers are kept in `sealed.jsonl`: so many cases take hours, and need not be diagnosed in one go. Those of
@@ -92,7 +92,7 @@ def publish_sealed(folder: Path, page: Path, group: str = "") -> None:
     before, opened, cases = (keep([], out / f"{name}.jsonl") for name in ("before", "opened", "sealed"))
     seen = {case.number for case in (*before, *opened)}
     new = [case for case in read(folder) if case.number >= SEALED_FROM and case.number not in seen]
-    if group:
+    if group is not None:
         keep([case for case in new if case.blind.group == group], out / f"{ALONE}{group}.jsonl")
     else:
         cases = keep(new, out / "sealed.jsonl")
