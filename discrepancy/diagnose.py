@@ -119,7 +119,7 @@ def diagnose(
     # A law in no catalogue may stand beside the best effects, or in place of effects that only come near it.
     left = {best.labels: found.laws}
     if not found.far and any(block.significant for block in found.laws):
-        left[base.labels] = leftover_laws(session, base, first)
+        left[base.labels] = leftover_laws(session, base, first, best)
     # Far from the noise there is something else whatever its law: effects compete among themselves.
     weighed, beside = probabilities(
         judge.known(),

@@ -8,6 +8,7 @@ order; they come from one forward program whose additions are inputs.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -69,8 +70,9 @@ def _input(port: str) -> str:
     return f"law.{port}" if port in PORTS else port
 
 
+@functools.lru_cache
 def _addition(port: str) -> Effect:
-    """Return an effect that adds an input of its own to a port."""
+    """Return an effect that adds an input of its own to a port; one class for all, as programs are told by it."""
 
     def add(self, value, context):
         return value + context.state[_input(port)]
@@ -78,9 +80,12 @@ def _addition(port: str) -> Effect:
     return type(f"AdditionTo_{port}", (Effect,), {"name": "law", "kinds": (), "equation": "", port: add})()
 
 
-def equation_laws(session: Session, hypothesis: Hypothesis, leftover: Leftover) -> list[Block]:
-    """Return the evidence for an unknown law in each equation of a calibrated model, strongest first."""
-    problem = hypothesis.problem
+def equation_laws(session: Session, hypothesis: Hypothesis, leftover: Leftover, beside: Hypothesis) -> list[Block]:
+    """Return the evidence for an unknown law in each equation of a calibrated model, strongest first.
+
+    Its readings come from the program of the model `beside` which laws are tried too, itself or one with more effects.
+    """
+    problem, x = session.in_the_program_of(beside, hypothesis)
     places = {place.port: place for place in PLACES[session.case.kind]}
     if session.case.kind == "motor" and "voltage_V" not in problem.courses.inputs:
         del places["bridge_voltage"]  # its current is imposed
@@ -90,7 +95,7 @@ def equation_laws(session: Session, hypothesis: Hypothesis, leftover: Leftover) 
     reaches = tuple(np.unique(leftover.channel_of).tolist())
     shapes = list(_shapes(session, hypothesis, problem, places))
     nothing = {_input(port): np.zeros(problem.courses.inputs["ambient_degC"].shape) for port in places}
-    still = dataclasses.replace(at(problem, hypothesis.fitted.x), added=nothing)
+    still = dataclasses.replace(at(problem, x), added=nothing)
     lanes = [still]
     for place, _, _, on_steps, _ in shapes:
         added = (ADDED * place.size * row for row in on_steps)

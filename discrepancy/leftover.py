@@ -12,10 +12,18 @@ from discrepancy.screen import Screen
 from discrepancy.session import Session
 
 
-def leftover_laws(session: Session, hypothesis: Hypothesis, screened: Screen) -> list[Block]:
+def leftover_laws(
+    session: Session, hypothesis: Hypothesis, screened: Screen, beside: Hypothesis | None = None
+) -> list[Block]:
     """Return every law tried beside a calibrated model, strongest first.
 
     Equations are asked only where a channel shows that something is left: what no channel shows, no equation lacks.
+
+    Args:
+        session: in which the model is fitted.
+        hypothesis: the model.
+        screened: its scores.
+        beside: a model, with the effects of this one and more, beside which laws were tried: it shares its program.
     """
     problem = hypothesis.problem
     counted = np.asarray(problem.readings.fit) > 0.0
@@ -39,4 +47,5 @@ def leftover_laws(session: Session, hypothesis: Hypothesis, screened: Screen) ->
     )
     if not any(block.significant for block in blocks):
         return blocks
-    return strongest_first([*blocks, *equation_laws(session, hypothesis, leftover)], int(counted.sum()))
+    in_equations = equation_laws(session, hypothesis, leftover, beside or hypothesis)
+    return strongest_first([*blocks, *in_equations], int(counted.sum()))

@@ -116,6 +116,12 @@ class Session:
         family = [self.candidates[label] for label in hypothesis.layout.of_effect]
         return make_problem(case, self.weights, present, (), self.catalogue, family=family)[0]
 
+    def in_the_program_of(self, other: Hypothesis, hypothesis: Hypothesis) -> tuple[Problem, np.ndarray]:
+        """Return a model's problem with the effects of another's program, these switched off, and where it stands."""
+        family = [self.candidates[label] for label in other.layout.of_effect]
+        problem, layout = self._problem([self.candidates[label] for label in hypothesis.labels], (), family)
+        return problem, layout.at(hypothesis.start)
+
     def labels_to_add(self, names: Sequence[str]) -> Labels:
         """Return the candidates that a user wants in the model; EffectError as `labels_of`, or for want of a column."""
         labels: dict[str, None] = {}

@@ -111,7 +111,10 @@ def _run_true(
     """Return what ideal sensors read, and the states at the start and after every step."""
     first_inputs = {name: values[0] for name, values in course.inputs.items()}
     later_inputs = {name: values[1:] for name, values in course.inputs.items()}
-    start = initial_state(model, first_inputs)
+    # Of many lanes each has a start of its own, to begin with: JAX would else trace the step once more for every state
+    # in which they come to differ.
+    always = jnp.isfinite(time_s[0])
+    start = jax.tree.map(lambda x: jnp.where(always, x, x), initial_state(model, first_inputs))
 
     def advance_one(carry, given):
         state, running = carry
