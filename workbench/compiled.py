@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 
 CACHE_VARIABLE = "JAXMODEL_CACHE"
-_LEAST_COMPILE_S = 0.3  # what compiles faster is not worth a file
 
 
 def cache_folder() -> Path:
@@ -24,11 +23,14 @@ def cache_folder() -> Path:
 
 
 def keep_compiled_programs() -> None:
-    """Switch JAX's persistent cache on; a folder that the user chose by JAX's own variable is left alone."""
+    """Switch JAX's persistent cache on; a folder that the user chose by JAX's own variable is left alone.
+
+    The smallest programs are kept too: a hundred of a few milliseconds each would take a second and a half every time.
+    """
     import jax
 
     if "JAX_COMPILATION_CACHE_DIR" in os.environ:
         return
     jax.config.update("jax_compilation_cache_dir", str(cache_folder()))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", _LEAST_COMPILE_S)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
