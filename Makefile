@@ -11,13 +11,14 @@ INSTALLED := .venv/.installed
 demo: $(INSTALLED)
 	$(BIN)/jaxmodel demo --out demo-results
 
-# Cheapest first. Each pytest worker compiles for itself, so a file stays with one worker and compiles once; beside two
-# workers, threads of BLAS would only wait for a core.
+# Cheapest first. Each pytest worker compiles for itself, so a file stays with one worker and compiles once, and files
+# keep their order: those of few tests, put last, would be the longest. Beside two workers, threads of BLAS would only
+# wait for a core.
 test: $(INSTALLED)
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 bench: $(INSTALLED) bench-peers
 	$(BIN)/python -m benchmarks

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from discrepancy import lanes
 from discrepancy.failure import failure
 from discrepancy.leftover import leftover_laws
 from discrepancy.session import Session
@@ -75,6 +76,19 @@ def test_the_law_itself_comes_out():
     block = leftover_laws(session, base, session.screen(base))[0]
     slope = np.polyfit(block.knots, block.law, 1)[0]
     assert slope * 1200.0 == pytest.approx(-0.15, rel=0.15)
+
+
+def test_laws_of_a_model_with_fewer_effects_are_asked_by_the_same_program():
+    session = session_of(measured("a brake that fades"))
+    base, richer = session.hypothesis(), session.hypothesis(("windage",))
+    screened = session.screen(base)
+    by_its_own = leftover_laws(session, base, screened)
+    assert any(block.in_equation for block in leftover_laws(session, richer, session.screen(richer)))
+    compiled = len(lanes._COMPILED)
+    shared = leftover_laws(session, base, screened, richer)
+    assert len(lanes._COMPILED) == compiled
+    assert [(one.channel, one.variable) for one in shared] == [(one.channel, one.variable) for one in by_its_own]
+    np.testing.assert_allclose([one.drop for one in shared], [one.drop for one in by_its_own], rtol=1e-4)
 
 
 def test_a_right_model_asks_no_equation():
