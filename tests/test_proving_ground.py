@@ -329,12 +329,3 @@ def test_of_two_effects_that_are_alike_each_stands_out_less_than_alone(tmp_path)
     alone = {name: stands_out(session, screen, name, {name: own}) for name, own in hidden.items()}
     assert all(0.5 * alone[name] < together[name] < 0.8 * alone[name] for name in hidden)
     assert stands_out(session, screen, "self_heating", {"self_heating": {"C_th": 80.0, "hA": 0.1}}) is None
-
-
-def test_what_moves_no_reading_is_taken_for_absent():
-    both = Blind("cell", "double", {"a": {}, "b": {}}, "", False)
-    assert both.in_the_readings == both, "not known how far they move"
-    one = dataclasses.replace(both, moves={"a": 0.9, "b": 1.1}).in_the_readings
-    assert (one.group, list(one.effects), one.verdict) == ("single", ["b"], "missing_effect")
-    none = Blind("cell", "sensor", {"a": {}}, "", False, {"a": 0.0}).in_the_readings
-    assert (none.group, none.effects, none.verdict) == ("null", {}, "adequate")

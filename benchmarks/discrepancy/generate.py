@@ -90,13 +90,6 @@ class Blind:
     moves: dict[str, float] = dataclasses.field(default_factory=dict)
 
     @property
-    def in_the_readings(self) -> Blind:
-        """Return the same case, effects that move the readings by less than noise does taken for absent."""
-        there = {name: numbers for name, numbers in self.effects.items() if self.moves.get(name, np.inf) >= LEAST_MOVE}
-        group = self.group if len(there) == len(self.effects) else ("null", "single")[len(there)]
-        return dataclasses.replace(self, effects=there, group=group)
-
-    @property
     def verdict(self) -> str:
         """Return the verdict that is right if the effect can be seen at all."""
         return {"null": "adequate", "sensor": "sensor_fault", "outside": "unknown_effect"}.get(

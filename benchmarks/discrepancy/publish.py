@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import collections
-import dataclasses
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -98,8 +97,6 @@ def publish_sealed(folder: Path, page: Path, group: str | None = None) -> None:
         cases = keep(new, out / "sealed.jsonl")
     alone = {path.stem.removeprefix(ALONE): keep([], path) for path in sorted(out.glob(f"{ALONE}*.jsonl"))}
     sets = {"sealed": cases}
-    if all(case.blind.moves or not case.blind.effects for case in cases):
-        sets["sealed, as the readings show"] = _in_the_readings(cases)
     sets |= {f"{name}s alone": some for name, some in alone.items()}
     sets |= {"version before": before, "both": [*before, *cases], "versions before that": opened}
     _write(out / "results.json", {"sealed": _summary(cases)} | {f"{n}s alone": _summary(c) for n, c in alone.items()})
@@ -110,11 +107,6 @@ def publish_sealed(folder: Path, page: Path, group: str | None = None) -> None:
         "sealed power": _table("named where hidden", power([*before, *cases])),
     }
     page.write_text(filled(page.read_text(), tables))
-
-
-def _in_the_readings(cases: Sequence[Judged]) -> list[Judged]:
-    """Return the cases with effects that move no reading taken for absent."""
-    return [dataclasses.replace(case, blind=case.blind.in_the_readings) for case in cases]
 
 
 def _groups(cases: Sequence[Judged]) -> dict[str, int]:
