@@ -67,11 +67,16 @@ class Session:
         self._rungs: dict[Labels | None, Rung] = {}
         self._families: list[Labels] = [()]
 
-    @functools.cached_property
-    def _bending(self) -> Labels:
-        """Candidates that bend the armature's equations: a run then has more steps, which may take longer to solve."""
-        ports = ("armature_voltage_drop", "motor_torque")
-        return tuple(c.label for c in self.candidates.values() if any(touches((c.effect,), port) for port in ports))
+    def _slowed_by(self, label: str) -> str:
+        """Return what in a candidate makes every run of a program that holds it take two or three times as long.
+
+        One that bends the armature's equations asks for more steps, each longer to solve; a fault of all sensors with a
+        memory, as of their clock, reads all outputs at every step, not at the rows alone.
+        """
+        effect = self.candidates[label].effect
+        if any(touches((effect,), port) for port in ("armature_voltage_drop", "motor_torque")):
+            return "bends"
+        return "remembers" if effect.is_sensor and effect.has_memory and not effect.column else ""
 
     @functools.cached_property
     def _board(self) -> Switchboard:
@@ -96,10 +101,10 @@ class Session:
     def bring_together(self, labels: Sequence[str], others: Sequence[str]) -> None:
         """Have the models of some effects and each of the others share a program: it takes less to compile than many.
 
-        What bends stays by itself: it would make all as slow.
+        What is slow stays with its like: it would make all as slow.
         """
-        for bends in (False, True):
-            family = {*labels, *(one for one in others if (one in self._bending) == bends)}
+        for slowed_by in dict.fromkeys(["", *map(self._slowed_by, others)]):
+            family = {*labels, *(one for one in others if self._slowed_by(one) == slowed_by)}
             if not any(family <= set(known) for known in self._families):
                 self._families.append(self.key(tuple(family)))
 

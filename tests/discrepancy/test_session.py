@@ -6,8 +6,10 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from discrepancy.candidates import make_candidate
 from discrepancy.hypothesis import Hypothesis
 from discrepancy.session import Session
+from jaxmodel.effects import CATALOGUE
 
 
 class Fitted(Hypothesis):
@@ -34,3 +36,21 @@ def test_what_fits_must_come_near_is_settled_before_each_two():
     assert [one.labels for one in found] == list(objectives)
     # A pair is no rival of a single effect.
     assert asked == {("a",): np.inf, ("b",): np.inf, ("c",): 3.0, ("d", "e"): 3.0, ("f",): 1.0}
+
+
+def test_what_makes_a_program_slow_is_shared_with_its_like_alone():
+    session = Session.__new__(Session)
+    names = ("viscous_friction", "windage", "brush_drop", "saturation", "clock_shift")
+    made = [make_candidate(CATALOGUE[name]()) for name in names]
+    made.append(make_candidate(CATALOGUE["temperature_lag"](column="winding_temperature_degC")))
+    session.candidates = {candidate.label: candidate for candidate in made}
+    lag = made[-1].label
+    session._families = [()]
+    session.bring_together(("windage",), ("viscous_friction", "clock_shift", "brush_drop", "saturation", lag))
+    families = {frozenset(family) for family in session._families}
+    assert families == {
+        frozenset(),
+        frozenset({"windage", "viscous_friction", lag}),
+        frozenset({"windage", "clock_shift"}),
+        frozenset({"windage", "brush_drop", "saturation"}),
+    }
