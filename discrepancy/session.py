@@ -122,8 +122,9 @@ class Session:
         return make_problem(case, self.weights, present, (), self.catalogue, family=family)[0]
 
     def in_the_program_of(self, other: Hypothesis, hypothesis: Hypothesis) -> tuple[Problem, np.ndarray]:
-        """Return a model's problem with the effects of another's program, these switched off, and where it stands."""
-        family = [self.candidates[label] for label in other.layout.of_effect]
+        """Return a model's problem as one of another's program, where that is not slow, and where the model stands."""
+        shared = not any(self._slowed_by(label) for label in other.layout.of_effect if label not in hypothesis.labels)
+        family = [self.candidates[label] for label in (other if shared else hypothesis).layout.of_effect]
         problem, layout = self._problem([self.candidates[label] for label in hypothesis.labels], (), family)
         return problem, layout.at(hypothesis.start)
 
