@@ -88,10 +88,10 @@ def new_figure(width_cm: float, height_cm: float, layout: Literal["constrained",
 
 
 def png(figure: Figure) -> bytes:
-    """Return a figure as a PNG."""
+    """Return a figure as a PNG, by its canvas: `savefig` would lay it out, draw it for nothing, and draw it again."""
     buffer = io.BytesIO()
     with matplotlib.rc_context(_RC):
-        figure.savefig(buffer, format="png", dpi=DOTS_PER_INCH)
+        FigureCanvasAgg(figure).print_png(buffer)
     return buffer.getvalue()
 
 
