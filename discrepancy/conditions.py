@@ -23,7 +23,7 @@ def conditions(session: Session, hypothesis: Hypothesis) -> dict[str, np.ndarray
 
 
 def conditions_of_rows(session: Session, hypothesis: Hypothesis, *, currents: bool = False) -> dict[str, np.ndarray]:
-    """Return the inputs and the model's states at every row of every run: (runs, rows) arrays by name.
+    """Return the inputs, the run's age and the model's states at every row of every run: (runs, rows) arrays by name.
 
     With the `currents` that the model draws where something else drives it, if asked for. They say where a model fails;
     no law is sought in them, for a motor's current at speed is its torque once more.
@@ -42,15 +42,16 @@ def conditions_of_rows(session: Session, hypothesis: Hypothesis, *, currents: bo
         is_state = name.split("_")[0] in ("soc", "speed", "cell", "winding", "case", "motor")
         if name not in found and (is_state or (currents and name.endswith("current_A"))):
             found[name] = predicted[:, :, place]
+    found["cycles"] = np.broadcast_to(np.asarray(problem.models.parameters.cycles)[:, None], problem.times.shape)
     times = np.asarray(problem.times)
     found["time_s"] = times - times[:, :1]  # a logger's clock may start anywhere
     found["run"] = np.broadcast_to(np.arange(len(measured), dtype=float)[:, None], problem.times.shape)
     return found
 
 
-def history_of_rows(case: Case, shape: tuple[int, ...]) -> dict[str, np.ndarray]:
-    """Return what a row's past says of it: the time since the load changed, and the run's age; (runs, rows) arrays."""
-    since, cycles = np.zeros(shape), np.zeros(shape)
+def since_load_changed(case: Case, shape: tuple[int, ...]) -> np.ndarray:
+    """Return the time since the load last changed at every row of every run, in s: (runs, rows)."""
+    since = np.zeros(shape)
     for number, run in enumerate(case.runs):
         time_s = run.measured.time_s
         changed = np.zeros(time_s.size, dtype=bool)
@@ -60,6 +61,4 @@ def history_of_rows(case: Case, shape: tuple[int, ...]) -> dict[str, np.ndarray]
                 changed |= np.abs(np.diff(values, prepend=values[0])) > _CHANGE * max(np.ptp(values), 1e-12)
         last = np.maximum.accumulate(np.where(changed, np.arange(time_s.size), 0))
         since[number, : time_s.size] = time_s - time_s[last]
-        age = run.overrides.get("cycles", case.parameters.get("cycles"))
-        cycles[number] = age.value if age is not None else 0.0
-    return {"time_since_load_changed_s": since, "cycles": cycles}
+    return since

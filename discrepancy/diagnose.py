@@ -44,8 +44,9 @@ LITTLE_SHARE = 0.2
 NOT_TO_THE_NOISE = 0.9
 # A hypothesis more probable than this is not ruled out; of so many an experiment is asked to decide between all.
 RIVAL, MOST_RIVALS = 0.05, 3
-# A law that explains this share of what the best does may stand in its file, where no port can carry the best.
-NEARLY_THE_LAW = 0.9
+# A law that explains this share of what the best does may stand in its file, where no port can carry the best; of those
+# that explain this share so many are told.
+NEARLY_THE_LAW, MUCH_OF_THE_LAW, MOST_LAWS = 0.9, 0.5, 6
 
 
 @one_thread_of_blas
@@ -171,7 +172,7 @@ def diagnose(
         ),
         rivals=tuple(hypothesis_name(one.labels) for one in rivals),
         proposals=best_of_each(propose(judge, rivals)),
-        law=unexplained,
+        laws=_worth_telling(unexplained, left[beside]),
         law_source=_law_source(case, unexplained, left[beside]),
         far=tuple(found.far),
         ordered=(*(f"--add {name}" for name in add), *(f"--without {name}" for name in without)),
@@ -197,6 +198,13 @@ def _undecided_between(session: Session, weighed: Mapping[str, float]) -> list[H
     fitted = {hypothesis_name(one.labels): one for one in sorted(session.known(), key=lambda one: one.log_evidence)}
     rivals = [fitted[name] for name, p in weighed.items() if name in fitted and p > RIVAL]
     return rivals[:MOST_RIVALS] if len(rivals) > 1 else []
+
+
+def _worth_telling(law: Block | None, tried: Sequence[Block]) -> tuple[Block, ...]:
+    """Return a law found, and others that explain much of what it does: physics may be in one of them instead."""
+    if law is None:
+        return ()
+    return tuple(block for block in tried if block.drop > MUCH_OF_THE_LAW * law.drop)[:MOST_LAWS]
 
 
 def _law_source(case: Case, law: Block | None, tried: Sequence[Block]) -> str | None:

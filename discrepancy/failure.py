@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
-from discrepancy.conditions import conditions_of_rows, history_of_rows
+from discrepancy.conditions import conditions_of_rows, since_load_changed
 from discrepancy.hypothesis import Hypothesis
 from discrepancy.lanes import at, residuals
 from discrepancy.session import Session
@@ -25,6 +25,8 @@ from discrepancy.whitening import block_labels
 
 # Of a channel's readings: blocks within which errors may hang together.
 _BLOCKS = 60
+# What is the same all through a run, where a bench is what it seems to be.
+_OF_A_RUN = ("cycles", "ambient_degC")
 _UNITS = {"A": "A", "V": "V", "Nm": "Nm", "degC": "degC", "s": "s"}
 # A shift of a parameter from run to run is worth a sentence where a right model would hardly want it.
 _SURE = 1e-3
@@ -143,7 +145,7 @@ def failure(session: Session, hypothesis: Hypothesis) -> Failure:
         unit = np.array(stated)[channel] / np.asarray(problem.readings.sd)[np.asarray(problem.readings.fit) > 0.0]
     whitened = weighed / unit
     of_rows = conditions_of_rows(session, hypothesis, currents=True)
-    of_rows |= history_of_rows(session.case, problem.times.shape)
+    of_rows["time_since_load_changed_s"] = since_load_changed(session.case, problem.times.shape)
     given = {name: values[run, row] for name, values in of_rows.items()}
     floor, cells, maps, sentences, series = {}, {}, {}, [], {}
     for place, name in enumerate(problem.channels):
@@ -246,10 +248,13 @@ def _shifts(
 
 
 def _order(wanted: np.ndarray, means: dict[str, np.ndarray]) -> str:
-    """Return the condition whose run means are in the order of what the runs want, or its reverse."""
+    """Return the condition whose run means are in the order of what the runs want, or its reverse.
+
+    One that is the run's own, as its age, goes before a mean of what changed during the runs.
+    """
     if wanted.size < 3 or np.ptp(wanted) == 0.0:
         return ""
-    for name, values in means.items():
+    for name, values in sorted(means.items(), key=lambda one: one[0] not in _OF_A_RUN):
         if np.ptp(values) > 1e-3 * np.abs(values).max() and _same_order(values, wanted):
             return name
     return ""

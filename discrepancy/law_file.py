@@ -15,6 +15,7 @@ _IN_CELL = {
     "current_A": "context.current_A",
     "ambient_degC": "context.ambient_degC",
     "cell_temperature_degC": "context.temperature_degC",
+    "cycles": "context.parameters.cycles",
 }
 _IN_MOTOR = {
     "current_A": "context.current_A",

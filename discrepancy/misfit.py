@@ -70,11 +70,11 @@ class Block:
         """Say where it acts and how it depends on state and input; of all laws tried, which variables serve as well."""
         factor = f" in proportion to {self.multiplier}" if self.multiplier else ""
         return (
-            f"what is left acts on {self.channel}{factor} as a function of {self.variable}, {self._shape()} over "
+            f"what is left acts on {self.channel}{factor} as a function of {self.variable}, {self.shape()} over "
             f"{self.knots.min():.3g} to {self.knots.max():.3g}{self._or(tried)}"
         )
 
-    def _shape(self) -> str:
+    def shape(self) -> str:
         """Say how the law runs: by how much it rises or falls, or between which extremes it does both."""
         law = self.law[np.argsort(self.knots)]
         turns = np.diff(law)
@@ -239,13 +239,20 @@ def deficiency_map(
 def hats(values: np.ndarray, count: int = KNOTS, even: int = 2) -> tuple[np.ndarray, np.ndarray] | None:
     """Return piecewise linear hat functions, shape (n, knots), and their knots; None where nothing varies.
 
-    Knots are so many quantiles, where the readings are, and so many evenly spaced, for what begins at the far end.
+    Knots are so many quantiles, where the readings are, and so many evenly spaced, for what begins at the far end; what
+    takes few values has a knot at each, and none between them, where no reading says anything.
     """
+    levels = np.unique(values)
+    if levels.size <= count:
+        return _hats_at(values, levels)
     spread = np.linspace(values.min(), values.max(), even)
     quantiles = np.quantile(values, np.linspace(0.0, 1.0, count))
     apart = 0.3 * np.ptp(values) / max(count, even)
     inner = [x for x in spread[1:-1] if np.abs(quantiles - x).min() > apart]
-    knots = np.unique([*quantiles, *inner])
+    return _hats_at(values, np.unique([*quantiles, *inner]))
+
+
+def _hats_at(values: np.ndarray, knots: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     if knots.size < 2 or np.ptp(knots) < 1e-9 * max(1.0, float(np.abs(knots).max())):
         return None
     return np.stack([np.interp(values, knots, unit) for unit in np.eye(knots.size)], axis=1), knots

@@ -57,6 +57,8 @@ class Diagnosis:
     Attributes:
         far: channels that no model of few effects brings near their noise: chi-square is over what the best single
             effect leaves in them.
+        laws: where something in no catalogue is missing, the law that explains most of what is left, and those that
+            explain much of it too, strongest first.
         ordered: what the user had added or ruled out, as told to the shell.
     """
 
@@ -74,10 +76,15 @@ class Diagnosis:
     remarks: tuple[str, ...]
     rivals: tuple[str, ...] = ()
     proposals: tuple[Proposal, ...] = ()
-    law: Block | None = None
+    laws: tuple[Block, ...] = ()
     law_source: str | None = None
     far: tuple[str, ...] = ()
     ordered: tuple[str, ...] = ()
+
+    @property
+    def law(self) -> Block | None:
+        """Return the law that explains most of what is left; None where none was found, or nothing is left."""
+        return self.laws[0] if self.laws else None
 
     @property
     def base(self) -> Rung:

@@ -85,6 +85,15 @@ def report_content(
             for effect in diagnosis.effects
             if effect.cannot_tell_apart_from
         ],
+        "laws": [
+            {
+                "acts_on": law.channel + (f", in proportion to {law.multiplier}" if law.multiplier else ""),
+                "variable": law.variable,
+                "share": law.drop / diagnosis.laws[0].drop,
+                "shape": law.shape(),
+            }
+            for law in diagnosis.laws
+        ],
         "blind": join([effect_name(label) for label in diagnosis.blind_to]),
         "next": in_words(diagnosis.proposals, [candidate_name(name) for name in diagnosis.rivals]),
         "runs": case.runs,

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from discrepancy import lanes
 from discrepancy.failure import failure
+from discrepancy.law_file import law_file
 from discrepancy.leftover import leftover_laws
 from discrepancy.session import Session
 from jaxmodel.cases import Case, Known
 from jaxmodel.model import Model
+from jaxmodel.parameters import Parameters
 from jaxmodel.profile import Profile
 from jaxmodel.simulate import simulate
 from tests.discrepancy.made_cases import case_of, run_of, with_candidates
@@ -76,6 +79,34 @@ def test_the_law_itself_comes_out():
     block = leftover_laws(session, base, session.screen(base))[0]
     slope = np.polyfit(block.knots, block.law, 1)[0]
     assert slope * 1200.0 == pytest.approx(-0.15, rel=0.15)
+
+
+def cell_that_fades() -> Case:
+    """Three runs of one cell at 0, 200 and 500 cycles: it has lost 0, 6 and 15 % of its charge, as nobody stated."""
+    rng = np.random.default_rng(0)
+    runs = []
+    for number, cycles in enumerate((0.0, 200.0, 500.0)):
+        given = {"current_A": np.abs(staircase(30 + number, ROWS, 6.0)), "ambient_degC": np.full(ROWS, 20.0)}
+        true = {"cycles": cycles, "capacity_Ah": 3.5 * (1.0 - 3e-4 * cycles), "storage_months": 0.0, "initial_soc": 0.9}
+        cell = Model("cell", Parameters(**{name: jnp.asarray(value) for name, value in true.items()}))
+        readings = simulate(cell, Profile(STEP_S * np.arange(ROWS), given)).readings
+        outputs = {"voltage_V": np.asarray(readings["voltage_V"]) + 1e-3 * rng.standard_normal(ROWS)}
+        runs.append(run_of(number + 1, given, outputs, step_s=STEP_S, cycles=Known(cycles)))
+    known = {"capacity_Ah": Known(3.5, 0.1), "series_resistance_scale": Known(1.0, 0.1), "storage_months": Known(0.0)}
+    return case_of("cell", known, runs, {"voltage_V": 1e-3})
+
+
+def test_a_capacity_that_falls_with_age_is_counted_so():
+    session = with_candidates(cell_that_fades(), "resistance_ageing", "self_discharge")
+    base = session.hypothesis()
+    law = leftover_laws(session, base, session.screen(base))[0]
+    assert (law.channel, law.multiplier, law.variable) == ("the counting of charge (eq. 1)", "current_A", "cycles")
+    assert law.knots.tolist() == [0.0, 200.0, 500.0]
+    # As much charge is counted as if the capacity were what it is: 1 / 0.85 of what an ampere at first was.
+    assert np.ptp(law.law) == pytest.approx(1.0 / 0.85 - 1.0, rel=0.15)
+    (capacity,) = (one for one in failure(session, base).shifts if one.parameter == "capacity_Ah")
+    assert capacity.goes_with == "cycles"
+    assert law_file(law, "cell", "aged") is not None
 
 
 def test_laws_of_a_model_with_fewer_effects_are_asked_by_the_same_program():
