@@ -24,6 +24,7 @@ NO_ANSWER = 1e-6
 # where that is this share of its course or more.
 STARTS_ELSEWHERE = 5.0
 SHARE_OF_COURSE = 0.1
+SPEED = "speed_rad_s"
 # So is a channel whose error on runs held out is so many times that on fit runs and the noise: assumed. Of
 # the sealed cases answered rightly one in twenty exceeds 1.07.
 FAR_HELD_OUT = 1.25
@@ -34,7 +35,10 @@ WORSE_HELD_OUT = 1.1
 def remarks(session: Session, hypothesis: Hypothesis) -> tuple[str, ...]:
     """Return what a reader should know of a fit, and of what it is held against."""
     predictions = session.rung("", session.hypothesis()).predictions
-    found = list(starts_elsewhere(session.case, session.noise, predictions))
+    found = [
+        *starts_elsewhere(session.case, session.noise, predictions),
+        *starts_moving(session.case, session.noise, predictions),
+    ]
     if not hypothesis.fitted.converged:
         found.append(
             f"The fit did not reach a minimum (score {hypothesis.fitted.greatest_score:.2g} where 0.1 is the limit): "
@@ -99,6 +103,25 @@ def starts_elsewhere(case: Case, noise: Mapping[str, NoiseModel], predicted: Pre
                 "all was at rest, give what this sensor read as ambient_degC; no effect stands for an offset."
             )
     return tuple(told)
+
+
+def starts_moving(case: Case, noise: Mapping[str, NoiseModel], predicted: Predictions) -> tuple[str, ...]:
+    """Say where a motor turns at the first row, and the model does not; arguments as `starts_elsewhere`."""
+    if SPEED not in noise:
+        return ()
+    told = []
+    for run in case.runs:
+        read = run.measured.outputs.get(SPEED)
+        if read is None or not np.isfinite(read[0]):
+            continue
+        if abs(read[0] - predicted[run.name][SPEED][0]) > STARTS_ELSEWHERE * noise[SPEED].sd:
+            told.append(f"initial_speed_rad_s = {read[0]:.4g} to {run.name}")
+    if not told:
+        return ()
+    return (
+        f"{SPEED} shows a motor that turns at the first row, where the model's stands still: if it did turn, give "
+        f"{', '.join(told)}.",
+    )
 
 
 def _about(value: float, low: float, high: float) -> bool:

@@ -43,12 +43,12 @@ class Drive(eqx.Module):
 
 
 def initial_state(model: Model, inputs: Inputs) -> State:
-    """Return the state at the start of a run: RC pairs, currents, speed and temperature rises at zero."""
+    """Return the state at the start of a run: RC pairs, currents and temperature rises at zero."""
     state: State = {}
     if model.kind in ("cell", "robot"):
         state |= cells.initial_state(model.parameters)
     if model.kind in ("motor", "robot"):
-        state |= motors.initial_state()
+        state |= motors.initial_state(model.parameters)
     for effect in model.effects:
         state |= effect.initial_state(model.parameters, inputs["ambient_degC"])
     return state

@@ -35,9 +35,14 @@ class Motor(eqx.Module):
     load_torque_Nm: Scalar
 
 
-def initial_state() -> State:
-    """Return the motor's states at the start of a run: at rest, at ambient temperature."""
-    return {name: jnp.zeros(()) for name in ("x_winding_K", "x_case_K", "motor_current_A", "speed_rad_s")}
+def initial_state(parameters: Parameters) -> State:
+    """Return the motor's states at the start of a run: no current, at its initial speed and the ambient temperature."""
+    return {
+        "x_winding_K": jnp.zeros(()),
+        "x_case_K": jnp.zeros(()),
+        "motor_current_A": jnp.zeros(()),
+        "speed_rad_s": parameters.initial_speed_rad_s,
+    }
 
 
 def evaluate(
@@ -174,7 +179,7 @@ def _following_the_torque(jacobian: Matrix, motor: Motor, start: Pair, end: Pair
     inertia = motor.context.parameters.J
 
     def chord(pair: Pair) -> Scalar:
-        none = pair.current == 0.0
+        none = jnp.abs(pair.current) < SMALLEST_SECANT  # of a motor that has come to rest, 1e-250 A
         torque = _driving_torque(motor, pair)
         return jnp.where(none, motor.torque_constant, torque / jnp.where(none, 1.0, pair.current)) / inertia
 

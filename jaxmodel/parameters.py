@@ -173,6 +173,16 @@ class Parameters(eqx.Module):
         transform="log",
         source=_RE50,
     )
+    initial_speed_rad_s: Scalar = parameter(
+        0.0,
+        unit="rad/s",
+        meaning="speed of the motor at the start of a run",
+        symbol="omega_0",
+        equation="13",
+        lower=-5e3,
+        upper=5e3,
+        source="the paper starts at rest",
+    )
     tau_0: Scalar = parameter(
         0.010,
         unit="N m",

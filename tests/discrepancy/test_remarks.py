@@ -8,7 +8,7 @@ import numpy as np
 
 from discrepancy.contract import noise_of_case
 from discrepancy.ladder import ChannelError, Rung
-from discrepancy.remarks import _about, far_on_check_runs, starts_elsewhere, worse_held_out
+from discrepancy.remarks import _about, far_on_check_runs, starts_elsewhere, starts_moving, worse_held_out
 from jaxmodel.cases import Case
 from tests.discrepancy.made_cases import case_of, run_of
 
@@ -42,6 +42,24 @@ def test_noise_at_the_start_a_temperature_that_rises_later_and_little_of_its_cou
     fine = dataclasses.replace(noise_of_case(_case(24.7))[NAME], sd=0.001)
     case = _case(24.7)
     assert starts_elsewhere(case, {NAME: fine}, {case.runs[0].name: {NAME: np.full(40, 25.0)}}) == ()
+
+
+def test_a_motor_that_turns_when_its_file_begins_is_remarked_on():
+    rows = np.full(40, 12.0)
+    inputs = {"voltage_V": rows, "load_torque_Nm": 0.0 * rows, "ambient_degC": rows}
+    speeds = [np.linspace(start, 300.0, 40) for start in (0.2, -150.0)]
+    runs = [run_of(number, inputs, {"speed_rad_s": speed}) for number, speed in enumerate(speeds, start=1)]
+    case = case_of("motor", {}, runs, {"speed_rad_s": 0.3})
+    noise = noise_of_case(case)
+
+    def said(*starts: float) -> tuple[str, ...]:
+        predicted = zip(case.runs, starts, strict=True)
+        return starts_moving(case, noise, {run.name: {"speed_rad_s": start + 0.0 * rows} for run, start in predicted})
+
+    (told,) = said(0.0, 0.0)
+    assert told.endswith("if it did turn, give initial_speed_rad_s = -150 to run-02.")
+    assert said(0.0, -150.0) == ()
+    assert starts_moving(_case(25.0), noise_of_case(_case(25.0)), {}) == ()
 
 
 def _rung(check: float, *added: str) -> Rung:

@@ -46,8 +46,9 @@ def names(kind: str) -> tuple[str, ...]:
 
 
 def values(kind: str, **changes: float) -> np.ndarray:
-    # A shift by whole rows reads just where an input jumps: there no reading has a derivative by it.
-    changes = {"clock_shift.d": 0.37} | changes
+    # A shift by whole rows reads just where an input jumps, and friction has a kink at standstill: there no reading has a
+    # derivative by the one, and by the other.
+    changes = {"clock_shift.d": 0.37, "initial_speed_rad_s": 30.0} | changes
     return np.array([changes.get(name, float(value(full_model(kind), name))) for name in names(kind)])
 
 
@@ -141,8 +142,10 @@ def nulls(kind: str) -> dict[str, float]:
 
 EDGES = {
     "null values": lambda kind: (nulls(kind), profile(kind), NEVER),
-    "at rest": lambda kind: ({}, profile(kind, 0.0), NEVER),
-    "at rest and null": lambda kind: (nulls(kind), profile(kind, 0.0), NEVER),
+    "at rest": lambda kind: ({"initial_speed_rad_s": 0.0}, profile(kind, 0.0), NEVER),
+    "at rest and null": lambda kind: (nulls(kind) | {"initial_speed_rad_s": 0.0}, profile(kind, 0.0), NEVER),
+    # Its current falls to 1e-250 A.
+    "coasting": lambda kind: (nulls(kind), profile(kind, 0.0), NEVER),
     "empty": lambda kind: ({"initial_soc": 0.0}, profile(kind), NEVER),
     "full": lambda kind: ({"initial_soc": 1.0, "cycles": 0.0}, profile(kind), NEVER),
     "-40 degC": lambda kind: ({}, profile(kind, ambient=-40.0), NEVER),

@@ -37,6 +37,16 @@ def test_steady_state(voltage: float, load: float, direction: float):
     np.testing.assert_allclose(found["speed_rad_s"][1:], direction * speed, rtol=1e-9)
 
 
+def test_a_run_that_begins_with_the_motor_turning_goes_on_where_another_left_it():
+    """The second half of a run is that run begun at the speed of its middle, once the armature's current is built up."""
+    voltage, load = staircase(3, 60, 12.0), np.abs(staircase(4, 60, 0.1))
+    whole = run_motor(COLD, voltage_V=voltage, load_torque_Nm=load)
+    middle = {"initial_speed_rad_s": float(whole["speed_rad_s"][30])}
+    half = run_motor(COLD | middle, voltage_V=voltage[30:], load_torque_Nm=load[30:])
+    assert half["speed_rad_s"][0] == whole["speed_rad_s"][30] != 0.0
+    np.testing.assert_allclose(half["speed_rad_s"][1:], whole["speed_rad_s"][31:], rtol=1e-6, atol=1e-6)
+
+
 def test_temperatures_settle_where_the_loss_of_the_warm_motor_puts_them():
     profile = Profile(
         (time := np.concatenate([np.arange(0.0, 60.0, 5.0), np.arange(60.0, 25000.0, 250.0)])),
