@@ -1,8 +1,8 @@
-"""Make cases from measurements: two LFP cells, an NCA cell in cold drive cycles, a cell that warms, a gear motor.
+"""Make cases from measurements: LFP cells, an NCA cell in the cold, a cell that warms, one that ages, a gear motor.
 
 Usage: python make_cases.py DATA_FOLDER OUT_FOLDER. DATA_FOLDER has a123_26650_plett/, panasonic_18650pf/,
-k2_lfp_26650/, dmegc_18650_electrothermal/ and gearmotor_prony_brake/, the files of the sources in README.md beside this
-script with the columns named there.
+k2_lfp_26650/, dmegc_18650_electrothermal/, nasa_18650_ageing/ and gearmotor_prony_brake/, the files of the sources in
+README.md beside this script with the columns named there.
 """
 
 from __future__ import annotations
@@ -59,6 +59,12 @@ def write_warm_run(
 
 
 # A123 26650 LFP
+
+
+def with_charge(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return rows with the charge taken out until each."""
+    steps_Ah = np.diff(rows.time_s) * rows.current_A.to_numpy()[1:] / 3600.0
+    return rows.assign(discharged_Ah=np.append(0.0, np.cumsum(steps_Ah)))
 
 
 def middle_of_branches(folder: Path, capacity_Ah: float) -> np.ndarray:
@@ -215,9 +221,7 @@ def dmegc(source: Path, out: Path) -> None:
     folder = source / "dmegc_18650_electrothermal"
 
     def read(name: str) -> pd.DataFrame:
-        rows = pd.read_csv(folder / f"cell1_{name}.csv").drop_duplicates("time_s")
-        steps_Ah = np.diff(rows.time_s) * rows.current_A.to_numpy()[1:] / 3600.0
-        return rows.assign(discharged_Ah=np.append(0.0, np.cumsum(steps_Ah)))
+        return with_charge(pd.read_csv(folder / f"cell1_{name}.csv").drop_duplicates("time_s"))
 
     slow = read("ocv_c20")
     capacity_Ah = float(slow.discharged_Ah.max())
@@ -229,6 +233,52 @@ def dmegc(source: Path, out: Path) -> None:
         rows = read(name)
         rested_degC = float(rows.temperature_degC.head(3).mean())
         text += write_warm_run(out, name, rows, rested_degC, split, label)
+    (out / "case.toml").write_text(text, encoding="utf-8", newline="\n")
+
+
+# NASA's 18650 cells, aged
+
+NASA_CELL, NASA_RUNS = "B0006", ((1, "fit"), (22, "fit"), (64, "fit"), (105, "fit"), (147, "check"), (168, "check"))
+NASA_TAU_S = (30.0, 300.0)
+
+
+def nasa(source: Path, out: Path) -> None:
+    """Write the case of a cell over its life: discharges at 2 A and 24 degC, the oldest two kept as check.
+
+    Nothing but these discharges and impedances was measured: the open-circuit voltage is that of the first discharge
+    less the drop over the resistance that the impedances show at first, half of which is given to two RC pairs.
+    """
+    folder = source / "nasa_18650_ageing"
+    impedance = pd.read_csv(folder / "impedance_by_cycle.csv").query("battery == @NASA_CELL").head(3)
+    ohm = float((impedance.Re_ohm + impedance.Rct_ohm).mean())
+    discharges = pd.read_csv(folder / f"discharges_{NASA_CELL}.csv")
+    new = with_charge(discharges[discharges.cycle == 1])
+    capacity_Ah = float(new.discharged_Ah.max())
+    loaded = new.current_A.gt(0.5)
+    shown = new[new.index <= loaded[loaded].index[-1]]
+    rising = (shown.voltage_V + ohm * shown.current_A.where(loaded, 0.0)).to_numpy()[::-1]
+    ocv = np.maximum.accumulate(np.interp(SOC, 1.0 - shown.discharged_Ah.to_numpy()[::-1] / capacity_Ah, rising))
+    text = f"""title = "NASA 18650 {NASA_CELL}, discharges over its life"
+kind = "cell"
+
+[parameters]
+capacity_Ah = {{ value = {capacity_Ah:.3f}, sd = 0.05 }}
+series_resistance_scale = {{ value = 1.0, sd = 0.2 }}
+storage_months = 0
+
+[sensors]
+voltage_V = 0.002
+current_A = 0.005
+cell_temperature_degC = 0.1
+"""
+    level = np.ones(SOC.size)
+    text += toml_table("ocv", "voltage_V", ocv) + toml_table("R_ints", "ohm", 0.5 * ohm * level)
+    for pair, tau_s in zip(("TS", "TL"), NASA_TAU_S, strict=True):
+        text += toml_table(f"R_{pair}", "ohm", 0.25 * ohm * level)
+        text += toml_table(f"C_{pair}", "farad", tau_s / (0.25 * ohm) * level)
+    for cycle, split in NASA_RUNS:
+        rows = discharges[discharges.cycle == cycle]
+        text += write_warm_run(out, f"cycle_{cycle}", rows, 24.0, split, f"discharge {cycle}") + f"cycles = {cycle}\n"
     (out / "case.toml").write_text(text, encoding="utf-8", newline="\n")
 
 
@@ -335,7 +385,9 @@ def main(source: Path, out: Path) -> None:
     """Write all cases."""
     makers = {name: partial(a123, runs=runs) for name, runs in A123_RUNS.items()}
     makers |= {name: partial(panasonic, runs=runs) for name, runs in PANASONIC_RUNS.items()}
-    for name, make in (makers | {"k2_lfp": k2, "dmegc_18650": dmegc, "gear_motor": gear_motor}).items():
+    for name, make in (
+        makers | {"k2_lfp": k2, "dmegc_18650": dmegc, "nasa_ageing": nasa, "gear_motor": gear_motor}
+    ).items():
         (out / name).mkdir(parents=True, exist_ok=True)
         make(source, out / name)
 

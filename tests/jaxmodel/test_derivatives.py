@@ -46,8 +46,8 @@ def names(kind: str) -> tuple[str, ...]:
 
 
 def values(kind: str, **changes: float) -> np.ndarray:
-    # A shift by whole rows reads just where an input jumps, and friction has a kink at standstill: there no reading has a
-    # derivative by the one, and by the other.
+    # A shift by whole rows reads just where an input jumps, and friction has a kink at standstill: there no reading has
+    # a derivative by the one, and by the other.
     changes = {"clock_shift.d": 0.37, "initial_speed_rad_s": 30.0} | changes
     return np.array([changes.get(name, float(value(full_model(kind), name))) for name in names(kind)])
 
