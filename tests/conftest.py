@@ -15,6 +15,8 @@ REPOSITORY = Path(__file__).parents[1]
 # Entries are keyed by the program and the version of JAX: an old one is never wrong, only unused.
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(REPOSITORY / ".jax-cache"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
+# A test's program runs for a moment: passes that make it faster cost more than they save.
+os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
 # On a machine with a GPU the workers share it; by default the first would take most of its memory.
 os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
 

@@ -17,7 +17,7 @@ from benchmarks.discrepancy.compare import Compared, rates
 from benchmarks.discrepancy.evidence import Evidence, _ratios, read_evidence, stands_out
 from benchmarks.discrepancy.generate import Blind, Drawn, moves
 from benchmarks.discrepancy.judge import Judged, Rate, keep, metrics, power, reliability, report
-from benchmarks.discrepancy.publish import filled, publish_sealed
+from benchmarks.discrepancy.publish import filled, publish
 from discrepancy.candidates import make_candidate
 from discrepancy.whitening import chain_starts, whiten
 from jaxmodel.declaration import describe
@@ -277,11 +277,11 @@ def test_cases_of_one_group_are_kept_and_told_apart_from_those_of_all(tmp_path: 
 
     page = tmp_path / "page.md"
     (tmp_path / "page").mkdir()
-    page.write_text("<!-- sealed metrics --><!-- end -->")
-    publish_sealed(made("all", {1001: CASES[0], 1002: CASES[5], 999: CASES[1]}), page)
+    page.write_text("<!-- metrics --><!-- end -->")
+    publish(made("all", {1001: CASES[0], 1002: CASES[5], 999: CASES[1]}), page)
     kept = (tmp_path / "page" / "sealed.jsonl").read_text()
     missed = dataclasses.replace(CASES[5], said=said("missing_effect", "windage"))
-    publish_sealed(made("some", {1003: missed, 1004: CASES[5], 1005: CASES[0]}), page, "double")
+    publish(made("some", {1003: missed, 1004: CASES[5], 1005: CASES[0]}), page, "double")
     assert (tmp_path / "page" / "sealed.jsonl").read_text() == kept
     assert len(kept.splitlines()) == 2
     row = next(line for line in page.read_text().splitlines() if line.startswith("| doubles exactly right"))

@@ -1,4 +1,4 @@
-"""Blind cases by seed: `python -m benchmarks.discrepancy make|diagnose|gather|judge|report|sealed FOLDER`.
+"""Blind cases by seed: `python -m benchmarks.discrepancy make|diagnose|gather|judge|report FOLDER`.
 
 Cases below 1000 are for development, those from 1000 on are sealed: to be made and judged, never to be looked at.
 """
@@ -19,7 +19,7 @@ from benchmarks.discrepancy.evidence import save
 from benchmarks.discrepancy.generate import draw
 from benchmarks.discrepancy.generate import make as make_case
 from benchmarks.discrepancy.judge import read, read_blind, report
-from benchmarks.discrepancy.publish import publish, publish_sealed
+from benchmarks.discrepancy.publish import publish
 from discrepancy.diagnose import diagnose as diagnose_case
 from discrepancy.result import answer
 from jaxmodel.cases import read_case
@@ -79,15 +79,9 @@ def judge(folder: Folder) -> None:
 
 
 @app.command(name="report")
-def write_report(folder: Folder, page: Path = Path("docs/proving_ground.md")) -> None:
-    """Write a page's tables, and JSON and pictures beside it, of the cases diagnosed and screened."""
-    publish(folder, page)
-
-
-@app.command(name="sealed")
-def write_sealed(folder: Folder, page: Path = Path("docs/proving_ground.md"), group: Group = None) -> None:
-    """Write the figures of sealed cases into a page and its JSON; what each case hid is not told."""
-    publish_sealed(folder, page, group)
+def write_report(folder: Folder, page: Path = Path("docs/proving_ground.md"), group: Group = None) -> None:
+    """Write the figures of sealed cases into a page, its JSON and pictures; what each case hid is not told."""
+    publish(folder, page, group)
 
 
 if __name__ == "__main__":

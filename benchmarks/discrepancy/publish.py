@@ -1,4 +1,4 @@
-"""What the proving ground says of the cases diagnosed and screened: the tables of its page, JSON and pictures."""
+"""What the proving ground says of the sealed cases: the tables of its page, JSON and pictures."""
 
 from __future__ import annotations
 
@@ -16,8 +16,6 @@ from benchmarks.discrepancy.judge import Judged, Rate, keep, metrics, power, rea
 from benchmarks.discrepancy.pictures import power_picture, range_picture, reliability_picture
 from workbench.pictures.style import png
 
-_PARTS = ("cases", "metrics", "baselines", "ablations", "reliability", "power")
-_EMPTY = "\n\n".join(f"<!-- {name} --><!-- end -->" for name in _PARTS) + "\n"
 SEALED_FROM = 1000
 # Begins the names of files with the answers to cases of one group.
 ALONE = "alone-"
@@ -50,37 +48,12 @@ BASELINES = (
 )
 
 
-def publish(folder: Path, page: Path) -> None:
-    """Write the tables into a page, and `results.json` and three pictures into a folder of the page's name."""
-    out = page.with_suffix("")
-    cases = read(folder)
-    compared = rates(read_compared(folder, cases))
-    hidden = read_hidden(folder, cases)
-    ablated = [name for name in compared if name.startswith("score") or name in IN_ANSWER]
-    out.mkdir(parents=True, exist_ok=True)
-    for name, figure in (
-        ("power", power_picture(hidden)),
-        ("range", range_picture(read_lifts(folder, cases))),
-        ("reliability", reliability_picture(cases)),
-    ):
-        (out / f"{name}.png").write_bytes(png(figure))
-    _write(out / "results.json", _summary(cases) | {"methods": compared})
-    tables = {
-        "cases": _in_words(cases),
-        "metrics": _side_by_side({"development": metrics(cases)}),
-        "baselines": markdown(compared, "method", BASELINES),
-        "ablations": markdown(compared, "part left out", [OURS, *ablated]),
-        "reliability": _table("right at a probability of", reliability(cases)),
-        "power": _table("named where hidden", power(cases)),
-    }
-    page.write_text(filled(page.read_text() if page.exists() else _EMPTY, tables))
-
-
-def publish_sealed(folder: Path, page: Path, group: str | None = None) -> None:
-    """Write the sealed cases' figures into a page, and beside those of development into its `results.json`.
+def publish(folder: Path, page: Path, group: str | None = None) -> None:
+    """Write the figures of sealed cases into a page, and `results.json` and pictures into a folder of the page's name.
 
     The answers are kept in `sealed.jsonl`: so many cases take hours, and need not be diagnosed in one go. Those of
     earlier versions, looked at since, are in `before.jsonl` and `opened.jsonl`; they stand beside, and judge no more.
+    Baselines, ablations and power are of the folder's cases that were gathered.
 
     Args:
         folder: with cases made and diagnosed.
@@ -99,13 +72,23 @@ def publish_sealed(folder: Path, page: Path, group: str | None = None) -> None:
     sets = {"sealed": cases}
     sets |= {f"{name}s alone": some for name, some in alone.items()}
     sets |= {"version before": before, "both": [*before, *cases], "versions before that": opened}
-    _write(out / "results.json", {"sealed": _summary(cases)} | {f"{n}s alone": _summary(c) for n, c in alone.items()})
     tables = {
-        "sealed cases": _in_words(cases),
-        "sealed metrics": _side_by_side({name: metrics(some) for name, some in sets.items() if some}, asked=True),
-        "sealed reliability": _table("right at a probability of", reliability([*before, *cases])),
-        "sealed power": _table("named where hidden", power([*before, *cases])),
+        "cases": _in_words(cases),
+        "metrics": _side_by_side({name: metrics(some) for name, some in sets.items() if some}),
+        "reliability": _table("right at a probability of", reliability([*before, *cases])),
+        "power": _table("named where hidden", power([*before, *cases])),
     }
+    figures = {"sealed": _summary(cases)} | {f"{name}s alone": _summary(some) for name, some in alone.items()}
+    (out / "reliability.png").write_bytes(png(reliability_picture([*before, *cases])))
+    if group is None and (compared := read_compared(folder, new)):
+        methods = rates(compared)
+        ablated = [name for name in methods if name.startswith("score") or name in IN_ANSWER]
+        tables["baselines"] = markdown(methods, "method", BASELINES)
+        tables["ablations"] = markdown(methods, "part left out", [OURS, *ablated])
+        figures["methods"] = methods
+        (out / "power.png").write_bytes(png(power_picture(read_hidden(folder, new))))
+        (out / "range.png").write_bytes(png(range_picture(read_lifts(folder, new))))
+    _write(out / "results.json", figures)
     page.write_text(filled(page.read_text(), tables))
 
 
@@ -146,12 +129,12 @@ def filled(text: str, tables: Mapping[str, str]) -> str:
     return text
 
 
-def _side_by_side(tables: Mapping[str, Mapping[str, Rate | float]], *, asked: bool = False) -> str:
-    """Return figures of merit, a row each, with a column for each set of cases, and for what is asked of them."""
-    turned: dict[str, dict[str, Rate | float | str]] = {}
-    for name in next(iter(tables.values())):
-        row = {title: found[name] for title, found in tables.items()}
-        turned[name] = ({"asked": ASKED.get(name, "")} if asked else {}) | row
+def _side_by_side(tables: Mapping[str, Mapping[str, Rate | float]]) -> str:
+    """Return figures of merit, a row each, with what is asked of them and a column for each set of cases."""
+    turned = {
+        name: {"asked": ASKED.get(name, "")} | {title: found[name] for title, found in tables.items()}
+        for name in next(iter(tables.values()))
+    }
     return markdown(turned, "figure of merit")
 
 

@@ -79,15 +79,6 @@ def test_derivative_is_the_central_difference(response: Response):
     assert moved | {"clock_shift.resampled"} == set(response.names) | {"clock_shift.resampled"}
 
 
-def test_forward_and_reverse_agree(plain_motor: xarray.Dataset):
-    """On the stiff part of the model; the cell's are compared below."""
-    profile = constant(20.0, 2.0, voltage_V=9.0, load_torque_Nm=0.15, ambient_degC=10.0)
-    reverse = local_sensitivities(Model("motor"), profile, outputs=(), mode="reverse")
-    scale = np.abs(plain_motor.metric_change).max("parameter")
-    np.testing.assert_allclose(reverse.metric_value, plain_motor.metric_value, rtol=1e-12)
-    np.testing.assert_allclose(reverse.metric_change / scale, plain_motor.metric_change / scale, rtol=1e-8, atol=1e-14)
-
-
 EXTREMES = {
     "cell": [
         ({"initial_soc": 1.0}, {}),

@@ -66,6 +66,7 @@ def compensate_models(out: Path, cases: Sequence[Path], mission_path: Path | Non
                     f"{name}: this robot does not drive at any place of the map, {TORQUE_NM[0]:g} to "
                     f"{TORQUE_NM[-1]:g} N m at a reference duty of {found[name].reference.duty:g}; check its motors."
                 )
+        for name, model in models.items():
             progress(f"checking between its places and by the paper's rule: {name}")
             rules[name] = paper_rule_error(model, found[name])
             _write(out, name, model, found[name])
