@@ -96,7 +96,8 @@ def test_robot_that_drives_nowhere_on_the_map_is_told(
     weak = tmp_path / "weak"
     weak.mkdir()
     (weak / "case.toml").write_text(
-        'kind = "robot"\n[parameters]\ntau_0 = 1.0\n[[runs]]\nfile = "r.csv"\nsplit = "fit"\n',
+        'kind = "robot"\n[parameters]\nk_tau = 0.01\nR_0 = 0.5\nn_series = 2\n'
+        '[[runs]]\nfile = "r.csv"\nsplit = "fit"\n',
         encoding="utf-8",
     )
     (weak / "r.csv").write_text("time_s,ambient_degC,duty,load_torque_Nm\n0,20,0.3,0.1\n1,20,0.3,0.1\n", "utf-8")
