@@ -143,7 +143,7 @@ def error_sentence(diagnosis: Diagnosis, channel: str) -> str:
     quantity, before, after, floor, unit = _before_and_after(diagnosis, channel)
     held_out = np.isfinite(diagnosis.base.errors[channel].check)
     where = "on the runs held out" if held_out else "on the runs fitted (none was held out)"
-    values = before if diagnosis.final is diagnosis.base else f"{before} before, {after} after"
+    values = f"{before}{unit}" if diagnosis.final is diagnosis.base else f"{before}{unit} before, {after}{unit} after"
     return f"Error of {quantity} {where}: {values}, noise floor {floor}{unit}."
 
 

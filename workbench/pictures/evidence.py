@@ -87,6 +87,7 @@ def _ladder_of_channel(axes: Axes, diagnosis: Diagnosis, channel: str) -> None:
         axes.axvline(floor * scale, color=FLOOR, lw=2.0, label="noise floor of the sensor")
     axes.set_xscale("log")
     low, high = min([lowest, *positive]) * scale, max([lowest, *positive]) * scale
+    high = max(high, 3.0 * low)  # a channel that every model fits: its bars stay as short as they are
     axes.set_xlim(low / (high / low) ** 0.06 / 1.05, high * (high / low) ** 0.18 * 1.3)
     plain_log(axes.xaxis)
     axes.grid(visible=False, axis="y")
