@@ -27,7 +27,7 @@ from jaxmodel.model import Model
 from jaxmodel.names import with_values
 from jaxmodel.parameters import info
 from jaxmodel.ports import Effect
-from jaxmodel.simulate import Track, run_track, track
+from jaxmodel.simulate import Needed, Track, run_track, track
 
 # Where a model stands: coordinates of effects by label, and of the base model.
 Start = Mapping[str, np.ndarray]
@@ -196,10 +196,10 @@ class Problem(eqx.Module):
             model, own, course, time_s = run
             inputs = course.inputs | {name: course.inputs.get(name, 0.0) + more for name, more in lane.added.items()}
             course = dataclasses.replace(course, inputs=inputs)
-            readings = run_track(self._model_at(model, own, lane), course, time_s).readings
+            readings = run_track(self._model_at(model, own, lane), course, time_s, needed=needed).readings
             return jnp.stack([readings[name] for name in self.channels], axis=-1)
 
-        runs, count = self.times.shape[0], lanes.x.shape[0]
+        runs, count, needed = self.times.shape[0], lanes.x.shape[0], self._needed(lanes)
         of_runs = (self.models, self.unknowns.of_run, self.courses, self.times)
         of_each_run = jax.tree.map(lambda x: jnp.repeat(x, count, axis=0), of_runs)
         of_each_lane = Lane(
@@ -209,6 +209,15 @@ class Problem(eqx.Module):
         )
         found = jax.vmap(of_one)(of_each_run, of_each_lane)
         return jnp.swapaxes(found.reshape(runs, count, *found.shape[1:]), 0, 1)
+
+    def _needed(self, lanes: Lane) -> Needed:
+        on = [
+            lanes.switches[:, self.switched.index(effect.label)] if effect.label in self.switched else effect.switch
+            for effect in self.models.effects
+            if effect.has_memory
+        ]
+        memory = [jnp.asarray(True) if one is None else jnp.any(jnp.asarray(one) != 0.0) for one in on]
+        return Needed(jnp.max(self.courses.last_step) + 1, jnp.any(jnp.asarray(memory, dtype=bool)))
 
     def runs_read(self, split: str) -> np.ndarray:
         """Return the numbers of the runs with readings that fit, or check."""

@@ -27,10 +27,24 @@ class Signal(eqx.Module):
     at_rows: Array
 
 
-def distort(model: Model, readings: dict[str, Array], states: State, course: Track) -> dict[str, Array]:
-    """Pass each reading, over its rows, through the sensor effects of its column; `states` are after every step."""
+def distort(
+    model: Model, readings: dict[str, Array], states: State, course: Track, memory: Array | None = None
+) -> dict[str, Array]:
+    """Pass each reading, over its rows, through the sensor effects of its column; `states` are after every step.
+
+    Effects with a memory are skipped where no lane needs their `memory`: to look back takes as long as the run.
+    """
     sensors = tuple(effect for effect in model.effects if hasattr(effect, "reading"))
-    return _distort(sensors, model, readings, states, course) if sensors else readings
+    if not sensors:
+        return readings
+    forgetful = tuple(effect for effect in sensors if not effect.has_memory)
+    if memory is None or forgetful == sensors:
+        return _distort(sensors, model, readings, states, course)
+    return jax.lax.cond(
+        memory,
+        lambda: _distort(sensors, model, readings, states, course),
+        lambda: _distort(forgetful, model, readings, states, course),
+    )
 
 
 @eqx.filter_jit

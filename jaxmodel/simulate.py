@@ -12,10 +12,11 @@ from jaxtyping import Array
 
 from jaxmodel.declaration import Scalar
 from jaxmodel.flow import State
-from jaxmodel.kernel import as_one_kernel, holds_constants
+from jaxmodel.kernel import holds_constants
 from jaxmodel.model import Model, initial_state, read, step, valid
 from jaxmodel.ports import touches
 from jaxmodel.profile import GROWTH, GROWTH_SATURATING, Grid, Profile, Track, make_grid
+from jaxmodel.scan import states_after
 from jaxmodel.sensors import distort
 
 
@@ -37,6 +38,18 @@ class Cutoff(eqx.Module):
 
     soc: Scalar = eqx.field(default=-np.inf, converter=_as_array)
     voltage_V: Scalar = eqx.field(default=-np.inf, converter=_as_array)
+
+
+class Needed(eqx.Module):
+    """What many lanes need at most, all of them together: what none needs then takes no time.
+
+    Attributes:
+        steps: how many; those past them end no row. Derivatives of such a run are those of forward mode alone.
+        memory: whether any sensor of theirs has a memory.
+    """
+
+    steps: Array
+    memory: Array
 
 
 class Trajectory(eqx.Module):
@@ -95,18 +108,29 @@ def simulate(model: Model, profile: Profile, cutoff: Cutoff | None = None) -> Tr
     return run_track(model, track(model, profile), jnp.asarray(profile.time_s), cutoff)
 
 
-def run_track(model: Model, course: Track, time_s: Array, cutoff: Cutoff | None = None) -> Trajectory:
+def run_track(
+    model: Model, course: Track, time_s: Array, cutoff: Cutoff | None = None, needed: Needed | None = None
+) -> Trajectory:
     """Run a model over steps already laid out; pure, so that it may be vmapped and differentiated.
 
     The run and its sensors are two programs: a sensor without fault then changes no bit of the run.
+
+    Args:
+        model: of any kind; its leaves are scalars.
+        course: its steps; a multiple of `jaxmodel.scan.ROUND` of them where not all are needed.
+        time_s: (rows,) times of the readings.
+        cutoff: where the run ends, if before its last row.
+        needed: by all lanes of a batch, without lanes of its own; everything where None.
     """
-    truth, states = _run_true(model, course, time_s, cutoff, one_kernel=not holds_constants((model, course, cutoff)))
-    return eqx.tree_at(lambda t: t.readings, truth, distort(model, truth.readings, states, course))
+    one_kernel = not holds_constants((model, course, cutoff, needed))
+    truth, states = _run_true(model, course, time_s, cutoff, None if needed is None else needed.steps, one_kernel)
+    memory = None if needed is None else needed.memory
+    return eqx.tree_at(lambda t: t.readings, truth, distort(model, truth.readings, states, course, memory))
 
 
 @eqx.filter_jit
 def _run_true(
-    model: Model, course: Track, time_s: Array, cutoff: Cutoff | None, one_kernel: bool
+    model: Model, course: Track, time_s: Array, cutoff: Cutoff | None, steps: Array | None, one_kernel: bool
 ) -> tuple[Trajectory, State]:
     """Return what ideal sensors read, and the states at the start and after every step."""
     first_inputs = {name: values[0] for name, values in course.inputs.items()}
@@ -116,22 +140,26 @@ def _run_true(
     always = jnp.isfinite(time_s[0])
     start = jax.tree.map(lambda x: jnp.where(always, x, x), initial_state(model, first_inputs))
 
-    def advance_one(carry, given):
+    def advance_one(state, given):
+        return step(model, state, *given)
+
+    def advance_until_cutoff(carry, given):
         state, running = carry
         inputs, duration, ends_row = given
         state = step(model, state, inputs, jnp.where(running, duration, 0.0))
-        if cutoff is not None:
-            running &= ~(ends_row & _below(model, state, inputs, cutoff))
-        return (state, running), (state, running)
+        running &= ~(ends_row & _below(model, state, inputs, cutoff))
+        return state, running
 
-    def advance_all(begin, given):
-        return jax.lax.scan(advance_one, begin, given)[1]
-
-    # Only where a row ends: the inrush of a start pulls the voltage below any cut-off for some milliseconds.
-    ends_row = jnp.zeros(course.duration_s.shape, dtype=bool).at[course.last_step].set(True)
-    begin = (start, jnp.asarray(True))
-    given = (later_inputs, course.duration_s, ends_row)
-    states, running = as_one_kernel(advance_all, begin, given) if one_kernel else advance_all(begin, given)
+    if cutoff is None:
+        states = states_after(advance_one, start, (later_inputs, course.duration_s), steps, one_kernel)
+        running = jnp.asarray(True)
+    else:
+        # Only where a row ends: the inrush of a start pulls the voltage below any cut-off for some milliseconds.
+        ends_row = jnp.zeros(course.duration_s.shape, dtype=bool).at[course.last_step].set(True)
+        given = (later_inputs, course.duration_s, ends_row)
+        begin = (start, jnp.asarray(True))
+        states, running = states_after(advance_until_cutoff, begin, given, steps, one_kernel)
+    running = jnp.broadcast_to(running, course.duration_s.shape)
 
     def with_start(first, later):
         return jnp.concatenate([first[None], later])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -9,11 +11,13 @@ import numpy as np
 import pytest
 
 from jaxmodel import simulate as module
+from jaxmodel.effects.sensors import ClockShift, VoltageOffset
 from jaxmodel.model import Model
 from jaxmodel.names import with_values
 from jaxmodel.parameters import Parameters
 from jaxmodel.profile import Profile, constant
-from jaxmodel.simulate import Cutoff, Status, run_track, simulate, to_frame, track
+from jaxmodel.scan import ROUND
+from jaxmodel.simulate import Cutoff, Needed, Status, Trajectory, run_track, simulate, to_frame, track
 from tests.jaxmodel.runs import padded, readings, run
 
 ROBOT = Model("robot", Parameters(initial_soc=0.9))
@@ -69,6 +73,47 @@ def test_a_lane_that_is_not_a_number_spoils_no_other():
         alone = run_track(with_values(CELL, {"capacity_Ah": capacities[lane]}), course, time_s)
         for name, values in alone.readings.items():
             np.testing.assert_allclose(lanes.readings[name][lane], values, rtol=1e-14, err_msg=name)
+
+
+@pytest.mark.parametrize("watched", [False, True])
+def test_steps_that_no_lane_needs_are_left_out_and_change_nothing(watched: bool):
+    """A clock that runs early looks past the end of the run, where the last state is held."""
+    clock = ClockShift(d=-3.0, switch=jnp.asarray(1.0))
+    model = Model("cell", Parameters(initial_soc=0.9), effects=(clock,))
+    course, time_s = padded(model, constant(40.0, 1.0, current_A=2.0, ambient_degC=20.0))
+    cutoff = Cutoff(soc=0.895) if watched else None
+    currents = jnp.array([0.5, 1.0, 2.0])
+
+    def lanes(needed: Needed | None) -> Trajectory:
+        def of_one(scale):
+            inputs = course.inputs | {"current_A": scale * course.inputs["current_A"]}
+            return run_track(model, dataclasses.replace(course, inputs=inputs), time_s, cutoff, needed)
+
+        return jax.vmap(of_one)(currents)
+
+    needed = Needed(jnp.max(course.last_step) + 1, jnp.asarray(True))
+    everything = lanes(None)
+    for one, other in zip(jax.tree.leaves(everything), jax.tree.leaves(jax.jit(lanes)(needed)), strict=True):
+        np.testing.assert_allclose(other, one, rtol=1e-14)
+
+
+def test_steps_past_those_needed_are_not_taken():
+    course, time_s = padded(CELL, constant(300.0, 1.0, current_A=2.0, ambient_degC=20.0), rows=512)
+    soc = run_track(CELL, course, time_s, None, Needed(jnp.asarray(1), jnp.asarray(False))).states["soc"]
+    assert np.all(np.diff(soc[: ROUND + 1]) < 0.0)
+    np.testing.assert_array_equal(soc[ROUND:], soc[ROUND])
+
+
+def test_a_memory_that_no_lane_needs_is_left_out():
+    clock, offset = ClockShift(d=5.0, switch=jnp.asarray(1.0)), VoltageOffset(column="voltage_V", c=0.5)
+    model = Model("cell", Parameters(initial_soc=0.9), effects=(clock, offset))
+    plain = Model("cell", Parameters(initial_soc=0.9), effects=(offset,))
+    course, time_s = padded(model, constant(40.0, 1.0, current_A=2.0, ambient_degC=20.0))
+    steps = jnp.max(course.last_step) + 1
+    late, prompt = (run_track(model, course, time_s, None, Needed(steps, jnp.asarray(on))) for on in (True, False))
+    expected = run_track(plain, course, time_s).readings
+    np.testing.assert_allclose(prompt.readings["voltage_V"], expected["voltage_V"], rtol=1e-14)
+    assert float(jnp.max(jnp.abs(late.readings["voltage_V"] - expected["voltage_V"]))) > 1e-3
 
 
 @pytest.fixture
