@@ -143,17 +143,18 @@ def _run_true(
     def advance_one(state, given):
         return step(model, state, *given)
 
-    def advance_until_cutoff(carry, given):
-        state, running = carry
-        inputs, duration, ends_row = given
-        state = step(model, state, inputs, jnp.where(running, duration, 0.0))
-        running &= ~(ends_row & _below(model, state, inputs, cutoff))
-        return state, running
-
     if cutoff is None:
         states = states_after(advance_one, start, (later_inputs, course.duration_s), steps, one_kernel)
         running = jnp.asarray(True)
     else:
+
+        def advance_until_cutoff(carry, given):
+            state, running = carry
+            inputs, duration, ends_row = given
+            state = step(model, state, inputs, jnp.where(running, duration, 0.0))
+            running &= ~(ends_row & _below(model, state, inputs, cutoff))
+            return state, running
+
         # Only where a row ends: the inrush of a start pulls the voltage below any cut-off for some milliseconds.
         ends_row = jnp.zeros(course.duration_s.shape, dtype=bool).at[course.last_step].set(True)
         given = (later_inputs, course.duration_s, ends_row)
