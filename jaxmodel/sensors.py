@@ -34,17 +34,30 @@ def distort(
 
     Effects with a memory are skipped where no lane needs their `memory`: to look back takes as long as the run.
     """
-    sensors = tuple(effect for effect in model.effects if hasattr(effect, "reading"))
+    sensors = _sensors(model)
     if not sensors:
         return readings
-    forgetful = tuple(effect for effect in sensors if not effect.has_memory)
-    if memory is None or forgetful == sensors:
+    if memory is None or not any(effect.has_memory for effect in sensors):
         return _distort(sensors, model, readings, states, course)
-    return jax.lax.cond(
-        memory,
-        lambda: _distort(sensors, model, readings, states, course),
-        lambda: _distort(forgetful, model, readings, states, course),
-    )
+    return _distort_if_needed(memory, model, readings, states, course)
+
+
+def _sensors(model: Model) -> tuple[Effect, ...]:
+    return tuple(effect for effect in model.effects if hasattr(effect, "reading"))
+
+
+@eqx.filter_custom_jvp
+def _distort_if_needed(memory: Array, model: Model, *given) -> dict[str, Array]:
+    sensors = _sensors(model)
+    forgetful = tuple(effect for effect in sensors if not effect.has_memory)
+    return jax.lax.cond(memory, lambda: _distort(sensors, model, *given), lambda: _distort(forgetful, model, *given))
+
+
+@_distort_if_needed.def_jvp
+def _distort_if_needed_jvp(primals, tangents):
+    """Look back always: what is off may have a slope."""
+    (_, model, *given), (_, *along) = primals, tangents
+    return eqx.filter_jvp(lambda model, *given: _distort(_sensors(model), model, *given), (model, *given), tuple(along))
 
 
 @eqx.filter_jit
