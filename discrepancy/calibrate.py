@@ -24,7 +24,9 @@ SOLVER = eqx.tree_at(
     optx.Dogleg(rtol=1e-4, atol=1e-4),
     optx.ClassicalTrustRegion(high_cutoff=0.75),
 )
-DIFFERENCE_STEP = 1e-3
+# In a prior's standard deviations. Of five cells, motors and robots derivatives are within 2e-5 of exact tangents, and
+# a base model's scores within 2e-4; a longer step bends, a shorter one meets the rounding of kinks.
+DIFFERENCE_STEP = 1e-4
 # At a minimum the score of every unknown is zero; above this the score test of what is missing would be invalid.
 GREATEST_BASE_SCORE = 0.1
 # A further step that would gain less of chi-square (0.03 sd of whatever) is not worth its time.
@@ -121,16 +123,16 @@ def rows_at(problem: Problem, places: np.ndarray) -> np.ndarray:
 def look(problem: Problem, x: np.ndarray, moving: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Return the whitened residuals (readings,) at a place, and their derivatives (readings, unknowns).
 
-    By central differences of lanes of the forward program, not by tangents: forward mode compiles four times as long,
-    and a step of 1e-3 of a prior's standard deviation costs 1e-6 of a derivative. Unknowns that do not move, and those
-    of runs that the problem leaves out, get zeros.
+    By differences between lanes of the forward program, not by tangents: forward mode compiles four times as long. One
+    side is enough: central differences take twice as many lanes. Unknowns that do not move, and those of runs that the
+    problem leaves out, get zeros.
     """
     own = problem.moving
     moved = np.flatnonzero(own if moving is None else own & moving)
     away = DIFFERENCE_STEP * np.eye(x.size)[moved]
-    rows = rows_at(problem, np.concatenate([x[None], x + away, x - away]))
+    rows = rows_at(problem, np.concatenate([x[None], x + away]))
     jacobian = np.zeros((rows.shape[1], x.size))
-    jacobian[:, moved] = (rows[1 : 1 + moved.size] - rows[1 + moved.size :]).T / (2.0 * DIFFERENCE_STEP)
+    jacobian[:, moved] = (rows[1:] - rows[0]).T / DIFFERENCE_STEP
     return rows[0], jacobian
 
 

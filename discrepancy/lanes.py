@@ -9,7 +9,7 @@ import threading
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -33,6 +33,9 @@ _QUICKLY: dict[str, Any] = {
 # product that takes 1 ms on a machine with nothing else to do takes 200 then.
 one_thread_of_blas = threadpool_limits.wrap(limits=1, user_api="blas")
 
+_One = TypeVar("_One")
+_Made = TypeVar("_Made")
+
 _COMPILING: defaultdict[object, threading.Lock] = defaultdict(threading.Lock)
 _COMPILED: set[object] = set()
 
@@ -44,7 +47,7 @@ def predictions(problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
         problem: a case under one model.
         lanes: arrays on the host.
     """
-    blocks = problem.blocks()
+    blocks = problem.blocks
 
     def together(predicted: Sequence[Array]) -> np.ndarray:
         found = np.empty((LANES, *problem.times.shape, len(problem.channels)))
@@ -59,7 +62,7 @@ def predictions(problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
 
 def residuals(problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
     """Return the whitened residuals of all readings, measured less predicted, shape (lanes, readings)."""
-    blocks, index = problem.blocks(), np.asarray(problem.readings.index)
+    blocks, index = problem.blocks, np.asarray(problem.readings.index)
     run, row, channel = np.unravel_index(index, (*problem.times.shape, len(problem.channels)))
     places = []  # of each block: its readings, and where they are in its predictions
     for runs, part in blocks:
@@ -107,10 +110,15 @@ def _of_batches(
         stacked = jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *filled)
         return use([_predictions(part, _to_runs(stacked, runs, part)) for runs, part in blocks])[: len(batch)]
 
-    if len(lanes) <= LANES:
-        return of_batch(0)
+    return np.concatenate(at_once(of_batch, range(0, len(lanes), LANES)))
+
+
+def at_once(use: Callable[[_One], _Made], items: Sequence[_One]) -> list[_Made]:
+    """Return what is made of each item, on a thread of each core."""
+    if len(items) == 1:
+        return [use(items[0])]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return np.concatenate(list(pool.map(of_batch, range(0, len(lanes), LANES))))
+        return list(pool.map(use, items))
 
 
 def _to_runs(lanes: Lane, runs: np.ndarray, part: Problem) -> Lane:

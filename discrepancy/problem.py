@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
 
 import equinox as eqx
@@ -236,6 +237,7 @@ class Problem(eqx.Module):
         readings = part_of(self.readings, self.times.shape, len(self.channels), number, rows, split)
         return dataclasses.replace(self._of_runs(kept, rows, steps), readings=readings)
 
+    @functools.cached_property
     def blocks(self) -> list[tuple[np.ndarray, Problem]]:
         """Return the problems of a few runs at a time, as many as may calibrate, and the numbers of these runs.
 

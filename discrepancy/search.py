@@ -101,7 +101,7 @@ def _takes_both(session: Session, couple: Hypothesis) -> bool:
     """
     if len(couple.labels) < 2 or couple.log_evidence < _best(session, (0, 1)).log_evidence + SECOND_EFFECT_GAIN:
         return False
-    singles = [session.again((label,), couple) for label in couple.labels]
+    singles = session.again([(label,) for label in couple.labels], couple)
     return couple.log_evidence > max(one.log_evidence for one in singles) + SECOND_EFFECT_GAIN
 
 

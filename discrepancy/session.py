@@ -7,7 +7,6 @@ import copy
 import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from threading import Thread
 from typing import Any
 
@@ -22,7 +21,7 @@ from discrepancy.hypothesis import Hypothesis, Labels
 from discrepancy.input_noise import InputNoise
 from discrepancy.inputs import check_sign_of_current, with_like_inputs
 from discrepancy.ladder import ChannelError, Estimate, Rung
-from discrepancy.lanes import predict
+from discrepancy.lanes import at_once, predict
 from discrepancy.masking import masking_pairs
 from discrepancy.noise import NoiseModel
 from discrepancy.problem import BASE, Layout, Problem, Start, make_problem
@@ -240,11 +239,12 @@ class Session:
             followed = fit(problem, begin, range(layout.base), steps=FOLLOWING_STEPS).x
             return fit(problem, followed, own, rival=rival)
 
-        best = calibrated(tries[0])
-        for begin in tries[1:]:
-            # Another start is worth its time for the base model, and where the first one made nothing better.
+        # Another start is worth its time for the base model, and where the first one made nothing better.
+        tried = at_once(calibrated, tries[:1] if key else tries)
+        best = min(tried, key=lambda one: one.objective)
+        for begin in tries[len(tried) :]:
             ended = best.converged or (len(key) > 1 and best.idle)
-            if key and ended and best.objective < self.hypothesis().fitted.objective:
+            if ended and best.objective < self.hypothesis().fitted.objective:
                 break
             best = min(best, calibrated(begin), key=lambda one: one.objective)
         if key and best.objective > self.hypothesis().fitted.objective:
@@ -257,14 +257,18 @@ class Session:
         self._hypotheses[key] = Hypothesis(key, problem, layout, best)
         return self._hypotheses[key]
 
-    def again(self, labels: Sequence[str], rival: Hypothesis) -> Hypothesis:
-        """Return the calibrated model with effects added, begun from where a rival ended too: the better of both.
+    def again(self, sets: Sequence[Labels], rival: Hypothesis) -> list[Hypothesis]:
+        """Return calibrated models with effects added, begun from where a rival ended too: the better of both.
 
-        It ends where it never will come near the rival.
+        They end where they never will come near the rival.
         """
-        key = self.key(labels)
+        keys = [self.key(labels) for labels in sets]
+        best = {key: self._best_so_far(key) for key in keys}
+        return at_once(lambda key: self._from_rival(key, best[key], rival), keys)
+
+    def _from_rival(self, key: Labels, best: float, rival: Hypothesis) -> Hypothesis:
         start = {name: x for name, x in rival.start.items() if name in (BASE, *key)}
-        known = self.hypothesis(key, [start])
+        known = self.hypothesis(key, [start], best)
         other = fit(known.problem, known.layout.at(start), known.own, rival=rival.fitted.objective)
         if other.objective < known.fitted.objective - IDLE_GAIN:
             self._hypotheses[key] = dataclasses.replace(known, fitted=other)
@@ -278,10 +282,9 @@ class Session:
         What two must come near is the best before both: no answer depends on which of them is done first.
         """
         found: list[Hypothesis] = []
-        with ThreadPoolExecutor(2) as pool:
-            for first in range(0, len(sets), 2):
-                two = [(*one, self._best_so_far(one[0])) for one in sets[first : first + 2]]
-                found += pool.map(lambda one: self.hypothesis(*one), two)
+        for first in range(0, len(sets), 2):
+            two = [(*one, self._best_so_far(one[0])) for one in sets[first : first + 2]]
+            found += at_once(lambda one: self.hypothesis(*one), two)
         return found
 
     def _best_so_far(self, key: Labels) -> float:

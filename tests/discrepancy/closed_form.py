@@ -26,6 +26,7 @@ class ClosedForm(Problem):
     def only(self, split: str) -> Problem:
         return self
 
+    @property
     def blocks(self) -> list[tuple[np.ndarray, Problem]]:
         return [(np.zeros(1, int), self)]
 

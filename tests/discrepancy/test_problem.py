@@ -279,9 +279,7 @@ def test_a_run_that_only_judges_and_is_little_longer_shares_the_program_of_the_o
 
     case, problem, layout = of(2500)
     assert problem.shapes == ((1, 2560, 3072),)
-    assert {(part.times.shape, part.courses.duration_s.shape) for _, part in problem.blocks()} == {
-        ((1, 2560), (1, 3072))
-    }
+    assert {(part.times.shape, part.courses.duration_s.shape) for _, part in problem.blocks} == {((1, 2560), (1, 3072))}
     lane = Lane(np.random.default_rng(1).normal(size=len(layout.names)), np.zeros(0))
     together = predictions(problem, [lane])[0]
     for number, run in enumerate(case.runs):

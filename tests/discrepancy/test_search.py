@@ -66,8 +66,8 @@ class _Bench(Session):
     def hypotheses(self, sets: Sequence[tuple[Labels, Sequence[Start]]]) -> list[Hypothesis]:
         return [self.hypothesis(*one) for one in sets]
 
-    def again(self, labels: Sequence[str], rival: Hypothesis) -> _Model:
-        return self.hypothesis(labels)
+    def again(self, sets: Sequence[Labels], rival: Hypothesis) -> list[Hypothesis]:
+        return [self.hypothesis(labels) for labels in sets]
 
     def known(self) -> list[Hypothesis]:
         return list(self.models.values())

@@ -106,8 +106,8 @@ def test_a_model_is_fitted_again_from_where_another_ended(plain_session):
     poor = dataclasses.replace(found, fitted=fit(found.problem, found.fitted.x + 1.0, steps=1))
     session.__dict__.update(_hypotheses={(): poor}, _rungs={}, _screens={})
     left = session.rung("", session.hypothesis()).errors["voltage_V"].fit
-    better = session.again((), _BesideAnother(**vars(found)))
+    better = session.again([()], _BesideAnother(**vars(found)))[0]
     assert better.fitted.objective < poor.fitted.objective
     assert session.hypothesis() is better
     assert session.rung("", better).errors["voltage_V"].fit < left
-    assert session.again((), poor) is better
+    assert session.again([()], poor)[0] is better
