@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxmodel.cases import Run
+from workbench.pictures.panels import Row, legend_cm, panels
 from workbench.pictures.style import (
     BASE,
     BLACK,
@@ -19,12 +20,10 @@ from workbench.pictures.style import (
     GREY,
     LINES,
     MEASURED,
-    PAGE_CM,
     axis_label,
     column_label,
     difference_unit,
     minutes_or_seconds,
-    new_figure,
     readable,
     residual_scale,
     split_unit,
@@ -33,7 +32,9 @@ from workbench.pictures.style import (
 
 Predictions = Mapping[str, np.ndarray]
 _SIDE_BY_SIDE = 3  # channels on a page
-_LEFT_CM, _LABEL_CM = 2.0, 1.25  # of a panel: room for its labels, and from its edge to the middle of its label
+# Room left of a panel, from its edge to the bottom of its label, and below the last for times.
+_LEFT_CM, _LABEL_CM, _TIME_CM = 2.0, 1.1, 1.05
+_NOISE, _INVALID = "noise, ±2 sd", "equations out of range"
 _WHITE_EDGE: dict[str, Any] = {"markeredgecolor": "white", "markeredgewidth": 0.5}
 
 
@@ -59,52 +60,65 @@ def fit_and_residuals(
     time = (run.measured.time_s - run.measured.time_s[0]) * factor
     columns = _SIDE_BY_SIDE if len(channels) > _SIDE_BY_SIDE else len(channels)
     blocks = -(-len(channels) // columns)
-    figure = new_figure(PAGE_CM, 2.0 + (7.5 if blocks == 1 else 6.2) * blocks)
-    grid = figure.subplots(
-        2 * blocks, columns, sharex=True, squeeze=False, gridspec_kw={"height_ratios": (3, 2) * blocks}
+    invalid = np.zeros(time.size, dtype=bool) if valid is None else ~valid
+    legend = ["measured", *models, _NOISE, *([_INVALID] if invalid.any() else [])]
+    drawn = panels(
+        _pairs_of_rows(blocks, full=len(channels) == blocks * columns),
+        columns,
+        left_cm=_LEFT_CM,
+        between_cm=_LEFT_CM,
+        top_cm=0.3,
+        bottom_cm=_TIME_CM + legend_cm(legend),
     )
+    handles: dict[str, Any] = {}
     for place, channel in enumerate(channels):
         block, column = divmod(place, columns)
-        above, below = grid[2 * block : 2 * block + 2, column]
+        above, below = drawn.grid[2 * block : 2 * block + 2, column]
         measured = run.measured.outputs[channel]
         above.plot(time, measured, ".", color=MEASURED, markersize=2.5, label="measured", rasterized=True)
         for colour, (name, predictions) in zip(_model_colours(len(models)), models.items(), strict=True):
             above.plot(time, predictions[channel], color=colour, label=name)
-        above.set_ylabel(_in_two_lines(channel) if blocks > 1 else column_label(channel))
+        drawn.label_y(above, _in_two_lines(channel) if blocks > 1 else column_label(channel), _LABEL_CM)
         residuals = {name: measured - predictions[channel] for name, predictions in models.items()}
-        draw_residuals(below, time, residuals, noise_sd[channel], split_unit(channel)[1])
+        shown_unit = draw_residuals(below, time, residuals, noise_sd[channel], split_unit(channel)[1])
+        label = axis_label("residual", shown_unit)
+        drawn.label_y(below, label.replace(" ", "\n", 1) if blocks > 1 else label, _LABEL_CM)
         for axes in (above, below):
-            _shade(axes, time, np.zeros(time.size, dtype=bool) if valid is None else ~valid)
-        if blocks > 1:
-            below.set_ylabel(below.get_ylabel().replace(" ", "\n", 1))
+            _shade(axes, time, invalid)
+            for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
+                handles.setdefault(name, handle)
         if place + columns >= len(channels):
             below.set_xlabel(f"time [{unit}]")
             below.tick_params(labelbottom=True)
-    for axes in grid[-2:, len(channels) - (blocks - 1) * columns :].flat:
+    for axes in drawn.grid[-2:, len(channels) - (blocks - 1) * columns :].flat:
         axes.set_visible(False)
-    figure.align_ylabels()
-    legend = dict(zip(*reversed(grid[0, 0].get_legend_handles_labels()), strict=True))
-    legend |= dict(zip(*reversed(grid[1, 0].get_legend_handles_labels()), strict=True))
-    figure.legend(
-        legend.values(), legend.keys(), loc="outside lower center", ncols=_legend_columns(legend), markerscale=2
-    )
-    return figure
+    drawn.legend([handles[name] for name in legend], legend, markerscale=2.0)
+    return drawn.figure
+
+
+def _pairs_of_rows(blocks: int, full: bool) -> list[Row]:
+    """Return rows of readings, with their residuals below; where a block is not full, times stand above its gap too."""
+    above, below = (4.4, 2.9) if blocks == 1 else (3.2, 2.1)
+    rows = [Row(above), Row(below, 0.55)] * blocks
+    if not full:
+        rows[-3] = Row(below, 0.3 + _TIME_CM)
+    return rows
 
 
 def _in_two_lines(column: str) -> str:
     return column_label(column).replace(" [", "\n[")
 
 
-def draw_residuals(axes: Axes, x: np.ndarray, residuals: Mapping[str, np.ndarray], noise_sd: float, unit: str) -> None:
-    """Draw residuals of some models over x, with the band in which noise alone would leave them."""
+def draw_residuals(axes: Axes, x: np.ndarray, residuals: Mapping[str, np.ndarray], noise_sd: float, unit: str) -> str:
+    """Draw residuals of some models over x, with the band in which noise alone would leave them; return the unit."""
     everything = np.concatenate(list(residuals.values()))
     scale, shown_unit = readable(everything, difference_unit(unit))
-    axes.axhspan(-2 * noise_sd * scale, 2 * noise_sd * scale, color=FLOOR, alpha=0.25, lw=0, label="noise, ±2 sd")
+    axes.axhspan(-2 * noise_sd * scale, 2 * noise_sd * scale, color=FLOOR, alpha=0.25, lw=0, label=_NOISE)
     axes.axhline(0.0, color=GREY, lw=0.7)
     for colour, values in zip(_model_colours(len(residuals)), residuals.values(), strict=True):
         axes.plot(x, values * scale, ".", color=colour, markersize=2.0, rasterized=True)
     residual_scale(axes, [values * scale for values in residuals.values()], noise_sd * scale)
-    axes.set_ylabel(axis_label("residual", shown_unit))
+    return shown_unit
 
 
 def _model_colours(count: int) -> tuple[str, ...]:
@@ -126,16 +140,24 @@ def residuals_by_condition(
     """
     channels = [name for name in noise_sd if any(np.any(np.isfinite(r[name])) for r in residuals.values())]
     crowded = len(channels) > _SIDE_BY_SIDE
-    figure = new_figure(PAGE_CM, 2.0 + (3.6 if crowded else 5.2) * len(channels))
-    grid = figure.subplots(len(channels), len(conditions), sharex="col", sharey="row", squeeze=False)
+    legend = [_NOISE, *residuals]
+    drawn = panels(
+        [Row(3.4 if crowded else 4.6)] * len(channels),
+        len(conditions),
+        left_cm=_LEFT_CM + (0.5 if crowded else 0.0),
+        between_cm=0.6,
+        top_cm=0.3,
+        bottom_cm=0.4 + _TIME_CM + legend_cm(legend),
+        share_y="row",
+    )
     for row, channel in enumerate(channels):
         unit = difference_unit(split_unit(channel)[1])
         everything = np.concatenate([by_channel[channel] for by_channel in residuals.values()])
         scale, shown_unit = readable(everything, unit)
         floor = noise_sd[channel] * scale
         for column, (condition, x) in enumerate(conditions.items()):
-            axes = grid[row, column]
-            axes.axhspan(-2 * floor, 2 * floor, color=FLOOR, alpha=0.25, lw=0, label="noise, ±2 sd")
+            axes = drawn.grid[row, column]
+            axes.axhspan(-2 * floor, 2 * floor, color=FLOOR, alpha=0.25, lw=0, label=_NOISE)
             for colour, (name, by_channel) in zip(_model_colours(len(residuals)), residuals.items(), strict=True):
                 y = by_channel[channel] * scale
                 axes.plot(x, y, ".", color=colour, markersize=1.3, alpha=0.18, rasterized=True)
@@ -143,20 +165,12 @@ def residuals_by_condition(
             axes.axhline(0.0, color=GREY, lw=0.7)
             if row == len(channels) - 1:
                 axes.set_xlabel(_in_two_lines(condition))
-        residual_scale(grid[row, 0], [by_channel[channel] * scale for by_channel in residuals.values()], floor)
+        residual_scale(drawn.grid[row, 0], [by_channel[channel] * scale for by_channel in residuals.values()], floor)
         quantity = split_unit(channel)[0].replace(" ", "\n" if crowded else " ")
-        grid[row, 0].set_ylabel(
-            axis_label(f"{quantity} residual", shown_unit).replace(" [", "\n[" if crowded else " [")
-        )
-    figure.align_ylabels()
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=_legend_columns(labels))
-    return figure
-
-
-def _legend_columns(labels: Collection[str]) -> int:
-    """Return how many entries of a legend stand side by side on a page."""
-    return len(labels) if sum(len(label) + 6 for label in labels) < 90 else 2
+        label = axis_label(f"{quantity} residual", shown_unit).replace(" [", "\n[" if crowded else " [")
+        drawn.label_y(drawn.grid[row, 0], label, _LABEL_CM + (0.15 if crowded else 0.0))
+    drawn.legend(*drawn.grid[0, 0].get_legend_handles_labels())
+    return drawn.figure
 
 
 def _means(x: np.ndarray, y: np.ndarray, parts: int = 12) -> tuple[np.ndarray, np.ndarray]:
@@ -188,13 +202,13 @@ def simulation(name: str, table: pd.DataFrame, run: Run, shown_inputs: Sequence[
     time_s = table["time_s"].to_numpy()
     factor, unit = minutes_or_seconds(time_s)
     time = (time_s - time_s[0]) * factor
-    panels = [*shown_inputs, *readings]
-    columns = 2 if len(panels) > 6 else 1
-    rows = -(-len(panels) // columns)
-    grid = _stack(rows, columns)
-    figure = grid[0, 0].figure
+    shown = [*shown_inputs, *readings]
+    columns = 2 if len(shown) > 6 else 1
+    rows = -(-len(shown) // columns)
+    drawn = panels([Row(3.0)] * rows, columns, left_cm=_LEFT_CM, between_cm=_LEFT_CM, top_cm=1.0, bottom_cm=_TIME_CM)
+    grid = drawn.grid
     legend_shown = False
-    for axes, panel in zip(grid.T.flat, panels, strict=False):
+    for axes, panel in zip(grid.T.flat, shown, strict=False):
         if panel in shown_inputs:
             axes.step(time, inputs[panel], where="pre", color=BLACK, lw=1.0)
         else:
@@ -202,42 +216,20 @@ def simulation(name: str, table: pd.DataFrame, run: Run, shown_inputs: Sequence[
             measured = run.measured.outputs.get(panel)
             if measured is not None and np.any(np.isfinite(measured)):
                 axes.plot(time, measured, ".", color=MEASURED, markersize=2.5, zorder=1.5, label="measured")
-        axes.set_ylabel(_in_two_lines(panel), fontsize=8.0)
-        axes.yaxis.set_label_coords(-_LABEL_CM / _panel_width_cm(columns), 0.5)
+        axes.locator_params(nbins=5)
+        drawn.label_y(axes, _in_two_lines(panel), _LABEL_CM)
         _shade(axes, time, ~table["valid"].to_numpy(dtype=bool))
         if not legend_shown and len(axes.get_legend_handles_labels()[1]) > 1:
             axes.legend(loc="best", markerscale=3)
             legend_shown = True
-    for axes in grid.T.flat[len(panels) :]:
+    for axes in grid.T.flat[len(shown) :]:
         axes.set_visible(False)
     for column in range(columns):
-        last = grid[min(rows, len(panels) - column * rows) - 1, column]
+        last = grid[min(rows, len(shown) - column * rows) - 1, column]
         last.tick_params(labelbottom=True)
         last.set_xlabel(f"time [{unit}]")
-    figure.suptitle(f"{name}: {run.label}" if run.label else name, fontsize=10.5, x=0.01, ha="left")
-    return figure
-
-
-def _panel_width_cm(columns: int) -> float:
-    return PAGE_CM / columns - _LEFT_CM - 0.3
-
-
-def _stack(rows: int, columns: int) -> np.ndarray:
-    """Return panels above each other at places set by hand: an engine that measures every label takes twice as long."""
-    height = 2.2 + 3.1 * rows
-    figure = new_figure(PAGE_CM, height, layout="none")
-    grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
-    figure.subplots_adjust(
-        left=_LEFT_CM / PAGE_CM,
-        right=1.0 - 0.3 / PAGE_CM,
-        wspace=(_LEFT_CM + 0.3) / _panel_width_cm(columns),
-        bottom=1.2 / height,
-        top=1.0 - 1.0 / height,
-        hspace=0.12,
-    )
-    for axes in grid.flat:
-        axes.locator_params(nbins=5)
-    return grid
+    drawn.figure.suptitle(f"{name}: {run.label}" if run.label else name, fontsize=10.5, x=0.01, ha="left")
+    return drawn.figure
 
 
 def _shade(axes: Axes, time: np.ndarray, invalid: np.ndarray) -> None:
@@ -252,5 +244,5 @@ def _shade(axes: Axes, time: np.ndarray, invalid: np.ndarray) -> None:
             color=LINES[3],
             alpha=0.15,
             lw=0,
-            label="equations out of range" if first == edges[0] else None,
+            label=_INVALID if first == edges[0] else None,
         )
