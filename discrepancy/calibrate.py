@@ -212,7 +212,7 @@ class _Seen:
         rows, jacobian = np.zeros(size + 1), np.eye(size + 1, size)
         rows[:own], rows[-1] = self.along, np.sqrt(max(self.objective - self.promise, 0.0))
         jacobian[:own, :own] = self.axes
-        return Given(jnp.asarray(rows), jnp.asarray(jacobian))
+        return Given(jax.device_put(rows), jax.device_put(jacobian))
 
 
 def fit(
@@ -246,7 +246,7 @@ def fit(
         return _Seen(x, rows[counted], jacobian[counted], moving)
 
     size = -(-start.size // _SIZE) * _SIZE
-    y = jnp.asarray(np.append(start, np.zeros(size - start.size)))
+    y = jax.device_put(np.append(start, np.zeros(size - start.size)))
     state = eqx.tree_at(lambda blank: blank.y_eval, _blank(size), y)
     best, course = None, []
     for _ in range(steps):

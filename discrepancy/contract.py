@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from discrepancy.held_inputs import LONG, noisy_inputs, rows_held
@@ -100,10 +99,10 @@ def _noise_from_inputs(case: Case, catalogue: Mapping[str, type[Effect]]) -> dic
     def readings(move: Mapping[str, np.ndarray]) -> np.ndarray:
         inputs = course.inputs | {name: course.inputs[name] + more[0] for name, more in move.items()}
         moved = dataclasses.replace(course, inputs=inputs)
-        found = run_track(model, moved, jnp.asarray(profile.time_s)).readings
+        found = run_track(model, moved, jax.device_put(profile.time_s)).readings
         return np.stack([np.asarray(found[name]) for name in outputs], axis=1)[None]
 
-    courses = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], course)
+    courses = jax.tree.map(lambda leaf: np.asarray(leaf)[None], course)
     moved = MovedInputs(lambda moves: np.stack([readings(move) for move in moves]), courses, noisy)
     variance = np.mean(moved.variance()[0], axis=0)
     return {name: float(np.sqrt(one)) for name, one in zip(outputs, variance, strict=True)}
@@ -137,7 +136,8 @@ def noise_passed_on(
     answers = moved.to_slow_noise()
     real = np.flatnonzero(np.asarray(counted.fit) + np.asarray(counted.check) > 0.0)
     index = np.asarray(counted.index)
-    white = np.asarray(counted.whiten(answers.reshape(len(answers), -1)[:, index]))[:, real]
+    on_host = jax.tree.map(np.asarray, counted)
+    white = on_host.whiten(answers.reshape(len(answers), -1)[:, index])[:, real]
     slow = slow_directions(white, index[real] // int(np.prod(answers.shape[2:])))
     return found, InputNoise(variance, slow)
 

@@ -5,39 +5,28 @@ from __future__ import annotations
 import dataclasses
 import functools
 import os
-import threading
-from collections import defaultdict
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 from threadpoolctl import threadpool_limits
 
 from discrepancy.problem import Lane, Problem
+from discrepancy.programs import Programs
 from discrepancy.readings import Readings
 
 # A kernel of 16 lanes takes half as long as one of 32; of 8, more than half.
 LANES = 16
-# Of a processor's code: bit for bit what XLA makes by itself. This level is compiled in 50 to 60 % of the time, and
-# runs as fast; long vectors take 10 to 20 % off both.
-_QUICKLY: dict[str, Any] = {
-    "compiler_options": {"xla_backend_optimization_level": 1, "xla_cpu_prefer_vector_width": "512"}
-}
-
 # Batches and fits run on a thread of each core. Threads of BLAS beside them wait for a core, and for each other: a
 # product that takes 1 ms on a machine with nothing else to do takes 200 then.
 one_thread_of_blas = threadpool_limits.wrap(limits=1, user_api="blas")
 
 _One = TypeVar("_One")
 _Made = TypeVar("_Made")
-
-_COMPILING: defaultdict[object, threading.Lock] = defaultdict(threading.Lock)
-_COMPILED: set[object] = set()
 
 
 def predictions(problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
@@ -76,7 +65,7 @@ def residuals(problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
         found = np.empty((LANES, index.size))
         for (mine, there), part in zip(places, predicted, strict=True):
             found[:, mine] = np.asarray(part).reshape(LANES, -1)[:, there]
-        return np.asarray(_whitened(problem.readings, jnp.asarray(found)))
+        return np.asarray(_whitened(problem.readings, jax.device_put(found)))
 
     return _of_batches(blocks, lanes, whitened)
 
@@ -107,7 +96,7 @@ def _of_batches(
     def of_batch(first: int) -> np.ndarray:
         batch = list(lanes[first : first + LANES])
         filled = batch + [batch[-1]] * (LANES - len(batch))
-        stacked = jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *filled)
+        stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *filled)
         return use([_predictions(part, _to_runs(stacked, runs, part)) for runs, part in blocks])[: len(batch)]
 
     return np.concatenate(at_once(of_batch, range(0, len(lanes), LANES)))
@@ -130,36 +119,24 @@ def _to_runs(lanes: Lane, runs: np.ndarray, part: Problem) -> Lane:
     steps = 1 + part.courses.duration_s.shape[1]
     added = {name: _nothing(LANES, runs.size, steps) for name in part.noisy}
     added |= {name: more[:, runs, :steps] for name, more in lanes.added.items()}
-    return dataclasses.replace(lanes, added=added)
+    return jax.device_put(dataclasses.replace(lanes, added=added))
 
 
 @functools.lru_cache(maxsize=16)
 def _nothing(*shape: int) -> Array:
-    return jnp.zeros(shape)
+    return jax.device_put(np.zeros(shape))
 
 
 def _predictions(problem: Problem, lanes: Lane) -> Array:
-    """Return the predictions of one batch; the first to ask for a program compiles it while others wait."""
-    arrays, rest = eqx.partition((problem, lanes), eqx.is_array)
-    key = (jax.tree.structure(rest), tuple(jax.tree.leaves(rest)), tuple(x.shape for x in jax.tree.leaves(arrays)))
-    if key in _COMPILED:
-        return _program(problem, lanes)
-    with _COMPILING[key]:
-        found = _program(problem, lanes)
-        _COMPILED.add(key)
-    return found
+    """Return the predictions of one batch."""
+    return PROGRAMS(problem, lanes, classes=[type(problem), *map(type, problem.models.effects)])
 
 
 def _predicted(problem: Problem, lanes: Lane) -> Array:
     return problem.predictions(lanes)
 
 
-_on_a_processor: Callable[[Problem, Lane], Array] = eqx.filter_jit(_predicted, **_QUICKLY)
-_elsewhere: Callable[[Problem, Lane], Array] = eqx.filter_jit(_predicted)
-
-
-def _program(problem: Problem, lanes: Lane) -> Array:
-    return (_on_a_processor if jax.default_backend() == "cpu" else _elsewhere)(problem, lanes)
+PROGRAMS = Programs(_predicted)
 
 
 @eqx.filter_jit

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
+from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -33,6 +34,8 @@ from jaxmodel.simulate import Needed, Track, run_track, track
 # Where a model stands: coordinates of effects by label, and of the base model.
 Start = Mapping[str, np.ndarray]
 BASE = ""
+
+_OfRun = TypeVar("_OfRun")
 
 
 class Lane(eqx.Module):
@@ -96,7 +99,9 @@ class Layout:
     def of_runs(self, count: int) -> Array:
         """Return which unknowns are of which of so many runs, shape (runs, unknowns)."""
         places = list(zip(self.runs, self.fixed_in, strict=True))
-        return jnp.asarray([[(own < 0 and i not in fixed) or own == i for own, fixed in places] for i in range(count)])
+        return jax.device_put(
+            np.array([[(own < 0 and i not in fixed) or own == i for own, fixed in places] for i in range(count)])
+        )
 
     def at(self, start: Start) -> np.ndarray:
         """Return the vector of unknowns at a start, zero where it says nothing."""
@@ -282,7 +287,7 @@ class Problem(eqx.Module):
 def _part(values: Array, runs: np.ndarray, size: int | None = None) -> Array:
     """Return some runs, and the first so many columns; on the host, where each shape does not compile a program."""
     kept = np.asarray(values)[runs]
-    return jnp.asarray(kept if size is None else kept[:, :size])
+    return jax.device_put(kept if size is None else kept[:, :size])
 
 
 def _stated(models: Model, name: str) -> Array:
@@ -325,15 +330,15 @@ def make_problem(
     added = behind_switches if family else (*own, *behind_switches)
     models = [_with_effects(model, added) for model in bare]
     readings = flatten(case, noise, KINDS[case.kind].outputs, times.shape[1], input_noise)
-    if not np.any(readings.fit):
+    if not np.any(np.asarray(readings.fit)):
         raise FitError(f"{file_label(case.path)}: {_why_no_readings(case)}.")
     fit_runs = np.flatnonzero([run.split == "fit" for run in case.runs])
     parts = {
-        field: jnp.asarray([getattr(coordinate, field) for coordinate in layout.coordinates])
+        field: jax.device_put(np.array([getattr(coordinate, field) for coordinate in layout.coordinates]))
         for field in ("logarithmic", "centre", "spread", "origin", "sign")
     }
     problem = Problem(
-        models=jax.tree.map(lambda *leaves: jnp.stack(leaves), *models),
+        models=_side_by_side(models),
         courses=courses,
         times=times,
         readings=readings,
@@ -374,8 +379,14 @@ def _courses(models: list[Model], case: Case) -> tuple[Track, Array]:
     courses, times = [], []
     for model, profile in pairs:
         course = track(model, profile, steps)
-        last = course.last_step
-        filled = jnp.concatenate([last, jnp.full(rows - 1 - last.shape[0], last[-1])])
-        courses.append(eqx.tree_at(lambda c: c.last_step, course, filled))
+        last = np.asarray(course.last_step)
+        courses.append(
+            dataclasses.replace(course, last_step=jax.device_put(np.pad(last, (0, rows - 1 - last.size), mode="edge")))
+        )
         times.append(np.pad(profile.time_s, (0, rows - profile.time_s.size), mode="edge"))
-    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *courses), jnp.asarray(np.stack(times))
+    return _side_by_side(courses), jax.device_put(np.stack(times))
+
+
+def _side_by_side(of_runs: Sequence[_OfRun]) -> _OfRun:
+    """Return what is of each run in arrays of all; stacked on the host, where no shape compiles a program."""
+    return jax.device_put(jax.tree.map(lambda *leaves: np.stack(leaves), *of_runs))

@@ -7,7 +7,6 @@ from typing import TypeVar
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
@@ -122,7 +121,7 @@ def part_of(
 
 def none() -> Readings:
     """Return no readings at all."""
-    return Readings(*jnp.zeros((7, 0)), slow=jnp.zeros((0, 0)))
+    return Readings(*jax.device_put(list(np.zeros((7, 0)))), slow=jax.device_put(np.zeros((0, 0))))
 
 
 def _filled(columns: Sequence[np.ndarray | Array], slow: np.ndarray | Array) -> Readings:
@@ -130,5 +129,5 @@ def _filled(columns: Sequence[np.ndarray | Array], slow: np.ndarray | Array) -> 
     count = columns[0].size
     extra = -count % _MULTIPLE if count else _MULTIPLE
     filler = (np.zeros(extra, int), np.zeros(extra), np.ones(extra), np.zeros(extra, int), *(np.zeros(extra),) * 3)
-    filled = (jnp.asarray(np.concatenate(pair)) for pair in zip(columns, filler, strict=True))
-    return Readings(*filled, slow=jnp.asarray(np.pad(slow, ((0, extra), (0, 0)))))
+    filled = [np.concatenate(pair) for pair in zip(columns, filler, strict=True)]
+    return Readings(*map(jax.device_put, filled), slow=jax.device_put(np.pad(slow, ((0, extra), (0, 0)))))

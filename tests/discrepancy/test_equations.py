@@ -115,9 +115,9 @@ def test_laws_of_a_model_with_fewer_effects_are_asked_by_the_same_program():
     screened = session.screen(base)
     by_its_own = leftover_laws(session, base, screened)
     assert any(block.in_equation for block in leftover_laws(session, richer, session.screen(richer)))
-    compiled = len(lanes._COMPILED)
+    compiled = len(lanes.PROGRAMS.compiled)
     shared = leftover_laws(session, base, screened, richer)
-    assert len(lanes._COMPILED) == compiled
+    assert len(lanes.PROGRAMS.compiled) == compiled
     assert [(one.channel, one.variable) for one in shared] == [(one.channel, one.variable) for one in by_its_own]
     np.testing.assert_allclose([one.drop for one in shared], [one.drop for one in by_its_own], rtol=1e-4)
 
