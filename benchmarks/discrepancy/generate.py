@@ -13,6 +13,7 @@ import pandas as pd
 from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
 from tests.independent.effects import reported_inputs
+from tests.independent.forms import OTHER_FORMS
 from tests.independent.integrate import DEFAULTS, simulate
 from tests.independent.make_case import Run, write_case
 from tests.independent.profiles import make_profile
@@ -21,6 +22,10 @@ KINDS = {"cell": 0.45, "motor": 0.3, "robot": 0.25}
 CLASSES = {"null": 0.25, "single": 0.42, "double": 0.1, "sensor": 0.11, "outside": 0.12}
 # By how many sigma an effect that is there moves all readings together at least.
 LEAST_MOVE = 1.0
+# From this seed on cases are harder: effects that have another form than the catalogue's have that, noise of one sensor
+# is heavy-tailed in every other case, and in half of the clean nulls one number is far from what is stated of it.
+HARDER_FROM = 3000
+DECOY_SD = 3.0
 # Of the referee; far below any sensor.
 TOLERANCE = 1e-7
 PATTERNS = ("load steps", "varying load", "pulse train", "rests with pulses", "constant load")
@@ -77,9 +82,11 @@ class Blind:
         group: a name of CLASSES.
         effects: the hidden effects of the catalogue with their parameters.
         outside: the name of a law outside the catalogue, or "".
-        hostile: whether the noise is coloured, heavy-tailed or unstated.
+        hostile: whether the noise of one sensor is coloured and unstated.
         moves: by how many sigma each effect moves all readings together, the other numbers as they truly are; an
             Arrhenius law in runs at its reference temperature moves none.
+        heavy: the sensor with heavy-tailed noise, or "".
+        decoy: the number that is far from what is stated, or "": it looks like an effect, and is none.
     """
 
     kind: str
@@ -88,6 +95,8 @@ class Blind:
     outside: str
     hostile: bool
     moves: dict[str, float] = dataclasses.field(default_factory=dict)
+    heavy: str = ""
+    decoy: str = ""
 
     @property
     def verdict(self) -> str:
@@ -192,7 +201,26 @@ def draw(seed: int) -> Drawn:
         options = {"autocorrelation": {first: float(rng.uniform(0.3, 0.9))}, "unstated_sensors": [first]}
     if rng.uniform() < 0.5:
         options["quantisation"] = {name: 10.0 ** np.floor(np.log10(sd)) for name, sd in sensors.items()}
-    return Drawn(Blind(kind, group, effects, law, hostile), stated, true, sensors, runs, strength, options)
+    drawn = Drawn(Blind(kind, group, effects, law, hostile), stated, true, sensors, runs, strength, options)
+    return harder(drawn, np.random.default_rng([8, seed])) if seed >= HARDER_FROM else drawn
+
+
+def harder(drawn: Drawn, rng: np.random.Generator) -> Drawn:
+    """Return a case with other forms, heavy tails and decoys."""
+    blind, true, options = drawn.blind, dict(drawn.true), dict(drawn.options)
+    effects = {
+        name: {**numbers, "other": 1.0} if name in OTHER_FORMS else numbers for name, numbers in blind.effects.items()
+    }
+    heavy = str(rng.choice(list(drawn.sensors))) if rng.uniform() < 0.5 else ""
+    if heavy:
+        options["heavy_tails"] = [heavy]
+    decoy = ""
+    if blind.group == "null" and not blind.hostile and rng.uniform() < 0.5:
+        decoy = str(rng.choice(list(KNOWN_TO[blind.kind])))
+        value, sd = drawn.stated[decoy]
+        true[decoy] = value + float(rng.choice([-DECOY_SD, DECOY_SD])) * sd
+    blind = dataclasses.replace(blind, effects=effects, heavy=heavy, decoy=decoy)
+    return dataclasses.replace(drawn, blind=blind, true=true, options=options)
 
 
 def make(folder: Path, seed: int) -> Blind:

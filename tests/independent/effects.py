@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from .forms import OTHER_FORMS
+
 Effects = Mapping[str, Mapping[str, Any]]
 Columns = dict[str, np.ndarray]
 
@@ -38,6 +40,8 @@ NULL: dict[str, dict[str, float]] = {
     "onboard_temperature": {"a": 0.0},
     "temperature_lag": {"tau": math.inf, "cell": 0.0, "winding": 0.0, "case": 0.0},
 }
+for _name in OTHER_FORMS:
+    NULL[_name]["other"] = 0.0
 READING_EFFECTS = ("current_offset", "voltage_gain", "voltage_offset", "clock_shift")
 LAGGING = {
     "cell_temperature_degC": "cell",

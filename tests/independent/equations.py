@@ -2,7 +2,7 @@
 
 Plain functions of one state vector. Numbers in brackets are equation numbers of the paper. Every effect of the
 catalogue is always present, at its null value (`effects.NULL`) where nobody asked for it, so that one compiled
-right-hand side serves every case of a kind.
+right-hand side serves every case of a kind. Some can have another form than the catalogue's (`forms`).
 
 Units: SI, temperatures in degC, current positive on discharge. Inside one call `slide` is the direction in which the
 rotor moves (+1, -1) or 0 where it is stuck: within such a stretch the right-hand side is smooth.
@@ -16,6 +16,8 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+
+from .forms import either, levelling
 
 CELL_STATES = ("soc", "v_ts", "v_tl", "v_3", "hysteresis", "t_cell")
 WEAK_CELL_STATES = ("soc_weak", "v_ts_weak", "v_tl_weak")  # one cell of smaller capacity in a robot's pack
@@ -69,7 +71,15 @@ def usable_charge(temperature: jax.Array, p: Tree, e: Tree) -> jax.Array:
     """Return Q_usable in coulomb (1, 8), with its change over temperature."""
     stored_kelvin = p["storage_temperature_degC"] + ZERO_CELSIUS
     storage = 1.0 - 1.544e5 * jnp.exp(-40498.0 / (8.3143 * stored_kelvin)) * p["storage_months"]
-    return 3600.0 * p["capacity_Ah"] * storage * (1.0 + e["capacity_temperature"]["a"] * (temperature - 20.0))
+    warmer = temperature - 20.0
+    change = e["capacity_temperature"]["a"] * either(e["capacity_temperature"], warmer, levelling(warmer))
+    return 3600.0 * p["capacity_Ah"] * storage * (1.0 + change)
+
+
+def entropy_slope(soc: jax.Array, e: Tree) -> jax.Array:
+    """Return the change of one cell's open-circuit voltage with temperature, V/K."""
+    slope = e["entropic_ocv"]["dU_dT"]
+    return either(e["entropic_ocv"], slope, slope * (0.5 + 0.5 * soc))
 
 
 def cell_part(y: dict[str, jax.Array], ambient: jax.Array, p: Tree, e: Tree) -> dict[str, jax.Array]:
@@ -77,14 +87,15 @@ def cell_part(y: dict[str, jax.Array], ambient: jax.Array, p: Tree, e: Tree) -> 
     heated = e["self_heating"]["on"]
     temperature = heated * y["t_cell"] + (1.0 - heated) * ambient
     kelvin = temperature + ZERO_CELSIUS
-    arrhenius = jnp.exp(e["arrhenius_resistance"]["E_a"] / GAS_CONSTANT * (1.0 / kelvin - 1.0 / 293.15))
+    colder = either(e["arrhenius_resistance"], 1.0 / kelvin - 1.0 / 293.15, (20.0 - temperature) / 293.15**2)
+    arrhenius = jnp.exp(e["arrhenius_resistance"]["E_a"] / GAS_CONSTANT * colder)
     ageing = 0.0015 * jnp.sqrt(p["cycles"]) + e["resistance_ageing"]["c"] * p["cycles"]  # (7)
-    shift = p["ocv_offset_V"] + e["entropic_ocv"]["dU_dT"] * (temperature - 20.0)
 
     def of_cell(soc: jax.Array) -> dict[str, jax.Array]:
+        entropic = entropy_slope(soc, e) * (temperature - 20.0)
         r_ts, c_ts, r_tl, c_tl = pair_values(soc, temperature, p)
         return {
-            "v_oc": open_circuit_voltage(soc, temperature, p) + shift,
+            "v_oc": open_circuit_voltage(soc, temperature, p) + p["ocv_offset_V"] + entropic,
             "r_series": (series_resistance(soc, temperature, p) + ageing) * p["series_resistance_scale"] * arrhenius,
             "r_ts": r_ts * p["rc_resistance_scale"] * arrhenius,
             "r_tl": r_tl * p["rc_resistance_scale"] * arrhenius,
@@ -107,7 +118,9 @@ def cell_part(y: dict[str, jax.Array], ambient: jax.Array, p: Tree, e: Tree) -> 
 
 def cell_voltage(cell: dict[str, jax.Array], current: jax.Array, e: Tree) -> jax.Array:
     """Return the terminal voltage of one cell at `current`."""
-    transfer = cell["charge_transfer_volt"] * jnp.arcsinh(current / (2.0 * e["charge_transfer"]["i_0"]))
+    ratio = current / e["charge_transfer"]["i_0"]
+    tafel = jnp.sign(current) * jnp.log1p(jnp.abs(ratio))
+    transfer = cell["charge_transfer_volt"] * either(e["charge_transfer"], jnp.arcsinh(0.5 * ratio), tafel)
     return cell["v_oc"] - current * cell["r_series"] - cell["slow_drop"] - transfer
 
 
@@ -134,7 +147,9 @@ def robot_draw(
 
     def newton(_: int, current: jax.Array) -> jax.Array:
         voltage = pack_voltage(cell, current, p, e)
-        transfer_slope = cell["charge_transfer_volt"] / jnp.sqrt(4.0 * e["charge_transfer"]["i_0"] ** 2 + current**2)
+        i_0 = e["charge_transfer"]["i_0"]
+        slopes = 1.0 / jnp.sqrt(4.0 * i_0**2 + current**2), 1.0 / (i_0 + jnp.abs(current))
+        transfer_slope = cell["charge_transfer_volt"] * either(e["charge_transfer"], *slopes)
         slope = cell["r_series"] - cell["r_series_weak"] - p["n_series"] * (cell["r_series"] + transfer_slope)
         excess = current - motors - onboard * ((1.0 - share) + share * nominal / voltage)
         return current - excess / (1.0 + onboard * share * nominal / voltage**2 * slope)
@@ -152,14 +167,23 @@ def motor_part(
     winding = case + y["x_1"]
     warmer = winding - p["T_0"]
     resistance = p["R_0"] * (1.0 + p["psi_R"] * warmer)
-    k = p["k_tau"] * (1.0 + e["magnet_temperature"]["psi_k"] * warmer)
-    coulomb = p["tau_0"] * jnp.exp(-e["friction_temperature"]["b_T"] * (case - 20.0))
-    stribeck = e["stribeck_friction"]
+    magnet, thinning, stribeck, windage = (
+        e[name] for name in ("magnet_temperature", "friction_temperature", "stribeck_friction", "windage")
+    )
+    k = p["k_tau"] * (1.0 + magnet["psi_k"] * either(magnet, warmer, warmer * (1.0 + warmer / 150.0)))
+    coulomb = p["tau_0"] * jnp.exp(-thinning["b_T"] * either(thinning, case - 20.0, levelling(case - 20.0)))
+    # Of the speed's size: the offset keeps its slope finite where the rotor comes to rest.
+    size = jnp.sqrt(speed**2 + 1e-6)
+    fading = either(stribeck, jnp.exp(-((speed / stribeck["w_s"]) ** 2)), jnp.exp(-size / stribeck["w_s"]))
+    saturating = (i_a / e["saturation"]["i_s"]) ** 2
+    saturated = either(e["saturation"], 1.0 / (1.0 + saturating), 1.0 / jnp.sqrt(1.0 + 2.0 * saturating))
+    gear = e["gear_loss"]["e"]
+    gear = either(e["gear_loss"], gear, gear * ((load_torque / 0.1) ** 2 + 1e-6) ** -0.1)
     # `slide` in place of the sign of the speed keeps the equations smooth up to, and a little past, the reversal.
     friction = (
-        slide * (coulomb + stribeck["tau_s"] * jnp.exp(-((speed / stribeck["w_s"]) ** 2)))
+        slide * (coulomb + stribeck["tau_s"] * fading)
         + e["viscous_friction"]["b"] * speed
-        + e["windage"]["c"] * slide * speed**2
+        + windage["c"] * slide * either(windage, speed**2, 250.0**0.3 * size**1.7)
     )
     return {
         "winding": winding,
@@ -168,7 +192,7 @@ def motor_part(
         "inductance": p["L_a"] * (1.0 + p["psi_L"] * warmer),
         "back_emf": k * speed,
         "brush": e["brush_drop"]["V_b"] * jnp.tanh(i_a / 0.1),
-        "drive": k * i_a / (1.0 + (i_a / e["saturation"]["i_s"]) ** 2) - load_torque * (1.0 + e["gear_loss"]["e"]),
+        "drive": k * i_a * saturated - load_torque * (1.0 + gear),
         "breakaway": coulomb + stribeck["tau_s"],
         "friction": friction,
         "loss": i_a**2 * resistance + speed * friction,
@@ -223,11 +247,16 @@ def derivative(kind: str, vector: jax.Array, inputs: jax.Array, slide: jax.Array
 def _cell_rates(a: dict[str, Any], p: Tree, e: Tree) -> dict[str, jax.Array]:
     y, cell, current = a["y"], a["cell"], a["current"]
     # abs(i)^(p-1) has no derivative at rest; the floor of 1e-30 A only keeps the Jacobian finite there.
-    stress = jnp.exp((e["rate_capacity"]["p"] - 1.0) * jnp.log(jnp.maximum(jnp.abs(current), 1e-30) / p["capacity_Ah"]))
+    power, rate = e["rate_capacity"]["p"] - 1.0, jnp.maximum(jnp.abs(current), 1e-30) / p["capacity_Ah"]
+    stress = either(e["rate_capacity"], jnp.exp(power * jnp.log(rate)), 1.0 + power * (rate - 1.0))
     drained = current * stress + a["v_cell"] / e["self_discharge"]["R_self"]
-    heat = current * (cell["v_oc"] - a["v_cell"]) - current * cell["kelvin"] * e["entropic_ocv"]["dU_dT"]
-    heating = e["self_heating"]
-    turn = e["ocv_hysteresis"]["g"] / cell["charge"]
+    heat = current * (cell["v_oc"] - a["v_cell"]) - current * cell["kelvin"] * entropy_slope(y["soc"], e)
+    heating, diffusion = e["self_heating"], e["slow_diffusion"]
+    warmer = y["t_cell"] - a["ambient"]
+    lost = heating["hA"] * either(heating, warmer, warmer * (0.8 + 0.02 * jnp.abs(warmer)))
+    third = diffusion["R_3"] * either(diffusion, jnp.ones(()), 1.5 - y["soc"])
+    turn, turned = e["ocv_hysteresis"]["g"] / cell["charge"], y["hysteresis"]
+    turned = either(e["ocv_hysteresis"], turned, turned * jnp.abs(turned))
     rates = {
         f"v_{pair}": current / cell[f"c_{pair}"] - y[f"v_{pair}"] / (cell[f"r_{pair}"] * cell[f"c_{pair}"])
         for pair in ("ts", "tl", "ts_weak", "tl_weak")
@@ -235,9 +264,9 @@ def _cell_rates(a: dict[str, Any], p: Tree, e: Tree) -> dict[str, jax.Array]:
     return rates | {
         "soc": -drained / cell["charge"],
         "soc_weak": -drained / (cell["charge"] * (1.0 - e["cell_imbalance"]["d"])),
-        "v_3": (current * e["slow_diffusion"]["R_3"] - y["v_3"]) / e["slow_diffusion"]["tau_3"],
-        "hysteresis": turn * (current - jnp.abs(current) * y["hysteresis"]),
-        "t_cell": heating["on"] * (heat - heating["hA"] * (y["t_cell"] - a["ambient"])) / heating["C_th"],
+        "v_3": (current * third - y["v_3"]) / diffusion["tau_3"],
+        "hysteresis": turn * (current - jnp.abs(current) * turned),
+        "t_cell": heating["on"] * (heat - lost) / heating["C_th"],
     }
 
 

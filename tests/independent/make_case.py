@@ -61,6 +61,7 @@ def write_case(
     quantisation: Mapping[str, float] | None = None,
     autocorrelation: Mapping[str, float] | None = None,
     unstated_sensors: Collection[str] = (),
+    heavy_tails: Collection[str] = (),
     title: str = "Made measurement",
     tolerance: float = 1e-8,
 ) -> list[Columns]:
@@ -78,6 +79,7 @@ def write_case(
         quantisation: the step of each column's last digit; the rest are written to ten digits.
         autocorrelation: AR(1) coefficient of a column's noise; its sd stays that of `sensors`.
         unstated_sensors: columns whose sd the case does not tell.
+        heavy_tails: columns whose noise is Student's t with 4 degrees of freedom, of the same sd.
         title: the case's title.
         tolerance: of the integration; far below any sensor.
     """
@@ -94,7 +96,7 @@ def write_case(
         order = ["time_s", *(name for name in INPUTS if name in reported), *(n for n in columns if n not in reported)]
         text = {}
         for name in order:
-            noise = _noise(rng, len(columns[name]), sensors.get(name, 0.0), rhos.get(name, 0.0))
+            noise = _noise(rng, len(columns[name]), sensors.get(name, 0.0), rhos.get(name, 0.0), name in heavy_tails)
             text[name] = _rounded(columns[name] + noise, steps.get(name))
         pd.DataFrame(text).to_csv(folder / _file(number), index=False)
     (folder / "case.toml").write_text(_case_toml(title, kind, stated_parameters, runs, sensors, unstated_sensors))
@@ -102,9 +104,9 @@ def write_case(
     return clean
 
 
-def _noise(rng: np.random.Generator, rows: int, sd: float, rho: float) -> np.ndarray:
+def _noise(rng: np.random.Generator, rows: int, sd: float, rho: float, heavy: bool = False) -> np.ndarray:
     """Return stationary AR(1) noise of the given standard deviation; white where rho is 0."""
-    noise = rng.standard_normal(rows) * sd
+    noise = (rng.standard_t(4, rows) / np.sqrt(2.0) if heavy else rng.standard_normal(rows)) * sd
     if rho != 0.0:
         for row in range(1, rows):
             noise[row] = rho * noise[row - 1] + np.sqrt(1.0 - rho**2) * noise[row]

@@ -12,8 +12,12 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 
+from jaxmodel.declaration import describe
+from jaxmodel.effects import CATALOGUE
+
 from . import Run, make_profile, simulate, write_case
 from .equations import open_circuit_voltage, series_resistance
+from .forms import OTHER_FORMS
 from .integrate import prepare_parameters
 
 REFERENCE = Path(__file__).resolve().parents[2].parent / "shared" / "reference"
@@ -218,3 +222,21 @@ def test_coloured_noise_keeps_its_size(tmp_path: Path) -> None:
     noise = pd.read_csv(tmp_path / "run-01.csv")["voltage_V"].to_numpy() - clean["voltage_V"]
     assert np.std(noise) == pytest.approx(0.01, rel=0.1)
     assert np.corrcoef(noise[1:], noise[:-1])[0, 1] == pytest.approx(0.6, abs=0.06)
+
+
+@pytest.mark.parametrize("name", OTHER_FORMS)
+def test_other_forms_are_like_the_catalogues_and_not_the_same(name: str) -> None:
+    kind = next(kind for kind in ("cell", "motor") if kind in CATALOGUE[name].kinds)
+    profile = make_profile(kind, "varying load", 5, duration_s=240.0, step_s=3.0, ambient_degC=-5.0)
+    given = {parameter: info.typical[-1] for parameter, info in describe(CATALOGUE[name]).items() if info.typical}
+    if name == "charge_transfer":
+        given = {"i_0": 0.5}
+    forms = [{}, {name: given}, {name: given | {"other": 1.0}}]
+    read = [simulate(kind, {}, profile, effects, 0.6) for effects in forms]
+    usual, other = (
+        np.concatenate([(moved[column] - read[0][column]) / (1e-3 + np.ptp(read[0][column])) for column in read[0]])
+        for moved in read[1:]
+    )
+    cosine = usual @ other / (np.linalg.norm(usual) * np.linalg.norm(other))
+    assert 0.6 < cosine < 1.0 - 1e-6
+    assert 0.4 < np.linalg.norm(other) / np.linalg.norm(usual) < 2.5
