@@ -13,6 +13,7 @@ import os
 import pickle
 import platform
 import threading
+import zlib
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -117,7 +118,7 @@ def _read(path: Path | None, arguments: Sequence[Array]) -> tuple[_Compiled, Arr
     if path is None or not path.exists():
         return None
     try:
-        kept = pickle.loads(path.read_bytes())
+        kept = pickle.loads(zlib.decompress(path.read_bytes()))
         found = serialize_executable.deserialize_and_load(*kept, execution_devices=jax.devices()[:1])
         return found, jax.block_until_ready(found(*arguments))
     except Exception:  # cut short, or of a jaxlib that reads another form: it is made anew
@@ -128,7 +129,7 @@ def _read(path: Path | None, arguments: Sequence[Array]) -> tuple[_Compiled, Arr
 def _write(path: Path, made: jax.stages.Compiled) -> None:
     """Keep a program, whole or not at all; where it cannot be, it is made again the next time."""
     try:
-        whole = pickle.dumps(serialize_executable.serialize(made))
+        whole = zlib.compress(pickle.dumps(serialize_executable.serialize(made)), level=1)  # to a sixth, in 10 ms
         path.parent.mkdir(parents=True, exist_ok=True)
         part = path.with_suffix(f".{os.getpid()}-{threading.get_ident()}")
         part.write_bytes(whole)
