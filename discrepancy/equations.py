@@ -17,7 +17,7 @@ from discrepancy.conditions import conditions_of_rows
 from discrepancy.hypothesis import Hypothesis
 from discrepancy.input_noise import row_of_step
 from discrepancy.lanes import at, residuals
-from discrepancy.misfit import Block, Leftover, Tried, hats
+from discrepancy.misfit import Block, Leftover, Tried, hats, law_unit
 from discrepancy.problem import Problem
 from discrepancy.session import Session
 from jaxmodel.ports import PORTS, Effect
@@ -111,14 +111,10 @@ def equation_laws(session: Session, hypothesis: Hypothesis, leftover: Leftover, 
             first += len(on_steps)
             answers = -(mine - unmoved).T / (ADDED * place.size)
             if np.all(np.isfinite(answers)):
-                unit = _unit(place, multiplier)
+                unit = law_unit(place.unit, multiplier)
                 yield Tried(place.equation, multiplier, variable, answers, everywhere, knots, reaches, unit, place.port)
 
     return leftover.blocks(laws())
-
-
-def _unit(place: Place, multiplier: str) -> str:
-    return f"{place.unit} per unit of {multiplier}" if multiplier else place.unit
 
 
 def _shapes(

@@ -22,12 +22,12 @@ from discrepancy.where import (
 )
 from discrepancy.whiteness import FloorRatio, LjungBox, floor_ratio, ljung_box
 from discrepancy.whitening import block_labels
+from jaxmodel.units import unit_of
 
 # Of a channel's readings: blocks within which errors may hang together.
 _BLOCKS = 60
 # What is the same all through a run, where a bench is what it seems to be.
 _OF_A_RUN = ("cycles", "ambient_degC")
-_UNITS = {"A": "A", "V": "V", "Nm": "Nm", "degC": "degC", "s": "s"}
 # A shift of a parameter from run to run is worth a sentence where a right model would hardly want it.
 _SURE = 1e-3
 # What goes is said in percent from here on.
@@ -156,7 +156,7 @@ def failure(session: Session, hypothesis: Hypothesis) -> Failure:
         floor[name] = floor_ratio(w)
         regressors = _different(
             [
-                Regressor(condition, _unit(condition), values[mine])
+                Regressor(condition, unit_of(condition), values[mine])
                 for condition, values in given.items()
                 if condition != name and np.ptp(values[mine]) > 1e-6
             ]
@@ -264,7 +264,3 @@ def _same_order(one: np.ndarray, other: np.ndarray) -> bool:
     order = np.argsort(one)
     steps = np.diff(other[order])
     return bool(np.all(np.diff(one[order]) > 0.0) and (np.all(steps > 0.0) or np.all(steps < 0.0)))
-
-
-def _unit(name: str) -> str:
-    return _UNITS.get(name.rpartition("_")[2], "")

@@ -13,6 +13,8 @@ from collections.abc import Callable, Iterable, Mapping
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 
+from jaxmodel.units import unit_of
+
 KNOTS, EVEN_KNOTS = 9, 7
 # A direction of which the model's own unknowns imitate all but this share is theirs.
 ABSORBED = 0.03
@@ -38,7 +40,7 @@ class Block:
         knots: values of the variable.
         law: the law at the knots, in the channel's unit (per unit of the multiplier).
         drop: the same drop in chi-square over the stated noise, the unit in which fitted models are compared.
-        unit: of the law's values, where it acts in an equation; "" where it is one channel's.
+        unit: of the law's values.
         port: of the model, or its input, that the law adds to; "" where it is one channel's.
         leaves: by number of each channel that it moves, the RMS of the whitened residuals that it would leave there.
     """
@@ -231,9 +233,17 @@ def deficiency_map(
                         continue
                     shapes, knots = made
                     columns = whiten(shapes * factor[mine][:, None], mine)
-                    yield Tried(channel, multiplier, variable, columns, mine, knots, (number,))
+                    unit = law_unit(unit_of(channel), multiplier)
+                    yield Tried(channel, multiplier, variable, columns, mine, knots, (number,), unit)
 
     return leftover.blocks(laws())
+
+
+def law_unit(unit: str, multiplier: str) -> str:
+    """Return the unit of a law's values: of what it adds, for each unit of what multiplies it."""
+    if not multiplier:
+        return "K" if unit == "degC" else unit
+    return f"{unit}/{unit_of(multiplier) or f'unit of {multiplier}'}"
 
 
 def hats(values: np.ndarray, count: int = KNOTS, even: int = 2) -> tuple[np.ndarray, np.ndarray] | None:

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxmodel.errors import MeasurementError, nearest
+from jaxmodel.units import ending_of, unit_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,8 +80,6 @@ KINDS: dict[str, Kind] = {
     ),
 }
 
-# The end of a column's name, and the unit that it stands for.
-_UNITS = {"m_s2": "m/s2", "rad_s": "rad/s", "degC": "degC", "deg": "degrees", "Nm": "N m", "V": "V", "A": "A"}
 _UNITLESS = {"duty": "numbers from -1 to 1", "V_set": "V, 0 to 5", "soc": "fractions of 1"}
 
 _DUTY = (-1.0, 1.0, "write a duty of 30 percent as 0.3")
@@ -231,21 +230,18 @@ def _check_header(header: Sequence[str], kind: str, where: str) -> None:
 
 def _remedy(name: str, known: Sequence[str]) -> str:
     """Return which column was probably meant and in which unit, or the list of those there are."""
-    quantity = {column: column.removesuffix(f"_{_ending(column)}").lower() for column in known}
+    quantity = {column: _without_unit(column).lower() for column in known}
     same = [column for column in known if name.lower().startswith(quantity[column])]
     hint = f" Did you mean '{max(same, key=len)}'?" if same else nearest(name, known)
     for column in known:
         if hint == f" Did you mean '{column}'?":
-            unit = _UNITLESS.get(column) or _UNITS[_ending(column)]
+            unit = _UNITLESS.get(column) or unit_of(column)
             return f"{hint} Convert the readings to {unit} and rename the column, or remove it."
     return f" Rename it to one of {', '.join(known)}, or remove it."
 
 
-def _ending(column: str) -> str:
-    """Return the unit at the end of a column's name, or ''."""
-    if column in _UNITLESS:
-        return ""
-    return next((ending for ending in _UNITS if column.endswith(f"_{ending}")), "")
+def _without_unit(column: str) -> str:
+    return column if column in _UNITLESS else column.removesuffix(f"_{ending_of(column)}")
 
 
 def _roles(

@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 
 from jaxmodel.simulate import Status
+from jaxmodel.units import unit_of
 from sweeps.lane import Outcome
 from sweeps.manifest import manifest_of
 from sweeps.plan import Chunks
@@ -21,7 +22,6 @@ GRID, TABLE, MANIFEST = "result.zarr", "lanes.csv", "manifest.json"
 # More lines than this no spreadsheet shows; the Zarr store holds the same numbers.
 MOST_LINES = 100_000
 # The end of a column's name, and its unit; the longer endings first.
-_UNITS = {"m_s2": "m/s2", "rad_s": "rad/s", "degC": "degC", "deg": "deg", "Nm": "N m", "set": "V", "V": "V", "A": "A"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -160,8 +160,3 @@ def percentiles(dataset: xr.Dataset, percents: Sequence[float | int] = (5.0, 50.
         numbers = np.percentile(values, percents) if values.size else np.full(len(percents), np.nan)
         found[name] = ("percentile", numbers, dataset[name].attrs)
     return xr.Dataset(found, {"percentile": ("percentile", list(percents), {"units": "%"})})
-
-
-def unit_of(column: str) -> str:
-    """Return the unit that a column's name ends with, "" for a pure number."""
-    return next((unit for ending, unit in _UNITS.items() if column.endswith(f"_{ending}")), "")

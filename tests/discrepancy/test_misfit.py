@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discrepancy.misfit import FAMILYWISE, Block, Leftover, deficiency_map
+from discrepancy.misfit import FAMILYWISE, Block, Leftover, deficiency_map, law_unit
 
 ROWS = 1500
 CHANNELS = ("voltage_V", "cell_temperature_degC")
@@ -77,6 +77,14 @@ def test_a_law_on_another_channel_is_not_laid_at_the_first() -> None:
 def test_a_law_is_said_to_rise_or_fall_only_where_it_does_nothing_else(law: list[float], said: str) -> None:
     block = Block("voltage_V", "", "soc", 9.0, 3, 1e-9, np.array([0.2, 0.6, 1.0]), np.array(law), unit="Ohm")
     assert block.sentence().endswith(said)
+
+
+@pytest.mark.parametrize(
+    ("channel", "multiplier", "unit"),
+    [("V", "current_A", "V/A"), ("degC", "", "K"), ("V", "", "V"), ("A", "soc", "A/unit of soc")],
+)
+def test_a_law_has_the_unit_of_what_it_adds_for_each_unit_of_what_multiplies_it(channel, multiplier, unit) -> None:
+    assert law_unit(channel, multiplier) == unit
 
 
 def test_what_the_base_model_imitates_is_no_law() -> None:

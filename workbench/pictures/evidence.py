@@ -191,8 +191,6 @@ def law(found: Block) -> Figure:
     axes.axhline(0.0, color=GREY, lw=0.7)
     axes.plot(found.knots, found.law, "o-", color=FINAL, markersize=4.0)
     axes.set_xlabel(column_label(found.variable))
-    quantity, per = split_unit(found.multiplier)
-    of_channel = split_unit(found.channel)[1] + (f" per {per or f'unit of {quantity}'}" if found.multiplier else "")
-    axes.set_ylabel(axis_label("what is missing", found.unit or of_channel))
+    axes.set_ylabel(axis_label("what is missing", found.unit))
     axes.set_title("\n".join(textwrap.wrap(f"What is missing from {split_unit(found.channel)[0]}", 90)))
     return figure
