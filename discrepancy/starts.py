@@ -20,6 +20,8 @@ _FAINT = 3.0
 # first.
 _PLACES = 65
 _CLOSER = (0.1, 0.1)
+# Steps along the amplitude alone from the best place of a look: within a row a delay is felt in straight lines.
+_ALONG = 5
 
 
 def likeliest_of_some(problem: Problem, unknowns: int) -> np.ndarray:
@@ -59,7 +61,8 @@ def over_the_ridges(
     """Look along an amplitude with many local optima for a place better than the fit's, and fit again from there.
 
     Far along it the other numbers are looked at where the fit has them, within their range, and at its ends: a fit that
-    settled between the wrong ridges has settled them wrongly too.
+    settled between the wrong ridges has settled them wrongly too. At the ends the valley may be narrower than from
+    place to place: where no place is better, the best is followed down along the amplitude.
 
     Args:
         problem: the case under a model with the effect.
@@ -82,14 +85,24 @@ def over_the_ridges(
         looks[:, amplitude] += np.tile(along, len(others))
         looks[:, shapes] = np.repeat(others, _PLACES, axis=0)
         values = objectives(problem, looks)
-        if np.min(values) < found.objective - 1.0:
-            best = looks[np.argmin(values)]
+        best, least = looks[np.argmin(values)], float(np.min(values))
+        if least >= found.objective - 1.0 and len(others) > 1:
+            led = _down_the_valleys(problem, looks[_PLACES:], values[_PLACES:], amplitude, rival)
+            best, least = led.x, led.objective
+        if least < found.objective - 1.0:
             if shapes:  # held at first: from ridge to ridge they make up for an amplitude a little off
                 best = fit(problem, best, [number for number in own if number not in shapes], rival=rival).x
             led = fit(problem, best, own, rival=rival)
             found = min(found, led, key=lambda one: one.objective)
         others = [within(found.x)]
     return found
+
+
+def _down_the_valleys(problem: Problem, looks: np.ndarray, values: np.ndarray, amplitude: int, rival: float) -> Fit:
+    """Return the best of the fits of the amplitude alone, one from the best place of each row of looks."""
+    begins = [first + np.argmin(values[first : first + _PLACES]) for first in range(0, values.size, _PLACES)]
+    fits = [fit(problem, looks[begin], [amplitude], rival=rival, steps=_ALONG) for begin in begins]
+    return min(fits, key=lambda one: one.objective)
 
 
 def faintest(candidate: Candidate) -> np.ndarray:

@@ -38,6 +38,26 @@ def test_a_fit_between_the_wrong_ridges_is_led_over_them(tmp_path):
     assert abs(delay.number(led.x[places[0]]) - DELAY_S) < 3.0 * delay.slope(0.0) * led.sd[places[0]]
 
 
+def test_a_valley_narrower_than_from_look_to_look_is_found(tmp_path):
+    """A sharp sensor: with straight lines between rows only delays within some milliseconds are better than none."""
+    sharp, delay_s = {"sensors": {"voltage_V": 2e-5}}, 14.9497
+    session = with_candidates(made_cell(tmp_path, {"clock_shift": {"d": delay_s}}, **sharp).case, "clock_shift")
+    candidate = session.candidates["clock_shift"]
+    problem, layout = session.problem_of(("clock_shift",))
+    delay, resampled = candidate.coordinates
+    begin = {BASE: np.zeros(layout.base), "clock_shift": np.array([delay.at(15.09), resampled.at(0.0)])}
+    stuck = fit(problem, layout.at(begin))
+    places, own = layout.of_effect["clock_shift"], layout.own(("clock_shift",))
+    looks = np.repeat(stuck.x[None], 2, axis=0)
+    looks[:, places[1]] = resampled.at(1.0)
+    looks[:, places[0]] = delay.at(delay_s) + candidate.reach / 64 * np.array([1.0, -1.0])
+    assert np.all(starts.objectives(problem, looks) > stuck.objective), "looks are to see no better place"
+
+    led = over_the_ridges(problem, candidate, places, own, stuck)
+    assert led.chi2 < 0.1 * stuck.chi2
+    assert abs(delay.number(led.x[places[0]]) - delay_s) < 0.01
+
+
 def test_how_a_logger_reads_is_looked_at_within_its_range_and_held_while_its_clock_is_set(tmp_path, monkeypatch):
     """A logger that goes five times beyond straight lines makes up for any delay, and leaves a fit in a long valley."""
     session = with_candidates(made_cell(tmp_path, {"clock_shift": {"d": DELAY_S}}).case, "clock_shift")
