@@ -7,6 +7,7 @@ neither explains is found by the deficiency map and called unknown.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -25,7 +26,7 @@ from discrepancy.remarks import far_on_check_runs, remarks, what_is_explained, w
 from discrepancy.result import Diagnosis, NamedEffect, ScoreEntry
 from discrepancy.score import sight
 from discrepancy.screen import Screen
-from discrepancy.search import Progress, by_strength, tell
+from discrepancy.search import THIRD_SHARE, Progress, by_strength, tell
 from discrepancy.session import Session
 from jaxmodel.cases import Case
 from jaxmodel.errors import EffectError
@@ -138,6 +139,11 @@ def diagnose(
     if scatter or found.far:
         verdict, weighed = "unknown_effect", _with_something_else(weighed)
 
+    if unexplained is not None and len(beside) > 1 and not found.far and not wanted:
+        found = _without_small_additions(found)
+        best, beside = found.best, found.best.labels
+        left[beside] = found.laws
+        unexplained = next((block for block in left[beside] if block.significant), unexplained)
     named = () if verdict == "unknown_effect" and not beside and not wanted else _named(found, weighed, verdict, wanted)
     ladder = [session.rung("nominal", None), session.rung("calibrated", base)]
     for count in range(1, len(named) + 1):
@@ -245,13 +251,33 @@ def _explained(session: Session, best: Hypothesis) -> float:
 
     The mean over the channels in which the base model fails, so that no unit outweighs another.
     """
-    before, after = session.rung("", session.hypothesis()).errors, session.rung("", best).errors
+    shares = _shares_left(session, best)
+    return 1.0 - float(np.mean(shares)) if shares.size else 0.0
+
+
+def _shares_left(session: Session, model: Hypothesis) -> np.ndarray:
+    """Return the share of the base model's excess error that a model leaves in each channel in which that fails."""
+    before, after = session.rung("", session.hypothesis()).errors, session.rung("", model).errors
     shares = []
-    for name, model in session.noise.items():
-        excess = before[name].fit ** 2 - model.sd**2
-        if excess > 0.1 * model.sd**2:
-            shares.append(1.0 - max(0.0, after[name].fit ** 2 - model.sd**2) / excess)
-    return float(np.mean(shares)) if shares else 0.0
+    for name, noise in session.noise.items():
+        excess = before[name].fit ** 2 - noise.sd**2
+        if excess > 0.1 * noise.sd**2:
+            shares.append(max(0.0, after[name].fit ** 2 - noise.sd**2) / excess)
+    return np.array(shares)
+
+
+def _without_small_additions(found: BestModel) -> BestModel:
+    """Return the best model without the effects that explain little beside the stronger ones, where a law is left.
+
+    They make up for that law, as an effect of a form other than the catalogue's needs one: with them it is a patchwork.
+    """
+    session, kept = found.session, []
+    shares = _shares_left(session, session.hypothesis())
+    for label in by_strength(session, found.best):
+        then = _shares_left(session, session.hypothesis([*kept, label]))
+        if not kept or np.max(shares - then, initial=0.0) >= THIRD_SHARE:
+            kept, shares = [*kept, label], then
+    return dataclasses.replace(found, best=session.hypothesis(kept))
 
 
 def _named(

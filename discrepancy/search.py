@@ -30,7 +30,7 @@ SECOND_EFFECT_GAIN = 5.0
 # Scores beside an effect that by itself leaves so many times what the best one leaves are those of a model far off.
 HOPELESS_ALONE = 10.0
 # A third effect is sought only where no two come near the noise, and must take this share of what the base model leaves
-# (assumed): many small additions are a patchwork.
+# (assumed): many small additions are a patchwork. So must a second one beside a law that is in no catalogue.
 THIRD_SHARE = 0.05
 
 
