@@ -77,6 +77,7 @@ def test_each_rate_counts_its_own_cases():
         "doubles both above 4 sigma: exactly right": "1 of 1",
         "outside the catalogue recognised": "2 of 2",
         "outside the catalogue: in the right equation": "1 of 2",
+        "all that is hidden named": "2 of 5",
         "known effects called unknown": "1 of 5",
         "physics called a sensor's fault": "0 of 4",
         "a sensor's fault called physics": "1 of 1",

@@ -152,6 +152,7 @@ def metrics(cases: Sequence[Judged]) -> dict[str, Rate | float]:
         f"doubles both above {CLEAR:g} sigma: exactly right": rate(c.right for c in doubles if c.sigma >= CLEAR),
         "outside the catalogue recognised": rate(c.said["verdict"] == "unknown_effect" for c in outside),
         "outside the catalogue: in the right equation": rate(c.right_equation for c in outside),
+        "all that is hidden named": rate(set(c.blind.effects) <= set(c.named) for c in catalogued),
         "known effects called unknown": rate(c.said["verdict"] == "unknown_effect" for c in catalogued),
         "physics called a sensor's fault": rate(c.said["verdict"] == "sensor_fault" for c in physics),
         "a sensor's fault called physics": rate(c.said["verdict"] == "missing_effect" for c in sensors),

@@ -12,6 +12,7 @@ import numpy as np
 
 from benchmarks.discrepancy.ablations import IN_ANSWER
 from benchmarks.discrepancy.compare import OURS, markdown, rates, read_compared, read_hidden, read_lifts
+from benchmarks.discrepancy.generate import HARDER_FROM
 from benchmarks.discrepancy.judge import Judged, Rate, keep, metrics, power, read, reliability
 from benchmarks.discrepancy.pictures import power_picture, range_picture, reliability_picture
 from workbench.pictures.style import png
@@ -51,9 +52,9 @@ BASELINES = (
 def publish(folder: Path, page: Path, group: str | None = None) -> None:
     """Write the figures of sealed cases into a page, and `results.json` and pictures into a folder of the page's name.
 
-    The answers are kept in `sealed.jsonl`: so many cases take hours, and need not be diagnosed in one go. Those of
-    earlier versions, looked at since, are in `before.jsonl` and `opened.jsonl`; they stand beside, and judge no more.
-    Baselines, ablations and power are of the folder's cases that were gathered.
+    The answers are kept in `sealed.jsonl`, those of harder cases in `harder.jsonl`: so many cases take hours, and need
+    not be diagnosed in one go. Those of earlier versions, looked at since, are in `before.jsonl` and `opened.jsonl`;
+    they stand beside, and judge no more. Baselines, ablations and power are of the folder's cases that were gathered.
 
     Args:
         folder: with cases made and diagnosed.
@@ -67,10 +68,11 @@ def publish(folder: Path, page: Path, group: str | None = None) -> None:
     if group is not None:
         keep([case for case in new if case.blind.group == group], out / f"{ALONE}{group}.jsonl")
     else:
-        cases = keep(new, out / "sealed.jsonl")
+        cases = keep([case for case in new if case.number < HARDER_FROM], out / "sealed.jsonl")
+    harder = keep([case for case in new if case.number >= HARDER_FROM], out / "harder.jsonl")
     alone = {path.stem.removeprefix(ALONE): keep([], path) for path in sorted(out.glob(f"{ALONE}*.jsonl"))}
     sets = {"sealed": cases}
-    sets |= {f"{name}s alone": some for name, some in alone.items()}
+    sets |= {f"{name}s alone": some for name, some in alone.items()} | {"harder": harder}
     sets |= {"version before": before, "both": [*before, *cases], "versions before that": opened}
     tables = {
         "cases": _in_words(cases),
@@ -79,6 +81,7 @@ def publish(folder: Path, page: Path, group: str | None = None) -> None:
         "power": _table("named where hidden", power([*before, *cases])),
     }
     figures = {"sealed": _summary(cases)} | {f"{name}s alone": _summary(some) for name, some in alone.items()}
+    figures |= {"harder": _summary(harder)} if harder else {}
     (out / "reliability.png").write_bytes(png(reliability_picture([*before, *cases])))
     if group is None and (compared := read_compared(folder, new)):
         methods = rates(compared)
