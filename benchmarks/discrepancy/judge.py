@@ -18,6 +18,8 @@ from benchmarks.discrepancy.generate import ACTS_ON, Blind
 SURE = 0.95
 # Of the true effect, in sigma after projection: what the data show clearly. Not known where it was not gathered.
 CLEAR = 4.0
+# What the lines of cases that are not harder do not tell.
+_OF_HARDER = ("heavy", "decoy")
 BINS = (0.0, 0.5, 0.8, 0.95, 1.0)
 
 
@@ -222,7 +224,9 @@ def keep(cases: Sequence[Judged], file: Path) -> list[Judged]:
 
 
 def _line(case: Judged) -> str:
-    return json.dumps(dataclasses.asdict(case) | {"sigma": None if np.isnan(case.sigma) else case.sigma})
+    kept = dataclasses.asdict(case) | {"sigma": None if np.isnan(case.sigma) else case.sigma}
+    kept["blind"] = {name: value for name, value in kept["blind"].items() if value or name not in _OF_HARDER}
+    return json.dumps(kept)
 
 
 def _of_line(kept: dict[str, Any]) -> Judged:
