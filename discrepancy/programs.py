@@ -6,6 +6,7 @@ most of a second each. Here a program is told by its arguments and by the source
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import importlib.metadata
@@ -122,7 +123,8 @@ def _read(path: Path | None, arguments: Sequence[Array]) -> tuple[_Compiled, Arr
         found = serialize_executable.deserialize_and_load(*kept, execution_devices=jax.devices()[:1])
         return found, jax.block_until_ready(found(*arguments))
     except Exception:  # cut short, or of a jaxlib that reads another form: it is made anew
-        path.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # of a folder that may only be read
+            path.unlink()
         return None
 
 

@@ -21,6 +21,7 @@ from benchmarks.discrepancy.generate import make as make_case
 from benchmarks.discrepancy.judge import read, read_blind, report
 from benchmarks.discrepancy.publish import publish
 from discrepancy.diagnose import diagnose as diagnose_case
+from discrepancy.lanes import PROGRAMS
 from discrepancy.result import answer
 from jaxmodel.cases import read_case
 from workbench.compiled import keep_compiled_programs
@@ -57,7 +58,7 @@ def diagnose(folder: Folder, again: bool = False) -> None:
         began = time.perf_counter()
         said = answer(diagnose_case(read_case(path)))
         (path / "said.json").write_text(json.dumps(said | {"seconds": time.perf_counter() - began}))
-        jax.clear_caches()
+        _forget_programs()
 
 
 @app.command()
@@ -69,7 +70,13 @@ def gather(folder: Folder, again: bool = False) -> None:
         save(path, read_case(path), read_blind(path))
         for kept in ("peers.json", "says.json"):
             (path / kept).unlink(missing_ok=True)
-        jax.clear_caches()
+        _forget_programs()
+
+
+def _forget_programs() -> None:
+    """Free the memory of compiled programs: hundreds of cases have a thousand."""
+    PROGRAMS.compiled.clear()
+    jax.clear_caches()
 
 
 @app.command()
