@@ -32,9 +32,9 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         case "adequate":
             return "The calibrated base model is as good as the sensors: nothing is missing that this data could show."
         case "missing_effect":
-            return f"The base model misses {named}."
+            return f"The base model misses {named}{_of_another_form(diagnosis)}."
         case "sensor_fault":
-            return f"The physics is right, a sensor is not: {named}."
+            return f"The physics is right, a sensor is not: {named}{_of_another_form(diagnosis)}."
         case "unknown_effect":
             beside = f" beside {named}" if named else ""
             what = f": {diagnosis.unexplained.rstrip('.')}" if diagnosis.unexplained else ""
@@ -52,6 +52,11 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
                 else f"{found} cannot decide on {rivals[0]}."
             )
     return "The base model is calibrated; no effects were tried."
+
+
+def _of_another_form(diagnosis: Diagnosis) -> str:
+    left = (diagnosis.unexplained or "").rstrip(".")
+    return f", in a form that differs a little from the catalogue's: {left}" if left else ""
 
 
 def _with_probability(effect: NamedEffect) -> str:

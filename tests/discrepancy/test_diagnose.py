@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from discrepancy.best_model import BestModel
-from discrepancy.diagnose import _no_form, _verdict, diagnose
+from discrepancy.diagnose import OF_ANOTHER_FORM, _no_form, _verdict, diagnose
 from discrepancy.result import VERDICTS, Diagnosis, answer
 from discrepancy.session import Session
 from jaxmodel.build import load_effect_class
@@ -142,6 +142,17 @@ def test_the_law_found_takes_the_error_away(unknown, tmp_path):
     assert unknown.base.errors["voltage_V"].fit > 3.0 * NOISE_V
     assert second.final.errors["voltage_V"].fit < 1.15 * NOISE_V
     assert second.final.errors["voltage_V"].check < 0.5 * unknown.base.errors["voltage_V"].check
+
+
+def test_an_effect_of_another_form_is_named_and_what_its_form_lacks_is_told(tmp_path):
+    """A hysteresis that turns faster than the catalogue's takes 96 % of the excess error; a law stands out."""
+    case = made_cell(tmp_path, {"ocv_hysteresis": HIDDEN["ocv_hysteresis"] | {"other": 1.0}}).case
+    diagnosis = diagnose(case, without=all_but(case, "ocv_hysteresis", "charge_transfer", "slow_diffusion"))
+    assert (diagnosis.verdict, [effect.name for effect in diagnosis.effects]) == ("missing_effect", ["ocv_hysteresis"])
+    assert diagnosis.candidates[0] == ("ocv_hysteresis", OF_ANOTHER_FORM)
+    assert diagnosis.unexplained is not None
+    assert diagnosis.unexplained in verdict_sentence(diagnosis)
+    assert diagnosis.law_source is not None
 
 
 @pytest.fixture(scope="module")

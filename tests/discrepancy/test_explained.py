@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from discrepancy.best_model import BestModel
-from discrepancy.diagnose import _without_small_additions
+from discrepancy.explained import explains_all_but_little, without_small_additions
 from discrepancy.hypothesis import Hypothesis, Labels
 from discrepancy.ladder import ChannelError, Rung
 from discrepancy.noise import NoiseModel
@@ -55,4 +55,23 @@ class _Bench(Session):
 def test_a_second_effect_is_named_where_it_explains_much_in_a_channel(both, named):
     session = _Bench(ALONE | {"first second": both})
     best = BestModel(session, session.hypothesis(("first", "second")))
-    assert _without_small_additions(best).best.labels == named
+    assert without_small_additions(best).best.labels == named
+
+
+@pytest.mark.parametrize(
+    ("leaves", "little"),
+    [
+        ((0.4, 0.4), True),  # 2 and 4 % of the two channels' excess
+        ((0.4, 0.6), False),  # 6 % of the other's
+        ((0.0, 9.0), False),
+    ],
+)
+def test_effects_explain_all_but_little_only_where_no_channel_keeps_much(leaves, little):
+    session = _Bench({"": (20.0, 10.0), "first": leaves})
+    assert explains_all_but_little(session, session.hypothesis(("first",))) is little
+
+
+def test_nothing_explains_nothing():
+    session = _Bench({"": (0.05, 0.05), "first": (0.0, 0.0)})
+    assert not explains_all_but_little(session, session.hypothesis())
+    assert not explains_all_but_little(session, session.hypothesis(("first",)))  # no channel fails
