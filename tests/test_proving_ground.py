@@ -28,7 +28,8 @@ from tests.independent.profiles import make_profile
 
 
 def said(verdict: str, *names: str, probability: float = 0.97, sd: float = 0.1, **more: Any) -> dict[str, Any]:
-    effects = [{"name": name, "parameters": {"a": {"value": 1.0, "sd": sd}}} for name in names]
+    estimate = {"a": {"value": 1.0, "sd": sd}}
+    effects = [{"name": name, "parameters": estimate, "cannot_tell_apart_from": []} for name in names]
     candidates = [
         {"name": "+".join(names) or "base", "probability": probability},
         {"name": "windage", "probability": 0.01},
@@ -77,6 +78,9 @@ def test_each_rate_counts_its_own_cases():
         "doubles both above 4 sigma: exactly right": "1 of 1",
         "outside the catalogue recognised": "2 of 2",
         "outside the catalogue: in the right equation": "1 of 2",
+        "confusable pairs: the right one named": "0 of 0",
+        "confusable pairs: the right one not ruled out": "0 of 0",
+        "confusable pairs: its rival alone named": "0 of 0",
         "all that is hidden named": "2 of 5",
         "known effects called unknown": "1 of 5",
         "physics called a sensor's fault": "0 of 4",
@@ -85,6 +89,41 @@ def test_each_rate_counts_its_own_cases():
         "parameters in their 95 % interval": "1 of 3",
     }
     assert metrics(CASES)["check error over floor, median"] == pytest.approx(1.2)
+
+
+def test_of_two_effects_that_are_alike_the_right_one_may_stand_beside_its_rival():
+    def alike(answer: dict[str, Any]) -> Judged:
+        hidden = case("single", answer, "windage")
+        return dataclasses.replace(hidden, blind=dataclasses.replace(hidden.blind, rival="viscous_friction"))
+
+    told_apart, sure_and_wrong = said("missing_effect", "windage"), said("missing_effect", "viscous_friction")
+    both_told = said("missing_effect", "viscous_friction")
+    both_told["effects"][0]["cannot_tell_apart_from"] = ["windage"]
+    undecided = said("undecided", candidates=[{"name": "windage", "probability": 0.3}])
+    counts = metrics([alike(one) for one in (told_apart, sure_and_wrong, both_told, undecided)])
+    assert counts["confusable pairs: the right one named"] == Rate(1, 4)
+    assert counts["confusable pairs: the right one not ruled out"] == Rate(3, 4)
+    assert counts["confusable pairs: its rival alone named"] == Rate(1, 4)
+
+
+@pytest.mark.parametrize("seed", range(generate.CONFUSABLE_FROM, generate.CONFUSABLE_FROM + 6))
+def test_runs_of_confusable_pairs_are_narrow(seed: int):
+    drawn = generate.draw(seed)
+    (hidden,) = drawn.blind.effects
+    assert {hidden, drawn.blind.rival} in [set(pair) for pair in generate.CONFUSABLE[drawn.blind.kind]]
+    assert len({run.profile["ambient_degC"][0] for run in drawn.runs}) == 1
+    drive = next(name for name in ("current_A", "voltage_V", "duty") if name in drawn.runs[0].profile)
+    driven = np.concatenate([run.profile[drive][run.profile[drive] != 0.0] for run in drawn.runs])
+    assert driven.min() >= 0.79 * driven.max()
+
+
+def test_seeds_draw_what_they_drew_when_their_answers_were_kept():
+    """Else no kept answer could be made again; the seeds drawn are the first and the last of each file."""
+    for file in ("sealed.jsonl", "harder.jsonl"):
+        lines = (Path(__file__).parents[1] / "docs" / "proving_ground" / file).read_text().splitlines()
+        for line in (lines[0], lines[-1]):
+            kept = json.loads(line)
+            assert generate.draw(kept["number"]).blind.effects == kept["blind"]["effects"]
 
 
 def test_power_and_reliability_count_by_effect_and_by_probability():

@@ -26,6 +26,27 @@ LEAST_MOVE = 1.0
 # is heavy-tailed in every other case, and in half of the clean nulls one number is far from what is stated of it.
 HARDER_FROM = 3000
 DECOY_SD = 3.0
+# From this seed on one of two effects is hidden that look alike, in runs that hardly tell them apart: all at one
+# temperature, never reversed, and at nearly one load.
+CONFUSABLE_FROM = 4000
+CONFUSABLE = {
+    "cell": (
+        ("entropic_ocv", "voltage_offset"),
+        ("self_discharge", "current_offset"),
+        ("ocv_hysteresis", "charge_transfer"),
+    ),
+    "motor": (
+        ("windage", "viscous_friction"),
+        ("brush_drop", "voltage_offset"),
+        ("magnet_temperature", "friction_temperature"),
+    ),
+    "robot": (
+        ("windage", "viscous_friction"),
+        ("brush_drop", "bridge_resistance"),
+        ("ocv_hysteresis", "charge_transfer"),
+    ),
+}
+NEARLY_ONE_LOAD = 0.8
 # Of the referee; far below any sensor.
 TOLERANCE = 1e-7
 PATTERNS = ("load steps", "varying load", "pulse train", "rests with pulses", "constant load")
@@ -87,6 +108,7 @@ class Blind:
             Arrhenius law in runs at its reference temperature moves none.
         heavy: the sensor with heavy-tailed noise, or "".
         decoy: the number that is far from what is stated, or "": it looks like an effect, and is none.
+        rival: the effect that the one hidden can hardly be told from, or "".
     """
 
     kind: str
@@ -97,6 +119,7 @@ class Blind:
     moves: dict[str, float] = dataclasses.field(default_factory=dict)
     heavy: str = ""
     decoy: str = ""
+    rival: str = ""
 
     @property
     def verdict(self) -> str:
@@ -175,8 +198,12 @@ def draw(seed: int) -> Drawn:
     """Return what a seed says of a case."""
     rng = np.random.default_rng([7, seed])
     kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
-    group = str(rng.choice(list(CLASSES), p=list(CLASSES.values())))
-    effects = _effects(rng, kind, group)
+    confusable = seed >= CONFUSABLE_FROM
+    if confusable:
+        group, effects, rival = _one_of_two(rng, kind)
+    else:
+        group, rival = str(rng.choice(list(CLASSES), p=list(CLASSES.values()))), ""
+        effects = _effects(rng, kind, group)
     law = ""
     if group == "outside":
         law = str(rng.choice(list(OUTSIDE_CELL if kind == "cell" else OUTSIDE_DRIVE)))
@@ -193,7 +220,7 @@ def draw(seed: int) -> Drawn:
     sensors = {name: float(np.exp(rng.uniform(*np.log(span)))) for name, span in NOISE[kind].items()}
     if rng.uniform() < 0.5 or any(e.get("column") == TEMPERATURES[kind] for e in effects.values()):
         sensors[TEMPERATURES[kind]] = float(rng.uniform(0.05, 0.3))
-    runs = _runs(rng, kind, true, effects, law)
+    runs = _runs(rng, kind, true, effects, narrow=confusable)
     strength = float(np.exp(rng.uniform(np.log(0.5), np.log(2.0))))
     options: dict[str, Any] = {}
     if hostile:
@@ -201,8 +228,9 @@ def draw(seed: int) -> Drawn:
         options = {"autocorrelation": {first: float(rng.uniform(0.3, 0.9))}, "unstated_sensors": [first]}
     if rng.uniform() < 0.5:
         options["quantisation"] = {name: 10.0 ** np.floor(np.log10(sd)) for name, sd in sensors.items()}
-    drawn = Drawn(Blind(kind, group, effects, law, hostile), stated, true, sensors, runs, strength, options)
-    return harder(drawn, np.random.default_rng([8, seed])) if seed >= HARDER_FROM else drawn
+    blind = Blind(kind, group, effects, law, hostile, rival=rival)
+    drawn = Drawn(blind, stated, true, sensors, runs, strength, options)
+    return harder(drawn, np.random.default_rng([8, seed])) if HARDER_FROM <= seed < CONFUSABLE_FROM else drawn
 
 
 def harder(drawn: Drawn, rng: np.random.Generator) -> Drawn:
@@ -293,13 +321,14 @@ def _apply(folder: Path, kind: str, law: str, strength: float, clean: list, repo
         table.to_csv(path, index=False)
 
 
-def _runs(rng, kind: str, true: Mapping[str, float], effects: Mapping[str, Any], law: str) -> list[Run]:
-    """Draw three or four fit runs and a check run, at one to four temperatures."""
+def _runs(rng, kind: str, true: Mapping[str, float], effects: Mapping[str, Any], narrow: bool) -> list[Run]:
+    """Draw three or four fit runs and a check run, at one to four temperatures, or narrow ones, all at one."""
     count = int(rng.integers(4, 6))
     spread = rng.uniform() < 0.6
+    one_for_all = float(rng.choice([0, 40])) if narrow else 20.0
     runs = []
     for number in range(count):
-        ambient = float(rng.choice([-10, 0, 10, 25, 30, 40])) if spread else 20.0
+        ambient = float(rng.choice([-10, 0, 10, 25, 30, 40])) if spread and not narrow else one_for_all
         pattern = str(rng.choice(PATTERNS))
         drive = {"cell": 1.2 * true.get("capacity_Ah", 5.0), "motor": 14.0, "robot": 0.8}[kind]
         profile = make_profile(
@@ -311,7 +340,8 @@ def _runs(rng, kind: str, true: Mapping[str, float], effects: Mapping[str, Any],
             ambient_degC=ambient,
             largest_drive=drive,
             largest_load_Nm=0.18,
-            reversing=bool(rng.uniform() < 0.3),
+            least=NEARLY_ONE_LOAD if narrow else 0.2,
+            reversing=bool(rng.uniform() < 0.3) and not narrow,
         )
         soc = float(rng.uniform(0.75, 1.0))
         stated = (float(np.clip(soc + 0.01 * rng.standard_normal(), 0.0, 1.0)), 0.01)
@@ -320,6 +350,13 @@ def _runs(rng, kind: str, true: Mapping[str, float], effects: Mapping[str, Any],
     if "resistance_ageing" in effects:
         runs = [dataclasses.replace(r, parameters={"cycles": float(rng.choice([20, 150, 300]))}) for r in runs]
     return runs
+
+
+def _one_of_two(rng, kind: str) -> tuple[str, dict[str, dict[str, Any]], str]:
+    """Draw one of two effects that look alike: its group, it, and the other."""
+    pair = CONFUSABLE[kind][int(rng.integers(len(CONFUSABLE[kind])))]
+    name, rival = (str(each) for each in rng.permutation(pair))
+    return "sensor" if CATALOGUE[name].is_sensor else "single", {name: _amplitude(rng, kind, name)}, rival
 
 
 def _effects(rng, kind: str, group: str) -> dict[str, dict[str, Any]]:

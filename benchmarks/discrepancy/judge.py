@@ -16,10 +16,12 @@ from statsmodels.stats.proportion import proportion_confint
 from benchmarks.discrepancy.generate import ACTS_ON, Blind
 
 SURE = 0.95
+# A candidate more probable than this is told where an answer is undecided.
+LIKELY = 0.05
 # Of the true effect, in sigma after projection: what the data show clearly. Not known where it was not gathered.
 CLEAR = 4.0
-# What the lines of cases that are not harder do not tell.
-_OF_HARDER = ("heavy", "decoy")
+# What a line does not tell where it is nothing.
+_IF_ANY = ("heavy", "decoy", "rival")
 BINS = (0.0, 0.5, 0.8, 0.95, 1.0)
 
 
@@ -49,6 +51,13 @@ class Judged:
         """The effects of the likeliest hypotheses, named ones first."""
         others = [name for each in self.said["candidates"] for name in each["name"].split("+")]
         return list(dict.fromkeys([*self.named, *others]))[:3]
+
+    @property
+    def not_ruled_out(self) -> set[str]:
+        """The effects named, what they cannot be told from and, where the answer is undecided, the candidates."""
+        rivals = [rival for effect in self.said["effects"] for rival in effect["cannot_tell_apart_from"]]
+        likely = [each["name"] for each in self.said["candidates"] if each["probability"] > LIKELY]
+        return {*self.named, *rivals, *(likely if self.said["verdict"] == "undecided" else ())}
 
     @property
     def first_is_right(self) -> bool:
@@ -140,6 +149,7 @@ def metrics(cases: Sequence[Judged]) -> dict[str, Rate | float]:
     catalogued = [c for c in cases if c.blind.effects]
     physics = [c for c in cases if c.blind.group in ("single", "double")]
     outside = [c for c in cases if c.blind.outside]
+    alike = [c for c in cases if c.blind.rival]
     sure = [c for c in cases if c.probability > SURE]
     ratios = [c.after_over_floor for c in catalogued if c.right]
     return {
@@ -154,6 +164,11 @@ def metrics(cases: Sequence[Judged]) -> dict[str, Rate | float]:
         f"doubles both above {CLEAR:g} sigma: exactly right": rate(c.right for c in doubles if c.sigma >= CLEAR),
         "outside the catalogue recognised": rate(c.said["verdict"] == "unknown_effect" for c in outside),
         "outside the catalogue: in the right equation": rate(c.right_equation for c in outside),
+        "confusable pairs: the right one named": rate(set(c.named) == set(c.blind.effects) for c in alike),
+        "confusable pairs: the right one not ruled out": rate(set(c.blind.effects) <= c.not_ruled_out for c in alike),
+        "confusable pairs: its rival alone named": rate(
+            c.blind.rival in c.named and not set(c.blind.effects) <= c.not_ruled_out for c in alike
+        ),
         "all that is hidden named": rate(set(c.blind.effects) <= set(c.named) for c in catalogued),
         "known effects called unknown": rate(c.said["verdict"] == "unknown_effect" for c in catalogued),
         "physics called a sensor's fault": rate(c.said["verdict"] == "sensor_fault" for c in physics),
@@ -225,7 +240,7 @@ def keep(cases: Sequence[Judged], file: Path) -> list[Judged]:
 
 def _line(case: Judged) -> str:
     kept = dataclasses.asdict(case) | {"sigma": None if np.isnan(case.sigma) else case.sigma}
-    kept["blind"] = {name: value for name, value in kept["blind"].items() if value or name not in _OF_HARDER}
+    kept["blind"] = {name: value for name, value in kept["blind"].items() if value or name not in _IF_ANY}
     return json.dumps(kept)
 
 

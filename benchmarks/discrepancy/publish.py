@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.discrepancy.ablations import IN_ANSWER
 from benchmarks.discrepancy.compare import OURS, markdown, rates, read_compared, read_hidden, read_lifts
-from benchmarks.discrepancy.generate import HARDER_FROM
+from benchmarks.discrepancy.generate import CONFUSABLE_FROM, HARDER_FROM
 from benchmarks.discrepancy.judge import Judged, Rate, keep, metrics, power, read, reliability
 from benchmarks.discrepancy.pictures import power_picture, range_picture, reliability_picture
 from workbench.pictures.style import png
@@ -52,9 +52,10 @@ BASELINES = (
 def publish(folder: Path, page: Path, group: str | None = None) -> None:
     """Write the figures of sealed cases into a page, and `results.json` and pictures into a folder of the page's name.
 
-    The answers are kept in `sealed.jsonl`, those of harder cases in `harder.jsonl`: so many cases take hours, and need
-    not be diagnosed in one go. Those of earlier versions, looked at since, are in `before.jsonl` and `opened.jsonl`;
-    they stand beside, and judge no more. Baselines, ablations and power are of the folder's cases that were gathered.
+    The answers are kept in `sealed.jsonl`, those of harder cases in `harder.jsonl`, of confusable pairs in
+    `confusable.jsonl`: so many cases take hours, and need not be diagnosed in one go. Those of earlier versions, looked
+    at since, are in `before.jsonl` and `opened.jsonl`; they stand beside, and judge no more. Baselines, ablations and
+    power are of the folder's cases that were gathered.
 
     Args:
         folder: with cases made and diagnosed.
@@ -69,10 +70,11 @@ def publish(folder: Path, page: Path, group: str | None = None) -> None:
         keep([case for case in new if case.blind.group == group], out / f"{ALONE}{group}.jsonl")
     else:
         cases = keep([case for case in new if case.number < HARDER_FROM], out / "sealed.jsonl")
-    harder = keep([case for case in new if case.number >= HARDER_FROM], out / "harder.jsonl")
+    harder = keep([case for case in new if HARDER_FROM <= case.number < CONFUSABLE_FROM], out / "harder.jsonl")
+    alike = keep([case for case in new if case.number >= CONFUSABLE_FROM], out / "confusable.jsonl")
     alone = {path.stem.removeprefix(ALONE): keep([], path) for path in sorted(out.glob(f"{ALONE}*.jsonl"))}
     sets = {"sealed": cases}
-    sets |= {f"{name}s alone": some for name, some in alone.items()} | {"harder": harder}
+    sets |= {f"{name}s alone": some for name, some in alone.items()} | {"harder": harder, "confusable": alike}
     sets |= {"version before": before, "both": [*before, *cases], "versions before that": opened}
     tables = {
         "cases": _in_words(cases),
@@ -81,7 +83,7 @@ def publish(folder: Path, page: Path, group: str | None = None) -> None:
         "power": _table("named where hidden", power([*before, *cases])),
     }
     figures = {"sealed": _summary(cases)} | {f"{name}s alone": _summary(some) for name, some in alone.items()}
-    figures |= {"harder": _summary(harder)} if harder else {}
+    figures |= {name: _summary(sets[name]) for name in ("harder", "confusable") if sets[name]}
     (out / "reliability.png").write_bytes(png(reliability_picture([*before, *cases])))
     if group is None and (compared := read_compared(folder, new)):
         methods = rates(compared)

@@ -35,6 +35,7 @@ def make_profile(
     ambient_degC: float | np.ndarray = 20.0,
     largest_drive: float = 6.0,
     largest_load_Nm: float = 0.2,
+    least: float = 0.2,
     reversing: bool = False,
 ) -> Columns:
     """Return time_s and the inputs of `kind`, each of shape (rows,), at rest for the first half minute.
@@ -46,8 +47,9 @@ def make_profile(
         duration_s: time of the last row.
         step_s: time between rows.
         ambient_degC: one temperature, or one per row.
-        largest_drive: blocks are drawn between 0.2 and 1 of it; A, V, or a duty.
-        largest_load_Nm: load torques are drawn between 0.2 and 1 of it, against the motion.
+        largest_drive: of blocks, in A, V, or a duty.
+        largest_load_Nm: of load torques, against the motion.
+        least: blocks and load torques are drawn between this share of the largest and all of it.
         reversing: one block in four charges the cell (at half the current) or runs the motor backwards.
     """
     rng = np.random.default_rng(seed)
@@ -60,8 +62,8 @@ def make_profile(
         # A row's inputs hold over the interval that ends at it.
         block = (time_s > start) & (time_s <= end)
         gentler = 0.5 if kind == "cell" and direction < 0.0 else 1.0
-        drive[block] = largest_drive * rng.uniform(0.2, 1.0) * direction * gentler
-        load[block] = largest_load_Nm * rng.uniform(0.2, 1.0) * direction
+        drive[block] = largest_drive * rng.uniform(least, 1.0) * direction * gentler
+        load[block] = largest_load_Nm * rng.uniform(least, 1.0) * direction
         start = end + (rng.uniform(*shape.rest_s) if shape.rest_s else 0.0)
     name = {"cell": "current_A", "motor": "voltage_V", "robot": "duty"}[kind]
     columns = {"time_s": time_s, name: np.round(drive, 3)}
