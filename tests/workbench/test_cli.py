@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -62,14 +62,12 @@ class ContactResistance(Effect):
 '''
 
 
-def test_help_comes_at_once_and_gives_an_example() -> None:
-    began = time.perf_counter()
+def test_help_gives_an_example_and_loads_nothing_that_takes_long() -> None:
     result = subprocess.run(
         [sys.executable, "-m", "workbench.cli", "--help"], capture_output=True, text=True, timeout=60
     )
     assert result.returncode == 0
     assert "diagnose" in result.stdout
-    assert time.perf_counter() - began < 5.0  # a second on a quiet machine: no JAX is loaded for it
     loaded = "import sys, workbench.cli; print(*sorted(sys.modules))"
     modules = subprocess.run([sys.executable, "-c", loaded], capture_output=True, text=True, timeout=60).stdout.split()
     assert {"jax", "pandas", "matplotlib", "xarray"}.isdisjoint(modules)
@@ -293,6 +291,22 @@ def test_other_cases_go_on_where_one_fails(
     lines = [line.split() for line in result.stdout.splitlines()]
     assert any("spoilt" in line and "failed" in line for line in lines)
     assert any("small" in line and "missing_effect" in line for line in lines)
+
+
+def test_a_cache_folder_that_cannot_be_written_is_told_in_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    cache = tmp_path / "file" / "cache"
+    others = {name: value for name, value in os.environ.items() if name != "JAX_COMPILATION_CACHE_DIR"}
+    said = subprocess.run(
+        [sys.executable, "-m", "workbench.cli", "simulate", "examples/samsung_30q", "--out", str(tmp_path / "out")],
+        env=others | {"JAXMODEL_CACHE": str(cache)},
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=True,
+    )
+    (line,) = said.stderr.splitlines()
+    assert line.startswith(f"Compiled programs cannot be kept in {cache}: not a directory;")
 
 
 def test_compiled_programs_are_kept_where_the_user_says(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
