@@ -5,12 +5,15 @@ from __future__ import annotations
 UNITS = {
     "m_s2": "m/s2",
     "rad_s": "rad/s",
+    "per_s": "1/s",
     "degC": "degC",
     "deg": "deg",
     "Nm": "N m",
     "Ah": "A h",
+    "Wh": "W h",
     "V": "V",
     "A": "A",
+    "K": "K",
     "s": "s",
     "set": "V",
 }

@@ -21,13 +21,13 @@ from jaxmodel.parameters import TABLE
 from jaxmodel.presets import why_not
 from jaxmodel.profile import Profile
 from jaxmodel.simulate import Cutoff
+from jaxmodel.units import unit_of
 from sweeps.courses import check_input, course_of, input_names
 from sweeps.metrics import Metric, metrics_of, metrics_on_request
 from sweeps.study_form import StudyForm
 
 # What stands in front of an input's name, or a state's, to vary its size or where it starts.
 SCALE, INITIAL = "scale.", "initial."
-_STATE_UNITS = {"_V": "V", "_K": "K", "_A": "A", "rad_s": "rad/s", "_degC": "degC"}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -178,8 +178,8 @@ def _initial(name: str, values: list[float], model: Model, profile: Profile, whe
         raise SweepError(
             f"{where}: the model has no state '{state}'.{nearest(state, states)} It has {', '.join(states)}."
         )
-    unit = next((unit for ending, unit in _STATE_UNITS.items() if state.endswith(ending)), "")
-    info = ParameterInfo(name, unit=unit, meaning=f"{state} at the start of a run", default=float(states[state]))
+    meaning = f"{state} at the start of a run"
+    info = ParameterInfo(name, unit=unit_of(state), meaning=meaning, default=float(states[state]))
     if state == "soc":
         info = dataclasses.replace(TABLE["initial_soc"], name=name)
     for value in values:

@@ -14,6 +14,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, SymmetricalLogLocator
 
+from jaxmodel.units import ending_of, unit_of
+
 PAGE_CM = 17.0  # text width of an A4 report
 DOTS_PER_INCH = 170
 
@@ -54,19 +56,8 @@ _RC: dict[Any, Any] = {
 }
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"))
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_UNITS = {
-    "m_s2": "m/s²",
-    "rad_s": "rad/s",
-    "degC": "°C",
-    "deg": "°",
-    "Nm": "N m",
-    "V": "V",
-    "A": "A",
-    "s": "s",
-    "Ah": "A h",
-    "Wh": "W h",
-    "per_s": "1/s",
-}
+# Units as a report sets them, where that is not as a name has them.
+_TYPESET = {"m/s2": "m/s²", "degC": "°C", "deg": "°"}
 
 
 def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
@@ -97,9 +88,9 @@ def png(figure: Figure) -> bytes:
 
 def split_unit(column: str) -> tuple[str, str]:
     """Return a column's quantity in words and its unit: 'pack_voltage_V' is ('pack voltage', 'V')."""
-    for ending, unit in _UNITS.items():
-        if column.endswith(f"_{ending}") and column != "V_set":
-            return column.removesuffix(f"_{ending}").replace("_", " "), unit
+    ending, unit = ending_of(column), unit_of(column)
+    if ending and column != "V_set":
+        return column.removesuffix(f"_{ending}").replace("_", " "), _TYPESET.get(unit, unit)
     known = {"soc": ("state of charge", ""), "duty": ("duty", ""), "V_set": ("set voltage", "V")}
     return known.get(column, (column.replace("_", " "), ""))
 
