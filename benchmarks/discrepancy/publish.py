@@ -53,9 +53,9 @@ def publish(folder: Path, page: Path, group: str | None = None) -> None:
     """Write the figures of sealed cases into a page, and `results.json` and pictures into a folder of the page's name.
 
     The answers are kept in `sealed.jsonl`, those of harder cases in `harder.jsonl`, of confusable pairs in
-    `confusable.jsonl`: so many cases take hours, and need not be diagnosed in one go. Those of earlier versions, looked
-    at since, are in `before.jsonl` and `opened.jsonl`; they stand beside, and judge no more. Baselines, ablations and
-    power are of the folder's cases that were gathered.
+    `confusable.jsonl`: so many cases take hours, and need not be diagnosed in one go. Those of earlier versions are in
+    `before.jsonl`, `harder-before.jsonl` and `opened.jsonl`; they stand beside, and judge no more. Baselines, ablations
+    and power are of the folder's cases that were gathered.
 
     Args:
         folder: with cases made and diagnosed.
@@ -63,8 +63,9 @@ def publish(folder: Path, page: Path, group: str | None = None) -> None:
         group: where the folder has cases of this group alone, kept in a file of their own: they say nothing of others.
     """
     out = page.with_suffix("")
-    before, opened, cases = (keep([], out / f"{name}.jsonl") for name in ("before", "opened", "sealed"))
-    seen = {case.number for case in (*before, *opened)}
+    names = ("before", "opened", "harder-before", "sealed")
+    before, opened, harder_before, cases = (keep([], out / f"{name}.jsonl") for name in names)
+    seen = {case.number for case in (*before, *opened, *harder_before)}
     new = [case for case in read(folder) if case.number >= SEALED_FROM and case.number not in seen]
     if group is not None:
         keep([case for case in new if case.blind.group == group], out / f"{ALONE}{group}.jsonl")
@@ -76,6 +77,7 @@ def publish(folder: Path, page: Path, group: str | None = None) -> None:
     sets = {"sealed": cases}
     sets |= {f"{name}s alone": some for name, some in alone.items()} | {"harder": harder, "confusable": alike}
     sets |= {"version before": before, "both": [*before, *cases], "versions before that": opened}
+    sets |= {"harder, version before": harder_before}
     tables = {
         "cases": _in_words(cases),
         "metrics": _side_by_side({name: metrics(some) for name, some in sets.items() if some}),
