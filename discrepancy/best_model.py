@@ -6,8 +6,6 @@ import dataclasses
 import functools
 from collections.abc import Sequence
 
-import numpy as np
-
 from discrepancy.hypothesis import Hypothesis
 from discrepancy.leftover import leftover_laws
 from discrepancy.misfit import Block
@@ -108,15 +106,15 @@ def _explaining_most(session: Session, best: Hypothesis, progress: Progress | No
 
 def _far_beside_any_law(found: BestModel) -> bool:
     """Return True where the best model leaves far more than noise in a channel, and so does any law beside it."""
-    weights, noise = found.session.weights, found.session.noise
+    session = found.session
+    errors = session.rung("", found.best).errors
 
     def left(name: str) -> float:
         number = found.best.problem.channels.index(name)
-        least = min((law.leaves[number] for law in found.laws if number in law.leaves), default=np.inf)
-        return least * weights[name].sd / noise[name].sd
+        least = min((law.leaves[number] for law in found.laws if number in law.leaves), default=1.0)
+        return least * errors[name].fit / session.noise[name].sd
 
-    far = _beyond(found.session, found.best, FAR_FROM_FLOOR)
-    return any(left(name) > FAR_FROM_FLOOR for name in far)
+    return any(left(name) > FAR_FROM_FLOOR for name in session.noise)
 
 
 def _beyond(session: Session, hypothesis: Hypothesis, times: float) -> list[str]:

@@ -1,8 +1,8 @@
-"""Make cases from measurements: LFP cells, an NCA cell in the cold, a cell that warms, one that ages, a gear motor.
+"""Make cases from measurements: LFP cells, an NCA cell in the cold, cells that warm, one that ages, two sets of motors.
 
 Usage: python make_cases.py DATA_FOLDER OUT_FOLDER. DATA_FOLDER has a123_26650_plett/, panasonic_18650pf/,
-k2_lfp_26650/, dmegc_18650_electrothermal/, nasa_18650_ageing/ and gearmotor_prony_brake/, the files of the sources in
-README.md beside this script with the columns named there.
+k2_lfp_26650/, lg_mj1_18650/, dmegc_18650_electrothermal/, nasa_18650_ageing/, gearmotor_prony_brake/ and
+crazyflie21_brushed/, the files of the sources in README.md beside this script with the columns named there.
 """
 
 from __future__ import annotations
@@ -203,6 +203,25 @@ def k2(source: Path, out: Path) -> None:
     (out / "case.toml").write_text(text, encoding="utf-8", newline="\n")
 
 
+# LG INR18650 MJ1
+
+LG_RUNS: Runs = (("p28degC", 28, "fit"), ("p20degC", 20, "fit"), ("p40degC", 40, "check"))
+
+
+def lg_mj1(source: Path, out: Path) -> None:
+    """Write the case of a cell in a chamber that breathes: pulses from full at 20 and 28 degC, at 40 kept as check."""
+    folder = source / "lg_mj1_18650"
+    known = pd.read_csv(folder / "pulse_10pctSOC_p28degC.csv").drop_duplicates("time_s")
+    capacity_Ah = 3.5
+    sensors = "voltage_V = 0.001\ncurrent_A = 0.01\ncell_temperature_degC = 0.1\n"
+    text = two_pair_cell("LG INR18650 MJ1, pulses", capacity_Ah, 0.1, rested(known, capacity_Ah), known, sensors)
+    for name, ambient_degC, split in LG_RUNS:
+        rows = pd.read_csv(folder / f"pulse_10pctSOC_{name}.csv")
+        label = f"{ambient_degC} degC, pulses"
+        text += write_warm_run(out, name, rows, rows.ambient_temperature_degC, split, label)
+    (out / "case.toml").write_text(text, encoding="utf-8", newline="\n")
+
+
 # DMEGC INR18650
 
 DMEGC_RUNS = (
@@ -350,6 +369,15 @@ MOTOR_COLUMNS = ("time_s", "voltage_V", "load_torque_Nm", "ambient_degC", "curre
 HELD_S = 10.0  # how long each steady point is held: many time constants of the motor
 
 
+def write_held_points(path: Path, points: pd.DataFrame) -> None:
+    """Write steady points as a run: each held from its first row on, and read in its last."""
+    start_s = HELD_S * np.arange(len(points))
+    inputs = points[["voltage_V", "load_torque_Nm"]].assign(ambient_degC=20.0)
+    read = inputs.assign(time_s=start_s + HELD_S - 1.0, current_A=points.current_A, speed_rad_s=points.speed_rad_s)
+    rows = pd.concat([inputs.assign(time_s=start_s), read])
+    write_csv(path, {column: rows[column] for column in MOTOR_COLUMNS})
+
+
 def gear_motor(source: Path, out: Path) -> None:
     """Write the case of the gear motor: loads from the scale, two voltages kept as check."""
     points = brake_points(source / "gearmotor_prony_brake")
@@ -366,18 +394,58 @@ current_A = 0.01
 speed_rad_s = 0.3
 """
     for voltage_V, group in points.groupby("group"):
-        start_s = HELD_S * np.arange(len(group))
-        first = pd.DataFrame({"time_s": start_s, "voltage_V": voltage_V, "load_torque_Nm": group.load_torque_Nm})
-        read = group[["load_torque_Nm", "current_A", "speed_rad_s"]].assign(
-            time_s=start_s + HELD_S - 1.0, voltage_V=voltage_V
-        )
-        rows = pd.concat([first, read]).assign(ambient_degC=20.0)
         name = f"{voltage_V:g}V".replace(".", "p")
-        write_csv(
-            out / f"{name}.csv",
-            {column: rows[column] for column in MOTOR_COLUMNS},
-        )
+        write_held_points(out / f"{name}.csv", group.assign(voltage_V=voltage_V))
         text += run_entry(name, "check" if voltage_V > 10 else "fit", f"{voltage_V:g} V")
+    (out / "case.toml").write_text(text, encoding="utf-8", newline="\n")
+
+
+# Motors that turn propellers
+
+# What the flight electronics draw, and rows in which the motors still follow a new level of the duty.
+ELECTRONICS_A, FOLLOWING, FEWEST = 0.19, 4, 5
+SLOW, FAST = 0.5, 0.8  # duties between which the sweep is parted
+
+
+def propellers(source: Path, out: Path) -> None:
+    """Write the case of a drone's motors, whose propellers nobody modelled: the fastest, and the way down, are check.
+
+    Four motors share a current; each is given a quarter of it, the mean speed, and the duty's share of the voltage.
+    """
+    rows = pd.read_csv(source / "crazyflie21_brushed" / "thrust_stand_cf21_stock_prop.csv")
+    level = (rows.pwm != rows.pwm.shift()).cumsum()
+    speeds = rows[[f"motor{number}_speed_rpm" for number in range(1, 5)]]
+    rows = rows.assign(
+        voltage_V=rows.pwm * rows.deck_voltage_V,
+        current_A=(rows.current_A - ELECTRONICS_A) / 4.0,
+        speed_rad_s=speeds.mean(axis=1) * np.pi / 30.0,
+    )[rows.groupby(level).cumcount() >= FOLLOWING]
+    groups = rows.groupby(level)
+    points = groups[["pwm", "voltage_V", "current_A", "speed_rad_s"]].mean()[groups.size() >= FEWEST]
+    points = points[points.pwm > 0.15].assign(load_torque_Nm=0.0)
+    fastest = points.pwm.idxmax()
+    up, down = points.loc[:fastest], points.loc[fastest:]
+    text = """title = "Crazyflie 2.1, four motors with propellers on a thrust stand"
+kind = "motor"
+
+[parameters]
+R_0 = { value = 0.8, sd = 0.3 }
+k_tau = { value = 0.001, sd = 0.0002 }
+tau_0 = { value = 1e-4, sd = 5e-5 }
+J = 2e-7
+
+[sensors]
+current_A = 0.02
+speed_rad_s = 5.0
+"""
+    for name, split, some in (
+        ("up_slow", "fit", up[up.pwm < SLOW]),
+        ("up_middle", "fit", up[up.pwm.between(SLOW, FAST)]),
+        ("up_fast", "check", up[up.pwm > FAST]),
+        ("down", "check", down[down.pwm < FAST]),
+    ):
+        write_held_points(out / f"{name}.csv", some)
+        text += run_entry(name, split, f"duty {some.pwm.min():.2f} to {some.pwm.max():.2f}, {name.split('_')[0]}")
     (out / "case.toml").write_text(text, encoding="utf-8", newline="\n")
 
 
@@ -386,7 +454,9 @@ def main(source: Path, out: Path) -> None:
     makers = {name: partial(a123, runs=runs) for name, runs in A123_RUNS.items()}
     makers |= {name: partial(panasonic, runs=runs) for name, runs in PANASONIC_RUNS.items()}
     for name, make in (
-        makers | {"k2_lfp": k2, "dmegc_18650": dmegc, "nasa_ageing": nasa, "gear_motor": gear_motor}
+        makers
+        | {"k2_lfp": k2, "lg_mj1": lg_mj1, "dmegc_18650": dmegc, "nasa_ageing": nasa}
+        | {"gear_motor": gear_motor, "propellers": propellers}
     ).items():
         (out / name).mkdir(parents=True, exist_ok=True)
         make(source, out / name)

@@ -19,7 +19,7 @@ from tests.discrepancy.test_search import _Model
 ALONE = {"": (20.0, 10.0), "first": (2.0, 4.0), "second": (19.0, 9.0)}
 
 
-class _Bench(Session):
+class Bench(Session):
     """A session whose models leave so much more than a noise of 1, in mean squares of two channels."""
 
     def __init__(self, leaves: Mapping[str, tuple[float, float]]) -> None:
@@ -53,7 +53,7 @@ class _Bench(Session):
     ],
 )
 def test_a_second_effect_is_named_where_it_explains_much_in_a_channel(both, named):
-    session = _Bench(ALONE | {"first second": both})
+    session = Bench(ALONE | {"first second": both})
     best = BestModel(session, session.hypothesis(("first", "second")))
     assert without_small_additions(best).best.labels == named
 
@@ -67,11 +67,11 @@ def test_a_second_effect_is_named_where_it_explains_much_in_a_channel(both, name
     ],
 )
 def test_effects_explain_all_but_little_only_where_no_channel_keeps_much(leaves, little):
-    session = _Bench({"": (20.0, 10.0), "first": leaves})
+    session = Bench({"": (20.0, 10.0), "first": leaves})
     assert explains_all_but_little(session, session.hypothesis(("first",))) is little
 
 
 def test_nothing_explains_nothing():
-    session = _Bench({"": (0.05, 0.05), "first": (0.0, 0.0)})
+    session = Bench({"": (0.05, 0.05), "first": (0.0, 0.0)})
     assert not explains_all_but_little(session, session.hypothesis())
     assert not explains_all_but_little(session, session.hypothesis(("first",)))  # no channel fails
