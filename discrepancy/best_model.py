@@ -6,7 +6,10 @@ import dataclasses
 import functools
 from collections.abc import Sequence
 
+import numpy as np
+
 from discrepancy.hypothesis import Hypothesis
+from discrepancy.lanes import predict
 from discrepancy.leftover import leftover_laws
 from discrepancy.misfit import Block
 from discrepancy.search import Progress, another, search, strongest, tell
@@ -106,15 +109,34 @@ def _explaining_most(session: Session, best: Hypothesis, progress: Progress | No
 
 def _far_beside_any_law(found: BestModel) -> bool:
     """Return True where the best model leaves far more than noise in a channel, and so does any law beside it."""
-    session = found.session
-    errors = session.rung("", found.best).errors
+    weights, noise = found.session.weights, found.session.noise
+    plainer = _plain_over_whitened(found.best)
 
     def left(name: str) -> float:
         number = found.best.problem.channels.index(name)
-        least = min((law.leaves[number] for law in found.laws if number in law.leaves), default=1.0)
-        return least * errors[name].fit / session.noise[name].sd
+        least = min((law.leaves[number] for law in found.laws if number in law.leaves), default=np.inf)
+        return least * plainer[number] * weights[name].sd / noise[name].sd
 
-    return any(left(name) > FAR_FROM_FLOOR for name in session.noise)
+    far = _beyond(found.session, found.best, FAR_FROM_FLOOR)
+    return any(left(name) > FAR_FROM_FLOOR for name in far)
+
+
+def _plain_over_whitened(model: Hypothesis) -> dict[int, float]:
+    """Return how many times larger a model's errors are before they are whitened, by number of each channel read.
+
+    Of noise it is one. Coloured noise forgives slow errors, and those of a wrong model are slow: they are taken for it.
+    """
+    problem, readings = model.problem, model.problem.readings
+    index = np.asarray(readings.index)
+    predicted = predict(problem, model.fitted.x).reshape(-1)[index]
+    plain = (np.asarray(readings.value) - predicted) / np.asarray(readings.sd)
+    weight = np.asarray(readings.weight)
+    white = (plain - weight * plain[np.asarray(readings.previous)]) / np.sqrt(1.0 - weight**2)
+    channel = np.where(np.asarray(readings.fit) > 0.0, index % len(problem.channels), -1)
+    return {
+        int(one): float(np.linalg.norm(plain[channel == one]) / np.linalg.norm(white[channel == one]))
+        for one in np.unique(channel[channel >= 0])
+    }
 
 
 def _beyond(session: Session, hypothesis: Hypothesis, times: float) -> list[str]:

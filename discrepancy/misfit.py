@@ -42,7 +42,7 @@ class Block:
         drop: the same drop in chi-square over the stated noise, the unit in which fitted models are compared.
         unit: of the law's values.
         port: of the model, or its input, that the law adds to; "" where it is one channel's.
-        leaves: by number of each channel that it moves, the share of the RMS that it would leave there.
+        leaves: by number of each channel that it moves, the RMS of the whitened residuals that it would leave there.
     """
 
     channel: str
@@ -164,12 +164,9 @@ class Leftover:
             values[kept] = taken / length[kept]
             # What scatters once the law is taken off: a law that jumps with an input is no noise.
             rest = left - columns @ taken + q @ (imitated @ taken)
-            rows_of = {one: self._channel[law.rows] == one for one in law.reaches}
-            variance = _scatter(rest[rows] for rows in rows_of.values())
-            leaves = {
-                one: float(np.linalg.norm(rest[rows]) / max(float(np.linalg.norm(left[rows])), 1e-12))
-                for one, rows in rows_of.items()
-            }
+            by_channel = {one: rest[self._channel[law.rows] == one] for one in law.reaches}
+            variance = _scatter(by_channel.values())
+            leaves = {one: float(np.sqrt(np.mean(errors**2))) for one, errors in by_channel.items()}
             found.append((law, float(np.sum(along**2)), variance, int(own.sum()), values, leaves))
         blocks = [
             Block(
