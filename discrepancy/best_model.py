@@ -6,6 +6,7 @@ import dataclasses
 import functools
 from collections.abc import Sequence
 
+import jax
 import numpy as np
 
 from discrepancy.hypothesis import Hypothesis
@@ -109,6 +110,9 @@ def _explaining_most(session: Session, best: Hypothesis, progress: Progress | No
 
 def _far_beside_any_law(found: BestModel) -> bool:
     """Return True where the best model leaves far more than noise in a channel, and so does any law beside it."""
+    far = _beyond(found.session, found.best, FAR_FROM_FLOOR)
+    if not far:
+        return False
     weights, noise = found.session.weights, found.session.noise
     plainer = _plain_over_whitened(found.best)
 
@@ -117,7 +121,6 @@ def _far_beside_any_law(found: BestModel) -> bool:
         least = min((law.leaves[number] for law in found.laws if number in law.leaves), default=np.inf)
         return least * plainer[number] * weights[name].sd / noise[name].sd
 
-    far = _beyond(found.session, found.best, FAR_FROM_FLOOR)
     return any(left(name) > FAR_FROM_FLOOR for name in far)
 
 
@@ -126,13 +129,12 @@ def _plain_over_whitened(model: Hypothesis) -> dict[int, float]:
 
     Of noise it is one. Coloured noise forgives slow errors, and those of a wrong model are slow: they are taken for it.
     """
-    problem, readings = model.problem, model.problem.readings
-    index = np.asarray(readings.index)
-    predicted = predict(problem, model.fitted.x).reshape(-1)[index]
-    plain = (np.asarray(readings.value) - predicted) / np.asarray(readings.sd)
-    weight = np.asarray(readings.weight)
-    white = (plain - weight * plain[np.asarray(readings.previous)]) / np.sqrt(1.0 - weight**2)
-    channel = np.where(np.asarray(readings.fit) > 0.0, index % len(problem.channels), -1)
+    problem = model.problem
+    readings = jax.tree.map(np.asarray, problem.readings)
+    predicted = predict(problem, model.fitted.x).reshape(-1)[readings.index]
+    plain = (readings.value - predicted) / readings.sd
+    white = readings.without_colour(plain)
+    channel = np.where(readings.fit > 0.0, readings.index % len(problem.channels), -1)
     return {
         int(one): float(np.linalg.norm(plain[channel == one]) / np.linalg.norm(white[channel == one]))
         for one in np.unique(channel[channel >= 0])

@@ -141,7 +141,7 @@ def diagnose(
         unexplained = None
         scatter = scatter_beyond_noise(session, best)
     if scatter or found.far:
-        verdict, weighed = "unknown_effect", _with_something_else(weighed)
+        verdict, weighed = "unknown_effect", _believed(weighed, SOMETHING_ELSE, NOT_TO_THE_NOISE)
 
     if unexplained is not None and len(beside) > 1 and not found.far and not wanted:
         found = without_small_additions(found)
@@ -155,7 +155,8 @@ def diagnose(
         and explains_all_but_little(session, best)
     )
     if of_another_form:
-        verdict, weighed = _verdict_on(session, best), _with_the_form_left(weighed, best)
+        verdict = _verdict_on(session, best)
+        weighed = _believed(weighed, hypothesis_name(best.labels), OF_ANOTHER_FORM)
     named = () if verdict == "unknown_effect" and not beside and not wanted else _named(found, weighed, verdict, wanted)
     ladder = [session.rung("nominal", None), session.rung("calibrated", base)]
     for count in range(1, len(named) + 1):
@@ -255,19 +256,11 @@ def _holding(weighed: Mapping[str, float], names: set[str]) -> float:
     return sum(p for name, p in weighed.items() if names <= set(name.split("+")))
 
 
-def _with_something_else(weighed: Mapping[str, float]) -> dict[str, float]:
-    """Return the probabilities where the best model leaves more than noise, whether or not a law was found in it."""
-    rest = sum(p for name, p in weighed.items() if name != SOMETHING_ELSE)
-    others = {name: p * (1.0 - NOT_TO_THE_NOISE) / rest for name, p in weighed.items() if name != SOMETHING_ELSE}
-    return {SOMETHING_ELSE: NOT_TO_THE_NOISE, **others}
-
-
-def _with_the_form_left(weighed: Mapping[str, float], best: Hypothesis) -> dict[str, float]:
-    """Return the probabilities where the best model's effects explain all but little, and a law what is left."""
-    name = hypothesis_name(best.labels)
+def _believed(weighed: Mapping[str, float], name: str, belief: float) -> dict[str, float]:
+    """Return the probabilities where one hypothesis is given so much, and the others share the rest as they did."""
     rest = sum(p for other, p in weighed.items() if other != name)
-    others = {other: p * (1.0 - OF_ANOTHER_FORM) / rest for other, p in weighed.items() if other != name}
-    return {name: OF_ANOTHER_FORM, **others}
+    others = {other: p * (1.0 - belief) / rest for other, p in weighed.items() if other != name}
+    return {name: belief, **others}
 
 
 def _named(

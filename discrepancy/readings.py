@@ -46,9 +46,12 @@ class Readings(eqx.Module):
 
     def whiten(self, errors: Values) -> Values:
         """Return errors (..., n) as white noise of unit variance."""
-        scaled = errors / self.sd
-        white = (scaled - self.weight * scaled[..., self.previous]) / (1.0 - self.weight**2) ** 0.5
+        white = self.without_colour(errors / self.sd)
         return white - (white @ self.slow) @ self.slow.T
+
+    def without_colour(self, scaled: Values) -> Values:
+        """Return errors over their sd (..., n) less what each has of the one before it in its chain."""
+        return (scaled - self.weight * scaled[..., self.previous]) / (1.0 - self.weight**2) ** 0.5
 
     def some(self, mine: np.ndarray) -> Readings:
         """Return the readings of those numbers, on the host: whole chains, as of a run or a channel.

@@ -14,10 +14,9 @@ import numpy as np
 from statsmodels.stats.proportion import proportion_confint
 
 from benchmarks.discrepancy.generate import ACTS_ON, Blind
+from discrepancy.diagnose import RIVAL
 
 SURE = 0.95
-# A candidate more probable than this is told where an answer is undecided.
-LIKELY = 0.05
 # Of the true effect, in sigma after projection: what the data show clearly. Not known where it was not gathered.
 CLEAR = 4.0
 # What a line does not tell where it is nothing.
@@ -56,7 +55,7 @@ class Judged:
     def not_ruled_out(self) -> set[str]:
         """The effects named, what they cannot be told from and, where the answer is undecided, the candidates."""
         rivals = [rival for effect in self.said["effects"] for rival in effect["cannot_tell_apart_from"]]
-        likely = [each["name"] for each in self.said["candidates"] if each["probability"] > LIKELY]
+        likely = [each["name"] for each in self.said["candidates"] if each["probability"] > RIVAL]
         return {*self.named, *rivals, *(likely if self.said["verdict"] == "undecided" else ())}
 
     @property
