@@ -467,4 +467,7 @@ if __name__ == "__main__":
     parser.add_argument("source", type=Path, help="folder of the measurements")
     parser.add_argument("out", type=Path, help="folder for the cases")
     arguments = parser.parse_args()
-    main(arguments.source, arguments.out)
+    try:
+        main(arguments.source, arguments.out)
+    except FileNotFoundError as error:
+        parser.error(f"{error.filename} is not there; README.md beside this script says what DATA_FOLDER must hold.")
