@@ -44,8 +44,8 @@ LITTLE_SHARE = 0.2
 # Belief in something else where the best model leaves far more than stated noise, in no form. Assumed.
 NOT_TO_THE_NOISE = 0.9
 # Belief in effects that explain all but little of the excess error in every channel, though a law is left beside them.
-# Of the cases opened for development four of four were then effects hidden, and no law of no catalogue left any model
-# less than an eighth in its worst channel.
+# Of the cases opened for development four of four were then effects hidden; effects beside which a law of no catalogue
+# stood left an eighth or more in their worst channel.
 OF_ANOTHER_FORM = 0.9
 # A hypothesis more probable than this is not ruled out; of so many an experiment is asked to decide between all.
 RIVAL, MOST_RIVALS = 0.05, 3
