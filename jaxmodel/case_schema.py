@@ -183,6 +183,7 @@ class RunEntry(_Entry):
     split: Literal["fit", "check"]
     label: str = ""
     initial_soc: KnownEntry | None = None
+    initial_cell_temperature_degC: KnownEntry | None = None
     ambient_degC: float | None = None
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from jaxmodel.case_schema import RunEntry, parse_case
 from jaxmodel.errors import MeasurementError, ParameterError, nearest
 from jaxmodel.known import Known, Table, scalars, tables
-from jaxmodel.measurements import KINDS, Measured, file_label, read_measurements, read_utf8
+from jaxmodel.measurements import AMBIENT_RANGE_DEGC, KINDS, Measured, file_label, read_measurements, read_utf8
 from jaxmodel.presets import PRESETS, read_preset, why_not
 
 
@@ -33,6 +33,7 @@ class Run:
         overrides: parameters of the case that are different in this run.
         measured: times, inputs and outputs.
         source: the CSV's path.
+        initial_cell_temperature: of the cell at the first row, degC, where the run states it.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Run:
     overrides: dict[str, Known]
     measured: Measured
     source: Path
+    initial_cell_temperature: Known | None = None
 
     def driven_by(self, inputs: Mapping[str, np.ndarray]) -> Run:
         """Return the run with other inputs, its readings as they are."""
@@ -157,7 +159,27 @@ def _run(entry: RunEntry, file: Path, kind: str, default_soc: Known, where: str)
         overrides=scalars(entry.__pydantic_extra__, where),
         measured=read_measurements(file, kind, entry.ambient_degC),
         source=file,
+        initial_cell_temperature=_initial_cell_temperature(entry, kind, where),
     )
+
+
+def _initial_cell_temperature(entry: RunEntry, kind: str, where: str) -> Known | None:
+    """Return the cell's temperature at the first row, in degC; raise ParameterError where it cannot be that."""
+    stated = entry.initial_cell_temperature_degC
+    if stated is None:
+        return None
+    name = f"'initial_cell_temperature_degC' = {stated.value:g}"
+    if kind == "motor":
+        raise ParameterError(f"{where}: {name}, and a motor has no cell; remove it, or state 'initial_case_rise_K'.")
+    if "initial_temperature_rise_K" in (entry.__pydantic_extra__ or {}):
+        raise ParameterError(f"{where}: {name}, and 'initial_temperature_rise_K' says the same; keep one of them.")
+    coldest, warmest = AMBIENT_RANGE_DEGC
+    if not coldest <= stated.value <= warmest:
+        raise ParameterError(
+            f"{where}: {name} is outside {coldest:g} to {warmest:g}; temperatures are in degC: "
+            "if this is kelvin, subtract 273.15."
+        )
+    return Known(stated.value, stated.sd)
 
 
 def _check_sensors(sensors: Mapping[str, float], kind: str, where: str) -> None:

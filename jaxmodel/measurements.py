@@ -82,10 +82,11 @@ KINDS: dict[str, Kind] = {
 
 _UNITLESS = {"duty": "numbers from -1 to 1", "V_set": "V, 0 to 5", "soc": "fractions of 1"}
 
+AMBIENT_RANGE_DEGC = (-90.0, 200.0)
 _DUTY = (-1.0, 1.0, "write a duty of 30 percent as 0.3")
 # Outside these a column is in the wrong unit, or wrong: bounds and remedy.
 _RANGES = {
-    "ambient_degC": (-90.0, 200.0, "temperatures are in degC: if this is kelvin, subtract 273.15"),
+    "ambient_degC": (*AMBIENT_RANGE_DEGC, "temperatures are in degC: if this is kelvin, subtract 273.15"),
     "duty": _DUTY,
     "flipper_duty": _DUTY,
     "arm_duty": _DUTY,

@@ -38,6 +38,23 @@ class Parameters(eqx.Module):
         upper=1.1,
         source="eq. 2 with T_cell = T_amb gives 0.9998; the paper takes 1",
     )
+    initial_temperature_rise_K: Scalar = parameter(
+        0.0,
+        unit="K",
+        meaning="cell above ambient at the start of a run, where it has a temperature of its own",
+        lower=-150.0,
+        upper=150.0,
+        source="design: a cell that has rested long",
+    )
+    initial_hysteresis: Scalar = parameter(
+        0.0,
+        unit="",
+        meaning="state of the hysteresis loop at the start of a run, 1 after a discharge, -1 after a charge",
+        symbol="h_0",
+        lower=-1.0,
+        upper=1.0,
+        source="design: the middle of the loop",
+    )
     cycles: Scalar = parameter(
         25.0, unit="", meaning="charging cycles done", symbol="n", equation="7", lower=0.0, upper=1e5, source=_PAPER
     )
@@ -182,6 +199,24 @@ class Parameters(eqx.Module):
         lower=-5e3,
         upper=5e3,
         source="the paper starts at rest",
+    )
+    initial_winding_rise_K: Scalar = parameter(
+        0.0,
+        unit="K",
+        meaning="winding above case at the start of a run",
+        equation="15",
+        lower=-200.0,
+        upper=300.0,
+        source="the paper starts at ambient",
+    )
+    initial_case_rise_K: Scalar = parameter(
+        0.0,
+        unit="K",
+        meaning="case of the motor above ambient at the start of a run",
+        equation="15",
+        lower=-200.0,
+        upper=300.0,
+        source="the paper starts at ambient",
     )
     tau_0: Scalar = parameter(
         0.010,

@@ -76,7 +76,7 @@ class OcvHysteresis(Effect):
 
     name: ClassVar[str] = "ocv_hysteresis"
     kinds: ClassVar[tuple[str, ...]] = CELL
-    equation: ClassVar[str] = "V -= M h; dh/dt = |g i/Q| (sgn(i) - h); h(0) = 0"
+    equation: ClassVar[str] = "V -= M h; dh/dt = |g i/Q| (sgn(i) - h); h(0) = h_0"
     M_V: Scalar = parameter(
         0.02, unit="V", meaning="half width of the loop", null=0.0, lower=0.0, upper=0.5, typical=(0.005, 0.06)
     )
@@ -92,8 +92,8 @@ class OcvHysteresis(Effect):
     )
 
     def initial_state(self, parameters, ambient_degC: Scalar) -> State:
-        """Start in the middle of the loop."""
-        return {"ocv_hysteresis.h": jnp.zeros(())}
+        """Start where the run's `initial_hysteresis` says; 0, the default, is the middle of the loop."""
+        return {"ocv_hysteresis.h": parameters.initial_hysteresis}
 
     def flows(self, cell: CellContext | None, motor, heat_W) -> dict[str, Flow]:
         """Relax towards the branch that the current's sign chooses, by charge passed."""
@@ -127,7 +127,7 @@ class EntropicOcv(Effect):
 
 
 class SelfHeating(Effect):
-    """The cell warms by its own losses: C_th dT/dt = heat - hA (T - T_amb), T(0) = ambient."""
+    """The cell warms by its own losses: C_th dT/dt = heat - hA (T - T_amb), T(0) = ambient + the run's initial rise."""
 
     name: ClassVar[str] = "self_heating"
     kinds: ClassVar[tuple[str, ...]] = CELL
@@ -154,8 +154,8 @@ class SelfHeating(Effect):
     )
 
     def initial_state(self, parameters, ambient_degC: Scalar) -> State:
-        """Start at ambient temperature."""
-        return {"self_heating.T_degC": jnp.asarray(ambient_degC)}
+        """Start at the ambient temperature and what the run says that the cell is above it."""
+        return {"self_heating.T_degC": jnp.asarray(ambient_degC) + parameters.initial_temperature_rise_K}
 
     def flows(self, cell: CellContext | None, motor, heat_W) -> dict[str, Flow]:
         """Relax towards the ambient, warmed by the heat of the cell."""
