@@ -37,11 +37,14 @@ class _Entry(BaseModel):
         return raw
 
 
+SD = Annotated[float | None, Field(gt=0)]
+
+
 class KnownEntry(_Entry):
     """A number, known exactly (`5.2`) or to a standard deviation (`{ value = 5.2, sd = 0.15 }`)."""
 
     value: float
-    sd: float | None = Field(default=None, gt=0)
+    sd: SD = None
     source: str = ""
 
     @model_validator(mode="before")
@@ -73,12 +76,18 @@ class TableEntry(_Entry):
     soc: Axis
     temperature_degC: Axis | None = None
     value_key: ClassVar[str]
+    sd_key: ClassVar[str] = "sd_relative"
     positive: ClassVar[bool] = True
 
     @property
     def values(self) -> list[Any]:
         """The values, flat or one row per temperature."""
         return getattr(self, self.value_key)
+
+    @property
+    def sd(self) -> float | None:
+        """How well the values are known: V of an open-circuit voltage, a share of the value of all others."""
+        return getattr(self, self.sd_key)
 
     @model_validator(mode="after")
     def _consistent(self) -> "TableEntry":
@@ -125,8 +134,10 @@ class VoltageTable(TableEntry):
     """An open-circuit voltage [V] over SOC."""
 
     voltage_V: Values
+    sd_V: SD = None
     source: str = ""
     value_key = "voltage_V"
+    sd_key = "sd_V"
     positive = False
 
 
@@ -134,6 +145,7 @@ class ResistanceTable(TableEntry):
     """A resistance [ohm] over SOC."""
 
     ohm: Values
+    sd_relative: SD = None
     source: str = ""
     value_key = "ohm"
 
@@ -142,6 +154,7 @@ class CapacitanceTable(TableEntry):
     """A capacitance [F] over SOC."""
 
     farad: Values
+    sd_relative: SD = None
     source: str = ""
     value_key = "farad"
 
@@ -161,16 +174,38 @@ class ParametersEntry(_Entry):
 
 
 class EffectEntry(_Entry):
-    """One effect of `[effects]`: numbers by parameter name and, of a sensor effect, its `column`."""
+    """One effect of `[effects]`: numbers by parameter name, each with an sd or without, and a sensor's `column`."""
 
     model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, float] = Field(init=False)
+    __pydantic_extra__: dict[str, KnownEntry] = Field(init=False)
     column: str | None = None
 
     @model_validator(mode="before")
     @classmethod
     def _reject_unknown_keys(cls, raw: Any) -> Any:
         return raw  # which parameters an effect has is known to the catalogue, not here
+
+
+class ToleranceEntry(_Entry):
+    """The error that the user can live with: its rms (`0.01`), or that and its largest (`{ rms = , max = }`)."""
+
+    rms: float = Field(gt=0)
+    max: float | None = Field(default=None, gt=0)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_bare_number(cls, raw: Any) -> Any:
+        if isinstance(raw, dict):
+            return raw
+        if isinstance(raw, int | float) and not isinstance(raw, bool):
+            return {"rms": raw}
+        raise _wrong("must be a number or { rms = ..., max = ... }, not {found}", found=_toml(raw))
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "ToleranceEntry":
+        if self.max is not None and self.max < self.rms:
+            raise _wrong("has max {max} below rms {rms}; no error has that, correct one", max=self.max, rms=self.rms)
+        return self
 
 
 class RunEntry(_Entry):
@@ -185,6 +220,7 @@ class RunEntry(_Entry):
     initial_soc: KnownEntry | None = None
     initial_cell_temperature_degC: KnownEntry | None = None
     ambient_degC: float | None = None
+    tolerance: dict[str, ToleranceEntry] = {}
 
 
 class CutoffEntry(_Entry):
@@ -203,6 +239,7 @@ class CaseEntry(_Entry):
     parameters: ParametersEntry = ParametersEntry()
     effects: dict[str, EffectEntry] = {}
     sensors: dict[str, Annotated[float, Field(gt=0)]] = {}
+    tolerance: dict[str, ToleranceEntry] = {}
     cutoff: CutoffEntry = CutoffEntry()
     runs: list[RunEntry] = Field(default=[], validate_default=True)
 

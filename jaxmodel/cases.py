@@ -13,9 +13,9 @@ from typing import Literal
 
 import numpy as np
 
-from jaxmodel.case_schema import RunEntry, parse_case
+from jaxmodel.case_schema import EffectEntry, RunEntry, ToleranceEntry, parse_case
 from jaxmodel.errors import MeasurementError, ParameterError, nearest
-from jaxmodel.known import Known, Table, scalars, tables
+from jaxmodel.known import Known, Table, Tolerance, scalars, tables
 from jaxmodel.measurements import AMBIENT_RANGE_DEGC, KINDS, Measured, file_label, read_measurements, read_utf8
 from jaxmodel.presets import PRESETS, read_preset, why_not
 
@@ -34,6 +34,7 @@ class Run:
         measured: times, inputs and outputs.
         source: the CSV's path.
         initial_cell_temperature: of the cell at the first row, degC, where the run states it.
+        tolerance: by column, the error that the user can live with in this run; of columns not here, the case's.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Run:
     measured: Measured
     source: Path
     initial_cell_temperature: Known | None = None
+    tolerance: dict[str, Tolerance] = dataclasses.field(default_factory=dict)
 
     def driven_by(self, inputs: Mapping[str, np.ndarray]) -> Run:
         """Return the run with other inputs, its readings as they are."""
@@ -67,6 +69,8 @@ class Case:
         sensors: by column, the sd of its white noise before rounding, in the column's unit.
         runs: in the order of the file; at least one.
         cutoff: end of a discharge: `soc`, `voltage_V`, both or neither.
+        tolerance: by column of a reading, the error that the user can live with, in the column's unit.
+        effect_sd: by effect and parameter, the sd of the value in `effects`; what is not here is known exactly.
     """
 
     name: str
@@ -80,6 +84,8 @@ class Case:
     sensors: dict[str, float]
     runs: tuple[Run, ...]
     cutoff: dict[str, float]
+    tolerance: dict[str, Tolerance] = dataclasses.field(default_factory=dict)
+    effect_sd: dict[str, dict[str, float]] = dataclasses.field(default_factory=dict)
 
 
 def read_case(path: str | Path) -> Case:
@@ -112,10 +118,12 @@ def read_case(path: str | Path) -> Case:
         preset=entry.preset,
         parameters=numbers,
         tables=tables(entry.parameters),
-        effects={name: effect.model_dump(exclude_none=True) for name, effect in entry.effects.items()},
+        effects={name: _effect_values(effect) for name, effect in entry.effects.items()},
         sensors=dict(entry.sensors),
         runs=runs,
         cutoff=entry.cutoff.model_dump(exclude_none=True),
+        tolerance=_tolerance(entry.tolerance, entry.kind, f"{where}: [tolerance]"),
+        effect_sd={name: sd for name, effect in entry.effects.items() if (sd := _effect_sd(effect))},
     )
     # A preset of unknown name is for the model to refuse: who only reads the measurements needs none.
     return with_preset(case) if case.preset in PRESETS else case
@@ -160,6 +168,7 @@ def _run(entry: RunEntry, file: Path, kind: str, default_soc: Known, where: str)
         measured=read_measurements(file, kind, entry.ambient_degC),
         source=file,
         initial_cell_temperature=_initial_cell_temperature(entry, kind, where),
+        tolerance=_tolerance(entry.tolerance, kind, f"{where}.tolerance"),
     )
 
 
@@ -180,6 +189,27 @@ def _initial_cell_temperature(entry: RunEntry, kind: str, where: str) -> Known |
             "if this is kelvin, subtract 273.15."
         )
     return Known(stated.value, stated.sd)
+
+
+def _effect_values(entry: EffectEntry) -> dict[str, float | str]:
+    """Return an effect's parameters by name, and its column where it has one."""
+    column: dict[str, float | str] = {} if entry.column is None else {"column": entry.column}
+    return column | {name: known.value for name, known in entry.__pydantic_extra__.items()}
+
+
+def _effect_sd(entry: EffectEntry) -> dict[str, float]:
+    """Return the sd of those parameters of an effect that are not known exactly."""
+    return {name: known.sd for name, known in entry.__pydantic_extra__.items() if known.sd is not None}
+
+
+def _tolerance(entries: Mapping[str, ToleranceEntry], kind: str, where: str) -> dict[str, Tolerance]:
+    """Return the tolerances by column; raise MeasurementError for a column that this kind cannot read."""
+    readings = KINDS[kind].outputs
+    for name in entries:
+        if name not in readings:
+            hint = nearest(name, readings) or f" It has {', '.join(readings)}."
+            raise MeasurementError(f"{where}: a {kind} has no reading '{name}'.{hint}")
+    return {name: Tolerance(entry.rms, entry.max) for name, entry in entries.items()}
 
 
 def _check_sensors(sensors: Mapping[str, float], kind: str, where: str) -> None:

@@ -28,11 +28,21 @@ class Table:
         values: V of `ocv`, ohm of `R_ints`, `R_TS` and `R_TL`, F of `C_TS` and `C_TL`; shape (soc,), or
             (temperature, soc) where `temperature_degC` is given.
         temperature_degC: strictly increasing temperatures, shape (temperature,), or None.
+        sd: how well the values are known: V of `ocv`, a share of the value of the others; None: known exactly.
     """
 
     soc: np.ndarray
     values: np.ndarray
     temperature_degC: np.ndarray | None = None
+    sd: float | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Tolerance:
+    """The error of a reading that the user can live with, in its unit: its rms, and its largest (None: any)."""
+
+    rms: float
+    max: float | None = None
 
 
 def scalars(entries: Mapping[str, KnownEntry], where: str) -> dict[str, Known]:
@@ -51,4 +61,4 @@ def tables(entries: ParametersEntry) -> dict[str, Table]:
 
 def _table(entry: TableEntry) -> Table:
     temperature_degC = None if entry.temperature_degC is None else np.array(entry.temperature_degC, dtype=float)
-    return Table(np.array(entry.soc, dtype=float), np.array(entry.values, dtype=float), temperature_degC)
+    return Table(np.array(entry.soc, dtype=float), np.array(entry.values, dtype=float), temperature_degC, entry.sd)

@@ -12,6 +12,7 @@ import pytest
 from jaxmodel.case_schema import CaseEntry
 from jaxmodel.cases import Case, Known, read_case
 from jaxmodel.errors import MeasurementError, ParameterError
+from jaxmodel.known import Tolerance
 from jaxmodel.measurements import KINDS
 
 CSV = {
@@ -41,7 +42,8 @@ def shared_cases() -> list[Path]:
     """Return the development cases that lie beside some checkouts."""
     for parent in Path(__file__).resolve().parents:
         if (parent / "shared" / "cases").is_dir():
-            return sorted((parent / "shared" / "cases").glob("dev-*"))
+            folder = parent / "shared" / "cases"
+            return sorted([*folder.glob("dev-*"), *folder.glob("hard-*")])
     return []
 
 
@@ -52,6 +54,7 @@ def test_every_development_case_is_read_as_it_is_written():
         assert (case.name, case.title, case.kind) == (path.name, raw["title"], raw["kind"])
         assert [run.split for run in case.runs] == [run["split"] for run in raw["runs"]]
         assert case.sensors == raw["sensors"]
+        assert {name: bound.rms for name, bound in case.tolerance.items()} == raw.get("tolerance", {})
         assert {*case.parameters, *case.tables} == set(raw["parameters"])
         for name, known in case.parameters.items():
             stated = raw["parameters"][name]
@@ -135,6 +138,40 @@ def test_all_that_a_case_may_say_is_kept(folder):
     assert first.overrides == {"cycles": Known(240.0), "R_0": Known(0.1, 0.01)}
     assert second.initial_soc == Known(0.7, 0.02)
     assert second.measured.inputs["ambient_degC"].tolist() == [5.0, 5.0]
+
+
+def test_how_well_tables_and_effects_are_known_is_kept(folder):
+    case = read(
+        folder,
+        """
+        kind = "cell"
+        [parameters]
+        ocv = { soc = [0, 1], voltage_V = [3.0, 4.2], sd_V = 0.005 }
+        R_ints = { soc = [0, 1], ohm = [0.02, 0.03], sd_relative = 0.1 }
+        R_TS = { soc = [0, 1], ohm = [0.02, 0.03] }
+        [effects]
+        self_heating = { C_th = { value = 60, sd = 5 }, hA = 0.3 }
+        current_offset = { column = "current_A", c = { value = 0.05, sd = 0.01 } }
+        entropic_ocv = { dU_dT = 1e-4 }
+        """
+        + RUNS,
+    )
+    assert {name: table.sd for name, table in case.tables.items()} == {"ocv": 0.005, "R_ints": 0.1, "R_TS": None}
+    assert case.effects == {
+        "self_heating": {"C_th": 60.0, "hA": 0.3},
+        "current_offset": {"column": "current_A", "c": 0.05},
+        "entropic_ocv": {"dU_dT": 1e-4},
+    }
+    assert case.effect_sd == {"self_heating": {"C_th": 5.0}, "current_offset": {"c": 0.01}}
+
+
+def test_a_tolerance_is_that_of_the_case_or_of_a_run(folder):
+    tolerance = "[tolerance]\nvoltage_V = 0.01\ncell_temperature_degC = { rms = 1, max = 3 }\n"
+    case = read(folder, CELL + tolerance + RUNS + "tolerance = { voltage_V = 0.05 }\n")
+    assert case.tolerance == {"voltage_V": Tolerance(0.01, None), "cell_temperature_degC": Tolerance(1.0, 3.0)}
+    assert [run.tolerance for run in case.runs] == [{}, {"voltage_V": Tolerance(0.05, None)}]
+    silent = read(folder, CELL + RUNS)
+    assert (silent.tolerance, silent.effect_sd, silent.runs[0].tolerance) == ({}, {}, {})
 
 
 def test_a_toml_file_elsewhere_may_refer_to_the_data_by_relative_paths(folder, tmp_path):
@@ -297,7 +334,7 @@ CELL = 'kind = "cell"\n'
         pytest.param(
             CELL + '[effects]\nwindage = { c = "much" }\n' + RUNS,
             MeasurementError,
-            ['effects.windage.c must be a number, without quotes, not "much"'],
+            ['effects.windage.c must be a number or { value = ..., sd = ... }, not "much"'],
             id="effect's parameter",
         ),
         pytest.param(
@@ -317,6 +354,30 @@ CELL = 'kind = "cell"\n'
             MeasurementError,
             ["sensors.voltage_V must be greater than 0, not -0.1"],
             id="sensor's sd",
+        ),
+        pytest.param(
+            CELL + "[tolerance]\nvolt_V = 0.1\n" + RUNS,
+            MeasurementError,
+            ["[tolerance]", "a cell has no reading 'volt_V'", "Did you mean 'voltage_V'?"],
+            id="tolerance's column",
+        ),
+        pytest.param(
+            CELL + RUNS + "tolerance = { current_A = 0.1 }\n",
+            MeasurementError,
+            ["run of run-02.csv", "runs[2].tolerance: a cell has no reading 'current_A'", "It has voltage_V"],
+            id="tolerance of an input",
+        ),
+        pytest.param(
+            CELL + "[tolerance]\nvoltage_V = { rms = 0.02, max = 0.01 }\n" + RUNS,
+            MeasurementError,
+            ["tolerance.voltage_V has max 0.01 below rms 0.02"],
+            id="tolerance that none can hold",
+        ),
+        pytest.param(
+            CELL + '[tolerance]\nvoltage_V = "small"\n' + RUNS,
+            MeasurementError,
+            ['tolerance.voltage_V must be a number or { rms = ..., max = ... }, not "small"'],
+            id="tolerance's form",
         ),
         pytest.param(
             CELL + "[cutoff]\nsoc = 10\n" + RUNS,
@@ -366,6 +427,11 @@ def test_a_wrong_case_gets_one_sentence_with_place_and_remedy(folder, toml, erro
             ["R_ints has 2 soc and 3 values in ohm"],
         ),
         ("R_ints = 0.02", ["R_ints must be a table", "not 0.02"]),
+        ("ocv = { soc = [0, 1], voltage_V = [3, 4], sd_V = 0 }", ["ocv.sd_V must be greater than 0, not 0"]),
+        (
+            "R_TL = { soc = [0, 1], ohm = [3, 4], sd_rel = 0.1 }",
+            ["R_TL knows no 'sd_rel'", "Did you mean 'sd_relative'?"],
+        ),
     ],
 )
 def test_a_wrong_table_gets_one_sentence(folder, table, parts):
