@@ -10,6 +10,8 @@ from pathlib import Path
 
 from jaxmodel.declaration import ParameterInfo, describe
 from jaxmodel.effects import CATALOGUE, battery, drive, sensors
+from jaxmodel.effects.curves import CURVES
+from jaxmodel.effects.shifts import SHIFTS
 from jaxmodel.parameters import TABLE
 from jaxmodel.ports import PORTS, Effect
 
@@ -80,6 +82,24 @@ and a file's value may lie anywhere within the bounds. A parameter without a nul
     for module, (title, note) in GROUPS.items():
         classes = [cls for cls in CATALOGUE.values() if cls.__module__ == module.__name__]
         parts.append(f"## {title}\n\n{note}\n\n{_effects(classes)}\n{_effect_parameters(classes)}")
+    parts.append(
+        f"""## Curves
+
+Not in the catalogue: corrections of the model's own relations, piecewise linear between knots and held at the ends. A
+diagnosis tells them as "this table of yours is off by so much there". A value without a unit is the logarithm of a
+factor.
+
+{_effects(CURVES.values())}
+{_curve_values()}"""
+    )
+    parts.append(
+        f"""## Shifts
+
+Not in the catalogue either: one number that may differ in a single run, as a contact, a draught or a zero point does.
+
+{_effects(SHIFTS.values())}
+{_effect_parameters(SHIFTS.values())}"""
+    )
     return "\n".join(parts)
 
 
@@ -113,6 +133,20 @@ def _effect_parameters(classes: Iterable[type[Effect]]) -> str:
         for info in describe(cls).values()
     ]
     return _table(("parameter", "meaning", "unit", "default", "usual range", "null", "tried at", "bounds"), rows)
+
+
+def _curve_values() -> str:
+    rows = [
+        (
+            f"`{cls.name}`",
+            cls.unit or "-",
+            f"-{cls.typical:g} to {cls.typical:g}",
+            f"`{cls.over}`",
+            ", ".join(f"{knot:g}" for knot in cls.usual_knots),
+        )
+        for cls in CURVES.values()
+    ]
+    return _table(("curve", "unit of its values", "usual range", "over", "usual knots"), rows)
 
 
 def _range(info: ParameterInfo) -> str:

@@ -52,9 +52,12 @@ def make_effect(
                 f"It takes {', '.join([*table, *(['column'] if cls.is_sensor else [])])}."
             )
         numbers[field] = table[field].check(given, f"{where}, effect '{name}'")
-    if cls.reads and not values.get("column"):
+    if not cls.is_sensor:
+        return cls(**numbers)
+    column = values.get("column") or cls.column
+    if cls.reads and not column:
         raise EffectError(f"{where}: effect '{name}' needs a column, one that ends in {cls.reads}.")
-    return cls(**numbers, **({"column": values.get("column", "")} if cls.is_sensor else {}))
+    return cls(**numbers, column=column)
 
 
 def load_effect_class(reference: str) -> type[Effect]:

@@ -15,8 +15,8 @@ ZERO_DEGC_IN_K = 273.15
 STORAGE_GAS_CONSTANT = 8.3143  # J/(mol K), as eq. 8 prints it
 
 
-_RESISTANCES = ("series_resistance_ohm", "R_TS", "C_TS", "R_TL", "C_TL")
-_LATER = (*_RESISTANCES, "current_A", "voltage_V", "counted_current_A")
+_ELEMENTS = ("series_resistance_ohm", "R_TS", "C_TS", "R_TL", "C_TL", "heat_transfer")
+_LATER = (*_ELEMENTS, "current_A", "voltage_V", "counted_current_A")
 
 
 class Cell(eqx.Module):
@@ -79,15 +79,19 @@ def evaluate(
     def rc_resistance(curve):
         return fold(effects, "rc_resistance", curve(soc, temperature) * p.rc_resistance_scale, context)
 
+    def rc_capacitance(curve):
+        return fold(effects, "rc_capacitance", curve(soc, temperature) * p.rc_capacitance_scale, context)
+
     voltage = fold(effects, "open_circuit_voltage", curves.ocv(soc, temperature) + p.ocv_offset_V, context)
     elements = (
         fold(effects, "series_resistance", series, context),
         rc_resistance(curves.R_TS),
-        curves.C_TS(soc, temperature) * p.rc_capacitance_scale,
+        rc_capacitance(curves.C_TS),
         rc_resistance(curves.R_TL),
-        curves.C_TL(soc, temperature) * p.rc_capacitance_scale,
+        rc_capacitance(curves.C_TL),
+        fold(effects, "heat_transfer", jnp.ones(()), context),
     )
-    context = eqx.tree_at(lambda c: tuple(getattr(c, name) for name in _RESISTANCES), context, elements)
+    context = eqx.tree_at(lambda c: tuple(getattr(c, name) for name in _ELEMENTS), context, elements)
     return Cell(context=context, effects=effects, open_circuit_voltage_V=voltage)
 
 

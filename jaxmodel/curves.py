@@ -92,10 +92,10 @@ class Table(Curve):
 
     def __call__(self, soc: Scalar, temperature_degC: Scalar) -> Scalar:
         """Return the interpolated value at one state of charge and temperature."""
-        rows = jax.vmap(lambda row: _interpolate(soc, self.soc, row))(self.values)
+        rows = jax.vmap(lambda row: interpolate(soc, self.soc, row))(self.values)
         if rows.shape[0] == 1:
             return rows[0]
-        return _interpolate(temperature_degC, self.temperature_degC, rows)
+        return interpolate(temperature_degC, self.temperature_degC, rows)
 
     def inside(self, soc: Scalar, temperature_degC: Scalar) -> Array:
         """Return True within the breakpoints (of temperature too, where the table has several rows)."""
@@ -105,8 +105,16 @@ class Table(Curve):
         return within
 
 
-def _interpolate(x: Scalar, knots: Float[Array, " knots"], values: Float[Array, " knots"]) -> Scalar:
-    """Interpolate by a sum over the segments: no gather, so that lanes stay vectorised and the slope is exact."""
+def interpolate(x: Scalar, knots: Float[Array, " knots"], values: Float[Array, " knots"]) -> Scalar:
+    """Return the piecewise linear value at x, held at the ends.
+
+    A sum over the segments: no gather, so that lanes stay vectorised and the slope is exact.
+
+    Args:
+        x: where, in the unit of the knots.
+        knots: strictly increasing.
+        values: one for each knot.
+    """
     if knots.shape[0] == 1:
         return values[0]
     # The ends are held here, not by the clipping of their segments: at an end the slope is then the inner one.

@@ -38,6 +38,7 @@ class ParameterInfo:
     typical: tuple[float, float] | None = None
     shape_grid: tuple[float, ...] = ()
     whole: bool = False
+    scales: str = ""
 
     def check(self, value: Any, where: str) -> float:
         """Return `value` as a float; raise ParameterError where it is not a number within the bounds."""
@@ -68,6 +69,7 @@ def parameter(
     typical: tuple[float, float] | None = None,
     shape_grid: tuple[float, ...] = (),
     whole: bool = False,
+    scales: str = "",
 ) -> Any:
     """Declare a parameter as a field of a module, with what the table says of it.
 
@@ -85,6 +87,7 @@ def parameter(
         typical: of an effect's parameter, the range that a designer meets often.
         shape_grid: of a parameter that has no derivative at the effect's null, the values to be tried.
         whole: True of a number of things.
+        scales: how `typical` and `shape_grid` grow with the cell or motor, as in "1/capacity"; "" where they do not.
     """
     info = {
         "unit": unit,
@@ -100,6 +103,7 @@ def parameter(
         "typical": typical,
         "shape_grid": shape_grid,
         "whole": whole,
+        "scales": scales,
     }
     return eqx.field(default=default, converter=_as_array, metadata={"parameter": info})
 

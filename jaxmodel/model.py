@@ -44,6 +44,7 @@ class Drive(eqx.Module):
 
 def initial_state(model: Model, inputs: Inputs) -> State:
     """Return the state at the start of a run: RC pairs, currents and temperature rises at zero."""
+    inputs = true_inputs(model, inputs)
     state: State = {}
     if model.kind in ("cell", "robot"):
         state |= cells.initial_state(model.parameters)

@@ -50,7 +50,9 @@ def _find(model: Model, name: str) -> tuple[Any, str]:
     label, _, field = name.rpartition(".")
     owners = {"": model.parameters} | {effect.label: effect for effect in model.effects}
     owner = owners.get(label)
-    if owner is None or not (field in describe(owner) or (label and field == "switch")):
+    # A curve's knots are one number of many values; the switch is no number of the physics.
+    known_field = owner is not None and (field in describe(owner) or (label and field in ("switch", "values")))
+    if owner is None or not known_field or not hasattr(owner, field):
         known = [*TABLE, *(f"{effect.label}.{f}" for effect in model.effects for f in describe(effect))]
         raise ParameterError(f"model: no number is called '{name}'.{nearest(name, known)}")
     return owner, field

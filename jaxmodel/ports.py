@@ -42,6 +42,7 @@ class CellContext(eqx.Module):
     current_A: Scalar
     voltage_V: Scalar
     counted_current_A: Scalar
+    heat_transfer: Scalar
 
 
 class MotorContext(eqx.Module):
@@ -69,6 +70,8 @@ CELL_PORTS = {
     "cycle_resistance": "ohm; eq. 7",
     "series_resistance": "ohm; R_ints + R_cyc, eqs. 7, 9 and 10",
     "rc_resistance": "ohm; R_TS and R_TL in turn, eqs. 3 and 5",
+    "rc_capacitance": "F; C_TS and C_TL in turn, eqs. 4 and 6",
+    "heat_transfer": "factor on the heat that one cell passes to the ambient, 1 where nothing changes it",
     "overpotential": "V lost beside i R, V_TS and V_TL",
     "cell_heat": "W made in one cell",
     "weakest_cell_voltage": "V that the weakest cell of the pack falls short of the others",

@@ -161,8 +161,9 @@ class SelfHeating(Effect):
         """Relax towards the ambient, warmed by the heat of the cell."""
         if cell is None:
             return {}
-        target = cell.ambient_degC + heat_W / self.hA
-        return {"self_heating.T_degC": relaxation(target, self.C_th / self.hA)}
+        transfer = self.hA * cell.heat_transfer
+        target = cell.ambient_degC + heat_W / transfer
+        return {"self_heating.T_degC": relaxation(target, self.C_th / transfer)}
 
     def cell_temperature(self, value: Scalar, context: CellContext) -> Scalar:
         """Give the cell its own temperature."""

@@ -1,0 +1,142 @@
+"""Shifts: one number that may differ in a single run, as a contact, a draught or a zero point does.
+
+Each is an effect like any other, beside the catalogue and not in it: at 0 it is absent, and it is meant to be freed in
+the runs that ask for it ("run 3 has 11 mohm more than the others").
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from jaxmodel.declaration import Scalar, parameter
+from jaxmodel.effects.sensors import ANY, SensorEffect
+from jaxmodel.ports import CellContext, Effect, MotorContext
+from jaxmodel.sensors import Signal
+
+CELL = ("cell", "robot")
+MOTOR = ("motor", "robot")
+
+
+class ContactResistance(Effect):
+    """The cell has more or less resistance in series, as another contact brings."""
+
+    name: ClassVar[str] = "contact_resistance"
+    kinds: ClassVar[tuple[str, ...]] = CELL
+    equation: ClassVar[str] = "R_ints + R_cyc -> R_ints + R_cyc + r"
+    r: Scalar = parameter(
+        0.01,
+        unit="ohm",
+        meaning="resistance of one cell beyond that of other runs",
+        null=0.0,
+        lower=-10.0,
+        upper=10.0,
+        typical=(-0.01, 0.01),
+        scales="1/capacity",
+    )
+
+    def series_resistance(self, value: Scalar, context: CellContext) -> Scalar:
+        """Add the resistance."""
+        return value + self.r
+
+
+class HeatTransferShift(Effect):
+    """A self-heating cell passes more or less heat to the ambient, as a draught or another holder brings."""
+
+    name: ClassVar[str] = "heat_transfer_shift"
+    kinds: ClassVar[tuple[str, ...]] = CELL
+    equation: ClassVar[str] = "hA -> hA exp(s)"
+    s: Scalar = parameter(
+        0.5,
+        unit="",
+        meaning="logarithm of the factor on hA",
+        null=0.0,
+        lower=-5.0,
+        upper=5.0,
+        typical=(-0.7, 0.7),
+    )
+
+    def heat_transfer(self, value: Scalar, context: CellContext) -> Scalar:
+        """Scale the heat transfer."""
+        return value * jnp.exp(self.s)
+
+
+class FrictionShift(Effect):
+    """The motor has more or less Coulomb friction, as another mounting or a tight bearing brings."""
+
+    name: ClassVar[str] = "friction_shift"
+    kinds: ClassVar[tuple[str, ...]] = MOTOR
+    equation: ClassVar[str] = "tau_0 -> tau_0 + t"
+    t: Scalar = parameter(
+        0.005,
+        unit="N m",
+        meaning="friction torque beyond that of other runs",
+        null=0.0,
+        lower=-1e3,
+        upper=1e3,
+        typical=(-0.005, 0.005),
+        scales="torque",
+    )
+
+    def coulomb_torque(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Add the torque; friction as a whole does not drive."""
+        total = value + self.t
+        return jnp.where(total < 0.0, 0.0, total)
+
+
+class VoltageShift(SensorEffect):
+    """A voltage reads c too high in this run."""
+
+    name: ClassVar[str] = "voltage_shift"
+    reads: ClassVar[str] = "voltage_V"
+    kinds: ClassVar[tuple[str, ...]] = CELL
+    equation: ClassVar[str] = "measured voltage = true voltage + c"
+    c: Scalar = parameter(
+        0.01, unit="V", meaning="shift of the reading", null=0.0, lower=-10.0, upper=10.0, typical=(-0.02, 0.02)
+    )
+
+    def reading(self, value: Array, context: Signal | None) -> Array:
+        """Add the shift."""
+        return value + self.c
+
+
+class TemperatureShift(SensorEffect):
+    """A thermometer reads c too high in this run."""
+
+    name: ClassVar[str] = "temperature_shift"
+    reads: ClassVar[str] = "temperature_degC"
+    kinds: ClassVar[tuple[str, ...]] = ANY
+    equation: ClassVar[str] = "measured temperature = true temperature + c"
+    c: Scalar = parameter(
+        1.0, unit="K", meaning="shift of the reading", null=0.0, lower=-50.0, upper=50.0, typical=(-1.0, 1.0)
+    )
+
+    def reading(self, value: Array, context: Signal | None) -> Array:
+        """Add the shift."""
+        return value + self.c
+
+
+class AmbientShift(SensorEffect):
+    """What surrounds the specimen is c warmer than the ambient that was reported for this run."""
+
+    name: ClassVar[str] = "ambient_shift"
+    reads: ClassVar[str] = "ambient_degC"
+    kinds: ClassVar[tuple[str, ...]] = ANY
+    equation: ClassVar[str] = "true ambient = reported ambient + c"
+    column: str = eqx.field(static=True, default="ambient_degC")
+    c: Scalar = parameter(
+        1.0, unit="K", meaning="how much warmer it truly was", null=0.0, lower=-100.0, upper=100.0, typical=(-2.0, 2.0)
+    )
+
+    def true_input(self, value: Array, context: None) -> Array:
+        """Add the shift."""
+        return value + self.c
+
+
+SHIFTS: dict[str, type[Effect]] = {
+    cls.name: cls
+    for cls in (ContactResistance, HeatTransferShift, FrictionShift, VoltageShift, TemperatureShift, AmbientShift)
+}
