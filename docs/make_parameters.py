@@ -14,6 +14,7 @@ from jaxmodel.effects.curves import CURVES
 from jaxmodel.effects.shifts import SHIFTS
 from jaxmodel.parameters import TABLE
 from jaxmodel.ports import PORTS, Effect
+from jaxmodel.specimen import SIZES
 
 HERE = Path(__file__).parent
 NOTE = "<!-- Made by make_parameters.py from the code; do not edit. -->\n"
@@ -77,6 +78,11 @@ the named relations of the model.
 The usual range is what a designer meets often. A diagnosis takes it as the prior (its ends at one standard deviation),
 and a file's value may lie anywhere within the bounds. A parameter without a null gives the effect its shape; where
 "tried at" has values, a diagnosis tries the effect at each of them. `self_heating` has no null: it is on or off.
+
+Ranges and "tried at" are those of the paper's cell, 5.2 A h, and of its motor, a maxon RE50 at 24 V. Where "scales as"
+names a size, they grow with the specimen by the ratio of that size to the paper's:
+
+{_table(("size", "what", "from"), _sizes())}
 """
     ]
     for module, (title, note) in GROUPS.items():
@@ -103,6 +109,20 @@ Not in the catalogue either: one number that may differ in a single run, as a co
     return "\n".join(parts)
 
 
+def _sizes() -> list[tuple[str, str, str]]:
+    of = {
+        "capacity": "`capacity_Ah`",
+        "surface": "`capacity_Ah` to the power 2/3",
+        "supply": "`n_series`, `nominal_cell_voltage_V`; of a motor alone the voltage that its runs show",
+        "speed": "supply, `k_tau`",
+        "motor_current": "`R_0`, `R_wc` + `R_ca`",
+        "torque": "`k_tau`, motor_current",
+    }
+    return [
+        (f"`{name}`", (inspect.getdoc(size) or "").split("\n")[0].rstrip("."), of[name]) for name, size in SIZES.items()
+    ]
+
+
 def _effects(classes: Iterable[type[Effect]]) -> str:
     rows = [
         (
@@ -127,12 +147,14 @@ def _effect_parameters(classes: Iterable[type[Effect]]) -> str:
             "" if info.typical is None else f"{info.typical[0]:g} to {info.typical[1]:g}",
             "" if info.null is None else _number(info.null),
             ", ".join(f"{value:g}" for value in info.shape_grid),
+            info.scales,
             _range(info),
         )
         for cls in classes
         for info in describe(cls).values()
     ]
-    return _table(("parameter", "meaning", "unit", "default", "usual range", "null", "tried at", "bounds"), rows)
+    head = ("parameter", "meaning", "unit", "default", "usual range", "null", "tried at", "scales as", "bounds")
+    return _table(head, rows)
 
 
 def _curve_values() -> str:
@@ -141,12 +163,14 @@ def _curve_values() -> str:
             f"`{cls.name}`",
             cls.unit or "-",
             f"-{cls.typical:g} to {cls.typical:g}",
+            cls.scales,
             f"`{cls.over}`",
             ", ".join(f"{knot:g}" for knot in cls.usual_knots),
+            cls.knots_scale,
         )
         for cls in CURVES.values()
     ]
-    return _table(("curve", "unit of its values", "usual range", "over", "usual knots"), rows)
+    return _table(("curve", "unit", "usual range", "scales as", "over", "usual knots", "knots scale as"), rows)
 
 
 def _range(info: ParameterInfo) -> str:

@@ -20,6 +20,7 @@ from jaxmodel.parameters import Parameters
 from jaxmodel.ports import Effect
 from jaxmodel.presets import Kind
 from jaxmodel.profile import Profile
+from jaxmodel.specimen import scale_of
 
 FIDELITIES = ("formula", "lut")
 
@@ -94,13 +95,19 @@ def load_effect_class(reference: str) -> type[Effect]:
 
 
 def _missing(cls: type[Effect]) -> str:
-    """Return what an effect class does not declare, of what it needs to take part in everything."""
+    """Return what an effect class does not declare, of what it needs to take part in everything.
+
+    Raises:
+        EffectError: a parameter scales with a size that no cell or motor has.
+    """
     for attribute in ("name", "kinds", "equation"):
         if not getattr(cls, attribute, None):
             return attribute
     table = describe(cls)
     if not table:
         return "parameter"
+    for info in table.values():
+        scale_of(info.scales, {})
     untold = [name for name, info in table.items() if info.typical is None]
     return f"usual range of its parameter '{untold[0]}', as in typical=(0.01, 0.2)" if untold else ""
 

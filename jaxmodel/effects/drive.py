@@ -46,10 +46,11 @@ class Saturation(Effect):
         unit="A",
         meaning="current at which half the torque is lost",
         null=jnp.inf,
-        lower=1.0,
+        lower=1e-3,
         upper=1e5,
         transform="log",
         typical=(25.0, 80.0),
+        scales="motor_current",
     )
 
     def motor_torque(self, value: Scalar, context: MotorContext) -> Scalar:
@@ -79,7 +80,14 @@ class ViscousFriction(Effect):
     kinds: ClassVar[tuple[str, ...]] = MOTOR
     equation: ClassVar[str] = "friction += b w"
     b: Scalar = parameter(
-        2e-5, unit="N m s/rad", meaning="viscous coefficient", null=0.0, lower=0.0, upper=0.1, typical=(1e-6, 2e-4)
+        2e-5,
+        unit="N m s/rad",
+        meaning="viscous coefficient",
+        null=0.0,
+        lower=0.0,
+        upper=1e3,
+        typical=(1e-6, 2e-4),
+        scales="torque/speed",
     )
 
     def friction_torque(self, value: Scalar, context: MotorContext) -> Scalar:
@@ -94,17 +102,25 @@ class StribeckFriction(Effect):
     kinds: ClassVar[tuple[str, ...]] = MOTOR
     equation: ClassVar[str] = "friction += tau_s exp(-(w/w_s)^2) sgn(w)"
     tau_s: Scalar = parameter(
-        0.01, unit="N m", meaning="excess at standstill", null=0.0, lower=0.0, upper=1.0, typical=(0.002, 0.04)
+        0.01,
+        unit="N m",
+        meaning="excess at standstill",
+        null=0.0,
+        lower=0.0,
+        upper=1e3,
+        typical=(0.002, 0.04),
+        scales="torque",
     )
     w_s: Scalar = parameter(
         30.0,
         unit="rad/s",
         meaning="speed at which it fades",
-        lower=0.5,
+        lower=1e-3,
         upper=2e3,
         transform="log",
         typical=(5.0, 100.0),
         shape_grid=(10.0, 30.0, 90.0),
+        scales="speed",
     )
 
     def coulomb_torque(self, value: Scalar, context: MotorContext) -> Scalar:
@@ -119,7 +135,14 @@ class Windage(Effect):
     kinds: ClassVar[tuple[str, ...]] = MOTOR
     equation: ClassVar[str] = "friction += c w |w|"
     c: Scalar = parameter(
-        5e-8, unit="N m s2/rad2", meaning="drag coefficient", null=0.0, lower=0.0, upper=1e-3, typical=(1e-9, 1e-6)
+        5e-8,
+        unit="N m s2/rad2",
+        meaning="drag coefficient",
+        null=0.0,
+        lower=0.0,
+        upper=1e3,
+        typical=(1e-9, 1e-6),
+        scales="torque/speed2",
     )
 
     def friction_torque(self, value: Scalar, context: MotorContext) -> Scalar:
@@ -169,7 +192,14 @@ class PwmRipple(Effect):
     kinds: ClassVar[tuple[str, ...]] = ROBOT
     equation: ClassVar[str] = "P_M += k_r (rho (1 - rho) V_pack)^2"
     k_r: Scalar = parameter(
-        0.02, unit="W/V2", meaning="ripple loss", null=0.0, lower=0.0, upper=10.0, typical=(1e-3, 0.1)
+        0.02,
+        unit="W/V2",
+        meaning="ripple loss",
+        null=0.0,
+        lower=0.0,
+        upper=10.0,
+        typical=(1e-3, 0.1),
+        scales="motor_current/supply",
     )
 
     def motor_loss(self, value: Scalar, context: MotorContext) -> Scalar:
@@ -185,7 +215,14 @@ class BridgeResistance(Effect):
     kinds: ClassVar[tuple[str, ...]] = ROBOT
     equation: ClassVar[str] = "V_M = rho V_pack - i_a R_on"
     R_on: Scalar = parameter(
-        0.02, unit="ohm", meaning="on-resistance of the bridge", null=0.0, lower=0.0, upper=2.0, typical=(5e-3, 0.1)
+        0.02,
+        unit="ohm",
+        meaning="on-resistance of the bridge",
+        null=0.0,
+        lower=0.0,
+        upper=20.0,
+        typical=(5e-3, 0.1),
+        scales="supply/motor_current",
     )
 
     def bridge_voltage(self, value: Scalar, context: MotorContext) -> Scalar:
