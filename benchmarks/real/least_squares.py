@@ -52,16 +52,16 @@ class Sums:
 
     def mean_square(self, values: np.ndarray) -> float:
         """Return the mean square of what values leave."""
-        return (self.energy - 2.0 * values @ self.aim + values @ self.square @ values) / self.rows
+        return float(self.energy - 2.0 * values @ self.aim + values @ self.square @ values) / self.rows
 
 
 def ridge(sums: Sequence[Sums], penalty: np.ndarray) -> np.ndarray:
     """Return the values of least mean square, over all rows, plus values' penalty (values, values)."""
     rows = sum(part.rows for part in sums)
-    square = sum(part.square for part in sums) / rows
+    square = np.sum([part.square for part in sums], axis=0) / rows
     # A value that nothing asks for is zero.
     tiny = 1e-12 * (np.trace(square) / len(square) + 1e-30) * np.eye(len(square))
-    return np.linalg.solve(square + penalty + tiny, sum(part.aim for part in sums) / rows)
+    return np.linalg.solve(square + penalty + tiny, np.sum([part.aim for part in sums], axis=0) / rows)
 
 
 def left_out(sums: Sequence[Sums], penalty: np.ndarray) -> float:

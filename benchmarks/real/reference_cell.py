@@ -120,6 +120,12 @@ class CellReference:
                 break
         return {"voltage_V": voltage, "cell_temperature_degC": degC}
 
+    def series_ohm(self, soc: np.ndarray, degC: float) -> np.ndarray:
+        """Return R_0 at states of charge and one temperature, of a cell without age."""
+        colder = (1.0 / (degC + ZERO_DEGC_IN_K) - 1.0 / REFERENCE_K) / GAS_J_MOL_K
+        level, bend = np.split(self._values[len(FINE) : len(FINE) + 2 * len(COARSE)], 2)
+        return np.exp(self.chosen["E_series"] * colder) * hats(soc, self._coarse) @ (level + E_SCALE * colder * bend)
+
     # The voltage
 
     def _soc(self, rows: Rows) -> np.ndarray:
@@ -181,7 +187,7 @@ class CellReference:
         ocv = chosen["ocv"] * (bends.T @ bends + 0.01 * np.eye(len(FINE)))
         level = chosen["ohm"] * ohm * (steps.T @ steps + 0.001 * np.eye(len(COARSE)))
         bend = chosen["bend"] * ohm * (steps.T @ steps + 0.1 * np.eye(len(COARSE)))
-        return block_diag(ocv, *[level, bend] * 3, [[1e-3 * ohm]])
+        return np.asarray(block_diag(ocv, *[level, bend] * 3, [[1e-3 * ohm]]))
 
     def _sums(self, every: int) -> list[Sums]:
         """Return the normal equations of each run, of each quarter where there is one run."""

@@ -1,0 +1,59 @@
+"""One case, diagnosed in a process of its own: `python -m benchmarks.real.one CASE` prints the answer as JSON.
+
+So the time is that of a user who starts anew, compiling included, and all memory is given back.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[2]
+KEPT_PROGRAMS = ("JAX_COMPILATION_CACHE_DIR", "JAXMODEL_CACHE")
+
+
+def said_of(folder: Path) -> dict[str, Any]:
+    """Return the answer of the diagnosis on a case: the one place that knows where the diagnosis lives."""
+    import discrepancy
+    from jaxmodel.cases import read_case
+
+    case = read_case(folder)
+    if callable(getattr(discrepancy, "diagnose", None)):
+        return discrepancy.diagnose(case).answer()  # pyright: ignore[reportAttributeAccessIssue]
+    from discrepancy.diagnose import diagnose
+    from discrepancy.result import answer
+
+    return answer(diagnose(case))
+
+
+def diagnose_apart(folder: Path, limit_s: float) -> dict[str, Any]:
+    """Return the answer on a case from a process of its own, with `seconds` and `peak_MiB`; or `failed`, why not."""
+    environment = {name: value for name, value in os.environ.items() if name not in KEPT_PROGRAMS}
+    command = [sys.executable, "-m", "benchmarks.real.one", str(folder.resolve())]
+    began = time.perf_counter()
+    try:
+        done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=limit_s)
+    except subprocess.TimeoutExpired:
+        return {"failed": f"not done after {limit_s:.0f} s", "seconds": limit_s}
+    seconds = time.perf_counter() - began
+    if done.returncode:
+        last = (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]
+        return {"failed": last, "seconds": seconds}
+    return json.loads(done.stdout.strip().splitlines()[-1]) | {"seconds": seconds}
+
+
+def main(folder: Path) -> None:
+    """Print the answer on a case, on one line."""
+    said = said_of(folder)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
+    print(json.dumps(said | {"peak_MiB": peak}))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
