@@ -82,8 +82,8 @@ def told(answer: dict[str, Any]) -> str:
     if not answer:
         return ""
     names = [effect["name"] for effect in answer.get("effects", ())]
-    names += [f"curve: {curve['port']} over {curve['over']}" for curve in answer.get("curves", ())]
-    names += [f"{run['file']}: {run['parameter']}" for run in answer.get("runs", ())]
+    names += [f"curve: {curve.get('port')} over {curve.get('over')}" for curve in answer.get("curves", ())]
+    names += [f"{run.get('file')}: {run.get('parameter')}" for run in answer.get("runs", ())]
     return f"{answer.get('verdict')}: {', '.join(names) or 'nothing'}"
 
 
