@@ -9,7 +9,15 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from jaxmodel.declaration import ParameterInfo, describe
-from jaxmodel.effects import CATALOGUE, battery, drive, sensors
+from jaxmodel.effects import (
+    CATALOGUE,
+    battery,
+    drive,
+    further_battery,
+    further_drive,
+    further_sensors,
+    sensors,
+)
 from jaxmodel.effects.curves import CURVES
 from jaxmodel.effects.shifts import SHIFTS
 from jaxmodel.parameters import TABLE
@@ -19,15 +27,18 @@ from jaxmodel.specimen import SIZES
 HERE = Path(__file__).parent
 NOTE = "<!-- Made by make_parameters.py from the code; do not edit. -->\n"
 GROUPS = {
-    battery: ("Cell and pack", "T is the cell's temperature where `self_heating` is on, else the ambient."),
-    drive: (
+    (battery, further_battery): (
+        "Cell and pack",
+        "T is the cell's temperature where `self_heating` is on, else the ambient.",
+    ),
+    (drive, further_drive): (
         "Motor, gear, bridge, electronics",
         "T_w is the winding's temperature, T_c the case's, w the rotor's speed.",
     ),
-    sensors: (
+    (sensors, further_sensors): (
         "Sensors",
-        "Each but `clock_shift` sits on one `column`. Where that is a measured input, the fault is taken off what was "
-        "reported.",
+        "Each but `clock_shift` sits on one `column`; those of the load's torque and of the chamber know theirs. Where "
+        "it is a measured input, the fault is taken off what was reported.",
     ),
 }
 
@@ -85,8 +96,9 @@ names a size, they grow with the specimen by the ratio of that size to the paper
 {_table(("size", "what", "from"), _sizes())}
 """
     ]
-    for module, (title, note) in GROUPS.items():
-        classes = [cls for cls in CATALOGUE.values() if cls.__module__ == module.__name__]
+    for modules, (title, note) in GROUPS.items():
+        names = [module.__name__ for module in modules]
+        classes = [cls for cls in CATALOGUE.values() if cls.__module__ in names]
         parts.append(f"## {title}\n\n{note}\n\n{_effects(classes)}\n{_effect_parameters(classes)}")
     parts.append(
         f"""## Curves

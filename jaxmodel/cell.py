@@ -116,6 +116,11 @@ def voltage(cell: Cell, current_A: Scalar) -> Scalar:
     )
 
 
+def surface_temperature(cell: Cell) -> Scalar:
+    """Return what a thermometer on the cell sees, in degC: the cell's temperature, unless an effect parts the two."""
+    return fold(cell.effects, "surface_temperature", cell.context.temperature_degC, cell.context)
+
+
 def heat(cell: Cell, current_A: Scalar, current_variance_A2: Scalar) -> Scalar:
     """Return the mean heat made in one cell in W: i (V_oc - V_cell), and what effects add.
 

@@ -102,7 +102,7 @@ def read(model: Model, state: State, inputs: Inputs) -> Readings:
         readings[name] = state["motor_current_A"]
         readings["speed_rad_s"] = state["speed_rad_s"]
     if cell is not None:
-        readings["cell_temperature_degC"] = cell.context.temperature_degC
+        readings["cell_temperature_degC"] = cells.surface_temperature(cell)
     if motor is not None:
         readings["winding_temperature_degC"] = motor.context.winding_degC
         readings["case_temperature_degC"] = motor.context.case_degC

@@ -75,6 +75,7 @@ CELL_PORTS = {
     "overpotential": "V lost beside i R, V_TS and V_TL",
     "cell_heat": "W made in one cell",
     "weakest_cell_voltage": "V that the weakest cell of the pack falls short of the others",
+    "surface_temperature": "degC at a thermometer on the cell; that of the cell in the base model",
 }
 MOTOR_PORTS = {
     "torque_constant": "N m/A and V s/rad; eqs. 11 and 12",

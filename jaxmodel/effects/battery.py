@@ -169,8 +169,8 @@ class SelfHeating(Effect):
         return {"self_heating.T_degC": relaxation(target, self.C_th / transfer)}
 
     def cell_temperature(self, value: Scalar, context: CellContext) -> Scalar:
-        """Give the cell its own temperature."""
-        return context.state["self_heating.T_degC"]
+        """Give the cell its own temperature, beside what other effects made of the ambient's."""
+        return value + (context.state["self_heating.T_degC"] - context.ambient_degC)
 
 
 class SlowDiffusion(Effect):

@@ -38,11 +38,19 @@ NULL: dict[str, dict[str, float]] = {
     "bridge_resistance": {"R_on": 0.0},
     "constant_power_load": {"s": 0.0},
     "onboard_temperature": {"a": 0.0},
+    "arrhenius_polarisation": {"E_rc": 0.0},
+    "capacity_fade": {"f": 0.0},
+    "discharge_resistance": {"d": 0.0},
+    "directional_friction": {"a": 0.0},
+    "brush_current_drop": {"V_l": 0.0, "i_b": 1.0},
+    "bridge_dead_time": {"d": 0.0},
     "temperature_lag": {"tau": math.inf, "cell": 0.0, "winding": 0.0, "case": 0.0},
 }
 for _name in OTHER_FORMS:
     NULL[_name]["other"] = 0.0
-READING_EFFECTS = ("current_offset", "voltage_gain", "voltage_offset", "clock_shift")
+GAINS = ("voltage_gain", "current_gain", "speed_gain", "torque_gain", "temperature_gain")
+OFFSETS = ("current_offset", "voltage_offset", "temperature_offset", "torque_offset", "chamber_offset")
+READING_EFFECTS = (*GAINS, *OFFSETS, "clock_shift")
 LAGGING = {
     "cell_temperature_degC": "cell",
     "winding_temperature_degC": "winding",
@@ -111,8 +119,10 @@ def sensed(time_s: np.ndarray, outputs: Columns, effects: Effects) -> Columns:
 def _faults(effects: Effects) -> list[tuple[str, float, float]]:
     """Return column, gain and offset of each fault of a linear sensor."""
     found = []
-    for name in ("voltage_gain", "current_offset", "voltage_offset"):
+    for name in (*GAINS, *OFFSETS):
         if name in effects:
             fault = effects[name]
-            found.append((fault["column"], float(fault.get("g", 0.0)), float(fault.get("c", 0.0))))
+            gain, offset = float(fault.get("g", 0.0)), float(fault.get("c", 0.0))
+            # A thermometer was calibrated at 25 degC: there it reads right whatever its gain.
+            found.append((fault["column"], gain, offset - 25.0 * gain if name == "temperature_gain" else offset))
     return found

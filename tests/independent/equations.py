@@ -73,7 +73,8 @@ def usable_charge(temperature: jax.Array, p: Tree, e: Tree) -> jax.Array:
     storage = 1.0 - 1.544e5 * jnp.exp(-40498.0 / (8.3143 * stored_kelvin)) * p["storage_months"]
     warmer = temperature - 20.0
     change = e["capacity_temperature"]["a"] * either(e["capacity_temperature"], warmer, levelling(warmer))
-    return 3600.0 * p["capacity_Ah"] * storage * (1.0 + change)
+    faded = 1.0 - e["capacity_fade"]["f"] * p["cycles"] / 100.0
+    return 3600.0 * p["capacity_Ah"] * storage * (1.0 + change) * faded
 
 
 def entropy_slope(soc: jax.Array, e: Tree) -> jax.Array:
@@ -89,6 +90,9 @@ def cell_part(y: dict[str, jax.Array], ambient: jax.Array, p: Tree, e: Tree) -> 
     kelvin = temperature + ZERO_CELSIUS
     colder = either(e["arrhenius_resistance"], 1.0 / kelvin - 1.0 / 293.15, (20.0 - temperature) / 293.15**2)
     arrhenius = jnp.exp(e["arrhenius_resistance"]["E_a"] / GAS_CONSTANT * colder)
+    polarisation = arrhenius * jnp.exp(
+        e["arrhenius_polarisation"]["E_rc"] / GAS_CONSTANT * (1.0 / kelvin - 1.0 / 293.15)
+    )
     ageing = 0.0015 * jnp.sqrt(p["cycles"]) + e["resistance_ageing"]["c"] * p["cycles"]  # (7)
 
     def of_cell(soc: jax.Array) -> dict[str, jax.Array]:
@@ -97,8 +101,8 @@ def cell_part(y: dict[str, jax.Array], ambient: jax.Array, p: Tree, e: Tree) -> 
         return {
             "v_oc": open_circuit_voltage(soc, temperature, p) + p["ocv_offset_V"] + entropic,
             "r_series": (series_resistance(soc, temperature, p) + ageing) * p["series_resistance_scale"] * arrhenius,
-            "r_ts": r_ts * p["rc_resistance_scale"] * arrhenius,
-            "r_tl": r_tl * p["rc_resistance_scale"] * arrhenius,
+            "r_ts": r_ts * p["rc_resistance_scale"] * polarisation,
+            "r_tl": r_tl * p["rc_resistance_scale"] * polarisation,
             "c_ts": c_ts * p["rc_capacitance_scale"],
             "c_tl": c_tl * p["rc_capacitance_scale"],
         }
@@ -116,12 +120,14 @@ def cell_part(y: dict[str, jax.Array], ambient: jax.Array, p: Tree, e: Tree) -> 
     }
 
 
-def cell_voltage(cell: dict[str, jax.Array], current: jax.Array, e: Tree) -> jax.Array:
+def cell_voltage(cell: dict[str, jax.Array], current: jax.Array, p: Tree, e: Tree) -> jax.Array:
     """Return the terminal voltage of one cell at `current`."""
+    discharging = 0.5 + 0.5 * jnp.tanh(current / (0.01 * p["capacity_Ah"]))  # as a tanh its slope is finite everywhere
+    series = cell["r_series"] * (1.0 + e["discharge_resistance"]["d"] * discharging)
     ratio = current / e["charge_transfer"]["i_0"]
     tafel = jnp.sign(current) * jnp.log1p(jnp.abs(ratio))
     transfer = cell["charge_transfer_volt"] * either(e["charge_transfer"], jnp.arcsinh(0.5 * ratio), tafel)
-    return cell["v_oc"] - current * cell["r_series"] - cell["slow_drop"] - transfer
+    return cell["v_oc"] - current * series - cell["slow_drop"] - transfer
 
 
 def pack_voltage(cell: dict[str, jax.Array], current: jax.Array, p: Tree, e: Tree) -> jax.Array:
@@ -131,7 +137,7 @@ def pack_voltage(cell: dict[str, jax.Array], current: jax.Array, p: Tree, e: Tre
     case with this effect is reproduced to its noise so, and missed by twice the noise at low charge otherwise.
     """
     weak_gain = cell["weak_gain"] - current * (cell["r_series_weak"] - cell["r_series"])
-    return p["n_series"] * cell_voltage(cell, current, e) + weak_gain
+    return p["n_series"] * cell_voltage(cell, current, p, e) + weak_gain
 
 
 def robot_draw(
@@ -180,8 +186,9 @@ def motor_part(
     gear = e["gear_loss"]["e"]
     gear = either(e["gear_loss"], gear, gear * ((load_torque / 0.1) ** 2 + 1e-6) ** -0.1)
     # `slide` in place of the sign of the speed keeps the equations smooth up to, and a little past, the reversal.
+    one_way = p["tau_0"] * e["directional_friction"]["a"] * speed * jnp.abs(speed) / (speed**2 + 1.0)
     friction = (
-        slide * (coulomb + stribeck["tau_s"] * fading)
+        slide * (coulomb + one_way + stribeck["tau_s"] * fading)
         + e["viscous_friction"]["b"] * speed
         + windage["c"] * slide * either(windage, speed**2, 250.0**0.3 * size**1.7)
     )
@@ -191,7 +198,8 @@ def motor_part(
         "resistance": resistance,
         "inductance": p["L_a"] * (1.0 + p["psi_L"] * warmer),
         "back_emf": k * speed,
-        "brush": e["brush_drop"]["V_b"] * jnp.tanh(i_a / 0.1),
+        "brush": e["brush_drop"]["V_b"] * jnp.tanh(i_a / 0.1)
+        + e["brush_current_drop"]["V_l"] * jnp.arcsinh(i_a / e["brush_current_drop"]["i_b"]),
         "drive": k * i_a * saturated - load_torque * (1.0 + gear),
         "breakaway": coulomb + stribeck["tau_s"],
         "friction": friction,
@@ -220,11 +228,13 @@ def algebra(kind: str, vector: jax.Array, inputs: jax.Array, slide: jax.Array, p
         out["cell"] = cell_part(y, ambient, p, e)
     if kind == "cell":
         out["current"] = drive
-        out["v_cell"] = cell_voltage(out["cell"], drive, e)
+        out["v_cell"] = cell_voltage(out["cell"], drive, p, e)
     elif kind == "robot":
         out["current"], out["v_pack"] = robot_draw(out["cell"], p["n_motors"] * drive * y["i_a"], ambient, p, e)  # (14)
-        out["v_cell"] = cell_voltage(out["cell"], out["current"], e)
-        out["v_motor"] = drive * out["v_pack"] - e["bridge_resistance"]["R_on"] * y["i_a"]
+        out["v_cell"] = cell_voltage(out["cell"], out["current"], p, e)
+        dead = e["bridge_dead_time"]["d"]
+        given = drive - dead * jnp.tanh(drive / (0.02 + dead))
+        out["v_motor"] = given * out["v_pack"] - e["bridge_resistance"]["R_on"] * y["i_a"]
         out["motor"]["loss"] += e["pwm_ripple"]["k_r"] * (drive * (1.0 - drive) * out["v_pack"]) ** 2
     else:
         out["v_motor"] = drive

@@ -24,7 +24,13 @@ from tests.jaxmodel.runs import staircase
 
 ROWS, STEPS = 13, 2000
 TRANSIENT_S = 0.1
-TEMPERATURE_DEPENDENT = ("arrhenius_resistance", "capacity_temperature", "charge_transfer", "entropic_ocv")
+TEMPERATURE_DEPENDENT = (
+    "arrhenius_resistance",
+    "arrhenius_polarisation",
+    "capacity_temperature",
+    "charge_transfer",
+    "entropic_ocv",
+)
 # What the rotor's acceleration takes of the current while the slow states move it is right to first order only,
 # J/k d2w/dt2 times the step; it hides what else is in these.
 CARRY_THE_ACCELERATION = ("current_A", "motor_current_A", "pack_current_A", "pack_voltage_V")
@@ -33,7 +39,11 @@ INPUTS = {
     "motor": {"voltage_V": (8.0, 3.0), "load_torque_Nm": (0.15, 0.1)},
     "robot": {"duty": (0.35, 0.15), "load_torque_Nm": (0.15, 0.1)},
 }
-BENDING = ("brush_drop", "saturation")  # their steps after a jump are others, and so is the compiled shape
+BENDING = (
+    "brush_drop",
+    "brush_current_drop",
+    "saturation",
+)  # their steps after a jump are others, and so is the compiled shape
 
 
 def effects_of(kind: str, bends: bool) -> list[str]:

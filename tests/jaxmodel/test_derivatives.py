@@ -26,15 +26,20 @@ KINDS = ("cell", "motor", "robot")
 NEVER = Cutoff()
 # Where a number is zero by default, what a change of it is measured by.
 SCALES = {"ocv_offset_V": 0.1, "psi_L": 1e-2, "clock_shift.resampled": 0.1, "saturation.i_s": 15.0}
+SCALES |= {"initial_temperature_rise_K": 5.0, "initial_hysteresis": 0.3}
+SCALES |= {"initial_winding_rise_K": 10.0, "initial_case_rise_K": 10.0}
+BRUSHES = ("brush_drop", "brush_current_drop")
 
 
 @functools.cache
 def full_model(kind: str) -> Model:
     """Each effect in one kind at least; a brush drop's derivative is that of its root, in test_root.py."""
     columns = {"current_offset": "current_A", "voltage_gain": "voltage_V", "voltage_offset": "voltage_V"}
-    columns |= {"temperature_lag": "winding_temperature_degC"}
+    columns |= {name: "winding_temperature_degC" for name in ("temperature_lag", "temperature_gain")}
+    columns |= {"temperature_offset": "case_temperature_degC", "current_gain": "current_A", "speed_gain": "speed_rad_s"}
+    columns |= {"torque_offset": "load_torque_Nm", "torque_gain": "load_torque_Nm", "chamber_offset": "ambient_degC"}
     of_robot = {name: cls for name, cls in CATALOGUE.items() if cls.kinds == ("robot",)}
-    of_kind = {name: cls for name, cls in CATALOGUE.items() if kind in cls.kinds and name != "brush_drop"}
+    of_kind = {name: cls for name, cls in CATALOGUE.items() if kind in cls.kinds and name not in BRUSHES}
     chosen = of_robot | {"self_heating": CATALOGUE["self_heating"]} if kind == "robot" else of_kind
     effects = [cls(column=columns.get(name, "")) for name, cls in chosen.items()]
     return Model(kind, Parameters(initial_soc=0.85), effects=tuple(effects))
@@ -47,8 +52,8 @@ def names(kind: str) -> tuple[str, ...]:
 
 def values(kind: str, **changes: float) -> np.ndarray:
     # A shift by whole rows reads just where an input jumps, and friction has a kink at standstill: there no reading has
-    # a derivative by the one, and by the other.
-    changes = {"clock_shift.d": 0.37, "initial_speed_rad_s": 30.0} | changes
+    # a derivative by the one, and by the other; so it has where a load that a transducer invents is just held.
+    changes = {"clock_shift.d": 0.37, "initial_speed_rad_s": 30.0, "torque_offset.c": 0.003} | changes
     return np.array([changes.get(name, float(value(full_model(kind), name))) for name in names(kind)])
 
 

@@ -29,16 +29,17 @@ from tests.jaxmodel.runs import STEPS, padded, run, staircase
 
 STAGE = 1e7  # s, or J/K: a thermal stage so slow that it only adds up
 KINDS = ("cell", "motor", "robot")
+BRUSHES = ("brush_drop", "brush_current_drop")
 
 
 def effects_of(kind: str) -> list[str]:
     """All but the brushes, whose grid is another, and the sensors, which carry no energy."""
-    return [n for n, cls in CATALOGUE.items() if kind in cls.kinds and not cls.is_sensor and n != "brush_drop"]
+    return [n for n, cls in CATALOGUE.items() if kind in cls.kinds and not cls.is_sensor and n not in BRUSHES]
 
 
 @functools.cache
 def switched(kind: str, *, brushes: bool = False) -> Model:
-    names = ["brush_drop", *(["self_heating"] if kind == "robot" else [])] if brushes else effects_of(kind)
+    names = [*BRUSHES, *(["self_heating"] if kind == "robot" else [])] if brushes else effects_of(kind)
     effects = (CATALOGUE[name](switch=jnp.zeros(())) for name in names)
     return Model(kind, Parameters(), effects=tuple(effects))
 
@@ -92,7 +93,7 @@ def test_what_leaves_the_chemistry_of_a_cell_is_work_or_heat_or_leaks(effect: st
     profile = levels(currents, rows, step_s)
     ran = run(model, profile)
     temperature = np.asarray(ran.readings["cell_temperature_degC"])
-    charge = 3600.0 * 5.2 * (1.0 - 1.544e5 * np.exp(-40498.0 / (8.3143 * 293.15)) * 18.0)
+    charge = 3600.0 * 5.2 * left_after_cycles(effect) * (1.0 - 1.544e5 * np.exp(-40498.0 / (8.3143 * 293.15)) * 18.0)
     released = charge * (chemistry(np.asarray(ran.states["soc"][0])) - chemistry(np.asarray(ran.states["soc"][-1])))
     passed = float(np.sum(np.array(currents)) * rows * step_s)
     lost_inside = 0.0
@@ -108,6 +109,11 @@ def test_what_leaves_the_chemistry_of_a_cell_is_work_or_heat_or_leaks(effect: st
     heat = STAGE * (temperature[-1] - 20.0)
     turned_over = float(np.sum(np.abs(currents))) * rows * step_s * 4.0
     assert abs(released - lost_inside - work - heat) < 1e-6 * turned_over
+
+
+def left_after_cycles(effect: str) -> float:
+    """The share of the capacity that 25 cycles leave."""
+    return 1.0 - 0.03 * 25.0 / 100.0 if effect == "capacity_fade" else 1.0
 
 
 def over_levels_of_ocv(ran: Trajectory, profile: Profile, rows: int) -> np.ndarray:
@@ -131,7 +137,7 @@ def imbalance_of_a_start(effect: str, load: float, parts: int = 1) -> float:
     time = np.append(0.0, np.geomspace(1e-5, 10.0, 125))
     inputs = {"voltage_V": 0.0 * time + voltage, "load_torque_Nm": 0.0 * time + load, "ambient_degC": 0.0 * time + 25.0}
     adding_up = {"tau_wc": STAGE, "tau_ca": STAGE, "R_wc": 1.0, "R_ca": 1.0, "psi_R": 0.0, "R_0": resistance}
-    all_off = switched("motor", brushes=effect == "brush_drop")
+    all_off = switched("motor", brushes=effect in BRUSHES)
     model, profile = changed(all_off, **adding_up, **on(effect)), Profile(time, inputs)
     course, time_s = padded(model, profile)
     used = (STEPS // parts) * parts
@@ -151,16 +157,19 @@ def imbalance_of_a_start(effect: str, load: float, parts: int = 1) -> float:
         beside = integral(0.05 * load * speed)
     if effect == "brush_drop":
         beside = integral(0.5 * np.tanh(current / 0.1) * current)
+    if effect == "brush_current_drop":
+        beside = integral(0.1 * np.arcsinh(current / 1.0) * current)
     given_in = voltage * integral(current)
     stored = 0.5 * inertia * speed[-1] ** 2 + 0.5 * inductance * current[-1] ** 2
     heat = float(ran.states["x_case_K"][-1]) * STAGE
     return abs(given_in - load * integral(speed) - stored - heat - beside) / given_in
 
 
-@pytest.mark.parametrize("effect", ["", "brush_drop", *(name for name in effects_of("motor") if name != "saturation")])
+@pytest.mark.parametrize("effect", ["", *BRUSHES, *(name for name in effects_of("motor") if name != "saturation")])
 @pytest.mark.parametrize("load", [0.02, 0.15])
 def test_what_a_start_takes_is_motion_load_or_heat(effect: str, load: float):
-    assert imbalance_of_a_start(effect, load) < 2e-6
+    # A drop that bends all the way up leaves a little more of the step's error.
+    assert imbalance_of_a_start(effect, load) < (5e-6 if effect == "brush_current_drop" else 2e-6)
 
 
 @pytest.mark.parametrize("load", [0.02, 0.15])
@@ -171,7 +180,7 @@ def test_what_a_saturated_start_takes_closes_with_the_square_of_the_step(load: f
     assert quarter < whole / 8.0
 
 
-@pytest.mark.parametrize("effect", ["", "brush_drop", *effects_of("robot")])
+@pytest.mark.parametrize("effect", ["", *BRUSHES, *effects_of("robot")])
 def test_what_leaves_the_chemistry_of_a_robot_is_load_motion_draw_or_heat(effect: str):
     """From the six cells to the wheels of two motors, through a start."""
     duty, load = 0.4, 0.1
@@ -179,7 +188,7 @@ def test_what_leaves_the_chemistry_of_a_robot_is_load_motion_draw_or_heat(effect
     inputs = {"duty": 0.0 * time + duty, "load_torque_Nm": 0.0 * time + load, "ambient_degC": 0.0 * time + 20.0}
     heavy = {"tau_wc": STAGE, "tau_ca": STAGE, "R_wc": 1.0, "R_ca": 1.0}
     heavy |= {"self_heating__switch": 1.0, "self_heating__C_th": STAGE, "self_heating__hA": 1e-3}
-    all_off = switched("robot", brushes=effect == "brush_drop")
+    all_off = switched("robot", brushes=effect in BRUSHES)
     model = changed(all_off, initial_soc=0.8, storage_months=0.0, **(heavy | on(effect)))
     ran = run(model, Profile(time, inputs))
     read_off = {name: np.asarray(values) for name, values in ran.readings.items()}
@@ -189,7 +198,7 @@ def test_what_leaves_the_chemistry_of_a_robot_is_load_motion_draw_or_heat(effect
     def integral(values: np.ndarray) -> float:
         return float(CubicSpline(time, values).integrate(0.0, 10.0))
 
-    released = 3600.0 * 5.2 * (chemistry(soc[0]) - chemistry(soc[-1]))
+    released = 3600.0 * 5.2 * left_after_cycles(effect) * (chemistry(soc[0]) - chemistry(soc[-1]))
     heat = STAGE * (read_off["cell_temperature_degC"][-1] - 20.0)
     inside = 0.0  # of one cell: neither its work nor irreversible heat
     if effect == "entropic_ocv":
@@ -208,6 +217,8 @@ def test_what_leaves_the_chemistry_of_a_robot_is_load_motion_draw_or_heat(effect
         "bridge_resistance": lambda: integral(0.02 * current**2),
         "gear_loss": lambda: integral(0.05 * load * speed),
         "brush_drop": lambda: integral(0.5 * np.tanh(current / 0.1) * current),
+        "brush_current_drop": lambda: integral(0.1 * np.arcsinh(current / 1.0) * current),
+        "bridge_dead_time": lambda: integral(0.02 * np.tanh(duty / 0.04) * pack_voltage * current),
         "pwm_ripple": lambda: -integral(0.02 * (duty * (1.0 - duty) * pack_voltage) ** 2),
         "saturation": lambda: integral(
             0.0385 * current * speed * (current / 50.0) ** 2 / (1.0 + (current / 50.0) ** 2)
@@ -222,7 +233,7 @@ def open_circuit(soc: np.ndarray) -> np.ndarray:
     return -1.031 * np.exp(-35.0 * soc) + 3.685 + soc * (0.2156 + soc * (-0.1178 + soc * 0.3201))
 
 
-@pytest.mark.parametrize("effect", ["", *effects_of("motor")])
+@pytest.mark.parametrize("effect", ["", *(name for name in effects_of("motor") if name != "directional_friction")])
 def test_a_motor_driven_backwards_mirrors_itself(effect: str):
     """Nothing in the motor knows left from right: currents and speeds change sign, temperatures do not."""
     drive = staircase(3, 60, 12.0)
