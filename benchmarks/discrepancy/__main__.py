@@ -1,5 +1,6 @@
 """Blind cases by seed: `python -m benchmarks.discrepancy make|diagnose|gather|judge|report FOLDER`.
 
+Cases with an `answer.toml` of their own (`../shared/cases`): `python -m benchmarks.discrepancy.hard`.
 Cases below 1000 are for development, those from 1000 on are sealed: to be made and judged, never to be looked at.
 """
 
@@ -7,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import time
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -15,22 +15,31 @@ import jax
 import typer
 from rich.progress import track
 
-from benchmarks.discrepancy.evidence import save
 from benchmarks.discrepancy.generate import draw
 from benchmarks.discrepancy.generate import make as make_case
 from benchmarks.discrepancy.judge import read, read_blind, report
+from benchmarks.discrepancy.one import in_a_process
 from benchmarks.discrepancy.publish import publish
-from discrepancy.diagnose import diagnose as diagnose_case
-from discrepancy.lanes import PROGRAMS
-from discrepancy.result import answer
 from jaxmodel.cases import read_case
 from workbench.compiled import keep_compiled_programs
 
 app = typer.Typer(add_completion=False, no_args_is_help=True)
 Folder = Annotated[Path, typer.Argument(help="Where the cases are, one folder each.")]
-Group = Annotated[
-    Literal["null", "single", "double", "sensor", "outside"] | None, typer.Option(help="Cases of this group alone.")
+Name = Literal[
+    "null",
+    "single",
+    "double",
+    "sensor",
+    "outside",
+    "several",
+    "table",
+    "run",
+    "noise",
+    "prior",
+    "extrapolation",
+    "immaterial",
 ]
+Group = Annotated[Name | None, typer.Option(help="Cases of this group alone; from `several` on those from seed 5000.")]
 
 
 @app.command()
@@ -52,31 +61,26 @@ def make(folder: Folder, first: int = 0, count: int = 240, group: Group = None) 
 @app.command()
 def diagnose(folder: Folder, again: bool = False) -> None:
     """Diagnose the cases that were not yet, or all again; may be stopped at any time."""
-    keep_compiled_programs()
     paths = [path.parent for path in sorted(folder.glob("[0-9]*/blind.json"))]
     for path in track([p for p in paths if again or not (p / "said.json").exists()], "diagnosing"):
-        began = time.perf_counter()
-        said = answer(diagnose_case(read_case(path)))
-        (path / "said.json").write_text(json.dumps(said | {"seconds": time.perf_counter() - began}))
-        _forget_programs()
+        said = in_a_process(path, path / "said.json", cold=False)
+        if "verdict" not in said:
+            (path / "said.json").unlink()
+            typer.echo(f"Case {path.name} failed: {said['error']}", err=True)
 
 
 @app.command()
 def gather(folder: Folder, again: bool = False) -> None:
     """Screen the cases that were not yet, or all again, and keep what the baselines and ablations need."""
+    from benchmarks.discrepancy.evidence import save  # looks inside the method, as no other command does
+
     keep_compiled_programs()
     paths = [path.parent for path in sorted(folder.glob("[0-9]*/blind.json"))]
     for path in track([p for p in paths if again or not (p / "evidence.json").exists()], "screening"):
         save(path, read_case(path), read_blind(path))
         for kept in ("peers.json", "says.json"):
             (path / kept).unlink(missing_ok=True)
-        _forget_programs()
-
-
-def _forget_programs() -> None:
-    """Free the memory of compiled programs: hundreds of cases have a thousand."""
-    PROGRAMS.compiled.clear()
-    jax.clear_caches()
+        jax.clear_caches()  # hundreds of cases have a thousand programs
 
 
 @app.command()

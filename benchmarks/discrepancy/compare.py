@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.discrepancy.ablations import IN_ANSWER, screened
 from benchmarks.discrepancy.baselines import Says, baselines, by_peers
-from benchmarks.discrepancy.evidence import PLACES
-from benchmarks.discrepancy.generate import Blind
-from benchmarks.discrepancy.judge import Judged, Rate, rate
+from benchmarks.discrepancy.hidden import Blind
+from benchmarks.discrepancy.judge import Judged
+from benchmarks.discrepancy.ranges import PLACES
+from benchmarks.discrepancy.rates import Rate, rate
 from jaxmodel.effects import CATALOGUE
 
 OURS = "jaxmodel diagnose"
@@ -139,23 +140,3 @@ def read_lifts(folder: Path, cases: Iterable[Judged]) -> dict[str, dict[str, np.
             lift = np.mean(each, axis=0) if each else np.zeros(PLACES.size)
             found.setdefault(kind, {}).setdefault(name, []).append(lift - seen["critical_z"])
     return {kind: {name: np.stack(rows) for name, rows in each.items()} for kind, each in found.items()}
-
-
-def markdown(table: Mapping[str, Mapping[str, Rate | float | str]], first: str, methods: Sequence[str] = ()) -> str:
-    """Return rates by method as a table for a page: a share, its interval, and of how many."""
-    rows = {name: table[name] for name in methods or table if name in table}
-    columns = list(next(iter(rows.values())))
-    lines = [f"| {first} | {' | '.join(columns)} |", "| --- |" + " --- |" * len(columns)]
-    lines += [f"| {name} | {' | '.join(_cell(found[c]) for c in columns)} |" for name, found in rows.items()]
-    return "\n".join(lines)
-
-
-def _cell(found: Rate | float | str) -> str:
-    if isinstance(found, str):
-        return found
-    if not isinstance(found, Rate):
-        return f"{found:.3g}" if np.isfinite(found) else ""
-    if not found.of:
-        return ""
-    low, high = found.interval
-    return f"{found.hits} of {found.of} ({100 * low:.0f} to {100 * high:.0f} %)"

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.discrepancy.generate import Blind
+from benchmarks.discrepancy.hidden import Blind
+from benchmarks.discrepancy.ranges import PLACES
 from discrepancy.candidates import Candidate
 from discrepancy.conditions import conditions
 from discrepancy.lanes import one_thread_of_blas
@@ -20,8 +21,6 @@ from discrepancy.session import Session
 from jaxmodel.cases import Case
 from jaxmodel.declaration import describe
 
-# Places in an effect's usual range at which the power is asked for: 0 its low end, 1 its high end.
-PLACES = np.linspace(0.0, 1.0, 9)
 # The low end of a range that spans the null, as a share of its high end; the diagnosis takes the same for `blind_to`.
 LEAST_SHARE = 0.2
 

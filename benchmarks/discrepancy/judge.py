@@ -6,21 +6,27 @@ import dataclasses
 import itertools
 import json
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from statsmodels.stats.proportion import proportion_confint
 
-from benchmarks.discrepancy.generate import ACTS_ON, Blind
-from discrepancy.diagnose import RIVAL
+from benchmarks.discrepancy.bench import GROUPS
+from benchmarks.discrepancy.grades import judge
+from benchmarks.discrepancy.hidden import Blind
+from benchmarks.discrepancy.outside import ACTS_ON
+from benchmarks.discrepancy.rates import Rate, in_words, rate
 
 SURE = 0.95
+# A candidate more probable than this is not ruled out.
+RIVAL = 0.05
 # Of the true effect, in sigma after projection: what the data show clearly. Not known where it was not gathered.
 CLEAR = 4.0
+# Of one of several: what stands out so far should not be missed.
+STRONG = 12.0
 # What a line does not tell where it is nothing.
-_IF_ANY = ("heavy", "decoy", "rival")
+_IF_ANY = ("heavy", "decoy", "rival", "beside", "stands_out")
 BINS = (0.0, 0.5, 0.8, 0.95, 1.0)
 
 
@@ -41,9 +47,24 @@ class Judged:
 
     @property
     def right(self) -> bool:
-        """Whether the verdict and, where effects of the catalogue were hidden, all names are right."""
+        """Whether the verdict and, where effects of the catalogue were hidden, all names are right.
+
+        Of a case nearer to a bench: whether all is told that its class asks for.
+        """
+        if self.blind.group in GROUPS:
+            return self.grade == "right"
         names = self.blind.outside or sorted(self.named) == sorted(self.blind.effects)
         return self.said["verdict"] == self.blind.verdict and bool(names)
+
+    @property
+    def grade(self) -> str:
+        """How right the answer is: "right", "part" or "wrong"."""
+        return judge(self.blind.truth, self.said).grade
+
+    @property
+    def faintest(self) -> float:
+        """By how many sigma the faintest hidden thing stands out; nan where that is not known."""
+        return min(self.blind.stands_out.values(), default=self.sigma)
 
     @property
     def first_three(self) -> list[str]:
@@ -98,46 +119,6 @@ class Judged:
         return found
 
 
-@dataclasses.dataclass(frozen=True)
-class Rate:
-    """How many of how many, with the 95 % interval (Wilson) of the share."""
-
-    hits: int
-    of: int
-
-    @property
-    def share(self) -> float:
-        """The share; nan without a case."""
-        return self.hits / self.of if self.of else float("nan")
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """The 95 % interval of the share."""
-        if not self.of:
-            return 0.0, 1.0
-        low, high = np.asarray(proportion_confint(self.hits, self.of, method="wilson"), dtype=float)
-        return float(low), float(high)
-
-    @property
-    def arms(self) -> list[list[float]]:
-        """How far the interval reaches below and above the share, as a plot asks for it."""
-        low, high = self.interval
-        return [[max(0.0, self.share - low)], [max(0.0, high - self.share)]]
-
-    def __str__(self) -> str:
-        """Say it in words."""
-        if not self.of:
-            return "no case"
-        low, high = self.interval
-        return f"{self.share:6.1%}  ({low:.0%} to {high:.0%}; {self.hits} of {self.of})"
-
-
-def rate(hits: Iterable[bool]) -> Rate:
-    """Count."""
-    values = list(hits)
-    return Rate(sum(values), len(values))
-
-
 def metrics(cases: Sequence[Judged]) -> dict[str, Rate | float]:
     """Return every figure of merit by name; nan without a case."""
     nulls = [c for c in cases if c.blind.group == "null"]
@@ -146,11 +127,13 @@ def metrics(cases: Sequence[Judged]) -> dict[str, Rate | float]:
     clear = [c for c in singles if c.sigma >= CLEAR]
     sensors = [c for c in cases if c.blind.group == "sensor"]
     catalogued = [c for c in cases if c.blind.effects]
-    physics = [c for c in cases if c.blind.group in ("single", "double")]
+    physics = [c for c in cases if c.blind.verdict == "missing_effect" and c.blind.effects]
     outside = [c for c in cases if c.blind.outside]
     alike = [c for c in cases if c.blind.rival]
     sure = [c for c in cases if c.probability > SURE]
     ratios = [c.after_over_floor for c in catalogued if c.right]
+    near_bench = {name: [c for c in cases if c.blind.group == name] for name in GROUPS}
+    several = near_bench["several"]
     return {
         "false alarms on clean nulls": rate(c.said["verdict"] != "adequate" for c in nulls if not c.blind.hostile),
         "false alarms on hostile nulls": rate(c.said["verdict"] != "adequate" for c in nulls if c.blind.hostile),
@@ -168,6 +151,16 @@ def metrics(cases: Sequence[Judged]) -> dict[str, Rate | float]:
         "confusable pairs: its rival alone named": rate(
             c.blind.rival in c.named and not set(c.blind.effects) <= c.not_ruled_out for c in alike
         ),
+        "several at once: all named, no other": rate(c.right for c in several),
+        f"several, each above {STRONG:g} sigma: all named": rate(c.right for c in several if c.faintest >= STRONG),
+        "several at once: half of them at least": rate(c.grade != "wrong" for c in several),
+        "a wrong table told, and the effects": rate(c.right for c in near_bench["table"]),
+        "a wrong table told, or the effects": rate(c.grade != "wrong" for c in near_bench["table"]),
+        "one bad run told as that run": rate(c.right for c in near_bench["run"]),
+        "wrong stated noise: right all the same": rate(c.right for c in near_bench["noise"]),
+        "numbers and sizes that no prior foretells": rate(c.right for c in near_bench["prior"]),
+        "extrapolation told": rate(c.right for c in near_bench["extrapolation"]),
+        "the immaterial left alone": rate(c.right for c in near_bench["immaterial"]),
         "all that is hidden named": rate(set(c.blind.effects) <= set(c.named) for c in catalogued),
         "known effects called unknown": rate(c.said["verdict"] == "unknown_effect" for c in catalogued),
         "physics called a sensor's fault": rate(c.said["verdict"] == "sensor_fault" for c in physics),
@@ -197,11 +190,6 @@ def reliability(cases: Sequence[Judged]) -> dict[str, Rate]:
     }
 
 
-def in_words(found: Rate | float) -> str:
-    """Return a figure of merit as text."""
-    return str(found) if isinstance(found, Rate) else f"{found:.3f}" if np.isfinite(found) else "no case"
-
-
 def report(cases: Sequence[Judged]) -> str:
     """Return everything as text, the misses last."""
     lines = [f"{len(cases)} blind cases", ""]
@@ -214,7 +202,8 @@ def report(cases: Sequence[Judged]) -> str:
     lines.append("not right")
     for case in cases:
         if not case.right:
-            hidden = case.blind.outside or ", ".join(case.blind.effects) or "nothing"
+            beside = [f"{case.blind.group}: {case.blind.beside}"] if case.blind.beside else []
+            hidden = case.blind.outside or ", ".join([*case.blind.effects, *beside]) or "nothing"
             said = ", ".join(case.named) or case.said["unexplained"] or "nothing"
             lines.append(f"{case.number:04d} {case.blind.kind}: {hidden} | {case.said['verdict']}: {said}")
     return "\n".join(lines)

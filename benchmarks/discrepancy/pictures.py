@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, PercentFormatter
 from scipy.stats import norm
 
-from benchmarks.discrepancy.compare import Hidden
-from benchmarks.discrepancy.evidence import PLACES
-from benchmarks.discrepancy.judge import BINS, Judged, rate
+from benchmarks.discrepancy.judge import BINS, Judged
+from benchmarks.discrepancy.ranges import PLACES
+from benchmarks.discrepancy.rates import rate
 from workbench.pictures.style import BLACK, BLUE, GREEN, GREY, ORANGE, PAGE_CM, SEQUENCE, new_figure, styled
+
+if TYPE_CHECKING:  # it looks inside the method, which a picture does not
+    from benchmarks.discrepancy.compare import Hidden
 
 COLOUR = {"cell": BLUE, "motor": ORANGE, "robot": GREEN}
 # Sigma: what lies outside is drawn at the edge. And the ends of the groups whose share is shown.

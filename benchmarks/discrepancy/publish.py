@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.discrepancy.ablations import IN_ANSWER
-from benchmarks.discrepancy.compare import OURS, markdown, rates, read_compared, read_hidden, read_lifts
+from benchmarks.discrepancy.bench import BENCH_FROM
 from benchmarks.discrepancy.generate import CONFUSABLE_FROM, HARDER_FROM
-from benchmarks.discrepancy.judge import Judged, Rate, keep, metrics, power, read, reliability
+from benchmarks.discrepancy.judge import Judged, keep, metrics, power, read, reliability
 from benchmarks.discrepancy.pictures import power_picture, range_picture, reliability_picture
+from benchmarks.discrepancy.rates import Rate, markdown
 from workbench.pictures.style import png
 
 SEALED_FROM = 1000
@@ -39,7 +39,7 @@ ASKED = {
     "check error over floor, 95th percentile": "at most 1.2",
 }
 BASELINES = (
-    OURS,
+    "jaxmodel diagnose",
     "residual correlation",
     "stepwise, 5 %",
     "stepwise, BIC",
@@ -53,7 +53,8 @@ def publish(folder: Path, page: Path, group: str | None = None) -> None:
     """Write the figures of sealed cases into a page, and `results.json` and pictures into a folder of the page's name.
 
     The answers are kept in `sealed.jsonl`, those of harder cases in `harder.jsonl`, of confusable pairs in
-    `confusable.jsonl`: so many cases take hours, and need not be diagnosed in one go. Those of earlier versions are in
+    `confusable.jsonl`, of those nearer to a bench in `bench.jsonl`: so many cases take hours, and need not be diagnosed
+    in one go. Those of earlier versions are in
     `before.jsonl`, `harder-before.jsonl` and `opened.jsonl`; they stand beside, and judge no more. Baselines, ablations
     and power are of the folder's cases that were gathered.
 
@@ -72,10 +73,15 @@ def publish(folder: Path, page: Path, group: str | None = None) -> None:
     else:
         cases = keep([case for case in new if case.number < HARDER_FROM], out / "sealed.jsonl")
     harder = keep([case for case in new if HARDER_FROM <= case.number < CONFUSABLE_FROM], out / "harder.jsonl")
-    alike = keep([case for case in new if case.number >= CONFUSABLE_FROM], out / "confusable.jsonl")
+    alike = keep([case for case in new if CONFUSABLE_FROM <= case.number < BENCH_FROM], out / "confusable.jsonl")
+    bench = keep([case for case in new if case.number >= BENCH_FROM], out / "bench.jsonl")
     alone = {path.stem.removeprefix(ALONE): keep([], path) for path in sorted(out.glob(f"{ALONE}*.jsonl"))}
     sets = {"sealed": cases}
-    sets |= {f"{name}s alone": some for name, some in alone.items()} | {"harder": harder, "confusable": alike}
+    sets |= {f"{name}s alone": some for name, some in alone.items()} | {
+        "harder": harder,
+        "confusable": alike,
+        "bench": bench,
+    }
     sets |= {"version before": before, "both": [*before, *cases], "versions before that": opened}
     sets |= {"harder, version before": harder_before}
     tables = {
@@ -83,25 +89,44 @@ def publish(folder: Path, page: Path, group: str | None = None) -> None:
         "metrics": _side_by_side({name: metrics(some) for name, some in sets.items() if some}),
         "reliability": _table("right at a probability of", reliability([*before, *cases])),
         "power": _table("named where hidden", power([*before, *cases])),
+        "bench": _by_class(bench),
     }
     figures = {"sealed": _summary(cases)} | {f"{name}s alone": _summary(some) for name, some in alone.items()}
-    figures |= {name: _summary(sets[name]) for name in ("harder", "confusable") if sets[name]}
+    figures |= {name: _summary(sets[name]) for name in ("harder", "confusable", "near a bench") if sets[name]}
     (out / "reliability.png").write_bytes(png(reliability_picture([*before, *cases])))
-    if group is None and (compared := read_compared(folder, new)):
-        methods = rates(compared)
-        ablated = [name for name in methods if name.startswith("score") or name in IN_ANSWER]
-        tables["baselines"] = markdown(methods, "method", BASELINES)
-        tables["ablations"] = markdown(methods, "part left out", [OURS, *ablated])
-        figures["methods"] = methods
-        (out / "power.png").write_bytes(png(power_picture(read_hidden(folder, new))))
-        (out / "range.png").write_bytes(png(range_picture(read_lifts(folder, new))))
+    if group is None and any(folder.glob("[0-9]*/evidence.npz")):
+        tables |= _methods(folder, new, out, figures)
     _write(out / "results.json", figures)
     page.write_text(filled(page.read_text(), tables))
+
+
+def _methods(folder: Path, new: Sequence[Judged], out: Path, figures: dict[str, Any]) -> dict[str, str]:
+    """Return the tables of baselines and ablations, of cases that were gathered; they look inside the method."""
+    from benchmarks.discrepancy.ablations import IN_ANSWER
+    from benchmarks.discrepancy.compare import OURS, rates, read_compared, read_hidden, read_lifts
+
+    methods = rates(read_compared(folder, new))
+    ablated = [name for name in methods if name.startswith("score") or name in IN_ANSWER]
+    figures["methods"] = methods
+    (out / "power.png").write_bytes(png(power_picture(read_hidden(folder, new))))
+    (out / "range.png").write_bytes(png(range_picture(read_lifts(folder, new))))
+    return {
+        "baselines": markdown(methods, "method", BASELINES),
+        "ablations": markdown(methods, "part left out", [OURS, *ablated]),
+    }
 
 
 def _groups(cases: Sequence[Judged]) -> dict[str, int]:
     """Return how many cases there are of each group and kind."""
     return dict(sorted(collections.Counter(f"{c.blind.group} ({c.blind.kind})" for c in cases).items()))
+
+
+def _by_class(cases: Sequence[Judged]) -> str:
+    """Return how many cases nearer to a bench are right, in part and wrong, by what is judged in them."""
+    counted = collections.Counter((case.blind.told_as, case.grade) for case in cases)
+    grades = ("right", "part", "wrong")
+    found = {name: {g: str(counted[name, g]) for g in grades} for name in sorted({name for name, _ in counted})}
+    return markdown(found, "class") if found else "No case yet."
 
 
 def _in_words(cases: Sequence[Judged]) -> str:

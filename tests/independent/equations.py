@@ -323,7 +323,7 @@ def readings(kind: str, vector: jax.Array, inputs: jax.Array, p: Tree, e: Tree) 
             "motor_loss_W": a["motor"]["loss"],
         }
     if kind == "cell":
-        return out | {"voltage_V": a["v_cell"]}
+        return out | {"voltage_V": a["v_cell"] - a["current"] * p["contact_ohm"]}
     if kind == "robot":
         return out | {
             "pack_voltage_V": a["v_pack"],

@@ -35,6 +35,7 @@ DEFAULTS: dict[str, float] = {
     "rc_resistance_scale": 1.0,
     "rc_capacitance_scale": 1.0,
     "ocv_offset_V": 0.0,
+    "contact_ohm": 0.0,  # of a single cell's leads, which warms no cell: ours, for runs that have one of their own
     "n_series": 6.0,
     "nominal_cell_voltage_V": 3.8,
     "R_0": 0.103,

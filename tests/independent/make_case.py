@@ -38,6 +38,7 @@ class Run:
         split: "fit" or "check".
         label: free text.
         parameters: parameters of this run in place of the case's, known exactly (`cycles`).
+        hidden: parameters of this run in place of the case's, of which nobody knows.
     """
 
     profile: Columns
@@ -46,6 +47,7 @@ class Run:
     split: str = "fit"
     label: str = ""
     parameters: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    hidden: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
 
 def write_case(
@@ -62,6 +64,9 @@ def write_case(
     autocorrelation: Mapping[str, float] | None = None,
     unstated_sensors: Collection[str] = (),
     heavy_tails: Collection[str] = (),
+    stated_sensors: Mapping[str, float] | None = None,
+    accepted: Mapping[str, float] | None = None,
+    readings: Sequence[Columns] | None = None,
     title: str = "Made measurement",
     tolerance: float = 1e-8,
 ) -> list[Columns]:
@@ -80,6 +85,9 @@ def write_case(
         autocorrelation: AR(1) coefficient of a column's noise; its sd stays that of `sensors`.
         unstated_sensors: columns whose sd the case does not tell.
         heavy_tails: columns whose noise is Student's t with 4 degrees of freedom, of the same sd.
+        stated_sensors: sd that the case tells in place of the true one.
+        accepted: the error of a column that the user can live with, which the case tells under [tolerance].
+        readings: of each run without noise, where they were simulated before.
         title: the case's title.
         tolerance: of the integration; far below any sensor.
     """
@@ -89,17 +97,20 @@ def write_case(
     clean: list[Columns] = []
     for number, run in enumerate(runs, start=1):
         reported = reported_inputs(run.profile, effects)
-        truth = {**true_parameters, **run.parameters}
-        readings = simulate(kind, truth, reported, effects, run.initial_soc, tolerance=tolerance)
-        clean.append(readings)
-        columns = reported | {name: readings[name] for name in sensors if name in readings and name not in reported}
+        truth = {**true_parameters, **run.parameters, **run.hidden}
+        if readings is None:
+            clean.append(simulate(kind, truth, reported, effects, run.initial_soc, tolerance=tolerance))
+        else:
+            clean.append(readings[number - 1])
+        columns = reported | {name: clean[-1][name] for name in sensors if name in clean[-1] and name not in reported}
         order = ["time_s", *(name for name in INPUTS if name in reported), *(n for n in columns if n not in reported)]
         text = {}
         for name in order:
             noise = _noise(rng, len(columns[name]), sensors.get(name, 0.0), rhos.get(name, 0.0), name in heavy_tails)
             text[name] = _rounded(columns[name] + noise, steps.get(name))
         pd.DataFrame(text).to_csv(folder / _file(number), index=False)
-    (folder / "case.toml").write_text(_case_toml(title, kind, stated_parameters, runs, sensors, unstated_sensors))
+    told = {name: sd for name, sd in {**sensors, **(stated_sensors or {})}.items() if name not in unstated_sensors}
+    (folder / "case.toml").write_text(_case_toml(title, kind, stated_parameters, runs, told, accepted or {}))
     (folder / "answer.toml").write_text(_answer_toml(kind, true_parameters, effects, runs))
     return clean
 
@@ -131,37 +142,39 @@ def _case_toml(
     stated: Mapping[str, Stated],
     runs: Sequence[Run],
     sensors: Mapping[str, float],
-    unstated: Collection[str],
+    accepted: Mapping[str, float],
 ) -> str:
-    lines = [f"title = {_toml(title)}", f"kind = {_toml(kind)}", 'preset = "paper"', "", "[parameters]"]
-    lines += [f"{name} = {_toml(value)}" for name, value in stated.items()]
-    lines += ["", "[sensors]", *(f"{name} = {_toml(sd)}" for name, sd in sensors.items() if name not in unstated)]
+    lines = [f"title = {in_toml(title)}", f"kind = {in_toml(kind)}", 'preset = "paper"', "", "[parameters]"]
+    lines += [f"{name} = {in_toml(value)}" for name, value in stated.items()]
+    lines += ["", "[sensors]", *(f"{name} = {in_toml(sd)}" for name, sd in sensors.items())]
+    if accepted:
+        lines += ["", "[tolerance]", *(f"{name} = {in_toml(limit)}" for name, limit in accepted.items())]
     for number, run in enumerate(runs, start=1):
-        lines += ["", "[[runs]]", f"file = {_toml(_file(number))}", f"split = {_toml(run.split)}"]
-        lines += [f"label = {_toml(run.label)}"]
+        lines += ["", "[[runs]]", f"file = {in_toml(_file(number))}", f"split = {in_toml(run.split)}"]
+        lines += [f"label = {in_toml(run.label)}"]
         if kind != "motor":
-            lines += [f"initial_soc = {_toml(run.stated_soc or run.initial_soc)}"]
-        lines += [f"{name} = {_toml(value)}" for name, value in run.parameters.items()]
+            lines += [f"initial_soc = {in_toml(run.stated_soc or run.initial_soc)}"]
+        lines += [f"{name} = {in_toml(value)}" for name, value in run.parameters.items()]
     return "\n".join(lines) + "\n"
 
 
 def _answer_toml(kind: str, true_parameters: Mapping[str, Any], effects: Effects, runs: Sequence[Run]) -> str:
-    lines = [f"kind = {_toml(kind)}", f"effects = {_toml(list(effects))}"]
+    lines = [f"kind = {in_toml(kind)}", f"effects = {in_toml(list(effects))}"]
     if kind != "motor":
-        lines += [f"true_initial_soc = {_toml([run.initial_soc for run in runs])}"]
-    lines += ["", "[effect_parameters]", *(f"{name} = {_toml(values)}" for name, values in effects.items())]
-    lines += ["", "[true_parameters]", *(f"{name} = {_toml(value)}" for name, value in true_parameters.items())]
+        lines += [f"true_initial_soc = {in_toml([run.initial_soc for run in runs])}"]
+    lines += ["", "[effect_parameters]", *(f"{name} = {in_toml(values)}" for name, values in effects.items())]
+    lines += ["", "[true_parameters]", *(f"{name} = {in_toml(value)}" for name, value in true_parameters.items())]
     return "\n".join(lines) + "\n"
 
 
-def _toml(value: Any) -> str:
+def in_toml(value: Any) -> str:
     """Return a value as TOML: a pair is a value and its standard deviation."""
     if isinstance(value, str):
         return json.dumps(value)
     if isinstance(value, tuple):
-        return f"{{ value = {_toml(value[0])}, sd = {_toml(value[1])} }}"
+        return f"{{ value = {in_toml(value[0])}, sd = {in_toml(value[1])} }}"
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + " }"
+        return "{ " + ", ".join(f"{key} = {in_toml(item)}" for key, item in value.items()) + " }"
     if isinstance(value, list | np.ndarray):
-        return "[" + ", ".join(_toml(item) for item in value) + "]"
+        return "[" + ", ".join(in_toml(item) for item in value) + "]"
     return repr(int(value) if isinstance(value, int | np.integer) else float(value))

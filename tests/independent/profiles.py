@@ -32,6 +32,7 @@ def make_profile(
     *,
     duration_s: float = 1800.0,
     step_s: float = 1.0,
+    time_s: np.ndarray | None = None,
     ambient_degC: float | np.ndarray = 20.0,
     largest_drive: float = 6.0,
     largest_load_Nm: float = 0.2,
@@ -46,6 +47,7 @@ def make_profile(
         seed: the same seed gives the same profile.
         duration_s: time of the last row.
         step_s: time between rows.
+        time_s: the rows' times from 0, in place of those: loads last as long whatever the rows.
         ambient_degC: one temperature, or one per row.
         largest_drive: of blocks, in A, V, or a duty.
         largest_load_Nm: of load torques, against the motion.
@@ -53,7 +55,10 @@ def make_profile(
         reversing: one block in four charges the cell (at half the current) or runs the motor backwards.
     """
     rng = np.random.default_rng(seed)
-    time_s = np.arange(0.0, duration_s + 0.5 * step_s, step_s)
+    if time_s is None:
+        time_s = np.arange(0.0, duration_s + 0.5 * step_s, step_s)
+    else:
+        duration_s = float(time_s[-1])
     drive, load = np.zeros_like(time_s), np.zeros_like(time_s)
     shape, start = PATTERNS[pattern], min(30.0, 0.1 * duration_s)
     while start < duration_s:
