@@ -24,6 +24,10 @@ SENSOR_COLUMNS = {
     "voltage_offset": "voltage_V",
     "temperature_lag": "cell_temperature_degC",
     "clock_shift": "",
+    "current_gain": "current_A",
+    "temperature_offset": "cell_temperature_degC",
+    "temperature_gain": "cell_temperature_degC",
+    "chamber_offset": "ambient_degC",
 }
 
 OF_DRIVES = {"motor": ("magnet_temperature", "brush_drop"), "robot": ("bridge_resistance", "pwm_ripple")}
