@@ -73,9 +73,8 @@ def read_row(folder: Path, said: Mapping[str, Any]) -> Row:
     """Return a case with its truth and an answer."""
     truth = tomllib.loads((folder / "answer.toml").read_text())
     case = tomllib.loads((folder / "case.toml").read_text())
-    tables = (
-        {name: value for name, value in case.get("parameters", {}).items() if "soc" in (value or ())} if case else {}
-    )
+    stated = case.get("parameters", {})
+    tables = {name: value for name, value in stated.items() if isinstance(value, dict) and "soc" in value}
     return Row(folder.name, truth, tables, dict(said))
 
 
@@ -92,16 +91,11 @@ def table(rows: Sequence[Row]) -> str:
     for name in dict.fromkeys(cell["class"] for cell in cells):
         lines.append(f"{name}: " + ", ".join(f"{n} {g}" for (c, g), n in sorted(by_class.items()) if c == name))
     ratios = [ratio for row in rows if np.isfinite(ratio := after_over_reachable(row.truth, row.said))]
-    pairs = (
-        [parameters_within(row.truth, row.said) for row in rows],
-        [curve_within(row.truth, row.stated, row.said) for row in rows],
-    )
-    numbers, knots = (tuple(sum(each) for each in zip(*counted, strict=True)) for counted in pairs)
+    numbers = np.sum([parameters_within(row.truth, row.said) for row in rows], axis=0)
+    knots = np.sum([curve_within(row.truth, row.stated, row.said) for row in rows], axis=0)
     seconds = [row.said.get("seconds", float("nan")) for row in rows]
     if ratios:
-        lines.append(
-            f"error on check over what can be reached: median {np.median(ratios):.2f}, worst {max(ratios):.2f}"
-        )
+        lines.append(f"check error over what can be reached: median {np.median(ratios):.2f}, worst {max(ratios):.2f}")
     lines.append(f"numbers in 2 sd: {numbers[0]} of {numbers[1]}; knots in band: {knots[0]} of {knots[1]}")
     lines.append(f"seconds: median {np.nanmedian(seconds):.0f}, worst {np.nanmax(seconds):.0f}")
     return "\n".join(lines)
@@ -125,8 +119,12 @@ def main(
         rows = []
         for folder in chosen:
             file = kept / f"{folder.name}.json"
-            known = json.loads(file.read_text()) if file.exists() and not again else None
-            rows.append(read_row(folder, known or in_a_process(folder, file, cold=not warm, limit_s=limit_s)))
+            known = json.loads(file.read_text()) if file.exists() and not again else {}
+            rows.append(
+                read_row(
+                    folder, known if "verdict" in known else in_a_process(folder, file, cold=not warm, limit_s=limit_s)
+                )
+            )
             cell = rows[-1].cells
             typer.echo(f"{cell['case']} {cell['grade']} {cell['s']} s {cell['not right']}", err=True)
     typer.echo(table(rows))

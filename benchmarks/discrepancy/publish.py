@@ -77,11 +77,8 @@ def publish(folder: Path, page: Path, group: str | None = None) -> None:
     bench = keep([case for case in new if case.number >= BENCH_FROM], out / "bench.jsonl")
     alone = {path.stem.removeprefix(ALONE): keep([], path) for path in sorted(out.glob(f"{ALONE}*.jsonl"))}
     sets = {"sealed": cases}
-    sets |= {f"{name}s alone": some for name, some in alone.items()} | {
-        "harder": harder,
-        "confusable": alike,
-        "bench": bench,
-    }
+    sets |= {f"{name}s alone": some for name, some in alone.items()}
+    sets |= {"harder": harder, "confusable": alike, "near a bench": bench}
     sets |= {"version before": before, "both": [*before, *cases], "versions before that": opened}
     sets |= {"harder, version before": harder_before}
     tables = {
