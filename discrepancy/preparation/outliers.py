@@ -1,0 +1,86 @@
+"""Outliers: readings that for a row or three stand far off, and come back, while no input does a thing.
+
+A loose contact, a lost telegram, a converter that read nothing: one such reading of thousands, at 0 V, weighs more in a
+sum of squares than all others. No course of the hardware explains it and it tells nothing of the physics, so it is left
+out, and told.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+
+from discrepancy.preparation.signals import (
+    Rows,
+    Values,
+    after_pauses,
+    calm,
+    detect_quantum,
+    off_the_neighbours,
+    robust_sd,
+    without_readings,
+)
+from jaxmodel.cases import Case, Run
+
+# An outlier stands this many sd off the readings before and after it, which differ by less than half of that; it is
+# over after so many rows. White noise has none in 1e20 readings.
+FAR = 10.0
+MOST_ROWS = 3
+# More than this share of a channel's readings, and more than one, is something that happens.
+MOST_OF_CHANNEL = 0.005
+
+
+def without_outliers(case: Case) -> tuple[Case, tuple[str, ...]]:
+    """Return a case with outliers of its outputs as missing readings, and a sentence for each channel that had some."""
+    told, runs = [], {run.name: run for run in case.runs}
+    channels = dict.fromkeys(name for run in case.runs for name in run.measured.outputs)
+    for channel in channels:
+        with_it = [run for run in case.runs if channel in run.measured.outputs]
+        found = {run.name: outliers(run, channel, case.sensors.get(channel, 0.0)) for run in with_it}
+        count = sum(int(rows.sum()) for rows in found.values())
+        if not 0 < count <= max(1.0, MOST_OF_CHANNEL * sum(rows.size for rows in found.values())):
+            continue
+        first = next(run for run in with_it if found[run.name].any())
+        row = int(np.argmax(found[first.name]))
+        value = first.measured.outputs[channel][row]
+        told.append(
+            f"{count} reading{'s' * (count > 1)} of {channel} left out as outlier{'s' * (count > 1)}, far from those "
+            f"before and after while no input changed: {value:.4g} at {first.measured.time_s[row]:g} s of {first.file}"
+            f"{' and others' * (count > 1)}."
+        )
+        for name, rows in found.items():
+            runs[name] = without_readings(runs[name], channel, rows)
+    return dataclasses.replace(case, runs=tuple(runs.values())), tuple(told)
+
+
+def outliers(run: Run, channel: str, stated_sd: float = 0.0) -> Rows:
+    """Return which rows of a run are outliers of a channel, (rows,) booleans; a missing reading is none."""
+    values, time_s = run.measured.outputs[channel], run.measured.time_s
+    there = np.flatnonzero(np.isfinite(values))
+    found = np.zeros(values.size, dtype=bool)
+    if there.size < 5:
+        return found
+    read, quiet = values[there], calm(run)[there]
+    off = off_the_neighbours(read)
+    off = off[off != 0.0]  # a sensor that is coarse, or stuck half of the time, tells its noise when it moves
+    scale = max(stated_sd, robust_sd(off) / np.sqrt(1.5), detect_quantum(read))
+    if not scale:
+        return found
+    after_pause = after_pauses(time_s[there])
+    for first, last in _spans(read, FAR * scale):
+        away = np.stack([read[first:last] - read[first - 1], read[first:last] - read[last]])
+        back = abs(read[last] - read[first - 1]) < 0.5 * np.abs(away).min()
+        one_way = np.all(away > FAR * scale) or np.all(away < -FAR * scale)
+        together = quiet[first - 1 : last + 1].all() and not after_pause[first : last + 1].any()
+        if one_way and back and together:
+            found[there[first:last]] = True
+    return found
+
+
+def _spans(read: Values, far: float) -> Iterator[tuple[int, int]]:
+    """Give the first row and the one after the last of all short spans that begin with a leap."""
+    for first in np.flatnonzero(np.abs(np.diff(read)) > far) + 1:
+        for last in range(first + 1, min(first + MOST_ROWS, read.size - 1) + 1):
+            yield int(first), last

@@ -1,0 +1,260 @@
+"""Sensors that stick: an output that repeats one reading for long while the load goes on, as it does nowhere else.
+
+A thermometer that hangs half-way through a run says of the rest of it that the cell neither warms nor cools, and the
+calibration believes it. A sensor that is coarse at rest, a motor that stands still, a voltage that a charger holds and
+a body that has come to its temperature repeat a reading too; they are told from a sensor that sticks by how it reads
+elsewhere under load, and by how abruptly it ceased to move.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from discrepancy.preparation.signals import (
+    Rows,
+    Values,
+    calm,
+    detect_quantum,
+    loaded,
+    loads,
+    off_the_neighbours,
+    robust_sd,
+    without_readings,
+)
+from jaxmodel.cases import Case, Run
+from jaxmodel.units import unit_of
+
+# A stretch of one reading is suspicious from so many rows, and so great a share of the run's time, on.
+LEAST_ROWS, LEAST_SHARE = 30, 0.05
+# How many times as long it must be, in rows and in time, as any under load elsewhere.
+LONGER = 8.0
+# Share of a stretch in which the hardware must be loaded.
+WHILE_LOADED = 0.1
+# Share of a sensor's movements that go back at once, while no input steps: from here on its noise is seen, and a
+# reading that does not move is no reading.
+GOES_BACK = 0.15
+# Of a sensor's readings under load, how many must differ from the one before for its noise to reach its steps anywhere.
+MOVES = 0.3
+# A body that comes to its temperature slows down: of its last steps the last takes 4 times as long as the fourth last.
+SLOWER = 2.5
+# Steps over which a sensor must scatter elsewhere for readings within one step to be suspicious.
+FINE = 2.0
+# More than this share of a channel's readings would be no fault of one run.
+MOST_OF_CHANNEL = 0.5
+# What stands still reads exactly zero.
+_MAY_REST = ("rad/s", "A")
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Readings of one channel in one run that repeat one value.
+
+    Attributes:
+        first: row of the first.
+        last: row of the last.
+        rows: how many were read.
+        seconds: time from the first to the last.
+        value: what they read.
+    """
+
+    first: int
+    last: int
+    rows: int
+    seconds: float
+    value: float
+
+
+@dataclass(frozen=True)
+class _Habit:
+    """How a sensor reads elsewhere under load.
+
+    Attributes:
+        rows: of its longest stretch of one reading.
+        seconds: of its longest.
+        shows_noise: whether its noise is seen, and reaches its steps wherever it stands.
+        readings: how many there are.
+    """
+
+    rows: float
+    seconds: float
+    shows_noise: bool
+    readings: int
+
+
+def without_stuck(case: Case) -> tuple[Case, tuple[str, ...]]:
+    """Return a case with the readings of sensors that stuck as missing, and a sentence for each find."""
+    told, runs = [], {run.name: run for run in case.runs}
+    for channel in dict.fromkeys(name for run in case.runs for name in run.measured.outputs):
+        found = stuck(case, channel)
+        for name, stretch in found:
+            run = runs[name]
+            read = np.flatnonzero(np.isfinite(run.measured.outputs[channel]))
+            rows = np.zeros(run.measured.time_s.size, dtype=bool)
+            rows[stretch.first : stretch.last + 1] = True
+            runs[name] = without_readings(run, channel, rows)
+            until = "the end" if stretch.last == read[-1] else f"{run.measured.time_s[stretch.last]:g} s"
+            told.append(
+                f"{channel} in {name} repeats {stretch.value:g} {unit_of(channel)}".rstrip()
+                + f" from {run.measured.time_s[stretch.first]:g} s to {until}, while the load goes on: the sensor "
+                "stuck; these readings are left out."
+            )
+    return dataclasses.replace(case, runs=tuple(runs.values())), tuple(told)
+
+
+def stuck(case: Case, channel: str) -> list[tuple[str, Stretch]]:
+    """Return the stretches over which a channel's sensor stuck, each with the name of its run.
+
+    One value repeated; or, of a sensor that scatters over several of its steps elsewhere, readings within one step.
+    """
+    runs = [run for run in case.runs if channel in run.measured.outputs]
+    readings = np.concatenate([run.measured.outputs[channel] for run in runs] or [np.zeros(0)])
+    readings = readings[np.isfinite(readings)]
+    if np.unique(readings).size < 3:
+        return []
+    quantum = detect_quantum(readings)
+    # The run with the sensor that sticks may scatter least.
+    scatter = max(robust_sd(off_the_neighbours(run.measured.outputs[channel])[calm(run)[1:-1]]) for run in runs)
+    found = _stuck_within(case, channel, 0.0, quantum)
+    if 0.0 < FINE * quantum <= scatter / np.sqrt(1.5):
+        known = {name for name, _ in found}
+        found += [one for one in _stuck_within(case, channel, quantum, quantum) if one[0] not in known]
+    return found
+
+
+def _stuck_within(case: Case, channel: str, within: float, quantum: float) -> list[tuple[str, Stretch]]:
+    """Return the stretches over which a channel's readings stay within a width, as it does nowhere else under load."""
+    runs = [run for run in case.runs if channel in run.measured.outputs]
+    readings = np.concatenate([run.measured.outputs[channel] for run in runs])
+    held = [float(np.nanmin(readings)), float(np.nanmax(readings))] if unit_of(channel) == "V" else []
+    largest = _largest(case)
+    suspects = [
+        (run, stretch)
+        for run in runs
+        for stretch in stretches(run, channel, within, LEAST_ROWS)
+        if _is_long(run, stretch)
+        and not (abs(stretch.value) <= within and unit_of(channel) in _MAY_REST)
+        and all(abs(stretch.value - one) > 3.0 * quantum for one in held)
+        and np.mean(loaded(run, largest)[stretch.first : stretch.last + 1]) >= WHILE_LOADED
+    ]
+    by_run = {run.name: [one for other, one in suspects if other is run] for run in runs}
+    habit = _habit(runs, channel, by_run, within, largest)
+    if habit.readings < LEAST_ROWS or sum(one.rows for _, one in suspects) > MOST_OF_CHANNEL * readings.size:
+        return []
+    return [
+        (run.name, one)
+        for run, one in suspects
+        if one.rows > LONGER * habit.rows
+        and one.seconds > LONGER * habit.seconds
+        and (habit.shows_noise or _ends_abruptly(run, channel, one))
+    ]
+
+
+def _largest(case: Case) -> dict[str, float]:
+    """Return the largest size of every input that loads the hardware."""
+    found: dict[str, float] = {}
+    for run in case.runs:
+        for name, values in loads(run).items():
+            found[name] = max(found.get(name, 0.0), float(np.abs(values).max(initial=0.0)))
+    return found
+
+
+def stretches(run: Run, channel: str, within: float = 0.0, least_rows: int = 1) -> list[Stretch]:
+    """Return the stretches of a run in which a channel's readings stay within a width, missing ones left aside.
+
+    Args:
+        run: the run.
+        channel: a column that it measured.
+        within: the width; 0 for one value repeated.
+        least_rows: shorter stretches are left out.
+    """
+    values, time_s = run.measured.outputs[channel], run.measured.time_s
+    there, first, last = _bounds(values, within)
+    long = np.flatnonzero(last - first + 1 >= least_rows)
+    return [
+        Stretch(
+            first=int(there[first[k]]),
+            last=int(there[last[k]]),
+            rows=int(last[k] - first[k] + 1),
+            seconds=float(time_s[there[last[k]]] - time_s[there[first[k]]]),
+            value=float(values[there[first[k]]]),
+        )
+        for k in long
+    ]
+
+
+def _bounds(values: Values, within: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the rows that were read, and of each stretch within a width the first and the last of them."""
+    there = np.flatnonzero(np.isfinite(values))
+    read = values[there]
+    first = np.flatnonzero(np.append(True, np.diff(read) != 0.0)[: read.size])
+    if within > 0.0 and first.size:
+        kept, low, high = [], np.inf, -np.inf
+        for row, value in zip(first.tolist(), read[first].tolist(), strict=True):
+            low, high = min(low, value), max(high, value)
+            if not kept or high - low > 1.001 * within:
+                kept.append(row)
+                low = high = value
+        first = np.array(kept)
+    return there, first, np.append(first[1:], read.size) - 1 if first.size else first
+
+
+def _is_long(run: Run, stretch: Stretch) -> bool:
+    length = run.measured.time_s[-1] - run.measured.time_s[0]
+    return bool(stretch.rows >= LEAST_ROWS and stretch.seconds >= LEAST_SHARE * length)
+
+
+def _habit(
+    runs: list[Run], channel: str, suspects: Mapping[str, list[Stretch]], within: float, largest: dict[str, float]
+) -> _Habit:
+    """Return how a channel reads under load, stretches under suspicion left out."""
+    rows, seconds, back, pairs, moves, readings = 0.0, 0.0, 0, 0, 0, 0
+    for run in runs:
+        values, on, quiet = run.measured.outputs[channel], loaded(run, largest), calm(run)
+        mine = np.isfinite(values)
+        for one in suspects[run.name]:
+            mine[one.first : one.last + 1] = False
+        there, first, last = _bounds(values, within)
+        until = np.append(0, np.cumsum(on))
+        spent = (until[there[last] + 1] - until[there[first]]) / (there[last] + 1 - there[first])
+        counted = mine[there[first]] & (spent >= WHILE_LOADED)
+        rows = max(rows, float((last - first + 1)[counted].max(initial=0)))
+        seconds = max(
+            seconds,
+            float((run.measured.time_s[there[last]] - run.measured.time_s[there[first]])[counted].max(initial=0.0)),
+        )
+        readings += int(np.sum(mine & on))
+        step = np.diff(values, prepend=np.nan)
+        moves += int(np.sum(mine & on & np.isfinite(step) & (step != 0.0)))
+        moved = np.flatnonzero(mine & np.isfinite(step) & (step != 0.0))
+        beside = moved[1:][np.diff(moved) <= 3]
+        before = moved[:-1][np.diff(moved) <= 3]
+        counted = quiet[beside] & quiet[before]
+        pairs += int(counted.sum())
+        back += int(np.sum((step[beside] * step[before] < 0.0) & counted))
+    shows_noise = pairs >= LEAST_ROWS and back > GOES_BACK * pairs and moves > MOVES * readings
+    return _Habit(rows, seconds, shows_noise, readings)
+
+
+def _ends_abruptly(run: Run, channel: str, stretch: Stretch) -> bool:
+    """Return whether a sensor moved at an even pace until it stuck, and the load did not fall then."""
+    before = [one for one in stretches(run, channel) if one.last < stretch.first]
+    if len(before) < 5:
+        return False
+    time_s = run.measured.time_s
+    began = np.array([time_s[one.first] for one in before[-4:]] + [time_s[stretch.first]])
+    pace = np.diff(began)
+    if pace[-1] > SLOWER * max(pace[0], pace[1]) or stretch.seconds < LONGER * pace.max():
+        return False
+    readings = np.array([one.value for one in before[-4:]] + [stretch.value])
+    one_way = np.all(np.diff(readings) > 0.0) or np.all(np.diff(readings) < 0.0)
+    window: Rows = (time_s >= began[0] - 2.0 * pace.sum()) & (time_s < began[-1])
+    after: Rows = (time_s >= began[-1]) & (time_s <= time_s[stretch.last])
+    return bool(one_way) and all(_goes_on(values, window, after) for values in loads(run).values())
+
+
+def _goes_on(values: Values, before: Rows, after: Rows) -> bool:
+    return bool(np.mean(np.abs(values[after])) >= 0.7 * np.mean(np.abs(values[before])))
