@@ -145,13 +145,14 @@ def _runs(
     """Draw four fit runs and a check run, each at a temperature of its own; some go both ways."""
     choices = [20.0, 22.0, 25.0, 28.0, 30.0] if warm else [-5.0, 0.0, 5.0, 10.0, 15.0, 25.0, 30.0, 40.0]
     ambients = [float(each) for each in rng.choice(choices, size=5, replace=False)]
-    ambients[4] = float(np.round(rng.uniform(*sorted(ambients[:4])[1:3])))  # within what was fitted
-    patterns = ["load steps", "varying load", "pulse train", "rests with pulses", "constant load"]
+    inner = sorted(ambients[:4])
+    ambients[4] = float(np.round(rng.uniform(inner[1], inner[2])))  # within what was fitted
+    patterns = ["load steps", "varying load", "pulse train", "rests with pulses"]
     order = [patterns[place] for place in rng.permutation(4)] + [str(rng.choice(patterns[:3]))]
     check = int(rng.integers(5))
     runs = []
     for number, (ambient, pattern) in enumerate(zip(ambients, order, strict=True)):
-        reversing = bool(rng.uniform() < 0.5) and pattern != "constant load"
+        reversing = bool(rng.uniform() < 0.5)
         profile = make_profile(
             kind,
             pattern,

@@ -227,7 +227,7 @@ def keep(cases: Sequence[Judged], file: Path) -> list[Judged]:
 
 
 def _line(case: Judged) -> str:
-    kept = dataclasses.asdict(case) | {"sigma": None if np.isnan(case.sigma) else case.sigma}
+    kept: dict[str, Any] = dataclasses.asdict(case) | {"sigma": None if np.isnan(case.sigma) else case.sigma}
     kept["blind"] = {name: value for name, value in kept["blind"].items() if value or name not in _IF_ANY}
     return json.dumps(kept)
 

@@ -5,6 +5,7 @@ The one place of the proving ground that calls the diagnosis.
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import subprocess
@@ -24,12 +25,11 @@ def diagnose_folder(folder: Path) -> dict[str, Any]:
     """Return the answer of the diagnosis of a case."""
     from jaxmodel.cases import read_case
 
-    try:
-        from discrepancy import answer, diagnose  # type: ignore[attr-defined]
-    except ImportError:
-        from discrepancy.diagnose import diagnose
-        from discrepancy.result import answer
-    return answer(diagnose(read_case(folder)))
+    front = importlib.import_module("discrepancy")
+    if not callable(getattr(front, "answer", None)):  # before the package had a front door
+        found = importlib.import_module("discrepancy.diagnose").diagnose(read_case(folder))
+        return importlib.import_module("discrepancy.result").answer(found)
+    return front.answer(front.diagnose(read_case(folder)))
 
 
 def in_a_process(folder: Path, out: Path, *, cold: bool, limit_s: float = MOST_SECONDS) -> dict[str, Any]:
@@ -58,7 +58,7 @@ def in_a_process(folder: Path, out: Path, *, cold: bool, limit_s: float = MOST_S
         complaint = (done.stderr.strip().splitlines() or ["nothing was said"])[-1]
     except subprocess.TimeoutExpired:
         complaint = f"took more than {limit_s:g} s"
-    said = json.loads(out.read_text()) if out.exists() else {"error": complaint}
+    said: dict[str, Any] = json.loads(out.read_text()) if out.exists() else {"error": complaint}
     said["seconds"] = round(time.perf_counter() - began, 2)
     out.write_text(json.dumps(said, indent=1) + "\n")
     return said

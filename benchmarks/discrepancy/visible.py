@@ -188,7 +188,7 @@ def fit(case: Case, sd: Mapping[str, float], effects_too: bool = True) -> Fitted
     best = least_squares(
         lambda moves: readings.whitened(moves)[0],
         np.zeros(len(readings.free)),
-        jac=readings.slopes,
+        jac=readings.slopes,  # type: ignore[arg-type]
         bounds=(
             np.where(readings.stated, -FARTHEST_SD, -9.0),  # an effect's parameter may fall to a tenth
             np.where(readings.stated, FARTHEST_SD, 1e3),

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import importlib
 import re
 from pathlib import Path
 from typing import Any
@@ -28,12 +29,11 @@ CLEAR_SIGMA = 15.0
 
 def answer_of(case: Case) -> dict[str, Any]:
     """Return the answer of a diagnosis; all that is asked of the package."""
-    try:
-        from discrepancy import answer, diagnose  # type: ignore[attr-defined]
-    except ImportError:
-        from discrepancy.diagnose import diagnose
-        from discrepancy.result import answer
-    return answer(diagnose(case))
+    front = importlib.import_module("discrepancy")
+    if not callable(getattr(front, "answer", None)):  # before the package had a front door
+        found = importlib.import_module("discrepancy.diagnose").diagnose(case)
+        return importlib.import_module("discrepancy.result").answer(found)
+    return front.answer(front.diagnose(case))
 
 
 CASES: dict[str, dict[str, Any]] = {
