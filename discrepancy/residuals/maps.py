@@ -12,7 +12,8 @@ from statsmodels.stats.multitest import multipletests
 from discrepancy.residuals.regimes import Bins, cut, regimes
 from discrepancy.residuals.table import ChannelResiduals, Floats, Integers
 
-BLOCKS = 60  # of a run: errors hang together within
+BLOCKS = 30  # of a run: errors hang together within
+LEAST_BLOCKS = 4  # of fewer the scatter is no measure
 LEAST_READINGS = 5
 FALSE_DISCOVERIES = 0.05  # over a map
 
@@ -26,7 +27,7 @@ class MapCell:
         count: readings.
         seconds: time spent here.
         mean: time-weighted mean residual, in the channel's unit.
-        z: that over its standard error by the scatter of blocks of time; 0 for a single block.
+        z: that over its standard error by the scatter of blocks of time; 0 where too few tell it.
         is_biased: whether the mean is beyond chance, at a false discovery rate of 5 % over the map.
     """
 
@@ -86,12 +87,12 @@ def map_over_two(residuals: ChannelResiduals, x: Bins, y: Bins) -> tuple[MapCell
         mean, error, count = _clustered_mean(residuals.error[members], weight, block[members])
         within = [residuals.conditions[one.name][members] for one in (x, y)]
         across, up = ((float(values.min()), float(values.max())) for values in within)
-        z = mean / error if np.isfinite(error) and error > 0.0 else 0.0
+        z = mean / error if count >= LEAST_BLOCKS and error > 0.0 else 0.0
         found.append(MapCell(across, up, members.size, float(weight.sum()), mean, z, False))
         counts.append(count)
     if not found:
         return ()
-    # A single block says nothing of its own error; its z is 0, of which the p-value is 1 whatever the freedom.
+    # Few blocks say nothing of their own error; the z is 0, of which the p-value is 1 whatever the freedom.
     p_values = 2.0 * student.sf(np.abs([cell.z for cell in found]), np.maximum(np.array(counts) - 1, 1))
     biased = multipletests(p_values, alpha=FALSE_DISCOVERIES, method="fdr_bh")[0]
     return tuple(replace(cell, is_biased=bool(one)) for cell, one in zip(found, biased, strict=True))

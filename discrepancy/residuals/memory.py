@@ -60,9 +60,9 @@ def memory_of(residuals: ChannelResiduals, cell: Integers, fitted: Floats, numbe
     spent = np.bincount(cell, weight, minlength=fitted.size)
     shares = sparse.csr_array((weight / spent[cell], (cell, stretch)), shape=(fitted.size, seconds.size))
     lengths = np.array([np.ptp(residuals.time_s[residuals.run == number]) for number in residuals.runs])
-    step = lengths.mean() / STRETCHES
+    step = max(float(lengths.mean()), 1e-9) / STRETCHES
     slow, tau, white = _process(mean.reshape(runs, -1), seconds.reshape(runs, -1) > 0.0, step)
-    independent = lengths.sum() / max(2.0 * tau, step)
+    independent = max(float(lengths.sum()) / max(2.0 * tau, step), 1.0)
     # Lines follow part of what is left, and make it look less than it is.
     widened = 1.0 / (1.0 - min(numbers / independent, 1.0 - 1.0 / 3.0))
     apart = np.arange(STRETCHES)

@@ -61,7 +61,7 @@ def condition_told(view: View, name: str) -> Explanation | None:
         parts.append(rows)
     place = view.conditions.index(name)
     preference = _NEARLY_TIME if name == "time_since_load_changed_s" else _LATER**place
-    return Explanation(tuple(statements), tuple(parts), told, sum(one.share for one in statements), preference)
+    return Explanation(tuple(statements), tuple(parts), told, sum((one.share for one in statements), 0.0), preference)
 
 
 def _made(

@@ -23,14 +23,15 @@ from discrepancy.residuals.statement import (
     in_runs,
     make,
 )
-from discrepancy.residuals.table import Bools, ChannelResiduals
+from discrepancy.residuals.table import Bools, ChannelResiduals, Floats
 from jaxmodel.units import unit_of
 
 # Where explanations explain nearly the same, by how much more than its share each counts.
-_PREFER = {"heat": 2.0, "order": 1.1, "run": 1.05}
+_PREFER = {"heat": 2.0, "order": 1.3, "run": 1.05}
 _MOST_PLACES = 5
 # How many times as large as the others, and as the noise, one run's error must be to be set aside; of all squares.
 _OUTSIZE, _OUTSIZE_SHARE = 2.0, 0.1
+_MOST_OF_IT = 0.8  # of the squares of a difference: what says so much of it says it alone
 _ONE_SIGN = 0.6  # of a root mean square: a mean of this size has a sign worth telling
 
 
@@ -75,34 +76,50 @@ def runs_told(view: View) -> Iterator[Explanation | None]:
 
 def _odd(view: View, lines: RunLines) -> Explanation | None:
     """Return the one run that is off."""
-    r, odd = view.residuals, odd_run(lines)
+    r, odd, drive = view.residuals, odd_run(lines), view.drive or ""
     if odd is None:
         return None
     place, rows = lines.runs.index(odd.run), r.run == odd.run
-    others = np.delete(lines.value, place, axis=0).mean(axis=0)
-    columns = np.ones((r.error.size, 1))
-    if lines.value.shape[1] == 2:
-        columns = np.stack([columns[:, 0], r.conditions[view.drive or ""] - lines.middle], axis=1)
-    told = np.where(rows, columns @ (lines.value[place] - others), 0.0)
-    off, unit = odd.value, r.unit
-    if odd.term == 0:
-        what = wording.lies([off], r.unit)
-    else:
-        unit = wording.ratio(r.unit, unit_of(view.drive or ""))
-        side = "above" if off > 0.0 else "below"
-        what = (
-            f"measured lies {wording.with_unit(abs(off), unit)} x {wording.spoken(view.drive or '')} {side} the model"
-        )
+    line = lines.value[place] - np.delete(lines.value, place, axis=0).mean(axis=0)
+    told = np.full(r.error.size, line[0])
+    if line.size == 2:
+        told = told + line[1] * (r.conditions[drive] - lines.middle)
+    told = np.where(rows, told, 0.0)
+    what, off, unit = _difference(view, lines, line, told[rows], rows)
     name = r.run_names[odd.run]
     text = (
         f"{view.beside}{name}: {what}, compared with the other {len(r.runs) - 1} runs, in this run only"
         f"{_why(view, odd.run)}."
     )
-    value = -off if odd.term == 1 and unit == "ohm" else off
     words: dict[str, Any] = dict(
-        condition="run", lower=odd.run, upper=odd.run, text=text, cause=ONE_RUN, value=value, unit=unit
+        condition="run", lower=float(odd.run), upper=float(odd.run), text=text, cause=ONE_RUN, value=off, unit=unit
     )
     return alone(make(view, told, rows, runs_seen=1, **words), told, _PREFER["run"])
+
+
+def _difference(view: View, lines: RunLines, line: Floats, told: Floats, rows: Bools) -> tuple[str, float, str]:
+    """Say by what a run differs from the others, with the value that stands for it and its unit.
+
+    A constant, or something in proportion to the drive, where that is most of it; else both.
+    """
+    r, drive = view.residuals, view.drive or ""
+    weight = r.weight_s[rows]
+    mean = float(np.average(told, weights=weight))
+    square = float(np.average(told**2, weights=weight))
+    if line.size == 1 or mean**2 > _MOST_OF_IT * square:
+        return wording.lies([mean], r.unit), mean, r.unit
+    values, unit = r.conditions[drive][rows], wording.ratio(r.unit, unit_of(drive))
+    slope = float(np.sum(weight * told * values) / np.sum(weight * values**2))
+    name = wording.spoken(drive)
+    if slope**2 * np.average(values**2, weights=weight) > _MOST_OF_IT * square:
+        side = "above" if slope > 0.0 else "below"
+        what = f"measured lies {wording.with_unit(abs(slope), unit)} x {name} {side} the model"
+    else:
+        slope = float(line[1])
+        rest = wording.with_unit(float(line[0] - slope * lines.middle), r.unit)
+        sign = "+" if slope > 0.0 else "-"
+        what = f"measured minus model is {rest} {sign} {wording.with_unit(abs(slope), unit)} x {name}"
+    return what, -slope if unit == "ohm" else slope, unit
 
 
 def _why(view: View, run: int) -> str:
@@ -139,7 +156,18 @@ def outsize_told(view: View) -> Statement | None:
         f"the other {len(others)} runs by {between} {unit}{_why(view, run)}."
     )
     return Statement(
-        r.channel, "run", run, run, text, ONE_RUN, size[run], r.unit, 1, share, size[run], readings=int(rows.sum())
+        r.channel,
+        "run",
+        float(run),
+        float(run),
+        text,
+        ONE_RUN,
+        size[run],
+        r.unit,
+        1,
+        share,
+        size[run],
+        readings=int(rows.sum()),
     )
 
 

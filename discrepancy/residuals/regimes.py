@@ -66,7 +66,10 @@ MOST_LEVELS = 6
 LEAST_TIME = 0.01  # share of the time that makes a level of its own
 _LEVEL = 0.05  # of the range (K: in 10 K): values nearer than this are one level
 _RESTS = 0.03  # share of the time at zero that makes rest one of the states of a condition
-_FINE = 30  # ranges in which a function of another condition is sought
+
+
+# Ranges in which a function of another condition is sought, and the share of them in which it must be one.
+_FINE, _MOST_FINE = 30, 0.85
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,14 +195,10 @@ def _says_the_same(residuals: ChannelResiduals, first: str, other: str) -> bool:
         return True
     if both_of_runs:
         return False
-    levels = _levels(x, weight, 1e-3 * float(np.ptp(x)), _FINE)
-    if levels is None:
-        code = np.searchsorted(np.unique(weighted_quantiles(x, weight, np.arange(1, _FINE) / _FINE)), x, side="right")
-    else:
-        code = levels[0]
-    means = _group_means(y, weight, code)
-    left = np.average((y - means[code]) ** 2, weights=weight)
-    # In a fine range a line still has the spread of the range: a twelfth of its square.
+    code = np.searchsorted(np.unique(weighted_quantiles(x, weight, np.arange(1, _FINE) / _FINE)), x, side="right")
+    left = np.sort(_group_means((y - _group_means(y, weight, code)[code]) ** 2, weight, code))
+    # Few fine ranges reach from one level of a condition to the next, and say nothing of a function.
+    left = left[: max(1, round(_MOST_FINE * left.size))].mean()
     return bool(left <= (1.0 - SAME) * np.average((y - np.average(y, weights=weight)) ** 2, weights=weight))
 
 

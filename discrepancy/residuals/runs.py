@@ -24,6 +24,8 @@ SURE = 1e-3
 ODD = 0.01
 BY_CHANCE = 1e-3
 # Share of the differences between runs that a line over a condition must explain.
+# Part of a line's slope that must be left without any one of the runs.
+STANDS = 0.3
 IN_ORDER, IN_ORDER_OF_THREE = 0.8, 0.95
 
 
@@ -220,6 +222,8 @@ def _terms_in_order(lines: RunLines, at: Floats) -> tuple[tuple[int, ...], float
             np.sqrt(max(share, 0.0) / max(1.0 - share, 1e-12) * (value.size - 2)), max(value.size - 2, 1)
         )
         sure = chi2.sf(differ, value.size - 1) < SURE or chance < BY_CHANCE
+        without = [np.polyfit(np.delete(at, k), np.delete(value, k), 1)[0] for k in range(value.size)]
+        sure &= bool(np.min(np.array(without) / slope) > STANDS)
         if sure and min(share, ranks) > (IN_ORDER if value.size > 3 else IN_ORDER_OF_THREE):
             found.append(term)
             shares.append(share)

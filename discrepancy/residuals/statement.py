@@ -63,6 +63,7 @@ class View:
         capacity_Ah: of the cell, where known.
         most_p: chance of a false statement over all conditions.
         given: sum of squares by time before anything was told; 0 where nothing was.
+        counted: that of the runs that are still looked at, where some were set aside; 0 where none was.
     """
 
     residuals: ChannelResiduals
@@ -71,6 +72,7 @@ class View:
     capacity_Ah: float | None
     most_p: float
     given: float = 0.0
+    counted: float = 0.0
 
     @property
     def drive(self) -> str | None:
@@ -94,7 +96,8 @@ class View:
     def without_run(self, run: int) -> View:
         """Return the view of the other runs, of which what takes part is asked again."""
         rest = self.residuals.rows(self.residuals.run != run)
-        return dataclasses.replace(view_of(rest, self.capacity_Ah, self.most_p), given=self.total)
+        counted = float(np.sum(rest.weight_s * rest.error**2))
+        return dataclasses.replace(view_of(rest, self.capacity_Ah, self.most_p), given=self.total, counted=counted)
 
     def share(self, told: Floats, rows: Bools | None = None) -> float:
         """Return the part of the squares that goes with what is told, of some rows or of all."""
@@ -139,7 +142,7 @@ class Explanation:
             statements=statements,
             parts=tuple(self.parts[k] for k in kept),
             told=np.where(rows, self.told, 0.0),
-            share=sum(one.share for one in statements),
+            share=sum((one.share for one in statements), 0.0),
         )
 
 

@@ -91,4 +91,5 @@ def _is_material(view: View, statement: Statement) -> bool:
     residuals = view.residuals
     noise = 2.0 * residuals.noise_sd / np.sqrt(max(statement.readings, 1))
     limit = max(noise if np.isfinite(noise) else 0.0, OF_TOLERANCE * (residuals.tolerance or 0.0))
-    return statement.share >= LEAST_SHARE and statement.size > limit
+    least = LEAST_SHARE * (view.counted or view.total) / view.total
+    return bool(statement.share >= least and statement.size > limit)
