@@ -7,9 +7,20 @@ import dataclasses
 import numpy as np
 import pytest
 
-from discrepancy.hypothesis import Hypothesis
-from discrepancy.next_experiment import EMPTY_SOC, FIRST_SOC, Proposal, _possible, bank, propose
-from discrepancy.session import Session
+from discrepancy.advice.next_experiment import (
+    EMPTY_SOC,
+    FIRST_SOC,
+    Proposal,
+    _possible,
+    bank,
+    best_of_each,
+    in_words,
+    propose,
+)
+from discrepancy.evidence.trial import Trial
+from discrepancy.fitting.lanes import PROGRAMS
+from discrepancy.fitting.model import Bench
+from discrepancy.investigation import Investigation
 from jaxmodel.cases import Case, Known
 from tests.discrepancy.made_cases import NOISE_V, SOC_SD, TRUE, case_of, made_cell, run_of
 from tests.independent import simulate
@@ -18,9 +29,12 @@ HIDDEN = {"capacity_temperature": {"a": 0.0006}}
 RIVALS = ("capacity_temperature", "entropic_ocv")
 
 
-def rivals_of(session: Session) -> list[Hypothesis]:
-    screened = session.screen(session.hypothesis())
-    return [session.hypothesis((label,), session.starts(screened, label)) for label in RIVALS]
+def rivals_of(case: Case) -> tuple[Investigation, list[Trial]]:
+    """Both effects fitted beside the base model, and nothing else to choose from."""
+    without = [label for label, one in Bench(case).candidates.items() if one.name not in RIVALS]
+    investigation = Investigation(case, without=without)
+    gains = {gain.label: gain for gain in investigation.base_gains}
+    return investigation, [investigation.trial((label,), investigation.base, gains[label]) for label in RIVALS]
 
 
 def with_run_done(case: Case, what: str) -> Case:
@@ -41,13 +55,15 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
 
 
 @pytest.fixture(scope="module")
-def undecided(case: Case) -> tuple[list[Hypothesis], tuple[Proposal, ...]]:
-    session = Session(case)
-    rivals = rivals_of(session)
-    return rivals, propose(session, rivals)
+def undecided(case: Case) -> tuple[list[Trial], tuple[Proposal, ...]]:
+    investigation, rivals = rivals_of(case)
+    compiled = len(PROGRAMS.compiled)
+    proposals = propose(investigation, rivals)
+    assert len(PROGRAMS.compiled) == compiled, "runs of the bank are run by the programs of the case"
+    return rivals, proposals
 
 
-def evidence_gap(rivals: list[Hypothesis]) -> float:
+def evidence_gap(rivals: list[Trial]) -> float:
     return rivals[0].log_evidence - rivals[1].log_evidence
 
 
@@ -72,7 +88,7 @@ def test_doing_the_proposed_run_tells_and_a_poor_one_does_not(case: Case, undeci
     runs = [one for one in proposals if not one.what.startswith("a measurement")]
     gaps = {}
     for proposal in (runs[0], runs[-1]):
-        after = rivals_of(Session(with_run_done(case, proposal.what)))
+        _, after = rivals_of(with_run_done(case, proposal.what))
         gaps[proposal.what] = evidence_gap(after) - evidence_gap(rivals)
     best, poor = gaps[runs[0].what], gaps[runs[-1].what]
     # The log evidence gains half the square of the separation: the least one is foreseen, whichever is true, and the
@@ -130,3 +146,12 @@ def test_a_run_ends_where_the_cell_is_empty_or_the_motor_has_run_away() -> None:
     predicted = np.array([[[0.5, 100.0], [0.3, 220.0], [0.2, 150.0]], [[0.3, -150.0], [0.05, -160.0], [0.3, -170.0]]])
     assert _possible(("soc", "speed_rad_s"), predicted, 200.0).tolist() == [[True, False, False], [True, False, False]]
     assert _possible(("speed_rad_s",), predicted[..., 1:], np.inf).all()
+
+
+def test_what_to_do_next_is_said_in_words() -> None:
+    proposals = (Proposal("a at 0 degC", 2.6), Proposal("a at 10 degC", 2.0), Proposal("a measurement of R_0", 0.1))
+    said = in_words(proposals, ["one", "other"])
+    assert said == "To tell one from other: a at 0 degC (expected to separate them by 2.6 sigma; 4 times for 5)."
+    assert best_of_each(proposals) == (proposals[0], proposals[2])
+    assert "no run or measurement that was tried would" in in_words(proposals[2:], ["one", "other"])
+    assert in_words((), ["one", "other"]) == ""

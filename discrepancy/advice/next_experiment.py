@@ -1,0 +1,332 @@
+"""The experiment that would decide between models which this data cannot tell apart.
+
+With D the whitened difference of what two calibrated models predict for a run, J the second one's sensitivities there
+and S the covariance of its unknowns after the data at hand, the run would raise the second one's chi-square, refitted
+to old and new data together, by D'(I + J S J')^-1 D if the first is true: the square of the separation in sigma.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from discrepancy.evidence.trial import Scale, Trial
+from discrepancy.fitting.fit import raw_look
+from discrepancy.fitting.lanes import predictions
+from discrepancy.fitting.layout import Layout
+from discrepancy.fitting.model import Bench, Setting, View
+from discrepancy.fitting.problem import Problem, make_problem
+from discrepancy.fitting.readings import Readings, Weights, collect
+from discrepancy.investigation import Investigation
+from discrepancy.noise.model_error import NONE
+from jaxmodel.cases import Case, Known, Run
+from jaxmodel.measurements import KINDS, Measured
+
+# Inputs that drive; all others load.
+DRIVES = ("current_A", "voltage_V", "duty")
+AMBIENTS_degC = (-10.0, 0.0, 10.0, 25.0, 40.0)
+FIRST_SOC = 0.95
+EMPTY_SOC = 0.1
+REST_S = 60.0
+# How well a quantity can be measured by itself, of its value (an ohmmeter, a hung weight, a calibrated shunt).
+ANCHORED_TO = 0.005
+# Multipliers of a whole table, which no single instrument reads.
+NOT_BY_ITSELF = ("_scale", "_offset_V")
+# What tells two models apart for good.
+ENOUGH_SIGMA = 5.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Proposal:
+    """One thing that could be done, and what it would tell.
+
+    Attributes:
+        what: in words.
+        sigma: the least separation that it would bring between any two of the models.
+        repeats: how often it must be done to reach five sigma.
+    """
+
+    what: str
+    sigma: float
+
+    @property
+    def repeats(self) -> int:
+        """Return how many such runs it takes to reach five sigma."""
+        return int(np.ceil((ENOUGH_SIGMA / max(self.sigma, 1e-3)) ** 2))
+
+
+def propose(investigation: Investigation, rivals: Sequence[Trial]) -> tuple[Proposal, ...]:
+    """Return runs and measurements that would tell calibrated models apart, the one that tells most first.
+
+    Args:
+        investigation: of the case.
+        rivals: two or more models of it.
+    """
+    if len(rivals) < 2:
+        return ()
+    bench = investigation.bench
+    designs = list(bank(bench.case))
+    seen = _foreseen(bench, rivals, designs)
+    pairs = list(itertools.permutations(range(len(rivals)), 2))
+    found = [
+        Proposal(design.label, min(_separation(seen[a][number], seen[b][number]) for a, b in pairs))
+        for number, design in enumerate(designs)
+    ]
+    found += _anchors(bench.layout, rivals)
+    return tuple(sorted(found, key=lambda one: -one.sigma))
+
+
+def bank(case: Case) -> Iterator[Run]:
+    """Return the runs that the bench can do: loads no larger than it has driven, at five temperatures.
+
+    They last as long, and are read as often, as the longest run of the case. Where runs state exact numbers of their
+    own (a cell of another age), each run is proposed for either of the specimens that differ most.
+    """
+    longest = max(case.runs, key=lambda run: np.ptp(run.measured.time_s))
+    times = longest.measured.time_s
+    time_s = np.linspace(0.0, float(times[-1] - times[0]), times.size)
+    largest = {
+        name: max(float(np.max(np.abs(run.measured.inputs.get(name, np.zeros(1))))) for run in case.runs)
+        for name in longest.measured.inputs
+    }
+    for which, overrides in _specimens(case).items():
+        for ambient_degC in AMBIENTS_degC:
+            for pattern, drive in _patterns(time_s, case.kind).items():
+                inputs = {
+                    name: np.full(time_s.size, ambient_degC) if name == "ambient_degC" else largest[name] * drive(name)
+                    for name in longest.measured.inputs
+                }
+                label = f"{pattern}{which} at {ambient_degC:g} degC"
+                yield dataclasses.replace(
+                    longest,
+                    name=label,
+                    label=label,
+                    split="fit",
+                    overrides=overrides,
+                    measured=Measured(time_s, inputs, {}),
+                )
+
+
+def _specimens(case: Case) -> dict[str, dict[str, Known]]:
+    """Return the exact numbers of the two most different specimens among the runs, of a single one if all are alike.
+
+    How a run started is no matter of the specimen.
+    """
+    stated = [
+        {name: known for name, known in run.overrides.items() if known.sd is None and not name.startswith("initial_")}
+        for run in case.runs
+    ]
+    names = dict.fromkeys(name for one in stated for name in one)
+
+    def values(own: dict[str, Known]) -> tuple[float, ...]:
+        return tuple((own.get(name) or case.parameters.get(name, Known(0.0))).value for name in names)
+
+    ordered = sorted(stated, key=values)
+    ends = {values(own): own for own in (ordered[0], ordered[-1])}
+    if len(ends) == 1:
+        return {"": ordered[0]}
+    told = {key: ", ".join(f"{name} = {value:g}" for name, value in zip(names, key, strict=True)) for key in ends}
+    return {f" with {told[key]}": own for key, own in ends.items()}
+
+
+def _patterns(time_s: np.ndarray, kind: str):
+    """Return what is done to the drive (current, voltage or duty) and to the load, as shares of the largest."""
+    span = time_s[-1]
+    rested = time_s > min(REST_S, 0.05 * span)
+    part = time_s / span
+
+    def both(drive: np.ndarray, load: np.ndarray):
+        return lambda name: np.where(rested, drive if name in DRIVES else load, 0.0)
+
+    steps = np.array([0.2, 0.6, 0.35, 0.9, 0.5, 1.0, 0.7, 0.25])
+    stepped = steps[np.minimum((part * steps.size).astype(int), steps.size - 1)]
+    period = max(span / 12.0, 4.0 * span / (time_s.size - 1))
+    pulses = np.where((time_s % period) < 0.25 * period, 1.0, 0.0)
+    slow, one = np.full(time_s.size, 0.15), np.ones(time_s.size)
+    alternating = np.where((part * 8.0).astype(int) % 2 == 0, 0.8, -0.4)
+    if kind == "cell":
+        return {
+            "full load to the end": both(one, one),
+            "pulses with rests": both(pulses, one),
+            "steps of load": both(stepped, one),
+            "slow discharge": both(slow, one),
+            "discharge and charge in turn": both(alternating, one),
+        }
+    return {
+        "full drive and load": both(one, one),
+        "full drive without load": both(one, 0.0 * one),
+        "steps of drive without load": both(stepped, 0.0 * one),
+        "steps of drive and load": both(stepped, stepped[::-1]),
+        "starts with rests": both(pulses, pulses),
+        "slow drive under load": both(np.full(time_s.size, 0.35), 0.8 * one),
+    }
+
+
+@dataclasses.dataclass(frozen=True)
+class _Foreseen:
+    """What one model foresees for one run: whitened rows, sensitivities, and its knowledge before the run."""
+
+    rows: np.ndarray
+    jacobian: np.ndarray
+    possible: np.ndarray  # of the rows: before the cell is empty
+    known: np.ndarray  # inverse covariance of the unknowns
+
+
+@dataclasses.dataclass(frozen=True)
+class _Batch:
+    """Runs of the bank in the places of fit runs of the case, so that programs of these are used again."""
+
+    case: Case
+    slots: tuple[int, ...]
+    scale: Scale
+
+    def problem(self, bench: Bench, setting: Setting) -> Problem:
+        """Return the problem of the runs, in the shapes of the bench's."""
+        fine = [one.effect for one in bench.candidates.values() if one.bends and one.group == "effect"]
+        everything = list(bench.candidates.values())
+        made = make_problem(self.case, bench.layout, everything, bench.catalogue, fine if setting.is_fine else ())
+        return dataclasses.replace(made, shapes=bench.problem(setting).shapes)
+
+    def readings(self, bench: Bench) -> Readings:
+        """Return the readings to be made, all zero."""
+        outputs = KINDS[self.case.kind].outputs
+        return collect(self.case, self.scale.noise, outputs, self.slots, None, bench.settings)
+
+
+def _foreseen(bench: Bench, rivals: Sequence[Trial], designs: Sequence[Run]) -> list[list[_Foreseen]]:
+    """Return what each model foresees for every run of the bank, as many at a time as the case has fit runs."""
+    slots = [number for number, run in enumerate(bench.case.runs) if run.split == "fit"]
+    driven_by_current = bench.case.kind == "motor" and "current_A" in designs[0].measured.inputs
+    fastest = [_fastest(bench, one) if driven_by_current else np.inf for one in rivals]
+    found: list[list[_Foreseen]] = [[] for _ in rivals]
+    for first in range(0, len(designs), len(slots)):
+        some = list(designs[first : first + len(slots)])
+        own = tuple(slots[: len(some)])
+        runs = list(bench.case.runs)
+        for slot, new in zip(slots, some + [some[-1]] * (len(slots) - len(some)), strict=True):
+            runs[slot] = _in_the_place_of(runs[slot], new, tuple(rivals[0].scale.noise))
+        batch = _Batch(dataclasses.replace(bench.case, runs=tuple(runs)), own, rivals[0].scale)
+        problems: dict[bool, Problem] = {}
+        for number, one in enumerate(rivals):
+            if one.setting.is_fine not in problems:
+                problems[one.setting.is_fine] = batch.problem(bench, one.setting)
+            found[number] += _of_batch(bench, batch, problems[one.setting.is_fine], one, fastest[number])
+    return found
+
+
+def _of_batch(bench: Bench, batch: _Batch, problem: Problem, trial: Trial, fastest: float) -> list[_Foreseen]:
+    """Return what a model foresees for the runs of a batch."""
+    layout, readings = bench.layout, batch.readings(bench)
+    # A number by which one run was off says nothing of another run.
+    own = tuple(p for p in trial.setting.own if p < layout.base or layout.runs[p] < 0)
+    setting = dataclasses.replace(trial.setting, own=own)
+    x = _at_the_start(layout, trial)
+    errors, jacobian = raw_look(View(bench, readings), problem, setting, x)
+    white = Weights(readings, NONE).whiten(np.column_stack([errors, jacobian]))
+    predicted = predictions(problem.of(np.array(batch.slots)), [setting.lane(x)])[0]
+    place = np.searchsorted(batch.slots, readings.run)
+    possible = _possible(problem.channels, predicted, fastest)[place, readings.row]
+    known = _known(layout, trial, own)
+    return [
+        _Foreseen(white[mine, 0], white[mine, 1:], possible[mine], known)
+        for mine in (np.flatnonzero(place == number) for number in range(len(batch.slots)))
+    ]
+
+
+def _at_the_start(layout: Layout, trial: Trial) -> np.ndarray:
+    """Return the unknowns of a model in new runs: each starts as the bank says, its own numbers as they are stated."""
+    x = np.where(np.asarray(layout.runs) < 0, trial.fitted.x, 0.0)
+    begins = {"initial_soc": FIRST_SOC, "initial_temperature_rise_K": 0.0, "initial_hysteresis": 0.0}
+    for place, coordinate in enumerate(layout.coordinates[: layout.base]):
+        if layout.runs[place] >= 0 and coordinate.name in begins:
+            x[place] = coordinate.at(begins[coordinate.name])
+    return x
+
+
+def _known(layout: Layout, trial: Trial, own: Sequence[int]) -> np.ndarray:
+    """Return the inverse covariance of unknowns before a new run: what the data told of those that all runs share."""
+    shared = np.array([layout.runs[place] < 0 for place in own])
+    fitted_at = [trial.setting.own.index(place) for place, is_shared in zip(own, shared, strict=True) if is_shared]
+    known = np.diag(trial.setting.prior_sd[list(own)] ** -2.0)
+    known[np.ix_(shared, shared)] = np.linalg.inv(trial.fitted.covariance[np.ix_(fitted_at, fitted_at)])
+    return known
+
+
+def _fastest(bench: Bench, trial: Trial) -> float:
+    """Return the greatest speed of a motor in the runs at hand: one driven by its current has no other limit."""
+    speed = bench.predicted(trial.setting, trial.fitted.x)[..., bench.coarse.channels.index("speed_rad_s")]
+    return float(np.max(np.abs(speed)))
+
+
+def _possible(channels: Sequence[str], predicted: np.ndarray, fastest: float) -> np.ndarray:
+    """Return, by run and row, whether the cell still has charge to go on, and no motor has run away."""
+    goes_on = np.ones(predicted.shape[:2], dtype=bool)
+    if "soc" in channels:
+        goes_on &= predicted[:, :, channels.index("soc")] > EMPTY_SOC
+    if "speed_rad_s" in channels:
+        goes_on &= np.abs(predicted[:, :, channels.index("speed_rad_s")]) <= fastest
+    return np.logical_and.accumulate(goes_on, axis=1)
+
+
+def _in_the_place_of(old: Run, new: Run, channels: Sequence[str]) -> Run:
+    """Return a run of the bank in the place of a run of the case: its unknowns, the readings still to be made."""
+    blank = {name: np.zeros(new.measured.time_s.size) for name in channels}
+    unknown = {name: known for name, known in old.overrides.items() if known.sd is not None}
+    return dataclasses.replace(
+        old,
+        initial_soc=Known(FIRST_SOC, old.initial_soc.sd),
+        split="fit",
+        initial_cell_temperature=None,
+        overrides=new.overrides | unknown,
+        measured=dataclasses.replace(new.measured, outputs=blank),
+    )
+
+
+def _separation(true: _Foreseen, other: _Foreseen) -> float:
+    """Return the sigma by which a run would speak against another model, refitted, if one is true."""
+    both = true.possible & other.possible
+    difference, jacobian = (true.rows - other.rows)[both], other.jacobian[both]
+    taken = jacobian.T @ difference
+    left = difference @ difference - taken @ np.linalg.solve(other.known + jacobian.T @ jacobian, taken)
+    return float(np.sqrt(max(left, 0.0)))
+
+
+def _anchors(layout: Layout, rivals: Sequence[Trial]) -> list[Proposal]:
+    """Return what measuring a parameter by itself would tell: the models want different values of it."""
+    found = []
+    for place, coordinate in enumerate(layout.coordinates[: layout.base]):
+        if layout.runs[place] >= 0 or coordinate.name.endswith(NOT_BY_ITSELF):
+            continue
+        at = [one.fitted.x[place] for one in rivals]
+        sds = [one.fitted.sd()[one.setting.own.index(place)] for one in rivals]
+        values = [coordinate.number(x) for x in at]
+        spreads = [coordinate.slope(x) * sd for x, sd in zip(at, sds, strict=True)]
+        sigmas = []
+        for a, b in itertools.combinations(range(len(rivals)), 2):
+            anchor = ANCHORED_TO * max(abs(values[a]), abs(values[b]))
+            sigmas.append(abs(values[a] - values[b]) / np.hypot(max(spreads[a], spreads[b]), anchor))
+        found.append(Proposal(f"a measurement of {coordinate.name} by itself, to {100 * ANCHORED_TO:g} %", min(sigmas)))
+    return found
+
+
+def in_words(proposals: Sequence[Proposal], names: Sequence[str]) -> str:
+    """Say what to do next to tell models apart, or that nothing of the bank would."""
+    if not proposals:
+        return ""
+    between = f"{', '.join(names[:-1])} from {names[-1]}"
+    best = proposals[0]
+    if best.sigma < 1.0:
+        return f"To tell {between}: no run or measurement that was tried would (at most {best.sigma:.1f} sigma)."
+    again = "" if best.repeats == 1 else f"; {best.repeats} times for {ENOUGH_SIGMA:g}"
+    return f"To tell {between}: {best.what} (expected to separate them by {best.sigma:.1f} sigma{again})."
+
+
+def best_of_each(proposals: Sequence[Proposal]) -> tuple[Proposal, ...]:
+    """Return the temperature that tells most for each pattern of load, and every measurement."""
+    kept: dict[str, Proposal] = {}
+    for one in proposals:
+        kept.setdefault(one.what.rpartition(" at ")[0] or one.what, one)
+    return tuple(kept.values())
