@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from discrepancy.glitches import without_glitches
-from discrepancy.identifiability import (
+from discrepancy.advice.identifiability import (
     MISFIT,
     Identifiability,
     Profiled,
@@ -21,7 +20,8 @@ from discrepancy.identifiability import (
     identifiability,
     profile_likelihood,
 )
-from discrepancy.session import Session
+from discrepancy.evidence.trial import Trial
+from discrepancy.investigation import Investigation
 from jaxmodel.cases import read_case
 from jaxmodel.effects import CATALOGUE
 from workbench import terminal
@@ -55,29 +55,29 @@ def identify(
         UserError: the case cannot be used, or a name is unknown.
     """
     own = own_effects(effects)
-    case, glitches = without_glitches(read_case(path))
-    case, assumed = asking_for(case, parameters, CATALOGUE | own)
-    session = Session(case, own)
-    labels = session.labels_to_add(add)
+    case, assumed = asking_for(read_case(path), parameters, CATALOGUE | own)
+    investigation = Investigation(case, extra_effects=own)
+    labels = investigation.bench.labels_to_add(add)
     start(out)
     with terminal.told("identify") as progress:
         progress("calibrating")
-        session, model, misfit = calibrated(session, labels)
-        found = identifiability(session, model, misfit, assumed)
+        settled, misfit = calibrated(investigation, labels)
+        model: Trial = settled
+        found = identifiability(investigation, model, misfit, assumed)
         asked = [found.place(name) for name in dict.fromkeys([*parameters, *profiles])]
         profiled: list[Profiled] = []
         for _ in range(_MOST_RESTARTS):
             progress("profiles of the likelihood" if asked else "tables and pictures")
-            profiled = [profile_likelihood(session, model, found.names[i]) for i in asked]
+            profiled = [profile_likelihood(investigation, model, found.names[i]) for i in asked]
             better = [one for one in (deeper(model, each) for each in profiled) if one is not None]
             if not better:
                 break
             model = min(better, key=lambda one: one.fitted.objective)
-            found = identifiability(session, model, misfit, assumed)
-        _write(found, profiled, [found.names[i] for i in asked], glitches, out)
+            found = identifiability(investigation, model, misfit, assumed)
+        _write(found, profiled, [found.names[i] for i in asked], investigation.preparation, out)
     _print(found, profiled, [found.names[i] for i in asked])
-    for glitch in glitches:
-        terminal.say(f"Note: {glitch}")
+    for left_out in investigation.preparation:
+        terminal.say(f"Note: {left_out}")
     terminal.say(f"identify.json, tables and pictures are in {out}.")
     return found
 
@@ -180,8 +180,8 @@ def _print(found: Identifiability, profiled: Sequence[Profiled], asked: Sequence
     terminal.table(f"What the fit runs of {found.case} tell", columns, rows, right=(1, 2, 3, 4))
     if found.misfit > MISFIT:
         terminal.say(
-            f"The model misses the data by {found.misfit:.3g} times the noise: what it misses was taken as correlated "
-            f"noise. `jaxmodel diagnose` looks for what is missing."
+            f"The model misses the data by {found.misfit:.3g} times the noise: what it misses was counted as an error "
+            f"with a memory beside it. `jaxmodel diagnose` looks for what is missing."
         )
     for strength, words in found.sloppy():
         terminal.say(f"Told less than was known before: {words} (information {strength:.2g}).")

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.interpolate import PchipInterpolator
 
-from discrepancy.identifiability import Identifiability, Profiled
+from discrepancy.advice.identifiability import Identifiability, Profiled
 from workbench.pictures.style import (
     BLUE,
     GREY,
