@@ -8,12 +8,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from discrepancy.evidence.trial import Settled, Trial
+from discrepancy.evidence.trial import Trial
 from discrepancy.fitting.fit import Fit, errors_at, fit
 from discrepancy.fitting.lanes import one_thread_of_blas
 from discrepancy.fitting.readings import Weights
 from discrepancy.investigation import Investigation
-from discrepancy.noise.model_error import NONE
+from discrepancy.noise.model_error import NONE, estimate
 from jaxmodel.build import case_model
 from jaxmodel.cases import Case
 from jaxmodel.effects import CATALOGUE
@@ -35,6 +35,8 @@ _TOLD, _PARTLY = 0.5, 0.9
 _DEEPER = 0.2
 # A model that leaves more than this times the noise misses more than noise.
 MISFIT = 1.5
+# Its error is then estimated so many times, from so many readings of a series, and the model fitted under it.
+_REWEIGHTINGS, _MOST_OF_A_SERIES = 3, 1500
 # Starts of a run that no case need state; where readings tell less of them than this share of the prior, they are no
 # unknowns of it.
 _UNSTATED_STARTS, _NOTHING = ("initial_hysteresis", "initial_temperature_rise_K"), 1e-6
@@ -244,17 +246,24 @@ def asking_for(
 
 
 @one_thread_of_blas
-def calibrated(investigation: Investigation, labels: Sequence[str] = ()) -> tuple[Settled, float]:
-    """Return a model under its own weights, and the root mean square of what it leaves in sd of the noise.
+def calibrated(investigation: Investigation, labels: Sequence[str] = ()) -> tuple[Trial, float]:
+    """Return a calibrated model, and the root mean square of what it leaves in sd of the noise.
 
-    Its weights count what the model gets wrong as an error with a memory beside the noise: its bounds are honest where
-    the misfit is not near 1 too.
+    Where that is not near 1 the noise's bounds mean nothing. What the model leaves is then weighed as its error, as
+    large and with as long a memory as it is; the investigation's own weights know only what the richest model leaves.
     """
-    settled = investigation.settled(labels)
-    view, setting = settled.scale.view, settled.setting
-    left = errors_at(view, investigation.bench.problem(setting), setting, settled.fitted.x[None])[:, 0]
-    white = Weights(view.readings, NONE).whiten(left)
-    return settled, float(np.sqrt(np.mean(white**2)))
+    found: Trial = investigation.settled(labels)
+    readings, setting = found.scale.view.readings, found.setting
+    problem, weights = investigation.bench.problem(setting), Weights(readings, NONE)
+    left = errors_at(found.scale.view, problem, setting, found.fitted.x[None])[:, 0]
+    misfit = float(np.sqrt(np.mean(weights.whiten(left) ** 2)))
+    for _ in range(_REWEIGHTINGS if misfit > MISFIT else 0):
+        error = estimate(readings.pieces(_MOST_OF_A_SERIES), readings.differenced(left))
+        scale = found.scale.with_error(error)
+        fitted = fit(scale.view, setting, scale.weights, found.fitted.x)
+        found = Trial(setting, found.amplitudes, fitted, scale)
+        left = errors_at(scale.view, problem, setting, fitted.x[None])[:, 0]
+    return found, misfit
 
 
 @one_thread_of_blas

@@ -20,7 +20,6 @@ from discrepancy.advice.identifiability import (
     identifiability,
     profile_likelihood,
 )
-from discrepancy.evidence.trial import Trial
 from discrepancy.investigation import Investigation
 from jaxmodel.cases import read_case
 from jaxmodel.effects import CATALOGUE
@@ -61,8 +60,7 @@ def identify(
     start(out)
     with terminal.told("identify") as progress:
         progress("calibrating")
-        settled, misfit = calibrated(investigation, labels)
-        model: Trial = settled
+        model, misfit = calibrated(investigation, labels)
         found = identifiability(investigation, model, misfit, assumed)
         asked = [found.place(name) for name in dict.fromkeys([*parameters, *profiles])]
         profiled: list[Profiled] = []

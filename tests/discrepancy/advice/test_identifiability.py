@@ -28,7 +28,7 @@ from discrepancy.investigation import Investigation
 from discrepancy.noise.model_error import NONE
 from jaxmodel.cases import Case
 from jaxmodel.errors import ParameterError
-from tests.discrepancy.made_cases import TRUE, MadeCell, made_cell_with_unknown_law
+from tests.discrepancy.made_cases import TRUE, MadeCell, made_cell, made_cell_with_unknown_law
 
 DRAWS = 25
 WIDER = 30.0
@@ -192,7 +192,15 @@ def test_profile_is_the_quadratic_where_it_holds_and_tells_where_it_lies(plain: 
 
 def test_what_the_model_gets_wrong_widens_the_bounds(tmp_path: Path) -> None:
     """A law that is in no model: its error, shared by many readings, is not averaged away as noise would be."""
-    investigation = investigated(made_cell_with_unknown_law(tmp_path, 0.05).case)
+    _held_to_the_truth(made_cell_with_unknown_law(tmp_path, 0.05).case)
+
+
+def test_what_another_model_would_explain_widens_them_too(tmp_path: Path) -> None:
+    _held_to_the_truth(made_cell(tmp_path, {"capacity_temperature": {"a": 0.006}}).case)
+
+
+def _held_to_the_truth(case: Case) -> None:
+    investigation = investigated(case)
     settled, misfit = calibrated(investigation)
     assert misfit > 1.5
     assert settled.scale.error.of_channel("voltage_V") > 0.0
