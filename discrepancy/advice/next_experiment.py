@@ -308,7 +308,8 @@ def _anchors(layout: Layout, rivals: Sequence[Trial]) -> list[Proposal]:
         for a, b in itertools.combinations(range(len(rivals)), 2):
             anchor = ANCHORED_TO * max(abs(values[a]), abs(values[b]))
             sigmas.append(abs(values[a] - values[b]) / np.hypot(max(spreads[a], spreads[b]), anchor))
-        found.append(Proposal(f"a measurement of {coordinate.name} by itself, to {100 * ANCHORED_TO:g} %", min(sigmas)))
+        what = f"a measurement of {coordinate.name} by itself, to {100 * ANCHORED_TO:g} %"
+        found.append(Proposal(what, float(min(sigmas))))
     return found
 
 
