@@ -257,6 +257,15 @@ def diagnose(
             "--add", metavar="NAME", help="Add this effect, whatever the data say; seek no other.", show_default=False
         ),
     ] = None,
+    with_effects: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--with",
+            metavar="NAME",
+            help="Add this effect, whatever the data say, and go on looking.",
+            show_default=False,
+        ),
+    ] = None,
     without: Annotated[
         list[str] | None,
         typer.Option("--without", metavar="NAME", help="Rule this effect out.", show_default=False),
@@ -268,7 +277,15 @@ def diagnose(
     """Find which physics a model misses: answer.json, extended.toml, pictures and report.html for each case."""
     from workbench.commands.diagnose import diagnose_all
 
-    diagnose_all(cases, out, effect or [], answer_only=answer_only, add=add or [], without=without or [])
+    diagnose_all(
+        cases,
+        out,
+        effect or [],
+        answer_only=answer_only,
+        add=add or [],
+        with_effects=with_effects or [],
+        without=without or [],
+    )
 
 
 @app.command(epilog="Example: jaxmodel demo --out demo-results")

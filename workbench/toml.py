@@ -20,7 +20,8 @@ def document(content: Mapping[str, Any]) -> str:
     tables: list[tuple[str, Mapping[str, Any]]] = []
     for name, entry in content.items():
         if isinstance(entry, Mapping):
-            tables.append((f"[{key(name)}]", {k: v for k, v in entry.items() if not _is_long(v)}))
+            short = {k: v for k, v in entry.items() if not _is_long(v)}
+            tables += [(f"[{key(name)}]", short)] if short or not entry else []
             tables += [(f"[{key(name)}.{key(k)}]", v) for k, v in entry.items() if _is_long(v)]
         elif _is_blocks(entry):
             tables += [(f"[[{key(name)}]]", block) for block in entry]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from discrepancy.ladder import Estimate
-from discrepancy.result import Diagnosis, NamedEffect
+from discrepancy.result import CurveFound, Diagnosis, Estimate, NamedEffect, Removed, RunFound
+from workbench.pictures.style import difference_unit, readable, split_unit
 
 VERDICT_TITLES = {
     "adequate": "Nothing is missing",
@@ -17,6 +17,8 @@ VERDICT_TITLES = {
     "undecided": "This data cannot tell",
     "": "Calibrated",
 }
+
+_ONE_LINE = 48  # letters in a legend or at the head of a column
 
 
 def join(parts: Sequence[str], last: str = "and") -> str:
@@ -64,8 +66,15 @@ def _with_probability(effect: NamedEffect) -> str:
 
 
 def effect_name(label: str) -> str:
-    """Return an effect's label as it reads: 'current_offset:current_A' is 'current_offset of current_A'."""
-    return label.replace(":", " of ")
+    """Return a label as it reads: 'current_offset:current_A' is 'current_offset of current_A', 'r@x' is 'r in x'."""
+    if is_law(label):
+        return f"a law of {label}"
+    return label.replace(":", " of ").replace("@", " in ")
+
+
+def is_law(label: str) -> bool:
+    """Return True for an unknown law, which is called after its port and what it is a function of, 'port(variable)'."""
+    return "(" in label
 
 
 def candidate_name(name: str) -> str:
@@ -75,20 +84,75 @@ def candidate_name(name: str) -> str:
 
 
 def rung_name(diagnosis: Diagnosis, number: int) -> str:
-    """Return a rung of the ladder in words: what was added to the one before."""
+    """Return a rung of the ladder in words: what was added to the one before, and what was taken out."""
     if number == 0:
         return "base model, as stated"
     if number == 1:
         return "calibrated base model"
-    before = diagnosis.ladder[number - 1].added
-    new = [effect_name(label) for label in diagnosis.ladder[number].added if label not in before]
-    return f"{'with' if number == 2 else 'and'} {join(new)}" if new else diagnosis.ladder[number].name
+    before, now = diagnosis.ladder[number - 1].added, diagnosis.ladder[number].added
+    new = [effect_name(label) for label in now if label not in before]
+    gone = [effect_name(label) for label in before if label not in now]
+    added = f"{'with' if number == 2 else 'and'} {join(new)}" if new else ""
+    return ", ".join(filter(None, (added, f"without {join(gone)}" if gone else ""))) or diagnosis.ladder[number].name
 
 
 def final_name(diagnosis: Diagnosis) -> str:
-    """Return the model that the diagnosis ends with in words, its effects in the order of the ladder."""
-    added = dict.fromkeys(label for rung in diagnosis.ladder for label in rung.added)
+    """Return the model that the diagnosis ends with in words, what is in it in the order of the ladder."""
+    final = diagnosis.final.added
+    added = dict.fromkeys(label for rung in diagnosis.ladder for label in rung.added if label in final)
     return f"with {join([effect_name(label) for label in added])}" if added else "calibrated base model"
+
+
+def final_in_short(diagnosis: Diagnosis) -> str:
+    """Return the name of the final model where there is room for one line, 'final model' for a long one."""
+    name = final_name(diagnosis)
+    return name if len(name) <= _ONE_LINE else "final model"
+
+
+def amount(channel: str, values: Sequence[float]) -> tuple[list[str], str]:
+    """Return errors of a channel as numbers in the unit in which they are read best, and that unit."""
+    scale, unit = readable(values, difference_unit(split_unit(channel)[1]))
+    return [number(value * scale) for value in values], unit
+
+
+def removed(removes: Mapping[str, Removed]) -> str:
+    """Say what something takes off the errors: 'voltage 12 mV fitted and 9 mV held out'; '' where it says nothing."""
+    said = []
+    for channel, one in removes.items():
+        values = {"fitted": one.fit, "held out": one.check}
+        values = {split: value for split, value in values.items() if np.isfinite(value)}
+        if any(values.values()):
+            numbers, unit = amount(channel, list(values.values()))
+            parts = [" ".join(filter(None, (n, unit, split))) for n, split in zip(numbers, values, strict=True)]
+            said.append(f"{split_unit(channel)[0]} {join(parts)}")
+    return "; ".join(said)
+
+
+def named_sentence(effect: NamedEffect) -> str:
+    """Say what is named, its numbers, and what it takes off the errors."""
+    numbers = join([f"{name} = {with_sd(estimate)}" for name, estimate in effect.parameters.items()])
+    takes = removed(effect.removes)
+    alone = f"; it rests on {effect.rests_on} alone" if effect.rests_on else ""
+    return f"{', '.join(filter(None, (effect_name(effect.label), numbers)))}{takes and f'; takes off {takes}'}{alone}."
+
+
+def curve_sentence(curve: CurveFound) -> str:
+    """Say by how much a table or relation is off, and what it takes off the errors once it is put right."""
+    takes = removed(curve.removes)
+    return f"{curve.sentence()}{takes and f'; to put it right takes off {takes}'}."
+
+
+def run_sentence(run: RunFound) -> str:
+    """Say which number of which run differs from that of the other runs, and by how much."""
+    what, _, where = run.parameter.partition(":")
+    what = split_unit(what.removesuffix("_ohm"))[0]
+    scale, unit = readable([run.value], run.unit)
+    value = with_sd(Estimate(scale * run.value, scale * run.sd, unit))
+    sign = "" if value.startswith("-") or not np.isfinite(run.value) else "+"
+    takes = removed(run.removes)
+    return f"{run.run}: {what}{where and f' of {where}'} {sign}{value} beyond that of the other runs" + (
+        f"; to allow for it takes off {takes}." if takes else "."
+    )
 
 
 def number(value: float, digits: int = 3) -> str:

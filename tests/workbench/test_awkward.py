@@ -70,12 +70,6 @@ def test_channel_that_never_moves_and_whose_noise_nobody_states_is_named(
     assert_one_sentence(run("compare", case_folder, "--out", tmp_path / "out"), "voltage_V never change")
 
 
-def test_more_effects_than_are_weighed_are_refused(run: Run, case_folder: Path, tmp_path: Path) -> None:
-    names = ("self_heating", "rate_capacity", "entropic_ocv", "slow_diffusion")
-    wanted = [word for name in names for word in ("--add", name)]
-    assert_one_sentence(run("diagnose", case_folder, "--out", tmp_path / "out", *wanted), "no more than 3 are weighed")
-
-
 def test_simulation_is_not_written_over_the_measurement(run: Run, case_folder: Path) -> None:
     measured = (case_folder / "run-01.csv").read_bytes()
     assert_one_sentence(run("simulate", case_folder, "--out", case_folder), "run-01.csv there is a measurement")

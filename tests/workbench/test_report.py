@@ -8,18 +8,22 @@ import re
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from discrepancy.result import Diagnosis
-from discrepancy.whiteness import FloorRatio
+from discrepancy.result import Diagnosis, Removed, RunFound
 from jaxmodel.build import load_effect_class
 from jaxmodel.effects import CATALOGUE
+from jaxmodel.effects.curves import SOC_KNOTS
+from tests.workbench.made_up import contact, factor_curve, law, ocv_curve, with_additions
 from workbench.commands.diagnose import pictures_of, print_diagnosis
 from workbench.extended import extended_case
-from workbench.pictures.failures import maps
-from workbench.report import write_report
+from workbench.pictures.errors import errors_by_run
+from workbench.pictures.evidence import curves, ladder
+from workbench.pictures.style import png
+from workbench.report import extrapolated_sentence, purpose_sentences, write_report
 from workbench.runs import simulate_case
-from workbench.wording import verdict_sentence
+from workbench.wording import curve_sentence, final_in_short, removed, run_sentence, rung_name, verdict_sentence
 
 OWN_EFFECTS = Path(__file__).parents[2] / "examples" / "my_effects.py"
 VOID = {"meta", "img", "br", "hr", "link", "input"}
@@ -52,10 +56,20 @@ class Page(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def page(diagnosis: Diagnosis, tmp_path_factory: pytest.TempPathFactory) -> Page:
+def full(diagnosis: Diagnosis) -> Diagnosis:
+    """A diagnosis that finds something of every kind."""
+    return with_additions(diagnosis, curves=(ocv_curve(),), runs=(contact(),))
+
+
+@pytest.fixture(scope="module")
+def page(full: Diagnosis, tmp_path_factory: pytest.TempPathFactory) -> Page:
     path = tmp_path_factory.mktemp("report") / "report.html"
-    write_report(diagnosis, path, pictures_of(diagnosis, simulate_case(extended_case(diagnosis)[0])))
+    write_report(full, path, pictures_of(full, simulate_case(extended_case(full)[0])))
     return Page(path.read_text(encoding="utf-8"))
+
+
+def text_of(page: Page) -> str:
+    return re.sub(r"\s+", " ", page.text.replace("\u200b", ""))
 
 
 def test_report_needs_nothing_but_itself(page: Page) -> None:
@@ -65,23 +79,48 @@ def test_report_needs_nothing_but_itself(page: Page) -> None:
 
 
 def test_report_has_every_picture_with_its_caption(page: Page, diagnosis: Diagnosis) -> None:
-    # ladder, excess, maps, shifts, conditions, candidates, scores
-    assert len(page.images) == 7 + len(diagnosis.case.runs)
+    # ladder, curves, errors by run, conditions, candidates, scores
+    assert len(page.images) == 6 + len(diagnosis.case.runs)
     assert all(image["alt"] for image in page.images)
 
 
-def test_report_says_what_the_diagnosis_says(page: Page, diagnosis: Diagnosis) -> None:
-    text = re.sub(r"\s+", " ", page.text.replace("\u200b", ""))
-    assert "The base model misses self_heating (probability 0.97) and arrhenius_resistance (probability 0.81)." in text
-    assert "C_th = 82.0 ± 3.0 J/K" in text
-    assert "arrhenius_resistance: charge_transfer" in text
-    assert "Blind to: self_discharge and clock_shift." in text
-    assert diagnosis.failure.sentences[0] in text
-    assert diagnosis.failure.shift_sentence() in text
-    assert "series_resistance_scale" in text
-    for rung in diagnosis.ladder:
+def test_report_says_what_the_diagnosis_says(page: Page, full: Diagnosis) -> None:
+    text = text_of(page)
+    for said in (
+        "The base model misses self_heating (probability 0.97) and arrhenius_resistance (probability 0.81).",
+        "C_th = 82.0 ± 3.0 J/K",
+        "voltage 12.3 mV fitted and 10.1 mV held out; cell temperature 1.92 K fitted",
+        "rests on run-02 alone",
+        "arrhenius_resistance: charge_transfer",
+        "Blind to: self_discharge and clock_shift.",
+        "open circuit voltage is off by +12 mV at soc 0.6 (sd 1.2 mV)",
+        "run-02: series resistance +11.20 ± 0.80 mohm beyond that of the other runs",
+        "Runs at 6 A lie 24 mV above the model, growing with time.",
+        "Above SOC 0.9: 4, 7, 14 mV below the model, growing with current.",
+        "Slow_diffusion: the fitted runs show it, and no run left out is better.",
+        "run-03.csv: current 9 A, where 3 to 6 A was fitted.",
+        "voltage is within 10 mV (your tolerance) in 0 of 1 held-out runs, not in run-03.",
+        "cell temperature is within 1 K (assumed) in 1 of 1 held-out runs.",
+    ):
+        assert said in text, said
+    for rung in full.ladder:
         for error in rung.errors.values():
             assert f"{error.check:.3g}" in text or f"{1e3 * error.check:.3g}" in text
+
+
+def test_report_asks_the_three_questions_in_their_order(page: Page) -> None:
+    headings = (
+        "What is missing?",
+        "Which of your numbers and tables are off?",
+        "What remains, and does it matter to you?",
+        "Errors by run",
+        "Parameters",
+        "Noise",
+        "Candidates and evidence",
+        "Provenance",
+    )
+    places = [page.text.index(heading) for heading in headings]
+    assert places == sorted(places)
 
 
 def test_report_names_its_data_by_their_digests(page: Page, diagnosis: Diagnosis) -> None:
@@ -102,36 +141,89 @@ def test_report_says_what_else_it_was_made_with(diagnosis: Diagnosis, tmp_path: 
 
 
 def test_model_that_fails_nowhere_has_a_report_too(diagnosis: Diagnosis, tmp_path: Path) -> None:
-    """Without failing channels there are no pictures of where they fail."""
+    """Nothing named, nothing off, nothing left that could be told."""
     fine = dataclasses.replace(
-        diagnosis.failure, floor={name: FloorRatio(1.0, 1.1, 100.0) for name in diagnosis.failure.floor}, shifts=()
+        diagnosis,
+        verdict="adequate",
+        effects=(),
+        where_base={},
+        remaining={},
+        immaterial=(),
+        extrapolated=(),
+        tolerance={},
+        fit_for_purpose={},
+        errors=None,
+        ladder=diagnosis.ladder[:2],
     )
-    diagnosis = dataclasses.replace(diagnosis, failure=fine)
-    pictures = pictures_of(diagnosis, simulate_case(diagnosis.case))
-    assert not {"excess", "maps", "run-shifts"} & set(pictures)
-    write_report(diagnosis, tmp_path / "report.html", pictures)
-    assert "Where it fails" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    final = dataclasses.replace(fine.final, at_bound=())
+    fine = dataclasses.replace(fine, ladder=(fine.ladder[0], final))
+    pictures = pictures_of(fine, simulate_case(fine.case))
+    assert not {"curves", "errors-by-run"} & set(pictures)
+    write_report(fine, tmp_path / "report.html", pictures)
+    text = text_of(Page((tmp_path / "report.html").read_text(encoding="utf-8")))
+    for said in ("No effect is named.", "None that this data could show.", "No condition stands out"):
+        assert said in text
 
 
-def test_chi_square_over_something_else_than_noise_says_so(page: Page, diagnosis: Diagnosis, tmp_path: Path) -> None:
-    """Far from the noise it is near one where the error is not: a reader must not take it for a good fit."""
-    assert "weighed by what" not in page.text
-    far = dataclasses.replace(diagnosis, far=("voltage_V",))
-    write_report(far, tmp_path / "report.html", pictures_of(far, simulate_case(diagnosis.case)))
-    assert "weighed by what" in (tmp_path / "report.html").read_text(encoding="utf-8")
+def test_every_curve_is_drawn_about_its_value(diagnosis: Diagnosis) -> None:
+    """What is badly known at one end does not flatten what is known; a factor is drawn in percent."""
+    resistance = factor_curve("series_resistance_curve", np.array(SOC_KNOTS))
+    figure = curves((ocv_curve(), resistance, law()))
+    drawn = [axes for axes in figure.axes if axes.get_visible()]
+    assert [axes.get_ylabel() for axes in drawn] == ["off by [mV]", "off by [%]", "off by [mV]"]
+    assert drawn[0].get_ylim()[1] < 20.0
+    assert drawn[1].get_ylim()[1] == pytest.approx(100.0 * (np.exp(0.38) - 1.0), rel=0.15)
+    assert "law in no catalogue" in drawn[2].get_title(loc="left")
+    assert png(figure).startswith(b"\x89PNG")
 
 
-def test_labels_of_maps_stay_beside_their_map(diagnosis: Diagnosis) -> None:
-    """The longest name of a condition is longer than a map is high."""
-    found = diagnosis.failure
-    cells = next(cells for pairs in found.maps.values() for cells in pairs.values())
-    long = {("current_A", "time since load changed_s"): cells}
-    figure = maps(dataclasses.replace(found, maps=dict.fromkeys(found.maps, long)))
-    figure.draw_without_rendering()
-    drawn = [axes for axes in figure.axes if axes.get_ylabel().startswith("time")]
-    assert drawn
-    for axes in drawn:
-        assert axes.yaxis.label.get_window_extent().height < axes.get_window_extent().height
+def test_errors_by_run_hold_each_run_once(diagnosis: Diagnosis) -> None:
+    figure = errors_by_run(diagnosis.errors, ("cell_temperature_degC",))
+    names = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    assert names == ["run-01", "run-02", "run-03 (held out)"]
+    legend = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert legend == ["calibrated base model", "final model", "noise of the sensor", "tolerance"]
+    base = errors_by_run(diagnosis.errors[diagnosis.errors["model"] == "base"], ("voltage_V",))
+    assert [text.get_text() for text in base.legends[0].get_texts()] == ["calibrated base model", "noise of the sensor"]
+
+
+def test_long_models_keep_short_names_in_pictures(diagnosis: Diagnosis) -> None:
+    long = with_additions(diagnosis, curves=(ocv_curve(), law()), runs=(contact(),))
+    assert final_in_short(diagnosis) == "with self_heating and arrhenius_resistance"
+    assert final_in_short(long) == "final model"
+    labels = [label.get_text() for label in ladder(long).axes[0].get_yticklabels()]
+    assert max(label.count("\n") for label in labels) <= 2
+
+
+def test_rung_says_what_was_taken_out(diagnosis: Diagnosis) -> None:
+    last = dataclasses.replace(diagnosis.final, added=("arrhenius_resistance", "ocv_curve"))
+    swapped = dataclasses.replace(diagnosis, ladder=(*diagnosis.ladder, last))
+    assert rung_name(swapped, 2) == "with self_heating"
+    assert rung_name(swapped, 3) == "and arrhenius_resistance"
+    assert rung_name(swapped, 4) == "and ocv_curve, without self_heating"
+
+
+def test_what_is_off_is_one_sentence() -> None:
+    assert removed({"voltage_V": Removed(float("nan"), float("nan"))}) == ""
+    assert removed({"voltage_V": Removed(0.0, 0.0)}) == ""
+    shift = RunFound(
+        "voltage_shift:voltage_V@run-02", "run-02", "run-02.csv", "voltage_shift:voltage_V", -0.0031, 0.0002, "V", {}
+    )
+    assert run_sentence(shift) == "run-02: voltage shift of voltage_V -3.10 ± 0.20 mV beyond that of the other runs."
+    assert curve_sentence(law()) == "overpotential is off by +81 mV at current_A 9 (sd 2 mV)."
+
+
+def test_condition_without_a_span_is_one_number(diagnosis: Diagnosis) -> None:
+    one = dataclasses.replace(
+        diagnosis.extrapolated[0], condition="ambient_degC", span_fitted=(20.0, 20.0), span=(-5.0, 8.0)
+    )
+    assert extrapolated_sentence(one) == "run-03.csv: ambient -5 to 8 °C, where 20 °C was fitted."
+    size = dataclasses.replace(diagnosis.extrapolated[0], condition="|current_A|")
+    assert extrapolated_sentence(size) == "run-03.csv: size of current 9 A, where 3 to 6 A was fitted."
+
+
+def test_purpose_is_silent_without_held_out_runs(diagnosis: Diagnosis) -> None:
+    assert purpose_sentences(dataclasses.replace(diagnosis, fit_for_purpose={"voltage_V": {}})) == []
 
 
 def test_what_a_user_writes_is_text_and_no_markup(page: Page) -> None:
@@ -159,11 +251,19 @@ def test_every_verdict_is_one_sentence(diagnosis: Diagnosis, verdict: str, unexp
     assert sentence.count(". ") == 0
 
 
-def test_verdict_and_remarks_are_printed(diagnosis: Diagnosis, capsys: pytest.CaptureFixture[str]) -> None:
-    print_diagnosis(diagnosis)
+def test_verdict_and_what_it_rests_on_are_printed(full: Diagnosis, capsys: pytest.CaptureFixture[str]) -> None:
+    print_diagnosis(full)
     printed = " ".join(capsys.readouterr().out.split())
-    assert verdict_sentence(diagnosis) in printed
-    assert f"Note: {diagnosis.remarks[0]}" in printed
+    for said in (
+        verdict_sentence(full),
+        f"Note: {full.remarks[0]}",
+        f"Off: {curve_sentence(full.curves[0])}",
+        f"Off: {run_sentence(full.runs[0])}",
+        "Missing: self_heating, C_th = 82.0 ± 3.0 J/K and hA = 0.110 ± 0.010 W/K",
+        "10, at most 30",
+        "1 (assumed)",
+    ):
+        assert said in printed
 
 
 def test_comparison_without_effects_has_a_report_too(diagnosis: Diagnosis, tmp_path: Path) -> None:
@@ -176,18 +276,15 @@ def test_comparison_without_effects_has_a_report_too(diagnosis: Diagnosis, tmp_p
         blind_to=(),
         critical_z=float("nan"),
         ladder=diagnosis.ladder[:2],
+        immaterial=(),
+        fit_for_purpose={},
+        errors=diagnosis.errors[diagnosis.errors["model"] == "base"],
     )
     pictures = pictures_of(compared, simulate_case(extended_case(compared)[0]))
     write_report(compared, tmp_path / "report.html", pictures)
     page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert "no effects were tried" in page.text
     assert "What this data cannot say" not in page.text
+    assert "Candidates and evidence" not in page.text
     assert "scores" not in pictures
-
-
-def test_maps_without_a_cell_are_left_out(diagnosis: Diagnosis) -> None:
-    """Few readings leave no combination of two conditions with five of them."""
-    found = diagnosis.failure
-    sparse = {name: {("a", "b"): (), **pairs} for name, pairs in found.maps.items()}
-    drawn = maps(dataclasses.replace(found, maps=sparse))
-    assert "a" not in {axes.get_xlabel() for axes in drawn.axes}
+    assert "errors-by-run" in pictures

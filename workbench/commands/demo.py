@@ -11,8 +11,8 @@ import xarray as xr
 
 # First of ours: sweeps gives JAX every core, which must happen before the first array.
 import sweeps
-from discrepancy.diagnose import diagnose
-from discrepancy.result import Diagnosis, write_answer
+from discrepancy import Diagnosis, diagnose
+from discrepancy.result import write_answer
 from jaxmodel.cases import read_case
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import MeasurementError

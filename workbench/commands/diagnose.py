@@ -14,21 +14,33 @@ from pathlib import Path
 import numpy as np
 import typer
 
-from discrepancy.diagnose import compare, diagnose
-from discrepancy.next_experiment import in_words
-from discrepancy.result import Diagnosis, answer, write_answer
+from discrepancy import Diagnosis, answer, compare, diagnose
+from discrepancy.advice.next_experiment import in_words
+from discrepancy.result import write_answer
 from jaxmodel.cases import Case, read_case
 from jaxmodel.errors import MeasurementError, UserError
 from jaxmodel.ports import Effect
 from workbench import terminal
 from workbench.commands.start import catalogue_with, own_effects, start
 from workbench.extended import extended_case, write_case
-from workbench.pictures import evidence, failures
+from workbench.pictures import evidence
+from workbench.pictures.errors import errors_by_run
 from workbench.pictures.runs import channels_read, fit_and_residuals, residuals_by_condition
 from workbench.pictures.style import png
-from workbench.report import error_rows, write_report
+from workbench.report import purpose_sentences, write_report
+from workbench.report_rows import channel_rows
 from workbench.runs import Outcome, simulate_case
-from workbench.wording import candidate_name, final_name, rung_name, verdict_sentence
+from workbench.wording import (
+    candidate_name,
+    curve_sentence,
+    effect_name,
+    final_in_short,
+    final_name,
+    join,
+    named_sentence,
+    run_sentence,
+    verdict_sentence,
+)
 
 LAW_FILE = "found_law.py"
 _CONDITIONS = {
@@ -37,9 +49,8 @@ _CONDITIONS = {
     "robot": ("soc", "pack_current_A", "speed_rad_s", "winding_temperature_degC"),
 }
 
-# The share of a diagnosis that is usually done when each of its parts begins: medians of a cell and two robots, with
-# compiled programs kept and without.
-DONE_BY = {"scoring": 0.32, "refitting with": 0.4, "refitting": 0.6, "weighing": 0.75, "pictures": 0.82}
+# The share of a diagnosis that is usually done when each of its parts first begins. Assumed: rounds differ in number.
+DONE_BY = {"calibrating": 0.0, "refitting": 0.35, "adding": 0.5, "weighing": 0.85, "pictures": 0.9}
 
 
 def diagnose_all(
@@ -50,6 +61,7 @@ def diagnose_all(
     try_effects: bool = True,
     answer_only: bool = False,
     add: Sequence[str] = (),
+    with_effects: Sequence[str] = (),
     without: Sequence[str] = (),
 ) -> list[Diagnosis]:
     """Diagnose cases one after the other, each into `out/CASE/`; go on where one cannot be used.
@@ -60,7 +72,8 @@ def diagnose_all(
         effects: the user's own, as `file.py:Class`.
         try_effects: False calibrates the base model only.
         answer_only: leave out pictures and report.
-        add: names of effects to be in the model, whatever the data say.
+        add: names of effects to be in the model, whatever the data say; no other is sought.
+        with_effects: the same, and others are sought beside them.
         without: names of effects that are ruled out.
 
     Raises:
@@ -68,7 +81,7 @@ def diagnose_all(
         typer.Exit: with code 2, after all others, where one of several cases could not be diagnosed.
     """
     own = own_effects(effects)
-    look = partial(diagnose, add=add, without=without) if try_effects else compare
+    look = partial(diagnose, add=add, with_effects=with_effects, without=without) if try_effects else compare
     _check_names(paths)
     start(out)
     done: list[Diagnosis] = []
@@ -144,8 +157,8 @@ def _diagnose_one(
     print_diagnosis(diagnosis)
     if diagnosis.law_source:
         terminal.say(
-            f"The law is an effect in {folder / LAW_FILE}: try it with --effect {folder / LAW_FILE}:FoundLaw, "
-            "then give it the form that physics has for it."
+            f"The law is an effect in {folder / LAW_FILE}: try it with --effect {folder / LAW_FILE}:FoundLaw "
+            "--with found_law, then give it the form that physics has for it."
         )
     terminal.say(
         f"Everything is in {folder}." if answer_only else f"Everything is in {folder}; open report.html there."
@@ -177,23 +190,19 @@ def pictures_of(diagnosis: Diagnosis, outcomes: Sequence[Outcome]) -> dict[str, 
     noise_sd = {channel: noise.sd for channel, noise in diagnosis.noise.items()}
     models = {"calibrated base model": diagnosis.base.predictions}
     if diagnosis.final is not diagnosis.base:
-        models[final_name(diagnosis)] = diagnosis.final.predictions
+        models[final_in_short(diagnosis)] = diagnosis.final.predictions
     pictures = {"ladder": png(evidence.ladder(diagnosis))}
     residuals = {name: _residuals(diagnosis, predictions) for name, predictions in models.items()}
     pictures["residuals-by-condition"] = png(
         residuals_by_condition(residuals, _conditions(diagnosis.case, outcomes), noise_sd)
     )
-    if failures.failing_channels(diagnosis.failure):
-        names = [run.name for run in diagnosis.case.runs]
-        pictures["excess"] = png(failures.excess_by_condition(diagnosis.failure, names))
-        if failures.mapped_channels(diagnosis.failure):
-            pictures["maps"] = png(failures.maps(diagnosis.failure))
-        if diagnosis.failure.shift_sentence():
-            pictures["run-shifts"] = png(failures.run_shifts(diagnosis.failure))
+    if diagnosis.curves:
+        pictures["curves"] = png(evidence.curves(diagnosis.curves))
+    if diagnosis.errors is not None and len(diagnosis.errors):
+        assumed = tuple(channel for channel, one in diagnosis.tolerance.items() if one.assumed)
+        pictures["errors-by-run"] = png(errors_by_run(diagnosis.errors, assumed))
     if diagnosis.candidates:
         pictures["candidates"] = png(evidence.candidates(diagnosis))
-    if diagnosis.law is not None:
-        pictures["law"] = png(evidence.law(diagnosis.law))
     if diagnosis.scores:
         pictures["scores"] = png(evidence.scores(diagnosis))
     for run, outcome in zip(diagnosis.case.runs, outcomes, strict=True):
@@ -247,15 +256,31 @@ def _comments(diagnosis: Diagnosis, own: Mapping[str, type[Effect]], notes: Sequ
 
 
 def print_diagnosis(diagnosis: Diagnosis) -> None:
-    """Print the errors of every rung of the ladder as a table, the verdict, and what should be known beside it."""
-    rungs = [rung_name(diagnosis, place) for place in range(len(diagnosis.ladder))]
+    """Print the errors as a table, the verdict, what is missing and what is off, and what should be known beside it."""
     rows = [
-        [row["label"], row["floor"], *(f"{fit} / {check}" for fit, check in row["errors"])]
-        for row in error_rows(diagnosis)
+        [row["label"], row["noise"], row["tolerance"], *(" / ".join(row[model]) for model in ("stated", "before"))]
+        + ([" / ".join(row["after"])] if diagnosis.final.added else [])
+        for row in channel_rows(diagnosis)
     ]
-    columns = ["error, RMS: fitted / held out", "noise floor", *rungs]
+    columns = ["error, RMS: fitted / held out", "noise", "tolerance", "base model, as stated", "calibrated base model"]
+    columns += [final_in_short(diagnosis)] if diagnosis.final.added else []
     terminal.table(diagnosis.case.title, columns, rows, right=range(1, len(columns)))
+    if diagnosis.final.added and final_name(diagnosis) not in columns:
+        terminal.say(f"The final model: {final_name(diagnosis)}.")
     terminal.say(verdict_sentence(diagnosis))
+    for effect in diagnosis.effects:
+        terminal.say(f"Missing: {named_sentence(effect)}")
+    for sentence in (*map(curve_sentence, diagnosis.curves), *map(run_sentence, diagnosis.runs)):
+        terminal.say(f"Off: {sentence}")
+    for channel, one in diagnosis.remaining.items():
+        for sentence in one.where:
+            terminal.say(f"Left of {channel}: {sentence}")
+    for sentence in purpose_sentences(diagnosis):
+        terminal.say(sentence)
+    for one in diagnosis.immaterial:
+        terminal.say(f"Detectable, immaterial: {one.sentence.rstrip('.')}.")
+    if diagnosis.blind_to:
+        terminal.say(f"Blind to: {join([effect_name(label) for label in diagnosis.blind_to])}.")
     for remark in diagnosis.remarks:
         terminal.say(f"Note: {remark}")
     if diagnosis.proposals:

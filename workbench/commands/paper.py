@@ -9,8 +9,8 @@ from typing import Any
 
 # First of ours: sweeps gives JAX every core, which must happen before the first array.
 from workbench.paper.discharges import discharges  # isort: skip
-from discrepancy.diagnose import diagnose
-from discrepancy.result import answer as answer_of
+from discrepancy import answer as answer_of
+from discrepancy import diagnose
 from discrepancy.result import write_answer
 from jaxmodel.cases import read_case
 from jaxmodel.errors import MeasurementError

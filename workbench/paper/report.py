@@ -165,9 +165,10 @@ def table_1_section(fits: Sequence[Carried], answer: Mapping[str, Any], origin: 
     rounding = TABLE_STEP / np.sqrt(12.0)
     named = [
         f"{effect_name(e['name'])} (probability {e['probability']:.2f}; "
-        + ", ".join(f"{k} = {v['value']:.3g} ± {v['sd']:.1g}" for k, v in e["parameters"].items()) + ")"
+        + ", ".join(f"{k} = {v['value']:.3g} ± {v['sd']:.1g}" for k, v in e["parameters"].items() if k != "column")
+        + ")"
         for e in answer["effects"]
-    ]  # fmt: skip
+    ]
     rows = []
     for fit in fits:
         values = ", ".join(f"{k.partition('.')[2]} = {v:.3g}" for k, v in fit.values.items()) or "-"

@@ -1,15 +1,15 @@
-"""The evidence of a diagnosis: errors along the ladder of models, the score of every effect, the candidates."""
+"""The evidence of a diagnosis: errors along the ladder, what is off in tables, scores of effects, candidates."""
 
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from discrepancy.misfit import Block
-from discrepancy.result import Diagnosis, ScoreEntry
+from discrepancy.result import CurveFound, Diagnosis, ScoreEntry
 from workbench.pictures.style import (
     BASE,
     BLACK,
@@ -27,7 +27,11 @@ from workbench.pictures.style import (
     split_unit,
     styled,
 )
-from workbench.wording import candidate_name, rung_name
+from workbench.wording import candidate_name, effect_name, is_law, rung_name
+
+# Knots with an sd of more than this times the median do not set the scale.
+_UNTOLD = 4.0
+_RUNG_WIDTH, _RUNG_LINES = 38, 3  # letters of a rung's name on one line, and its lines
 
 
 @styled
@@ -41,7 +45,7 @@ def ladder(diagnosis: Diagnosis) -> Figure:
     rungs = diagnosis.ladder
     columns = min(len(channels), 2)
     rows = -(-len(channels) // columns)
-    figure = new_figure(PAGE_CM, 1.8 + rows * (1.5 + 0.95 * len(rungs)))
+    figure = new_figure(PAGE_CM, 1.8 + rows * (1.5 + 1.0 * len(rungs)))
     grid = figure.subplots(rows, columns, sharey=True, squeeze=False)
     for axes, channel in zip(grid.flat, channels, strict=False):
         _ladder_of_channel(axes, diagnosis, channel)
@@ -91,7 +95,10 @@ def _ladder_of_channel(axes: Axes, diagnosis: Diagnosis, channel: str) -> None:
     axes.set_xlim(low / (high / low) ** 0.06 / 1.05, high * (high / low) ** 0.18 * 1.3)
     plain_log(axes.xaxis)
     axes.grid(visible=False, axis="y")
-    axes.set_yticks(places, [rung_name(diagnosis, number) for number in range(len(rungs))])
+    names = [rung_name(diagnosis, number) for number in range(len(rungs))]
+    axes.set_yticks(
+        places, [textwrap.fill(name, _RUNG_WIDTH, max_lines=_RUNG_LINES, placeholder=" …") for name in names]
+    )
     axes.set_xlabel(axis_label(f"RMS error, {quantity}", shown_unit))
 
 
@@ -137,7 +144,7 @@ def scores(diagnosis: Diagnosis, most: int = 24) -> Figure:
         axes.set_xlim(0.0, largest * 2.2)
     else:
         axes.set_xlim(0.0, 1.12 * max(largest, critical))
-    axes.set_yticks(places, [entry.label for entry in entries])
+    axes.set_yticks(places, [effect_name(entry.label) for entry in entries])
     axes.set_ylim(len(entries) - 0.4, -0.6)
     axes.grid(visible=False, axis="y")
     axes.set_xlabel("|z| of the effect's amplitude (its sign is printed)")
@@ -184,13 +191,51 @@ def candidates(diagnosis: Diagnosis) -> Figure:
 
 
 @styled
-def law(found: Block) -> Figure:
-    """Draw the law that explains what is left, at the knots between which it is straight."""
-    figure = new_figure(PAGE_CM, 7.0)
-    axes = figure.subplots()
-    axes.axhline(0.0, color=GREY, lw=0.7)
-    axes.plot(found.knots, found.law, "o-", color=FINAL, markersize=4.0)
-    axes.set_xlabel(column_label(found.variable))
-    axes.set_ylabel(axis_label("what is missing", found.unit))
-    axes.set_title("\n".join(textwrap.wrap(f"What is missing from {split_unit(found.channel)[0]}", 90)))
+def curves(found: Sequence[CurveFound]) -> Figure:
+    """Draw by how much each table or relation is off, with one and two standard deviations about it.
+
+    Args:
+        found: one curve at least.
+    """
+    columns = min(len(found), 2)
+    rows = -(-len(found) // columns)
+    figure = new_figure(PAGE_CM, 0.8 + 5.6 * rows)
+    grid = figure.subplots(rows, columns, squeeze=False)
+    for axes, curve in zip(grid.flat, found, strict=False):
+        _curve(axes, curve)
+    for axes in grid.flat[len(found) :]:
+        axes.set_visible(False)
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3)
     return figure
+
+
+def _curve(axes: Axes, curve: CurveFound) -> None:
+    if curve.unit:
+        whole, per, part = curve.unit.partition("/")
+        scale, unit = readable(curve.value, whole)
+        unit += per + part
+
+        def shown(values: np.ndarray) -> np.ndarray:
+            return scale * values
+    else:
+        unit = "%"
+
+        def shown(values: np.ndarray) -> np.ndarray:
+            return 100.0 * (np.exp(np.clip(values, -10.0, 10.0)) - 1.0)
+
+    axes.axhline(0.0, color=GREY, lw=0.7)
+    for times, alpha, label in ((2.0, 0.13, "2 sd"), (1.0, 0.25, "1 sd")):
+        low, high = shown(curve.value - times * curve.sd), shown(curve.value + times * curve.sd)
+        axes.fill_between(curve.at, low, high, color=FINAL, alpha=alpha, lw=0, label=label)
+    axes.plot(curve.at, shown(curve.value), "o-", color=FINAL, markersize=3.5, label="off by")
+    # A knot of which nothing is known must not flatten what is.
+    told = curve.sd <= _UNTOLD * float(np.median(curve.sd))
+    reach = np.concatenate([shown(curve.value + side * curve.sd)[told] for side in (-2.0, 2.0)] + [np.zeros(1)])
+    margin = 0.06 * max(float(np.ptp(reach)), 1e-12)
+    axes.set_ylim(float(reach.min()) - margin, float(reach.max()) + margin)
+    axes.set_xlabel(column_label(curve.over))
+    factor = f" per {column_label(curve.multiplier)}" if curve.multiplier else ""
+    axes.set_ylabel(axis_label("off by", f"{unit}{factor}" if unit else factor.strip()))
+    kind = "a law in no catalogue" if is_law(curve.label) else "your table" if curve.stated else "the model's formula"
+    axes.set_title(textwrap.fill(f"{curve.port.replace('_', ' ')}: {kind}", 46))
