@@ -131,6 +131,9 @@ def case_model(
     if run is not None:
         known |= {name: entry.value for name, entry in run.overrides.items()}
         known["initial_soc"] = run.initial_soc.value
+        if run.initial_cell_temperature is not None:
+            ambient = float(run.measured.inputs["ambient_degC"][0])
+            known["initial_temperature_rise_K"] = run.initial_cell_temperature.value - ambient
     curves = CellCurves()
     if fidelity == "lut":
         curves = look_up_curves(curves)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -26,22 +27,46 @@ def states_after(advance: Callable, begin, given, steps: Array | None, one_kerne
         one_kernel: see `jaxmodel.kernel`.
     """
     run = as_one_kernel if one_kernel else _plainly
-
-    def follow(state, given):
-        def keep(state, given):
-            state = advance(state, given)
-            return state, state
-
-        return jax.lax.scan(keep, state, given)
-
     if steps is None:
-        return run(follow, begin, given)[1]
+        return run(partial(_follow, advance, lambda state, _: state), begin, given)[1]
+    last, kept = _in_rounds(run, advance, lambda state, _: state, begin, given, steps)
+    past = jnp.repeat(jnp.arange(-(-kept_length(given) // ROUND)) >= -(-steps // ROUND), ROUND)
+    return jax.tree.map(lambda x, held: jnp.where(past, held, x), kept, last)
+
+
+def observed_after(advance: Callable, observe: Callable, begin, given, steps: Array, one_kernel: bool):
+    """Return what is observed after every step, stacked along a first axis; past the steps needed it means nothing.
+
+    Args:
+        advance, begin, given, steps, one_kernel: as of `states_after`.
+        observe: from the state after a step, and what was given for it, to numbers.
+    """
+    run = as_one_kernel if one_kernel else _plainly
+    return _in_rounds(run, advance, observe, begin, given, steps)[1]
+
+
+def kept_length(given) -> int:
+    """Return how many steps are given."""
+    return jax.tree.leaves(given)[0].shape[0]
+
+
+def _follow(advance: Callable, observe: Callable, state, given):
+    def keep(state, given):
+        after = advance(state, given)
+        return after, observe(after, given)
+
+    return jax.lax.scan(keep, state, given)
+
+
+def _in_rounds(run: Callable, advance: Callable, observe: Callable, begin, given, steps: Array):
+    """Return the last state, and what is kept of every step; no round is begun that is not needed."""
 
     def follow_rounds(begin, given, rounds, kept):
         def follow_one(number, carried):
             state, kept = carried
             some = jax.tree.map(lambda x: jax.lax.dynamic_index_in_dim(x, number, keepdims=False), given)
-            state, more = follow(state, some)  # a scan has its lanes side by side; a loop of single steps has not
+            # A scan has its lanes side by side; a loop of single steps has not.
+            state, more = _follow(advance, observe, state, some)
             kept = jax.tree.map(lambda x, new: jax.lax.dynamic_update_index_in_dim(x, new, number, 0), kept, more)
             return state, kept
 
@@ -50,10 +75,10 @@ def states_after(advance: Callable, begin, given, steps: Array | None, one_kerne
     # Room is made, and filled, outside of the kernel: there, large arrays are none of its business.
     given = jax.tree.map(lambda x: x.reshape(-1, ROUND), given)
     rounds, (count, _) = -(-steps // ROUND), jax.tree.leaves(given)[0].shape
-    room = jax.tree.map(lambda x: jnp.broadcast_to(x, (count, ROUND)), begin)
+    first = observe(begin, jax.tree.map(lambda x: x[0, 0], given))
+    room = jax.tree.map(lambda x: jnp.broadcast_to(x, (count, ROUND)), first)
     last, kept = run(follow_rounds, begin, given, rounds, room)
-    past = jnp.repeat(jnp.arange(count) >= rounds, ROUND)
-    return jax.tree.map(lambda x, held: jnp.where(past, held, x.reshape(-1)), kept, last)
+    return last, jax.tree.map(lambda x: x.reshape(-1), kept)
 
 
 def _plainly(function: Callable, *arguments):

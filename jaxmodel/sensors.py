@@ -42,6 +42,11 @@ def distort(
     return _distort_if_needed(memory, model, readings, states, course)
 
 
+def looks_back(model: Model) -> bool:
+    """Return True where a sensor of the model has a memory, which asks for the states of the whole run."""
+    return any(effect.has_memory for effect in _sensors(model))
+
+
 def _sensors(model: Model) -> tuple[Effect, ...]:
     return tuple(effect for effect in model.effects if hasattr(effect, "reading"))
 

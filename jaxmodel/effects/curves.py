@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxmodel.cell import ZERO_DEGC_IN_K
-from jaxmodel.curves import interpolate
+from jaxmodel.curves import between_knots
 from jaxmodel.declaration import Scalar
 from jaxmodel.errors import EffectError
 from jaxmodel.ports import CellContext, Effect, MotorContext
@@ -75,7 +75,7 @@ class Curve(Effect):
             )
 
     def _at(self, x: Scalar) -> Scalar:
-        return interpolate(x, jnp.asarray(self.knots), self.values)
+        return between_knots(x, self.knots, self.values)
 
 
 class OcvCurve(Curve):

@@ -1,0 +1,464 @@
+"""`compare` and `diagnose`: a case through the investigation and the policy to everything that is said of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.special import logsumexp
+
+from discrepancy import policy
+from discrepancy.advice import remarks as told
+from discrepancy.advice.law_file import law_file
+from discrepancy.advice.next_experiment import best_of_each, propose
+from discrepancy.decision import ChannelEvidence, Evidence, decide
+from discrepancy.evidence.trial import Trial
+from discrepancy.fitting.lanes import one_thread_of_blas
+from discrepancy.fitting.laws import PORTS
+from discrepancy.investigation import Investigation, Progress
+from discrepancy.residuals.statements import statements
+from discrepancy.result import (
+    CurveFound,
+    Diagnosis,
+    Estimate,
+    Immaterial,
+    NamedEffect,
+    Remaining,
+    Removed,
+    RunFound,
+    Rung,
+    ScoreEntry,
+    Sensor,
+    ToleranceUsed,
+)
+from discrepancy.rungs import Started, errors_by_run, nominal, residuals_of, rung, started
+from jaxmodel.cases import Case
+from jaxmodel.effects.curves import Curve
+from jaxmodel.errors import EffectError
+from jaxmodel.ports import Effect
+from jaxmodel.units import unit_of
+
+SOMETHING_ELSE = "something_else"
+# Log evidence within which two models are told apart by nothing: 20 to 1.
+TOLD_APART = 3.0
+# Share of belief in something that nobody tried, where all looks well and where a model error is left. Assumed.
+UNTRIED, UNTRIED_BESIDE_ERROR = 0.01, 0.05
+# A model more probable than this is not ruled out; of so many an experiment is asked to decide between all.
+RIVAL, MOST_RIVALS = 0.05, 3
+
+
+@one_thread_of_blas
+def compare(
+    case: Case, *, extra_effects: Mapping[str, type[Effect]] | None = None, progress: Progress | None = None
+) -> Diagnosis:
+    """Calibrate a case's model and hold it against the measurements, without asking what is missing.
+
+    Args:
+        case: with at least one fit run.
+        extra_effects: the user's own, by name.
+        progress: told what is being done.
+
+    Raises:
+        FitError: nothing is uncertain, or no run may be used to calibrate.
+    """
+    inv = Investigation(case, extra_effects=extra_effects, progress=progress)
+    ladder = (nominal(inv), rung(inv, "calibrated", inv.base))
+    return Diagnosis(
+        case=inv.case,
+        verdict="",
+        effects=(),
+        candidates=(),
+        unexplained=None,
+        blind_to=(),
+        noise=_sensors(inv),
+        ladder=ladder,
+        scores=(),
+        critical_z=float("nan"),
+        remarks=_remarks(inv, inv.base, started(inv, inv.base), ()),
+        remaining=_remaining(inv, inv.base, ladder[-1]),
+        extrapolated=told.extrapolated(inv.case),
+        tolerance=_tolerances(inv),
+        where_base=_where(inv, ladder[-1]),
+        errors=errors_by_run(inv, {"base": ladder[-1]}),
+    )
+
+
+@one_thread_of_blas
+def diagnose(
+    case: Case,
+    *,
+    extra_effects: Mapping[str, type[Effect]] | None = None,
+    add: Sequence[str] = (),
+    with_effects: Sequence[str] = (),
+    without: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Find which physical effect or sensor fault a case's model is missing, which tables are off, and what remains.
+
+    Args:
+        case: with at least one fit run.
+        extra_effects: the user's own, by name; they take part like those of the catalogue.
+        add: names of effects that the user wants in the model, whatever the data say; nothing else is then sought.
+        with_effects: the same, and what else is missing is sought beside them.
+        without: names of effects that the user rules out.
+        progress: told what is being done.
+
+    Raises:
+        FitError: nothing is uncertain, or no run may be used to calibrate.
+        EffectError: a name that is no candidate of this case, or a sensor's effect without its column.
+    """
+    inv = Investigation(case, extra_effects=extra_effects, without=without, progress=progress)
+    if add and with_effects:
+        raise EffectError("--add seeks nothing else and --with does; give all effects by one of the two.")
+    wanted = inv.bench.labels_to_add([*add, *with_effects])
+    found = policy.run(inv, wanted, seek=not add)
+    return conclude(
+        inv,
+        found,
+        wanted,
+        (*(f"--add {n}" for n in add), *(f"--with {n}" for n in with_effects), *(f"--without {n}" for n in without)),
+    )
+
+
+def conclude(
+    inv: Investigation, found: policy.Found, wanted: Sequence[str] = (), ordered: Sequence[str] = ()
+) -> Diagnosis:
+    """Return everything that is said of an investigation that has come to its end."""
+    inv.tell("weighing")
+    final = found.final
+    begun = started(inv, final)
+    ladder = [nominal(inv), rung(inv, "calibrated", inv.base)]
+    ladder += [rung(inv, "with " + " + ".join(m.labels), m) for m in found.path[1:] if m is not final]
+    if final.labels:
+        ladder.append(rung(inv, "with " + " + ".join(final.labels), final, begun))
+    last = ladder[-1]
+    groups = {label: inv.bench.candidates[label].group for label in final.labels}
+    lacking = {label: _lacking(inv, found.weighed, final, label) for label in final.labels}
+    removes = {label: _removes(rung(inv, "", trial), last) for label, trial in lacking.items()}
+    weighed, alike = _weighed(inv, found)
+    holding = {
+        label: sum(p for labels, p in weighed.items() if label in labels)
+        for label in final.labels
+        if groups[label] in ("effect", "sensor")
+    }
+    order = sorted(holding, key=lambda one: lacking[one].log_evidence)
+    laws = [label for label in final.labels if groups[label] == "law"]
+    curves = tuple(_curve(inv, final, label, removes[label]) for label in final.labels if groups[label] == "curve")
+    curves += tuple(_law(inv, final, label, removes[label]) for label in laws)
+    unstated = [curve for curve in curves if not curve.stated]
+    extrapolated = told.extrapolated(inv.case)
+    channels = {name: _channel_evidence(inv, found, name, ladder[1], last) for name in inv.noise}
+    explained = bool(holding) and all(_small(one) for one in channels.values())
+    evidence = Evidence(
+        effects={label: (1.0 if label in wanted else holding[label]) for label in order},
+        sensors=frozenset(label for label in order if groups[label] == "sensor"),
+        unknown=() if explained else tuple(_unknown_sentence(curve) for curve in unstated),
+        channels=channels,
+        extrapolates=bool(extrapolated),
+    )
+    decision = decide(evidence, inv.settings)
+    most = inv.settings.most_probable
+    named = tuple(
+        NamedEffect(
+            label=label,
+            name=inv.bench.candidates[label].effect.name,
+            column=inv.bench.candidates[label].effect.column,
+            probability=float(min(most, holding[label])),
+            parameters={n.removeprefix(f"{label}."): e for n, e in last.estimates.items() if n.startswith(f"{label}.")},
+            cannot_tell_apart_from=alike.get(label, ()),
+            removes=removes[label],
+        )
+        for label in order
+        if holding[label] >= inv.settings.named or label in wanted
+    )
+    else_p = UNTRIED_BESIDE_ERROR if final.scale.error.sd else UNTRIED
+    if decision.verdict == "unknown_effect":
+        else_p = 0.9
+    candidates: dict[str, float] = {}
+    for labels, p in weighed.items():
+        candidates[_name(inv, labels)] = candidates.get(_name(inv, labels), 0.0) + p * (1.0 - else_p)
+    candidates[SOMETHING_ELSE] = else_p
+    candidates = dict(sorted(((n, min(p, most)) for n, p in candidates.items()), key=lambda pair: -pair[1]))
+    gains = inv.base_gains
+    critical = inv.linear(inv.base).critical_z()
+    blind = _blind(inv)
+    rivals = _rivals(found.weighed, weighed)
+    proposals = ()
+    if rivals:
+        inv.tell("looking for the experiment that would decide")
+        proposals = best_of_each(propose(inv, rivals))
+    return Diagnosis(
+        case=inv.case,
+        verdict=decision.verdict,
+        effects=named,
+        candidates=tuple((name, p) for name, p in candidates.items() if p >= 5e-4),
+        unexplained=decision.unexplained,
+        blind_to=tuple(name for name in blind if name not in {effect.name for effect in named}),
+        noise=_sensors(inv),
+        ladder=tuple(ladder),
+        scores=tuple(
+            ScoreEntry(gain.label, gain.z, bool(abs(gain.z) > critical), inv.bench.candidates[gain.label].name in blind)
+            for gain in gains
+            if inv.bench.candidates[gain.label].group in ("effect", "sensor")
+        ),
+        critical_z=critical,
+        remarks=_remarks(inv, final, begun, extrapolated),
+        curves=curves,
+        runs=tuple(_run(inv, final, last, label, removes[label]) for label in final.labels if groups[label] == "run"),
+        immaterial=tuple(_immaterial(inv, one) for one in found.refused.values()),
+        remaining=_remaining(inv, final, last),
+        extrapolated=extrapolated,
+        tolerance=_tolerances(inv),
+        fit_for_purpose=_fit_for_purpose(inv, last),
+        where_base=_where(inv, ladder[1]),
+        errors=errors_by_run(inv, {"base": ladder[1], "final": last}),
+        rivals=tuple(_name(inv, one.labels) for one in rivals),
+        proposals=proposals,
+        law_source=_law_source(inv, final, laws),
+        ordered=tuple(ordered),
+    )
+
+
+def _lacking(inv: Investigation, weighed: Sequence[Trial], final: Trial, label: str) -> Trial:
+    rest = tuple(one for one in final.labels if one != label)
+    return next((one for one in weighed if one.labels == rest), None) or inv.trial(rest, final)
+
+
+def _weighed(inv: Investigation, found: policy.Found) -> tuple[dict[Labels, float], dict[str, Labels]]:
+    """Return the probability of every model weighed, and what cannot be told apart from each effect."""
+    final = found.final
+    logs: dict[tuple[str, ...], float] = {}
+    for trial in found.weighed:
+        prior = -sum(policy.odds_of(inv, inv.bench.candidates[one]) - inv.settings.least_odds for one in trial.labels)
+        logs[trial.labels] = max(logs.get(trial.labels, -np.inf), trial.log_evidence + prior)
+    values = np.array(list(logs.values()))
+    shares = dict(zip(logs, np.exp(values - logsumexp(values)).tolist(), strict=True))
+    alike: dict[str, tuple[str, ...]] = {}
+    for label in final.labels:
+        rest = set(final.labels) - {label}
+        others = [
+            next(iter(set(trial.labels) - rest))
+            for trial in found.weighed
+            if rest < set(trial.labels)
+            and label not in trial.labels
+            and len(trial.labels) == len(final.labels)
+            and trial.log_evidence > final.log_evidence - TOLD_APART
+        ]
+        alike[label] = tuple(dict.fromkeys(inv.bench.candidates[one].name for one in others))
+    return shares, alike
+
+
+def _name(inv: Investigation, labels: Sequence[str]) -> str:
+    """Return the name of a model in the answer: 'base', 'a' or 'a+b', without columns."""
+    return "+".join(inv.bench.candidates[label].name for label in labels) or "base"
+
+
+def _rivals(trials: Sequence[Trial], weighed: Mapping[tuple[str, ...], float]) -> list[Trial]:
+    """Return the models between which the data have not decided, the most probable first; none where they have."""
+    likely = sorted((labels for labels, p in weighed.items() if p > RIVAL), key=lambda labels: -weighed[labels])
+    found = [next(one for one in trials if one.labels == labels) for labels in likely][:MOST_RIVALS]
+    return found if len(found) > 1 else []
+
+
+def _removes(lacking: Rung, final: Rung) -> dict[str, Removed]:
+    """Return what the final model takes off each channel's error over one that lacks something."""
+
+    def removed(before: float, after: float) -> float:
+        squared = before**2 - after**2
+        return float(np.copysign(np.sqrt(abs(squared)), squared))
+
+    return {
+        channel: Removed(
+            removed(lacking.errors[channel].fit, after.fit), removed(lacking.errors[channel].check, after.check)
+        )
+        for channel, after in final.errors.items()
+    }
+
+
+def _values(inv: Investigation, trial: Trial, label: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the values of a curve or law at its knots, and their sd."""
+    layout, candidate = inv.bench.layout, inv.bench.candidates[label]
+    places = list(layout.of[label])
+    first, count = candidate.offset, len(candidate.coordinates)
+    mix = candidate.mix[first : first + count, first : first + count]
+    own = list(trial.setting.own)
+    mine = [own.index(place) for place in places]
+    covariance = trial.fitted.covariance[np.ix_(mine, mine)]
+    return mix @ trial.fitted.x[places], np.sqrt(np.maximum(np.diag(mix @ covariance @ mix.T), 0.0))
+
+
+def _curve(inv: Investigation, trial: Trial, label: str, removes: dict[str, Removed]) -> CurveFound:
+    candidate = inv.bench.candidates[label]
+    effect = candidate.effect
+    assert isinstance(effect, Curve)
+    values, sd = _values(inv, trial, label)
+    return CurveFound(
+        label, candidate.port if label != "entropy_curve" else "entropy_coefficient", candidate.over,
+        np.array(effect.knots), values, sd, effect.unit, removes, candidate.stated,
+    )  # fmt: skip
+
+
+def _law(inv: Investigation, trial: Trial, label: str, removes: dict[str, Removed]) -> CurveFound:
+    candidate = inv.bench.candidates[label]
+    assert candidate.law is not None
+    low, high = candidate.law[1][-4], candidate.law[1][-3]
+    values, sd = _values(inv, trial, label)
+    factor = candidate.law[1][-1] if candidate.multiplier else 1.0
+    at = np.linspace(low, high, values.size)
+    unit = {"torque_constant": "N m/A", "motor_loss": "W", "cell_heat": "W"}.get(candidate.port, "")
+    unit = unit or ("V" if candidate.port in ("overpotential", "bridge_voltage") else "")
+    unit = unit or ("N m" if candidate.port == "load_torque" else "A")
+    return CurveFound(
+        label, candidate.port, candidate.over, at, factor * values, factor * sd, unit, removes, False,
+        candidate.multiplier,
+    )  # fmt: skip
+
+
+def _unknown_sentence(curve: CurveFound) -> str:
+    """Say where a law acts, and how it depends on state and input."""
+    equation = next((ports[curve.port][2] for ports in PORTS.values() if curve.port in ports), curve.port)
+    factor = f" in proportion to {curve.multiplier}" if curve.multiplier else ""
+    turns = np.diff(curve.value)
+    unit = f" {curve.unit}" if curve.unit else ""
+    if np.all(turns >= 0.0) or np.all(turns <= 0.0):
+        shape = f"{'rising' if turns.sum() > 0 else 'falling'} by {abs(curve.value[-1] - curve.value[0]):.3g}{unit}"
+    else:
+        shape = f"between {curve.value.min():.3g} and {curve.value.max():.3g}{unit}"
+    return (
+        f"what is left acts on {equation.replace('_', ' ')}{factor} as a function of {curve.over}, {shape} over "
+        f"{curve.at.min():.3g} to {curve.at.max():.3g}"
+    )
+
+
+def _run(inv: Investigation, trial: Trial, last: Rung, label: str, removes: dict[str, Removed]) -> RunFound:
+    candidate = inv.bench.candidates[label]
+    run = inv.case.runs[candidate.run]
+    coordinate = candidate.coordinates[0]
+    estimate = last.estimates.get(f"{coordinate.name}[{run.name}]", Estimate(np.nan, np.nan, ""))
+    names = {"contact_resistance": "series_resistance_ohm", "friction_shift": "friction_torque_Nm"}
+    parameter = names.get(candidate.effect.name, candidate.effect.label)
+    return RunFound(label, run.name, run.file, parameter, estimate.value, estimate.sd, estimate.unit, removes)
+
+
+def _channel_evidence(inv: Investigation, found: policy.Found, name: str, base: Rung, last: Rung) -> ChannelEvidence:
+    tolerance = inv.case.tolerance.get(name)
+    return ChannelEvidence(
+        noise=inv.noise[name].sd,
+        before=base.errors[name].fit,
+        fit=last.errors[name].fit,
+        check=last.errors[name].check,
+        tolerance=None if tolerance is None else tolerance.rms,
+        model_error=found.final.scale.error.of_channel(name),
+    )
+
+
+def _small(one: ChannelEvidence) -> bool:
+    """Return True where what a model with its laws took off is little of what the base model left."""
+    return one.before**2 - one.noise**2 < 0.1 * one.noise**2
+
+
+def _immaterial(inv: Investigation, refused: policy.Addition) -> Immaterial:
+    name = inv.bench.candidates[refused.label].name
+    reason = (
+        f"its error on runs left out does not fall (log score {refused.paid:+.1f}, {refused.expected:.1f} expected)"
+        if not refused.foretells(inv.settings.should_pay)
+        else "it takes less than a tenth of the tolerance off any error"
+    )
+    return Immaterial(name, {}, f"{name}: the fitted runs show it (log evidence {refused.gain:+.1f}), and {reason}")
+
+
+def _sensors(inv: Investigation) -> dict[str, Sensor]:
+    return {name: Sensor(one.sd, one.rho, one.source, one.quantum) for name, one in inv.noise.items()}
+
+
+def _where(inv: Investigation, one: Rung) -> dict[str, tuple[str, ...]]:
+    capacity = inv.case.parameters.get("capacity_Ah")
+    return {
+        residuals.channel: tuple(
+            s.text for s in statements(residuals, capacity_Ah=None if capacity is None else capacity.value)
+        )
+        for residuals in residuals_of(inv, one)
+    }
+
+
+def _remaining(inv: Investigation, trial: Trial, last: Rung) -> dict[str, Remaining]:
+    where = _where(inv, last)
+    tau = trial.scale.error.tau_s
+    return {name: Remaining(last.errors[name].fit, tau.get(name, 0.0), where.get(name, ())) for name in inv.noise}
+
+
+def _tolerances(inv: Investigation) -> dict[str, ToleranceUsed]:
+    found = {}
+    for name in inv.noise:
+        stated = inv.case.tolerance.get(name)
+        if stated is not None:
+            found[name] = ToleranceUsed(stated.rms, stated.max, False)
+            continue
+        values = [run.measured.outputs[name] for run in inv.case.runs if name in run.measured.outputs]
+        span = float(np.nanmax(np.concatenate(values)) - np.nanmin(np.concatenate(values)))
+        settings = inv.settings
+        share = settings.assumed_voltage if unit_of(name) == "V" else settings.assumed_share
+        rms = settings.assumed_temperature_K if unit_of(name) == "degC" else share * span
+        found[name] = ToleranceUsed(rms, None, True)
+    return found
+
+
+def _fit_for_purpose(inv: Investigation, last: Rung) -> dict[str, dict[str, bool]]:
+    """Return, by channel and check run, whether the error is within the tolerance, stated or assumed."""
+    found: dict[str, dict[str, bool]] = {}
+    for name, tolerance in _tolerances(inv).items():
+        for run in inv.case.runs:
+            if run.split != "check" or name not in run.measured.outputs:
+                continue
+            own = run.tolerance.get(name)
+            errors = run.measured.outputs[name] - last.predictions[run.name][name]
+            errors = errors[np.isfinite(errors)]
+            if errors.size:
+                rms, largest = float(np.sqrt(np.mean(errors**2))), float(np.max(np.abs(errors)))
+                limit = own.max if own is not None else tolerance.largest
+                within = rms <= (own.rms if own is not None else tolerance.rms)
+                found.setdefault(name, {})[run.name] = within and (limit is None or largest <= limit)
+    return found
+
+
+def _blind(inv: Investigation) -> tuple[str, ...]:
+    """Return what this data could not have shown beside the base model, by name; on every column that it could have."""
+    seen = inv.linear(inv.base).visible()
+    labels: dict[str, list[str]] = {}
+    for label, candidate in inv.bench.candidates.items():
+        if candidate.group in ("effect", "sensor"):
+            labels.setdefault(candidate.name, []).append(label)
+    return tuple(name for name, own in labels.items() if not any(label in seen for label in own))
+
+
+def _remarks(inv: Investigation, trial: Trial, begun: Started, extrapolated: Sequence) -> tuple[str, ...]:
+    layout, fitted = inv.bench.layout, trial.fitted
+    common, of_runs = [], []
+    for place, pull in zip(trial.setting.own, fitted.pulls, strict=True):
+        if place >= layout.base or abs(pull) <= inv.settings.strained:
+            continue
+        coordinate, run = layout.coordinates[place], layout.runs[place]
+        number, stated = coordinate.number(fitted.x[place]), coordinate.number(0.0)
+        known = told.Strained(coordinate.name, number, float(pull), stated, abs(coordinate.slope(0.0)))
+        if run < 0:
+            common.append(known)
+        else:
+            of_runs.append(dataclasses.replace(known, run=inv.case.runs[run].name))
+    return (
+        *inv.preparation,
+        *told.noise_remarks(inv.noise),
+        *told.nothing_moves(fitted),
+        *told.strained([*common, *of_runs]),
+        *told.out_of_range(inv.bench, trial),
+        *told.not_converged(fitted),
+        *told.badly_started(begun.pulls, inv.settings.start_reach),
+        *(told.extrapolated_sentence(one) for one in extrapolated),
+    )
+
+
+def _law_source(inv: Investigation, trial: Trial, laws: Sequence[str]) -> str | None:
+    for label in laws:
+        law = _law(inv, trial, label, {})
+        return law_file(inv.bench.candidates[label], law.value, law.at, inv.case.kind, inv.case.name)
+    return None

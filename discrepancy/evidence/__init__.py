@@ -1,0 +1,1 @@
+"""What speaks for an addition: evidence, and readings left out."""

@@ -1,0 +1,1 @@
+"""A case as one program for all its models: unknowns, readings, candidates, and the fit."""

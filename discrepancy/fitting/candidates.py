@@ -1,0 +1,416 @@
+"""What could be missing or off in a case, and the coordinates in which it is tried and fitted."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from discrepancy.fitting.laws import PORTS, law_effect, quantities, setting
+from discrepancy.settings import SETTINGS, Settings
+from jaxmodel.build import case_model
+from jaxmodel.cases import Case
+from jaxmodel.declaration import ParameterInfo, describe
+from jaxmodel.effects import CATALOGUE
+from jaxmodel.effects.curves import CURVES
+from jaxmodel.effects.shifts import SHIFTS
+from jaxmodel.ports import Effect, touches
+from jaxmodel.specimen import usual_range
+
+Floats = NDArray[np.float64]
+
+# How far, in prior sd, better optima of an amplitude may be: between the ridges that jumps of an input make, and on the
+# other side of a standstill.
+_ACROSS_RIDGES = 0.4
+_ACROSS_STANDSTILL = 1.0
+# Over which share of its spread a number bends into its ceiling.
+_BEND = 0.25
+# No fit begins further from the middle of an amplitude's usual range, in prior sd.
+_FURTHEST_START = 2.5
+# A law over fewer different values than this, or over so small a share of the largest, is none.
+_LEAST_SPAN = 0.02
+# Curves that a table of the case could hold, by the table; without one they are laws that nobody stated.
+_TABLE_OF = {
+    "ocv_curve": "ocv",
+    "series_resistance_curve": "R_ints",
+    "rc_resistance_curve": "R_TS",
+    "rc_capacitance_curve": "C_TS",
+}
+
+Group = Literal["effect", "sensor", "curve", "run", "law"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Coordinate:
+    """One unknown number as a standard normal: number = centre + spread x, or origin + sign exp(centre + spread x).
+
+    The standard normal is the prior: what the case states of a parameter, or the usual range of an effect's (its ends
+    at one standard deviation). Below a ceiling the straight line bends smoothly into it within a quarter of the spread:
+    above the last point of its table a state of charge moves nothing, and a fit would stumble over that edge.
+    """
+
+    name: str
+    centre: float
+    spread: float
+    logarithmic: bool = False
+    origin: float = 0.0
+    sign: float = 1.0
+    ceiling: float = math.inf
+
+    @property
+    def bend(self) -> float:
+        """Return over how much of the number the line bends into the ceiling."""
+        return _BEND * self.spread
+
+    def number(self, x: float) -> float:
+        """Return the number at the coordinate x."""
+        if self.logarithmic:
+            return self.origin + self.sign * float(np.exp(self.centre + self.spread * x))
+        straight = self.centre + self.spread * x
+        if self.ceiling == math.inf:
+            return straight
+        return self.ceiling - self.bend * float(np.logaddexp(0.0, (self.ceiling - straight) / self.bend))
+
+    def at(self, number: float) -> float:
+        """Return the coordinate of a number."""
+        if self.logarithmic:
+            return (math.log((number - self.origin) / self.sign) - self.centre) / self.spread
+        if self.ceiling != math.inf:
+            below = max((self.ceiling - number) / self.bend, 1e-3)
+            number = self.ceiling - self.bend * (below + math.log(-math.expm1(-below)))
+        return (number - self.centre) / self.spread
+
+    def slope(self, x: float) -> float:
+        """Return d(number)/dx, to carry a standard deviation over."""
+        if self.logarithmic:
+            return abs(self.spread * float(np.exp(self.centre + self.spread * x)))
+        if self.ceiling != math.inf:
+            away = (self.ceiling - self.centre - self.spread * x) / self.bend
+            return self.spread / (1.0 + float(np.exp(-away)))
+        return self.spread
+
+
+def known_coordinate(name: str, value: float, sd: float, info: ParameterInfo) -> Coordinate:
+    """Return the coordinate of a base parameter known to +- sd, on the logarithm where its table says so."""
+    if info.transform == "log" and value > 0.0:
+        return Coordinate(name, math.log(value), sd / value, logarithmic=True)
+    return Coordinate(name, value, sd)
+
+
+def effect_coordinate(name: str, info: ParameterInfo, usual: tuple[float, float] | None = None) -> Coordinate:
+    """Return the coordinate of an effect's parameter, from its usual range, or that of the specimen where one is given.
+
+    A range on one side of the null is taken on the logarithm of the distance from it, so that the sign is kept; a range
+    that spans the null is taken as it is.
+    """
+    assert info.typical is not None, f"{name} declares no usual range"
+    low, high = usual or info.typical
+    origin = info.null if info.null is not None and math.isfinite(info.null) else 0.0
+    near, far = sorted((abs(low - origin), abs(high - origin)))
+    if (low - origin) * (high - origin) <= 0.0:
+        return Coordinate(name, origin, max(abs(low), abs(high)))
+    return Coordinate(
+        name,
+        centre=0.5 * (math.log(near) + math.log(far)),
+        spread=0.5 * (math.log(far) - math.log(near)),
+        logarithmic=True,
+        origin=origin,
+        sign=math.copysign(1.0, high - origin),
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class Candidate:
+    """One thing that could be missing or off, and how it is tried.
+
+    Attributes:
+        label: its name; with a column 'a:b', of one run 'a@run', of an unknown law 'port(variable)'.
+        group: an effect, a fault of a sensor, a curve, one number of one run, or an unknown law.
+        effect: what stands for it in the model; candidates may share one.
+        coordinates: its own unknowns; the first is its amplitude.
+        probes: for each variant of its shape, the coordinates x at which its direction is taken.
+        one_sided: physics allows one sign of the amplitude only.
+        null_at_infinity: the amplitude fades as its parameter grows (an exchange current, a leakage resistance).
+        amplitude_on_grid: the amplitude has probes on either side; the readings depend on it with many local optima.
+        reach: how far about a fit, in prior sd, its amplitude may have a better optimum; 0 where it has but one.
+        has_amplitude: False where no value of the first parameter makes the effect vanish.
+        run: the run whose number it is, -1 for all.
+        is_vector: its unknowns are the knots of a curve or a law.
+        mix: of a vector, from all its coordinates to its values.
+        offset: where its own unknowns begin among those of the vector.
+        shared: all unknowns of the vector, where it has only some of them.
+        law: settings of its law, and the number of the port; None where it is none.
+        port, over: of a curve or law, what it adds to and as a function of what; the same words as in the answer.
+        multiplier: of a law.
+        stated: the case states the table that this curve corrects.
+    """
+
+    label: str
+    group: Group
+    effect: Effect
+    coordinates: tuple[Coordinate, ...]
+    probes: tuple[tuple[float, ...], ...] = ()
+    one_sided: bool = False
+    null_at_infinity: bool = False
+    amplitude_on_grid: bool = False
+    reach: float = 0.0
+    has_amplitude: bool = True
+    run: int = -1
+    is_vector: bool = False
+    mix: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0)), compare=False)
+    offset: int = 0
+    shared: tuple[Coordinate, ...] = ()
+    law: tuple[int, np.ndarray] | None = dataclasses.field(default=None, compare=False)
+    port: str = ""
+    over: str = ""
+    multiplier: str = ""
+    stated: bool = False
+
+    @property
+    def unknowns(self) -> tuple[Coordinate, ...]:
+        """Return the coordinates that the vector of unknowns gets for it."""
+        return self.shared or self.coordinates
+
+    @property
+    def name(self) -> str:
+        """Return its name without column or run."""
+        return self.effect.name if self.group in ("effect", "sensor", "run") else self.label
+
+    @property
+    def is_switched(self) -> bool:
+        """Return True where its effect stands behind a switch; a curve or a run's number vanishes at zero."""
+        return self.group in ("effect", "sensor")
+
+    @property
+    def is_sensor(self) -> bool:
+        """Return True for a fault of a sensor."""
+        return self.group == "sensor"
+
+    @property
+    def bends(self) -> bool:
+        """Return True where it bends the armature's equations, which asks for finer steps."""
+        return any(touches((self.effect,), port) for port in ("armature_voltage_drop", "motor_torque"))
+
+    @property
+    def shape_ends(self) -> list[tuple[float, ...]]:
+        """Return the coordinates of the ends of the usual range of each parameter but the amplitude."""
+        shapes = list(zip(self.coordinates, describe(self.effect).values(), strict=True))[1:]
+        return [tuple(coordinate.at(end) for end in info.typical or ()) for coordinate, info in shapes]
+
+    def times_as_strong(self, x: Floats, probe: float) -> Floats:
+        """Return how many times as strong as at a probe an effect is at x of its amplitude; 1 where it has none."""
+        first = self.coordinates[0]
+        if not self.has_amplitude:
+            return np.ones(np.shape(x))
+        if not first.logarithmic:
+            return np.asarray(x) / (probe or 1.0)
+        away = first.spread * (np.asarray(x) - probe)
+        return np.exp(-away if self.null_at_infinity else away)
+
+    def at(self, probe: np.ndarray, amplitude: float) -> np.ndarray:
+        """Return the coordinates of an effect so many times as strong as at a probe, within its usual range."""
+        suggested, first = probe.copy(), self.coordinates[0]
+        if first.logarithmic:
+            stronger = math.log(max(amplitude, 1e-3)) / first.spread
+            suggested[0] = probe[0] + (-stronger if self.null_at_infinity else stronger)
+        else:
+            suggested[0] = probe[0] * amplitude
+        suggested[0] = np.clip(suggested[0], -_FURTHEST_START, _FURTHEST_START)
+        return suggested
+
+
+def make_candidate(effect: Effect, usual: Mapping[str, tuple[float, float]] | None = None) -> Candidate:
+    """Return the candidate that an effect of any origin makes, from its own table.
+
+    Args:
+        effect: of the catalogue, or the user's own.
+        usual: ranges of its parameters that fit the specimen, in place of the table's.
+    """
+    table = describe(effect)
+    usual = usual or {}
+    coordinates = tuple(
+        effect_coordinate(f"{effect.label}.{name}", info, usual.get(name)) for name, info in table.items()
+    )
+    choices = []
+    for coordinate, (name, info) in zip(coordinates, table.items(), strict=True):
+        grid = info.shape_grid
+        if grid and name in usual and info.typical and info.typical[0] > 0.0:
+            grid = tuple(value * usual[name][0] / info.typical[0] for value in grid)
+        if grid:
+            choices.append([coordinate.at(number) for number in grid])
+        else:
+            choices.append([0.0 if coordinate.logarithmic else 0.5])
+    amplitude = coordinates[0]
+    first = next(iter(table.values()))
+    on_grid = bool(first.shape_grid) and not amplitude.logarithmic
+    return Candidate(
+        effect.label,
+        "sensor" if effect.is_sensor else "effect",
+        effect,
+        coordinates,
+        tuple(itertools.product(*choices)),
+        one_sided=amplitude.logarithmic,
+        null_at_infinity=first.null == math.inf,
+        amplitude_on_grid=on_grid,
+        reach=_ACROSS_RIDGES if on_grid else 0.0,
+        has_amplitude=first.null is not None,
+    )
+
+
+def candidates(case: Case, catalogue: Mapping[str, type[Effect]] = CATALOGUE) -> list[Candidate]:
+    """Return everything that could act in a case and is not in its model already, unknown laws apart."""
+    return [*_effects(case, catalogue), *_curves(case), *_of_runs(case)]
+
+
+def _effects(case: Case, catalogue: Mapping[str, type[Effect]]) -> Iterator[Candidate]:
+    """Yield every effect of the catalogue, those of a sensor on every column that they could sit on."""
+    present = {f"{name}:{values['column']}" if values.get("column") else name for name, values in case.effects.items()}
+    columns = _columns(case)
+    for name, cls in catalogue.items():
+        if case.kind not in cls.kinds or name in present:
+            continue
+        if not cls.is_sensor:
+            yield make_candidate(cls(), specimen_ranges(case, cls))
+            continue
+        for column in [column for column in columns if column.endswith(cls.reads)] if cls.reads else [""]:
+            if f"{name}:{column}" in present:
+                continue
+            fault = make_candidate(cls(column=column), specimen_ranges(case, cls))
+            # With a drive's input a little off, a rotor that stands still turns in the model, or does not start.
+            sticks = case.kind != "cell" and column in case.runs[0].measured.inputs
+            yield dataclasses.replace(fault, reach=_ACROSS_STANDSTILL) if sticks else fault
+
+
+def specimen_ranges(case: Case, cls: type[Effect]) -> dict[str, tuple[float, float]]:
+    """Return the usual ranges of an effect's parameters that grow with the specimen."""
+    model = case_model(dataclasses.replace(case, effects={}, effect_sd={}))
+    numbers = {name: float(np.asarray(getattr(model.parameters, name))) for name in describe(model.parameters)}
+    return {name: usual_range(info, numbers) for name, info in describe(cls).items() if info.scales and info.typical}
+
+
+def _curves(case: Case) -> Iterator[Candidate]:
+    """Yield the curves of a kind: tables of the user's that may be off, and what the model's own formulas lack."""
+    for name, cls in CURVES.items():
+        if case.kind not in cls.kinds or (case.kind != "cell" and "motor" in cls.kinds):
+            continue
+        effect = cls()
+        mix = cls.typical * _smooth(np.array(effect.knots), relative=not cls.unit)
+        coordinates = tuple(Coordinate(f"{name}.values[{place}]", 0.0, 1.0) for place in range(len(effect.knots)))
+        over_temperature = cls.over == "temperature_degC"
+        yield Candidate(
+            name,
+            "curve",
+            effect,
+            coordinates,
+            is_vector=True,
+            mix=mix,
+            port=cls.port,
+            over="cell_temperature_degC" if over_temperature else cls.over,
+            stated=over_temperature or name == "entropy_curve" or _TABLE_OF.get(name, "") in case.tables,
+        )
+
+
+def _smooth(knots: np.ndarray, relative: bool, correlation: float = SETTINGS.curve_correlation) -> np.ndarray:
+    """Return a square root of the prior covariance of a curve's values of unit size: a Matern process (3/2).
+
+    Of a factor the mean is left out: it is that of the scale that is free beside it.
+    """
+    apart = np.abs(knots[:, None] - knots[None, :]) / (correlation * np.ptp(knots))
+    covariance = (1.0 + np.sqrt(3.0) * apart) * np.exp(-np.sqrt(3.0) * apart)
+    if relative:
+        without_mean = np.eye(knots.size) - 1.0 / knots.size
+        covariance = without_mean @ covariance @ without_mean
+    values, vectors = np.linalg.eigh(covariance)
+    return vectors * np.sqrt(np.maximum(values, 0.0))
+
+
+def _of_runs(case: Case) -> Iterator[Candidate]:
+    """Yield what may differ in a single fitted run: its contact, friction, draught or zero points."""
+    fit_runs = [number for number, run in enumerate(case.runs) if run.split == "fit"]
+    if len(fit_runs) < 2:
+        return
+    columns = _columns(case)
+    for cls in SHIFTS.values():
+        if case.kind not in cls.kinds:
+            continue
+        # In runs that have no number of their own it is absent.
+        absent: dict[str, Any] = {name: info.null for name, info in describe(cls).items()}
+        if cls.is_sensor and cls.column == "":
+            effects = [cls(column=column, **absent) for column in columns if column.endswith(cls.reads)]
+        else:
+            effects = [cls(**absent)]
+        for effect in effects:
+            shift = make_candidate(effect, specimen_ranges(case, cls))
+            for number in fit_runs:
+                yield dataclasses.replace(
+                    shift,
+                    label=f"{effect.label}@{case.runs[number].name}",
+                    group="run",
+                    run=number,
+                    probes=(tuple(0.5 for _ in shift.coordinates),),
+                )
+
+
+def laws(
+    case: Case, ranges: Mapping[str, tuple[float, float]], sizes: Mapping[str, float], settings: Settings = SETTINGS
+) -> list[Candidate]:
+    """Return every unknown law that could act in a case: each port over each quantity that varies.
+
+    Args:
+        case: of a kind.
+        ranges: lowest and highest value of every quantity.
+        sizes: a small but real addition at every port, in its unit, and of every multiplier its largest value.
+        settings: the constants.
+    """
+    effect = law_effect(case.kind, settings.law_knots)
+    ports, count = list(PORTS[case.kind]), settings.law_knots
+    shared = tuple(Coordinate(f"law.values[{place}]", 0.0, 1.0) for place in range(len(ports) * count))
+    root = _smooth(np.linspace(0.0, 1.0, count), relative=False)
+    sized = [sizes[port] * root for port in ports]
+    mix = np.zeros((len(shared), len(shared)))
+    for place, block in enumerate(sized):
+        mix[place * count : (place + 1) * count, place * count : (place + 1) * count] = block
+    found = []
+    for place, (port, (sources, multiplier, _)) in enumerate(PORTS[case.kind].items()):
+        for variable in [name for name in quantities(case.kind) if name in sources and name in ranges]:
+            low, high = ranges[variable]
+            if high - low <= _LEAST_SPAN * max(abs(low), abs(high)):
+                continue
+            for factor in dict.fromkeys(("", multiplier)):
+                if factor and (factor == variable or factor not in sizes):
+                    continue
+                own = setting(case.kind, port, variable, factor, (low, high))
+                if factor:
+                    own[-1] = 1.0 / sizes[factor]
+                times = f" x {factor}" if factor else ""
+                found.append(
+                    Candidate(
+                        f"{port}({variable}){times}",
+                        "law",
+                        effect,
+                        shared[place * count : (place + 1) * count],
+                        is_vector=True,
+                        mix=mix,
+                        offset=place * count,
+                        shared=shared,
+                        law=(place, own),
+                        port=port,
+                        over=variable,
+                        multiplier=factor,
+                    )
+                )
+    return found
+
+
+def _columns(case: Case) -> list[str]:
+    measured: dict[str, None] = {}
+    for run in case.runs:
+        for name, values in (run.measured.outputs | run.measured.inputs).items():
+            if np.any(np.isfinite(values)):
+                measured[name] = None
+    return list(measured)

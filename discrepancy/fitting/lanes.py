@@ -1,0 +1,127 @@
+"""Many settings of a case's unknowns at once: one compiled program, so many lanes at a time on each core."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+import jax
+import numpy as np
+from jaxtyping import Array
+from threadpoolctl import threadpool_limits
+
+from discrepancy.fitting.problem import Lane, Problem
+from discrepancy.fitting.programs import Programs
+
+# A kernel of 16 lanes takes half as long as one of 32; of 8, more than half.
+LANES = 16
+# Batches and fits run on a thread of each core. Threads of BLAS beside them wait for a core, and for each other: a
+# product that takes 1 ms on a machine with nothing else to do takes 200 then.
+one_thread_of_blas = threadpool_limits.wrap(limits=1, user_api="blas")
+
+_One = TypeVar("_One")
+_Made = TypeVar("_Made")
+
+
+def predictions(problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
+    """Return the predicted readings of any number of lanes, shape (lanes, runs, rows, channels).
+
+    Args:
+        problem: a case.
+        lanes: arrays on the host.
+    """
+    blocks = problem.blocks
+
+    def together(predicted: Sequence[Array]) -> np.ndarray:
+        found = np.empty((LANES, *problem.times.shape, len(problem.channels)))
+        for (runs, _), part in zip(blocks, predicted, strict=True):
+            rows = part.shape[2]
+            found[:, runs, :rows] = part[:, : len(runs)]
+            found[:, runs, rows:] = found[:, runs, rows - 1 : rows]  # past a run's end its last reading stands
+        return found
+
+    return _of_batches(blocks, lanes, together)
+
+
+def at_places(problem: Problem, places: tuple[np.ndarray, np.ndarray, np.ndarray], lanes: Sequence[Lane]) -> np.ndarray:
+    """Return what lanes predict at some readings, shape (lanes, readings).
+
+    Args:
+        problem: a case.
+        places: run, row and channel of each reading.
+        lanes: arrays on the host.
+    """
+    run, row, channel = places
+    picked = []  # of each block: its readings, and where they are in its predictions
+    for runs, part in problem.blocks:
+        of_block = np.full(problem.times.shape[0], -1)
+        of_block[runs] = np.arange(len(runs))
+        mine = np.flatnonzero(of_block[run] >= 0)
+        shape = (*part.times.shape, len(part.channels))
+        picked.append((mine, np.ravel_multi_index((of_block[run[mine]], row[mine], channel[mine]), shape)))
+
+    def at_readings(predicted: Sequence[Array]) -> np.ndarray:
+        found = np.empty((LANES, run.size))
+        for (mine, there), part in zip(picked, predicted, strict=True):
+            found[:, mine] = np.asarray(part).reshape(LANES, -1)[:, there]
+        return found
+
+    return _of_batches(problem.blocks, lanes, at_readings)
+
+
+def _of_batches(
+    blocks: Sequence[tuple[np.ndarray, Problem]], lanes: Sequence[Lane], use: Callable[[Sequence[Array]], np.ndarray]
+) -> np.ndarray:
+    """Return what is made of the predictions (lanes, runs, rows, channels) of all blocks, batch after batch.
+
+    A batch of a block is one kernel on one core.
+    """
+
+    def of_batch(first: int) -> np.ndarray:
+        batch = list(lanes[first : first + LANES])
+        filled = batch + [batch[-1]] * (LANES - len(batch))
+        stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *filled)
+        return use([_predictions(part, _to_runs(stacked, runs, part)) for runs, part in blocks])[: len(batch)]
+
+    return np.concatenate(at_once(of_batch, range(0, len(lanes), LANES)))
+
+
+def at_once(use: Callable[[_One], _Made], items: Sequence[_One]) -> list[_Made]:
+    """Return what is made of each item, on a thread of each core."""
+    if len(items) == 1:
+        return [use(items[0])]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(use, items))
+
+
+def _to_runs(lanes: Lane, runs: np.ndarray, part: Problem) -> Lane:
+    """Return lanes with what they add to the inputs of some runs, those of one block.
+
+    To noisy inputs they all add something, if only zeros: lanes that move them need no program of their own.
+    """
+    runs = np.pad(runs, (0, part.times.shape[0] - runs.size), mode="edge")
+    steps = 1 + part.courses.duration_s.shape[1]
+    added = {name: _nothing(LANES, runs.size, steps) for name in part.noisy}
+    added |= {name: more[:, runs, :steps] for name, more in lanes.added.items()}
+    return jax.device_put(dataclasses.replace(lanes, added=added))
+
+
+@functools.lru_cache(maxsize=16)
+def _nothing(*shape: int) -> Array:
+    return jax.device_put(np.zeros(shape))
+
+
+def _predictions(problem: Problem, lanes: Lane) -> Array:
+    """Return the predictions of one batch."""
+    return PROGRAMS(problem, lanes, classes=[type(problem), *map(type, problem.models.effects)])
+
+
+def _predicted(problem: Problem, lanes: Lane) -> Array:
+    return problem.predictions(lanes)
+
+
+PROGRAMS = Programs(_predicted)

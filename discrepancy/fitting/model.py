@@ -1,0 +1,271 @@
+"""Which of all models of a case is meant, and the programs that predict it."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Mapping, Sequence
+
+import equinox as eqx
+import numpy as np
+
+from discrepancy.fitting.candidates import Candidate, candidates, laws
+from discrepancy.fitting.lanes import at_places, predictions
+from discrepancy.fitting.laws import PORTS, no_laws
+from discrepancy.fitting.layout import Layout, make_layout
+from discrepancy.fitting.problem import Lane, Problem, courses_of, make_problem
+from discrepancy.fitting.readings import Readings
+from discrepancy.noise.contract import without_input_noise
+from discrepancy.noise.instrument import NoiseModel
+from discrepancy.preparation.held_inputs import noisy_inputs
+from discrepancy.settings import SETTINGS, Settings
+from jaxmodel.cases import Case
+from jaxmodel.effects import CATALOGUE
+from jaxmodel.errors import EffectError, nearest
+from jaxmodel.ports import Effect
+
+Labels = tuple[str, ...]
+# A shot at what a law adds at a port, as a share of what is usual there.
+_SHARE = {"overpotential": 0.003, "counted_current": 0.02, "cell_heat": 0.1, "bridge_voltage": 0.03}
+_SHARE |= {"load_torque": 0.05, "torque_constant": 0.03, "motor_loss": 0.1, "onboard_current": 0.3}
+
+
+@dataclasses.dataclass(frozen=True)
+class Setting:
+    """One model of a case: which unknowns are free, how wide their priors are, and what is switched on.
+
+    Attributes:
+        labels: of what is added.
+        own: places of the free unknowns.
+        prior_sd: (unknowns,) sd of the prior of each, in its coordinate; 1 but for curves.
+        switches: of the effects behind switches.
+        laws: what each law is a function of.
+        is_fine: its steps are those of effects that bend the armature's equations.
+        is_lawful: an unknown law is in it, or may be.
+    """
+
+    labels: Labels
+    own: tuple[int, ...]
+    prior_sd: np.ndarray
+    switches: np.ndarray
+    laws: np.ndarray
+    is_fine: bool
+    is_lawful: bool = False
+
+    def lane(self, x: np.ndarray) -> Lane:
+        """Return the lane of the model at coordinates x."""
+        return Lane(x, self.switches, self.laws)
+
+
+class Bench:
+    """A case with all that could be missing in it, in one program; a second one, finer, for what bends the armature."""
+
+    def __init__(
+        self,
+        case: Case,
+        catalogue: Mapping[str, type[Effect]] = CATALOGUE,
+        without: Sequence[str] = (),
+        settings: Settings = SETTINGS,
+    ) -> None:
+        """Lay out the unknowns, without what the user rules out."""
+        self.case, self.catalogue, self.settings = case, catalogue, settings
+        ranges, sizes = _ranges(case), _sizes(case)
+        everything = [*candidates(case, catalogue), *laws(case, ranges, sizes, settings)]
+        self.candidates: dict[str, Candidate] = {one.label: one for one in everything}
+        ruled_out = self.labels_of(without)
+        self.candidates = {label: one for label, one in self.candidates.items() if label not in ruled_out}
+        self.layout: Layout = make_layout(case, list(self.candidates.values()), catalogue)
+
+    @functools.cached_property
+    def coarse(self) -> Problem:
+        """Return the problem at the steps of the base model, without unknown laws."""
+        return self._made(False, False)
+
+    @functools.cached_property
+    def fine(self) -> Problem:
+        """Return the problem at the steps that effects need which bend the armature's equations."""
+        return self._made(True, False)
+
+    @functools.cached_property
+    def lawful(self) -> Problem:
+        """Return the problem with unknown laws, at the steps of the base model."""
+        return self._made(False, True)
+
+    @functools.cached_property
+    def lawful_fine(self) -> Problem:
+        """Return the problem with unknown laws, at finer steps."""
+        return self._made(True, True)
+
+    def _made(self, is_fine: bool, is_lawful: bool) -> Problem:
+        some = [one for one in self.candidates.values() if is_lawful or one.group != "law"]
+        return make_problem(self.case, self.layout, some, self.catalogue, self._bending if is_fine else ())
+
+    @property
+    def _bending(self) -> list[Effect]:
+        return [one.effect for one in self.candidates.values() if one.bends and one.group == "effect"]
+
+    def problem(self, setting: Setting) -> Problem:
+        """Return the problem of a model."""
+        if setting.is_lawful:
+            return self.lawful_fine if setting.is_fine else self.lawful
+        return self.fine if setting.is_fine else self.coarse
+
+    def quiet(self, setting: Setting, noise: Mapping[str, NoiseModel]) -> Problem:
+        """Return the problem with the noise taken out of its inputs, as they are where nothing is known of it."""
+        problem = self.problem(setting)
+        if not noisy_inputs(self.case):
+            return problem
+        return eqx.tree_at(lambda p: p.courses, problem, self._quiet_courses(setting.is_fine, noise))
+
+    def _quiet_courses(self, is_fine: bool, noise: Mapping[str, NoiseModel]):
+        key = f"_quiet_{is_fine}"
+        if key not in self.__dict__:
+            quiet = without_input_noise(self.case, noise)
+            self.__dict__[key] = courses_of(quiet, self.catalogue, self._bending if is_fine else ())
+        return self.__dict__[key]
+
+    def setting(self, labels: Sequence[str], amplitudes: Mapping[str, float] | None = None) -> Setting:
+        """Return a model by what is added to the base model.
+
+        Args:
+            labels: of candidates.
+            amplitudes: of curves and laws, the sd of their prior in units of their usual size; 1 where not named.
+        """
+        key = self.key(labels)
+        prior_sd = np.ones(self.layout.size)
+        switches, settings = np.zeros(len(self.coarse.switched)), no_laws(self.case.kind)
+        for label in key:
+            candidate = self.candidates[label]
+            prior_sd[list(self.layout.of[label])] = (amplitudes or {}).get(label, 1.0)
+            if candidate.is_switched:
+                switches[self.coarse.switched.index(candidate.effect.label)] = 1.0
+            if candidate.law is not None:
+                settings[candidate.law[0]] = candidate.law[1]
+        fine = any(self.candidates[label].bends for label in key if self.candidates[label].is_switched)
+        lawful = any(self.candidates[label].group == "law" for label in key)
+        return Setting(key, tuple(self.layout.own(key)), prior_sd, switches, settings, fine, lawful)
+
+    def key(self, labels: Sequence[str]) -> Labels:
+        """Return candidates in the order in which they act on a port they share."""
+        return tuple(label for label in self.candidates if label in labels)
+
+    def labels_of(self, names: Sequence[str]) -> Labels:
+        """Return the candidates that a user's names mean: an effect, or a sensor's effect on one column as 'a:b'.
+
+        Raises:
+            EffectError: no candidate of this case is called so.
+        """
+        found: list[str] = []
+        for name in names:
+            meant = [label for label, one in self.candidates.items() if name in (label, one.name) and one.run < 0]
+            meant = meant or [label for label in self.candidates if name == label]
+            if not meant:
+                raise EffectError(
+                    f"{self.case.name}: no effect that could be added to this case is called '{name}'."
+                    f"{nearest(name, self.candidates)}"
+                )
+            found.extend(meant)
+        return tuple(dict.fromkeys(found))
+
+    def labels_to_add(self, names: Sequence[str]) -> Labels:
+        """Return the candidates that a user wants in the model; EffectError as `labels_of`, or for want of a column."""
+        labels: dict[str, None] = {}
+        for name in names:
+            meant = self.labels_of([name])
+            if len(meant) > 1:
+                raise EffectError(f"--add {name}: say of which column, as in --add {meant[0]}.")
+            labels |= dict.fromkeys(meant)
+        return self.key(tuple(labels))
+
+    def predicted(self, setting: Setting, x: np.ndarray) -> np.ndarray:
+        """Return what a model predicts, shape (runs, rows, channels)."""
+        return predictions(self.problem(setting), [setting.lane(x)])[0]
+
+    def by_run(self, predicted: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
+        """Return predictions by run and channel, each over the rows of the run."""
+        return {
+            run.name: {
+                channel: predicted[number, : run.measured.time_s.size, place]
+                for place, channel in enumerate(self.coarse.channels)
+            }
+            for number, run in enumerate(self.case.runs)
+        }
+
+
+class View:
+    """The fitted readings of a bench, as any model predicts them."""
+
+    def __init__(self, bench: Bench, readings: Readings) -> None:
+        """Choose the readings; their runs alone are simulated."""
+        self.bench, self.readings = bench, readings
+        self.runs = np.unique(readings.run)
+        number = np.full(len(bench.case.runs), -1)
+        number[self.runs] = np.arange(self.runs.size)
+        self.places = (number[readings.run], readings.row, readings.channel)
+        self._parts: dict[int, tuple[Problem, Problem]] = {}
+
+    def at(self, problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
+        """Return what lanes of a problem of all runs predict of the readings, shape (lanes, readings)."""
+        whole, part = self._parts.get(id(problem), (None, None))
+        if whole is not problem:
+            part = problem.of(self.runs)
+            self._parts[id(problem)] = (problem, part)
+        assert part is not None
+        return at_places(part, self.places, lanes)
+
+
+def _ranges(case: Case) -> dict[str, tuple[float, float]]:
+    """Return lowest and highest value of every quantity that was measured or counted in the fitted runs."""
+    found: dict[str, list[np.ndarray]] = {}
+    for run in case.runs:
+        if run.split != "fit":
+            continue
+        for name, values in (run.measured.outputs | run.measured.inputs).items():
+            found.setdefault(name, []).append(values[np.isfinite(values)])
+        found.setdefault("time_s", []).append(run.measured.time_s - run.measured.time_s[0])
+        cycles = run.overrides.get("cycles", case.parameters.get("cycles"))
+        if cycles is not None:
+            found.setdefault("cycles", []).append(np.array([cycles.value]))
+        if "current_A" in run.measured.inputs and "capacity_Ah" in case.parameters:
+            time_s, current = run.measured.time_s, run.measured.inputs["current_A"]
+            taken = np.cumsum(current * np.diff(time_s, prepend=time_s[0])) / 3600.0
+            found.setdefault("soc", []).append(run.initial_soc.value - taken / case.parameters["capacity_Ah"].value)
+    if "cell_temperature_degC" not in found and "ambient_degC" in found:
+        found["cell_temperature_degC"] = found["ambient_degC"]
+    ranges = {}
+    for name, parts in found.items():
+        values = np.concatenate([*parts, np.zeros(0)])
+        if values.size:
+            ranges[name] = (float(values.min()), float(values.max()))
+    return ranges
+
+
+def _sizes(case: Case) -> dict[str, float]:
+    """Return a small but real addition at every port, in its unit, and of every multiplier its largest value."""
+
+    def largest(*names: str) -> float:
+        sizes = [
+            float(np.nanmax(np.abs(values)))
+            for run in case.runs
+            for name, values in (run.measured.inputs | run.measured.outputs).items()
+            if name in names and np.isfinite(values).any()
+        ]
+        return max(sizes, default=0.0)
+
+    def stated(name: str, default: float) -> float:
+        return case.parameters[name].value if name in case.parameters else default
+
+    current = largest("current_A", "motor_current_A", "pack_current_A") or 1.0
+    torque = largest("load_torque_Nm") or stated("k_tau", 0.0385) * current
+    usual = {
+        "overpotential": 3.7,
+        "counted_current": current,
+        "cell_heat": 0.1 * 3.7 * current,
+        "load_torque": torque,
+        "torque_constant": stated("k_tau", 0.0385),
+        "motor_loss": current**2 * stated("R_0", 0.103),
+        "bridge_voltage": largest("voltage_V", "pack_voltage_V") or 20.0,
+        "onboard_current": stated("onboard_current_A", 0.3),
+    }
+    sizes = {port: max(_SHARE[port] * usual[port], 1e-12) for port in PORTS[case.kind]}
+    return sizes | {"current_A": current, "load_torque_Nm": torque}

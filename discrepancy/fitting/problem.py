@@ -1,0 +1,306 @@
+"""A case under all models at once: one program that predicts every run for any setting of unknowns and switches."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from discrepancy.fitting.candidates import Candidate
+from discrepancy.fitting.layout import Layout
+from discrepancy.fitting.shapes import rounded_length, rounded_rows, rounded_steps, shapes_of
+from discrepancy.preparation.held_inputs import noisy_inputs
+from jaxmodel.build import case_model, run_profile
+from jaxmodel.cases import Case
+from jaxmodel.effects import CATALOGUE
+from jaxmodel.measurements import KINDS
+from jaxmodel.model import Model
+from jaxmodel.ports import Effect
+from jaxmodel.simulate import Needed, Track, read_track, track
+
+_OfRun = TypeVar("_OfRun")
+
+
+class Lane(eqx.Module):
+    """Where all unknowns stand, which effects are on, what the laws depend on, and what is added to inputs.
+
+    Attributes:
+        x: (unknowns,) coordinates.
+        switches: (effects behind switches,) 0 to 1.
+        laws: (ports, settings) what multiplies each law, and what it is a function of; see `screening.laws`.
+        added: by input (runs, 1 + steps).
+    """
+
+    x: Array | np.ndarray
+    switches: Array | np.ndarray
+    laws: Array | np.ndarray
+    added: dict[str, Array | np.ndarray] = eqx.field(default_factory=dict)
+
+
+class Unknowns(eqx.Module):
+    """The unknown numbers as coordinates; see `Coordinate` for the transform.
+
+    Attributes:
+        targets: what they are in the model, as (name, places); several places are one number of several runs.
+        vectors: vectors of the model, as (name, first place, one past the last); values are mix @ numbers.
+        of_run: (runs, unknowns) True where a number is one of that run.
+        mixes: of each vector.
+    """
+
+    targets: tuple[tuple[str, tuple[int, ...]], ...] = eqx.field(static=True)
+    vectors: tuple[tuple[str, int, int], ...] = eqx.field(static=True)
+    of_run: Array
+    logarithmic: Array
+    centre: Array
+    spread: Array
+    origin: Array
+    sign: Array
+    ceiling: Array
+    bend: Array
+    mixes: tuple[Array, ...]
+
+    def numbers(self, x: Array | np.ndarray) -> Array:
+        """Return the numbers at the coordinates x, both of shape (unknowns,)."""
+        straight = self.centre + self.spread * x
+        below = self.ceiling - self.bend * jnp.logaddexp(0.0, (self.ceiling - straight) / self.bend)
+        straight = jnp.where(jnp.isfinite(self.ceiling), below, straight)
+        curved = self.origin + self.sign * jnp.exp(jnp.where(self.logarithmic, straight, 0.0))
+        return jnp.where(self.logarithmic, curved, straight)
+
+
+class Problem(eqx.Module):
+    """Predictions of all runs for any setting of the unknowns; a pytree, so that cases of one shape share programs.
+
+    Attributes:
+        models: of each run, with every effect that could be in it.
+        courses: the steps of each run.
+        times: (runs, rows) times of the readings.
+        unknowns: the numbers that are free.
+        switched: effects behind a switch.
+        channels: all outputs of the kind, measured or not.
+        noisy: inputs whose noise is known, to which every lane may add something.
+        shapes: how many runs are simulated at a time, and their rows and steps.
+    """
+
+    models: Model
+    courses: Track
+    times: Array
+    unknowns: Unknowns
+    switched: tuple[str, ...] = eqx.field(static=True)
+    channels: tuple[str, ...] = eqx.field(static=True)
+    noisy: tuple[str, ...] = eqx.field(static=True)
+    shapes: tuple[tuple[int, int, int], ...] = eqx.field(static=True)
+
+    def _model_at(self, model: Model, own: Array, lane: Lane) -> Model:
+        """Return a run's model; `own` (unknowns,) is True where an unknown is one of that run."""
+        found = self.unknowns.numbers(lane.x)
+        values: dict[str, Any] = {}
+        for name, places in self.unknowns.targets:
+            value = _get(model, name)
+            for place in places:
+                value = jnp.where(own[place], found[place], value)
+            values[name] = value
+        for (name, first, last), mix in zip(self.unknowns.vectors, self.unknowns.mixes, strict=True):
+            values[name] = (mix @ found[first:last]).reshape(_get(model, name).shape)
+        for place, label in enumerate(self.switched):
+            values[f"{label}.switch"] = lane.switches[place]
+        if any(effect.label == "law" for effect in model.effects):
+            values["law.settings"] = lane.laws
+        return _with(model, values)
+
+    def predictions(self, lanes: Lane) -> Array:
+        """Return the predicted readings of many lanes, shape (lanes, runs, rows, channels).
+
+        Every lane of every run is one of the innermost axis of all arithmetic, which fills a processor's vectors: runs
+        by themselves are few, and an axis more takes twice as long to trace and to compile.
+        """
+
+        def of_one(run: tuple[Model, Array, Track, Array], lane: Lane) -> Array:
+            model, own, course, time_s = run
+            inputs = course.inputs | {name: course.inputs.get(name, 0.0) + more for name, more in lane.added.items()}
+            course = dataclasses.replace(course, inputs=inputs)
+            readings = read_track(self._model_at(model, own, lane), course, time_s, needed)
+            return jnp.stack([readings[name] for name in self.channels], axis=-1)
+
+        runs, count, needed = self.times.shape[0], lanes.x.shape[0], self._needed(lanes)
+        of_runs = (self.models, self.unknowns.of_run, self.courses, self.times)
+        of_each_run = jax.tree.map(lambda x: jnp.repeat(x, count, axis=0), of_runs)
+        of_each_lane = Lane(
+            jnp.tile(lanes.x, (runs, 1)),
+            jnp.tile(lanes.switches, (runs, 1)),
+            jnp.tile(lanes.laws, (runs, 1, 1)),
+            {name: jnp.concatenate(jnp.swapaxes(more, 0, 1)) for name, more in lanes.added.items()},
+        )
+        found = jax.vmap(of_one)(of_each_run, of_each_lane)
+        return jnp.swapaxes(found.reshape(runs, count, *found.shape[1:]), 0, 1)
+
+    def _needed(self, lanes: Lane) -> Needed:
+        on = [
+            lanes.switches[:, self.switched.index(effect.label)] if effect.label in self.switched else effect.switch
+            for effect in self.models.effects
+            if effect.has_memory
+        ]
+        memory = [jnp.asarray(True) if one is None else jnp.any(jnp.asarray(one) != 0.0) for one in on]
+        return Needed(jnp.max(self.courses.last_step) + 1, jnp.any(jnp.asarray(memory, dtype=bool)))
+
+    def of(self, runs: np.ndarray) -> Problem:
+        """Return the problem of some runs; unknowns keep their places, and those of other runs move nothing."""
+        rows, steps = np.max([self._length(runs), *(shape[1:] for shape in self.shapes)], axis=0).tolist()
+        return self._of_runs(runs, rows, steps)
+
+    @functools.cached_property
+    def blocks(self) -> list[tuple[np.ndarray, Problem]]:
+        """Return the problems of a few runs at a time, as many as may calibrate, and the numbers of these runs.
+
+        They are of one shape, and share a compiled program, where `shapes` has one and no run is longer.
+        """
+        if ((*self.times.shape, self.courses.duration_s.shape[1]),) == self.shapes:
+            # A copy: what this property leaves on its owner would tell a program from one that is the same.
+            return [(np.arange(self.times.shape[0]), dataclasses.replace(self))]
+        everything = self._length(slice(None))
+        shapes = [*self.shapes, (self.shapes[-1][0], *everything)]
+        lengths = [self._length(run) for run in range(self.times.shape[0])]
+        fits = [next(n for n, (_, *size) in enumerate(shapes) if np.all(np.less_equal(own, size))) for own in lengths]
+        blocks = []
+        for number, (count, *size) in enumerate(shapes):
+            runs = np.flatnonzero(np.equal(fits, number))
+            for first in range(0, runs.size, count):
+                some = runs[first : first + count]
+                blocks.append((some, self._of_runs(np.pad(some, (0, count - some.size), mode="edge"), *size)))
+        return blocks
+
+    def _length(self, runs: np.ndarray | slice | int) -> tuple[int, int]:
+        """Return the rows and steps of the longest of some runs, rounded up."""
+        return rounded_length(np.atleast_2d(np.asarray(self.courses.last_step)[runs]))
+
+    def _of_runs(self, runs: np.ndarray, rows: int, steps: int) -> Problem:
+        """Return the problem of some runs, cut to so many rows and steps."""
+        courses = Track(
+            duration_s=_part(self.courses.duration_s, runs, steps),
+            inputs={name: _part(values, runs, steps + 1) for name, values in self.courses.inputs.items()},
+            last_step=_part(self.courses.last_step, runs, rows - 1),
+        )
+        return dataclasses.replace(
+            self,
+            models=jax.tree.map(lambda leaf: _part(leaf, runs), self.models),
+            courses=courses,
+            times=_part(self.times, runs, rows),
+            unknowns=dataclasses.replace(self.unknowns, of_run=_part(self.unknowns.of_run, runs)),
+        )
+
+
+def _part(values: Array, runs: np.ndarray, size: int | None = None) -> Array:
+    """Return some runs, and the first so many columns; on the host, where each shape does not compile a program."""
+    kept = np.asarray(values)[runs]
+    return jax.device_put(kept if size is None else kept[:, :size])
+
+
+def _owner(model: Model, name: str) -> tuple[int | None, str]:
+    label, _, field = name.rpartition(".")
+    return ([effect.label for effect in model.effects].index(label) if label else None), field
+
+
+def _get(model: Model, name: str) -> Any:
+    place, field = _owner(model, name)
+    return getattr(model.parameters if place is None else model.effects[place], field)
+
+
+def _with(model: Model, values: Mapping[str, Any]) -> Model:
+    """Return the model with numbers and vectors replaced by name."""
+    owners = [(*_owner(model, name), value) for name, value in values.items()]
+
+    def leaves(m: Model) -> list[Any]:
+        return [getattr(m.parameters if place is None else m.effects[place], field) for place, field, _ in owners]
+
+    return eqx.tree_at(leaves, model, [value for _, _, value in owners], is_leaf=lambda x: x is None)
+
+
+def make_problem(
+    case: Case,
+    layout: Layout,
+    candidates: Sequence[Candidate],
+    catalogue: Mapping[str, type[Effect]] = CATALOGUE,
+    fine_for: Sequence[Effect] = (),
+) -> Problem:
+    """Lay a case out for fitting, with every candidate in it: at its null, or behind a switch.
+
+    Args:
+        case: with its runs.
+        layout: of the unknowns.
+        candidates: all that could be missing.
+        catalogue: the known effects, for those that the case itself names.
+        fine_for: effects for which the steps are made as fine as they need.
+    """
+    bare = [case_model(case, run, catalogue=catalogue) for run in case.runs]
+    courses, times = _courses([_with_effects(model, tuple(fine_for)) for model in bare], case)
+    effects, switched = [], []
+    for candidate in candidates:
+        if candidate.effect.label in [effect.label for effect in effects]:
+            continue
+        effect = candidate.effect
+        if candidate.is_switched:
+            effect = eqx.tree_at(lambda e: e.switch, effect, jnp.zeros(()), is_leaf=lambda x: x is None)
+            switched.append(effect.label)
+        effects.append(effect)
+    labels = {effect.label for effect in effects}
+    vectors = [one for one in layout.vectors if one[0].rpartition(".")[0] in labels]
+    fit_runs = np.flatnonzero([run.split == "fit" for run in case.runs])
+    parts = {
+        field: jax.device_put(np.array([getattr(coordinate, field) for coordinate in layout.coordinates]))
+        for field in ("logarithmic", "centre", "spread", "origin", "sign", "ceiling", "bend")
+    }
+    return Problem(
+        models=_side_by_side([_with_effects(model, tuple(effects)) for model in bare]),
+        courses=courses,
+        times=times,
+        unknowns=Unknowns(
+            layout.targets,
+            tuple((name, first, last) for name, first, last, _ in vectors),
+            of_run=layout.of_runs(len(case.runs)),
+            mixes=tuple(jax.device_put(mix) for *_, mix in vectors),
+            **parts,
+        ),
+        switched=tuple(switched),
+        channels=KINDS[case.kind].outputs,
+        noisy=tuple(noisy_inputs(case)),
+        shapes=shapes_of([rounded_length(last_step[None]) for last_step in np.asarray(courses.last_step)], fit_runs),
+    )
+
+
+def courses_of(case: Case, catalogue: Mapping[str, type[Effect]], fine_for: Sequence[Effect]) -> Track:
+    """Return the steps of a case whose inputs differ from those of a problem, and whose times do not."""
+    bare = [_with_effects(case_model(case, run, catalogue=catalogue), tuple(fine_for)) for run in case.runs]
+    return _courses(bare, case)[0]
+
+
+def _with_effects(model: Model, added: tuple[Effect, ...]) -> Model:
+    return eqx.tree_at(lambda m: m.effects, model, (*model.effects, *added))
+
+
+def _courses(models: list[Model], case: Case) -> tuple[Track, Array]:
+    """Lay the runs out in steps of equal number, ends padded with steps of zero length."""
+    profiles = [run_profile(run) for run in case.runs]
+    tracks = [track(model, profile) for model, profile in zip(models, profiles, strict=True)]
+    steps = rounded_steps(max(one.duration_s.shape[0] for one in tracks))
+    rows = rounded_rows(max(profile.time_s.size for profile in profiles))
+    courses, times = [], []
+    for model, profile in zip(models, profiles, strict=True):
+        course = track(model, profile, steps)
+        last = np.asarray(course.last_step)
+        courses.append(
+            dataclasses.replace(course, last_step=jax.device_put(np.pad(last, (0, rows - 1 - last.size), mode="edge")))
+        )
+        times.append(np.pad(profile.time_s, (0, rows - profile.time_s.size), mode="edge"))
+    return _side_by_side(courses), jax.device_put(np.stack(times))
+
+
+def _side_by_side(of_runs: Sequence[_OfRun]) -> _OfRun:
+    """Return what is of each run in arrays of all; stacked on the host, where no shape compiles a program."""
+    return jax.device_put(jax.tree.map(lambda *leaves: np.stack(leaves), *of_runs))

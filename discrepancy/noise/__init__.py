@@ -1,0 +1,1 @@
+"""Noise of instruments, noise passed on from measured inputs, and the error of the model beside them."""

@@ -1,0 +1,109 @@
+"""The noise of every output of a case: what its sensor adds, and who says so."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+
+from discrepancy.noise.instrument import BETWEEN_JUMPS, NoiseModel, break_at_jumps, channel_noise, local_noise
+from discrepancy.noise.whitening import chain_starts
+from discrepancy.preparation.held_inputs import LONG, noisy_inputs, rows_held
+from jaxmodel.cases import Case, Run
+from jaxmodel.measurements import KINDS
+
+# Readings of a model, by run and output.
+Predictions = Mapping[str, Mapping[str, np.ndarray]]
+
+# What shows the noise, and the rows of the windows in which it is looked at: short, so that nothing slow looks like it.
+_READ = BETWEEN_JUMPS
+_LEFT = "what the calibrated model leaves between jumps of the inputs"
+_WINDOW = 12
+
+
+def noise_of_case(case: Case) -> dict[str, NoiseModel]:
+    """Return the noise of every output that the case measured, in the order of the kind's outputs.
+
+    A stated sd is believed unless the scatter of the readings contradicts it, and quantisation is added; where none is
+    stated it is estimated from the readings between the jumps of the inputs. Channels whose readings never change, and
+    of whose noise nothing is known, say nothing and are left out.
+    """
+    return _noise(case, {})
+
+
+def noise_beside(case: Case, noise: Mapping[str, NoiseModel], predicted: Predictions) -> dict[str, NoiseModel]:
+    """Return the noise where a calibrated model's errors scatter less than the readings by themselves.
+
+    Readings that follow a lively input scatter with it; a model takes that away. The smaller of both is the noise.
+
+    Args:
+        case: with its measurements.
+        noise: of every output, as the readings show it: what comes from inputs stays.
+        predicted: readings of the model, by run and output.
+    """
+    left = _noise(case, {name: model.from_inputs for name, model in noise.items()}, predicted)
+    return {name: min(model, left.get(name, model), key=lambda one: one.sd) for name, model in noise.items()}
+
+
+def _noise(case: Case, from_inputs: Mapping[str, float], predicted: Predictions | None = None) -> dict[str, NoiseModel]:
+    noise = {}
+    shown_by = _READ if predicted is None else _LEFT
+    for name in KINDS[case.kind].outputs:
+        runs = [run for run in case.runs if name in run.measured.outputs]
+        readings = [run.measured.outputs[name] for run in runs]
+        if not runs or not any(np.isfinite(values).any() for values in readings):
+            continue
+        if predicted is not None:
+            runs = [run for run in runs if run.split == "fit"]
+        if not runs:
+            continue
+        shown = [run.measured.outputs[name] - (predicted[run.name][name] if predicted else 0.0) for run in runs]
+        inputs = [np.stack(list(run.measured.inputs.values()), axis=1) for run in runs]
+        times = [run.measured.time_s for run in runs]
+        calm = [break_at_jumps(chain_starts([t]), part, settling_rows=3) for t, part in zip(times, inputs, strict=True)]
+        series = [np.concatenate(part) for part in (shown, calm, times)]
+
+        def estimate(known_sd, series=series):
+            return local_noise(*series, known_sd=known_sd, window=_WINDOW)
+
+        model = channel_noise(
+            np.concatenate(readings),
+            estimate,
+            stated_sd=case.sensors.get(name),
+            input_sd=from_inputs.get(name, 0.0),
+            shown_by=shown_by,
+        )
+        if model.sd > 0.0:
+            noise[name] = dataclasses.replace(model, from_inputs=from_inputs.get(name, 0.0))
+    return noise
+
+
+def without_input_noise(case: Case, noise: Mapping[str, NoiseModel]) -> Case:
+    """Return the case with its noisy inputs, where they were not held, as the neighbours of each row read them.
+
+    The noise of a measured input is in the residual of its own row too; as a function of the row's own reading that
+    would look like a law of nature.
+    """
+    noisy = noisy_inputs(case)
+    # Whitening coloured noise mixes a row with the one before: then the nearest neighbours are no strangers either.
+    apart = 2 if any(model.rho != 0.0 for model in noise.values()) else 1
+
+    def quiet(run: Run) -> Run:
+        inputs = {
+            name: _of_neighbours(values, noisy[name], apart) if name in noisy else values
+            for name, values in run.measured.inputs.items()
+        }
+        return run.driven_by(inputs)
+
+    return dataclasses.replace(case, runs=tuple(quiet(run) for run in case.runs))
+
+
+def _of_neighbours(values: np.ndarray, sd: float, apart: int) -> np.ndarray:
+    """Return a measured input at each row as the rows so far before and after it read it, where on the same level."""
+    before, after = np.roll(values, apart), np.roll(values, -apart)
+    before[:apart], after[-apart:] = np.nan, np.nan
+    near = [np.where(np.abs(other - values) < 8.0 * sd, other, np.nan) for other in (before, after)]
+    count = np.sum(np.isfinite(near), axis=0)
+    alone = rows_held(values, np.arange(values.size)) < LONG
+    return np.where(alone & (count > 0), np.nansum(near, axis=0) / np.maximum(count, 1), values)

@@ -1,0 +1,196 @@
+"""What a model gets wrong, as a process beside the noise: s^2 exp(-dt / tau) for each channel and run, dt in seconds.
+
+measured = model + delta + epsilon. epsilon is the instrument's (`instrument`), delta an Ornstein-Uhlenbeck process, so
+that whitening is a scalar Kalman filter: with the predicted mean m and variance P of delta before a reading y,
+
+    F = h^2 P + R,  K = P h / F,  e = (y - h m) / sqrt(F),
+    m' = a (m + K (y - h m)),  P' = a^2 (1 - K h) P + (1 - a^2) s^2
+
+with a = exp(-dt / tau). It is linear in y: the means of all columns come from one bidiagonal solve. Where the
+instrument's noise is AR(1) with correlation w from reading to reading, y is (e_t - w e_s) / sqrt(1 - w^2), which
+scales what is slow by h = sqrt((1 - w) / (1 + w)).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg.lapack import dtbtrs  # pyright: ignore[reportAttributeAccessIssue]
+
+from discrepancy.settings import SETTINGS, Settings
+
+# One channel of one run: a chain that delta does not cross.
+Series = tuple[str, int]
+_SIZES = np.concatenate([[0.0], np.geomspace(0.1, 3e4, 23)])
+
+
+@dataclasses.dataclass(frozen=True)
+class ModelError:
+    """The model error of every series.
+
+    Attributes:
+        sd: s of each series, in the channel's unit; series not named have none.
+        tau_s: correlation time of each channel that has one.
+    """
+
+    sd: Mapping[Series, float] = dataclasses.field(default_factory=dict)
+    tau_s: Mapping[str, float] = dataclasses.field(default_factory=dict)
+
+    def of_channel(self, channel: str) -> float:
+        """Return the root mean square of s over the runs of a channel, 0 where there is no model error."""
+        own = [sd for (name, _), sd in self.sd.items() if name == channel]
+        return float(np.sqrt(np.mean(np.square(own)))) if own else 0.0
+
+
+NONE = ModelError()
+
+
+@dataclasses.dataclass(frozen=True)
+class Chain:
+    """The readings of one series in order of time, their noise already made white by differences.
+
+    Attributes:
+        series: channel, and number of the run.
+        rows: places in the flat list of readings.
+        time_s: of each.
+        sd: noise of each, in the channel's unit.
+        gain: h of each, how much of what is slow the differences left.
+    """
+
+    series: Series
+    rows: np.ndarray
+    time_s: Float[np.ndarray, " n"]
+    sd: Float[np.ndarray, " n"]
+    gain: Float[np.ndarray, " n"]
+
+
+class Whitener:
+    """Makes columns of errors white, given the noise and the model error of every series."""
+
+    def __init__(self, chains: Sequence[Chain], error: ModelError, count: int) -> None:
+        """Run the filter's variances once; the means are linear in what is whitened."""
+        self._root = np.ones(count)
+        self._gain = np.zeros(count)
+        self._band = np.zeros((2, count))
+        self._band[0] = 1.0
+        self._carried = np.zeros(count)
+        self._filtered = False
+        for chain in chains:
+            s, tau = error.sd.get(chain.series, 0.0), error.tau_s.get(chain.series[0], 0.0)
+            if s <= 0.0:
+                self._root[chain.rows] = chain.sd
+                continue
+            self._filtered = True
+            a, p = _decay(chain.time_s, tau), _variances(chain, s, tau)
+            f = chain.gain**2 * p + chain.sd**2
+            k = p * chain.gain / f
+            self._root[chain.rows] = np.sqrt(f)
+            self._gain[chain.rows] = chain.gain
+            self._band[1, chain.rows[:-1]] = -(a * (1.0 - k * chain.gain))[:-1]
+            self._carried[chain.rows[:-1]] = (a * k)[:-1]
+
+    def __call__(self, values: Float[np.ndarray, "n columns"]) -> Float[np.ndarray, "n columns"]:
+        """Return the columns as innovations in units of their sd; rows of a series follow each other."""
+        if not self._filtered:
+            return values / self._root[:, None]
+        pushed = np.zeros_like(values, order="F")
+        pushed[1:] = self._carried[:-1, None] * values[:-1]
+        mean, status = dtbtrs(self._band, pushed, uplo="L", diag="U", overwrite_b=1)
+        assert status == 0
+        return (values - self._gain[:, None] * mean) / self._root[:, None]
+
+
+def _decay(time_s: np.ndarray, tau: float) -> np.ndarray:
+    """Return exp(-dt / tau) to the next reading; the last stands for nothing."""
+    return np.exp(-np.append(np.diff(time_s), 0.0) / tau)
+
+
+def _variances(chain: Chain, s: float, tau: float) -> np.ndarray:
+    a2 = (_decay(chain.time_s, tau) ** 2).tolist()
+    h2, r = (chain.gain**2).tolist(), (chain.sd**2).tolist()
+    p, out, stationary = s * s, [], s * s
+    for decay, slow, noise in zip(a2, h2, r, strict=True):
+        out.append(p)
+        p = decay * p * noise / (slow * p + noise) + (1.0 - decay) * stationary
+    return np.array(out)
+
+
+def estimate(
+    chains: Sequence[Chain],
+    errors: Float[np.ndarray, " n"],
+    tolerance: Mapping[str, float] | None = None,
+    settings: Settings = SETTINGS,
+) -> ModelError:
+    """Return the most probable model error of every series, given the errors that a model leaves.
+
+    Each channel has one correlation time; each run has a size of its own about that of all runs. A channel has none
+    where the likelihood gains less than `settings.least_error_gain`.
+
+    Args:
+        chains: all series.
+        errors: what the richest model of the round leaves, noise differenced as in `Chain`.
+        tolerance: by channel, the scale of a half-normal prior of s, in the channel's unit.
+        settings: the constants.
+    """
+    sd: dict[Series, float] = {}
+    tau_s: dict[str, float] = {}
+    for channel in dict.fromkeys(chain.series[0] for chain in chains):
+        own = [chain for chain in chains if chain.series[0] == channel]
+        scale = float(np.median(np.concatenate([chain.sd for chain in own])))
+        sizes = scale * _SIZES
+        memories = _memories(own, settings)
+        tables = np.stack([_log_likelihoods(chain, errors[chain.rows], sizes, memories) for chain in own])
+        if tolerance and channel in tolerance:
+            tables = tables - 0.5 * (sizes / max(tolerance[channel], scale)) ** 2 / len(own)
+        prior = -0.5 * (np.log(memories / settings.memory_median_s) / settings.memory_spread) ** 2
+        spread = np.log(sizes[1:, None] / sizes[None, 1:]) / settings.error_from_run_to_run
+        # For each common size, the best size of every run about it.
+        near = tables[:, :, 1:, None] - 0.5 * spread**2
+        together = near.max(axis=2).sum(axis=0) + prior[:, None]
+        memory, common = np.unravel_index(np.argmax(together), together.shape)
+        if together[memory, common] - tables[:, 0, 0].sum() < settings.least_error_gain:
+            continue
+        tau_s[channel] = float(memories[memory])
+        for chain, table in zip(own, near[:, memory, :, common], strict=True):
+            sd[chain.series] = _peak(np.log(sizes[1:]), table)
+    return ModelError(sd, tau_s)
+
+
+def _memories(chains: Sequence[Chain], settings: Settings) -> np.ndarray:
+    """Return the correlation times that these series can tell: longer than two readings, shorter than a run."""
+    between = float(np.median(np.concatenate([np.diff(chain.time_s) for chain in chains])))
+    longest = max(float(np.ptp(chain.time_s)) for chain in chains)
+    found = [tau for tau in settings.memory_s if 2.0 * between <= tau <= longest]
+    return np.array(found or [max(2.0 * between, min(longest, settings.memory_s[0]))])
+
+
+def _peak(at: np.ndarray, values: np.ndarray) -> float:
+    """Return exp of where values on an even grid are largest, a parabola laid through the largest three."""
+    best = int(np.clip(np.argmax(values), 1, values.size - 2))
+    low, middle, high = values[best - 1 : best + 2]
+    bend = low - 2.0 * middle + high
+    shift = 0.5 * (low - high) / bend if bend < 0.0 else 0.0
+    return float(np.exp(at[best] + np.clip(shift, -1.0, 1.0) * (at[1] - at[0])))
+
+
+def _log_likelihoods(chain: Chain, errors: np.ndarray, sizes: np.ndarray, memories: np.ndarray) -> np.ndarray:
+    """Return the log likelihood of a series at every correlation time and size, less a constant, (tau, s)."""
+    variance = np.broadcast_to(sizes[None, :] ** 2, (memories.size, sizes.size)).copy()
+    mean, total = np.zeros_like(variance), np.zeros_like(variance)
+    stationary = variance.copy()
+    steps = np.append(np.diff(chain.time_s), 0.0)
+    same: dict[float, np.ndarray] = {}
+    for error, noise, gain, step in zip(errors, chain.sd**2, chain.gain, steps, strict=True):
+        f = gain * gain * variance + noise
+        off = error - gain * mean
+        total -= off * off / f + np.log(f)
+        a = same.get(step)
+        if a is None:
+            a = same[step] = np.exp(-step / memories)[:, None]
+        k = variance * gain / f
+        mean = a * (mean + k * off)
+        variance = a * a * (variance * noise / f) + (1.0 - a * a) * stationary
+    return 0.5 * total

@@ -1,0 +1,280 @@
+"""The automatic loop: score everything, refit the best, take what passes the gates, then try to drop and to swap.
+
+It calls nothing but the investigation, so that a person can take over at any model.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from discrepancy.evidence.linear import Gain
+from discrepancy.evidence.trial import Settled, Trial
+from discrepancy.fitting.candidates import Candidate
+from discrepancy.fitting.lanes import at_once
+from discrepancy.investigation import Investigation
+
+CLOCK = "time_s"
+# A refit that gained so many times what others promise to first order makes it needless to refit them.
+CLEARLY = 2.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Addition:
+    """One addition that was refitted, and what the gates say of it.
+
+    Attributes:
+        label: the candidate.
+        trial: the model with it.
+        gain: of log evidence over the model without it.
+        odds: log odds that it had to gain.
+        paid: log score gained on runs left out.
+        expected: what it should gain there if it is true.
+        pieces: into how many pieces each run was cut for that; 1 where runs were left out whole.
+    """
+
+    label: str
+    trial: Trial
+    gain: float
+    odds: float
+    paid: float
+    expected: float
+    pieces: int = 1
+    material: bool = True
+
+    @property
+    def significant(self) -> bool:
+        """Return True where its evidence is for it, among so many."""
+        return self.gain > self.odds
+
+    def foretells(self, should_pay: float) -> bool:
+        """Return True where runs left out are foretold better with it, or none of them could show it."""
+        return self.paid > 0.0 or self.expected < should_pay
+
+
+@dataclasses.dataclass(frozen=True)
+class Found:
+    """What the loop ends with.
+
+    Attributes:
+        final: the model.
+        path: every model on the way, the base model first.
+        refused: additions that were significant and did not pay, by label.
+        laws: unknown laws that passed, in order.
+        weighed: every model fitted under the final model's weights, itself among them.
+    """
+
+    final: Settled
+    path: tuple[Settled, ...]
+    refused: dict[str, Addition]
+    laws: tuple[Addition, ...]
+    weighed: tuple[Trial, ...]
+
+
+def run(investigation: Investigation, start: Sequence[str] = (), seek: bool = True) -> Found:
+    """Investigate a case by the policy.
+
+    Args:
+        investigation: of the case.
+        start: candidates that are in the model from the beginning, and stay.
+        seek: False where nothing else is sought.
+    """
+    inv, settings = investigation, investigation.settings
+    model = inv.settled(start)
+    path = [inv.base] if not model.labels else [inv.base, model]
+    refused: dict[str, Addition] = {}
+    seen = {model.labels}
+    for _ in range(settings.most_rounds if seek else 0):
+        best, tried = _best_addition(inv, model)
+        if best is None:
+            refused = {one.label: one for one in tried if one.significant}
+            break
+        inv.tell(f"adding {best.label}")
+        model = inv.settled(best.trial.labels, best.trial)
+        model = _without_what_is_idle(inv, model, keep=(*start, best.label))
+        path.append(model)
+        if model.labels in seen:
+            break
+        seen.add(model.labels)
+    if seek:
+        model, swapped = _swapped(inv, model, start)
+        if swapped:
+            model = _without_what_is_idle(inv, model, keep=start)
+            path.append(model)
+    laws, model = _laws(inv, model) if seek else ((), model)
+    if laws:
+        path.append(model)
+    refused = {label: one for label, one in refused.items() if label not in model.labels}
+    return Found(model, tuple(path), refused, laws, tuple(_weighed(inv, model, start)))
+
+
+def odds_of(inv: Investigation, candidate: Candidate) -> float:
+    """Return the log odds that a candidate must gain: the fewer are like it, the less."""
+    group = ("effect", "sensor") if candidate.group in ("effect", "sensor") else (candidate.group,)
+    alike = sum(one.group in group for one in inv.bench.candidates.values())
+    rarer = inv.settings.rarer if type(candidate.effect).__module__.rpartition(".")[2].startswith("further") else 0.0
+    return inv.settings.least_odds + float(np.log(max(1, alike))) + rarer
+
+
+def _passes(inv: Investigation, addition: Addition) -> bool:
+    return addition.significant and addition.foretells(inv.settings.should_pay) and addition.material
+
+
+def _best_addition(inv: Investigation, model: Settled) -> tuple[Addition | None, list[Addition]]:
+    """Return the addition to take, if any passes the gates, and all that were tried."""
+    settings = inv.settings
+    gains = [gain for gain in inv.linear(model).gains() if _may_enter(inv, model, gain.label)]
+
+    def promising(groups: Sequence[str], count: int) -> list[Gain]:
+        own = [gain for gain in gains if inv.bench.candidates[gain.label].group in groups]
+        return [g for g in own if g.log_evidence > 0.5 * odds_of(inv, inv.bench.candidates[g.label])][:count]
+
+    effects = promising(("effect", "sensor"), settings.refitted_effects)
+    others = promising(("curve",), settings.refitted_curves) + promising(("run",), settings.refitted_runs)
+    tried = _refitted(inv, model, effects)
+    first = max([one for one in tried if _passes(inv, one)], key=lambda one: one.gain, default=None)
+    most = max((gain.log_evidence for gain in others), default=0.0)
+    if first is not None and first.gain > settings.preference * most:
+        return first, tried
+    tried += _refitted(inv, model, others)
+    passing = [one for one in tried if _passes(inv, one)]
+    if not passing:
+        return None, tried
+    best = max(passing, key=lambda one: one.gain)
+    if first is not None and first.gain > settings.preference * best.gain:
+        return first, tried
+    return best, tried
+
+
+def _refitted(inv: Investigation, model: Settled, gains: Sequence[Gain]) -> list[Addition]:
+    """Return what the gates say of some additions; once one has gained most of what any promises, the rest is left."""
+    found: list[Addition] = []
+    for place in range(0, len(gains), 2):
+        some = gains[place : place + 2]
+        best = max((one.gain for one in found if _passes(inv, one)), default=0.0)
+        if best > CLEARLY * max(gain.log_evidence for gain in some):
+            break
+        inv.tell(f"refitting with {', '.join(gain.label for gain in some)}")
+        found += at_once(lambda gain: addition(inv, model, gain), some)
+    return found
+
+
+def addition(inv: Investigation, model: Trial, gain: Gain) -> Addition:
+    """Return what the gates say of one addition, refitted under the model's weights."""
+    candidate = inv.bench.candidates[gain.label]
+    trial = inv.trial((*model.labels, gain.label), model, gain)
+    paid, expected = trial.pays(model)
+    pieces = 1
+    if candidate.group == "run" or expected < inv.settings.should_pay:
+        # One run alone can tell: its blocks of time stand for runs.
+        pieces = inv.settings.left_out_blocks
+        paid, expected = trial.pays(model, pieces)
+    gained = trial.log_evidence - model.log_evidence
+    material = inv.is_material(trial, model)
+    return Addition(gain.label, trial, gained, odds_of(inv, candidate), paid, expected, pieces, material)
+
+
+def _may_enter(inv: Investigation, model: Settled, label: str) -> bool:
+    """Return True where a candidate may be tried: of a temperature's curve only beside the law that it departs from."""
+    candidate = inv.bench.candidates[label]
+    if candidate.group == "curve" and candidate.over == "cell_temperature_degC":
+        return "arrhenius_resistance" in model.labels or "arrhenius_resistance" not in inv.bench.candidates
+    if label == "arrhenius_polarisation":  # it tells apart two energies of which the first is that of all resistances
+        return "arrhenius_resistance" in model.labels or "arrhenius_resistance" not in inv.bench.candidates
+    return True
+
+
+def _without_what_is_idle(inv: Investigation, model: Settled, keep: Sequence[str]) -> Settled:
+    """Return the model without additions of before that are needed no longer, the least needed first."""
+    while True:
+        others = [label for label in model.labels if label not in keep]
+        if not others:
+            return model
+        without = at_once(partial(_lacking, inv, model), others)
+        lost = [
+            (model.log_evidence - trial.log_evidence - odds_of(inv, inv.bench.candidates[label]), label, trial)
+            for label, trial in zip(others, without, strict=True)
+        ]
+        least, label, trial = min(lost, key=lambda one: one[0])
+        if least > 0.0:
+            return model
+        inv.tell(f"dropping {label}")
+        model = inv.settled(trial.labels, trial)
+
+
+def _lacking(inv: Investigation, model: Trial, label: str) -> Trial:
+    return inv.trial([one for one in model.labels if one != label], model)
+
+
+def _with(inv: Investigation, model: Trial, gain: Gain) -> Trial:
+    return inv.trial((*model.labels, gain.label), model, gain)
+
+
+def _swapped(inv: Investigation, model: Settled, keep: Sequence[str]) -> tuple[Settled, bool]:
+    """Return the model with one addition exchanged for another where that gains evidence: a stand-in goes."""
+    changed = False
+    for label in [one for one in model.labels if one not in keep]:
+        lacking = _lacking(inv, model, label)
+        gains = inv.gains_at(lacking)
+        rivals = [gain for gain in gains if gain.label != label and _may_enter(inv, model, gain.label)]
+        rivals = [gain for gain in rivals if gain.label not in model.labels][: inv.settings.refitted_curves]
+        promised = model.log_evidence - lacking.log_evidence
+        rivals = [gain for gain in rivals if gain.log_evidence > 0.5 * promised]
+        tried = at_once(partial(addition, inv, lacking), rivals) if rivals else []
+        better = [one for one in tried if one.trial.log_evidence > model.log_evidence + _swap_price(inv, label, one)]
+        if better:
+            best = max(better, key=lambda one: one.gain)
+            inv.tell(f"taking {best.label} in place of {label}")
+            model, changed = inv.settled(best.trial.labels, best.trial), True
+    return model, changed
+
+
+def _swap_price(inv: Investigation, label: str, other: Addition) -> float:
+    """Return what another must gain over what is there: little, but for a curve or a run in an effect's place."""
+    groups = [inv.bench.candidates[one].group for one in (label, other.label)]
+    new = groups[1] not in ("effect", "sensor") and groups[0] in ("effect", "sensor")
+    return inv.settings.least_odds + (0.3 * max(other.gain, 0.0) if new else 0.0)
+
+
+def _laws(inv: Investigation, model: Settled) -> tuple[tuple[Addition, ...], Settled]:
+    """Return the unknown laws that pass the gates beside a model, and the model with them; clock time comes last."""
+    if not model.scale.error.sd:
+        return (), model
+    linear = inv.linear_at(model, groups=("law",))
+    gains = [one for one in linear.gains() if one.log_evidence > odds_of(inv, inv.bench.candidates[one.label])]
+    of_clock = [one for one in gains if inv.bench.candidates[one.label].over == CLOCK]
+    for some in ([one for one in gains if one not in of_clock], of_clock):
+        if not some:
+            continue
+        chosen = some[: inv.settings.refitted_laws]
+        inv.tell(f"refitting the law {', '.join(one.label for one in chosen)}")
+        tried = at_once(lambda gain: addition(inv, model, gain), chosen)
+        passing = sorted([one for one in tried if _passes(inv, one)], key=lambda one: -one.gain)
+        if passing:
+            return tuple(passing[:1]), inv.settled(passing[0].trial.labels, passing[0].trial)
+    return (), model
+
+
+def _weighed(inv: Investigation, model: Settled, keep: Sequence[str]) -> list[Trial]:
+    """Return the models that rival the final one under its weights: without each addition, and with others for it."""
+    found: list[Trial] = [model]
+    for label in [one for one in model.labels if one not in keep]:
+        lacking = _lacking(inv, model, label)
+        found.append(lacking)
+        near = [gain for gain in inv.gains_at(lacking) if gain.label not in model.labels]
+        near = [gain for gain in near if inv.bench.candidates[gain.label].group in ("effect", "sensor")]
+        needed = model.log_evidence - lacking.log_evidence
+        near = [gain for gain in near if gain.log_evidence > needed - 20.0][:3]
+        found += at_once(partial(_with, inv, lacking), near) if near else []
+    if not model.labels:
+        gains = [
+            one for one in inv.linear(model).gains() if inv.bench.candidates[one.label].group in ("effect", "sensor")
+        ]
+        near = [gain for gain in gains if gain.log_evidence > -3.0][:3]
+        found += at_once(lambda gain: inv.trial((gain.label,), model, gain), near) if near else []
+    else:
+        found.append(inv.trial((), model))
+    return found

@@ -1,0 +1,1 @@
+"""How the readings answer to everything that is not in a model."""

@@ -1,0 +1,94 @@
+"""Every constant of the diagnosis in one place, each with its source; the table in the docs is made from it."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+
+def _constant(value: Any, meaning: str, source: str = "assumed") -> Any:
+    return dataclasses.field(default=value, metadata={"meaning": meaning, "source": source})
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """The constants of a diagnosis; `dataclasses.replace` changes one."""
+
+    # Noise of the instruments.
+    noise_contradiction: float = _constant(
+        1.5, "a stated sd is replaced by the scatter that is seen where the two differ by more than this factor"
+    )
+    fewest_for_noise: int = _constant(50, "readings from which a scatter may contradict a stated sd")
+
+    # Error of the model: an Ornstein-Uhlenbeck process for each channel and run.
+    memory_s: tuple[float, ...] = _constant(
+        (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0), "correlation times tried", "design: log-normal about 30 to 1,000 s"
+    )
+    memory_median_s: float = _constant(170.0, "median of the prior of the correlation time", "design")
+    memory_spread: float = _constant(1.2, "sd of its logarithm", "design")
+    error_from_run_to_run: float = _constant(0.7, "sd of the logarithm of a run's model error about that of all runs")
+    least_error_gain: float = _constant(
+        6.0, "log likelihood that a model error must gain before it is believed", "two numbers at p = 0.002"
+    )
+
+    # Readings.
+    most_readings: int = _constant(30_000, "readings that are fitted; more are thinned evenly, and judge all the same")
+
+    # Curves and unknown laws: standard deviation of the prior, chosen by the evidence.
+    curve_correlation: float = _constant(0.25, "correlation length of a curve's prior, as a share of its span")
+    law_knots: int = _constant(9, "knots of an unknown law")
+
+    # The loop.
+    refitted_effects: int = _constant(4, "effects and faults refitted in each round, best scores first")
+    refitted_curves: int = _constant(2, "curves refitted in each round")
+    refitted_runs: int = _constant(1, "parameters of single runs refitted in each round")
+    refitted_laws: int = _constant(2, "unknown laws refitted in a round where nothing else is left")
+    most_rounds: int = _constant(12, "rounds after which the loop stops whatever is left")
+    least_odds: float = _constant(3.0, "log odds that evidence must give beyond the count of candidates", "20 to 1")
+    rarer: float = _constant(3.0, "log odds against what benches show more rarely", "20 to 1, assumed")
+    preference: float = _constant(
+        0.25, "an effect that gains this share of what the best curve gains goes before it", "a curve is no new physics"
+    )
+    should_pay: float = _constant(
+        6.0, "log score that an addition should bring on runs left out before it is refused for not bringing any"
+    )
+    material_share: float = _constant(0.1, "share of a tolerance that an addition must take off an error", "design")
+    least_share: float = _constant(
+        0.2, "share of a channel's error beyond noise that an addition must take where no tolerance is stated"
+    )
+    left_out_blocks: int = _constant(4, "blocks of time of one run that stand for runs where one run alone can tell")
+
+    # The answer.
+    named: float = _constant(0.5, "probability from which an effect is named")
+    most_probable: float = _constant(0.99, "nothing is printed as surer")
+    strained: float = _constant(3.0, "sd from what is stated at which a number is remarked on")
+    unexplained_share: float = _constant(
+        0.5, "share of the base model's error that is left in a channel above which something unknown is missing"
+    )
+    far_above_noise: float = _constant(3.0, "times the noise above which what is left is told as unexplained")
+    held_out_factor: float = _constant(
+        1.25, "times the error on fitted runs and the noise above which a channel fails on held-out runs",
+        "of the sealed cases answered rightly one in twenty exceeds 1.07",
+    )  # fmt: skip
+    start_share: float = _constant(0.01, "share of a check run's readings, at its start, that may adjust its start")
+    start_readings: int = _constant(3, "and at least so many")
+    start_reach: float = _constant(2.0, "sd within which the start of a check run may be adjusted")
+    assumed_voltage: float = _constant(0.01, "tolerance of a voltage where none is stated: share of its span", "design")
+    assumed_temperature_K: float = _constant(1.0, "tolerance of a temperature where none is stated, K", "design")
+    assumed_share: float = _constant(0.02, "tolerance of any other channel: share of its span", "design")
+
+
+SETTINGS = Settings()
+
+
+def table(settings: Settings = SETTINGS) -> list[dict[str, str]]:
+    """Return one row for each constant: name, value, meaning and source."""
+    return [
+        {
+            "name": field.name,
+            "value": str(getattr(settings, field.name)),
+            "meaning": field.metadata["meaning"],
+            "source": field.metadata["source"],
+        }
+        for field in dataclasses.fields(settings)
+    ]
