@@ -16,6 +16,7 @@ from discrepancy.decision import ChannelEvidence, Evidence, decide
 from discrepancy.evidence.trial import Trial
 from discrepancy.fitting.lanes import one_thread_of_blas
 from discrepancy.fitting.laws import PORTS
+from discrepancy.fitting.model import Labels
 from discrepancy.investigation import Investigation, Progress
 from discrepancy.residuals.statements import statements
 from discrepancy.result import (

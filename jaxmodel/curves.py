@@ -130,7 +130,7 @@ def between_knots(x: Scalar, knots: tuple[float, ...], values: Float[Array, " kn
     """Return values at fixed knots, linear between them and held at the ends.
 
     The weights of the values are each one minimum of two straight lines, cut at 0 and 1: far less work in a compiled
-    step than a table whose knots are data. They are summed in halves, for a sum along an axis takes one after the other.
+    step than a table whose knots are data.
     """
     at = np.asarray(knots, dtype=float)
     rise = np.concatenate([[0.0], 1.0 / np.diff(at)])

@@ -30,7 +30,7 @@ def states_after(advance: Callable, begin, given, steps: Array | None, one_kerne
     if steps is None:
         return run(partial(_follow, advance, lambda state, _: state), begin, given)[1]
     last, kept = _in_rounds(run, advance, lambda state, _: state, begin, given, steps)
-    past = jnp.repeat(jnp.arange(-(-kept_length(given) // ROUND)) >= -(-steps // ROUND), ROUND)
+    past = jnp.repeat(jnp.arange(-(-_count(given) // ROUND)) >= -(-steps // ROUND), ROUND)
     return jax.tree.map(lambda x, held: jnp.where(past, held, x), kept, last)
 
 
@@ -38,14 +38,18 @@ def observed_after(advance: Callable, observe: Callable, begin, given, steps: Ar
     """Return what is observed after every step, stacked along a first axis; past the steps needed it means nothing.
 
     Args:
-        advance, begin, given, steps, one_kernel: as of `states_after`.
+        advance: as of `states_after`.
         observe: from the state after a step, and what was given for it, to numbers.
+        begin: as of `states_after`.
+        given: the same.
+        steps: the same.
+        one_kernel: the same.
     """
     run = as_one_kernel if one_kernel else _plainly
     return _in_rounds(run, advance, observe, begin, given, steps)[1]
 
 
-def kept_length(given) -> int:
+def _count(given) -> int:
     """Return how many steps are given."""
     return jax.tree.leaves(given)[0].shape[0]
 
