@@ -1,21 +1,57 @@
-"""The cell in which nothing is hidden, made once for all tests of a worker."""
+"""Cells made once for all tests of a worker, whose programs are compiled once."""
 
 from __future__ import annotations
 
 import pytest
 
-from discrepancy.session import Session
-from tests.discrepancy.made_cases import MadeCell, made_cell
+from discrepancy.fitting.model import Bench, View
+from discrepancy.fitting.readings import Weights, collect
+from discrepancy.investigation import Investigation
+from discrepancy.noise.contract import noise_of_case
+from discrepancy.noise.model_error import NONE
+from jaxmodel.cases import Case
+from tests.discrepancy.made_cases import SMALL_KEPT, MadeCell, bench_of, investigation_of, made_cell, small_cell
+
+HEATING = {"self_heating": {"C_th": 60.0, "hA": 0.1}}
 
 
 @pytest.fixture(scope="session")
 def plain_cell(tmp_path_factory: pytest.TempPathFactory) -> MadeCell:
+    """The cell in which nothing is hidden."""
     return made_cell(tmp_path_factory.mktemp("cells") / "plain", {})
 
 
 @pytest.fixture(scope="session")
-def plain_session(plain_cell: MadeCell) -> Session:
-    """The base model calibrated on it."""
-    session = Session(plain_cell.case)
-    session.hypothesis()
-    return session
+def small() -> Case:
+    """A small cell in which nothing is hidden."""
+    return small_cell()
+
+
+@pytest.fixture(scope="session")
+def small_bench(small: Case) -> Bench:
+    """All that could be missing in it, of every group some."""
+    return bench_of(small, *SMALL_KEPT)
+
+
+@pytest.fixture(scope="session")
+def small_view(small: Case, small_bench: Bench) -> View:
+    """Its fitted readings."""
+    return View(small_bench, collect(small, noise_of_case(small), small_bench.coarse.channels, [0, 1]))
+
+
+@pytest.fixture(scope="session")
+def small_weights(small_view: View) -> Weights:
+    """The noise of its sensors."""
+    return Weights(small_view.readings, NONE)
+
+
+@pytest.fixture(scope="session")
+def plain_small(small: Case) -> Investigation:
+    """It under investigation."""
+    return investigation_of(small, *SMALL_KEPT)
+
+
+@pytest.fixture(scope="session")
+def warm_small() -> Investigation:
+    """One that heats itself under investigation."""
+    return investigation_of(small_cell(HEATING, seed=1), *SMALL_KEPT)

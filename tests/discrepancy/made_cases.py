@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from discrepancy.candidates import candidates
-from discrepancy.session import Session
+from discrepancy.fitting.model import Bench
+from discrepancy.investigation import Investigation
+from jaxmodel.build import case_model, run_profile
 from jaxmodel.cases import Case, Known, Run, read_case
 from jaxmodel.measurements import Measured
+from jaxmodel.simulate import simulate as simulated
 from tests.independent import Run as Drive
 from tests.independent import make_profile, simulate, write_case
 
@@ -95,14 +97,19 @@ def made_cell_with_unknown_law(folder: Path, ohm_per_soc: float, seed: int = 0) 
     return MadeCell(read_case(folder), made.noise_V)
 
 
-def all_but(case: Case, *names: str) -> list[str]:
-    """The effects that could be missing from a case, but for some: ruled out, they need not be compiled."""
-    return sorted({candidate.effect.name for candidate in candidates(case)} - set(names))
+def all_but(case: Case, *kept: str) -> list[str]:
+    """Return everything that could be missing from a case, but for some names: ruled out, they need not be compiled."""
+    return [one.label for one in Bench(case).candidates.values() if not {one.label, one.name} & set(kept)]
 
 
-def with_candidates(case: Case, *names: str) -> Session:
-    """A session in which these effects alone could be missing."""
-    return Session(case, None, all_but(case, *names))
+def bench_of(case: Case, *kept: str) -> Bench:
+    """Return a bench in which these candidates alone could be missing."""
+    return Bench(case, without=all_but(case, *kept))
+
+
+def investigation_of(case: Case, *kept: str) -> Investigation:
+    """Return an investigation in which these candidates alone could be missing."""
+    return Investigation(case, without=all_but(case, *kept))
 
 
 def run_of(
@@ -139,3 +146,44 @@ def case_of(
         runs=tuple(runs),
         cutoff={},
     )
+
+
+SMALL_TRUE = {"capacity_Ah": 2.03, "series_resistance_scale": 1.05}
+SMALL_NOISE = {"voltage_V": 0.002, "cell_temperature_degC": 0.05}
+# What could be missing from a small cell in these tests: of every group some.
+SMALL_KEPT = (
+    "self_heating",
+    "arrhenius_resistance",
+    "ocv_hysteresis",
+    "capacity_fade",
+    "voltage_offset",
+    "ocv_curve",
+    "series_resistance_curve",
+    "contact_resistance@run-01",
+    "contact_resistance@run-02",
+    "overpotential(current_A)",
+    "overpotential(soc) x current_A",
+)
+
+
+def small_cell(effects: Mapping[str, Mapping[str, Any]] | None = None, seed: int = 0, rows: int = 150) -> Case:
+    """Return a cell of two fit runs and a check run, simulated with some effects hidden and noise added.
+
+    All are of one layout, and share the programs of a process.
+    """
+    stated = {"capacity_Ah": Known(2.0, 0.05), "series_resistance_scale": Known(1.0, 0.1), "cycles": Known(200.0)}
+    truth = stated | {name: Known(value) for name, value in SMALL_TRUE.items()}
+    rng, runs = np.random.default_rng(seed), []
+    for number, (ambient, soc, off, split) in enumerate(
+        ((15.0, 0.95, 0.008, "fit"), (30.0, 0.8, -0.006, "fit"), (22.0, 0.9, 0.004, "check"))
+    ):
+        load = np.random.default_rng(100 + number).uniform(-1.5, 4.0, -(-rows // 10))
+        inputs = {"current_A": np.repeat(load, 10)[:rows], "ambient_degC": np.full(rows, ambient)}
+        empty = {name: np.zeros(rows) for name in SMALL_NOISE}
+        true = run_of(number + 1, inputs, empty, initial_soc=Known(soc), step_s=10.0)
+        known = case_of("cell", truth, [true])
+        hidden = dataclasses.replace(known, effects={name: dict(values) for name, values in (effects or {}).items()})
+        found = simulated(case_model(hidden, true), run_profile(true)).readings
+        outputs = {name: np.asarray(found[name]) + sd * rng.standard_normal(rows) for name, sd in SMALL_NOISE.items()}
+        runs.append(run_of(number + 1, inputs, outputs, initial_soc=Known(soc + off, SOC_SD), step_s=10.0, split=split))
+    return case_of("cell", stated, runs, SMALL_NOISE)
