@@ -166,10 +166,16 @@ SMALL_KEPT = (
 )
 
 
-def small_cell(effects: Mapping[str, Mapping[str, Any]] | None = None, seed: int = 0, rows: int = 150) -> Case:
+def small_cell(
+    effects: Mapping[str, Mapping[str, Any]] | None = None,
+    seed: int = 0,
+    rows: int = 150,
+    creeping: tuple[float, float] = (0.0, 1.0),
+) -> Case:
     """Return a cell of two fit runs and a check run, simulated with some effects hidden and noise added.
 
-    All are of one layout, and share the programs of a process.
+    All are of one layout, and share the programs of a process. Loads are held for ten rows, or go up and down between
+    by so many amperes, once in 2 pi times so many rows.
     """
     stated = {"capacity_Ah": Known(2.0, 0.05), "series_resistance_scale": Known(1.0, 0.1), "cycles": Known(200.0)}
     truth = stated | {name: Known(value) for name, value in SMALL_TRUE.items()}
@@ -178,7 +184,8 @@ def small_cell(effects: Mapping[str, Mapping[str, Any]] | None = None, seed: int
         ((15.0, 0.95, 0.008, "fit"), (30.0, 0.8, -0.006, "fit"), (22.0, 0.9, 0.004, "check"))
     ):
         load = np.random.default_rng(100 + number).uniform(-1.5, 4.0, -(-rows // 10))
-        inputs = {"current_A": np.repeat(load, 10)[:rows], "ambient_degC": np.full(rows, ambient)}
+        creep = creeping[0] * np.sin(np.arange(rows) / creeping[1])
+        inputs = {"current_A": np.repeat(load, 10)[:rows] + creep, "ambient_degC": np.full(rows, ambient)}
         empty = {name: np.zeros(rows) for name in SMALL_NOISE}
         true = run_of(number + 1, inputs, empty, initial_soc=Known(soc), step_s=10.0)
         known = case_of("cell", truth, [true])

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from discrepancy.problem import Problem
-from discrepancy.programs import Programs
+from discrepancy.fitting.problem import Problem
+from discrepancy.fitting.programs import Programs
 
 
 @pytest.fixture

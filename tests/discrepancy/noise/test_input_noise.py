@@ -10,14 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from discrepancy.calibrate import look, rows_at
-from discrepancy.contract import noise_of_case
-from discrepancy.input_noise import MovedInputs, at_most, row_of_step, slow_directions
-from discrepancy.session import Session
+from discrepancy.fitting.lanes import predictions
+from discrepancy.fitting.passed_on import noise_passed_on
+from discrepancy.noise.contract import noise_of_case
+from discrepancy.noise.input_noise import MovedInputs, at_most, row_of_step, slow_directions
 from jaxmodel.build import case_model, run_profile
-from jaxmodel.cases import Known
+from jaxmodel.cases import Case, Known, Run
 from jaxmodel.simulate import run_track, simulate, track
-from tests.discrepancy.made_cases import NOISE_V, case_of, made_cell, run_of
+from tests.discrepancy.made_cases import bench_of, case_of, investigation_of, run_of, small_cell
 
 CURRENT_SD = 0.02
 
@@ -30,7 +30,10 @@ def test_current_noise_reaches_the_voltage_through_resistance_and_relaxation() -
     inputs = {"current_A": current, "ambient_degC": np.full(rows, 20.0)}
     run = run_of(1, inputs, {"voltage_V": np.linspace(4.0, 3.9, rows)}, step_s=10.0)
     case = case_of("cell", {"capacity_Ah": Known(4.0, 0.1)}, [run], {"voltage_V": 1e-3, "current_A": CURRENT_SD})
-    said = noise_of_case(case)["voltage_V"].from_inputs
+    bench = bench_of(case)
+    setting = bench.setting(())
+    found, _ = noise_passed_on(case, noise_of_case(case), bench, setting, np.zeros(bench.layout.size))
+    said = found["voltage_V"].from_inputs
 
     model, profile = case_model(case, run), run_profile(run)
     rng = np.random.default_rng(0)
@@ -93,35 +96,6 @@ def test_residuals_are_white_once_slow_noise_is_taken_out() -> None:
     assert slow_directions(0.01 * answers, run).shape == (run.size, 0)
 
 
-def test_numbers_are_as_sure_as_fits_to_other_draws_of_the_noise_would_scatter(tmp_path) -> None:
-    current_sd, draws = 0.008, 64
-    made = made_cell(tmp_path, {}, sensors={"voltage_V": NOISE_V, "current_A": current_sd})
-    session = Session(made.case)
-    finer = session.with_noise_of_inputs(session.hypothesis())
-    assert finer is not None
-    base = finer.hypothesis()
-    part = base.problem.only("fit")
-    counted = np.asarray(part.readings.fit) > 0.0
-    row = row_of_step(part.courses)
-    rng = np.random.default_rng(0)
-    still, away = base.fitted.x, []
-    for _ in range(draws):
-        # As if the current had been read with another noise, and the voltage too: what a Newton step makes of it.
-        noise = current_sd * rng.standard_normal((row.shape[0], row.max() + 1))
-        current = part.courses.inputs["current_A"] + np.take_along_axis(noise, row, 1)
-        moved = dataclasses.replace(part.courses, inputs=part.courses.inputs | {"current_A": current})
-        other = rows_at(dataclasses.replace(part, courses=moved), still[None])[0] - rows_at(part, still[None])[0]
-        own = np.asarray(part.readings.whiten(NOISE_V * rng.standard_normal(counted.size)))
-        away.append((other + own)[counted])
-    _, jacobian = look(part, still)
-    moved_by = np.linalg.solve(base.fitted.information, jacobian[counted].T @ np.array(away).T)
-    inverse = np.linalg.inv(base.fitted.information)
-    scatter = np.sqrt(np.var(moved_by, axis=1) + np.sum(inverse**2, axis=1))  # the priors are drawn too
-    np.testing.assert_allclose(scatter / base.fitted.sd, 1.0, atol=0.25)
-    # Were each reading's noise its own, some would seem surer than they are.
-    assert np.max(scatter / session.hypothesis().fitted.sd) > 1.15
-
-
 def test_a_long_pulsed_run_has_not_more_stretches_than_can_be_held_at_once():
     number = np.repeat(np.arange(1000), 3).reshape(1, -1)
     fewer = at_most(256, number)
@@ -129,3 +103,41 @@ def test_a_long_pulsed_run_has_not_more_stretches_than_can_be_held_at_once():
     assert np.unique(np.diff(fewer[0])).tolist() == [0, 1], "neighbours stay neighbours, and none is left out"
     few = np.repeat(np.arange(256), 3).reshape(1, -1)
     np.testing.assert_array_equal(at_most(256, few), few)
+
+
+def with_noisy_current(sd: float, seed: int = 1) -> Case:
+    """Return the small cell with a current that was read with noise, and creeps, so that it is not held."""
+    rng, small = np.random.default_rng(seed), small_cell(creeping=(0.3, 20.0))
+
+    def read(run: Run) -> Run:
+        current = run.measured.inputs["current_A"]
+        return run.driven_by(run.measured.inputs | {"current_A": current + sd * rng.standard_normal(current.size)})
+
+    noisy = dataclasses.replace(small, sensors={**small.sensors, "current_A": sd})
+    return dataclasses.replace(noisy, runs=tuple(read(run) for run in noisy.runs))
+
+
+def test_numbers_are_as_sure_as_fits_to_other_draws_of_the_noise_would_scatter() -> None:
+    current_sd, draws = 0.03, 64
+    inv = investigation_of(with_noisy_current(current_sd), "capacity_fade")
+    base = inv.base
+    noise = base.scale.noise
+    assert noise["voltage_V"].from_inputs > 1e-3
+    assert not base.scale.error.sd
+    readings, problem = base.scale.view.readings, inv.bench.problem(base.setting)
+    place, row = (readings.run, readings.row, readings.channel), row_of_step(problem.courses)
+    own_sd = np.array([noise[name].own_sd for name in problem.channels if name in noise])
+    assert [problem.channels.index(name) for name in noise] == list(range(own_sd.size))
+    still = base.setting.lane(base.fitted.x)
+    unmoved, rng, away = predictions(problem, [still])[0], np.random.default_rng(1), []
+    for _ in range(draws):
+        # As if the current had been read with another noise, and the outputs too: what a Newton step makes of it.
+        drawn = current_sd * rng.standard_normal((row.shape[0], row.max() + 1))
+        lane = dataclasses.replace(still, added={"current_A": np.take_along_axis(drawn, row, 1)})
+        moved = (unmoved - predictions(problem, [lane])[0])[place]
+        away.append(moved + own_sd[readings.channel] * rng.standard_normal(readings.count))
+    fitted = base.fitted
+    white = base.scale.weights.whiten(np.array(away).T)
+    moved_by = fitted.covariance @ (fitted.jacobian.T @ white)
+    scatter = np.sqrt(np.var(moved_by, axis=1) + np.sum(fitted.covariance**2, axis=1))  # the priors are drawn too
+    np.testing.assert_allclose(scatter / fitted.sd(), 1.0, atol=0.25)

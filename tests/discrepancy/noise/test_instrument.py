@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from discrepancy.contract import without_input_noise
-from discrepancy.noise import (
+from discrepancy.noise.contract import noise_beside, noise_of_case, without_input_noise
+from discrepancy.noise.instrument import (
     NoiseModel,
     _distances,
     _windows,
@@ -15,9 +15,9 @@ from discrepancy.noise import (
     local_noise,
     residual_noise,
 )
-from discrepancy.session import Session
-from discrepancy.whitening import chain_starts
-from tests.discrepancy.made_cases import NOISE_V, case_of, made_cell, run_of
+from discrepancy.noise.whitening import chain_starts
+from jaxmodel.cases import Case
+from tests.discrepancy.made_cases import SMALL_NOISE, case_of, run_of
 
 ROWS = 2000
 ONE_RUN = chain_starts([range(ROWS)])
@@ -149,12 +149,37 @@ def test_a_stated_sd_is_kept_with_rounding_and_input_noise_added():
         assert part in noise.source
 
 
-def test_a_stated_sd_that_the_readings_contradict_is_said_to_be():
+@pytest.mark.parametrize("stated", [0.5, 2.0])
+def test_a_stated_sd_that_the_readings_contradict_is_replaced(stated):
     readings = ar1(0.0, seed=10)
-    told = channel_noise(readings, lambda sd: local_noise(readings, ONE_RUN, known_sd=sd), stated_sd=0.5)
-    assert told.sd == 0.5
-    assert told.source.startswith("stated (0.5); the readings between jumps of the inputs show ")
-    assert float(told.source.split()[-1]) == pytest.approx(1.0, rel=0.06)
+    told = channel_noise(readings, lambda sd: local_noise(readings, ONE_RUN, known_sd=sd), stated_sd=stated)
+    assert told.sd == pytest.approx(1.0, rel=0.06)
+    assert (told.rho, told.stated, told.contradicts) == (0.0, stated, True)
+    assert told.source.endswith(f"the stated sd is wrong ({stated:g})")
+
+
+@pytest.mark.parametrize("stated", [0.75, 1.0, 1.4])
+def test_a_stated_sd_within_a_factor_of_what_is_seen_is_believed(stated):
+    readings = ar1(0.0, seed=10)
+    told = channel_noise(readings, lambda sd: local_noise(readings, ONE_RUN, known_sd=sd), stated_sd=stated)
+    assert (told.sd, told.stated, told.contradicts) == (stated, stated, False)
+
+
+def test_few_readings_contradict_nothing():
+    readings = ar1(0.0, seed=12, rows=40)
+    told = channel_noise(
+        readings, lambda sd: local_noise(readings, chain_starts([range(40)]), known_sd=sd), stated_sd=0.2
+    )
+    assert told.sd == 0.2
+
+
+def test_coloured_noise_below_what_is_stated_contradicts_nothing():
+    """Its larger part may be slower than any window."""
+    readings = ar1(0.9, seed=7)
+    assert local_noise(readings, ONE_RUN).sd < 1.0 / 1.5
+    told = channel_noise(readings, lambda sd: local_noise(readings, ONE_RUN, known_sd=sd), stated_sd=1.0)
+    assert (told.sd, told.contradicts) == (1.0, False)
+    assert told.rho == pytest.approx(0.9, abs=0.02)
 
 
 @pytest.mark.parametrize("wrong_sd", [0.8, 1.3, 2.0])
@@ -194,23 +219,27 @@ def test_an_input_freed_of_its_noise_says_nothing_of_its_own_row(rho: float, tol
     assert set(np.flatnonzero(quiet(moved) != quiet(current)).tolist()) == told
 
 
-def test_what_a_model_leaves_tells_the_noise_where_the_readings_do_not(tmp_path):
-    """Pulses and relaxations leave no stretch of readings that noise alone moves; the base model takes them off."""
-    made = made_cell(
-        tmp_path,
-        {},
-        sensors={"voltage_V": NOISE_V},
-        autocorrelation={"voltage_V": 0.6},
-        unstated_sensors=["voltage_V"],
-    )
-    session = Session(made.case)
-    before = session.noise["voltage_V"]
-    told = (session.with_noise_left_by(session.hypothesis()) or session).noise["voltage_V"]
-    assert told.rho == pytest.approx(0.6, abs=0.08)
-    assert told.sd == pytest.approx(NOISE_V, rel=0.1)
-    assert abs(told.rho - 0.6) <= abs(before.rho - 0.6)
-    assert "the calibrated model leaves" in told.source or told is before
+def test_what_a_model_leaves_tells_the_noise_where_the_readings_do_not():
+    """A lively input leaves no stretch of readings that noise alone moves; a model takes that away."""
+    rng = np.random.default_rng(1)
+    current = rng.uniform(-2.0, 5.0, 400)
+    still = 3.8 - 0.1 * current
+    inputs = {"current_A": current, "ambient_degC": np.full(400, 20.0)}
+    case = case_of("cell", {}, [run_of(1, inputs, {"voltage_V": still + 0.002 * rng.standard_normal(400)})])
+    before = noise_of_case(case)
+    told = noise_beside(case, before, {"run-01": {"voltage_V": still}})["voltage_V"]
+    assert before["voltage_V"].sd > 10.0 * 0.002
+    assert told.sd == pytest.approx(0.002, rel=0.1)
+    assert "the calibrated model leaves" in told.source
 
 
-def test_noise_that_is_stated_and_white_is_left_as_it_is(plain_session):
-    assert plain_session.with_noise_left_by(plain_session.hypothesis()) is None
+def test_noise_that_is_stated_stays_beside_a_model(small: Case):
+    before = noise_of_case(small)
+    assert {name: model.sd for name, model in before.items()} == SMALL_NOISE
+    predicted = {run.name: run.measured.outputs for run in small.runs}
+    assert noise_beside(small, before, {name: dict(of) for name, of in predicted.items()}) == before
+
+
+def test_a_channel_that_never_changes_says_nothing():
+    run = run_of(1, {"current_A": np.zeros(60), "ambient_degC": np.zeros(60)}, {"voltage_V": np.full(60, 4.0)})
+    assert noise_of_case(case_of("cell", {}, [run])) == {}

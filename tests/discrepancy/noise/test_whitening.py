@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from discrepancy.whitening import block_labels, chain_starts, chain_weights, whiten
+from discrepancy.noise.whitening import block_labels, chain_starts, chain_weights, whiten
 
 
 def covariance(starts: np.ndarray, clock: np.ndarray, rho: float, sd: np.ndarray) -> np.ndarray:

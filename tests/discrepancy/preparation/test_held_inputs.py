@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discrepancy.held_inputs import LONG, held, rows_held, stretches
+from discrepancy.preparation.held_inputs import LONG, held, rows_held, stretches
 
 SD = 0.02
 LEVELS = np.repeat([0.0, 3.0, 0.0, 1.2, 5.0], [30, 8, 200, 62, 100])

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from discrepancy.inputs import check_sign_of_current, with_like_inputs
+from discrepancy.preparation.inputs import check_sign_of_current, with_like_inputs
 from jaxmodel.cases import Case, read_case
 from jaxmodel.errors import FitError, MeasurementError
 from tests.discrepancy.made_cases import MadeCell
