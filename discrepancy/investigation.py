@@ -44,6 +44,8 @@ Progress = Callable[[str], None]
 
 # Steps in which the base model follows an effect put into it: a start needs no more.
 FOLLOWING_STEPS = 4
+# Steps of a model that is only compared with others.
+COMPARING_STEPS = 12
 # A refit that reaches less than this share of what was promised to first order begins anew elsewhere.
 REACHED = 0.5
 # Readings of a series from which its model error is estimated.
@@ -295,11 +297,11 @@ class Investigation:
         if is_new:
             base = range(self.bench.layout.base)
             start = fit(scale.view, setting, scale.weights, start, steps=FOLLOWING_STEPS, free=base).x
-        return fit(scale.view, setting, scale.weights, start, flat=COMPARED)
+        return fit(scale.view, setting, scale.weights, start, flat=COMPARED, steps=COMPARING_STEPS)
 
     def _refitted(self, trial: Trial, scale: Scale) -> Trial:
         """Return a model fitted under another scale from where it stands, its curves' priors as wide as is best."""
-        fitted = fit(scale.view, trial.setting, scale.weights, trial.fitted.x)
+        fitted = fit(scale.view, trial.setting, scale.weights, trial.fitted.x, flat=COMPARED)
         found = Trial(trial.setting, trial.amplitudes, fitted, scale)
         curves = [label for label in trial.labels if self.bench.candidates[label].is_vector]
         if not curves:
@@ -308,7 +310,8 @@ class Investigation:
         if all(amplitudes[label] == trial.amplitudes.get(label, 1.0) for label in curves):
             return found
         setting = self.bench.setting(trial.labels, amplitudes)
-        return Trial(setting, amplitudes, fit(scale.view, setting, scale.weights, found.fitted.x), scale)
+        again = fit(scale.view, setting, scale.weights, found.fitted.x, flat=COMPARED)
+        return Trial(setting, amplitudes, again, scale)
 
     def _best_amplitude(self, trial: Trial, label: str) -> float:
         """Return the sd of a curve's prior that has the most evidence, to first order about the fit.

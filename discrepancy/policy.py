@@ -20,6 +20,8 @@ from discrepancy.investigation import Investigation
 CLOCK = "time_s"
 # A refit that gained so many times what others promise to first order makes it needless to refit them.
 CLEARLY = 2.0
+# What an addition is worth, in log evidence, that need not be asked again before the end.
+MUCH_NEEDED = 50.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,7 +88,7 @@ def run(investigation: Investigation, start: Sequence[str] = (), seek: bool = Tr
     model = inv.settled(start)
     path = [inv.base] if not model.labels else [inv.base, model]
     refused: dict[str, Addition] = {}
-    seen = {model.labels}
+    seen, needed = {model.labels}, dict[str, float]()
     for _ in range(settings.most_rounds if seek else 0):
         best, tried = _best_addition(inv, model)
         if best is None:
@@ -94,15 +96,17 @@ def run(investigation: Investigation, start: Sequence[str] = (), seek: bool = Tr
             break
         inv.tell(f"adding {best.label}")
         model = inv.settled(best.trial.labels, best.trial)
-        model = _without_what_is_idle(inv, model, keep=(*start, best.label))
+        model = _without_what_is_idle(inv, model, (*start, best.label), needed)
         path.append(model)
         if model.labels in seen:
             break
         seen.add(model.labels)
     if seek:
         model, swapped = _swapped(inv, model, start)
+        without = _without_what_is_idle(inv, model, start)
+        swapped |= without.labels != model.labels
+        model = without
         if swapped:
-            model = _without_what_is_idle(inv, model, keep=start)
             path.append(model)
     laws, model = _laws(inv, model) if seek else ((), model)
     if laws:
@@ -114,9 +118,14 @@ def run(investigation: Investigation, start: Sequence[str] = (), seek: bool = Tr
 def odds_of(inv: Investigation, candidate: Candidate) -> float:
     """Return the log odds that a candidate must gain: the fewer are like it, the less."""
     group = ("effect", "sensor") if candidate.group in ("effect", "sensor") else (candidate.group,)
-    alike = sum(one.group in group for one in inv.bench.candidates.values())
-    rarer = inv.settings.rarer if type(candidate.effect).__module__.rpartition(".")[2].startswith("further") else 0.0
-    return inv.settings.least_odds + float(np.log(max(1, alike))) + rarer
+    rarer = inv.settings.rarer
+    alike = sum(np.exp(-rarer * _is_rare(one)) for one in inv.bench.candidates.values() if one.group in group)
+    return inv.settings.least_odds + float(np.log(max(1.0, alike))) + rarer * _is_rare(candidate)
+
+
+def _is_rare(candidate: Candidate) -> bool:
+    """Return True for what benches show more rarely: effects of the further modules of the catalogue."""
+    return type(candidate.effect).__module__.rpartition(".")[2].startswith("further")
 
 
 def _passes(inv: Investigation, addition: Addition) -> bool:
@@ -187,22 +196,30 @@ def _may_enter(inv: Investigation, model: Settled, label: str) -> bool:
     return True
 
 
-def _without_what_is_idle(inv: Investigation, model: Settled, keep: Sequence[str]) -> Settled:
-    """Return the model without additions of before that are needed no longer, the least needed first."""
+def _without_what_is_idle(
+    inv: Investigation, model: Settled, keep: Sequence[str], needed: dict[str, float] | None = None
+) -> Settled:
+    """Return the model without additions of before that are needed no longer, the least needed first.
+
+    Args:
+        inv: the investigation.
+        model: the model.
+        keep: what is not asked for.
+        needed: what each addition was worth when it was last asked; those that were worth a lot are not asked again.
+    """
+    needed = {} if needed is None else needed
     while True:
-        others = [label for label in model.labels if label not in keep]
+        others = [label for label in model.labels if label not in keep and needed.get(label, 0.0) < MUCH_NEEDED]
         if not others:
             return model
         without = at_once(partial(_lacking, inv, model), others)
-        lost = [
-            (model.log_evidence - trial.log_evidence - odds_of(inv, inv.bench.candidates[label]), label, trial)
-            for label, trial in zip(others, without, strict=True)
-        ]
-        least, label, trial = min(lost, key=lambda one: one[0])
-        if least > 0.0:
+        lost = {label: model.log_evidence - one.log_evidence for label, one in zip(others, without, strict=True)}
+        needed |= lost
+        label = min(others, key=lambda one: lost[one] - odds_of(inv, inv.bench.candidates[one]))
+        if lost[label] > odds_of(inv, inv.bench.candidates[label]):
             return model
         inv.tell(f"dropping {label}")
-        model = inv.settled(trial.labels, trial)
+        model = inv.settled(without[others.index(label)].labels, without[others.index(label)])
 
 
 def _lacking(inv: Investigation, model: Trial, label: str) -> Trial:

@@ -44,7 +44,7 @@ class Settings:
     refitted_runs: int = _constant(1, "parameters of single runs refitted in each round")
     refitted_laws: int = _constant(2, "unknown laws refitted in a round where nothing else is left")
     most_rounds: int = _constant(12, "rounds after which the loop stops whatever is left")
-    least_odds: float = _constant(3.0, "log odds that evidence must give beyond the count of candidates", "20 to 1")
+    least_odds: float = _constant(1.0, "log odds that evidence must give beyond the count of candidates", "3 to 1")
     rarer: float = _constant(3.0, "log odds against what benches show more rarely", "20 to 1, assumed")
     preference: float = _constant(
         0.25, "an effect that gains this share of what the best curve gains goes before it", "a curve is no new physics"

@@ -17,7 +17,7 @@ from discrepancy.fitting.model import Setting, View
 from discrepancy.fitting.problem import Problem
 from discrepancy.fitting.readings import Weights
 
-MAX_STEPS = 30
+MAX_STEPS = 20
 # A step that gains three quarters of what it promised is followed by a longer one. Optimistix asks for 0.99, and then
 # creeps along curved valleys: one of a robot took 63 steps and was not at its end, in place of 20.
 SOLVER = eqx.tree_at(

@@ -7,10 +7,9 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
-
 from discrepancy.problem import Lane, Problem
 from discrepancy.readings import Readings
+from jaxtyping import Array
 
 
 class ClosedForm(Problem):
