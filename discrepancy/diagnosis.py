@@ -17,7 +17,6 @@ from discrepancy.evidence.trial import Trial
 from discrepancy.fitting.lanes import one_thread_of_blas
 from discrepancy.fitting.laws import PORTS
 from discrepancy.fitting.model import Labels
-from discrepancy.investigation import Investigation, Progress
 from discrepancy.residuals.statements import statements
 from discrepancy.result import (
     CurveFound,
@@ -34,6 +33,7 @@ from discrepancy.result import (
     ToleranceUsed,
 )
 from discrepancy.rungs import Started, errors_by_run, nominal, residuals_of, rung, started
+from discrepancy.workings import Progress, Workings
 from jaxmodel.cases import Case
 from jaxmodel.effects.curves import Curve
 from jaxmodel.errors import EffectError
@@ -63,7 +63,7 @@ def compare(
     Raises:
         FitError: nothing is uncertain, or no run may be used to calibrate.
     """
-    inv = Investigation(case, extra_effects=extra_effects, progress=progress)
+    inv = Workings(case, extra_effects=extra_effects, progress=progress)
     ladder = (nominal(inv), rung(inv, "calibrated", inv.base))
     return Diagnosis(
         case=inv.case,
@@ -109,7 +109,7 @@ def diagnose(
         FitError: nothing is uncertain, or no run may be used to calibrate.
         EffectError: a name that is no candidate of this case, or a sensor's effect without its column.
     """
-    inv = Investigation(case, extra_effects=extra_effects, without=without, progress=progress)
+    inv = Workings(case, extra_effects=extra_effects, without=without, progress=progress)
     if add and with_effects:
         raise EffectError("--add seeks nothing else and --with does; give all effects by one of the two.")
     wanted = inv.bench.labels_to_add([*add, *with_effects])
@@ -122,9 +122,7 @@ def diagnose(
     )
 
 
-def conclude(
-    inv: Investigation, found: policy.Found, wanted: Sequence[str] = (), ordered: Sequence[str] = ()
-) -> Diagnosis:
+def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ordered: Sequence[str] = ()) -> Diagnosis:
     """Return everything that is said of an investigation that has come to its end."""
     inv.tell("weighing")
     final = found.final
@@ -221,12 +219,12 @@ def conclude(
     )
 
 
-def _lacking(inv: Investigation, weighed: Sequence[Trial], final: Trial, label: str) -> Trial:
+def _lacking(inv: Workings, weighed: Sequence[Trial], final: Trial, label: str) -> Trial:
     rest = tuple(one for one in final.labels if one != label)
     return next((one for one in weighed if one.labels == rest), None) or inv.trial(rest, final)
 
 
-def _weighed(inv: Investigation, found: policy.Found) -> tuple[dict[Labels, float], dict[str, Labels]]:
+def _weighed(inv: Workings, found: policy.Found) -> tuple[dict[Labels, float], dict[str, Labels]]:
     """Return the probability of every model weighed, and what cannot be told apart from each effect."""
     final = found.final
     logs: dict[tuple[str, ...], float] = {}
@@ -250,7 +248,7 @@ def _weighed(inv: Investigation, found: policy.Found) -> tuple[dict[Labels, floa
     return shares, alike
 
 
-def _name(inv: Investigation, labels: Sequence[str]) -> str:
+def _name(inv: Workings, labels: Sequence[str]) -> str:
     """Return the name of a model in the answer: 'base', 'a' or 'a+b', without columns."""
     return "+".join(inv.bench.candidates[label].name for label in labels) or "base"
 
@@ -277,7 +275,7 @@ def _removes(lacking: Rung, final: Rung) -> dict[str, Removed]:
     }
 
 
-def _values(inv: Investigation, trial: Trial, label: str) -> tuple[np.ndarray, np.ndarray]:
+def _values(inv: Workings, trial: Trial, label: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the values of a curve or law at its knots, and their sd."""
     layout, candidate = inv.bench.layout, inv.bench.candidates[label]
     places = list(layout.of[label])
@@ -289,7 +287,7 @@ def _values(inv: Investigation, trial: Trial, label: str) -> tuple[np.ndarray, n
     return mix @ trial.fitted.x[places], np.sqrt(np.maximum(np.diag(mix @ covariance @ mix.T), 0.0))
 
 
-def _curve(inv: Investigation, trial: Trial, label: str, removes: dict[str, Removed]) -> CurveFound:
+def _curve(inv: Workings, trial: Trial, label: str, removes: dict[str, Removed]) -> CurveFound:
     candidate = inv.bench.candidates[label]
     effect = candidate.effect
     assert isinstance(effect, Curve)
@@ -300,7 +298,7 @@ def _curve(inv: Investigation, trial: Trial, label: str, removes: dict[str, Remo
     )  # fmt: skip
 
 
-def _law(inv: Investigation, trial: Trial, label: str, removes: dict[str, Removed]) -> CurveFound:
+def _law(inv: Workings, trial: Trial, label: str, removes: dict[str, Removed]) -> CurveFound:
     candidate = inv.bench.candidates[label]
     assert candidate.law is not None
     low, high = candidate.law[1][-4], candidate.law[1][-3]
@@ -332,7 +330,7 @@ def _unknown_sentence(curve: CurveFound) -> str:
     )
 
 
-def _run(inv: Investigation, trial: Trial, last: Rung, label: str, removes: dict[str, Removed]) -> RunFound:
+def _run(inv: Workings, trial: Trial, last: Rung, label: str, removes: dict[str, Removed]) -> RunFound:
     candidate = inv.bench.candidates[label]
     run = inv.case.runs[candidate.run]
     coordinate = candidate.coordinates[0]
@@ -342,7 +340,7 @@ def _run(inv: Investigation, trial: Trial, last: Rung, label: str, removes: dict
     return RunFound(label, run.name, run.file, parameter, estimate.value, estimate.sd, estimate.unit, removes)
 
 
-def _channel_evidence(inv: Investigation, found: policy.Found, name: str, base: Rung, last: Rung) -> ChannelEvidence:
+def _channel_evidence(inv: Workings, found: policy.Found, name: str, base: Rung, last: Rung) -> ChannelEvidence:
     tolerance = inv.case.tolerance.get(name)
     return ChannelEvidence(
         noise=inv.noise[name].sd,
@@ -359,7 +357,7 @@ def _small(one: ChannelEvidence) -> bool:
     return one.before**2 - one.noise**2 < 0.1 * one.noise**2
 
 
-def _immaterial(inv: Investigation, refused: policy.Addition) -> Immaterial:
+def _immaterial(inv: Workings, refused: policy.Addition) -> Immaterial:
     name = inv.bench.candidates[refused.label].name
     reason = (
         f"its error on runs left out does not fall (log score {refused.paid:+.1f}, {refused.expected:.1f} expected)"
@@ -369,11 +367,11 @@ def _immaterial(inv: Investigation, refused: policy.Addition) -> Immaterial:
     return Immaterial(name, {}, f"{name}: the fitted runs show it (log evidence {refused.gain:+.1f}), and {reason}")
 
 
-def _sensors(inv: Investigation) -> dict[str, Sensor]:
+def _sensors(inv: Workings) -> dict[str, Sensor]:
     return {name: Sensor(one.sd, one.rho, one.source, one.quantum) for name, one in inv.noise.items()}
 
 
-def _where(inv: Investigation, one: Rung) -> dict[str, tuple[str, ...]]:
+def _where(inv: Workings, one: Rung) -> dict[str, tuple[str, ...]]:
     capacity = inv.case.parameters.get("capacity_Ah")
     return {
         residuals.channel: tuple(
@@ -383,13 +381,13 @@ def _where(inv: Investigation, one: Rung) -> dict[str, tuple[str, ...]]:
     }
 
 
-def _remaining(inv: Investigation, trial: Trial, last: Rung) -> dict[str, Remaining]:
+def _remaining(inv: Workings, trial: Trial, last: Rung) -> dict[str, Remaining]:
     where = _where(inv, last)
     tau = trial.scale.error.tau_s
     return {name: Remaining(last.errors[name].fit, tau.get(name, 0.0), where.get(name, ())) for name in inv.noise}
 
 
-def _tolerances(inv: Investigation) -> dict[str, ToleranceUsed]:
+def _tolerances(inv: Workings) -> dict[str, ToleranceUsed]:
     found = {}
     for name in inv.noise:
         stated = inv.case.tolerance.get(name)
@@ -405,7 +403,7 @@ def _tolerances(inv: Investigation) -> dict[str, ToleranceUsed]:
     return found
 
 
-def _fit_for_purpose(inv: Investigation, last: Rung) -> dict[str, dict[str, bool]]:
+def _fit_for_purpose(inv: Workings, last: Rung) -> dict[str, dict[str, bool]]:
     """Return, by channel and check run, whether the error is within the tolerance, stated or assumed."""
     found: dict[str, dict[str, bool]] = {}
     for name, tolerance in _tolerances(inv).items():
@@ -423,7 +421,7 @@ def _fit_for_purpose(inv: Investigation, last: Rung) -> dict[str, dict[str, bool
     return found
 
 
-def _blind(inv: Investigation) -> tuple[str, ...]:
+def _blind(inv: Workings) -> tuple[str, ...]:
     """Return what this data could not have shown beside the base model, by name; on every column that it could have."""
     seen = inv.linear(inv.base).visible()
     labels: dict[str, list[str]] = {}
@@ -433,7 +431,7 @@ def _blind(inv: Investigation) -> tuple[str, ...]:
     return tuple(name for name, own in labels.items() if not any(label in seen for label in own))
 
 
-def _remarks(inv: Investigation, trial: Trial, begun: Started, extrapolated: Sequence) -> tuple[str, ...]:
+def _remarks(inv: Workings, trial: Trial, begun: Started, extrapolated: Sequence) -> tuple[str, ...]:
     layout, fitted = inv.bench.layout, trial.fitted
     common, of_runs = [], []
     for place, pull in zip(trial.setting.own, fitted.pulls, strict=True):
@@ -458,7 +456,7 @@ def _remarks(inv: Investigation, trial: Trial, begun: Started, extrapolated: Seq
     )
 
 
-def _law_source(inv: Investigation, trial: Trial, laws: Sequence[str]) -> str | None:
+def _law_source(inv: Workings, trial: Trial, laws: Sequence[str]) -> str | None:
     for label in laws:
         law = _law(inv, trial, label, {})
         return law_file(inv.bench.candidates[label], law.value, law.at, inv.case.kind, inv.case.name)

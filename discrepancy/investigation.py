@@ -1,8 +1,8 @@
-"""A case under investigation: the user's verbs, and the fits, screens and errors behind them.
+"""A case under investigation, by the user's verbs; the automatic policy calls nothing else of it than its workings.
 
 investigation = Investigation(case)
 investigation.errors()            # by run and channel, against noise and tolerance
-investigation.where()             # regimes in which the present model fails
+investigation.where()             # where the present model fails, in sentences
 investigation.candidates()        # ranked: effects, faults, curves, single runs
 investigation.add("self_heating")
 investigation.drop("self_heating")
@@ -11,353 +11,96 @@ investigation.ladder()            # every model so far
 
 from __future__ import annotations
 
-import dataclasses
-import functools
-from collections.abc import Callable, Mapping, Sequence
+import pandas as pd
 
-import numpy as np
-
-from discrepancy.evidence.linear import AMPLITUDES, Gain, Linear
-from discrepancy.evidence.trial import Scale, Settled, Trial
-from discrepancy.fitting.fit import COMPARED, Fit, fit
-from discrepancy.fitting.lanes import at_once
-from discrepancy.fitting.layout import BASE
-from discrepancy.fitting.model import Bench, Labels, Setting, View
-from discrepancy.fitting.passed_on import noise_passed_on
-from discrepancy.fitting.readings import Weights, collect
-from discrepancy.fitting.starts import faintest, likeliest_of_some, over_the_ridges
-from discrepancy.noise.contract import noise_of_case
-from discrepancy.noise.input_noise import InputNoise
-from discrepancy.noise.instrument import MAD_OF_NORMAL, NoiseModel
-from discrepancy.noise.model_error import NONE, ModelError, estimate
-from discrepancy.preparation import prepared
-from discrepancy.preparation.held_inputs import noisy_inputs
-from discrepancy.screening.screen import Screen, screen
-from discrepancy.settings import SETTINGS, Settings
-from jaxmodel.cases import Case
-from jaxmodel.effects import CATALOGUE
-from jaxmodel.errors import FitError
-from jaxmodel.measurements import KINDS, file_label
-from jaxmodel.ports import Effect
-
-Progress = Callable[[str], None]
-
-# Steps in which the base model follows an effect put into it: a start needs no more.
-FOLLOWING_STEPS = 4
-# Steps of a model that is only compared with others.
-COMPARING_STEPS = 12
-# A refit that reaches less than this share of what was promised to first order begins anew elsewhere.
-REACHED = 0.5
-# Readings of a series from which its model error is estimated.
-_MOST_OF_A_SERIES = 1500
-# A model error that changes by less than this share is not worth another fit.
-_SAME_ERROR = 0.1
-_MOST_REWEIGHTINGS = 2
+from discrepancy.evidence.trial import Settled
+from discrepancy.fitting.lanes import one_thread_of_blas
+from discrepancy.residuals.statements import statements
+from discrepancy.rungs import errors_by_run, residuals_of, rung
+from discrepancy.workings import Workings
 
 
-class Investigation:
-    """One case, its programs, and every model of it that was fitted."""
+class Investigation(Workings):
+    """One case and the model of it that is looked at; begins at the calibrated base model.
 
-    def __init__(
-        self,
-        case: Case,
-        *,
-        extra_effects: Mapping[str, type[Effect]] | None = None,
-        without: Sequence[str] = (),
-        settings: Settings = SETTINGS,
-        progress: Progress | None = None,
-    ) -> None:
-        """Prepare the readings and lay out all that could be missing.
+    Arguments as `discrepancy.workings.Workings`. Models are kept: to come back to one costs nothing, and gives the same
+    numbers whichever way one came there.
+    """
+
+    _present: tuple[str, ...] = ()
+    _path: tuple[tuple[str, ...], ...] = ((),)
+
+    @property
+    def model(self) -> Settled:
+        """Return the present model."""
+        return self.settled(self._present)
+
+    @property
+    def added(self) -> tuple[str, ...]:
+        """Return what is in the present model beside the base model."""
+        return self._present
+
+    @one_thread_of_blas
+    def errors(self) -> pd.DataFrame:
+        """Return the present model's errors: a row for each channel of each run, against noise and tolerance."""
+        return errors_by_run(self, {"present": rung(self, "present", self.model)}).drop(columns="model")
+
+    @one_thread_of_blas
+    def where(self) -> pd.DataFrame:
+        """Return where the present model fails: channel, sentence, and the share of the channel's mean square."""
+        capacity = self.case.parameters.get("capacity_Ah")
+        rows = [
+            (residuals.channel, one.text, one.share)
+            for residuals in residuals_of(self, rung(self, "present", self.model))
+            for one in statements(residuals, capacity_Ah=None if capacity is None else capacity.value)
+        ]
+        return pd.DataFrame(rows, columns=["channel", "sentence", "share"])
+
+    @one_thread_of_blas
+    def candidates(self) -> pd.DataFrame:
+        """Return what could be added to the present model, by the log evidence that it promises to first order."""
+        rows = [
+            (gain.label, self.bench.candidates[gain.label].group, gain.log_evidence, gain.chi2, gain.z)
+            for gain in self.linear(self.model).gains()
+        ]
+        return pd.DataFrame(rows, columns=["name", "group", "log_evidence", "chi2", "z"])
+
+    @one_thread_of_blas
+    def add(self, *names: str) -> Settled:
+        """Put effects, faults, curves or numbers of single runs into the model, refit it, and return it.
 
         Args:
-            case: with at least one fit run.
-            extra_effects: the user's own, by name; they take part like those of the catalogue.
-            without: names of effects that the user rules out.
-            settings: the constants.
-            progress: told what is being done.
+            names: as `candidates` lists them.
 
         Raises:
-            FitError: nothing is uncertain, no run may be used to calibrate, or no reading is there.
-            EffectError: a name that is no candidate of this case.
+            EffectError: a name is no candidate of this case, or a sensor's effect without its column.
         """
-        self.settings, self._progress = settings, progress
-        catalogue = CATALOGUE | dict(extra_effects or {})
-        self.case, self.preparation = prepared(case, catalogue)
-        self.noise = noise_of_case(self.case)
-        self.bench = Bench(self.case, catalogue, without, settings)
-        self.fit_runs = [number for number, run in enumerate(self.case.runs) if run.split == "fit"]
-        if not any(name in self.case.runs[number].measured.outputs for name in self.noise for number in self.fit_runs):
-            raise FitError(f"{file_label(self.case.path)}: {_why_no_readings(self.case)}.")
-        self._settled: dict[Labels, Settled] = {}
-        self._trials: dict[tuple, Trial] = {}
-        self._gains: dict[int, tuple[Trial, list[Gain]]] = {}
-        self.present: Labels = ()
+        return self._go_to((*self._present, *self.bench.labels_to_add(names)))
 
-    def tell(self, what: str) -> None:
-        """Tell what is being done, if anybody listens."""
-        if self._progress is not None:
-            self._progress(what)
+    @one_thread_of_blas
+    def drop(self, *names: str) -> Settled:
+        """Take additions out of the model again, and return it.
 
-    # The scale of errors.
-
-    def _scale(self, noise: Mapping[str, NoiseModel], error: ModelError, inputs: InputNoise | None) -> Scale:
-        channels = KINDS[self.case.kind].outputs
-        readings = collect(self.case, noise, channels, self.fit_runs, inputs, self.settings)
-        return Scale(noise, View(self.bench, readings), Weights(readings, error))
-
-    @functools.cached_property
-    def first_scale(self) -> Scale:
-        """Return the scale without any model error and without the noise of inputs."""
-        return self._scale(self.noise, NONE, None)
-
-    @functools.cached_property
-    def base(self) -> Settled:
-        """Return the calibrated base model under its own weights."""
-        self.tell("calibrating the base model")
-        scale = self.first_scale
-        setting = self.bench.setting(())
-        starts = [np.zeros(self.bench.layout.size), likeliest_of_some(scale.view, setting, scale.weights)]
-        tried = at_once(lambda start: fit(scale.view, setting, scale.weights, start), starts)
-        found = Trial(setting, {}, min(tried, key=lambda one: one.objective), scale)
-        if noisy_inputs(self.case):
-            noise, inputs = noise_passed_on(self.case, self.noise, self.bench, setting, found.fitted.x)
-            self.noise = noise
-            scale = self._scale(noise, NONE, inputs)
-            found = self._refitted(found, scale)
-        return self._settle(found)
-
-    def settled(self, labels: Sequence[str], start: Trial | None = None) -> Settled:
-        """Return a model under its own weights; the same whichever way one came to it."""
-        key = self.bench.key(labels)
-        if not key:
-            return self.base
-        if key not in self._settled:
-            if start is not None and start.labels == key:
-                first = self._refitted(start, self.base.scale)
-            else:
-                first = self.trial(key, self.base)
-            self._settled[key] = self._settle(first)
-        return self._settled[key]
-
-    def _settle(self, trial: Trial) -> Settled:
-        """Estimate the model error beside the richest model about this one, and fit anew, until both stay."""
-        for number in range(_MOST_REWEIGHTINGS):
-            screened = screen(trial.scale.view, trial.setting, trial.fitted.x, trial.scale.noise)
-            linear = self._linear(trial, screened)
-            left = linear.richest(self.settings.least_odds + np.log(len(self.bench.candidates)))
-            scale = self._beside(trial.scale, left)
-            if number and _same(scale.error, trial.scale.error):
-                break
-            trial = self._refitted(trial, scale)
-        else:
-            screened = screen(trial.scale.view, trial.setting, trial.fitted.x, trial.scale.noise)
-        return Settled(trial.setting, trial.amplitudes, trial.fitted, trial.scale, screened)
-
-    def _linear(self, trial: Trial, screened: Screen) -> Linear:
-        pulls = trial.fitted.x[list(trial.setting.own)]
-        is_common = np.array([self.bench.layout.runs[place] < 0 for place in trial.setting.own])
-        return Linear(screened, trial.scale.weights, self.bench.candidates, pulls, is_common)
-
-    def linear(self, settled: Settled) -> Linear:
-        """Return what every candidate promises beside a settled model."""
-        return self._linear(settled, settled.screened)
-
-    def linear_at(self, trial: Trial, groups: Sequence[str] = ("effect", "sensor", "curve", "run")) -> Linear:
-        """Return what candidates of some groups promise beside a model fitted under any scale."""
-        screened = screen(trial.scale.view, trial.setting, trial.fitted.x, trial.scale.noise, groups)
-        return self._linear(trial, screened)
-
-    def gains_at(self, trial: Trial) -> list[Gain]:
-        """Return what every candidate promises beside a model, kept once it was asked."""
-        if id(trial) not in self._gains:
-            self._gains[id(trial)] = (trial, self.linear_at(trial).gains())
-        return self._gains[id(trial)][1]
-
-    def is_material(self, trial: Trial, lacking: Trial) -> bool:
-        """Return True where what a model has more takes enough off a channel's error, as the mean square removed.
-
-        Enough is a tenth of a stated tolerance, or without one a share of what is left beyond noise.
+        Raises:
+            EffectError: a name is no candidate of this case.
         """
-        before, after = self.errors_of(lacking), self.errors_of(trial)
-        for place, channel in enumerate(self.bench.coarse.channels):
-            mine = trial.scale.view.readings.channel == place
-            if channel not in self.noise or not mine.any():
-                continue
-            left, noise = float(np.mean(before[mine] ** 2)), float(np.mean(trial.scale.view.readings.sd[mine] ** 2))
-            removed = left - float(np.mean(after[mine] ** 2))
-            if channel in self.case.tolerance:
-                least = (self.settings.material_share * self.case.tolerance[channel].rms) ** 2
-            else:
-                least = self.settings.least_share * max(left - noise, 0.0)
-            if removed >= least and removed > 0.0:
-                return True
-        return False
+        gone = self.bench.labels_of(names)
+        return self._go_to(tuple(label for label in self._present if label not in gone))
 
-    def errors_of(self, trial: Trial) -> np.ndarray:
-        """Return measured less predicted of the fitted readings, in the channels' units."""
-        view = trial.scale.view
-        return view.readings.value - view.at(self.bench.problem(trial.setting), [trial.setting.lane(trial.fitted.x)])[0]
+    def _go_to(self, labels: tuple[str, ...]) -> Settled:
+        model = self.settled(labels)
+        self._present = model.labels
+        self._path = (*self._path, self._present)
+        return model
 
-    def _beside(self, scale: Scale, left: np.ndarray) -> Scale:
-        """Return the scale with the noise and the model error that the richest model leaves."""
-        readings = scale.view.readings
-        noise = dict(scale.noise)
-        for name, model in noise.items():
-            fast = _fast_scatter([left[rows] for (channel, _), rows in readings.chains if channel == name])
-            doubtful = model.stated is None or model.contradicts
-            if doubtful and 0.0 < fast < model.own_sd / self.settings.noise_contradiction:
-                floor = max(fast, model.quantum / np.sqrt(12.0))
-                source = f"{model.source}; a model leaves no more than {floor:.3g} from one reading to the next"
-                noise[name] = dataclasses.replace(model, sd=floor, rho=0.0, source=source)
-        if any(noise[name] is not model for name, model in scale.noise.items()):
-            shared = scale.view.readings.shared
-            channels = KINDS[self.case.kind].outputs
-            fresh = collect(self.case, noise, channels, self.fit_runs, None, self.settings)
-            readings = dataclasses.replace(fresh, shared=shared)
-            scale = Scale(noise, View(self.bench, readings), scale.weights)
-        pieces = readings.pieces(_MOST_OF_A_SERIES)
-        tolerance = {name: one.rms for name, one in self.case.tolerance.items()}
-        return scale.with_error(estimate(pieces, readings.differenced(left), tolerance, self.settings))
-
-    # Fits.
-
-    def trial(
-        self,
-        labels: Sequence[str],
-        beside: Trial,
-        gain: Gain | None = None,
-        amplitudes: Mapping[str, float] | None = None,
-    ) -> Trial:
-        """Return a model fitted under the scale of another, from where that ended.
-
-        Args:
-            labels: of the model.
-            beside: the other.
-            gain: what the addition promises, for where to begin.
-            amplitudes: of curves and laws.
-        """
-        key = self.bench.key(labels)
-        scale = beside.scale
-        own = {label: a for label, a in {**beside.amplitudes, **(amplitudes or {})}.items() if label in key}
-        if gain is not None and self.bench.candidates[gain.label].is_vector:
-            own[gain.label] = gain.amplitude
-        known = (id(scale.weights), key, tuple(sorted(own.items())))
-        if known in self._trials:
-            return self._trials[known]
-        setting = self.bench.setting(key, own)
-        begin = {name: x for name, x in beside.start(self.bench).items() if name == BASE or name in key}
-        new = [label for label in key if label not in begin]
-        for label in new:
-            candidate = self.bench.candidates[label]
-            if gain is not None and gain.label == label:
-                begin[label] = gain.start
-            else:
-                begin[label] = np.zeros(len(candidate.coordinates)) if candidate.is_vector else self._first_start(label)
-        first = self.bench.layout.at(begin)
-        if gain is not None:
-            first[list(beside.setting.own)] += gain.base_step
-        best = self._calibrated(setting, scale, first, bool(new) and gain is None)
-        reference = beside.fitted.objective if set(beside.labels) <= set(key) else np.inf
-        promised = REACHED * gain.chi2 if gain is not None else 0.0
-        if best.objective > reference - promised:
-            # The first amplitude was too far from the right one: let what was there follow it.
-            best = min(best, self._calibrated(setting, scale, self.bench.layout.at(begin), True), key=_objective)
-            for label in [one for one in new if self.bench.candidates[one].group in ("effect", "sensor")]:
-                probes = self.bench.candidates[label].probes
-                if best.objective > reference - promised and len(probes) > 1:
-                    middle = begin | {label: np.array(probes[len(probes) // 2], dtype=float)}
-                    again = self._calibrated(setting, scale, self.bench.layout.at(middle), True)
-                    best = min(best, again, key=_objective)
-        if best.objective > reference and new:
-            # An effect can always be faint: a fit worse than without it failed, and is no evidence against it.
-            faint = {label: faintest(self.bench.candidates[label]) for label in new}
-            start = self.bench.layout.at(begin | faint)
-            best = min(best, self._calibrated(setting, scale, start, True), key=_objective)
-        for label in key:
-            if self.bench.candidates[label].reach:
-                best = over_the_ridges(scale.view, setting, scale.weights, self.bench.candidates[label], best)
-        found = Trial(setting, own, best, scale)
-        self._trials[known] = found
-        return found
-
-    def _first_start(self, label: str) -> np.ndarray:
-        """Return where an effect begins of which nothing is known: as the base model's screen has it."""
-        for gain in self.base_gains:
-            if gain.label == label:
-                return gain.start
-        return np.array(self.bench.candidates[label].probes[0], dtype=float)
-
-    @functools.cached_property
-    def base_gains(self) -> list[Gain]:
-        """Return what every candidate promises beside the base model."""
-        return self.linear(self.base).gains()
-
-    def _calibrated(self, setting: Setting, scale: Scale, start: np.ndarray, is_new: bool) -> Fit:
-        """Let the base model follow what is new at its first amplitude, then free all."""
-        if is_new:
-            base = range(self.bench.layout.base)
-            start = fit(scale.view, setting, scale.weights, start, steps=FOLLOWING_STEPS, free=base).x
-        return fit(scale.view, setting, scale.weights, start, flat=COMPARED, steps=COMPARING_STEPS)
-
-    def _refitted(self, trial: Trial, scale: Scale) -> Trial:
-        """Return a model fitted under another scale from where it stands, its curves' priors as wide as is best."""
-        fitted = fit(scale.view, trial.setting, scale.weights, trial.fitted.x, flat=COMPARED)
-        found = Trial(trial.setting, trial.amplitudes, fitted, scale)
-        curves = [label for label in trial.labels if self.bench.candidates[label].is_vector]
-        if not curves:
-            return found
-        amplitudes = {label: self._best_amplitude(found, label) for label in curves}
-        if all(amplitudes[label] == trial.amplitudes.get(label, 1.0) for label in curves):
-            return found
-        setting = self.bench.setting(trial.labels, amplitudes)
-        again = fit(scale.view, setting, scale.weights, found.fitted.x, flat=COMPARED)
-        return Trial(setting, amplitudes, again, scale)
-
-    def _best_amplitude(self, trial: Trial, label: str) -> float:
-        """Return the sd of a curve's prior that has the most evidence, to first order about the fit.
-
-        About a fit at the minimum the curve's score at zero is (H + V^-1) b, with b its fitted coordinates, V its prior
-        and H its information once all other unknowns have taken their part.
-        """
-        places = list(self.bench.layout.of[label])
-        own = list(trial.setting.own)
-        mine = np.isin(own, places)
-        fitted = trial.fitted
-        total = fitted.information
-        precision = np.diag(fitted.prior_sd[mine] ** -2.0)
-        cross = total[np.ix_(mine, ~mine)]
-        inner = total[np.ix_(mine, mine)] - precision
-        inner = inner - cross @ np.linalg.solve(total[np.ix_(~mine, ~mine)], cross.T)
-        score = (inner + precision) @ fitted.x[places]
-        values, vectors = np.linalg.eigh(inner)
-        values, along = np.maximum(values, 0.0), vectors.T @ score
-        logs = [float(np.sum(along**2 * a**2 / (1.0 + a**2 * values) - np.log1p(a**2 * values))) for a in AMPLITUDES]
-        return AMPLITUDES[int(np.argmax(logs))]
-
-
-def _objective(fitted: Fit) -> float:
-    return fitted.objective
-
-
-def _fast_scatter(series: Sequence[np.ndarray]) -> float:
-    """Return the robust sd of what changes from one reading to the next, a straight line through three taken off."""
-    second = [one[:-2] - 2.0 * one[1:-1] + one[2:] for one in series if one.size > 2]
-    together = np.concatenate([*second, np.zeros(0)])
-    return float(np.median(np.abs(together))) / MAD_OF_NORMAL / np.sqrt(6.0) if together.size else 0.0
-
-
-def _same(one: ModelError, other: ModelError) -> bool:
-    if one.sd.keys() != other.sd.keys() or one.tau_s != other.tau_s:
-        return False
-    return all(abs(np.log(sd / other.sd[series])) < _SAME_ERROR for series, sd in one.sd.items())
-
-
-def _why_no_readings(case: Case) -> str:
-    """Return why there is nothing to calibrate to, and what to do."""
-    read = {name for run in case.runs if run.split == "fit" for name in run.measured.outputs}
-    if not read:
-        return 'no reading of a run with split = "fit"; mark at least one such run, with a column that is measured'
-    return (
-        f"{' and '.join(sorted(read))} never change in the fit runs and their noise is not stated, so that nothing is "
-        "learnt from them; state it under [sensors], or measure something that moves"
-    )
+    @one_thread_of_blas
+    def ladder(self) -> pd.DataFrame:
+        """Return every model so far: what was added, and the RMS of each channel on fitted and on held-out runs."""
+        rows = []
+        for labels in dict.fromkeys(self._path):
+            errors = rung(self, "", self.settled(labels)).errors
+            row: dict[str, object] = {"added": " + ".join(labels) or "base"}
+            for channel, error in errors.items():
+                row |= {f"{channel} fit": error.fit, f"{channel} check": error.check}
+            rows.append(row)
+        return pd.DataFrame(rows)

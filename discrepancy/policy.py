@@ -15,7 +15,7 @@ from discrepancy.evidence.linear import Gain
 from discrepancy.evidence.trial import Settled, Trial
 from discrepancy.fitting.candidates import Candidate
 from discrepancy.fitting.lanes import at_once
-from discrepancy.investigation import Investigation
+from discrepancy.workings import Workings
 
 CLOCK = "time_s"
 # A refit that gained so many times what others promise to first order makes it needless to refit them.
@@ -76,7 +76,7 @@ class Found:
     weighed: tuple[Trial, ...]
 
 
-def run(investigation: Investigation, start: Sequence[str] = (), seek: bool = True) -> Found:
+def run(investigation: Workings, start: Sequence[str] = (), seek: bool = True) -> Found:
     """Investigate a case by the policy.
 
     Args:
@@ -115,7 +115,7 @@ def run(investigation: Investigation, start: Sequence[str] = (), seek: bool = Tr
     return Found(model, tuple(path), refused, laws, tuple(_weighed(inv, model, start)))
 
 
-def odds_of(inv: Investigation, candidate: Candidate) -> float:
+def odds_of(inv: Workings, candidate: Candidate) -> float:
     """Return the log odds that a candidate must gain: the fewer are like it, the less."""
     group = ("effect", "sensor") if candidate.group in ("effect", "sensor") else (candidate.group,)
     rarer = inv.settings.rarer
@@ -128,11 +128,11 @@ def _is_rare(candidate: Candidate) -> bool:
     return type(candidate.effect).__module__.rpartition(".")[2].startswith("further")
 
 
-def _passes(inv: Investigation, addition: Addition) -> bool:
+def _passes(inv: Workings, addition: Addition) -> bool:
     return addition.significant and addition.foretells(inv.settings.should_pay) and addition.material
 
 
-def _best_addition(inv: Investigation, model: Settled) -> tuple[Addition | None, list[Addition]]:
+def _best_addition(inv: Workings, model: Settled) -> tuple[Addition | None, list[Addition]]:
     """Return the addition to take, if any passes the gates, and all that were tried."""
     settings = inv.settings
     gains = [gain for gain in inv.linear(model).gains() if _may_enter(inv, model, gain.label)]
@@ -158,7 +158,7 @@ def _best_addition(inv: Investigation, model: Settled) -> tuple[Addition | None,
     return best, tried
 
 
-def _refitted(inv: Investigation, model: Settled, gains: Sequence[Gain]) -> list[Addition]:
+def _refitted(inv: Workings, model: Settled, gains: Sequence[Gain]) -> list[Addition]:
     """Return what the gates say of some additions; once one has gained most of what any promises, the rest is left."""
     found: list[Addition] = []
     for place in range(0, len(gains), 2):
@@ -171,7 +171,7 @@ def _refitted(inv: Investigation, model: Settled, gains: Sequence[Gain]) -> list
     return found
 
 
-def addition(inv: Investigation, model: Trial, gain: Gain) -> Addition:
+def addition(inv: Workings, model: Trial, gain: Gain) -> Addition:
     """Return what the gates say of one addition, refitted under the model's weights."""
     candidate = inv.bench.candidates[gain.label]
     trial = inv.trial((*model.labels, gain.label), model, gain)
@@ -186,7 +186,7 @@ def addition(inv: Investigation, model: Trial, gain: Gain) -> Addition:
     return Addition(gain.label, trial, gained, odds_of(inv, candidate), paid, expected, pieces, material)
 
 
-def _may_enter(inv: Investigation, model: Settled, label: str) -> bool:
+def _may_enter(inv: Workings, model: Settled, label: str) -> bool:
     """Return True where a candidate may be tried: of a temperature's curve only beside the law that it departs from."""
     candidate = inv.bench.candidates[label]
     if candidate.group == "curve" and candidate.over == "cell_temperature_degC":
@@ -197,7 +197,7 @@ def _may_enter(inv: Investigation, model: Settled, label: str) -> bool:
 
 
 def _without_what_is_idle(
-    inv: Investigation, model: Settled, keep: Sequence[str], needed: dict[str, float] | None = None
+    inv: Workings, model: Settled, keep: Sequence[str], needed: dict[str, float] | None = None
 ) -> Settled:
     """Return the model without additions of before that are needed no longer, the least needed first.
 
@@ -222,15 +222,15 @@ def _without_what_is_idle(
         model = inv.settled(without[others.index(label)].labels, without[others.index(label)])
 
 
-def _lacking(inv: Investigation, model: Trial, label: str) -> Trial:
+def _lacking(inv: Workings, model: Trial, label: str) -> Trial:
     return inv.trial([one for one in model.labels if one != label], model)
 
 
-def _with(inv: Investigation, model: Trial, gain: Gain) -> Trial:
+def _with(inv: Workings, model: Trial, gain: Gain) -> Trial:
     return inv.trial((*model.labels, gain.label), model, gain)
 
 
-def _swapped(inv: Investigation, model: Settled, keep: Sequence[str]) -> tuple[Settled, bool]:
+def _swapped(inv: Workings, model: Settled, keep: Sequence[str]) -> tuple[Settled, bool]:
     """Return the model with one addition exchanged for another where that gains evidence: a stand-in goes."""
     changed = False
     for label in [one for one in model.labels if one not in keep]:
@@ -249,14 +249,14 @@ def _swapped(inv: Investigation, model: Settled, keep: Sequence[str]) -> tuple[S
     return model, changed
 
 
-def _swap_price(inv: Investigation, label: str, other: Addition) -> float:
+def _swap_price(inv: Workings, label: str, other: Addition) -> float:
     """Return what another must gain over what is there: little, but for a curve or a run in an effect's place."""
     groups = [inv.bench.candidates[one].group for one in (label, other.label)]
     new = groups[1] not in ("effect", "sensor") and groups[0] in ("effect", "sensor")
     return inv.settings.least_odds + (0.3 * max(other.gain, 0.0) if new else 0.0)
 
 
-def _laws(inv: Investigation, model: Settled) -> tuple[tuple[Addition, ...], Settled]:
+def _laws(inv: Workings, model: Settled) -> tuple[tuple[Addition, ...], Settled]:
     """Return the unknown laws that pass the gates beside a model, and the model with them; clock time comes last."""
     if not model.scale.error.sd:
         return (), model
@@ -275,7 +275,7 @@ def _laws(inv: Investigation, model: Settled) -> tuple[tuple[Addition, ...], Set
     return (), model
 
 
-def _weighed(inv: Investigation, model: Settled, keep: Sequence[str]) -> list[Trial]:
+def _weighed(inv: Workings, model: Settled, keep: Sequence[str]) -> list[Trial]:
     """Return the models that rival the final one under its weights: without each addition, and with others for it."""
     found: list[Trial] = [model]
     for label in [one for one in model.labels if one not in keep]:

@@ -13,12 +13,12 @@ from discrepancy.evidence.trial import Trial
 from discrepancy.fitting.fit import fit
 from discrepancy.fitting.model import View
 from discrepancy.fitting.readings import Weights, collect
-from discrepancy.investigation import Investigation
 from discrepancy.noise.model_error import NONE
 from discrepancy.residuals.conditions import time_since_load_changed
 from discrepancy.residuals.summary import error_table
 from discrepancy.residuals.table import ChannelResiduals
 from discrepancy.result import ChannelError, Estimate, Rung
+from discrepancy.workings import Workings
 from jaxmodel.declaration import describe
 from jaxmodel.names import parameter_table
 from jaxmodel.units import unit_of
@@ -42,7 +42,7 @@ class Started:
     pulls: dict[str, float]
 
 
-def started(inv: Investigation, trial: Trial) -> Started:
+def started(inv: Workings, trial: Trial) -> Started:
     """Return a model whose check runs start as their first readings tell, within what is stated of their start.
 
     The readings that they judge have no part in it: those first ones are left out of the errors.
@@ -68,13 +68,13 @@ def started(inv: Investigation, trial: Trial) -> Started:
     return Started(x, pulls)
 
 
-def first_rows(inv: Investigation, number: int) -> slice:
+def first_rows(inv: Workings, number: int) -> slice:
     """Return the rows at the start of a run that may adjust it."""
     rows = inv.case.runs[number].measured.time_s.size
     return slice(0, max(inv.settings.start_readings, int(inv.settings.start_share * rows)))
 
 
-def nominal(inv: Investigation) -> Rung:
+def nominal(inv: Workings) -> Rung:
     """Return the base model at its nominal parameters."""
     base = inv.base
     x = np.zeros_like(base.fitted.x)
@@ -84,7 +84,7 @@ def nominal(inv: Investigation) -> Rung:
     return Rung("nominal", (), {}, (), errors, by_run, float("nan"), base.fitted.rows.size)
 
 
-def rung(inv: Investigation, name: str, trial: Trial, begun: Started | None = None) -> Rung:
+def rung(inv: Workings, name: str, trial: Trial, begun: Started | None = None) -> Rung:
     """Return one model of the ladder, with its errors on fitted and on held-out runs."""
     begun = begun or started(inv, trial)
     by_run = inv.bench.by_run(inv.bench.predicted(trial.setting, begun.x))
@@ -103,7 +103,7 @@ def rung(inv: Investigation, name: str, trial: Trial, begun: Started | None = No
 
 
 def _errors(
-    inv: Investigation,
+    inv: Workings,
     channel: str,
     predictions: Mapping[str, Mapping[str, np.ndarray]],
     as_stated: Mapping[str, Mapping[str, np.ndarray]],
@@ -130,7 +130,7 @@ def _errors(
     )
 
 
-def estimates_of(inv: Investigation, trial: Trial) -> tuple[dict[str, Estimate], tuple[str, ...]]:
+def estimates_of(inv: Workings, trial: Trial) -> tuple[dict[str, Estimate], tuple[str, ...]]:
     """Return a model's calibrated numbers by name, and those that are far from what is known of them."""
     units = {name: info.unit for name, info in parameter_table(inv.bench.coarse.models).items()}
     for candidate in inv.bench.candidates.values():
@@ -154,7 +154,7 @@ def estimates_of(inv: Investigation, trial: Trial) -> tuple[dict[str, Estimate],
     return estimates, tuple(far)
 
 
-def residuals_of(inv: Investigation, one: Rung) -> list[ChannelResiduals]:
+def residuals_of(inv: Workings, one: Rung) -> list[ChannelResiduals]:
     """Return what a model leaves of every channel, thinned, with the conditions of each reading."""
     found = []
     names = tuple(run.name for run in inv.case.runs)
@@ -215,7 +215,7 @@ def residuals_of(inv: Investigation, one: Rung) -> list[ChannelResiduals]:
 _CONDITIONS = ("soc", "speed", "cell", "winding", "case", "current", "motor", "pack")
 
 
-def errors_by_run(inv: Investigation, rungs: Mapping[str, Rung]) -> pd.DataFrame:
+def errors_by_run(inv: Workings, rungs: Mapping[str, Rung]) -> pd.DataFrame:
     """Return a row for each channel of each run and each of some models, by name."""
     splits: dict[str, Literal["fit", "check"]] = {run.name: run.split for run in inv.case.runs}
     tables = []

@@ -43,7 +43,7 @@ class Settings:
     refitted_curves: int = _constant(2, "curves refitted in each round")
     refitted_runs: int = _constant(1, "parameters of single runs refitted in each round")
     refitted_laws: int = _constant(2, "unknown laws refitted in a round where nothing else is left")
-    most_rounds: int = _constant(12, "rounds after which the loop stops whatever is left")
+    most_rounds: int = _constant(8, "rounds after which the loop stops whatever is left")
     least_odds: float = _constant(1.0, "log odds that evidence must give beyond the count of candidates", "3 to 1")
     rarer: float = _constant(3.0, "log odds against what benches show more rarely", "20 to 1, assumed")
     preference: float = _constant(
@@ -56,6 +56,7 @@ class Settings:
     least_share: float = _constant(
         0.2, "share of a channel's error beyond noise that an addition must take where no tolerance is stated"
     )
+    late_share: float = _constant(0.3, "the same beside two additions or more: many small ones are a patchwork")
     left_out_blocks: int = _constant(4, "blocks of time of one run that stand for runs where one run alone can tell")
 
     # The answer.

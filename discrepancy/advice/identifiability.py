@@ -12,8 +12,8 @@ from discrepancy.evidence.trial import Trial
 from discrepancy.fitting.fit import Fit, errors_at, fit
 from discrepancy.fitting.lanes import one_thread_of_blas
 from discrepancy.fitting.readings import Weights
-from discrepancy.investigation import Investigation
 from discrepancy.noise.model_error import NONE, estimate
+from discrepancy.workings import Workings
 from jaxmodel.build import case_model
 from jaxmodel.cases import Case
 from jaxmodel.effects import CATALOGUE
@@ -246,7 +246,7 @@ def asking_for(
 
 
 @one_thread_of_blas
-def calibrated(investigation: Investigation, labels: Sequence[str] = ()) -> tuple[Trial, float]:
+def calibrated(investigation: Workings, labels: Sequence[str] = ()) -> tuple[Trial, float]:
     """Return a calibrated model, and the root mean square of what it leaves in sd of the noise.
 
     Where that is not near 1 the noise's bounds mean nothing. What the model leaves is then weighed as its error, as
@@ -276,7 +276,7 @@ def deeper(trial: Trial, profiled: Profiled) -> Trial | None:
 
 
 def identifiability(
-    investigation: Investigation, trial: Trial, misfit: float = 1.0, assumed: Sequence[str] = ()
+    investigation: Workings, trial: Trial, misfit: float = 1.0, assumed: Sequence[str] = ()
 ) -> Identifiability:
     """Return what the fit runs of a case tell of the unknowns of a calibrated model.
 
@@ -322,7 +322,7 @@ def _is_proportional(name: str, number: float) -> bool:
     return bool(number) and (name not in TABLE or (TABLE[name].unit != "degC" and TABLE[name].transform == "log"))
 
 
-def names_of(investigation: Investigation) -> tuple[str, ...]:
+def names_of(investigation: Workings) -> tuple[str, ...]:
     """Return the names of all unknowns, those of one run with its name in brackets."""
     layout, runs = investigation.bench.layout, investigation.case.runs
     return tuple(
@@ -341,7 +341,7 @@ def _parts(trial: Trial, runs: Sequence[int], sensors: Sequence[str]) -> np.ndar
 
 @one_thread_of_blas
 def profile_likelihood(
-    investigation: Investigation, trial: Trial, name: str, reach: float = 3.0, places: int = 9
+    investigation: Workings, trial: Trial, name: str, reach: float = 3.0, places: int = 9
 ) -> Profiled:
     """Return the likelihood along one unknown, all others fitted anew at each place.
 

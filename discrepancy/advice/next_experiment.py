@@ -20,8 +20,8 @@ from discrepancy.fitting.layout import Layout
 from discrepancy.fitting.model import Bench, Setting, View
 from discrepancy.fitting.problem import Problem, make_problem
 from discrepancy.fitting.readings import Readings, Weights, collect
-from discrepancy.investigation import Investigation
 from discrepancy.noise.model_error import NONE
+from discrepancy.workings import Workings
 from jaxmodel.cases import Case, Known, Run
 from jaxmodel.measurements import KINDS, Measured
 
@@ -58,7 +58,7 @@ class Proposal:
         return int(np.ceil((ENOUGH_SIGMA / max(self.sigma, 1e-3)) ** 2))
 
 
-def propose(investigation: Investigation, rivals: Sequence[Trial]) -> tuple[Proposal, ...]:
+def propose(investigation: Workings, rivals: Sequence[Trial]) -> tuple[Proposal, ...]:
     """Return runs and measurements that would tell calibrated models apart, the one that tells most first.
 
     Args:
