@@ -10,11 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from discrepancy.candidates import Coordinate, candidates, effect_coordinate, known_coordinate, make_candidate
+from discrepancy.fitting.candidates import Coordinate, candidates, effect_coordinate, known_coordinate, make_candidate
 from jaxmodel.cases import Known
 from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.effects.battery import ChargeTransfer, EntropicOcv, OcvHysteresis, SelfHeating
+from jaxmodel.effects.curves import CURVES
 from jaxmodel.effects.drive import MagnetTemperature
 from jaxmodel.effects.sensors import VoltageGain
 from jaxmodel.parameters import info
@@ -29,6 +30,14 @@ COORDINATES = st.builds(
     origin=st.sampled_from([0.0, 1.0]),
     sign=st.sampled_from([-1.0, 1.0]),
 )
+# A state of charge below the last point of its table.
+BELOW = st.builds(
+    Coordinate,
+    name=st.just("initial_soc"),
+    centre=st.floats(0.5, 1.0),
+    spread=st.floats(0.005, 0.1),
+    ceiling=st.just(1.0),
+)
 EFFECT_PARAMETERS = [(effect, name) for effect, cls in CATALOGUE.items() for name in describe(cls)]
 
 
@@ -36,6 +45,19 @@ EFFECT_PARAMETERS = [(effect, name) for effect, cls in CATALOGUE.items() for nam
 def test_number_and_coordinate_are_each_others_inverse(coordinate: Coordinate, x: float) -> None:
     # Near 1 + exp(-14) five digits are lost to the difference from the origin.
     assert coordinate.at(coordinate.number(x)) == pytest.approx(x, abs=1e-7)
+
+
+@given(BELOW, st.floats(-6.0, 6.0))
+def test_below_a_ceiling_number_coordinate_and_slope_agree(coordinate: Coordinate, x: float) -> None:
+    number = coordinate.number(x)
+    assert number <= coordinate.ceiling
+    if coordinate.ceiling - number > 0.01 * coordinate.bend:
+        assert coordinate.at(number) == pytest.approx(x, abs=1e-6)
+    difference = (coordinate.number(x + 1e-5) - coordinate.number(x - 1e-5)) / 2e-5
+    assert coordinate.slope(x) == pytest.approx(difference, rel=1e-4, abs=1e-9)
+    # Far below it is the straight line.
+    far = Coordinate("initial_soc", coordinate.centre, coordinate.spread).number(-60.0)
+    assert coordinate.number(-60.0) == pytest.approx(far, abs=1e-6)
 
 
 @given(COORDINATES, st.floats(-3.0, 3.0))
@@ -96,9 +118,53 @@ def test_candidates_are_the_effects_of_the_kind_and_the_sensors_that_were_read()
     case = case_of("cell", {"capacity_Ah": Known(5.2, 0.1)}, [run_of(1, inputs, outputs)])
     found = {candidate.label: candidate for candidate in candidates(case)}
     physics = {name for name, cls in CATALOGUE.items() if "cell" in cls.kinds and not cls.is_sensor}
-    sensors = {"current_offset:current_A", "voltage_gain:voltage_V", "voltage_offset:voltage_V", "clock_shift"}
-    assert {label for label, candidate in found.items() if not candidate.is_sensor} == physics
-    assert {label for label, candidate in found.items() if candidate.is_sensor} == sensors
+    sensors = {
+        name if not cls.reads else f"{name}:{column}"
+        for name, cls in CATALOGUE.items()
+        if "cell" in cls.kinds and cls.is_sensor
+        for column in ("voltage_V", "current_A", "ambient_degC")
+        if not cls.reads or column.endswith(cls.reads)
+    }
+    curves = {name for name, cls in CURVES.items() if "cell" in cls.kinds}
+    groups = {
+        group: {label for label, candidate in found.items() if candidate.group == group}
+        for group in ("effect", "sensor", "curve", "run")
+    }
+    assert groups == {"effect": physics, "sensor": sensors, "curve": curves, "run": set()}  # one run differs from none
 
     present = dataclasses.replace(case, effects={"ocv_hysteresis": {"M_V": 0.02}})
     assert {c.label for c in candidates(present)} == found.keys() - {"ocv_hysteresis"}
+
+
+def test_of_each_fitted_run_some_numbers_may_differ() -> None:
+    rows = np.zeros(20)
+    inputs, outputs = {"current_A": rows, "ambient_degC": rows}, {"voltage_V": rows}
+    runs = [run_of(number, inputs, outputs, split=split) for number, split in enumerate(("fit", "check", "fit"))]
+    found = [c for c in candidates(case_of("cell", {"capacity_Ah": Known(5.2, 0.1)}, runs)) if c.group == "run"]
+    contacts = {c.label: c.run for c in found if c.name == "contact_resistance"}
+    assert contacts == {"contact_resistance@run-00": 0, "contact_resistance@run-02": 2}
+    # One number in the model, absent where a run has none of its own.
+    assert {c.effect.label for c in found if c.name == "contact_resistance"} == {"contact_resistance"}
+    assert all(float(getattr(c.effect, next(iter(describe(c.effect))))) == 0.0 for c in found)
+
+
+@pytest.mark.parametrize("name", ["ocv_curve", "series_resistance_curve", "rc_resistance_temperature_curve"])
+def test_a_curve_is_smooth_and_of_a_factor_has_no_mean(name: str) -> None:
+    rows = np.zeros(20)
+    run = run_of(1, {"current_A": rows, "ambient_degC": rows}, {"voltage_V": rows})
+    curve = {c.label: c for c in candidates(case_of("cell", {"capacity_Ah": Known(5.2, 0.1)}, [run]))}[name]
+    cls, knots = CURVES[name], np.array(CURVES[name].usual_knots)
+    covariance = curve.mix @ curve.mix.T
+    assert covariance.shape == (knots.size, knots.size)
+    ones = np.ones(knots.size)
+    if cls.unit:
+        np.testing.assert_allclose(np.diag(covariance), cls.typical**2)
+    else:
+        np.testing.assert_allclose(covariance @ ones, 0.0, atol=1e-9)
+        assert np.mean(np.diag(covariance)) < cls.typical**2
+    # Neighbours move together, the ends do not.
+    sd = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(sd, sd)
+    nearest = int(np.argmin(np.diff(knots)))
+    assert correlation[nearest, nearest + 1] > 0.7
+    assert correlation[0, -1] < 0.2

@@ -1,23 +1,28 @@
-"""The problem of a case is the plain simulation of each of its runs, whitened; what pads it never counts."""
+"""The problem of a case is the plain simulation of each of its runs; what pads it never counts."""
 
 from __future__ import annotations
 
 import dataclasses
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from discrepancy.candidates import make_candidate
-from discrepancy.lanes import LANES, one_thread_of_blas, predict, predictions, residuals
-from discrepancy.noise import NoiseModel
-from discrepancy.problem import Lane, Layout, Problem, make_layout, make_problem
-from discrepancy.shapes import shapes_of
-from discrepancy.whitening import whiten
+from discrepancy.fitting.candidates import make_candidate
+from discrepancy.fitting.lanes import LANES, at_places, one_thread_of_blas, predictions
+from discrepancy.fitting.laws import no_laws
+from discrepancy.fitting.layout import Layout, make_layout
+from discrepancy.fitting.problem import Lane, Problem, make_problem
+from discrepancy.fitting.readings import Weights, collect
+from discrepancy.fitting.shapes import shapes_of
+from discrepancy.noise.instrument import NoiseModel
+from discrepancy.noise.model_error import NONE
+from discrepancy.noise.whitening import whiten
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.cases import Case, Known, Run
 from jaxmodel.effects.battery import ArrheniusResistance, OcvHysteresis
-from jaxmodel.effects.drive import ViscousFriction
 from jaxmodel.effects.sensors import VoltageOffset
 from jaxmodel.errors import FitError
 from jaxmodel.simulate import simulate
@@ -29,12 +34,16 @@ PARAMETERS = {
     "cycles": Known(50.0),
     "storage_months": Known(0.0),
 }
-PRESENT = [make_candidate(OcvHysteresis()), make_candidate(VoltageOffset(column="voltage_V"))]
-SWITCHED = [make_candidate(ArrheniusResistance())]
+CANDIDATES = [
+    make_candidate(OcvHysteresis()),
+    make_candidate(VoltageOffset(column="voltage_V")),
+    make_candidate(ArrheniusResistance()),
+]
 NOISE = {
     "voltage_V": NoiseModel(0.003, 0.6, "assumed"),
     "cell_temperature_degC": NoiseModel(0.2, 0.0, "assumed"),
 }
+CHANNELS = ("voltage_V", "cell_temperature_degC")
 
 
 def cell_run(number: int, rows: int, **options) -> Run:
@@ -42,8 +51,8 @@ def cell_run(number: int, rows: int, **options) -> Run:
     current = np.repeat(generator.uniform(-2.0, 5.0, -(-rows // 10)), 10)[:rows]
     voltage = 3.8 + 0.1 * generator.standard_normal(rows)
     voltage[generator.random(rows) < 0.2] = np.nan
-    temperature = np.full(rows, 12.0)
-    temperature[::3] = np.nan
+    temperature = np.full(rows, 10.0 * number + 1.0)
+    temperature[1::3] = np.nan
     inputs = {"current_A": current, "ambient_degC": np.full(rows, 10.0 * number)}
     return run_of(number, inputs, {"voltage_V": voltage, "cell_temperature_degC": temperature}, **options)
 
@@ -64,13 +73,15 @@ def case() -> Case:
 
 @pytest.fixture(scope="module")
 def made(case: Case) -> tuple[Problem, Layout]:
-    return make_problem(case, NOISE, PRESENT, SWITCHED)
+    layout = make_layout(case, CANDIDATES)
+    return make_problem(case, layout, CANDIDATES), layout
 
 
 @pytest.fixture(scope="module")
 def lane(made: tuple[Problem, Layout]) -> Lane:
-    x = np.random.default_rng(0).normal(size=len(made[1].names))
-    return Lane(x, np.zeros(1))
+    """Hysteresis and offset are on, the third effect is not."""
+    x = 0.5 * np.random.default_rng(0).normal(size=made[1].size)
+    return Lane(x, np.array([1.0, 1.0, 0.0]), no_laws("cell"))
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +89,7 @@ def predicted(made: tuple[Problem, Layout], lane: Lane) -> np.ndarray:
     return predictions(made[0], [lane])[0]
 
 
-def alone(case: Case, layout: Layout, lane: Lane, number: int, *, switch: float = 0.0) -> dict[str, np.ndarray]:
+def alone(case: Case, layout: Layout, lane: Lane, number: int) -> dict[str, np.ndarray]:
     """Simulate one run by itself, under the numbers that its user would give it."""
     numbers = {
         (name, run): coordinate.number(float(x))
@@ -90,20 +101,24 @@ def alone(case: Case, layout: Layout, lane: Lane, number: int, *, switch: float 
     parameters |= {name: known.value for name, known in run.overrides.items()}
     parameters |= {name: value for (name, where), value in numbers.items() if where == number}
     soc = Known(parameters.pop("initial_soc", run.initial_soc.value))
+    rest = {name: parameters.pop(name) for name in ("initial_temperature_rise_K", "initial_hysteresis")}
     effects = {
         "ocv_hysteresis": {"M_V": numbers["ocv_hysteresis.M_V", -1], "g": numbers["ocv_hysteresis.g", -1]},
         "voltage_offset": {"column": "voltage_V", "c": numbers["voltage_offset:voltage_V.c", -1]},
     }
-    if switch:
-        effects["arrhenius_resistance"] = {"E_a": switch * numbers["arrhenius_resistance.E_a", -1]}
+    if lane.switches[2]:
+        effects["arrhenius_resistance"] = {"E_a": numbers["arrhenius_resistance.E_a", -1]}
     known = {name: Known(value) for name, value in parameters.items()}
     single = dataclasses.replace(case, parameters=known, effects=effects)
     plain = dataclasses.replace(run, overrides={}, initial_soc=soc)
-    return {name: np.asarray(v) for name, v in simulate(case_model(single, plain), run_profile(plain)).readings.items()}
+    model = case_model(single, plain)
+    start = [jnp.asarray(value) for value in rest.values()]
+    model = eqx.tree_at(lambda m: [getattr(m.parameters, name) for name in rest], model, start)
+    return {name: np.asarray(v) for name, v in simulate(model, run_profile(plain)).readings.items()}
 
 
-def test_unknowns_are_what_the_case_its_runs_and_the_effects_leave_open(case: Case) -> None:
-    layout = make_layout(case, [*PRESENT, *SWITCHED])
+def test_unknowns_are_what_the_case_its_runs_and_the_effects_leave_open(made: tuple[Problem, Layout]) -> None:
+    layout = made[1]
     stated = list(zip(layout.names, layout.runs, layout.fixed_in, strict=True))
     assert stated[: layout.base] == [
         ("capacity_Ah", -1, (1,)),
@@ -112,14 +127,20 @@ def test_unknowns_are_what_the_case_its_runs_and_the_effects_leave_open(case: Ca
         ("capacity_Ah", 2, ()),
         ("cycles", 2, ()),
         ("initial_soc", 2, ()),
+        *((name, run, ()) for run in range(3) for name in ("initial_hysteresis", "initial_temperature_rise_K")),
     ]
-    assert layout.of_effect == {
-        "ocv_hysteresis": (6, 7),
-        "voltage_offset:voltage_V": (8,),
-        "arrhenius_resistance": (9,),
+    first = layout.base
+    assert layout.of == {
+        "ocv_hysteresis": (first, first + 1),
+        "voltage_offset:voltage_V": (first + 2,),
+        "arrhenius_resistance": (first + 3,),
     }
+    assert layout.own(["arrhenius_resistance"]) == [*range(first), first + 3]
     own = layout.coordinates[3]
     assert (own.number(0.0), own.slope(0.0)) == pytest.approx((1.8, 0.1))
+    # A cell's temperature is that of its thermometer's first reading.
+    rise = layout.coordinates[layout.names.index("initial_temperature_rise_K")]
+    assert rise.number(0.0) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("number", [0, 1, 2])
@@ -130,104 +151,75 @@ def test_prediction_is_the_simulation_of_each_run(
     rows = case.runs[number].measured.time_s.size
     for name, values in alone(case, layout, lane, number).items():
         column = predicted[number, :, problem.channels.index(name)]
-        np.testing.assert_allclose(column[:rows], values, rtol=1e-12, err_msg=name)
+        np.testing.assert_allclose(column[:rows], values, rtol=1e-11, err_msg=name)
         np.testing.assert_array_equal(column[rows:], column[rows - 1])
 
 
 def test_many_lanes_are_each_as_if_alone(made: tuple[Problem, Layout], lane: Lane, predicted: np.ndarray) -> None:
     problem, _ = made
-    others = [Lane(lane.x + 0.01 * number, lane.switches) for number in range(LANES + 3)]
+    others = [dataclasses.replace(lane, x=lane.x + 0.01 * number) for number in range(LANES + 3)]
     found = predictions(problem, others)
     assert found.shape == (LANES + 3, *predicted.shape)
     np.testing.assert_allclose(found[0], predicted, rtol=1e-12)
     np.testing.assert_allclose(found[-1], predictions(problem, others[-1:])[0], rtol=1e-12)
     assert not np.allclose(found[-1], found[-2], rtol=1e-9)
+    places = (np.array([0, 1, 2, 1]), np.array([3, 60, 24, 0]), np.array([0, 0, 1, 1]))
+    np.testing.assert_array_equal(at_places(problem, places, others), found[(slice(None), *places)])
 
 
-def test_runs_to_be_judged_are_simulated_by_themselves_as_beside_the_others(
-    made: tuple[Problem, Layout], lane: Lane
+def test_runs_by_themselves_are_simulated_as_beside_the_others(
+    made: tuple[Problem, Layout], lane: Lane, predicted: np.ndarray
 ) -> None:
     problem, _ = made
-    for split in ("fit", "check"):
-        part, counted = problem.only(split), np.asarray(getattr(problem.readings, split)) > 0.0
-        alone = residuals(part, [lane])[0][np.asarray(getattr(part.readings, split)) > 0.0]
-        np.testing.assert_allclose(alone, residuals(problem, [lane])[0][counted], rtol=0.0, atol=1e-9)
+    for runs in ([0, 1], [2]):
+        part = predictions(problem.of(np.array(runs)), [lane])[0]
+        np.testing.assert_allclose(part[:, :61], predicted[runs, :61], rtol=0.0, atol=1e-9)
 
 
-def test_what_is_added_to_an_input_is_that_input(case: Case, made: tuple[Problem, Layout], lane: Lane) -> None:
-    problem = made[0].only("fit")
+def test_what_is_added_to_an_input_is_that_input(
+    made: tuple[Problem, Layout], lane: Lane, predicted: np.ndarray
+) -> None:
+    problem, _ = made
     inputs = problem.courses.inputs
-    half = dataclasses.replace(problem.courses, inputs=inputs | {"current_A": 0.5 * np.asarray(inputs["current_A"])})
+    half = dataclasses.replace(problem.courses, inputs=inputs | {"current_A": 0.5 * inputs["current_A"]})
     more = dataclasses.replace(lane, added={"current_A": 0.5 * np.asarray(inputs["current_A"])})
     np.testing.assert_allclose(
-        predictions(dataclasses.replace(problem, courses=half), [more])[0], predictions(problem, [lane])[0], rtol=1e-12
+        predictions(dataclasses.replace(problem, courses=half), [more])[0], predicted, rtol=1e-12
     )
-
-
-def test_short_runs_beside_long_ones_are_simulated_as_if_alone() -> None:
-    """Padded to the long run they would take most of the time; where that is much they have a program of their own."""
-    runs = [cell_run(1, 40), cell_run(2, 33_000), cell_run(3, 25, split="check")]
-    case = case_of("cell", PARAMETERS, runs)
-    problem, layout = make_problem(case, NOISE, PRESENT)
-    assert problem.shapes == ((1, 512, 1024), (1, 33_280, 33_792))
-    x = np.random.default_rng(1).normal(size=len(layout.names))
-    together = predict(problem, x)
-    lane = Lane(x, np.zeros(0))
-    for number, run in enumerate(runs):
-        rows = run.measured.time_s.size
-        expected = alone(case, layout, lane, number)["voltage_V"]
-        np.testing.assert_allclose(together[number, :rows, problem.channels.index("voltage_V")], expected, rtol=1e-9)
-    part = problem.only("fit")
-    more = {"current_A": 0.01 * np.ones(part.courses.inputs["current_A"].shape)}
-    courses = dataclasses.replace(
-        part.courses, inputs=part.courses.inputs | {"current_A": part.courses.inputs["current_A"] + 0.01}
-    )
-    added = residuals(part, [dataclasses.replace(lane, added=more)])
-    np.testing.assert_allclose(added, residuals(dataclasses.replace(part, courses=courses), [lane]), atol=1e-8)
 
 
 def test_switch_turns_an_effect_on(case: Case, made: tuple[Problem, Layout], lane: Lane) -> None:
     problem, layout = made
-    on = predictions(problem, [Lane(lane.x, np.ones(1))])[0]
-    expected = alone(case, layout, lane, 0, switch=1.0)["voltage_V"]
-    np.testing.assert_allclose(on[0, : expected.size, problem.channels.index("voltage_V")], expected, rtol=1e-12)
+    switched = dataclasses.replace(lane, switches=np.ones(3))
+    on = predictions(problem, [switched])[0]
+    expected = alone(case, layout, switched, 0)["voltage_V"]
+    np.testing.assert_allclose(on[0, : expected.size, problem.channels.index("voltage_V")], expected, rtol=1e-11)
 
 
-def test_other_runs_change_nothing(case: Case, made: tuple[Problem, Layout], lane: Lane) -> None:
-    problem, layout = made
-    first_only = dataclasses.replace(case, runs=case.runs[:1])
-    single, of_single = make_problem(first_only, NOISE, PRESENT, SWITCHED)
-    places = {unknown: place for place, unknown in enumerate(zip(layout.names, layout.runs, strict=True))}
-    x = [float(lane.x[places[unknown]]) for unknown in zip(of_single.names, of_single.runs, strict=True)]
-    left = residuals(single, [Lane(np.array(x), lane.switches)])[0]
-    counted = np.asarray(single.readings.fit) > 0.0
-    together = residuals(problem, [lane])[0]
-    first_run = np.asarray(problem.readings.index) < problem.times.shape[1] * len(problem.channels)
-    in_first = first_run & (np.asarray(problem.readings.fit) > 0.0)
-    np.testing.assert_allclose(together[in_first], left[counted], rtol=0.0, atol=1e-9)
-
-
-def test_residual_is_whitened_channel_by_channel_with_its_gaps(
-    case: Case, made: tuple[Problem, Layout], lane: Lane, predicted: np.ndarray
+def test_effects_that_are_off_leave_the_base_model_to_the_bit(
+    case: Case, made: tuple[Problem, Layout], lane: Lane
 ) -> None:
-    problem, _ = made
-    expected, is_fit = [], []
-    for name, model in NOISE.items():
-        place = problem.channels.index(name)
-        for number, run in enumerate(case.runs):
-            errors = run.measured.outputs[name] - predicted[number, : run.measured.time_s.size, place]
-            present = np.isfinite(errors)
-            start = np.arange(errors.size) == 0
-            expected.append(whiten(errors, start, model.rho, model.sd, present)[present])
-            is_fit.append(np.full(present.sum(), run.split == "fit"))
-    expected, is_fit = np.concatenate(expected), np.concatenate(is_fit)
-    residual = residuals(problem, [lane])[0]
-    np.testing.assert_allclose(residual[: expected.size], expected, rtol=0.0, atol=1e-9)
-    np.testing.assert_array_equal(np.asarray(problem.readings.fit)[: expected.size], is_fit)
-    np.testing.assert_array_equal(np.asarray(problem.readings.check)[: expected.size], ~is_fit)
-    assert residual.size > expected.size
-    assert not np.any(np.asarray(problem.readings.fit)[expected.size :])
-    assert not np.any(np.asarray(problem.readings.check)[expected.size :])
+    problem, layout = made
+    off = dataclasses.replace(lane, switches=np.zeros(3))
+    far = dataclasses.replace(off, x=np.concatenate([lane.x[: layout.base], np.full(4, 2.0)]))
+    np.testing.assert_array_equal(predictions(problem, [off]), predictions(problem, [far]))
+
+
+def test_readings_are_whitened_channel_by_channel_with_their_gaps(case: Case) -> None:
+    readings = collect(case, NOISE, CHANNELS, [0, 1])
+    errors = np.random.default_rng(5).standard_normal(readings.count)
+    found = Weights(readings, NONE).whiten(errors)
+    assert [series for series, _ in readings.chains] == [(name, run) for name in CHANNELS for run in (0, 1)]
+    for (name, run), rows in readings.chains:
+        read = case.runs[run].measured.outputs[name]
+        present = np.isfinite(read)
+        np.testing.assert_array_equal(readings.value[rows], read[present])
+        np.testing.assert_array_equal(readings.row[rows], np.flatnonzero(present))
+        full, start = np.full(read.size, np.nan), np.arange(read.size) == 0
+        full[present] = errors[rows]
+        expected = whiten(full, start, NOISE[name].rho, NOISE[name].sd, present)[present]
+        np.testing.assert_allclose(found[rows], expected, atol=1e-12)
+    np.testing.assert_allclose(Weights(readings, NONE).whiten(errors[:, None])[:, 0], found)
 
 
 def test_noise_before_a_pause_says_nothing_of_noise_after_it(case: Case) -> None:
@@ -235,58 +227,44 @@ def test_noise_before_a_pause_says_nothing_of_noise_after_it(case: Case) -> None
     later = np.where(np.arange(first.measured.time_s.size) < 20, 0.0, 3600.0)
     paused = dataclasses.replace(first.measured, time_s=first.measured.time_s + later)
     gap = dataclasses.replace(case, runs=(dataclasses.replace(first, measured=paused),))
-    (whole, _), (parted, _) = (
-        make_problem(dataclasses.replace(case, runs=(one.runs[0],)), NOISE) for one in (case, gap)
-    )
-    read = np.flatnonzero(np.isfinite(paused.outputs["voltage_V"]))
-    weights = [np.asarray(problem.readings.weight)[: read.size] for problem in (whole, parted)]
-    assert np.flatnonzero(weights[0] != weights[1]).tolist() == [np.searchsorted(read, 20)]
-    assert weights[1][np.searchsorted(read, 20)] == 0.0
+    whole, parted = (collect(one, {"voltage_V": NOISE["voltage_V"]}, CHANNELS, [0]) for one in (case, gap))
+    assert np.flatnonzero(whole.weight != parted.weight).tolist() == [np.searchsorted(whole.row, 20)]
+    assert parted.weight[np.searchsorted(whole.row, 20)] == 0.0
 
 
-def test_motor_runs_of_different_grids_are_simulated_as_if_alone() -> None:
-    def run(number: int, rows: int, jumps: int) -> Run:
-        voltage = np.repeat(np.linspace(2.0, 8.0, jumps), -(-rows // jumps))[:rows]
-        inputs = {"voltage_V": voltage, "load_torque_Nm": np.full(rows, 0.02), "ambient_degC": np.full(rows, 20.0)}
-        return run_of(number, inputs, {"speed_rad_s": np.zeros(rows)}, step_s=0.1)
+def test_blocks_are_pieces_of_runs_of_equal_time(case: Case) -> None:
+    readings = collect(case, NOISE, CHANNELS, [0, 1])
+    block = readings.blocks(4)
+    np.testing.assert_array_equal(block // 4, readings.run)
+    for number in np.unique(block):
+        assert np.ptp(readings.time_s[block == number]) <= 0.26 * np.ptp(readings.time_s[readings.run == number // 4])
 
-    case = case_of("motor", {"R_0": Known(0.1, 0.01)}, [run(1, 30, 2), run(2, 21, 7)])
-    friction = make_candidate(ViscousFriction())
-    problem, layout = make_problem(case, {"speed_rad_s": NoiseModel(0.1, 0.0, "assumed")}, [friction])
-    assert (layout.names, layout.base) == (("R_0", "viscous_friction.b"), 1)
-    x = np.array([0.7, -0.4])
-    found = predict(problem, x)
-    resistance, b = (coordinate.number(place) for coordinate, place in zip(layout.coordinates, x, strict=True))
-    given = dataclasses.replace(case, parameters={"R_0": Known(resistance)}, effects={"viscous_friction": {"b": b}})
-    truth = simulate(case_model(given), run_profile(given.runs[1])).readings
-    for place, name in enumerate(problem.channels):
-        np.testing.assert_allclose(found[1, :21, place], truth[name], rtol=1e-9, atol=1e-12, err_msg=name)
+
+def test_too_many_readings_are_thinned_evenly(case: Case) -> None:
+    from discrepancy.settings import SETTINGS
+
+    whole = collect(case, NOISE, CHANNELS, [0, 1])
+    few = collect(case, NOISE, CHANNELS, [0, 1], settings=dataclasses.replace(SETTINGS, most_readings=50))
+    assert few.count <= 60
+    for (series, rows), (same, of_whole) in zip(few.chains, whole.chains, strict=True):
+        assert series == same
+        np.testing.assert_array_equal(few.row[rows], whole.row[of_whole][:: -(-whole.count // 50)])
 
 
 def test_what_cannot_be_fitted_is_said(case: Case) -> None:
     exact = dataclasses.replace(cell_run(1, 20), initial_soc=Known(0.9))
     with pytest.raises(FitError, match="nothing to calibrate"):
         make_layout(dataclasses.replace(case, parameters={"capacity_Ah": Known(2.0)}, runs=(exact,)), [])
-    judged = dataclasses.replace(case.runs[0], split="check")
-    with pytest.raises(FitError, match='split = "fit"'):
-        make_problem(dataclasses.replace(case, runs=(judged,)), NOISE)
 
 
-def test_a_run_that_only_judges_and_is_little_longer_shares_the_program_of_the_others() -> None:
-    def of(judged: int) -> tuple[Case, Problem, Layout]:
-        case = case_of("cell", PARAMETERS, [cell_run(1, 2000), cell_run(2, judged, split="check")])
-        return case, *make_problem(case, NOISE, PRESENT)
-
-    case, problem, layout = of(2500)
-    assert problem.shapes == ((1, 2560, 3072),)
-    assert {(part.times.shape, part.courses.duration_s.shape) for _, part in problem.blocks} == {((1, 2560), (1, 3072))}
-    lane = Lane(np.random.default_rng(1).normal(size=len(layout.names)), np.zeros(0))
-    together = predictions(problem, [lane])[0]
-    for number, run in enumerate(case.runs):
-        expected = alone(case, layout, lane, number)["voltage_V"]
-        column = together[number, : run.measured.time_s.size, problem.channels.index("voltage_V")]
-        np.testing.assert_allclose(column, expected, rtol=1e-9)
-    assert of(3500)[1].shapes == ((1, 2048, 2048),)
+def test_short_runs_have_a_program_of_their_own_where_padding_takes_longer() -> None:
+    assert shapes_of([(512, 1024), (33_280, 33_792), (512, 1024)], np.array([0, 1])) == (
+        (1, 512, 1024),
+        (1, 33_280, 33_792),
+    )
+    # A run that only judges, and is little longer, shares the program of the others.
+    assert shapes_of([(2048, 2048), (2560, 3072)], np.array([0])) == ((1, 2560, 3072),)
+    assert shapes_of([(2048, 2048), (3584, 4096)], np.array([0])) == ((1, 2048, 2048),)
     long = [(71_680, 71_680)] * 3 + [(102_400, 102_400)]
     assert shapes_of(long, np.arange(3)) == ((3, 71_680, 71_680),), "so many steps are worth a program"
 
