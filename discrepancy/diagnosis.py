@@ -279,8 +279,11 @@ def _values(inv: Workings, trial: Trial, label: str) -> tuple[np.ndarray, np.nda
     """Return the values of a curve or law at its knots, and their sd."""
     layout, candidate = inv.bench.layout, inv.bench.candidates[label]
     places = list(layout.of[label])
-    first, count = candidate.offset, len(candidate.coordinates)
-    mix = candidate.mix[first : first + count, first : first + count]
+    columns = slice(candidate.offset, candidate.offset + len(candidate.coordinates))
+    mix = candidate.mix[:, columns]
+    if candidate.law is not None:
+        knots = inv.settings.law_knots
+        mix = mix[candidate.law[0] * knots : (candidate.law[0] + 1) * knots]
     own = list(trial.setting.own)
     mine = [own.index(place) for place in places]
     covariance = trial.fitted.covariance[np.ix_(mine, mine)]

@@ -183,7 +183,9 @@ def addition(inv: Workings, model: Trial, gain: Gain) -> Addition:
         paid, expected = trial.pays(model, pieces)
     gained = trial.log_evidence - model.log_evidence
     material = inv.is_material(trial, model)
-    return Addition(gain.label, trial, gained, odds_of(inv, candidate), paid, expected, pieces, material)
+    # Of a first one the odds are even: below them the answer is undecided, not adequate.
+    odds = odds_of(inv, candidate) - (0.0 if model.labels else inv.settings.least_odds)
+    return Addition(gain.label, trial, gained, odds, paid, expected, pieces, material)
 
 
 def _may_enter(inv: Workings, model: Settled, label: str) -> bool:
@@ -216,7 +218,8 @@ def _without_what_is_idle(
         lost = {label: model.log_evidence - one.log_evidence for label, one in zip(others, without, strict=True)}
         needed |= lost
         label = min(others, key=lambda one: lost[one] - odds_of(inv, inv.bench.candidates[one]))
-        if lost[label] > odds_of(inv, inv.bench.candidates[label]):
+        alone = inv.settings.least_odds if len(model.labels) == 1 else 0.0
+        if lost[label] > odds_of(inv, inv.bench.candidates[label]) - alone:
             return model
         inv.tell(f"dropping {label}")
         model = inv.settled(without[others.index(label)].labels, without[others.index(label)])
@@ -258,7 +261,7 @@ def _swap_price(inv: Workings, label: str, other: Addition) -> float:
 
 def _laws(inv: Workings, model: Settled) -> tuple[tuple[Addition, ...], Settled]:
     """Return the unknown laws that pass the gates beside a model, and the model with them; clock time comes last."""
-    if not model.scale.error.sd:
+    if not model.scale.error.sd or not _worth_a_law(inv, model):
         return (), model
     linear = inv.linear_at(model, groups=("law",))
     gains = [one for one in linear.gains() if one.log_evidence > odds_of(inv, inv.bench.candidates[one.label])]
@@ -273,6 +276,24 @@ def _laws(inv: Workings, model: Settled) -> tuple[tuple[Addition, ...], Settled]
         if passing:
             return tuple(passing[:1]), inv.settled(passing[0].trial.labels, passing[0].trial)
     return (), model
+
+
+def _worth_a_law(inv: Workings, model: Settled) -> bool:
+    """Return True where an unknown law may be what is left: much of the error, or some of it near the noise.
+
+    Far above the noise, where most is explained, what is left of a real bench is many small things and no law.
+    """
+    settings = inv.settings
+    before, after = inv.errors_of(inv.base), inv.errors_of(model)
+    channel = model.scale.view.readings.channel
+    for place in np.unique(channel):
+        mine = channel == place
+        noise = float(np.mean(model.scale.view.readings.sd[mine] ** 2))
+        left = float(np.mean(after[mine] ** 2))
+        share = (left - noise) / max(float(np.mean(before[mine] ** 2)) - noise, 1e-300)
+        if share > settings.law_share or (share > settings.faint_law and left < settings.near_noise**2 * noise):
+            return True
+    return False
 
 
 def _weighed(inv: Workings, model: Settled, keep: Sequence[str]) -> list[Trial]:

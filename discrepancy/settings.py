@@ -57,6 +57,9 @@ class Settings:
         0.2, "share of a channel's error beyond noise that an addition must take where no tolerance is stated"
     )
     late_share: float = _constant(0.3, "the same beside two additions or more: many small ones are a patchwork")
+    law_share: float = _constant(0.25, "share of a channel's error that is left above which an unknown law is sought")
+    faint_law: float = _constant(0.02, "and above which it is sought where what is left is near the noise")
+    near_noise: float = _constant(5.0, "times the noise up to which what is left is near it")
     left_out_blocks: int = _constant(4, "blocks of time of one run that stand for runs where one run alone can tell")
 
     # The answer.

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from discrepancy.fitting.laws import PORTS, law_effect, quantities, setting
 from discrepancy.settings import SETTINGS, Settings
@@ -34,6 +35,8 @@ _BEND = 0.25
 _FURTHEST_START = 2.5
 # A law over fewer different values than this, or over so small a share of the largest, is none.
 _LEAST_SPAN = 0.02
+# Of a curve's prior, modes of which the variance is less than this share of the first one's.
+_FAINT_MODE = 0.01
 # Curves that a table of the case could hold, by the table; without one they are laws that nobody stated.
 _TABLE_OF = {
     "ocv_curve": "ocv",
@@ -300,7 +303,7 @@ def _curves(case: Case) -> Iterator[Candidate]:
             continue
         effect = cls()
         mix = cls.typical * _smooth(np.array(effect.knots), relative=not cls.unit)
-        coordinates = tuple(Coordinate(f"{name}.values[{place}]", 0.0, 1.0) for place in range(len(effect.knots)))
+        coordinates = tuple(Coordinate(f"{name}.values[{place}]", 0.0, 1.0) for place in range(mix.shape[1]))
         over_temperature = cls.over == "temperature_degC"
         yield Candidate(
             name,
@@ -316,9 +319,10 @@ def _curves(case: Case) -> Iterator[Candidate]:
 
 
 def _smooth(knots: np.ndarray, relative: bool, correlation: float = SETTINGS.curve_correlation) -> np.ndarray:
-    """Return a square root of the prior covariance of a curve's values of unit size: a Matern process (3/2).
+    """Return a root of the prior covariance of a curve's values of unit size, (knots, modes): a Matern process (3/2).
 
-    Of a factor the mean is left out: it is that of the scale that is free beside it.
+    Modes that are faint beside the first are left out: a curve so wild is none that the prior knows. Of a factor the
+    mean is left out: it is that of the scale that is free beside it.
     """
     apart = np.abs(knots[:, None] - knots[None, :]) / (correlation * np.ptp(knots))
     covariance = (1.0 + np.sqrt(3.0) * apart) * np.exp(-np.sqrt(3.0) * apart)
@@ -326,7 +330,8 @@ def _smooth(knots: np.ndarray, relative: bool, correlation: float = SETTINGS.cur
         without_mean = np.eye(knots.size) - 1.0 / knots.size
         covariance = without_mean @ covariance @ without_mean
     values, vectors = np.linalg.eigh(covariance)
-    return vectors * np.sqrt(np.maximum(values, 0.0))
+    kept = values > _FAINT_MODE * values[-1]
+    return vectors[:, kept] * np.sqrt(values[kept])
 
 
 def _of_runs(case: Case) -> Iterator[Candidate]:
@@ -369,12 +374,10 @@ def laws(
     """
     effect = law_effect(case.kind, settings.law_knots)
     ports, count = list(PORTS[case.kind]), settings.law_knots
-    shared = tuple(Coordinate(f"law.values[{place}]", 0.0, 1.0) for place in range(len(ports) * count))
     root = _smooth(np.linspace(0.0, 1.0, count), relative=False)
-    sized = [sizes[port] * root for port in ports]
-    mix = np.zeros((len(shared), len(shared)))
-    for place, block in enumerate(sized):
-        mix[place * count : (place + 1) * count, place * count : (place + 1) * count] = block
+    modes = root.shape[1]
+    shared = tuple(Coordinate(f"law.values[{place}]", 0.0, 1.0) for place in range(len(ports) * modes))
+    mix = np.asarray(block_diag(*(sizes[port] * root for port in ports)))
     found = []
     for place, (port, (sources, multiplier, _)) in enumerate(PORTS[case.kind].items()):
         for variable in [name for name in quantities(case.kind) if name in sources and name in ranges]:
@@ -393,10 +396,10 @@ def laws(
                         f"{port}({variable}){times}",
                         "law",
                         effect,
-                        shared[place * count : (place + 1) * count],
+                        shared[place * modes : (place + 1) * modes],
                         is_vector=True,
                         mix=mix,
-                        offset=place * count,
+                        offset=place * modes,
                         shared=shared,
                         law=(place, own),
                         port=port,

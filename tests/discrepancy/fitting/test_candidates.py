@@ -158,7 +158,7 @@ def test_a_curve_is_smooth_and_of_a_factor_has_no_mean(name: str) -> None:
     assert covariance.shape == (knots.size, knots.size)
     ones = np.ones(knots.size)
     if cls.unit:
-        np.testing.assert_allclose(np.diag(covariance), cls.typical**2)
+        np.testing.assert_allclose(np.diag(covariance), cls.typical**2, rtol=0.2)  # its faint modes are left out
     else:
         np.testing.assert_allclose(covariance @ ones, 0.0, atol=1e-9)
         assert np.mean(np.diag(covariance)) < cls.typical**2
