@@ -26,6 +26,20 @@ MAY_IMPORT = {
     "operation": {"jaxmodel", "sweeps", "sensitivity"},
     "workbench": {"jaxmodel", "sweeps", "sensitivity", "discrepancy", "operation"},
 }
+# The parts of `discrepancy`, low to high: each may import those of lower levels, and none beside it.
+DISCREPANCY = [
+    {"settings", "result", "residuals"},
+    {"preparation", "decision"},
+    {"noise"},
+    {"fitting"},
+    {"screening"},
+    {"evidence"},
+    {"workings"},
+    {"policy", "rungs", "advice"},
+    {"investigation"},
+    {"diagnosis"},
+    {"__init__"},
+]
 WITHOUT_FRONT_END = ["jaxmodel", "sweeps", "sensitivity", "operation"]
 FRONT_END = set(
     "altair bokeh click dash fastapi flask jinja2 matplotlib plotly rich seaborn starlette streamlit textual tornado "
@@ -80,6 +94,23 @@ def texts_of_project() -> Iterator[tuple[Path, str]]:
 def test_room_imports_only_the_rooms_it_may(room: str) -> None:
     others = MAY_IMPORT.keys() - MAY_IMPORT[room] - {room}
     assert [place for package, place in imports_into(room) if package in others] == []
+
+
+def test_parts_of_the_diagnosis_import_only_lower_ones() -> None:
+    level = {part: number for number, parts in enumerate(DISCREPANCY) for part in parts}
+    upward = []
+    for path in modules_of("discrepancy"):
+        own = path.relative_to(REPOSITORY / "discrepancy").with_suffix("").parts[0]
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
+            if not isinstance(node, ast.ImportFrom) or (node.module or "").split(".")[0] != "discrepancy":
+                continue
+            _, *inside = (node.module or "").split(".")
+            for other in inside[:1] or [alias.name for alias in node.names]:
+                if other != own and level[other] >= level[own]:
+                    upward.append(f"{path.relative_to(REPOSITORY)}:{node.lineno}: {own} imports {other}")
+    assert upward == []
+    # Those named are all there are.
+    assert set(level) == {path.stem for path in (REPOSITORY / "discrepancy").iterdir() if path.stem != "__pycache__"}
 
 
 @pytest.mark.parametrize("room", WITHOUT_FRONT_END)

@@ -1,85 +1,73 @@
-"""Starts of fits: over the ridges of an amplitude with many local optima, beyond a standstill, from another's end."""
+"""Starts of fits: over the ridges of an amplitude with many local optima, and beyond a standstill."""
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 
 import numpy as np
+import pytest
 
-from discrepancy import starts
-from discrepancy.calibrate import fit
-from discrepancy.hypothesis import Hypothesis
-from discrepancy.problem import BASE, Start
-from discrepancy.starts import over_the_ridges
+from discrepancy.fitting import starts
+from discrepancy.fitting.candidates import make_candidate
+from discrepancy.fitting.fit import fit
+from discrepancy.fitting.layout import BASE
+from discrepancy.fitting.starts import faintest, over_the_ridges
+from discrepancy.investigation import Investigation
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.cases import Known
+from jaxmodel.effects.battery import ChargeTransfer, OcvHysteresis
 from jaxmodel.simulate import simulate
-from tests.discrepancy.made_cases import case_of, made_cell, run_of, with_candidates
+from tests.discrepancy.made_cases import case_of, investigation_of, made_cell, run_of
 
 DELAY_S = -7.7
 OFFSET_V = 0.09
 
 
-def test_a_fit_between_the_wrong_ridges_is_led_over_them(tmp_path):
-    session = with_candidates(made_cell(tmp_path, {"clock_shift": {"d": DELAY_S}}).case, "clock_shift")
-    candidate = session.candidates["clock_shift"]
-    problem, layout = session.problem_of(("clock_shift",))
+@pytest.fixture(scope="module")
+def late(tmp_path_factory: pytest.TempPathFactory) -> Investigation:
+    """A cell whose logger is late."""
+    made = made_cell(tmp_path_factory.mktemp("cells") / "late", {"clock_shift": {"d": DELAY_S}})
+    return investigation_of(made.case, "clock_shift")
+
+
+def test_a_fit_between_the_wrong_ridges_is_led_over_them(late: Investigation):
+    candidate, layout, scale = late.bench.candidates["clock_shift"], late.bench.layout, late.first_scale
+    setting = late.bench.setting(["clock_shift"])
     delay, resampled = candidate.coordinates
     # As if the logger had sampled the true course, which it did not: it draws straight lines between rows.
     begin = {BASE: np.zeros(layout.base), "clock_shift": np.array([delay.at(DELAY_S - 4.0), resampled.at(0.0)])}
-    stuck = fit(problem, layout.at(begin))
-    places = layout.of_effect["clock_shift"]
-    readings = float(np.sum(np.asarray(problem.readings.fit)))
-    assert stuck.chi2 > 10.0 * readings, "the fit is to be led out of a poor place, and is in none"
-
-    led = over_the_ridges(problem, candidate, places, layout.own(("clock_shift",)), stuck)
-    assert led.chi2 < 1.1 * readings
-    assert abs(delay.number(led.x[places[0]]) - DELAY_S) < 3.0 * delay.slope(0.0) * led.sd[places[0]]
-
-
-def test_a_valley_narrower_than_from_look_to_look_is_found(tmp_path):
-    """A sharp sensor: with straight lines between rows only delays within some milliseconds are better than none."""
-    sharp, delay_s = {"sensors": {"voltage_V": 2e-5}}, 14.9497
-    session = with_candidates(made_cell(tmp_path, {"clock_shift": {"d": delay_s}}, **sharp).case, "clock_shift")
-    candidate = session.candidates["clock_shift"]
-    problem, layout = session.problem_of(("clock_shift",))
-    delay, resampled = candidate.coordinates
-    begin = {BASE: np.zeros(layout.base), "clock_shift": np.array([delay.at(15.09), resampled.at(0.0)])}
-    stuck = fit(problem, layout.at(begin))
-    places, own = layout.of_effect["clock_shift"], layout.own(("clock_shift",))
-    looks = np.repeat(stuck.x[None], 2, axis=0)
-    looks[:, places[1]] = resampled.at(1.0)
-    looks[:, places[0]] = delay.at(delay_s) + candidate.reach / 64 * np.array([1.0, -1.0])
-    assert np.all(starts.objectives(problem, looks) > stuck.objective), "looks are to see no better place"
-
-    led = over_the_ridges(problem, candidate, places, own, stuck)
-    assert led.chi2 < 0.1 * stuck.chi2
-    assert abs(delay.number(led.x[places[0]]) - delay_s) < 0.01
+    stuck = fit(scale.view, setting, scale.weights, layout.at(begin))
+    assert stuck.chi2 > 10.0 * scale.view.readings.count, "the fit is to be led out of a poor place, and is in none"
+    led = over_the_ridges(scale.view, setting, scale.weights, candidate, stuck)
+    assert led.chi2 < 1.1 * scale.view.readings.count
+    place = layout.of["clock_shift"][0]
+    sd = delay.slope(0.0) * led.sd()[led.own.index(place)]
+    assert abs(delay.number(led.x[place]) - DELAY_S) < 3.0 * sd
 
 
-def test_how_a_logger_reads_is_looked_at_within_its_range_and_held_while_its_clock_is_set(tmp_path, monkeypatch):
+def test_how_a_logger_reads_is_looked_at_within_its_range_and_held_while_its_clock_is_set(
+    late: Investigation, monkeypatch: pytest.MonkeyPatch
+):
     """A logger that goes five times beyond straight lines makes up for any delay, and leaves a fit in a long valley."""
-    session = with_candidates(made_cell(tmp_path, {"clock_shift": {"d": DELAY_S}}).case, "clock_shift")
-    problem, layout = session.problem_of(("clock_shift",))
-    delay, way = layout.of_effect["clock_shift"]
-    stuck = session.hypothesis().fitted
+    layout, scale, setting = late.bench.layout, late.first_scale, late.bench.setting(["clock_shift"])
+    _, way = layout.of["clock_shift"]
+    stuck = fit(scale.view, setting, scale.weights, layout.at({"clock_shift": np.array([0.3, 4.8])}), steps=1)
     stuck = dataclasses.replace(stuck, x=layout.at({"clock_shift": np.array([0.3, 4.8])}))
     seen, freed = [], []
 
-    def looked(_, looks):
-        seen.append(looks)
-        return np.arange(len(looks), dtype=float) - (2.0 + 1e9 * (len(seen) == 1))
+    def looked(*arguments):
+        seen.append(arguments[-1])
+        return np.arange(len(seen[-1]), dtype=float) - (2.0 + 1e9 * (len(seen) == 1))
 
-    def fitted(_, start, free, **__):
-        freed.append(list(free))
+    def fitted(view, model, weights, start, free=None, **__):
+        freed.append(list(model.own if free is None else free))
         return dataclasses.replace(stuck, x=start)
 
     monkeypatch.setattr(starts, "objectives", looked)
     monkeypatch.setattr(starts, "fit", fitted)
-    own = layout.own(("clock_shift",))
-    over_the_ridges(problem, session.candidates["clock_shift"], (delay, way), own, stuck)
+    over_the_ridges(scale.view, setting, scale.weights, late.bench.candidates["clock_shift"], stuck)
     assert all(looks[:, way].min() >= 0.0 and looks[:, way].max() <= 1.0 for looks in seen)
+    own = list(setting.own)
     assert freed[:2] == [[number for number in own if number != way], own]
 
 
@@ -95,39 +83,22 @@ def test_an_offset_beyond_a_standstill_is_found():
     reported = acting | {"voltage_V": voltage + OFFSET_V}
     stated = {"R_0": Known(0.116, 0.0035), "k_tau": Known(0.0385, 0.001), "tau_0": Known(0.01, 0.0015)}
     label = "voltage_offset:voltage_V"
-    case = case_of("motor", stated, [run_of(1, reported, outputs, step_s=1.5)], noise)
-    session = with_candidates(case, "voltage_offset")
-    candidate = session.candidates[label]
+    inv = investigation_of(case_of("motor", stated, [run_of(1, reported, outputs, step_s=1.5)], noise), label)
+    scale, setting, candidate = inv.first_scale, inv.bench.setting([label]), inv.bench.candidates[label]
     offset = candidate.coordinates[0]
-
-    problem, layout = session.problem_of((label,))
-    stuck = fit(problem, layout.at({BASE: session.hypothesis().fitted.x, label: np.array([offset.at(0.3)])}))
-    counted = float(np.sum(np.asarray(problem.readings.fit)))
-    assert stuck.chi2 > 3.0 * counted, "the fit is to be led out of a poor place, and is in none"
-
-    place = layout.of_effect[label]
-    led = over_the_ridges(problem, candidate, place, layout.own((label,)), stuck)
-    assert led.chi2 < 1.2 * counted
-    assert abs(offset.number(led.x[place[0]]) - OFFSET_V) < 3.0 * offset.slope(0.0) * led.sd[place[0]]
-
-
-class _BesideAnother(Hypothesis):
-    """A model with an effect that the one fitted again does not have."""
-
-    @property
-    def start(self) -> Start:
-        return {**super().start, "an effect of the other": np.ones(1)}
+    base, layout = inv.bench.setting([]), inv.bench.layout
+    without = fit(scale.view, base, scale.weights, np.zeros(layout.size)).x[: layout.base]
+    stuck = fit(scale.view, setting, scale.weights, layout.at({BASE: without, label: np.array([offset.at(0.3)])}))
+    assert stuck.chi2 > 3.0 * scale.view.readings.count, "the fit is to be led out of a poor place, and is in none"
+    led = over_the_ridges(scale.view, setting, scale.weights, candidate, stuck)
+    assert led.chi2 < 1.2 * scale.view.readings.count
+    place = layout.of[label][0]
+    sd = offset.slope(0.0) * led.sd()[led.own.index(place)]
+    assert abs(offset.number(led.x[place]) - OFFSET_V) < 3.0 * sd
 
 
-def test_a_model_is_fitted_again_from_where_another_ended(plain_session):
-    """What settled in a poor place is replaced, and all that was read off it; what is no better is not."""
-    session = copy.copy(plain_session)
-    found = session.hypothesis()
-    poor = dataclasses.replace(found, fitted=fit(found.problem, found.fitted.x + 1.0, steps=1))
-    session.__dict__.update(_hypotheses={(): poor}, _rungs={}, _screens={})
-    left = session.rung("", session.hypothesis()).errors["voltage_V"].fit
-    better = session.again([()], _BesideAnother(**vars(found)))[0]
-    assert better.fitted.objective < poor.fitted.objective
-    assert session.hypothesis() is better
-    assert session.rung("", better).errors["voltage_V"].fit < left
-    assert session.again([()], poor)[0] is better
+def test_an_effect_can_be_faint():
+    """Far below its usual size, on whichever side its parameter fades."""
+    small, large = make_candidate(OcvHysteresis()), make_candidate(ChargeTransfer())
+    assert small.coordinates[0].number(faintest(small)[0]) < 0.2 * small.coordinates[0].number(0.0)
+    assert large.coordinates[0].number(faintest(large)[0]) > 5.0 * large.coordinates[0].number(0.0)

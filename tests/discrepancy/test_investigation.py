@@ -1,0 +1,113 @@
+"""An investigation by hand and by the policy: the same models, whichever way one comes there."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from discrepancy import policy
+from discrepancy.evidence.trial import Settled
+from discrepancy.investigation import Investigation
+from discrepancy.policy import Found
+from jaxmodel.errors import EffectError, FitError
+from tests.discrepancy.conftest import HEATING
+from tests.discrepancy.made_cases import SMALL_KEPT, SMALL_NOISE, investigation_of, small_cell
+
+
+@pytest.fixture(scope="module")
+def found(warm_small: Investigation) -> Found:
+    return policy.run(warm_small)
+
+
+def same_numbers(one: Settled, other: Settled) -> None:
+    """Hold two fits of one model to a thousandth of an sd."""
+    assert one.labels == other.labels
+    own = list(one.setting.own)
+    np.testing.assert_allclose((one.fitted.x[own] - other.fitted.x[own]) / one.fitted.sd(), 0.0, atol=1e-3)
+
+
+def test_the_policy_ends_at_what_is_hidden(warm_small: Investigation, found: Found):
+    assert found.final.labels == ("self_heating",)
+    assert [model.labels for model in found.path] == [(), ("self_heating",)]
+    assert found.laws == ()
+    assert found.final.log_evidence > max(trial.log_evidence for trial in found.weighed[1:])
+    layout, fitted = warm_small.bench.layout, found.final.fitted
+    for place, true in zip(layout.of["self_heating"], HEATING["self_heating"].values(), strict=True):
+        sd = layout.coordinates[place].slope(fitted.x[place]) * fitted.sd()[list(fitted.own).index(place)]
+        assert layout.coordinates[place].number(fitted.x[place]) == pytest.approx(true, abs=4.0 * sd)
+    errors = warm_small.errors_of(found.final)
+    readings = found.final.scale.view.readings
+    for place, channel in enumerate(SMALL_NOISE):
+        rms = np.sqrt(np.mean(errors[readings.channel == place] ** 2))
+        assert rms == pytest.approx(SMALL_NOISE[channel], rel=0.15)
+
+
+def test_by_hand_one_comes_to_the_same_numbers(found: Found):
+    by_hand = investigation_of(small_cell(HEATING, seed=1), *SMALL_KEPT)
+    same_numbers(found.final, by_hand.add("self_heating"))
+
+
+def test_the_way_does_not_matter(warm_small: Investigation, found: Found):
+    """Through another effect and back; models are kept, and the same whoever asks for them."""
+    there = investigation_of(small_cell(HEATING, seed=1), *SMALL_KEPT)
+    there.add("arrhenius_resistance")
+    there.add("self_heating")
+    same_numbers(found.final, there.drop("arrhenius_resistance"))
+    assert there.drop("self_heating") is there.base
+    same_numbers(there.base, warm_small.base)
+
+
+def test_nothing_is_found_where_nothing_is_hidden(plain_small: Investigation):
+    ended = policy.run(plain_small)
+    assert ended.final is plain_small.base
+    assert not ended.final.scale.error.sd
+    assert not ended.refused
+
+
+def test_verbs_tell_what_the_present_model_lacks_and_leaves():
+    inv = investigation_of(small_cell(HEATING, seed=1), *SMALL_KEPT)
+    ranked = inv.candidates()
+    assert ranked["name"][0] == "self_heating"
+    assert np.all(np.diff(ranked["log_evidence"]) <= 0.0)
+    assert {"effect", "curve", "run"} <= set(ranked["group"])
+    before = inv.errors()
+    assert len(before) == len(inv.case.runs) * len(SMALL_NOISE)
+    assert (inv.where()["channel"] == "cell_temperature_degC").any()
+    inv.add("self_heating")
+    assert inv.added == ("self_heating",)
+    assert "self_heating" not in set(inv.candidates()["name"])
+    assert inv.errors()["rms"].sum() < 0.5 * before["rms"].sum()
+    ladder = inv.ladder()
+    assert ladder["added"].tolist() == ["base", "self_heating"]
+    for channel, noise in SMALL_NOISE.items():
+        assert ladder[f"{channel} fit"][1] == pytest.approx(noise, rel=0.15)
+        assert ladder[f"{channel} check"][1] < 2.0 * noise
+    inv.drop("self_heating")
+    assert inv.added == ()
+
+
+def test_what_cannot_be_done_is_said(plain_small: Investigation):
+    with pytest.raises(EffectError, match="self_heating"):
+        plain_small.add("self_heatin")
+    with pytest.raises(EffectError, match="no effect that could be added"):
+        Investigation(small_cell(), without=["what is not there"])
+    case = small_cell()
+    judged = dataclasses.replace(case, runs=tuple(dataclasses.replace(run, split="check") for run in case.runs))
+    with pytest.raises(FitError, match='split = "fit"'):
+        Investigation(judged)
+
+
+def test_additions_are_gated_by_evidence_and_by_runs_left_out(warm_small: Investigation, found: Found):
+    gains = warm_small.linear(warm_small.base).gains()
+    assert gains[0].label == "self_heating"
+    told = policy.addition(warm_small, warm_small.base, gains[0])
+    assert told.significant
+    assert told.material
+    assert told.paid > 0.0
+    assert told.gain == pytest.approx(told.trial.log_evidence - warm_small.base.log_evidence)
+    # To first order the screen foretold what the refit gained.
+    assert told.gain > 0.5 * gains[0].log_evidence
+    rest = {gain.label: gain for gain in warm_small.linear(found.final).gains()}
+    assert max(gain.log_evidence for gain in rest.values()) < 6.0
