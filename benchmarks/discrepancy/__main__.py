@@ -1,4 +1,4 @@
-"""Blind cases by seed: `python -m benchmarks.discrepancy make|diagnose|gather|judge|report FOLDER`.
+"""Blind cases by seed: `python -m benchmarks.discrepancy make|diagnose|judge|report FOLDER`.
 
 Cases with an `answer.toml` of their own (`../shared/cases`): `python -m benchmarks.discrepancy.hard`.
 Cases below 1000 are for development, those from 1000 on are sealed: to be made and judged, never to be looked at.
@@ -11,16 +11,14 @@ import json
 from pathlib import Path
 from typing import Annotated, Literal
 
-import jax
 import typer
 from rich.progress import track
 
 from benchmarks.discrepancy.generate import draw
 from benchmarks.discrepancy.generate import make as make_case
-from benchmarks.discrepancy.judge import read, read_blind, report
+from benchmarks.discrepancy.judge import read, report
 from benchmarks.discrepancy.one import in_a_process
 from benchmarks.discrepancy.publish import publish
-from jaxmodel.cases import read_case
 from workbench.compiled import keep_compiled_programs
 
 app = typer.Typer(add_completion=False, no_args_is_help=True)
@@ -67,20 +65,6 @@ def diagnose(folder: Folder, again: bool = False) -> None:
         if "verdict" not in said:
             (path / "said.json").unlink()
             typer.echo(f"Case {path.name} failed: {said['error']}", err=True)
-
-
-@app.command()
-def gather(folder: Folder, again: bool = False) -> None:
-    """Screen the cases that were not yet, or all again, and keep what the baselines and ablations need."""
-    from benchmarks.discrepancy.evidence import save  # looks inside the method, as no other command does
-
-    keep_compiled_programs()
-    paths = [path.parent for path in sorted(folder.glob("[0-9]*/blind.json"))]
-    for path in track([p for p in paths if again or not (p / "evidence.json").exists()], "screening"):
-        save(path, read_case(path), read_blind(path))
-        for kept in ("peers.json", "says.json"):
-            (path / kept).unlink(missing_ok=True)
-        jax.clear_caches()  # hundreds of cases have a thousand programs
 
 
 @app.command()

@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.discrepancy.bench import BENCH_FROM
 from benchmarks.discrepancy.generate import CONFUSABLE_FROM, HARDER_FROM
 from benchmarks.discrepancy.judge import Judged, keep, metrics, power, read, reliability
-from benchmarks.discrepancy.pictures import power_picture, range_picture, reliability_picture
+from benchmarks.discrepancy.pictures import reliability_picture
 from benchmarks.discrepancy.rates import Rate, markdown
 from workbench.pictures.style import png
 
@@ -38,15 +38,6 @@ ASKED = {
     "check error over floor, median": "at most 1.05",
     "check error over floor, 95th percentile": "at most 1.2",
 }
-BASELINES = (
-    "jaxmodel diagnose",
-    "residual correlation",
-    "stepwise, 5 %",
-    "stepwise, BIC",
-    "LASSO",
-    "SINDy",
-    "SINDy, made to name one",
-)
 
 
 def publish(folder: Path, page: Path, group: str | None = None) -> None:
@@ -55,8 +46,7 @@ def publish(folder: Path, page: Path, group: str | None = None) -> None:
     The answers are kept in `sealed.jsonl`, those of harder cases in `harder.jsonl`, of confusable pairs in
     `confusable.jsonl`, of those nearer to a bench in `bench.jsonl`: so many cases take hours, and need not be diagnosed
     in one go. Those of earlier versions are in
-    `before.jsonl`, `harder-before.jsonl` and `opened.jsonl`; they stand beside, and judge no more. Baselines, ablations
-    and power are of the folder's cases that were gathered.
+    `before.jsonl`, `harder-before.jsonl` and `opened.jsonl`; they stand beside, and judge no more.
 
     Args:
         folder: with cases made and diagnosed.
@@ -91,26 +81,8 @@ def publish(folder: Path, page: Path, group: str | None = None) -> None:
     figures = {"sealed": _summary(cases)} | {f"{name}s alone": _summary(some) for name, some in alone.items()}
     figures |= {name: _summary(sets[name]) for name in ("harder", "confusable", "near a bench") if sets[name]}
     (out / "reliability.png").write_bytes(png(reliability_picture([*before, *cases])))
-    if group is None and any(folder.glob("[0-9]*/evidence.npz")):
-        tables |= _methods(folder, new, out, figures)
     _write(out / "results.json", figures)
     page.write_text(filled(page.read_text(), tables))
-
-
-def _methods(folder: Path, new: Sequence[Judged], out: Path, figures: dict[str, Any]) -> dict[str, str]:
-    """Return the tables of baselines and ablations, of cases that were gathered; they look inside the method."""
-    from benchmarks.discrepancy.ablations import IN_ANSWER
-    from benchmarks.discrepancy.compare import OURS, rates, read_compared, read_hidden, read_lifts
-
-    methods = rates(read_compared(folder, new))
-    ablated = [name for name in methods if name.startswith("score") or name in IN_ANSWER]
-    figures["methods"] = methods
-    (out / "power.png").write_bytes(png(power_picture(read_hidden(folder, new))))
-    (out / "range.png").write_bytes(png(range_picture(read_lifts(folder, new))))
-    return {
-        "baselines": markdown(methods, "method", BASELINES),
-        "ablations": markdown(methods, "part left out", [OURS, *ablated]),
-    }
 
 
 def _groups(cases: Sequence[Judged]) -> dict[str, int]:
