@@ -14,6 +14,7 @@ from discrepancy.advice.law_file import law_file
 from discrepancy.advice.next_experiment import best_of_each, propose
 from discrepancy.decision import ChannelEvidence, Evidence, decide
 from discrepancy.evidence.trial import Trial
+from discrepancy.fitting.candidates import is_told
 from discrepancy.fitting.lanes import one_thread_of_blas
 from discrepancy.fitting.laws import PORTS
 from discrepancy.fitting.model import Labels
@@ -431,7 +432,13 @@ def _blind(inv: Workings) -> tuple[str, ...]:
     for label, candidate in inv.bench.candidates.items():
         if candidate.group in ("effect", "sensor"):
             labels.setdefault(candidate.name, []).append(label)
-    return tuple(name for name, own in labels.items() if not any(label in seen for label in own))
+    unseen = [name for name, own in labels.items() if not any(label in seen for label in own)]
+    untold = [
+        name
+        for name, cls in inv.bench.catalogue.items()
+        if inv.case.kind in cls.kinds and name not in inv.case.effects and not is_told(inv.case, cls)
+    ]
+    return (*unseen, *untold)
 
 
 def _remarks(inv: Workings, trial: Trial, begun: Started, extrapolated: Sequence) -> tuple[str, ...]:

@@ -101,9 +101,10 @@ class Effect(eqx.Module):
     """A candidate effect: parameters as fields, one method for each port it touches.
 
     `column` is that of a sensor effect, "" for others, and `reads` the ending of the columns that it may sit on ("" is
-    one for all outputs). `switch` is for those who test many effects at once: at 0 the effect is absent to the bit, at
-    1 present, and the derivative by it at 0 is the direction in which the effect moves the model. None, the default, is
-    a plain 1.
+    one for all outputs). `told_by` is the parameter that must differ between runs for them to tell the effect from a
+    calibration. `switch` is for those who test many effects at once: at 0 the effect is absent to the bit, at 1
+    present, and the derivative by it at 0 is the direction in which the effect moves the model. None, the default, is a
+    plain 1.
     """
 
     name: ClassVar[str]
@@ -112,6 +113,7 @@ class Effect(eqx.Module):
     is_sensor: ClassVar[bool] = False
     has_memory: ClassVar[bool] = False
     reads: ClassVar[str] = ""
+    told_by: ClassVar[str] = ""
 
     column: str = eqx.field(static=True, default="")
     switch: Scalar | None = None

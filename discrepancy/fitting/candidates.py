@@ -275,7 +275,7 @@ def _effects(case: Case, catalogue: Mapping[str, type[Effect]]) -> Iterator[Cand
     present = {f"{name}:{values['column']}" if values.get("column") else name for name, values in case.effects.items()}
     columns = _columns(case)
     for name, cls in catalogue.items():
-        if case.kind not in cls.kinds or name in present:
+        if case.kind not in cls.kinds or name in present or not is_told(case, cls):
             continue
         if not cls.is_sensor:
             yield make_candidate(cls(), specimen_ranges(case, cls))
@@ -287,6 +287,15 @@ def _effects(case: Case, catalogue: Mapping[str, type[Effect]]) -> Iterator[Cand
             # With a drive's input a little off, a rotor that stands still turns in the model, or does not start.
             sticks = case.kind != "cell" and column in case.runs[0].measured.inputs
             yield dataclasses.replace(fault, reach=_ACROSS_STANDSTILL) if sticks else fault
+
+
+def is_told(case: Case, cls: type[Effect]) -> bool:
+    """Return True where runs differ in what tells an effect: one age for all is but another calibration."""
+    if not cls.told_by:
+        return True
+    common = case.parameters.get(cls.told_by)
+    values = {(run.overrides.get(cls.told_by) or common) for run in case.runs if run.split == "fit"}
+    return len({None if one is None else one.value for one in values}) > 1
 
 
 def specimen_ranges(case: Case, cls: type[Effect]) -> dict[str, tuple[float, float]]:
