@@ -155,7 +155,6 @@ SMALL_KEPT = (
     "self_heating",
     "arrhenius_resistance",
     "ocv_hysteresis",
-    "capacity_fade",
     "voltage_offset",
     "ocv_curve",
     "series_resistance_curve",

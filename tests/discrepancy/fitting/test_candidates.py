@@ -126,6 +126,8 @@ def test_candidates_are_the_effects_of_the_kind_and_the_sensors_that_were_read()
         if not cls.reads or column.endswith(cls.reads)
     }
     curves = {name for name, cls in CURVES.items() if "cell" in cls.kinds}
+    # One age for all runs is but another calibration.
+    physics -= {name for name in physics if CATALOGUE[name].told_by}
     groups = {
         group: {label for label, candidate in found.items() if candidate.group == group}
         for group in ("effect", "sensor", "curve", "run")
@@ -134,6 +136,17 @@ def test_candidates_are_the_effects_of_the_kind_and_the_sensors_that_were_read()
 
     present = dataclasses.replace(case, effects={"ocv_hysteresis": {"M_V": 0.02}})
     assert {c.label for c in candidates(present)} == found.keys() - {"ocv_hysteresis"}
+
+
+def test_what_comes_with_age_is_a_candidate_where_fitted_runs_differ_in_age() -> None:
+    rows = np.zeros(20)
+    inputs, outputs = {"current_A": rows, "ambient_degC": rows}, {"voltage_V": rows}
+    stated = {"capacity_Ah": Known(5.2, 0.1), "cycles": Known(100.0)}
+    aged = {name for name, cls in CATALOGUE.items() if cls.told_by == "cycles"}
+    assert aged
+    for split, offered in (("fit", aged), ("check", set())):
+        runs = [run_of(1, inputs, outputs), run_of(2, inputs, outputs, split=split, cycles=Known(300.0))]
+        assert {c.label for c in candidates(case_of("cell", stated, runs))} & aged == offered
 
 
 def test_of_each_fitted_run_some_numbers_may_differ() -> None:

@@ -119,7 +119,7 @@ def with_noisy_current(sd: float, seed: int = 1) -> Case:
 
 def test_numbers_are_as_sure_as_fits_to_other_draws_of_the_noise_would_scatter() -> None:
     current_sd, draws = 0.03, 64
-    inv = investigation_of(with_noisy_current(current_sd), "capacity_fade")
+    inv = investigation_of(with_noisy_current(current_sd), "voltage_offset")
     base = inv.base
     noise = base.scale.noise
     assert noise["voltage_V"].from_inputs > 1e-3
