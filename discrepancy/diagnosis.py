@@ -14,20 +14,17 @@ from discrepancy.advice.law_file import law_file
 from discrepancy.advice.next_experiment import best_of_each, propose
 from discrepancy.decision import ChannelEvidence, Evidence, decide
 from discrepancy.evidence.trial import Trial
+from discrepancy.findings import curve_found, law_found, run_found, unknown_sentence
 from discrepancy.fitting.candidates import is_told
 from discrepancy.fitting.lanes import one_thread_of_blas
-from discrepancy.fitting.laws import PORTS
 from discrepancy.fitting.model import Labels
 from discrepancy.residuals.statements import statements
 from discrepancy.result import (
-    CurveFound,
     Diagnosis,
-    Estimate,
     Immaterial,
     NamedEffect,
     Remaining,
     Removed,
-    RunFound,
     Rung,
     ScoreEntry,
     Sensor,
@@ -36,7 +33,6 @@ from discrepancy.result import (
 from discrepancy.rungs import Started, errors_by_run, nominal, residuals_of, rung, started
 from discrepancy.workings import Progress, Workings
 from jaxmodel.cases import Case
-from jaxmodel.effects.curves import Curve
 from jaxmodel.errors import EffectError
 from jaxmodel.ports import Effect
 from jaxmodel.units import unit_of
@@ -56,11 +52,6 @@ def compare(
 ) -> Diagnosis:
     """Calibrate a case's model and hold it against the measurements, without asking what is missing.
 
-    Args:
-        case: with at least one fit run.
-        extra_effects: the user's own, by name.
-        progress: told what is being done.
-
     Raises:
         FitError: nothing is uncertain, or no run may be used to calibrate.
     """
@@ -73,14 +64,13 @@ def compare(
         candidates=(),
         unexplained=None,
         blind_to=(),
-        noise=_sensors(inv),
+        noise=_sensors(inv.base),
         ladder=ladder,
         scores=(),
         critical_z=float("nan"),
         remarks=_remarks(inv, inv.base, started(inv, inv.base), ()),
         remaining=_remaining(inv, inv.base, ladder[-1]),
         extrapolated=told.extrapolated(inv.case),
-        tolerance=_tolerances(inv),
         where_base=_where(inv, ladder[-1]),
         errors=errors_by_run(inv, {"base": ladder[-1]}),
     )
@@ -144,8 +134,8 @@ def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ord
     }
     order = sorted(holding, key=lambda one: lacking[one].log_evidence)
     laws = [label for label in final.labels if groups[label] == "law"]
-    curves = tuple(_curve(inv, final, label, removes[label]) for label in final.labels if groups[label] == "curve")
-    curves += tuple(_law(inv, final, label, removes[label]) for label in laws)
+    curves = tuple(curve_found(inv, final, label, removes[label]) for label in final.labels if groups[label] == "curve")
+    curves += tuple(law_found(inv, final, label, removes[label]) for label in laws)
     unstated = [curve for curve in curves if not curve.stated]
     extrapolated = told.extrapolated(inv.case)
     channels = {name: _channel_evidence(inv, found, name, ladder[1], last) for name in inv.noise}
@@ -153,7 +143,7 @@ def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ord
     evidence = Evidence(
         effects={label: (1.0 if label in wanted else holding[label]) for label in order},
         sensors=frozenset(label for label in order if groups[label] == "sensor"),
-        unknown=() if explained else tuple(_unknown_sentence(curve) for curve in unstated),
+        unknown=() if explained else tuple(unknown_sentence(curve) for curve in unstated),
         channels=channels,
         extrapolates=bool(extrapolated),
     )
@@ -195,7 +185,7 @@ def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ord
         candidates=tuple((name, p) for name, p in candidates.items() if p >= 5e-4),
         unexplained=decision.unexplained,
         blind_to=tuple(name for name in blind if name not in {effect.name for effect in named}),
-        noise=_sensors(inv),
+        noise=_sensors(final),
         ladder=tuple(ladder),
         scores=tuple(
             ScoreEntry(gain.label, gain.z, bool(abs(gain.z) > critical), inv.bench.candidates[gain.label].name in blind)
@@ -205,7 +195,9 @@ def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ord
         critical_z=critical,
         remarks=_remarks(inv, final, begun, extrapolated),
         curves=curves,
-        runs=tuple(_run(inv, final, last, label, removes[label]) for label in final.labels if groups[label] == "run"),
+        runs=tuple(
+            run_found(inv, final, last, label, removes[label]) for label in final.labels if groups[label] == "run"
+        ),
         immaterial=tuple(_immaterial(inv, one) for one in found.refused.values()),
         remaining=_remaining(inv, final, last),
         extrapolated=extrapolated,
@@ -250,7 +242,7 @@ def _weighed(inv: Workings, found: policy.Found) -> tuple[dict[Labels, float], d
 
 
 def _name(inv: Workings, labels: Sequence[str]) -> str:
-    """Return the name of a model in the answer: 'base', 'a' or 'a+b', without columns."""
+    """Return the name of a model in the answer, without columns."""
     return "+".join(inv.bench.candidates[label].name for label in labels) or "base"
 
 
@@ -276,78 +268,10 @@ def _removes(lacking: Rung, final: Rung) -> dict[str, Removed]:
     }
 
 
-def _values(inv: Workings, trial: Trial, label: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values of a curve or law at its knots, and their sd."""
-    layout, candidate = inv.bench.layout, inv.bench.candidates[label]
-    places = list(layout.of[label])
-    columns = slice(candidate.offset, candidate.offset + len(candidate.coordinates))
-    mix = candidate.mix[:, columns]
-    if candidate.law is not None:
-        knots = inv.settings.law_knots
-        mix = mix[candidate.law[0] * knots : (candidate.law[0] + 1) * knots]
-    own = list(trial.setting.own)
-    mine = [own.index(place) for place in places]
-    covariance = trial.fitted.covariance[np.ix_(mine, mine)]
-    return mix @ trial.fitted.x[places], np.sqrt(np.maximum(np.diag(mix @ covariance @ mix.T), 0.0))
-
-
-def _curve(inv: Workings, trial: Trial, label: str, removes: dict[str, Removed]) -> CurveFound:
-    candidate = inv.bench.candidates[label]
-    effect = candidate.effect
-    assert isinstance(effect, Curve)
-    values, sd = _values(inv, trial, label)
-    return CurveFound(
-        label, candidate.port if label != "entropy_curve" else "entropy_coefficient", candidate.over,
-        np.array(effect.knots), values, sd, effect.unit, removes, candidate.stated,
-    )  # fmt: skip
-
-
-def _law(inv: Workings, trial: Trial, label: str, removes: dict[str, Removed]) -> CurveFound:
-    candidate = inv.bench.candidates[label]
-    assert candidate.law is not None
-    low, high = candidate.law[1][-4], candidate.law[1][-3]
-    values, sd = _values(inv, trial, label)
-    factor = candidate.law[1][-1] if candidate.multiplier else 1.0
-    at = np.linspace(low, high, values.size)
-    unit = {"torque_constant": "N m/A", "motor_loss": "W", "cell_heat": "W"}.get(candidate.port, "")
-    unit = unit or ("V" if candidate.port in ("overpotential", "bridge_voltage") else "")
-    unit = unit or ("N m" if candidate.port == "load_torque" else "A")
-    return CurveFound(
-        label, candidate.port, candidate.over, at, factor * values, factor * sd, unit, removes, False,
-        candidate.multiplier,
-    )  # fmt: skip
-
-
-def _unknown_sentence(curve: CurveFound) -> str:
-    """Say where a law acts, and how it depends on state and input."""
-    equation = next((ports[curve.port][2] for ports in PORTS.values() if curve.port in ports), curve.port)
-    factor = f" in proportion to {curve.multiplier}" if curve.multiplier else ""
-    turns = np.diff(curve.value)
-    unit = f" {curve.unit}" if curve.unit else ""
-    if np.all(turns >= 0.0) or np.all(turns <= 0.0):
-        shape = f"{'rising' if turns.sum() > 0 else 'falling'} by {abs(curve.value[-1] - curve.value[0]):.3g}{unit}"
-    else:
-        shape = f"between {curve.value.min():.3g} and {curve.value.max():.3g}{unit}"
-    return (
-        f"what is left acts on {equation.replace('_', ' ')}{factor} as a function of {curve.over}, {shape} over "
-        f"{curve.at.min():.3g} to {curve.at.max():.3g}"
-    )
-
-
-def _run(inv: Workings, trial: Trial, last: Rung, label: str, removes: dict[str, Removed]) -> RunFound:
-    candidate = inv.bench.candidates[label]
-    run = inv.case.runs[candidate.run]
-    coordinate = candidate.coordinates[0]
-    estimate = last.estimates.get(f"{coordinate.name}[{run.name}]", Estimate(np.nan, np.nan, ""))
-    names = {"contact_resistance": "series_resistance_ohm", "friction_shift": "friction_torque_Nm"}
-    parameter = names.get(candidate.effect.name, candidate.effect.label)
-    return RunFound(label, run.name, run.file, parameter, estimate.value, estimate.sd, estimate.unit, removes)
-
-
 def _channel_evidence(inv: Workings, found: policy.Found, name: str, base: Rung, last: Rung) -> ChannelEvidence:
     tolerance = inv.case.tolerance.get(name)
     return ChannelEvidence(
-        noise=inv.noise[name].sd,
+        noise=found.final.scale.noise[name].sd,
         before=base.errors[name].fit,
         fit=last.errors[name].fit,
         check=last.errors[name].check,
@@ -371,8 +295,8 @@ def _immaterial(inv: Workings, refused: policy.Addition) -> Immaterial:
     return Immaterial(name, {}, f"{name}: the fitted runs show it (log evidence {refused.gain:+.1f}), and {reason}")
 
 
-def _sensors(inv: Workings) -> dict[str, Sensor]:
-    return {name: Sensor(one.sd, one.rho, one.source, one.quantum) for name, one in inv.noise.items()}
+def _sensors(trial: Trial) -> dict[str, Sensor]:
+    return {name: Sensor(one.sd, one.rho, one.source, one.quantum) for name, one in trial.scale.noise.items()}
 
 
 def _where(inv: Workings, one: Rung) -> dict[str, tuple[str, ...]]:
@@ -456,7 +380,7 @@ def _remarks(inv: Workings, trial: Trial, begun: Started, extrapolated: Sequence
             of_runs.append(dataclasses.replace(known, run=inv.case.runs[run].name))
     return (
         *inv.preparation,
-        *told.noise_remarks(inv.noise),
+        *told.noise_remarks(trial.scale.noise),
         *told.nothing_moves(fitted),
         *told.strained([*common, *of_runs]),
         *told.out_of_range(inv.bench, trial),
@@ -468,6 +392,6 @@ def _remarks(inv: Workings, trial: Trial, begun: Started, extrapolated: Sequence
 
 def _law_source(inv: Workings, trial: Trial, laws: Sequence[str]) -> str | None:
     for label in laws:
-        law = _law(inv, trial, label, {})
+        law = law_found(inv, trial, label, {})
         return law_file(inv.bench.candidates[label], law.value, law.at, inv.case.kind, inv.case.name)
     return None

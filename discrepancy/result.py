@@ -244,8 +244,7 @@ class Diagnosis:
         fit_for_purpose: by channel and check run, whether the error is within tolerance.
         where_base: sentences on where the calibrated base model fails, by channel.
         errors: a row for each channel of each run.
-        rivals: models between which the data have not decided.
-        proposals: what to measure to decide.
+        rivals, proposals: models between which the data have not decided, and what to measure to decide.
         law_source: the file of an unknown law as an effect.
         ordered: what the user had added or ruled out.
     """
@@ -293,11 +292,6 @@ class Diagnosis:
         """Return the answer in the form of the case contract."""
         return answer(self)
 
-    def __repr__(self) -> str:
-        """Say the verdict and what is named."""
-        named = ", ".join(effect.label for effect in self.effects) or "no effect"
-        return f"Diagnosis({self.case.name}: {self.verdict or 'calibrated'}, {named})"
-
 
 def number(value: float) -> float | None:
     """Return a number to six digits, ready for JSON; None where it does not exist."""
@@ -306,10 +300,6 @@ def number(value: float) -> float | None:
 
 def _split(error: ChannelError | Removed) -> dict[str, float | None]:
     return {"fit": number(error.fit), "check": number(error.check)}
-
-
-def _removes(removes: Mapping[str, Removed]) -> dict[str, Any]:
-    return {channel: _split(one) for channel, one in removes.items()}
 
 
 def answer(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -326,7 +316,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
                     **({"column": effect.column} if effect.column else {}),
                 },
                 "cannot_tell_apart_from": list(effect.cannot_tell_apart_from),
-                "removes": _removes(effect.removes),
+                "removes": {c: _split(one) for c, one in effect.removes.items()},
                 **({"rests_on": effect.rests_on} if effect.rests_on else {}),
             }
             for effect in diagnosis.effects
@@ -359,7 +349,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
                 "value": [number(x) for x in curve.value],
                 "sd": [number(x) for x in curve.sd],
                 "unit": curve.unit or "log of a factor",
-                "removes": _removes(curve.removes),
+                "removes": {c: _split(one) for c, one in curve.removes.items()},
             }
             for curve in diagnosis.curves
         ],
@@ -370,11 +360,14 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
                 "value": number(run.value),
                 "sd": number(run.sd),
                 "unit": run.unit,
-                "removes": _removes(run.removes),
+                "removes": {c: _split(one) for c, one in run.removes.items()},
             }
             for run in diagnosis.runs
         ],
-        "immaterial": [{"name": one.name, "removes": _removes(one.removes)} for one in diagnosis.immaterial],
+        "immaterial": [
+            {"name": one.name, "removes": {c: _split(r) for c, r in one.removes.items()}}
+            for one in diagnosis.immaterial
+        ],
         "remaining": {
             channel: {"rms": number(one.rms), "tau_s": number(one.tau_s), "where": list(one.where)}
             for channel, one in diagnosis.remaining.items()

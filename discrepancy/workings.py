@@ -134,7 +134,7 @@ class Workings:
         for number in range(_MOST_REWEIGHTINGS):
             screened = screen(trial.scale.view, trial.setting, trial.fitted.x, trial.scale.noise)
             linear = self._linear(trial, screened)
-            left = linear.richest(self.settings.least_odds + np.log(len(self.bench.candidates)))
+            left = linear.richest(self.settings.least_odds + np.log(max(1, len(self.bench.candidates))))
             scale = self._beside(trial.scale, left)
             if number and _same(scale.error, trial.scale.error):
                 break
@@ -199,6 +199,10 @@ class Workings:
             if doubtful and 0.0 < fast < model.own_sd / self.settings.noise_contradiction:
                 floor = max(fast, model.quantum / np.sqrt(12.0))
                 source = f"{model.source}; a model leaves no more than {floor:.3g} from one reading to the next"
+                if model.stated is not None and floor < self.settings.noise_contradiction * model.stated:
+                    # It was a lively input, and not the sensor, that made the readings scatter.
+                    floor = float(np.hypot(model.stated, model.quantum / np.sqrt(12.0)))
+                    source = f"stated ({model.stated:g})"
                 noise[name] = dataclasses.replace(model, sd=floor, rho=0.0, source=source)
         if any(noise[name] is not model for name, model in scale.noise.items()):
             shared = scale.view.readings.shared

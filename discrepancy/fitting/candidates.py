@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from discrepancy.fitting.coordinates import Coordinate, effect_coordinate
 from discrepancy.fitting.laws import PORTS, law_effect, quantities, setting
 from discrepancy.settings import SETTINGS, Settings
 from jaxmodel.build import case_model
 from jaxmodel.cases import Case
-from jaxmodel.declaration import ParameterInfo, describe
+from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.effects.curves import CURVES
 from jaxmodel.effects.shifts import SHIFTS
@@ -29,8 +30,6 @@ Floats = NDArray[np.float64]
 # other side of a standstill.
 _ACROSS_RIDGES = 0.4
 _ACROSS_STANDSTILL = 1.0
-# Over which share of its spread a number bends into its ceiling.
-_BEND = 0.25
 # No fit begins further from the middle of an amplitude's usual range, in prior sd.
 _FURTHEST_START = 2.5
 # A law over fewer different values than this, or over so small a share of the largest, is none.
@@ -46,85 +45,6 @@ _TABLE_OF = {
 }
 
 Group = Literal["effect", "sensor", "curve", "run", "law"]
-
-
-@dataclasses.dataclass(frozen=True)
-class Coordinate:
-    """One unknown number as a standard normal: number = centre + spread x, or origin + sign exp(centre + spread x).
-
-    The standard normal is the prior: what the case states of a parameter, or the usual range of an effect's (its ends
-    at one standard deviation). Below a ceiling the straight line bends smoothly into it within a quarter of the spread:
-    above the last point of its table a state of charge moves nothing, and a fit would stumble over that edge.
-    """
-
-    name: str
-    centre: float
-    spread: float
-    logarithmic: bool = False
-    origin: float = 0.0
-    sign: float = 1.0
-    ceiling: float = math.inf
-
-    @property
-    def bend(self) -> float:
-        """Return over how much of the number the line bends into the ceiling."""
-        return _BEND * self.spread
-
-    def number(self, x: float) -> float:
-        """Return the number at the coordinate x."""
-        if self.logarithmic:
-            return self.origin + self.sign * float(np.exp(self.centre + self.spread * x))
-        straight = self.centre + self.spread * x
-        if self.ceiling == math.inf:
-            return straight
-        return self.ceiling - self.bend * float(np.logaddexp(0.0, (self.ceiling - straight) / self.bend))
-
-    def at(self, number: float) -> float:
-        """Return the coordinate of a number."""
-        if self.logarithmic:
-            return (math.log((number - self.origin) / self.sign) - self.centre) / self.spread
-        if self.ceiling != math.inf:
-            below = max((self.ceiling - number) / self.bend, 1e-3)
-            number = self.ceiling - self.bend * (below + math.log(-math.expm1(-below)))
-        return (number - self.centre) / self.spread
-
-    def slope(self, x: float) -> float:
-        """Return d(number)/dx, to carry a standard deviation over."""
-        if self.logarithmic:
-            return abs(self.spread * float(np.exp(self.centre + self.spread * x)))
-        if self.ceiling != math.inf:
-            away = (self.ceiling - self.centre - self.spread * x) / self.bend
-            return self.spread / (1.0 + float(np.exp(-away)))
-        return self.spread
-
-
-def known_coordinate(name: str, value: float, sd: float, info: ParameterInfo) -> Coordinate:
-    """Return the coordinate of a base parameter known to +- sd, on the logarithm where its table says so."""
-    if info.transform == "log" and value > 0.0:
-        return Coordinate(name, math.log(value), sd / value, logarithmic=True)
-    return Coordinate(name, value, sd)
-
-
-def effect_coordinate(name: str, info: ParameterInfo, usual: tuple[float, float] | None = None) -> Coordinate:
-    """Return the coordinate of an effect's parameter, from its usual range, or that of the specimen where one is given.
-
-    A range on one side of the null is taken on the logarithm of the distance from it, so that the sign is kept; a range
-    that spans the null is taken as it is.
-    """
-    assert info.typical is not None, f"{name} declares no usual range"
-    low, high = usual or info.typical
-    origin = info.null if info.null is not None and math.isfinite(info.null) else 0.0
-    near, far = sorted((abs(low - origin), abs(high - origin)))
-    if (low - origin) * (high - origin) <= 0.0:
-        return Coordinate(name, origin, max(abs(low), abs(high)))
-    return Coordinate(
-        name,
-        centre=0.5 * (math.log(near) + math.log(far)),
-        spread=0.5 * (math.log(far) - math.log(near)),
-        logarithmic=True,
-        origin=origin,
-        sign=math.copysign(1.0, high - origin),
-    )
 
 
 @dataclasses.dataclass(frozen=True)

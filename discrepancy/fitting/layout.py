@@ -9,7 +9,8 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
-from discrepancy.fitting.candidates import Candidate, Coordinate, known_coordinate
+from discrepancy.fitting.candidates import Candidate
+from discrepancy.fitting.coordinates import Coordinate, known_coordinate
 from jaxmodel.cases import Case
 from jaxmodel.declaration import ParameterInfo, describe
 from jaxmodel.effects import CATALOGUE

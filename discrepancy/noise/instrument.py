@@ -135,7 +135,8 @@ def channel_noise(
         return NoiseModel(seen, rho, f"estimated from {shown_by}", quantum)
     sd = float(np.sqrt(stated_sd**2 + rounding**2 + input_sd**2))
     ratio = seen / sd if free.count >= settings.fewest_for_noise else 1.0
-    too_small = ratio > settings.noise_contradiction
+    # Of coloured noise windows tell the sd within a factor of two only.
+    too_small = ratio > settings.noise_contradiction * (2.0 if free.is_coloured else 1.0)
     # White noise below what is stated contradicts it; coloured noise may have its larger part where no window sees it.
     too_large = ratio < 1.0 / settings.noise_contradiction and not free.is_coloured
     if too_small or too_large:
