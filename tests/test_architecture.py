@@ -35,7 +35,7 @@ DISCREPANCY = [
     {"screening"},
     {"evidence"},
     {"workings"},
-    {"policy", "rungs", "advice"},
+    {"policy", "rungs", "advice", "findings"},
     {"investigation"},
     {"diagnosis"},
     {"__init__"},

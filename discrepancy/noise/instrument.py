@@ -18,6 +18,7 @@ from scipy.optimize import fminbound
 from scipy.stats import chi2
 
 from discrepancy.noise.whitening import Bools, Floats, Integers, chain_weights, innovations, whiten
+from discrepancy.preparation.signals import detect_quantum
 from discrepancy.settings import SETTINGS, Settings
 
 # The series that tells noise which nobody states.
@@ -122,7 +123,7 @@ def channel_noise(
         The noise model; its sd is that of rounding alone where the data shows nothing, and 0 where every reading is the
         same: such a channel says nothing and cannot be whitened.
     """
-    quantum = detect_quantum(readings)
+    quantum = detect_quantum(np.asarray(readings, dtype=float))
     rounding = quantum / np.sqrt(12.0)
     free = estimate(None)
     # Rounding to a step far above the noise leaves stretches of equal readings, which are not free of noise.
@@ -150,49 +151,6 @@ def channel_noise(
     source += f", noise of measured inputs ({input_sd:.2g}) added" if input_sd else ""
     source += f"; correlation from {shown_by}" if rho else ""
     return NoiseModel(sd, rho, source, quantum, stated=stated_sd)
-
-
-def detect_quantum(readings: ArrayLike) -> float:
-    """Find the step to which readings are rounded.
-
-    The coarsest of 5, 2 and 1 x 10^k of which all readings are multiples; where they are also, within that rounding,
-    whole multiples of a coarser step that is no round number (a converter's bit), that step.
-
-    Args:
-        readings: (n,) readings; NaN is a missing one.
-
-    Returns:
-        The step in the readings' unit; 0 if all readings are equal or all are different.
-    """
-    values = np.asarray(readings, dtype=float)
-    values = values[np.isfinite(values)]
-    levels = np.unique(values)
-    if len(levels) < 2 or len(levels) == len(values):
-        return 0.0
-    decimal = _decimal_step(levels)
-    gaps = np.diff(levels)
-    bit = gaps.min()
-    if decimal == 0.0 or bit < 4.0 * decimal:
-        return decimal
-    # The shortest gaps fix the bit well enough to count the bits in longer ones, which then fix it better.
-    for reach in (1.5, 5.0, 20.0, np.inf):
-        short = gaps[gaps <= reach * bit]
-        bit = short.sum() / np.round(short / bit).sum()
-    off_grid = (levels - levels[0]) / bit
-    off_grid = np.abs(off_grid - np.round(off_grid)) * bit
-    return float(bit) if off_grid.max() <= 1.1 * decimal else decimal
-
-
-def _decimal_step(levels: Floats) -> float:
-    largest = np.abs(levels).max()
-    top = int(np.floor(np.log10(np.diff(levels).min()))) + 1
-    for exponent in range(top, -13, -1):
-        for digit in (5.0, 2.0, 1.0):
-            step = digit * 10.0**exponent
-            multiples = levels / step
-            if np.abs(multiples - np.round(multiples)).max() <= 1e-9 * max(1.0, largest / step):
-                return step
-    return 0.0
 
 
 def break_at_jumps(starts: ArrayLike, inputs: ArrayLike, settling_rows: int = 1) -> Bools:

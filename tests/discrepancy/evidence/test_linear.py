@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from discrepancy.evidence.linear import AMPLITUDES, AS_FAR, Linear
-from discrepancy.fitting.candidates import Candidate, Coordinate
+from discrepancy.fitting.candidates import Candidate
+from discrepancy.fitting.coordinates import Coordinate
 from discrepancy.fitting.fit import fit
 from discrepancy.fitting.model import Bench, Setting, View
 from discrepancy.fitting.readings import Weights

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from discrepancy.fitting.candidates import Coordinate, candidates, effect_coordinate, known_coordinate, make_candidate
+from discrepancy.fitting.candidates import candidates, make_candidate
+from discrepancy.fitting.coordinates import Coordinate, effect_coordinate, known_coordinate
 from jaxmodel.cases import Known
 from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
