@@ -30,6 +30,7 @@ from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import FitError
 from jaxmodel.measurements import KINDS, file_label
 from jaxmodel.ports import Effect
+from jaxmodel.units import unit_of
 
 Progress = Callable[[str], None]
 
@@ -212,7 +213,20 @@ class Workings:
             scale = Scale(noise, View(self.bench, readings), scale.weights)
         pieces = readings.pieces(_MOST_OF_A_SERIES)
         tolerance = {name: one.rms for name, one in self.case.tolerance.items()}
-        return scale.with_error(estimate(pieces, readings.differenced(left), tolerance, self.settings))
+        error = estimate(pieces, readings.differenced(left), tolerance, self.settings)
+        return scale.with_error(error.within(self._largest_errors))
+
+    @functools.cached_property
+    def _largest_errors(self) -> dict[str, float]:
+        """Return, by channel, the largest model error that is believed: else a fine sensor beside it decides alone."""
+        found = {}
+        for name in self.noise:
+            values = [run.measured.outputs[name] for run in self.case.runs if name in run.measured.outputs]
+            span = float(np.nanmax(np.concatenate(values)) - np.nanmin(np.concatenate(values)))
+            share = self.settings.assumed_voltage if unit_of(name) == "V" else self.settings.assumed_share
+            largest = self.settings.assumed_temperature_K if unit_of(name) == "degC" else share * span
+            found[name] = max(largest, self.noise[name].sd)
+        return found
 
     # Fits.
 

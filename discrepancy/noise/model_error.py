@@ -44,6 +44,11 @@ class ModelError:
         own = [sd for (name, _), sd in self.sd.items() if name == channel]
         return float(np.sqrt(np.mean(np.square(own)))) if own else 0.0
 
+    def within(self, largest: Mapping[str, float]) -> ModelError:
+        """Return the model error with no s above a channel's largest."""
+        sd = {series: min(one, largest.get(series[0], np.inf)) for series, one in self.sd.items()}
+        return dataclasses.replace(self, sd=sd)
+
 
 NONE = ModelError()
 
