@@ -19,8 +19,11 @@ from discrepancy.fitting.candidates import is_told
 from discrepancy.fitting.lanes import one_thread_of_blas
 from discrepancy.fitting.model import Labels
 from discrepancy.residuals.statements import statements
+from discrepancy.residuals.table import ChannelResiduals
 from discrepancy.result import (
+    CurveFound,
     Diagnosis,
+    Extrapolated,
     Immaterial,
     NamedEffect,
     Remaining,
@@ -28,14 +31,13 @@ from discrepancy.result import (
     Rung,
     ScoreEntry,
     Sensor,
-    ToleranceUsed,
 )
 from discrepancy.rungs import Started, errors_by_run, nominal, residuals_of, rung, started
+from discrepancy.tolerances import fit_for_purpose, tolerances
 from discrepancy.workings import Progress, Workings
 from jaxmodel.cases import Case
 from jaxmodel.errors import EffectError
 from jaxmodel.ports import Effect
-from jaxmodel.units import unit_of
 
 SOMETHING_ELSE = "something_else"
 # Log evidence within which two models are told apart by nothing: 20 to 1.
@@ -52,11 +54,19 @@ def compare(
 ) -> Diagnosis:
     """Calibrate a case's model and hold it against the measurements, without asking what is missing.
 
+    Args:
+        case: with at least one fit run.
+        extra_effects: the user's own, by name.
+        progress: told what is being done.
+
     Raises:
         FitError: nothing is uncertain, or no run may be used to calibrate.
     """
     inv = Workings(case, extra_effects=extra_effects, progress=progress)
-    ladder = (nominal(inv), rung(inv, "calibrated", inv.base))
+    begun = started(inv, inv.base)
+    ladder = (nominal(inv), rung(inv, "calibrated", inv.base, begun))
+    left = residuals_of(inv, ladder[-1])
+    remaining = _remaining(inv, inv.base, ladder[-1], left)
     return Diagnosis(
         case=inv.case,
         verdict="",
@@ -68,11 +78,12 @@ def compare(
         ladder=ladder,
         scores=(),
         critical_z=float("nan"),
-        remarks=_remarks(inv, inv.base, started(inv, inv.base), ()),
-        remaining=_remaining(inv, inv.base, ladder[-1]),
+        remarks=_remarks(inv, inv.base, begun, ladder[-1], ()),
+        remaining=remaining,
         extrapolated=told.extrapolated(inv.case),
-        where_base=_where(inv, ladder[-1]),
-        errors=errors_by_run(inv, {"base": ladder[-1]}),
+        tolerance=tolerances(inv),
+        where_base={name: one.where for name, one in remaining.items()},
+        errors=errors_by_run(inv, {"base": left}),
     )
 
 
@@ -123,6 +134,8 @@ def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ord
     if final.labels:
         ladder.append(rung(inv, "with " + " + ".join(final.labels), final, begun))
     last = ladder[-1]
+    left = {"base": residuals_of(inv, ladder[1])}
+    left["final"] = residuals_of(inv, last) if final.labels else left["base"]
     groups = {label: inv.bench.candidates[label].group for label in final.labels}
     lacking = {label: _lacking(inv, found.weighed, final, label) for label in final.labels}
     removes = {label: _removes(rung(inv, "", trial), last) for label, trial in lacking.items()}
@@ -133,10 +146,9 @@ def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ord
         if groups[label] in ("effect", "sensor")
     }
     order = sorted(holding, key=lambda one: lacking[one].log_evidence)
-    laws = [label for label in final.labels if groups[label] == "law"]
+    laws = [law_found(inv, final, label, removes[label]) for label in final.labels if groups[label] == "law"]
     curves = tuple(curve_found(inv, final, label, removes[label]) for label in final.labels if groups[label] == "curve")
-    curves += tuple(law_found(inv, final, label, removes[label]) for label in laws)
-    unstated = [curve for curve in curves if not curve.stated]
+    unstated = [curve for curve in (*curves, *laws) if not curve.stated]
     extrapolated = told.extrapolated(inv.case)
     channels = {name: _channel_evidence(inv, found, name, ladder[1], last) for name in inv.noise}
     explained = bool(holding) and all(_small(one) for one in channels.values())
@@ -193,21 +205,21 @@ def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ord
             if inv.bench.candidates[gain.label].group in ("effect", "sensor")
         ),
         critical_z=critical,
-        remarks=_remarks(inv, final, begun, extrapolated),
-        curves=curves,
+        remarks=_remarks(inv, final, begun, ladder[1], extrapolated),
+        curves=(*curves, *laws),
         runs=tuple(
             run_found(inv, final, last, label, removes[label]) for label in final.labels if groups[label] == "run"
         ),
         immaterial=tuple(_immaterial(inv, one) for one in found.refused.values()),
-        remaining=_remaining(inv, final, last),
+        remaining=_remaining(inv, final, last, left["final"]),
         extrapolated=extrapolated,
-        tolerance=_tolerances(inv),
-        fit_for_purpose=_fit_for_purpose(inv, last),
-        where_base=_where(inv, ladder[1]),
-        errors=errors_by_run(inv, {"base": ladder[1], "final": last}),
+        tolerance=tolerances(inv),
+        fit_for_purpose=fit_for_purpose(inv, last),
+        where_base=_where(inv, left["base"]),
+        errors=errors_by_run(inv, left),
         rivals=tuple(_name(inv, one.labels) for one in rivals),
         proposals=proposals,
-        law_source=_law_source(inv, final, laws),
+        law_source=_law_source(inv, laws),
         ordered=tuple(ordered),
     )
 
@@ -299,54 +311,21 @@ def _sensors(trial: Trial) -> dict[str, Sensor]:
     return {name: Sensor(one.sd, one.rho, one.source, one.quantum) for name, one in trial.scale.noise.items()}
 
 
-def _where(inv: Workings, one: Rung) -> dict[str, tuple[str, ...]]:
+def _where(inv: Workings, left: Sequence[ChannelResiduals]) -> dict[str, tuple[str, ...]]:
+    """Return, by channel, sentences on where a model fails that leaves this."""
     capacity = inv.case.parameters.get("capacity_Ah")
     return {
         residuals.channel: tuple(
             s.text for s in statements(residuals, capacity_Ah=None if capacity is None else capacity.value)
         )
-        for residuals in residuals_of(inv, one)
+        for residuals in left
     }
 
 
-def _remaining(inv: Workings, trial: Trial, last: Rung) -> dict[str, Remaining]:
-    where = _where(inv, last)
+def _remaining(inv: Workings, trial: Trial, last: Rung, left: Sequence[ChannelResiduals]) -> dict[str, Remaining]:
+    where = _where(inv, left)
     tau = trial.scale.error.tau_s
     return {name: Remaining(last.errors[name].fit, tau.get(name, 0.0), where.get(name, ())) for name in inv.noise}
-
-
-def _tolerances(inv: Workings) -> dict[str, ToleranceUsed]:
-    found = {}
-    for name in inv.noise:
-        stated = inv.case.tolerance.get(name)
-        if stated is not None:
-            found[name] = ToleranceUsed(stated.rms, stated.max, False)
-            continue
-        values = [run.measured.outputs[name] for run in inv.case.runs if name in run.measured.outputs]
-        span = float(np.nanmax(np.concatenate(values)) - np.nanmin(np.concatenate(values)))
-        settings = inv.settings
-        share = settings.assumed_voltage if unit_of(name) == "V" else settings.assumed_share
-        rms = settings.assumed_temperature_K if unit_of(name) == "degC" else share * span
-        found[name] = ToleranceUsed(rms, None, True)
-    return found
-
-
-def _fit_for_purpose(inv: Workings, last: Rung) -> dict[str, dict[str, bool]]:
-    """Return, by channel and check run, whether the error is within the tolerance, stated or assumed."""
-    found: dict[str, dict[str, bool]] = {}
-    for name, tolerance in _tolerances(inv).items():
-        for run in inv.case.runs:
-            if run.split != "check" or name not in run.measured.outputs:
-                continue
-            own = run.tolerance.get(name)
-            errors = run.measured.outputs[name] - last.predictions[run.name][name]
-            errors = errors[np.isfinite(errors)]
-            if errors.size:
-                rms, largest = float(np.sqrt(np.mean(errors**2))), float(np.max(np.abs(errors)))
-                limit = own.max if own is not None else tolerance.largest
-                within = rms <= (own.rms if own is not None else tolerance.rms)
-                found.setdefault(name, {})[run.name] = within and (limit is None or largest <= limit)
-    return found
 
 
 def _blind(inv: Workings) -> tuple[str, ...]:
@@ -365,7 +344,9 @@ def _blind(inv: Workings) -> tuple[str, ...]:
     return (*unseen, *untold)
 
 
-def _remarks(inv: Workings, trial: Trial, begun: Started, extrapolated: Sequence) -> tuple[str, ...]:
+def _remarks(
+    inv: Workings, trial: Trial, begun: Started, base: Rung, extrapolated: Sequence[Extrapolated]
+) -> tuple[str, ...]:
     layout, fitted = inv.bench.layout, trial.fitted
     common, of_runs = [], []
     for place, pull in zip(trial.setting.own, fitted.pulls, strict=True):
@@ -381,6 +362,7 @@ def _remarks(inv: Workings, trial: Trial, begun: Started, extrapolated: Sequence
     return (
         *inv.preparation,
         *told.noise_remarks(trial.scale.noise),
+        *told.starts_moving(inv.case, trial.scale.noise, base.predictions),
         *told.nothing_moves(fitted),
         *told.strained([*common, *of_runs]),
         *told.out_of_range(inv.bench, trial),
@@ -390,8 +372,7 @@ def _remarks(inv: Workings, trial: Trial, begun: Started, extrapolated: Sequence
     )
 
 
-def _law_source(inv: Workings, trial: Trial, laws: Sequence[str]) -> str | None:
-    for label in laws:
-        law = law_found(inv, trial, label, {})
-        return law_file(inv.bench.candidates[label], law.value, law.at, inv.case.kind, inv.case.name)
-    return None
+def _law_source(inv: Workings, laws: Sequence[CurveFound]) -> str | None:
+    if not laws:
+        return None
+    return law_file(inv.bench.candidates[laws[0].label], laws[0].value, laws[0].at, inv.case.kind, inv.case.name)

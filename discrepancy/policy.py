@@ -36,6 +36,7 @@ class Addition:
         paid: log score gained on runs left out.
         expected: what it should gain there if it is true.
         pieces: into how many pieces each run was cut for that; 1 where runs were left out whole.
+        material: it takes enough off a channel's error.
     """
 
     label: str

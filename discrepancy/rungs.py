@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -215,12 +215,12 @@ def residuals_of(inv: Workings, one: Rung) -> list[ChannelResiduals]:
 _CONDITIONS = ("soc", "speed", "cell", "winding", "case", "current", "motor", "pack")
 
 
-def errors_by_run(inv: Workings, rungs: Mapping[str, Rung]) -> pd.DataFrame:
-    """Return a row for each channel of each run and each of some models, by name."""
+def errors_by_run(inv: Workings, left: Mapping[str, Sequence[ChannelResiduals]]) -> pd.DataFrame:
+    """Return a row for each channel of each run, for what each of some models leaves, by the model's name."""
     splits: dict[str, Literal["fit", "check"]] = {run.name: run.split for run in inv.case.runs}
     tables = []
-    for name, one in rungs.items():
-        table = error_table(residuals_of(inv, one), splits)
+    for name, channels in left.items():
+        table = error_table(channels, splits)
         table.insert(0, "model", name)
         tables.append(table)
     return pd.concat(tables, ignore_index=True)

@@ -219,14 +219,16 @@ class Workings:
     @functools.cached_property
     def _largest_errors(self) -> dict[str, float]:
         """Return, by channel, the largest model error that is believed: else a fine sensor beside it decides alone."""
-        found = {}
-        for name in self.noise:
-            values = [run.measured.outputs[name] for run in self.case.runs if name in run.measured.outputs]
-            span = float(np.nanmax(np.concatenate(values)) - np.nanmin(np.concatenate(values)))
-            share = self.settings.assumed_voltage if unit_of(name) == "V" else self.settings.assumed_share
-            largest = self.settings.assumed_temperature_K if unit_of(name) == "degC" else share * span
-            found[name] = max(largest, self.noise[name].sd)
-        return found
+        return {name: max(self.assumed_tolerance(name), model.sd) for name, model in self.noise.items()}
+
+    def assumed_tolerance(self, channel: str) -> float:
+        """Return the RMS that a channel may have where nobody states a tolerance, in its unit."""
+        if unit_of(channel) == "degC":
+            return self.settings.assumed_temperature_K
+        runs = [run.measured.outputs[channel] for run in self.case.runs if channel in run.measured.outputs]
+        values = np.concatenate(runs)
+        share = self.settings.assumed_voltage if unit_of(channel) == "V" else self.settings.assumed_share
+        return share * float(np.nanmax(values) - np.nanmin(values))
 
     # Fits.
 

@@ -35,7 +35,7 @@ DISCREPANCY = [
     {"screening"},
     {"evidence"},
     {"workings"},
-    {"policy", "rungs", "advice", "findings"},
+    {"policy", "rungs", "advice", "findings", "tolerances"},
     {"investigation"},
     {"diagnosis"},
     {"__init__"},
