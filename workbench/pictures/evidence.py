@@ -32,6 +32,7 @@ from workbench.wording import candidate_name, effect_name, is_law, rung_name
 # Knots with an sd of more than this times the median do not set the scale.
 _UNTOLD = 4.0
 _RUNG_WIDTH, _RUNG_LINES = 38, 3  # letters of a rung's name on one line, and its lines
+_MODEL_WIDTH = 46
 
 
 @styled
@@ -172,9 +173,10 @@ def _score_style(entry: ScoreEntry) -> tuple[str, str, str]:
 def candidates(diagnosis: Diagnosis) -> Figure:
     """Draw the probability of each hypothesis that has a hundredth of it."""
     shown = [one for one in diagnosis.candidates if one[1] >= 0.005] or diagnosis.candidates[:1]
-    names = [candidate_name(name) for name, _ in shown]
+    names = [textwrap.fill(candidate_name(name), _MODEL_WIDTH) for name, _ in shown]
     values = np.array([probability for _, probability in shown])
-    figure = new_figure(PAGE_CM, 1.6 + 0.68 * len(names))
+    lines = max(name.count("\n") for name in names)
+    figure = new_figure(PAGE_CM, 1.6 + (0.68 + 0.4 * lines) * len(names))
     axes = figure.subplots()
     places = np.arange(len(names))
     axes.barh(places, values, height=0.6, color=[FINAL if v == values.max() else BASE for v in values])
