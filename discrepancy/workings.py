@@ -19,10 +19,11 @@ from discrepancy.fitting.readings import Weights, collect
 from discrepancy.fitting.starts import faintest, likeliest_of_some, over_the_ridges
 from discrepancy.noise.contract import noise_of_case
 from discrepancy.noise.input_noise import InputNoise
-from discrepancy.noise.instrument import MAD_OF_NORMAL, NoiseModel
+from discrepancy.noise.instrument import NoiseModel
 from discrepancy.noise.model_error import NONE, ModelError, estimate
 from discrepancy.preparation import prepared
 from discrepancy.preparation.held_inputs import noisy_inputs
+from discrepancy.preparation.signals import robust_sd
 from discrepancy.screening.screen import Screen, screen
 from discrepancy.settings import SETTINGS, Settings
 from jaxmodel.cases import Case
@@ -353,8 +354,7 @@ def _objective(fitted: Fit) -> float:
 def _fast_scatter(series: Sequence[np.ndarray]) -> float:
     """Return the robust sd of what changes from one reading to the next, a straight line through three taken off."""
     second = [one[:-2] - 2.0 * one[1:-1] + one[2:] for one in series if one.size > 2]
-    together = np.concatenate([*second, np.zeros(0)])
-    return float(np.median(np.abs(together))) / MAD_OF_NORMAL / np.sqrt(6.0) if together.size else 0.0
+    return robust_sd(np.concatenate([*second, np.zeros(0)])) / np.sqrt(6.0)
 
 
 def _same(one: ModelError, other: ModelError) -> bool:

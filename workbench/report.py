@@ -15,7 +15,7 @@ import numpy as np
 
 from discrepancy.advice.next_experiment import in_words
 from discrepancy.advice.remarks import extrapolated_sentence as remark_on_extrapolation
-from discrepancy.evidence.linear import SEED
+from discrepancy.fitting.starts import SEED
 from discrepancy.result import Diagnosis, Extrapolated
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.ports import Effect

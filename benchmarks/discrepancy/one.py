@@ -5,7 +5,6 @@ The one place of the proving ground that calls the diagnosis.
 
 from __future__ import annotations
 
-import importlib
 import json
 import os
 import subprocess
@@ -23,13 +22,10 @@ MOST_SECONDS = 900.0
 
 def diagnose_folder(folder: Path) -> dict[str, Any]:
     """Return the answer of the diagnosis of a case."""
+    from discrepancy import diagnose
     from jaxmodel.cases import read_case
 
-    front = importlib.import_module("discrepancy")
-    if not callable(getattr(front, "answer", None)):  # before the package had a front door
-        found = importlib.import_module("discrepancy.diagnose").diagnose(read_case(folder))
-        return importlib.import_module("discrepancy.result").answer(found)
-    return front.answer(front.diagnose(read_case(folder)))
+    return diagnose(read_case(folder)).answer()
 
 
 def in_a_process(folder: Path, out: Path, *, cold: bool, limit_s: float = MOST_SECONDS) -> dict[str, Any]:

@@ -20,16 +20,10 @@ KEPT_PROGRAMS = ("JAX_COMPILATION_CACHE_DIR", "JAXMODEL_CACHE")
 
 def said_of(folder: Path) -> dict[str, Any]:
     """Return the answer of the diagnosis on a case: the one place that knows where the diagnosis lives."""
-    import discrepancy
+    from discrepancy import diagnose
     from jaxmodel.cases import read_case
 
-    case = read_case(folder)
-    if callable(getattr(discrepancy, "diagnose", None)):
-        return discrepancy.diagnose(case).answer()  # pyright: ignore[reportAttributeAccessIssue]
-    from discrepancy.diagnose import diagnose
-    from discrepancy.result import answer
-
-    return answer(diagnose(case))
+    return diagnose(read_case(folder)).answer()
 
 
 def diagnose_apart(folder: Path, limit_s: float) -> dict[str, Any]:

@@ -18,6 +18,7 @@ import numpy as np
 
 from discrepancy.fitting.candidates import Candidate
 from discrepancy.fitting.readings import Weights
+from discrepancy.fitting.starts import SEED
 from discrepancy.screening.screen import Direction, Screen
 
 # A direction of which less than this survives the projection is not told from the error of its differences.
@@ -27,8 +28,6 @@ ABSORBED = 3e-3
 IMITATED, AS_FAR = 0.03, 30.0
 # Of a curve or law, the sd of its prior in units of its usual size, the best of which is taken.
 AMPLITUDES = (0.1, 0.3, 1.0, 3.0, 10.0)
-# Of all random numbers: the same case is told the same.
-SEED = 0
 # Places of a standard normal, and the logs of its shares there.
 _PLACES = np.linspace(-4.0, 4.0, 161)
 _LOG_SHARES = -0.5 * _PLACES**2 - np.log(np.sum(np.exp(-0.5 * _PLACES**2)))

@@ -10,7 +10,7 @@ import numpy as np
 from discrepancy.noise.input_noise import InputNoise, slow_directions
 from discrepancy.noise.instrument import NoiseModel
 from discrepancy.noise.model_error import Chain, ModelError, Whitener
-from discrepancy.noise.whitening import chain_starts, chain_weights
+from discrepancy.noise.whitening import chain_starts, chain_weights, innovations
 from discrepancy.settings import SETTINGS, Settings
 from jaxmodel.cases import Case
 
@@ -48,11 +48,9 @@ class Readings:
 
     def differenced(self, errors: np.ndarray) -> np.ndarray:
         """Return errors (n, ...) less what the noise of each has of the one before it, at unchanged sd."""
-        weight = self.weight if errors.ndim == 1 else self.weight[:, None]
-        new = errors.copy()
-        scale = self.sd if errors.ndim == 1 else self.sd[:, None]
-        new[1:] -= weight[1:] * errors[:-1] * (scale[1:] / scale[:-1])
-        return new / np.sqrt(1.0 - weight**2)
+        if not self.weight.any():
+            return errors
+        return (innovations(errors.T / self.sd, self.weight) * self.sd).T
 
     def pieces(self, most: int | None = None) -> list[Chain]:
         """Return the chains as the model error sees them, thinned to so many readings each if asked for."""

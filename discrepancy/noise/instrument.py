@@ -18,13 +18,12 @@ from scipy.optimize import fminbound
 from scipy.stats import chi2
 
 from discrepancy.noise.whitening import Bools, Floats, Integers, chain_weights, innovations, whiten
-from discrepancy.preparation.signals import detect_quantum
+from discrepancy.preparation.signals import MAD_OF_NORMAL, detect_quantum
 from discrepancy.settings import SETTINGS, Settings
 
 # The series that tells noise which nobody states.
 BETWEEN_JUMPS = "the readings between jumps of the inputs"
 
-MAD_OF_NORMAL = 0.6745
 _SHORTEST_WINDOW = 8
 _PARABOLA = 3  # columns
 _KEPT_PROBABILITY = 0.99

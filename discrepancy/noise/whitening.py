@@ -12,12 +12,11 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from discrepancy.preparation.signals import after_pauses
+
 Floats = NDArray[np.floating]
 Bools = NDArray[np.bool_]
 Integers = NDArray[np.integer]
-
-# A row so many times as long as those on both sides is a pause: noise before it says nothing of noise after it.
-PAUSE = 10.0
 
 
 def chain_starts(times: Iterable[ArrayLike]) -> Bools:
@@ -31,14 +30,8 @@ def chain_starts(times: Iterable[ArrayLike]) -> Bools:
         is many times as long as those on both sides of it. A logger that reads slower for a while makes none.
     """
     return np.concatenate(
-        [np.zeros(0, dtype=bool), *(_run_starts(np.asarray(time_s, dtype=float)) for time_s in times)]
+        [np.zeros(0, dtype=bool), *(after_pauses(np.asarray(time_s, dtype=float)) for time_s in times)]
     )
-
-
-def _run_starts(time_s: Floats) -> Bools:
-    rows = np.diff(time_s)
-    beside = np.pad(rows, 1, constant_values=np.inf) if rows.size < 2 else np.pad(rows, 1, mode="reflect")
-    return np.append(True, rows > PAUSE * np.maximum(beside[:-2], beside[2:]))[: time_s.size]
 
 
 def block_labels(starts: ArrayLike, block_length: int) -> Integers:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import importlib
 import re
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ import numpy as np
 import pytest
 
 from benchmarks.discrepancy.visible import residuals, stands_out, with_truth, without
+from discrepancy import diagnose
 from jaxmodel.cases import Case
 from jaxmodel.known import Table
 from tests.discrepancy import bench_cases as made
@@ -29,11 +29,7 @@ CLEAR_SIGMA = 15.0
 
 def answer_of(case: Case) -> dict[str, Any]:
     """Return the answer of a diagnosis; all that is asked of the package."""
-    front = importlib.import_module("discrepancy")
-    if not callable(getattr(front, "answer", None)):  # before the package had a front door
-        found = importlib.import_module("discrepancy.diagnose").diagnose(case)
-        return importlib.import_module("discrepancy.result").answer(found)
-    return front.answer(front.diagnose(case))
+    return diagnose(case).answer()
 
 
 CASES: dict[str, dict[str, Any]] = {
