@@ -234,7 +234,9 @@ def _weighed(inv: Workings, found: policy.Found) -> tuple[dict[Labels, float], d
     final = found.final
     logs: dict[tuple[str, ...], float] = {}
     for trial in found.weighed:
-        prior = -sum(policy.odds_of(inv, inv.bench.candidates[one]) - inv.settings.least_odds for one in trial.labels)
+        prior = -sum(
+            policy.odds_of(inv, inv.bench.candidates[one], trial) - inv.settings.least_odds for one in trial.labels
+        )
         logs[trial.labels] = max(logs.get(trial.labels, -np.inf), trial.log_evidence + prior)
     values = np.array(list(logs.values()))
     shares = dict(zip(logs, np.exp(values - logsumexp(values)).tolist(), strict=True))

@@ -15,6 +15,7 @@ from discrepancy.evidence.linear import Gain
 from discrepancy.evidence.trial import Settled, Trial
 from discrepancy.fitting.candidates import Candidate
 from discrepancy.fitting.lanes import at_once
+from discrepancy.settings import Settings
 from discrepancy.workings import Workings
 
 CLOCK = "time_s"
@@ -35,8 +36,10 @@ class Addition:
         odds: log odds that it had to gain.
         paid: log score gained on runs left out.
         expected: what it should gain there if it is true.
-        pieces: into how many pieces each run was cut for that; 1 where runs were left out whole.
         material: it takes enough off a channel's error.
+        harmful: runs left out are missed by more with it.
+        left: share of the error on what is left out that remains with it, in units of tolerances.
+        plausible: it is about as large as physics knows it.
     """
 
     label: str
@@ -45,13 +48,20 @@ class Addition:
     odds: float
     paid: float
     expected: float
-    pieces: int = 1
     material: bool = True
+    harmful: bool = False
+    left: float = 1.0
+    plausible: bool = True
 
     @property
     def significant(self) -> bool:
         """Return True where its evidence is for it, among so many."""
         return self.gain > self.odds
+
+    @property
+    def merit(self) -> float:
+        """Return by what additions that pass are ranked: the evidence, and what it pays on runs left out."""
+        return self.gain + max(self.paid, 0.0)
 
     def foretells(self, should_pay: float) -> bool:
         """Return True where runs left out are foretold better with it, or none of them could show it."""
@@ -91,13 +101,12 @@ def run(investigation: Workings, start: Sequence[str] = (), seek: bool = True) -
     refused: dict[str, Addition] = {}
     seen, needed = {model.labels}, dict[str, float]()
     for _ in range(settings.most_rounds if seek else 0):
-        best, tried = _best_addition(inv, model)
-        if best is None:
+        passing, tried = _additions(inv, model)
+        best, added = _first_that_holds(inv, model, passing)
+        if best is None or added is None:
             refused = {one.label: one for one in tried if one.significant}
             break
-        inv.tell(f"adding {best.label}")
-        model = inv.settled(best.trial.labels, best.trial)
-        model = _without_what_is_idle(inv, model, (*start, best.label), needed)
+        model = _without_what_is_idle(inv, added, (*start, best.label), needed)
         path.append(model)
         if model.labels in seen:
             break
@@ -116,12 +125,13 @@ def run(investigation: Workings, start: Sequence[str] = (), seek: bool = True) -
     return Found(model, tuple(path), refused, laws, tuple(_weighed(inv, model, start)))
 
 
-def odds_of(inv: Workings, candidate: Candidate) -> float:
-    """Return the log odds that a candidate must gain: the fewer are like it, the less."""
+def odds_of(inv: Workings, candidate: Candidate, model: Trial) -> float:
+    """Return the log odds that a candidate must gain beside a model: the fewer are like it, the less."""
     group = ("effect", "sensor") if candidate.group in ("effect", "sensor") else (candidate.group,)
     rarer = inv.settings.rarer
     alike = sum(np.exp(-rarer * _is_rare(one)) for one in inv.bench.candidates.values() if one.group in group)
-    return inv.settings.least_odds + float(np.log(max(1.0, alike))) + rarer * _is_rare(candidate)
+    unsure = inv.settings.beside_error if model.scale.error.sd else 0.0
+    return inv.settings.least_odds + float(np.log(max(1.0, alike))) + rarer * _is_rare(candidate) + unsure
 
 
 def _is_rare(candidate: Candidate) -> bool:
@@ -130,33 +140,59 @@ def _is_rare(candidate: Candidate) -> bool:
 
 
 def _passes(inv: Workings, addition: Addition) -> bool:
-    return addition.significant and addition.foretells(inv.settings.should_pay) and addition.material
+    pays = addition.foretells(inv.settings.should_pay) and not addition.harmful
+    return addition.significant and pays and addition.material and addition.plausible
 
 
-def _best_addition(inv: Workings, model: Settled) -> tuple[Addition | None, list[Addition]]:
-    """Return the addition to take, if any passes the gates, and all that were tried."""
+def _additions(inv: Workings, model: Settled) -> tuple[list[Addition], list[Addition]]:
+    """Return the additions that pass the gates, in the order in which to take them, and all that were tried.
+
+    An effect goes before a curve that gains not much more: a curve is no new physics.
+    """
     settings = inv.settings
     gains = [gain for gain in inv.linear(model).gains() if _may_enter(inv, model, gain.label)]
 
     def promising(groups: Sequence[str], count: int) -> list[Gain]:
         own = [gain for gain in gains if inv.bench.candidates[gain.label].group in groups]
-        return [g for g in own if g.log_evidence > 0.5 * odds_of(inv, inv.bench.candidates[g.label])][:count]
+        return [g for g in own if g.log_evidence > 0.5 * odds_of(inv, inv.bench.candidates[g.label], model)][:count]
+
+    def passing(some: Sequence[Addition]) -> list[Addition]:
+        return _ranked(settings, [one for one in some if _passes(inv, one)])
 
     effects = promising(("effect", "sensor"), settings.refitted_effects)
     others = promising(("curve",), settings.refitted_curves) + promising(("run",), settings.refitted_runs)
     tried = _refitted(inv, model, effects)
-    first = max([one for one in tried if _passes(inv, one)], key=lambda one: one.gain, default=None)
+    first = passing(tried)
     most = max((gain.log_evidence for gain in others), default=0.0)
-    if first is not None and first.gain > settings.preference * most:
+    if first and first[0].gain > settings.preference * most:
         return first, tried
-    tried += _refitted(inv, model, others)
-    passing = [one for one in tried if _passes(inv, one)]
-    if not passing:
-        return None, tried
-    best = max(passing, key=lambda one: one.gain)
-    if first is not None and first.gain > settings.preference * best.gain:
-        return first, tried
-    return best, tried
+    beside = _refitted(inv, model, others)
+    second = passing(beside)
+    if first and second and first[0].gain > settings.preference * second[0].gain:
+        return first + second, tried + beside
+    return _ranked(settings, first + second), tried + beside
+
+
+def _ranked(settings: Settings, passing: Sequence[Addition]) -> list[Addition]:
+    """Return additions in the order in which to take them.
+
+    First those that take most off the error on what is left out; those that take nearly as much, and near the noise
+    all do, by their evidence.
+    """
+    least = min((one.left for one in passing), default=0.0)
+    return sorted(passing, key=lambda one: (one.left > (1.0 + settings.worse) * least, -one.merit))
+
+
+def _first_that_holds(
+    inv: Workings, model: Settled, passing: Sequence[Addition]
+) -> tuple[Addition, Settled] | tuple[None, None]:
+    """Return the first addition that harms no run left out under weights of its own either, and its model."""
+    for one in passing:
+        inv.tell(f"adding {one.label}")
+        added = inv.settled(one.trial.labels, one.trial)
+        if not inv.harms(added, model):
+            return one, added
+    return None, None
 
 
 def _refitted(inv: Workings, model: Settled, gains: Sequence[Gain]) -> list[Addition]:
@@ -176,17 +212,15 @@ def addition(inv: Workings, model: Trial, gain: Gain) -> Addition:
     """Return what the gates say of one addition, refitted under the model's weights."""
     candidate = inv.bench.candidates[gain.label]
     trial = inv.trial((*model.labels, gain.label), model, gain)
-    paid, expected = trial.pays(model)
-    pieces = 1
-    if candidate.group == "run" or expected < inv.settings.should_pay:
-        # One run alone can tell: its blocks of time stand for runs.
-        pieces = inv.settings.left_out_blocks
-        paid, expected = trial.pays(model, pieces)
+    if candidate.is_vector:
+        trial = inv.at_its_best(trial)
+    paid, expected = inv.pays(trial, model)
     gained = trial.log_evidence - model.log_evidence
-    material = inv.is_material(trial, model)
+    material, harmful = inv.is_material(trial, model), inv.harms(trial, model)
+    left, plausible = inv.share_left(trial, model), inv.is_plausible(trial, gain.label)
     # Of a first one the odds are even: below them the answer is undecided, not adequate.
-    odds = odds_of(inv, candidate) - (0.0 if model.labels else inv.settings.least_odds)
-    return Addition(gain.label, trial, gained, odds, paid, expected, pieces, material)
+    odds = odds_of(inv, candidate, model) - (0.0 if model.labels else inv.settings.least_odds)
+    return Addition(gain.label, trial, gained, odds, paid, expected, material, harmful, left, plausible)
 
 
 def _may_enter(inv: Workings, model: Settled, label: str) -> bool:
@@ -218,9 +252,9 @@ def _without_what_is_idle(
         without = at_once(partial(_lacking, inv, model), others)
         lost = {label: model.log_evidence - one.log_evidence for label, one in zip(others, without, strict=True)}
         needed |= lost
-        label = min(others, key=lambda one: lost[one] - odds_of(inv, inv.bench.candidates[one]))
+        label = min(others, key=lambda one: lost[one] - odds_of(inv, inv.bench.candidates[one], model))
         alone = inv.settings.least_odds if len(model.labels) == 1 else 0.0
-        if lost[label] > odds_of(inv, inv.bench.candidates[label]) - alone:
+        if lost[label] > odds_of(inv, inv.bench.candidates[label], model) - alone:
             return model
         inv.tell(f"dropping {label}")
         model = inv.settled(without[others.index(label)].labels, without[others.index(label)])
@@ -246,6 +280,7 @@ def _swapped(inv: Workings, model: Settled, keep: Sequence[str]) -> tuple[Settle
         rivals = [gain for gain in rivals if gain.log_evidence > 0.5 * promised]
         tried = at_once(partial(addition, inv, lacking), rivals) if rivals else []
         better = [one for one in tried if one.trial.log_evidence > model.log_evidence + _swap_price(inv, label, one)]
+        better = [one for one in better if _passes(inv, one) and not inv.harms(one.trial, model)]
         if better:
             best = max(better, key=lambda one: one.gain)
             inv.tell(f"taking {best.label} in place of {label}")
@@ -265,7 +300,7 @@ def _laws(inv: Workings, model: Settled) -> tuple[tuple[Addition, ...], Settled]
     if not model.scale.error.sd or not _worth_a_law(inv, model):
         return (), model
     linear = inv.linear_at(model, groups=("law",))
-    gains = [one for one in linear.gains() if one.log_evidence > odds_of(inv, inv.bench.candidates[one.label])]
+    gains = [one for one in linear.gains() if one.log_evidence > odds_of(inv, inv.bench.candidates[one.label], model)]
     of_clock = [one for one in gains if inv.bench.candidates[one.label].over == CLOCK]
     for some in ([one for one in gains if one not in of_clock], of_clock):
         if not some:

@@ -22,11 +22,17 @@ class Settings:
 
     # Error of the model: an Ornstein-Uhlenbeck process for each channel and run.
     memory_s: tuple[float, ...] = _constant(
-        (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0), "correlation times tried", "design: log-normal about 30 to 1,000 s"
+        (10.0, 30.0, 100.0),
+        "correlation times tried",
+        "assumed; of longer ones an error of a whole run costs nothing, and a fit lets it grow",
     )
     memory_median_s: float = _constant(170.0, "median of the prior of the correlation time", "design")
     memory_spread: float = _constant(1.2, "sd of its logarithm", "design")
     error_from_run_to_run: float = _constant(0.7, "sd of the logarithm of a run's model error about that of all runs")
+    least_error_share: float = _constant(
+        0.3, "share of the tolerance, stated or assumed, up to which a model error that is there is raised"
+    )
+    error_raised: float = _constant(3.0, "times its most probable size, at most, to which it is raised")
     least_error_gain: float = _constant(
         6.0, "log likelihood that a model error must gain before it is believed", "two numbers at p = 0.002"
     )
@@ -46,12 +52,23 @@ class Settings:
     most_rounds: int = _constant(8, "rounds after which the loop stops whatever is left")
     least_odds: float = _constant(1.0, "log odds that evidence must give beyond the count of candidates", "3 to 1")
     rarer: float = _constant(3.0, "log odds against what benches show more rarely", "20 to 1, assumed")
+    beside_error: float = _constant(
+        5.0, "log odds more, where a model error is there: that it is an Ornstein-Uhlenbeck process is not known"
+    )
     preference: float = _constant(
         0.25, "an effect that gains this share of what the best curve gains goes before it", "a curve is no new physics"
     )
     should_pay: float = _constant(
         6.0, "log score that an addition should bring on runs left out before it is refused for not bringing any"
     )
+    implausible: float = _constant(
+        4.0,
+        "sd of its prior beyond which the size of an addition is none that physics knows, and stands in for another",
+    )
+    worse: float = _constant(
+        0.1, "share by which the error on runs left out, in units of tolerances, may rise with an addition"
+    )
+    negligible: float = _constant(0.5, "share of a tolerance below which such an error does not count")
     material_share: float = _constant(0.1, "share of a tolerance that an addition must take off an error", "design")
     least_share: float = _constant(
         0.2, "share of a channel's error beyond noise that an addition must take where no tolerance is stated"
@@ -60,7 +77,10 @@ class Settings:
     law_share: float = _constant(0.25, "share of a channel's error that is left above which an unknown law is sought")
     faint_law: float = _constant(0.02, "and above which it is sought where what is left is near the noise")
     near_noise: float = _constant(5.0, "times the noise up to which what is left is near it")
-    left_out_blocks: int = _constant(4, "blocks of time of one run that stand for runs where one run alone can tell")
+    left_out_blocks: int = _constant(
+        4, "pieces of time into which a run is cut, of which each is left out once; of fewer each is another condition"
+    )
+    fewest_blocks: int = _constant(8, "pieces of all runs together, at least")
 
     # The answer.
     named: float = _constant(0.5, "probability from which an effect is named")

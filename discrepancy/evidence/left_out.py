@@ -11,6 +11,7 @@ less a constant common to all models. What is a block's own (a run's initial cha
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numpy as np
 
@@ -34,39 +35,95 @@ class LeftOut:
     blocks: np.ndarray
 
 
-def left_out(fitted: Fit, block: np.ndarray) -> LeftOut:
+@dataclasses.dataclass(frozen=True)
+class Blocks:
+    """The sums of squares and products of a fit's rows and Jacobian, block by block, unknowns in sd of their priors.
+
+    Attributes:
+        numbers: of the blocks, in order.
+        gram: (blocks, k, k) J'J.
+        slope: (blocks, k) J'e.
+        square: (blocks,) e'e.
+        pulls: (k,) unknowns.
+        scale: (k,) sd of the priors.
+    """
+
+    numbers: np.ndarray
+    gram: np.ndarray
+    slope: np.ndarray
+    square: np.ndarray
+    pulls: np.ndarray
+    scale: np.ndarray
+
+    @classmethod
+    def of(cls, fitted: Fit, block: np.ndarray) -> Blocks:
+        """Return the sums of a fit."""
+        numbers = np.unique(block)
+        parts = [(fitted.jacobian[block == one] * fitted.prior_sd, fitted.rows[block == one]) for one in numbers]
+        gram = np.stack([jacobian.T @ jacobian for jacobian, _ in parts])
+        slope = np.stack([jacobian.T @ rows for jacobian, rows in parts])
+        square = np.array([rows @ rows for _, rows in parts])
+        return cls(numbers, gram, slope, square, fitted.pulls, fitted.prior_sd)
+
+    def under(self, prior_sd: np.ndarray) -> Blocks:
+        """Return the sums at the fit under other priors, to first order."""
+        ratio = prior_sd / self.scale
+        gram, slope = self.gram * ratio[:, None] * ratio, self.slope * ratio
+        pulls = self.pulls / ratio
+        move = -np.linalg.solve(gram.sum(axis=0) + np.eye(ratio.size), slope.sum(axis=0) + pulls)
+        along = gram @ move
+        square = self.square + 2.0 * slope @ move + along @ move
+        return Blocks(self.numbers, gram, slope + along, square, pulls + move, prior_sd)
+
+    @functools.cached_property
+    def others(self) -> np.ndarray:
+        """Return the information of all other blocks and the priors, (blocks, k, k): sums alone, no difference."""
+        first, last = np.cumsum(self.gram, axis=0), np.cumsum(self.gram[::-1], axis=0)[::-1]
+        nothing = np.zeros((1, *self.gram.shape[1:]))
+        return np.concatenate([nothing, first[:-1]]) + np.concatenate([last[1:], nothing]) + np.eye(self.pulls.size)
+
+    @functools.cached_property
+    def moves(self) -> np.ndarray:
+        """Return how far the unknowns move without each block, to first order, (blocks, k)."""
+        return np.linalg.solve(self.others, self.slope[..., None])[..., 0]
+
+    def log_score(self, square: np.ndarray, slope: np.ndarray) -> np.ndarray:
+        """Return the log probability of each block given the others, (blocks,), by e'e and J'e as they leave it."""
+        whole = self.others + self.gram
+        taken = np.sum(slope * np.linalg.solve(whole, slope[..., None])[..., 0], axis=1)
+        return -0.5 * (square - taken + np.linalg.slogdet(whole)[1] - np.linalg.slogdet(self.others)[1])
+
+    def left(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the log probability of each block given the others and the squares that they leave, to first order."""
+        along = np.einsum("bij,bj->bi", self.gram, self.moves)
+        square = self.square + np.sum(self.moves * (2.0 * self.slope + along), axis=1)
+        return self.log_score(square, self.slope + along), square
+
+
+def left_out(
+    fitted: Fit, block: np.ndarray, moves: np.ndarray | None = None, rows: np.ndarray | None = None
+) -> LeftOut:
     """Return what a fitted model says of every block.
 
     Args:
         fitted: with its whitened rows and Jacobian.
         block: (readings,) number of each reading's block.
+        moves: (blocks, k) how far the free unknowns move without the block; to first order where None.
+        rows: (readings,) whitened errors of each block there; to first order where None.
     """
-    total = fitted.information
-    numbers = np.unique(block)
-    errors, scores, moves = fitted.rows.copy(), [], []
-    for number in numbers:
+    blocks = Blocks.of(fitted, block)
+    moves = blocks.moves * blocks.scale if moves is None else moves
+    errors = fitted.rows.copy() if rows is None else rows
+    if rows is None:
+        for place, number in enumerate(blocks.numbers):
+            mine = block == number
+            errors[mine] += fitted.jacobian[mine] @ moves[place]
+    square, slope = [], []
+    for number in blocks.numbers:
         mine = block == number
-        jacobian, rows = fitted.jacobian[mine], fitted.rows[mine]
-        own = jacobian.T @ jacobian
-        others = _positive(total - own, fitted.prior_sd)
-        move = np.linalg.solve(others, jacobian.T @ rows)
-        left = rows + jacobian @ move
-        errors[mine] = left
-        along = jacobian.T @ left
-        _, with_it = np.linalg.slogdet(others + own)
-        _, without = np.linalg.slogdet(others)
-        marginal = left @ left - along @ np.linalg.solve(others + own, along)
-        scores.append(-0.5 * (marginal + with_it - without))
-        moves.append(move)
-    return LeftOut(np.array(scores), errors, np.array(moves), numbers)
-
-
-def _positive(information: np.ndarray, prior_sd: np.ndarray) -> np.ndarray:
-    """Return information of the others; rounding may leave less than the priors, which are among the others."""
-    scaled = prior_sd[:, None] * information * prior_sd
-    values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
-    restored = (vectors * np.maximum(values, 1.0)) @ vectors.T
-    return restored / prior_sd[:, None] / prior_sd
+        square.append(errors[mine] @ errors[mine])
+        slope.append(fitted.prior_sd * (fitted.jacobian[mine].T @ errors[mine]))
+    return LeftOut(blocks.log_score(np.array(square), np.array(slope)), errors, moves, blocks.numbers)
 
 
 def expected_gain(richer: Fit, other: LeftOut, own: LeftOut, block: np.ndarray) -> np.ndarray:

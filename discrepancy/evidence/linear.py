@@ -27,7 +27,7 @@ ABSORBED = 3e-3
 # stated: a number that is stated wrongly is that.
 IMITATED, AS_FAR = 0.03, 30.0
 # Of a curve or law, the sd of its prior in units of its usual size, the best of which is taken.
-AMPLITUDES = (0.1, 0.3, 1.0, 3.0, 10.0)
+AMPLITUDES = (0.1, 0.3, 1.0, 3.0)
 # Places of a standard normal, and the logs of its shares there.
 _PLACES = np.linspace(-4.0, 4.0, 161)
 _LOG_SHARES = -0.5 * _PLACES**2 - np.log(np.sum(np.exp(-0.5 * _PLACES**2)))

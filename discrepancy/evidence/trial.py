@@ -8,7 +8,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from discrepancy.evidence.left_out import LeftOut, expected_gain, left_out
 from discrepancy.fitting.fit import Fit
 from discrepancy.fitting.layout import BASE, Start
 from discrepancy.fitting.model import Bench, Labels, Setting, View
@@ -81,11 +80,6 @@ class Trial:
         return self.fitted.log_evidence
 
     @functools.cached_property
-    def left_out(self) -> LeftOut:
-        """Return what it says of each run when the others alone are fitted."""
-        return left_out(self.fitted, self.scale.runs)
-
-    @functools.cached_property
     def sd(self) -> np.ndarray:
         """Return the sd of the free unknowns' coordinates, (k,): the larger of the posterior's and of the sandwich's.
 
@@ -101,22 +95,10 @@ class Trial:
         moved = scores @ self.fitted.covariance
         return np.sqrt(np.maximum(np.diag(self.fitted.covariance), np.sum(moved**2, axis=0) * count / (count - 1.0)))
 
-    def left_out_in(self, pieces: int) -> LeftOut:
-        """Return what it says of each piece of each run when the others alone are fitted."""
-        return left_out(self.fitted, self.scale.pieces(pieces))
-
     def start(self, bench: Bench) -> Start:
         """Return where it ended, as a start for another."""
         layout, x = bench.layout, self.fitted.x
         return {BASE: x[: layout.base]} | {label: x[list(layout.of[label])] for label in self.labels}
-
-    def pays(self, other: Trial, pieces: int = 1) -> tuple[float, float]:
-        """Return the log score that it gains over another on blocks left out, and what it should gain if it is true."""
-        block = self.scale.runs if pieces == 1 else self.scale.pieces(pieces)
-        own = self.left_out if pieces == 1 else self.left_out_in(pieces)
-        others = other.left_out if pieces == 1 else other.left_out_in(pieces)
-        gained = own.log_score - others.log_score
-        return float(np.sum(gained)), float(np.sum(expected_gain(self.fitted, others, own, block)))
 
 
 @dataclasses.dataclass(frozen=True)

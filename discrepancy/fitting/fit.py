@@ -34,6 +34,9 @@ FLAT = 0.02
 # model, as where a table bends.
 IDLE_STEPS = 3
 IDLE_GAIN = 0.1
+# Nor after so many in a row that were refused, each a quarter as long as the one before: at the steep end of a
+# discharge the first few are too long.
+REFUSED_STEPS = 6
 # Of a model that is only compared with others, the gain that is not worth another step.
 COMPARED = 0.3
 # A fit that stopped where a Newton step promises less than this has come to its end all the same.
@@ -299,15 +302,19 @@ def fit(
     first = start[own] / prior_sd
     y = jax.device_put(np.append(first, np.zeros(size - first.size)))
     state = eqx.tree_at(lambda blank: blank.y_eval, _blank(size), y)
-    best, course = None, []
-    for _ in range(steps):
+    best, course, used, refused = None, [], 0, 0
+    while used < steps:
+        used += 1
         seen = see(np.asarray(state.y_eval)[: first.size])
         accepted = int(state.num_accepted_steps)
         y, state = _step(y, seen.few(size), state)
+        refused += 1
         if best is None or int(state.num_accepted_steps) > accepted:
-            best = seen
-        course.append(best.objective)
+            best, refused = seen, 0
+            course.append(best.objective)
         if _at_its_end(best, seen, course, flat) or _never_near(course, rival) or bool(state.terminate):
+            break
+        if refused > REFUSED_STEPS:
             break
         if bool(state.result != optx.RESULTS.successful):
             break
@@ -321,8 +328,8 @@ def fit(
         rows=best.rows,
         jacobian=best.jacobian / prior_sd,
         promise=best.promise / best.unit,
-        steps=len(course),
-        idle=_idle(best, course),
+        steps=used,
+        idle=refused > REFUSED_STEPS or _idle(best, course),
     )
 
 

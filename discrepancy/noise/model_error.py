@@ -44,11 +44,6 @@ class ModelError:
         own = [sd for (name, _), sd in self.sd.items() if name == channel]
         return float(np.sqrt(np.mean(np.square(own)))) if own else 0.0
 
-    def within(self, largest: Mapping[str, float]) -> ModelError:
-        """Return the model error with no s above a channel's largest."""
-        sd = {series: min(one, largest.get(series[0], np.inf)) for series, one in self.sd.items()}
-        return dataclasses.replace(self, sd=sd)
-
 
 NONE = ModelError()
 
@@ -132,12 +127,15 @@ def estimate(
     """Return the most probable model error of every series, given the errors that a model leaves.
 
     Each channel has one correlation time; each run has a size of its own about that of all runs. A channel has none
-    where the likelihood gains less than `settings.least_error_gain`.
+    where the likelihood gains less than `settings.least_error_gain`. What a model gets wrong is no true
+    Ornstein-Uhlenbeck process but a smooth function of what the model leaves out: small from reading to reading and
+    large in the end. So s is not less than the root mean square that is left, and is raised towards a share of the
+    tolerance; without a fine sensor beside it, and slow errors that cost nothing, would decide alone.
 
     Args:
         chains: all series.
         errors: what the richest model of the round leaves, noise differenced as in `Chain`.
-        tolerance: by channel, the scale of a half-normal prior of s, in the channel's unit.
+        tolerance: by channel, the largest s that is believed, in the channel's unit.
         settings: the constants.
     """
     sd: dict[Series, float] = {}
@@ -148,8 +146,6 @@ def estimate(
         sizes = scale * _SIZES
         memories = _memories(own, settings)
         tables = np.stack([_log_likelihoods(chain, errors[chain.rows], sizes, memories) for chain in own])
-        if tolerance and channel in tolerance:
-            tables = tables - 0.5 * (sizes / max(tolerance[channel], scale)) ** 2 / len(own)
         prior = -0.5 * (np.log(memories / settings.memory_median_s) / settings.memory_spread) ** 2
         spread = np.log(sizes[1:, None] / sizes[None, 1:]) / settings.error_from_run_to_run
         # For each common size, the best size of every run about it.
@@ -159,8 +155,12 @@ def estimate(
         if together[memory, common] - tables[:, 0, 0].sum() < settings.least_error_gain:
             continue
         tau_s[channel] = float(memories[memory])
+        most = max((tolerance or {}).get(channel, np.inf), scale)
         for chain, table in zip(own, near[:, memory, :, common], strict=True):
-            sd[chain.series] = _peak(np.log(sizes[1:]), table)
+            probable = _peak(np.log(sizes[1:]), table)
+            left = float(np.sqrt(max(np.mean(errors[chain.rows] ** 2 - chain.sd**2), 0.0)))
+            raised = min(settings.least_error_share * most, settings.error_raised * probable) if tolerance else 0.0
+            sd[chain.series] = min(max(probable, left, raised), most)
     return ModelError(sd, tau_s)
 
 

@@ -200,7 +200,7 @@ class EntropyCurve(Curve):
     port: ClassVar[str] = "open_circuit_voltage"
     over: ClassVar[str] = "soc"
     unit: ClassVar[str] = "V/K"
-    typical: ClassVar[float] = 3e-4
+    typical: ClassVar[float] = 1e-4
     usual_knots: ClassVar[tuple[float, ...]] = SOC_KNOTS
 
     def open_circuit_voltage(self, value: Scalar, context: CellContext) -> Scalar:

@@ -84,7 +84,7 @@ def test_simulated_errors_become_white(rho: float, tau: float):
     assert np.mean(np.sum(found**2, axis=0)) == pytest.approx(np.mean(exact), rel=0.05)
 
 
-@pytest.mark.parametrize(("s", "tau"), [(0.5, 100.0), (5.0, 30.0), (5.0, 300.0), (50.0, 1000.0)])
+@pytest.mark.parametrize(("s", "tau"), [(0.5, 100.0), (5.0, 30.0), (5.0, 300.0), (50.0, 100.0)])
 def test_size_and_memory_of_simulated_errors_are_found(s: float, tau: float):
     rng = np.random.default_rng(4)
     chains = [chain("voltage_V", run, 300 * run, 5.0 * np.arange(300)) for run in range(3)]
