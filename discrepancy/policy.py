@@ -15,7 +15,6 @@ from discrepancy.evidence.linear import Gain
 from discrepancy.evidence.trial import Settled, Trial
 from discrepancy.fitting.candidates import Candidate
 from discrepancy.fitting.lanes import at_once
-from discrepancy.settings import Settings
 from discrepancy.workings import Workings
 
 CLOCK = "time_s"
@@ -38,7 +37,6 @@ class Addition:
         expected: what it should gain there if it is true.
         material: it takes enough off a channel's error.
         harmful: runs left out are missed by more with it.
-        left: share of the error on what is left out that remains with it, in units of tolerances.
         plausible: it is about as large as physics knows it.
     """
 
@@ -50,7 +48,6 @@ class Addition:
     expected: float
     material: bool = True
     harmful: bool = False
-    left: float = 1.0
     plausible: bool = True
 
     @property
@@ -157,7 +154,7 @@ def _additions(inv: Workings, model: Settled) -> tuple[list[Addition], list[Addi
         return [g for g in own if g.log_evidence > 0.5 * odds_of(inv, inv.bench.candidates[g.label], model)][:count]
 
     def passing(some: Sequence[Addition]) -> list[Addition]:
-        return _ranked(settings, [one for one in some if _passes(inv, one)])
+        return sorted([one for one in some if _passes(inv, one)], key=lambda one: -one.merit)
 
     effects = promising(("effect", "sensor"), settings.refitted_effects)
     others = promising(("curve",), settings.refitted_curves) + promising(("run",), settings.refitted_runs)
@@ -170,17 +167,7 @@ def _additions(inv: Workings, model: Settled) -> tuple[list[Addition], list[Addi
     second = passing(beside)
     if first and second and first[0].gain > settings.preference * second[0].gain:
         return first + second, tried + beside
-    return _ranked(settings, first + second), tried + beside
-
-
-def _ranked(settings: Settings, passing: Sequence[Addition]) -> list[Addition]:
-    """Return additions in the order in which to take them.
-
-    First those that take most off the error on what is left out; those that take nearly as much, and near the noise
-    all do, by their evidence.
-    """
-    least = min((one.left for one in passing), default=0.0)
-    return sorted(passing, key=lambda one: (one.left > (1.0 + settings.worse) * least, -one.merit))
+    return sorted(first + second, key=lambda one: -one.merit), tried + beside
 
 
 def _first_that_holds(
@@ -217,10 +204,10 @@ def addition(inv: Workings, model: Trial, gain: Gain) -> Addition:
     paid, expected = inv.pays(trial, model)
     gained = trial.log_evidence - model.log_evidence
     material, harmful = inv.is_material(trial, model), inv.harms(trial, model)
-    left, plausible = inv.share_left(trial, model), inv.is_plausible(trial, gain.label)
+    plausible = inv.is_plausible(trial, gain.label)
     # Of a first one the odds are even: below them the answer is undecided, not adequate.
     odds = odds_of(inv, candidate, model) - (0.0 if model.labels else inv.settings.least_odds)
-    return Addition(gain.label, trial, gained, odds, paid, expected, material, harmful, left, plausible)
+    return Addition(gain.label, trial, gained, odds, paid, expected, material, harmful, plausible)
 
 
 def _may_enter(inv: Workings, model: Settled, label: str) -> bool:

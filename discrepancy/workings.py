@@ -38,6 +38,8 @@ Progress = Callable[[str], None]
 
 # Steps in which the base model follows an effect put into it: a start needs no more.
 FOLLOWING_STEPS = 4
+# Steps of the base model before anything is known of its error: it only has to come near.
+FIRST_STEPS = 8
 # Steps of a model that is only compared with others.
 COMPARING_STEPS = 12
 # A refit that reaches less than this share of what was promised to first order begins anew elsewhere.
@@ -49,6 +51,9 @@ _SHARES = (1.0, 0.3)
 # A model error that changes by less than this share is not worth another fit.
 _SAME_ERROR = 0.1
 _MOST_REWEIGHTINGS = 2
+# One that falls below this share of what it was is estimated again beside the model that is then the richest.
+_FALLS = 0.5
+_MOST_FALLS = 4
 
 
 class Workings:
@@ -113,7 +118,7 @@ class Workings:
         scale = self.first_scale
         setting = self.bench.setting(())
         starts = [np.zeros(self.bench.layout.size), likeliest_of_some(scale.view, setting, scale.weights)]
-        tried = at_once(lambda start: fit(scale.view, setting, scale.weights, start), starts)
+        tried = at_once(lambda start: fit(scale.view, setting, scale.weights, start, steps=FIRST_STEPS), starts)
         found = Trial(setting, {}, min(tried, key=lambda one: one.objective), scale)
         if noisy_inputs(self.case):
             noise, inputs = noise_passed_on(self.case, self.noise, self.bench, setting, found.fitted.x)
@@ -139,15 +144,30 @@ class Workings:
         """Estimate the model error beside the richest model about this one, and fit anew, until both stay."""
         for number in range(_MOST_REWEIGHTINGS):
             screened = screen(trial.scale.view, trial.setting, trial.fitted.x, trial.scale.noise)
-            linear = self._linear(trial, screened)
-            left = linear.richest(self.settings.least_odds + np.log(max(1, len(self.bench.candidates))))
-            scale = self._beside(trial.scale, left)
+            scale = self._scale_beside(trial, screened)
             if number and _same(scale.error, trial.scale.error):
                 break
             trial = self._refitted(trial, scale)
+            if not (number or trial.labels):
+                # Without a model error the numbers may have run away to where another minimum is near.
+                again = self._refitted(dataclasses.replace(trial, fitted=self._as_stated(trial)), scale)
+                trial = min(trial, again, key=lambda one: one.fitted.objective)
         else:
             screened = screen(trial.scale.view, trial.setting, trial.fitted.x, trial.scale.noise)
         return Settled(trial.setting, trial.amplitudes, trial.fitted, trial.scale, screened)
+
+    def _scale_beside(self, trial: Trial, screened: Screen) -> Scale:
+        """Return the scale that the richest model about a trial, and the trial itself, leave.
+
+        Under the large model error of a model far off nothing is worth adding: as it falls more is.
+        """
+        least, scale = self.settings.least_odds + np.log(max(1, len(self.bench.candidates))), trial.scale
+        for _ in range(_MOST_FALLS):
+            left = self._linear(dataclasses.replace(trial, scale=scale), screened).richest(least)
+            before, scale = scale.error, self._beside(scale, left, screened.errors)
+            if not any(scale.error.sd.get(series, 0.0) < _FALLS * sd for series, sd in before.sd.items()):
+                break
+        return scale
 
     def _linear(self, trial: Trial, screened: Screen) -> Linear:
         pulls = trial.fitted.x[list(trial.setting.own)]
@@ -198,8 +218,11 @@ class Workings:
         return together > most or (together > 1.0 and bool(np.any(after > most * before)))
 
     def share_left(self, trial: Trial, lacking: Trial) -> float:
-        """Return the share of the error on what is left out that remains with what a model has more."""
-        return float(self._missed(trial).sum() / self._missed(lacking).sum())
+        """Return the product over channels of the share of the error on what is left out that remains with an addition.
+
+        A product: what takes most of one channel's error counts, however large that of another still is.
+        """
+        return float(np.prod(self._missed(trial) / self._missed(lacking)))
 
     def _missed(self, trial: Trial) -> np.ndarray:
         """Return the error on what is left out by channel; what is small beside the tolerance counts as that small."""
@@ -278,8 +301,13 @@ class Workings:
         view = trial.scale.view
         return view.readings.value - view.at(self.bench.problem(trial.setting), [trial.setting.lane(trial.fitted.x)])[0]
 
-    def _beside(self, scale: Scale, left: np.ndarray) -> Scale:
-        """Return the scale with the noise and the model error that the richest model leaves."""
+    @staticmethod
+    def _as_stated(trial: Trial) -> Fit:
+        """Return a fit that stands where all numbers are as stated."""
+        return dataclasses.replace(trial.fitted, x=np.zeros_like(trial.fitted.x))
+
+    def _beside(self, scale: Scale, left: np.ndarray, own: np.ndarray) -> Scale:
+        """Return the scale with the noise and the model error that the richest model, and the model itself, leave."""
         readings = scale.view.readings
         noise = dict(scale.noise)
         for name, model in noise.items():
@@ -300,7 +328,8 @@ class Workings:
             readings = dataclasses.replace(fresh, shared=shared)
             scale = Scale(noise, View(self.bench, readings), scale.weights)
         pieces = readings.pieces(_MOST_OF_A_SERIES)
-        return scale.with_error(estimate(pieces, readings.differenced(left), self._tolerances, self.settings))
+        left, own = readings.differenced(left), readings.differenced(own)
+        return scale.with_error(estimate(pieces, left, self._tolerances, self.settings, own))
 
     @functools.cached_property
     def _tolerances(self) -> dict[str, float]:
@@ -399,7 +428,7 @@ class Workings:
 
     def _refitted(self, trial: Trial, scale: Scale) -> Trial:
         """Return a model fitted under another scale from where it stands, its curves' priors as wide as is best."""
-        fitted = fit(scale.view, trial.setting, scale.weights, trial.fitted.x, flat=COMPARED)
+        fitted = fit(scale.view, trial.setting, scale.weights, trial.fitted.x, flat=COMPARED, steps=COMPARING_STEPS)
         found = Trial(trial.setting, trial.amplitudes, fitted, scale)
         return self.at_its_best(found)
 

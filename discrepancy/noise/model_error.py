@@ -24,6 +24,8 @@ from discrepancy.settings import SETTINGS, Settings
 
 # One channel of one run: a chain that delta does not cross.
 Series = tuple[str, int]
+# A model far off has at most so many times the error that it leaves.
+_FAR = 2.0
 _SIZES = np.concatenate([[0.0], np.geomspace(0.1, 3e4, 23)])
 
 
@@ -123,6 +125,7 @@ def estimate(
     errors: Float[np.ndarray, " n"],
     tolerance: Mapping[str, float] | None = None,
     settings: Settings = SETTINGS,
+    own: Float[np.ndarray, " n"] | None = None,
 ) -> ModelError:
     """Return the most probable model error of every series, given the errors that a model leaves.
 
@@ -130,22 +133,25 @@ def estimate(
     where the likelihood gains less than `settings.least_error_gain`. What a model gets wrong is no true
     Ornstein-Uhlenbeck process but a smooth function of what the model leaves out: small from reading to reading and
     large in the end. So s is not less than the root mean square that is left, and is raised towards a share of the
-    tolerance; without a fine sensor beside it, and slow errors that cost nothing, would decide alone.
+    tolerance; without a fine sensor beside it, and slow errors that cost nothing, would decide alone. What the model
+    itself leaves counts where it is beyond the tolerance, and more than in proportion: a model that is further
+    off says less of its numbers, which would run away to hide what it lacks.
 
     Args:
         chains: all series.
         errors: what the richest model of the round leaves, noise differenced as in `Chain`.
-        tolerance: by channel, the largest s that is believed, in the channel's unit.
+        tolerance: by channel, the largest s that is believed of the richest model, in the channel's unit.
         settings: the constants.
+        own: what the model itself leaves, as `errors`.
     """
     sd: dict[Series, float] = {}
     tau_s: dict[str, float] = {}
     for channel in dict.fromkeys(chain.series[0] for chain in chains):
-        own = [chain for chain in chains if chain.series[0] == channel]
-        scale = float(np.median(np.concatenate([chain.sd for chain in own])))
+        owned = [chain for chain in chains if chain.series[0] == channel]
+        scale = float(np.median(np.concatenate([chain.sd for chain in owned])))
         sizes = scale * _SIZES
-        memories = _memories(own, settings)
-        tables = np.stack([_log_likelihoods(chain, errors[chain.rows], sizes, memories) for chain in own])
+        memories = _memories(owned, settings)
+        tables = np.stack([_log_likelihoods(chain, errors[chain.rows], sizes, memories) for chain in owned])
         prior = -0.5 * (np.log(memories / settings.memory_median_s) / settings.memory_spread) ** 2
         spread = np.log(sizes[1:, None] / sizes[None, 1:]) / settings.error_from_run_to_run
         # For each common size, the best size of every run about it.
@@ -156,12 +162,18 @@ def estimate(
             continue
         tau_s[channel] = float(memories[memory])
         most = max((tolerance or {}).get(channel, np.inf), scale)
-        for chain, table in zip(own, near[:, memory, :, common], strict=True):
+        for chain, table in zip(owned, near[:, memory, :, common], strict=True):
             probable = _peak(np.log(sizes[1:]), table)
-            left = float(np.sqrt(max(np.mean(errors[chain.rows] ** 2 - chain.sd**2), 0.0)))
             raised = min(settings.least_error_share * most, settings.error_raised * probable) if tolerance else 0.0
-            sd[chain.series] = min(max(probable, left, raised), most)
+            believed = min(max(probable, _beyond(errors, chain), raised), most)
+            far = _beyond(own, chain) / most if own is not None else 0.0
+            sd[chain.series] = max(believed, most * far * min(np.sqrt(far), _FAR) if far > 1.0 else 0.0)
     return ModelError(sd, tau_s)
+
+
+def _beyond(errors: np.ndarray, chain: Chain) -> float:
+    """Return the root mean square of a series beyond its noise."""
+    return float(np.sqrt(max(np.mean(errors[chain.rows] ** 2 - chain.sd**2), 0.0)))
 
 
 def _memories(chains: Sequence[Chain], settings: Settings) -> np.ndarray:
