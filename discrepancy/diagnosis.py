@@ -18,6 +18,7 @@ from discrepancy.findings import curve_found, law_found, run_found, unknown_sent
 from discrepancy.fitting.candidates import is_told
 from discrepancy.fitting.lanes import one_thread_of_blas
 from discrepancy.fitting.model import Labels
+from discrepancy.gates import Addition, odds_of
 from discrepancy.residuals.statements import statements
 from discrepancy.residuals.table import ChannelResiduals
 from discrepancy.result import (
@@ -234,9 +235,7 @@ def _weighed(inv: Workings, found: policy.Found) -> tuple[dict[Labels, float], d
     final = found.final
     logs: dict[tuple[str, ...], float] = {}
     for trial in found.weighed:
-        prior = -sum(
-            policy.odds_of(inv, inv.bench.candidates[one], trial) - inv.settings.least_odds for one in trial.labels
-        )
+        prior = -sum(odds_of(inv, inv.bench.candidates[one], trial) - inv.settings.least_odds for one in trial.labels)
         logs[trial.labels] = max(logs.get(trial.labels, -np.inf), trial.log_evidence + prior)
     values = np.array(list(logs.values()))
     shares = dict(zip(logs, np.exp(values - logsumexp(values)).tolist(), strict=True))
@@ -299,7 +298,7 @@ def _small(one: ChannelEvidence) -> bool:
     return one.before**2 - one.noise**2 < 0.1 * one.noise**2
 
 
-def _immaterial(inv: Workings, refused: policy.Addition) -> Immaterial:
+def _immaterial(inv: Workings, refused: Addition) -> Immaterial:
     name = inv.bench.candidates[refused.label].name
     reason = (
         f"its error on runs left out does not fall (log score {refused.paid:+.1f}, {refused.expected:.1f} expected)"

@@ -13,8 +13,8 @@ import numpy as np
 
 from discrepancy.evidence.linear import Gain
 from discrepancy.evidence.trial import Settled, Trial
-from discrepancy.fitting.candidates import Candidate
 from discrepancy.fitting.lanes import at_once
+from discrepancy.gates import Addition, addition, harms, odds_of, passes
 from discrepancy.workings import Workings
 
 CLOCK = "time_s"
@@ -22,47 +22,6 @@ CLOCK = "time_s"
 CLEARLY = 2.0
 # What an addition is worth, in log evidence, that need not be asked again before the end.
 MUCH_NEEDED = 50.0
-
-
-@dataclasses.dataclass(frozen=True)
-class Addition:
-    """One addition that was refitted, and what the gates say of it.
-
-    Attributes:
-        label: the candidate.
-        trial: the model with it.
-        gain: of log evidence over the model without it.
-        odds: log odds that it had to gain.
-        paid: log score gained on runs left out.
-        expected: what it should gain there if it is true.
-        material: it takes enough off a channel's error.
-        harmful: runs left out are missed by more with it.
-        plausible: it is about as large as physics knows it.
-    """
-
-    label: str
-    trial: Trial
-    gain: float
-    odds: float
-    paid: float
-    expected: float
-    material: bool = True
-    harmful: bool = False
-    plausible: bool = True
-
-    @property
-    def significant(self) -> bool:
-        """Return True where its evidence is for it, among so many."""
-        return self.gain > self.odds
-
-    @property
-    def merit(self) -> float:
-        """Return by what additions that pass are ranked: the evidence, and what it pays on runs left out."""
-        return self.gain + max(self.paid, 0.0)
-
-    def foretells(self, should_pay: float) -> bool:
-        """Return True where runs left out are foretold better with it, or none of them could show it."""
-        return self.paid > 0.0 or self.expected < should_pay
 
 
 @dataclasses.dataclass(frozen=True)
@@ -122,25 +81,6 @@ def run(investigation: Workings, start: Sequence[str] = (), seek: bool = True) -
     return Found(model, tuple(path), refused, laws, tuple(_weighed(inv, model, start)))
 
 
-def odds_of(inv: Workings, candidate: Candidate, model: Trial) -> float:
-    """Return the log odds that a candidate must gain beside a model: the fewer are like it, the less."""
-    group = ("effect", "sensor") if candidate.group in ("effect", "sensor") else (candidate.group,)
-    rarer = inv.settings.rarer
-    alike = sum(np.exp(-rarer * _is_rare(one)) for one in inv.bench.candidates.values() if one.group in group)
-    unsure = inv.settings.beside_error if model.scale.error.sd else 0.0
-    return inv.settings.least_odds + float(np.log(max(1.0, alike))) + rarer * _is_rare(candidate) + unsure
-
-
-def _is_rare(candidate: Candidate) -> bool:
-    """Return True for what benches show more rarely: effects of the further modules of the catalogue."""
-    return type(candidate.effect).__module__.rpartition(".")[2].startswith("further")
-
-
-def _passes(inv: Workings, addition: Addition) -> bool:
-    pays = addition.foretells(inv.settings.should_pay) and not addition.harmful
-    return addition.significant and pays and addition.material and addition.plausible
-
-
 def _additions(inv: Workings, model: Settled) -> tuple[list[Addition], list[Addition]]:
     """Return the additions that pass the gates, in the order in which to take them, and all that were tried.
 
@@ -154,7 +94,7 @@ def _additions(inv: Workings, model: Settled) -> tuple[list[Addition], list[Addi
         return [g for g in own if g.log_evidence > 0.5 * odds_of(inv, inv.bench.candidates[g.label], model)][:count]
 
     def passing(some: Sequence[Addition]) -> list[Addition]:
-        return sorted([one for one in some if _passes(inv, one)], key=lambda one: -one.merit)
+        return sorted([one for one in some if passes(inv, one)], key=lambda one: -one.merit)
 
     effects = promising(("effect", "sensor"), settings.refitted_effects)
     others = promising(("curve",), settings.refitted_curves) + promising(("run",), settings.refitted_runs)
@@ -177,7 +117,7 @@ def _first_that_holds(
     for one in passing:
         inv.tell(f"adding {one.label}")
         added = inv.settled(one.trial.labels, one.trial)
-        if not inv.harms(added, model):
+        if not harms(inv, added, model):
             return one, added
     return None, None
 
@@ -187,27 +127,12 @@ def _refitted(inv: Workings, model: Settled, gains: Sequence[Gain]) -> list[Addi
     found: list[Addition] = []
     for place in range(0, len(gains), 2):
         some = gains[place : place + 2]
-        best = max((one.gain for one in found if _passes(inv, one)), default=0.0)
+        best = max((one.gain for one in found if passes(inv, one)), default=0.0)
         if best > CLEARLY * max(gain.log_evidence for gain in some):
             break
         inv.tell(f"refitting with {', '.join(gain.label for gain in some)}")
         found += at_once(lambda gain: addition(inv, model, gain), some)
     return found
-
-
-def addition(inv: Workings, model: Trial, gain: Gain) -> Addition:
-    """Return what the gates say of one addition, refitted under the model's weights."""
-    candidate = inv.bench.candidates[gain.label]
-    trial = inv.trial((*model.labels, gain.label), model, gain)
-    if candidate.is_vector:
-        trial = inv.at_its_best(trial)
-    paid, expected = inv.pays(trial, model)
-    gained = trial.log_evidence - model.log_evidence
-    material, harmful = inv.is_material(trial, model), inv.harms(trial, model)
-    plausible = inv.is_plausible(trial, gain.label)
-    # Of a first one the odds are even: below them the answer is undecided, not adequate.
-    odds = odds_of(inv, candidate, model) - (0.0 if model.labels else inv.settings.least_odds)
-    return Addition(gain.label, trial, gained, odds, paid, expected, material, harmful, plausible)
 
 
 def _may_enter(inv: Workings, model: Settled, label: str) -> bool:
@@ -267,7 +192,7 @@ def _swapped(inv: Workings, model: Settled, keep: Sequence[str]) -> tuple[Settle
         rivals = [gain for gain in rivals if gain.log_evidence > 0.5 * promised]
         tried = at_once(partial(addition, inv, lacking), rivals) if rivals else []
         better = [one for one in tried if one.trial.log_evidence > model.log_evidence + _swap_price(inv, label, one)]
-        better = [one for one in better if _passes(inv, one) and not inv.harms(one.trial, model)]
+        better = [one for one in better if passes(inv, one) and not harms(inv, one.trial, model)]
         if better:
             best = max(better, key=lambda one: one.gain)
             inv.tell(f"taking {best.label} in place of {label}")
@@ -295,7 +220,7 @@ def _laws(inv: Workings, model: Settled) -> tuple[tuple[Addition, ...], Settled]
         chosen = some[: inv.settings.refitted_laws]
         inv.tell(f"refitting the law {', '.join(one.label for one in chosen)}")
         tried = at_once(lambda gain: addition(inv, model, gain), chosen)
-        passing = sorted([one for one in tried if _passes(inv, one)], key=lambda one: -one.gain)
+        passing = sorted([one for one in tried if passes(inv, one)], key=lambda one: -one.gain)
         if passing:
             return tuple(passing[:1]), inv.settled(passing[0].trial.labels, passing[0].trial)
     return (), model

@@ -8,10 +8,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from discrepancy.evidence.left_out import Blocks, LeftOut, expected_gain, left_out
+from discrepancy.evidence.foretold import Foretold, foretold
+from discrepancy.evidence.left_out import Blocks
 from discrepancy.evidence.linear import AMPLITUDES, Gain, Linear
 from discrepancy.evidence.trial import Scale, Settled, Trial
-from discrepancy.fitting.fit import COMPARED, Fit, errors_at, fit
+from discrepancy.fitting.fit import COMPARED, Fit, fit
 from discrepancy.fitting.lanes import at_once
 from discrepancy.fitting.layout import BASE
 from discrepancy.fitting.model import Bench, Labels, Setting, View
@@ -46,8 +47,6 @@ COMPARING_STEPS = 12
 REACHED = 0.5
 # Readings of a series from which its model error is estimated.
 _MOST_OF_A_SERIES = 1500
-# Shares of a step that are tried where a piece of a run is left out.
-_SHARES = (1.0, 0.3)
 # A model error that changes by less than this share is not worth another fit.
 _SAME_ERROR = 0.1
 _MOST_REWEIGHTINGS = 2
@@ -92,7 +91,7 @@ class Workings:
         self._settled: dict[Labels, Settled] = {}
         self._trials: dict[tuple, Trial] = {}
         self._gains: dict[int, tuple[Trial, list[Gain]]] = {}
-        self._foretold: dict[int, tuple[Trial, LeftOut, np.ndarray]] = {}
+        self._foretold: dict[int, Foretold] = {}
 
     def tell(self, what: str) -> None:
         """Tell what is being done, if anybody listens."""
@@ -189,45 +188,6 @@ class Workings:
             self._gains[id(trial)] = (trial, self.linear_at(trial).gains())
         return self._gains[id(trial)][1]
 
-    def is_material(self, trial: Trial, lacking: Trial) -> bool:
-        """Return True where what a model has more takes enough off a channel's error, as the mean square removed.
-
-        Enough is a tenth of a stated tolerance on what is fitted, or without one a share of the error beyond noise on
-        what is left out.
-        """
-        settings, stated = self.settings, self.case.tolerance
-        before, after = self.left_out_error(lacking), self.left_out_error(trial)
-        share = settings.least_share if len(lacking.labels) < 2 else settings.late_share
-        fitted = self.errors_of(lacking) ** 2 - self.errors_of(trial) ** 2 if stated else np.zeros(0)
-        for place, channel in enumerate(self.bench.coarse.channels):
-            if channel in stated and channel in before:
-                removed = float(np.mean(fitted[trial.scale.view.readings.channel == place]))
-                if removed >= (settings.material_share * stated[channel].rms) ** 2:
-                    return True
-            elif channel in before and before[channel] > after[channel] + share * max(before[channel], 0.0):
-                return True
-        return False
-
-    def harms(self, trial: Trial, lacking: Trial) -> bool:
-        """Return True where what is left out is missed by more with what a model has more, in units of tolerances.
-
-        A channel may lose where all channels together gain: a cell that warms in the model too has other resistances.
-        """
-        before, after = self._missed(lacking), self._missed(trial)
-        together, most = self.share_left(trial, lacking), 1.0 + self.settings.worse
-        return together > most or (together > 1.0 and bool(np.any(after > most * before)))
-
-    def share_left(self, trial: Trial, lacking: Trial) -> float:
-        """Return the product over channels of the share of the error on what is left out that remains with an addition.
-
-        A product: what takes most of one channel's error counts, however large that of another still is.
-        """
-        return float(np.prod(self._missed(trial) / self._missed(lacking)))
-
-    def _missed(self, trial: Trial) -> np.ndarray:
-        """Return the error on what is left out by channel; what is small beside the tolerance counts as that small."""
-        return np.maximum(list(self.left_out_error(trial).values()), 0.0) + self.settings.negligible**2
-
     @property
     def pieces(self) -> int:
         """Return into how many pieces of time each run is cut, of which each is left out once.
@@ -237,64 +197,11 @@ class Workings:
         settings = self.settings
         return max(settings.left_out_blocks, -(-settings.fewest_blocks // len(self.fit_runs)))
 
-    def is_plausible(self, trial: Trial, label: str) -> bool:
-        """Return True where an addition is about as large as physics knows it: of a curve, on the average of modes."""
-        x = trial.fitted.x[list(self.bench.layout.of[label])]
-        size = np.sqrt(np.mean(x**2)) if self.bench.candidates[label].is_vector else abs(x[0])
-        return float(size) <= self.settings.implausible
-
-    def left_out_error(self, trial: Trial) -> dict[str, float]:
-        """Return, by channel, the mean square error beyond noise on what is left out, in units of its tolerance.
-
-        The log score of what is left out holds what is foretold against what the model knows of it; this holds it
-        against what the user can bear.
-        """
-        _, errors = self._left_out(trial)
-        readings, found = trial.scale.view.readings, {}
-        beyond = errors**2 - readings.sd**2
-        for place, channel in enumerate(self.bench.coarse.channels):
-            mine = readings.channel == place
-            if channel in self.noise and mine.any():
-                found[channel] = float(np.mean(beyond[mine])) / self._tolerances[channel] ** 2
-        return found
-
-    def pays(self, trial: Trial, lacking: Trial) -> tuple[float, float]:
-        """Return the log score that a model gains over another on what is left out, and what it should if it is true.
-
-        Args:
-            trial: the model.
-            lacking: the other, under the same weights.
-        """
-        (own, _), (others, _) = self._left_out(trial), self._left_out(lacking)
-        expected = expected_gain(trial.fitted, others, own, trial.scale.pieces(self.pieces))
-        return float(np.sum(own.log_score - others.log_score)), float(np.sum(expected))
-
-    def _left_out(self, trial: Trial) -> tuple[LeftOut, np.ndarray]:
-        """Return what a model says of each piece of each run when the others alone are fitted, and its raw errors.
-
-        The unknowns move by a step of Newton's, or a shorter one where the others are fitted better there: at the steep
-        end of a discharge no straight line holds. The errors are those of the model itself.
-        """
-        if id(trial) in self._foretold:
-            return self._foretold[id(trial)][1:]
-        block, view, own = trial.scale.pieces(self.pieces), trial.scale.view, list(trial.setting.own)
-        blocks = Blocks.of(trial.fitted, block)
-        numbers, moves = blocks.numbers, blocks.moves * blocks.scale
-        steps = np.concatenate([share * moves for share in _SHARES])
-        places = np.repeat(trial.fitted.x[None], len(steps), axis=0)
-        places[:, own] += steps
-        errors = errors_at(view, self.bench.problem(trial.setting), trial.setting, places)
-        white = trial.scale.weights.whiten(errors)
-        pulls = np.sum((places[:, own] / trial.fitted.prior_sd) ** 2, axis=1)
-        raw, rows = np.zeros(block.size), np.zeros(block.size)
-        for place, number in enumerate(numbers):
-            mine = block == number
-            mine_of = range(place, len(steps), numbers.size)
-            best = min(mine_of, key=lambda one: float(np.sum(white[~mine, one] ** 2)) + pulls[one])
-            moves[place], raw[mine], rows[mine] = steps[best], errors[mine, best], white[mine, best]
-        found = left_out(trial.fitted, block, moves, rows)
-        self._foretold[id(trial)] = (trial, found, raw)
-        return found, raw
+    def foretold(self, trial: Trial) -> Foretold:
+        """Return what a model says of each piece of each run when the others are fitted, kept once it was asked."""
+        if id(trial) not in self._foretold:
+            self._foretold[id(trial)] = foretold(trial, self.pieces)
+        return self._foretold[id(trial)]
 
     def errors_of(self, trial: Trial) -> np.ndarray:
         """Return measured less predicted of the fitted readings, in the channels' units."""
@@ -329,10 +236,10 @@ class Workings:
             scale = Scale(noise, View(self.bench, readings), scale.weights)
         pieces = readings.pieces(_MOST_OF_A_SERIES)
         left, own = readings.differenced(left), readings.differenced(own)
-        return scale.with_error(estimate(pieces, left, self._tolerances, self.settings, own))
+        return scale.with_error(estimate(pieces, left, self.tolerances, self.settings, own))
 
     @functools.cached_property
-    def _tolerances(self) -> dict[str, float]:
+    def tolerances(self) -> dict[str, float]:
         """Return, by channel, the RMS that it may have, stated or assumed, in its unit."""
         stated = self.case.tolerance
         return {name: stated[name].rms if name in stated else self.assumed_tolerance(name) for name in self.noise}

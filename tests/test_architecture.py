@@ -35,6 +35,7 @@ DISCREPANCY = [
     {"screening"},
     {"evidence"},
     {"workings"},
+    {"gates"},
     {"policy", "rungs", "advice", "findings", "tolerances"},
     {"investigation"},
     {"diagnosis"},

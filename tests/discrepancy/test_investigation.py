@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from discrepancy import policy
+from discrepancy import gates, policy
 from discrepancy.evidence.trial import Settled
 from discrepancy.investigation import Investigation
 from discrepancy.policy import Found
@@ -102,7 +102,7 @@ def test_what_cannot_be_done_is_said(plain_small: Investigation):
 def test_additions_are_gated_by_evidence_and_by_runs_left_out(warm_small: Investigation, found: Found):
     gains = warm_small.linear(warm_small.base).gains()
     assert gains[0].label == "self_heating"
-    told = policy.addition(warm_small, warm_small.base, gains[0])
+    told = gates.addition(warm_small, warm_small.base, gains[0])
     assert told.significant
     assert told.material
     assert told.paid > 0.0
