@@ -33,6 +33,7 @@ class Settings:
         0.3, "share of the tolerance, stated or assumed, up to which a model error that is there is raised"
     )
     error_raised: float = _constant(3.0, "times its most probable size, at most, to which it is raised")
+    own_share: float = _constant(0.5, "share of what a model leaves beyond the tolerance that counts as its error")
     least_error_gain: float = _constant(
         6.0, "log likelihood that a model error must gain before it is believed", "two numbers at p = 0.002"
     )

@@ -24,8 +24,6 @@ from discrepancy.settings import SETTINGS, Settings
 
 # One channel of one run: a chain that delta does not cross.
 Series = tuple[str, int]
-# A model far off has at most so many times the error that it leaves.
-_FAR = 2.0
 _SIZES = np.concatenate([[0.0], np.geomspace(0.1, 3e4, 23)])
 
 
@@ -133,9 +131,8 @@ def estimate(
     where the likelihood gains less than `settings.least_error_gain`. What a model gets wrong is no true
     Ornstein-Uhlenbeck process but a smooth function of what the model leaves out: small from reading to reading and
     large in the end. So s is not less than the root mean square that is left, and is raised towards a share of the
-    tolerance; without a fine sensor beside it, and slow errors that cost nothing, would decide alone. What the model
-    itself leaves counts where it is beyond the tolerance, and more than in proportion: a model that is further
-    off says less of its numbers, which would run away to hide what it lacks.
+    tolerance; without a fine sensor beside it, and slow errors that cost nothing, would decide alone. Half of
+    what the model itself leaves beyond the tolerance is its error too: else its numbers run away to hide what it lacks.
 
     Args:
         chains: all series.
@@ -166,8 +163,8 @@ def estimate(
             probable = _peak(np.log(sizes[1:]), table)
             raised = min(settings.least_error_share * most, settings.error_raised * probable) if tolerance else 0.0
             believed = min(max(probable, _beyond(errors, chain), raised), most)
-            far = _beyond(own, chain) / most if own is not None else 0.0
-            sd[chain.series] = max(believed, most * far * min(np.sqrt(far), _FAR) if far > 1.0 else 0.0)
+            far = _beyond(own, chain) - most if own is not None else 0.0
+            sd[chain.series] = max(believed, settings.own_share * far)
     return ModelError(sd, tau_s)
 
 
