@@ -27,6 +27,7 @@ class Addition:
         material: it takes enough off a channel's error.
         harmful: runs left out are missed by more with it.
         plausible: it is about as large as physics knows it.
+        obvious: it takes most of one channel's error on runs left out.
     """
 
     label: str
@@ -38,6 +39,7 @@ class Addition:
     material: bool = True
     harmful: bool = False
     plausible: bool = True
+    obvious: bool = False
 
     @property
     def significant(self) -> bool:
@@ -63,10 +65,10 @@ def addition(inv: Workings, model: Trial, gain: Gain) -> Addition:
     paid, expected = pays(inv, trial, model)
     gained = trial.log_evidence - model.log_evidence
     material, harmful = is_material(inv, trial, model), harms(inv, trial, model)
-    plausible = is_plausible(inv, trial, gain.label)
+    plausible, obvious = is_plausible(inv, trial, gain.label), is_obvious(inv, trial, model)
     # Of a first one the odds are even: below them the answer is undecided, not adequate.
     odds = odds_of(inv, candidate, model) - (0.0 if model.labels else inv.settings.least_odds)
-    return Addition(gain.label, trial, gained, odds, paid, expected, material, harmful, plausible)
+    return Addition(gain.label, trial, gained, odds, paid, expected, material, harmful, plausible, obvious)
 
 
 def odds_of(inv: Workings, candidate: Candidate, model: Trial) -> float:
@@ -109,6 +111,11 @@ def is_material(inv: Workings, trial: Trial, lacking: Trial) -> bool:
     return False
 
 
+def is_obvious(inv: Workings, trial: Trial, lacking: Trial) -> bool:
+    """Return True where what a model has more takes most of one channel's error on what is left out."""
+    return bool(np.any(_missed(inv, trial) < inv.settings.obvious * _missed(inv, lacking)))
+
+
 def harms(inv: Workings, trial: Trial, lacking: Trial) -> bool:
     """Return True where what is left out is missed by more with what a model has more, in units of tolerances.
 
@@ -143,14 +150,18 @@ def left_out_error(inv: Workings, trial: Trial) -> dict[str, float]:
     """Return, by channel, the mean square error beyond noise on what is left out, in units of its tolerance.
 
     The log score of what is left out holds what is foretold against what the model knows of it; this holds it
-    against what the user can bear.
+    against what the user can bear. It is the square of the mean over pieces of their root mean square: one piece
+    that ends where the cell is empty, and is foretold with another charge, would outweigh all others.
     """
     readings, found = trial.scale.view.readings, {}
-    beyond = inv.foretold(trial).errors ** 2 - readings.sd**2
+    beyond, block = inv.foretold(trial).errors ** 2 - readings.sd**2, readings.blocks(inv.pieces)
     for place, channel in enumerate(inv.bench.coarse.channels):
         mine = readings.channel == place
         if channel in inv.noise and mine.any():
-            found[channel] = float(np.mean(beyond[mine])) / inv.tolerances[channel] ** 2
+            count = np.bincount(block[mine])
+            of_pieces = np.bincount(block[mine], beyond[mine])[count > 0] / count[count > 0]
+            rms = np.average(np.sqrt(np.maximum(of_pieces, 0.0)), weights=count[count > 0])
+            found[channel] = float(rms / inv.tolerances[channel]) ** 2
     return found
 
 

@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from discrepancy.evidence.linear import Gain
+from discrepancy.evidence.linear import Gain, Linear
 from discrepancy.evidence.trial import Settled, Trial
 from discrepancy.fitting.lanes import at_once
 from discrepancy.gates import Addition, addition, harms, odds_of, passes
@@ -59,21 +59,15 @@ def run(investigation: Workings, start: Sequence[str] = (), seek: bool = True) -
     for _ in range(settings.most_rounds if seek else 0):
         passing, tried = _additions(inv, model)
         best, added = _first_that_holds(inv, model, passing)
-        if best is None or added is None:
+        if best is not None and added is not None:
+            model = _without_what_is_idle(inv, added, (*start, best.label), needed)
+        else:
             refused = {one.label: one for one in tried if one.significant}
-            break
-        model = _without_what_is_idle(inv, added, (*start, best.label), needed)
-        path.append(model)
+            model = _without_what_is_idle(inv, _swapped(inv, model, start), start)
         if model.labels in seen:
             break
+        path.append(model)
         seen.add(model.labels)
-    if seek:
-        model, swapped = _swapped(inv, model, start)
-        without = _without_what_is_idle(inv, model, start)
-        swapped |= without.labels != model.labels
-        model = without
-        if swapped:
-            path.append(model)
     laws, model = _laws(inv, model) if seek else ((), model)
     if laws:
         path.append(model)
@@ -87,16 +81,19 @@ def _additions(inv: Workings, model: Settled) -> tuple[list[Addition], list[Addi
     An effect goes before a curve that gains not much more: a curve is no new physics.
     """
     settings = inv.settings
-    gains = [gain for gain in inv.linear(model).gains() if _may_enter(inv, model, gain.label)]
+    linear = inv.linear(model)
+    gains = [gain for gain in linear.gains() if _may_enter(inv, model, gain.label)]
 
     def promising(groups: Sequence[str], count: int) -> list[Gain]:
         own = [gain for gain in gains if inv.bench.candidates[gain.label].group in groups]
         return [g for g in own if g.log_evidence > 0.5 * odds_of(inv, inv.bench.candidates[g.label], model)][:count]
 
     def passing(some: Sequence[Addition]) -> list[Addition]:
-        return sorted([one for one in some if passes(inv, one)], key=lambda one: -one.merit)
+        return sorted([one for one in some if passes(inv, one)], key=lambda one: (not one.obvious, -one.merit))
 
-    effects = promising(("effect", "sensor"), settings.refitted_effects)
+    effects = _leading(inv, model, linear, gains)
+    joint = [one for one in promising(("effect", "sensor"), settings.refitted_effects) if one not in effects]
+    effects += joint[: max(1, settings.refitted_effects - len(effects))]
     others = promising(("curve",), settings.refitted_curves) + promising(("run",), settings.refitted_runs)
     tried = _refitted(inv, model, effects)
     first = passing(tried)
@@ -108,6 +105,17 @@ def _additions(inv: Workings, model: Settled) -> tuple[list[Addition], list[Addi
     if first and second and first[0].gain > settings.preference * second[0].gain:
         return first + second, tried + beside
     return sorted(first + second, key=lambda one: -one.merit), tried + beside
+
+
+def _leading(inv: Workings, model: Settled, linear: Linear, gains: Sequence[Gain]) -> list[Gain]:
+    """Return the effects or faults that promise most in each channel by itself, as they are in all together."""
+    together = {gain.label: gain for gain in gains if inv.bench.candidates[gain.label].group in ("effect", "sensor")}
+    found: dict[str, Gain] = {}
+    for own in linear.gains_by_channel():
+        likely = [one for one in own if one.log_evidence > odds_of(inv, inv.bench.candidates[one.label], model)]
+        leading = [one.label for one in likely if one.label in together][: inv.settings.leading_effects]
+        found |= {label: together[label] for label in leading}
+    return list(found.values())
 
 
 def _first_that_holds(
@@ -128,7 +136,7 @@ def _refitted(inv: Workings, model: Settled, gains: Sequence[Gain]) -> list[Addi
     for place in range(0, len(gains), 2):
         some = gains[place : place + 2]
         best = max((one.gain for one in found if passes(inv, one)), default=0.0)
-        if best > CLEARLY * max(gain.log_evidence for gain in some):
+        if best > CLEARLY * max(0.0, *(gain.log_evidence for gain in gains[place:])):
             break
         inv.tell(f"refitting with {', '.join(gain.label for gain in some)}")
         found += at_once(lambda gain: addition(inv, model, gain), some)
@@ -180,9 +188,8 @@ def _with(inv: Workings, model: Trial, gain: Gain) -> Trial:
     return inv.trial((*model.labels, gain.label), model, gain)
 
 
-def _swapped(inv: Workings, model: Settled, keep: Sequence[str]) -> tuple[Settled, bool]:
+def _swapped(inv: Workings, model: Settled, keep: Sequence[str]) -> Settled:
     """Return the model with one addition exchanged for another where that gains evidence: a stand-in goes."""
-    changed = False
     for label in [one for one in model.labels if one not in keep]:
         lacking = _lacking(inv, model, label)
         gains = inv.gains_at(lacking)
@@ -196,8 +203,8 @@ def _swapped(inv: Workings, model: Settled, keep: Sequence[str]) -> tuple[Settle
         if better:
             best = max(better, key=lambda one: one.gain)
             inv.tell(f"taking {best.label} in place of {label}")
-            model, changed = inv.settled(best.trial.labels, best.trial), True
-    return model, changed
+            model = inv.settled(best.trial.labels, best.trial)
+    return model
 
 
 def _swap_price(inv: Workings, label: str, other: Addition) -> float:

@@ -33,13 +33,15 @@ class Settings:
         0.3, "share of the tolerance, stated or assumed, up to which a model error that is there is raised"
     )
     error_raised: float = _constant(3.0, "times its most probable size, at most, to which it is raised")
-    own_share: float = _constant(0.5, "share of what a model leaves beyond the tolerance that counts as its error")
     least_error_gain: float = _constant(
         6.0, "log likelihood that a model error must gain before it is believed", "two numbers at p = 0.002"
     )
 
     # Readings.
     most_readings: int = _constant(30_000, "readings that are fitted; more are thinned evenly, and judge all the same")
+    most_rows: int = _constant(
+        15_000, "rows of a cell's fitted runs together; of more, means over a few successive ones are fitted"
+    )
 
     # Curves and unknown laws: standard deviation of the prior, chosen by the evidence.
     curve_correlation: float = _constant(0.25, "correlation length of a curve's prior, as a share of its span")
@@ -47,10 +49,11 @@ class Settings:
 
     # The loop.
     refitted_effects: int = _constant(4, "effects and faults refitted in each round, best scores first")
+    leading_effects: int = _constant(2, "of them those that promise most in each channel by itself")
     refitted_curves: int = _constant(2, "curves refitted in each round")
     refitted_runs: int = _constant(1, "parameters of single runs refitted in each round")
     refitted_laws: int = _constant(2, "unknown laws refitted in a round where nothing else is left")
-    most_rounds: int = _constant(8, "rounds after which the loop stops whatever is left")
+    most_rounds: int = _constant(10, "rounds after which the loop stops whatever is left")
     least_odds: float = _constant(1.0, "log odds that evidence must give beyond the count of candidates", "3 to 1")
     rarer: float = _constant(3.0, "log odds against what benches show more rarely", "20 to 1, assumed")
     beside_error: float = _constant(
@@ -68,6 +71,9 @@ class Settings:
     )
     worse: float = _constant(
         0.1, "share by which the error on runs left out, in units of tolerances, may rise with an addition"
+    )
+    obvious: float = _constant(
+        0.3, "share of a channel's error on runs left out that is left by what is added before all others"
     )
     negligible: float = _constant(0.5, "share of a tolerance below which such an error does not count")
     material_share: float = _constant(0.1, "share of a tolerance that an addition must take off an error", "design")

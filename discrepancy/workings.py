@@ -24,6 +24,7 @@ from discrepancy.noise.input_noise import InputNoise
 from discrepancy.noise.instrument import NoiseModel
 from discrepancy.noise.model_error import NONE, ModelError, estimate
 from discrepancy.preparation import prepared
+from discrepancy.preparation.averaged import averaged, rows_of_a_block
 from discrepancy.preparation.held_inputs import noisy_inputs
 from discrepancy.preparation.signals import robust_sd
 from discrepancy.screening.screen import Screen, screen
@@ -45,10 +46,10 @@ FIRST_STEPS = 8
 COMPARING_STEPS = 12
 # A refit that reaches less than this share of what was promised to first order begins anew elsewhere.
 REACHED = 0.5
+# So many sd from what is stated, at most, fits begin anew.
+_NOT_STRAINED = 2.0
 # Readings of a series from which its model error is estimated.
 _MOST_OF_A_SERIES = 1500
-# A model error that changes by less than this share is not worth another fit.
-_SAME_ERROR = 0.1
 _MOST_REWEIGHTINGS = 2
 # One that falls below this share of what it was is estimated again beside the model that is then the richest.
 _FALLS = 0.5
@@ -84,7 +85,10 @@ class Workings:
         catalogue = CATALOGUE | dict(extra_effects or {})
         self.case, self.preparation = prepared(case, catalogue)
         self.noise = noise_of_case(self.case)
-        self.bench = Bench(self.case, catalogue, without, settings)
+        self.rows = rows_of_a_block(self.case, settings.most_rows)
+        self.fitted_case = averaged(self.case, self.rows)
+        self.bench = Bench(self.fitted_case, catalogue, without, settings)
+        self.whole = self.bench if self.rows == 1 else self.bench.over(self.case)
         self.fit_runs = [number for number, run in enumerate(self.case.runs) if run.split == "fit"]
         if not any(name in self.case.runs[number].measured.outputs for name in self.noise for number in self.fit_runs):
             raise FitError(f"{file_label(self.case.path)}: {_why_no_readings(self.case)}.")
@@ -102,13 +106,17 @@ class Workings:
 
     def _scale(self, noise: Mapping[str, NoiseModel], error: ModelError, inputs: InputNoise | None) -> Scale:
         channels = KINDS[self.case.kind].outputs
-        readings = collect(self.case, noise, channels, self.fit_runs, inputs, self.settings)
+        readings = collect(self.fitted_case, noise, channels, self.fit_runs, inputs, self.settings)
         return Scale(noise, View(self.bench, readings), Weights(readings, error))
 
     @functools.cached_property
     def first_scale(self) -> Scale:
         """Return the scale without any model error and without the noise of inputs."""
-        return self._scale(self.noise, NONE, None)
+        return self._scale({name: one.of_means(self.rows) for name, one in self.noise.items()}, NONE, None)
+
+    def noise_of(self, trial: Trial) -> Mapping[str, NoiseModel]:
+        """Return the noise of one reading of each channel beside a model."""
+        return trial.scale.noise if self.rows == 1 else self.noise
 
     @functools.cached_property
     def base(self) -> Settled:
@@ -120,8 +128,8 @@ class Workings:
         tried = at_once(lambda start: fit(scale.view, setting, scale.weights, start, steps=FIRST_STEPS), starts)
         found = Trial(setting, {}, min(tried, key=lambda one: one.objective), scale)
         if noisy_inputs(self.case):
-            noise, inputs = noise_passed_on(self.case, self.noise, self.bench, setting, found.fitted.x)
-            self.noise = noise
+            noise, inputs = noise_passed_on(self.fitted_case, scale.noise, self.bench, setting, found.fitted.x)
+            self.noise = noise if self.rows == 1 else self.noise
             scale = self._scale(noise, NONE, inputs)
             found = self._refitted(found, scale)
         return self._settle(found)
@@ -144,7 +152,7 @@ class Workings:
         for number in range(_MOST_REWEIGHTINGS):
             screened = screen(trial.scale.view, trial.setting, trial.fitted.x, trial.scale.noise)
             scale = self._scale_beside(trial, screened)
-            if number and _same(scale.error, trial.scale.error):
+            if number and scale.error.is_near(trial.scale.error):
                 break
             trial = self._refitted(trial, scale)
             if not (number or trial.labels):
@@ -153,7 +161,8 @@ class Workings:
                 trial = min(trial, again, key=lambda one: one.fitted.objective)
         else:
             screened = screen(trial.scale.view, trial.setting, trial.fitted.x, trial.scale.noise)
-        return Settled(trial.setting, trial.amplitudes, trial.fitted, trial.scale, screened)
+        fitted = fit(trial.scale.view, trial.setting, trial.scale.weights, trial.fitted.x)
+        return Settled(trial.setting, trial.amplitudes, fitted, trial.scale, screened)
 
     def _scale_beside(self, trial: Trial, screened: Screen) -> Scale:
         """Return the scale that the richest model about a trial, and the trial itself, leave.
@@ -163,7 +172,7 @@ class Workings:
         least, scale = self.settings.least_odds + np.log(max(1, len(self.bench.candidates))), trial.scale
         for _ in range(_MOST_FALLS):
             left = self._linear(dataclasses.replace(trial, scale=scale), screened).richest(least)
-            before, scale = scale.error, self._beside(scale, left, screened.errors)
+            before, scale = scale.error, self._beside(scale, left)
             if not any(scale.error.sd.get(series, 0.0) < _FALLS * sd for series, sd in before.sd.items()):
                 break
         return scale
@@ -213,8 +222,8 @@ class Workings:
         """Return a fit that stands where all numbers are as stated."""
         return dataclasses.replace(trial.fitted, x=np.zeros_like(trial.fitted.x))
 
-    def _beside(self, scale: Scale, left: np.ndarray, own: np.ndarray) -> Scale:
-        """Return the scale with the noise and the model error that the richest model, and the model itself, leave."""
+    def _beside(self, scale: Scale, left: np.ndarray) -> Scale:
+        """Return the scale with the noise and the model error that the richest model leaves."""
         readings = scale.view.readings
         noise = dict(scale.noise)
         for name, model in noise.items():
@@ -231,12 +240,11 @@ class Workings:
         if any(noise[name] is not model for name, model in scale.noise.items()):
             shared = scale.view.readings.shared
             channels = KINDS[self.case.kind].outputs
-            fresh = collect(self.case, noise, channels, self.fit_runs, None, self.settings)
+            fresh = collect(self.fitted_case, noise, channels, self.fit_runs, None, self.settings)
             readings = dataclasses.replace(fresh, shared=shared)
             scale = Scale(noise, View(self.bench, readings), scale.weights)
         pieces = readings.pieces(_MOST_OF_A_SERIES)
-        left, own = readings.differenced(left), readings.differenced(own)
-        return scale.with_error(estimate(pieces, left, self.tolerances, self.settings, own))
+        return scale.with_error(estimate(pieces, readings.differenced(left), self.tolerances, self.settings))
 
     @functools.cached_property
     def tolerances(self) -> dict[str, float]:
@@ -294,13 +302,16 @@ class Workings:
         reference = beside.fitted.objective if set(beside.labels) <= set(key) else np.inf
         promised = REACHED * gain.chi2 if gain is not None else 0.0
         if best.objective > reference - promised:
-            # The first amplitude was too far from the right one: let what was there follow it.
+            # The first amplitude was too far from the right one, or the numbers had gone too far to hide what lacked:
+            # let what was there follow.
+            begin[BASE] = np.clip(begin[BASE], -_NOT_STRAINED, _NOT_STRAINED)
             best = min(best, self._calibrated(setting, scale, self.bench.layout.at(begin), True), key=_objective)
             for label in [one for one in new if self.bench.candidates[one].group in ("effect", "sensor")]:
                 probes = self.bench.candidates[label].probes
-                if best.objective > reference - promised and len(probes) > 1:
+                if best.objective > reference - promised:
+                    # Too far may be over a cliff, as where a cell is emptied in the model and not on the bench.
                     middle = begin | {label: np.array(probes[len(probes) // 2], dtype=float)}
-                    again = self._calibrated(setting, scale, self.bench.layout.at(middle), True)
+                    again = self._calibrated(setting, scale, self.bench.layout.at(middle), False)
                     best = min(best, again, key=_objective)
         if best.objective > reference and new:
             # An effect can always be faint: a fit worse than without it failed, and is no evidence against it.
@@ -373,12 +384,6 @@ def _fast_scatter(series: Sequence[np.ndarray]) -> float:
     """Return the robust sd of what changes from one reading to the next, a straight line through three taken off."""
     second = [one[:-2] - 2.0 * one[1:-1] + one[2:] for one in series if one.size > 2]
     return robust_sd(np.concatenate([*second, np.zeros(0)])) / np.sqrt(6.0)
-
-
-def _same(one: ModelError, other: ModelError) -> bool:
-    if one.sd.keys() != other.sd.keys() or one.tau_s != other.tau_s:
-        return False
-    return all(abs(np.log(sd / other.sd[series])) < _SAME_ERROR for series, sd in one.sd.items())
 
 
 def _why_no_readings(case: Case) -> str:

@@ -11,7 +11,6 @@ from discrepancy.evidence.trial import Trial
 from discrepancy.fitting.candidates import Candidate, specimen_ranges
 from discrepancy.fitting.fit import NEAR, Fit
 from discrepancy.fitting.model import Bench
-from discrepancy.noise.contract import Predictions
 from discrepancy.noise.instrument import NoiseModel
 from discrepancy.result import Extrapolated
 from discrepancy.settings import SETTINGS
@@ -160,7 +159,9 @@ def _about(value: float, low: float, high: float) -> bool:
     return bool(low - room <= value <= high + room)
 
 
-def starts_moving(case: Case, noise: Mapping[str, NoiseModel], predicted: Predictions) -> tuple[str, ...]:
+def starts_moving(
+    case: Case, noise: Mapping[str, NoiseModel], predicted: Mapping[str, Mapping[str, np.ndarray]]
+) -> tuple[str, ...]:
     """Say where a motor turns at the first row, and the model does not.
 
     Args:

@@ -81,19 +81,25 @@ class Linear:
         self.count = len(own)
         columns = [-screened.base, *(way.columns for way in self.directions), screened.errors[:, None]]
         white = weights.whiten(np.concatenate(columns, axis=1))
-        self.gram = white.T @ white
+        channel = weights.readings.channel
+        self._grams = [white[channel == one].T @ white[channel == one] for one in np.unique(channel)]
+        self.gram = np.sum(self._grams, axis=0)
         self.white_errors = white[:, -1]
         self._raw = columns
         self.precision = screened.setting.prior_sd[own] ** -2.0
         self.prior_slope = self.precision * pulls
         edges = np.cumsum([self.count, *(way.columns.shape[1] for way in self.directions)])
         self.places = [slice(first, last) for first, last in itertools.pairwise(edges)]
-        projected = self.gram.copy()
-        projected[: self.count, -1] -= self.prior_slope
-        projected[-1, : self.count] -= self.prior_slope
-        self.projected = self._off(projected, slice(0, self.count), self.precision)
+        self.projected = self._off_own(self.gram)
         loose = np.where(is_common, self.precision / AS_FAR**2, self.precision)
         self._free = np.diag(self._off(self.gram, slice(0, self.count), loose))
+
+    def _off_own(self, gram: np.ndarray) -> np.ndarray:
+        """Return the inner products of what the model's own unknowns cannot do."""
+        projected = gram.copy()
+        projected[: self.count, -1] -= self.prior_slope
+        projected[-1, : self.count] -= self.prior_slope
+        return self._off(projected, slice(0, self.count), self.precision)
 
     def _off(self, gram: np.ndarray, place: slice, precision: np.ndarray) -> np.ndarray:
         """Return the inner products once the columns of a place, with a prior, have taken what they can."""
@@ -111,6 +117,13 @@ class Linear:
             if gain is not None and (way.label not in found or gain.log_evidence > found[way.label].log_evidence):
                 found[way.label] = gain
         return sorted(found.values(), key=lambda gain: -gain.log_evidence)
+
+    def gains_by_channel(self) -> list[list[Gain]]:
+        """Return, for each channel, what each candidate promises there as if no other were read.
+
+        Where one channel is far off, what is missing in another may look like a loss in both together.
+        """
+        return [self.gains(self._off_own(gram)) for gram in self._grams]
 
     def _gain(self, way: Direction, place: slice, projected: np.ndarray) -> Gain | None:
         candidate = self.candidates[way.label]

@@ -103,7 +103,7 @@ def make_layout(
 
     def add(name: str, known: Known, about: ParameterInfo, run: int = -1, fixed: tuple[int, ...] = ()) -> None:
         assert known.sd is not None
-        coordinate = known_coordinate(name, known.value, known.sd, about)
+        coordinate = known_coordinate(name, known.value, known.sd, about, run)
         if name == "initial_soc" and "ocv" in case.tables:
             top = max(float(case.tables["ocv"].soc[-1]), known.value)
             if known.value + 4.0 * known.sd > top:

@@ -64,11 +64,14 @@ class Unknowns(eqx.Module):
     sign: Array
     ceiling: Array
     bend: Array
+    reach: Array
     mixes: tuple[Array, ...]
 
     def numbers(self, x: Array | np.ndarray) -> Array:
         """Return the numbers at the coordinates x, both of shape (unknowns,)."""
-        straight = self.centre + self.spread * x
+        bounded = jnp.isfinite(self.reach)
+        off = jnp.where(bounded, self.reach * jnp.tanh(x / jnp.where(bounded, self.reach, 1.0)), x)
+        straight = self.centre + self.spread * off
         below = self.ceiling - self.bend * jnp.logaddexp(0.0, (self.ceiling - straight) / self.bend)
         straight = jnp.where(jnp.isfinite(self.ceiling), below, straight)
         curved = self.origin + self.sign * jnp.exp(jnp.where(self.logarithmic, straight, 0.0))
@@ -254,7 +257,7 @@ def make_problem(
     fit_runs = np.flatnonzero([run.split == "fit" for run in case.runs])
     parts = {
         field: jax.device_put(np.array([getattr(coordinate, field) for coordinate in layout.coordinates]))
-        for field in ("logarithmic", "centre", "spread", "origin", "sign", "ceiling", "bend")
+        for field in ("logarithmic", "centre", "spread", "origin", "sign", "ceiling", "bend", "reach")
     }
     return Problem(
         models=_side_by_side([_with_effects(model, tuple(effects)) for model in bare]),

@@ -7,18 +7,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from discrepancy.noise.instrument import BETWEEN_JUMPS, NoiseModel, break_at_jumps, channel_noise, local_noise
+from discrepancy.noise.instrument import NoiseModel, break_at_jumps, channel_noise, local_noise
 from discrepancy.noise.whitening import chain_starts
 from discrepancy.preparation.held_inputs import LONG, noisy_inputs, rows_held
 from jaxmodel.cases import Case, Run
 from jaxmodel.measurements import KINDS
 
-# Readings of a model, by run and output.
-Predictions = Mapping[str, Mapping[str, np.ndarray]]
-
-# What shows the noise, and the rows of the windows in which it is looked at: short, so that nothing slow looks like it.
-_READ = BETWEEN_JUMPS
-_LEFT = "what the calibrated model leaves between jumps of the inputs"
+# Rows of the windows in which noise is looked at: short, so that nothing slow looks like it.
 _WINDOW = 12
 
 
@@ -29,40 +24,16 @@ def noise_of_case(case: Case) -> dict[str, NoiseModel]:
     stated it is estimated from the readings between the jumps of the inputs. Channels whose readings never change, and
     of whose noise nothing is known, say nothing and are left out.
     """
-    return _noise(case, {})
-
-
-def noise_beside(case: Case, noise: Mapping[str, NoiseModel], predicted: Predictions) -> dict[str, NoiseModel]:
-    """Return the noise where a calibrated model's errors scatter less than the readings by themselves.
-
-    Readings that follow a lively input scatter with it; a model takes that away. The smaller of both is the noise.
-
-    Args:
-        case: with its measurements.
-        noise: of every output, as the readings show it: what comes from inputs stays.
-        predicted: readings of the model, by run and output.
-    """
-    left = _noise(case, {name: model.from_inputs for name, model in noise.items()}, predicted)
-    return {name: min(model, left.get(name, model), key=lambda one: one.sd) for name, model in noise.items()}
-
-
-def _noise(case: Case, from_inputs: Mapping[str, float], predicted: Predictions | None = None) -> dict[str, NoiseModel]:
     noise = {}
-    shown_by = _READ if predicted is None else _LEFT
     for name in KINDS[case.kind].outputs:
         runs = [run for run in case.runs if name in run.measured.outputs]
         readings = [run.measured.outputs[name] for run in runs]
         if not runs or not any(np.isfinite(values).any() for values in readings):
             continue
-        if predicted is not None:
-            runs = [run for run in runs if run.split == "fit"]
-        if not runs:
-            continue
-        shown = [run.measured.outputs[name] - (predicted[run.name][name] if predicted else 0.0) for run in runs]
         inputs = [np.stack(list(run.measured.inputs.values()), axis=1) for run in runs]
         times = [run.measured.time_s for run in runs]
         calm = [break_at_jumps(chain_starts([t]), part, settling_rows=3) for t, part in zip(times, inputs, strict=True)]
-        series = [np.concatenate(part) for part in (shown, calm, times)]
+        series = [np.concatenate(part) for part in (readings, calm, times)]
 
         def estimate(known_sd, series=series):
             return local_noise(*series, known_sd=known_sd, window=_WINDOW)
@@ -71,11 +42,9 @@ def _noise(case: Case, from_inputs: Mapping[str, float], predicted: Predictions 
             np.concatenate(readings),
             estimate,
             stated_sd=case.sensors.get(name),
-            input_sd=from_inputs.get(name, 0.0),
-            shown_by=shown_by,
         )
         if model.sd > 0.0:
-            noise[name] = dataclasses.replace(model, from_inputs=from_inputs.get(name, 0.0))
+            noise[name] = model
     return noise
 
 

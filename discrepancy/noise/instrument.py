@@ -1,10 +1,8 @@
 """How large an instrument's noise is, how correlated, and who says so.
 
-Noise is AR(1): corr(e_t, e_{t+k}) = rho^k, white at rho = 0. Of the two estimators the caller chooses: `local_noise`
-looks only at short windows and removes a parabola from each, so that whatever is slow (the signal itself between two
-jumps of the inputs, or the misfit of a wrong model) is not taken for noise; `residual_noise` uses a residual whole,
-which is sharper, and takes the misfit of a wrong model for correlated noise: give it the residual of the richest model
-there is.
+Noise is AR(1): corr(e_t, e_{t+k}) = rho^k, white at rho = 0. Only short windows are looked at, and a parabola is taken
+out of each, so that whatever is slow (the signal itself between two jumps of the inputs, or the misfit of a wrong
+model) is not taken for noise.
 """
 
 from __future__ import annotations
@@ -17,7 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import fminbound
 from scipy.stats import chi2
 
-from discrepancy.noise.whitening import Bools, Floats, Integers, chain_weights, innovations, whiten
+from discrepancy.noise.whitening import Bools, Floats, Integers, innovations
 from discrepancy.preparation.signals import MAD_OF_NORMAL, detect_quantum
 from discrepancy.settings import SETTINGS, Settings
 
@@ -61,6 +59,15 @@ class NoiseModel:
         """Return the noise with another part from the inputs."""
         return replace(self, sd=float(np.hypot(self.own_sd, sd)), from_inputs=sd)
 
+    def of_means(self, rows: int) -> NoiseModel:
+        """Return the noise of means over so many successive readings: less by the root of how many are independent."""
+        if rows == 1:
+            return self
+        together = (1.0 + self.rho) / max(1.0 - self.rho, 1.0 / rows)
+        share = float(np.sqrt(min(together / rows, 1.0)))
+        sd = max(share * self.sd, self.quantum / np.sqrt(12.0))
+        return replace(self, sd=sd, rho=0.0, stated=None if self.stated is None else share * self.stated)
+
     @property
     def contradicts(self) -> bool:
         """Return True where the readings scatter otherwise than is stated."""
@@ -100,8 +107,6 @@ def channel_noise(
     estimate: Callable[[float | None], NoiseEstimate],
     *,
     stated_sd: float | None = None,
-    input_sd: float = 0.0,
-    shown_by: str = BETWEEN_JUMPS,
     settings: Settings = SETTINGS,
 ) -> NoiseModel:
     """Settle one sensor's noise from what is stated and from the fast scatter of what was read.
@@ -114,8 +119,6 @@ def channel_noise(
         readings: (n,) readings of this sensor, for their quantum.
         estimate: from a known sd, or None, to what the scatter shows.
         stated_sd: the sensor's white noise before rounding, if anyone states it.
-        input_sd: sd that the noise of measured inputs adds to this sensor's residual, in its unit.
-        shown_by: the series that `estimate` looks at, in words.
         settings: the constants.
 
     Returns:
@@ -129,26 +132,24 @@ def channel_noise(
     seen = max(free.sd, rounding) if np.isfinite(free.sd) else float("nan")
     if stated_sd is None:
         if not np.isfinite(seen):
-            sd = float(np.hypot(rounding, input_sd))
-            return NoiseModel(sd, 0.0, "nothing stated and too few or equal readings: rounding alone", quantum)
+            return NoiseModel(rounding, 0.0, "nothing stated and too few or equal readings: rounding alone", quantum)
         rho = free.rho if free.is_coloured else 0.0
-        return NoiseModel(seen, rho, f"estimated from {shown_by}", quantum)
-    sd = float(np.sqrt(stated_sd**2 + rounding**2 + input_sd**2))
+        return NoiseModel(seen, rho, f"estimated from {BETWEEN_JUMPS}", quantum)
+    sd = float(np.sqrt(stated_sd**2 + rounding**2))
     ratio = seen / sd if free.count >= settings.fewest_for_noise else 1.0
     # Of coloured noise windows tell the sd within a factor of two only.
     too_small = ratio > settings.noise_contradiction * (2.0 if free.is_coloured else 1.0)
     # White noise below what is stated contradicts it; coloured noise may have its larger part where no window sees it.
     too_large = ratio < 1.0 / settings.noise_contradiction and not free.is_coloured
     if too_small or too_large:
-        source = f"{shown_by} show {seen:.3g}: the stated sd is wrong ({stated_sd:g})"
+        source = f"{BETWEEN_JUMPS} show {seen:.3g}: the stated sd is wrong ({stated_sd:g})"
         return NoiseModel(seen, free.rho if free.is_coloured else 0.0, source, quantum, stated=stated_sd)
     given = estimate(sd)
     # Given a sd that is wrong, white noise seems correlated: both estimates must say so.
     rho = given.rho if given.is_coloured and free.is_coloured else 0.0
     source = f"stated ({stated_sd:g})"
     source += f", rounding to {quantum:g} added" if quantum else ""
-    source += f", noise of measured inputs ({input_sd:.2g}) added" if input_sd else ""
-    source += f"; correlation from {shown_by}" if rho else ""
+    source += f"; correlation from {BETWEEN_JUMPS}" if rho else ""
     return NoiseModel(sd, rho, source, quantum, stated=stated_sd)
 
 
@@ -179,31 +180,6 @@ def break_at_jumps(starts: ArrayLike, inputs: ArrayLike, settling_rows: int = 1)
         after = np.unique(jumped[:, None] + np.arange(settling_rows + 1))
         result[after[after < len(result)]] = True
     return result
-
-
-def residual_noise(residual: ArrayLike, starts: ArrayLike, *, known_sd: float | None = None) -> NoiseEstimate:
-    """Estimate sd and AR(1) correlation of a residual by maximum likelihood, every frequency counted.
-
-    Args:
-        residual: (n,) measured minus modelled, NaN where the reading is missing.
-        starts: (n,) booleans, True where a chain begins.
-        known_sd: the sd, where it is known.
-
-    Returns:
-        The estimate; its sd is NaN where there is no residual.
-    """
-    values = np.asarray(residual, dtype=float)
-    present = np.isfinite(values)
-    if not np.any(values[present]):
-        return _NO_ESTIMATE
-
-    def likelihood(rho: float) -> tuple[float, float]:
-        _, weight = chain_weights(starts, rho, present)
-        squared = whiten(values, starts, rho, 1.0, present)[present] ** 2
-        variance = known_sd**2 if known_sd else float(np.mean(squared))
-        return float(np.sum(np.log(variance * (1.0 - weight**2)) + squared / variance)), variance
-
-    return _maximise(likelihood, _RHO_BOUNDS, int(present.sum()))
 
 
 def local_noise(

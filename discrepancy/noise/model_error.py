@@ -24,6 +24,8 @@ from discrepancy.settings import SETTINGS, Settings
 
 # One channel of one run: a chain that delta does not cross.
 Series = tuple[str, int]
+# A model error that changes by less than this share is the same.
+_NEAR = 0.1
 _SIZES = np.concatenate([[0.0], np.geomspace(0.1, 3e4, 23)])
 
 
@@ -43,6 +45,12 @@ class ModelError:
         """Return the root mean square of s over the runs of a channel, 0 where there is no model error."""
         own = [sd for (name, _), sd in self.sd.items() if name == channel]
         return float(np.sqrt(np.mean(np.square(own)))) if own else 0.0
+
+    def is_near(self, other: ModelError) -> bool:
+        """Return True where another differs by so little that it is not worth another fit."""
+        if self.sd.keys() != other.sd.keys() or self.tau_s != other.tau_s:
+            return False
+        return all(abs(np.log(sd / other.sd[series])) < _NEAR for series, sd in self.sd.items())
 
 
 NONE = ModelError()
@@ -123,7 +131,6 @@ def estimate(
     errors: Float[np.ndarray, " n"],
     tolerance: Mapping[str, float] | None = None,
     settings: Settings = SETTINGS,
-    own: Float[np.ndarray, " n"] | None = None,
 ) -> ModelError:
     """Return the most probable model error of every series, given the errors that a model leaves.
 
@@ -131,15 +138,13 @@ def estimate(
     where the likelihood gains less than `settings.least_error_gain`. What a model gets wrong is no true
     Ornstein-Uhlenbeck process but a smooth function of what the model leaves out: small from reading to reading and
     large in the end. So s is not less than the root mean square that is left, and is raised towards a share of the
-    tolerance; without a fine sensor beside it, and slow errors that cost nothing, would decide alone. Half of
-    what the model itself leaves beyond the tolerance is its error too: else its numbers run away to hide what it lacks.
+    tolerance; without a fine sensor beside it, and slow errors that cost nothing, would decide alone.
 
     Args:
         chains: all series.
         errors: what the richest model of the round leaves, noise differenced as in `Chain`.
         tolerance: by channel, the largest s that is believed of the richest model, in the channel's unit.
         settings: the constants.
-        own: what the model itself leaves, as `errors`.
     """
     sd: dict[Series, float] = {}
     tau_s: dict[str, float] = {}
@@ -162,9 +167,7 @@ def estimate(
         for chain, table in zip(owned, near[:, memory, :, common], strict=True):
             probable = _peak(np.log(sizes[1:]), table)
             raised = min(settings.least_error_share * most, settings.error_raised * probable) if tolerance else 0.0
-            believed = min(max(probable, _beyond(errors, chain), raised), most)
-            far = _beyond(own, chain) - most if own is not None else 0.0
-            sd[chain.series] = max(believed, settings.own_share * far)
+            sd[chain.series] = min(max(probable, _beyond(errors, chain), raised), most)
     return ModelError(sd, tau_s)
 
 

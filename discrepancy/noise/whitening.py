@@ -34,30 +34,6 @@ def chain_starts(times: Iterable[ArrayLike]) -> Bools:
     )
 
 
-def block_labels(starts: ArrayLike, block_length: int) -> Integers:
-    """Cut every chain into blocks of equal length, the clusters of cluster-robust statistics.
-
-    A remainder shorter than half a block joins the block before it. Blocks should be at least five correlation times
-    long.
-
-    Args:
-        starts: (n,) booleans, True where a chain begins.
-        block_length: rows per block, at least 1.
-
-    Returns:
-        (n,) block numbers, counted from 0 through all chains.
-    """
-    begins = np.asarray(starts, dtype=bool).copy()
-    if begins.size:
-        begins[0] = True
-    first = np.flatnonzero(begins)
-    lengths = np.diff(np.append(first, begins.size))
-    for start, length in zip(first, lengths, strict=True):
-        whole = max(1, int(length / block_length + 0.5))
-        begins[start + block_length * np.arange(whole)] = True
-    return np.cumsum(begins) - 1
-
-
 def chain_weights(starts: ArrayLike, rho: float, present: ArrayLike) -> tuple[Integers, Floats]:
     """Return the rows that were read, and the correlation of each one's noise with that of the one read before it.
 

@@ -122,6 +122,24 @@ def test_amplitude_score_and_base_step_are_those_of_a_refit(given: Given):
     assert gain.chi2 == pytest.approx(gain.z**2)
 
 
+def test_gains_of_a_channel_are_those_without_the_others(given: Given, small_view: View, small_weights: Weights):
+    """As if the readings of all other channels had no error and no sensitivity."""
+    linear, channel = given.linear, small_view.readings.channel
+    weights = Weights(
+        small_view.readings, ModelError({("voltage_V", 0): 0.004, ("voltage_V", 1): 0.002}, {"voltage_V": 100.0})
+    )
+    for one, found in zip(np.unique(channel), linear.gains_by_channel(), strict=True):
+        mine = (channel == one)[:, None]
+        directions = tuple(dataclasses.replace(way, columns=way.columns * mine) for way in linear.directions)
+        setting = Setting((), (0, 1, 2), given.prior_sd, np.zeros(0), np.zeros((0, 0)), False)
+        screened = Screen(setting, given.pulls, given.errors * mine[:, 0], -given.base * mine, directions)
+        alone = Linear(screened, weights, linear.candidates, given.pulls, np.array([True, True, False])).gains()
+        expected = {gain.label: gain.log_evidence for gain in alone}
+        told = {gain.label: gain.log_evidence for gain in found}
+        for label in ("strong", "weak", "one run", "curve"):
+            assert told[label] == pytest.approx(expected[label], abs=1e-6), label
+
+
 def test_what_the_base_model_can_do_is_no_effect(given: Given):
     """In its span, or all but in it where a number of all runs may be stated wrongly."""
     labels = {gain.label for gain in given.linear.gains()}

@@ -11,7 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from discrepancy.fitting.candidates import candidates, make_candidate
-from discrepancy.fitting.coordinates import Coordinate, effect_coordinate, known_coordinate
+from discrepancy.fitting.coordinates import (
+    REACH_OF_A_RUN,
+    REACH_OF_ALL,
+    Coordinate,
+    effect_coordinate,
+    known_coordinate,
+)
 from jaxmodel.cases import Known
 from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
@@ -65,6 +71,21 @@ def test_below_a_ceiling_number_coordinate_and_slope_agree(coordinate: Coordinat
 def test_slope_is_the_derivative(coordinate: Coordinate, x: float) -> None:
     difference = (coordinate.number(x + 1e-4) - coordinate.number(x - 1e-4)) / 2e-4
     assert coordinate.slope(x) == pytest.approx(abs(difference), rel=1e-5, abs=1e-9)
+
+
+@given(st.sampled_from([("capacity_Ah", 5.2, 0.15), ("initial_soc", 0.5, 0.01)]), st.floats(-60.0, 60.0))
+def test_no_number_is_beyond_the_reach_of_what_is_stated(stated: tuple[str, float, float], x: float) -> None:
+    name, value, sd = stated
+    run = -1 if name == "capacity_Ah" else 0
+    coordinate = known_coordinate(name, value, sd, info(name), run)
+    nearest, furthest = sorted(coordinate.number(end) for end in (-1e3, 1e3))
+    assert nearest <= coordinate.number(x) <= furthest
+    off = math.log(furthest / value) * value / sd if coordinate.logarithmic else (furthest - value) / sd
+    assert off == pytest.approx(REACH_OF_ALL if run < 0 else REACH_OF_A_RUN)
+    if abs(x) < 15.0:
+        assert coordinate.at(coordinate.number(x)) == pytest.approx(x, abs=1e-3)
+        difference = (coordinate.number(x + 1e-4) - coordinate.number(x - 1e-4)) / 2e-4
+        assert coordinate.slope(x) == pytest.approx(difference, rel=1e-3, abs=1e-9)
 
 
 @pytest.mark.parametrize(("name", "value", "sd"), [("capacity_Ah", 5.2, 0.15), ("initial_soc", 0.97, 0.01)])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from discrepancy.noise.contract import noise_beside, noise_of_case, without_input_noise
+from discrepancy.noise.contract import noise_of_case, without_input_noise
 from discrepancy.noise.instrument import (
     NoiseModel,
     _distances,
@@ -13,11 +13,9 @@ from discrepancy.noise.instrument import (
     channel_noise,
     detect_quantum,
     local_noise,
-    residual_noise,
 )
 from discrepancy.noise.whitening import chain_starts
-from jaxmodel.cases import Case
-from tests.discrepancy.made_cases import SMALL_NOISE, case_of, run_of
+from tests.discrepancy.made_cases import case_of, run_of
 
 ROWS = 2000
 ONE_RUN = chain_starts([range(ROWS)])
@@ -60,9 +58,6 @@ def test_local_noise_ignores_a_slow_misfit_ten_times_the_noise(rho, tolerance, s
     assert found.rho == pytest.approx(rho, abs=tolerance)
     assert found.sd == pytest.approx(1.0, rel=sd_tolerance)
     assert found.is_coloured == (rho > 0.0)
-    whole = residual_noise(ar1(rho, seed=1) + misfit, ONE_RUN)
-    assert whole.sd > 5.0
-    assert whole.rho > 0.95
 
 
 def test_a_known_sd_makes_a_long_memory_measurable():
@@ -70,16 +65,6 @@ def test_a_known_sd_makes_a_long_memory_measurable():
     assert found.rho == pytest.approx(0.9, abs=0.012)
     assert found.rho_se < 0.01
     assert local_noise(ar1(0.9, seed=2), ONE_RUN).rho_se > 5.0 * found.rho_se
-
-
-@pytest.mark.parametrize("rho", [0.0, 0.6, 0.95])
-def test_residual_noise_of_a_right_model_is_sharp(rho):
-    residual = ar1(rho, seed=3, sd=0.02)
-    residual[np.random.default_rng(0).random(ROWS) < 0.05] = np.nan
-    found = residual_noise(residual, ONE_RUN)
-    assert found.rho == pytest.approx(rho, abs=4.0 * found.rho_se)
-    assert found.rho_se < 0.03
-    assert found.sd == pytest.approx(0.02, rel=0.2)
 
 
 def test_local_noise_does_without_missing_readings_at_unequal_steps():
@@ -138,14 +123,12 @@ def test_rounding_that_hides_the_noise_is_taken_for_it():
     assert channel_noise(stuck, lambda sd: local_noise(stuck, ONE_RUN, known_sd=sd)).sd == 0.0
 
 
-def test_a_stated_sd_is_kept_with_rounding_and_input_noise_added():
+def test_a_stated_sd_is_kept_with_rounding_added():
     readings = np.round(4.0 + ar1(0.6, seed=9, sd=0.002), 3)
-    noise = channel_noise(
-        readings, lambda sd: local_noise(readings, ONE_RUN, known_sd=sd), stated_sd=0.002, input_sd=0.0005
-    )
-    assert noise.sd == pytest.approx(np.sqrt(0.002**2 + 0.001**2 / 12.0 + 0.0005**2))
+    noise = channel_noise(readings, lambda sd: local_noise(readings, ONE_RUN, known_sd=sd), stated_sd=0.002)
+    assert noise.sd == pytest.approx(np.sqrt(0.002**2 + 0.001**2 / 12.0))
     assert noise.rho == pytest.approx(0.6, abs=0.08)
-    for part in ("stated (0.002)", "rounding to 0.001", "measured inputs", "correlation"):
+    for part in ("stated (0.002)", "rounding to 0.001", "correlation"):
         assert part in noise.source
 
 
@@ -217,27 +200,6 @@ def test_an_input_freed_of_its_noise_says_nothing_of_its_own_row(rho: float, tol
     moved = current.copy()
     moved[5] += sd
     assert set(np.flatnonzero(quiet(moved) != quiet(current)).tolist()) == told
-
-
-def test_what_a_model_leaves_tells_the_noise_where_the_readings_do_not():
-    """A lively input leaves no stretch of readings that noise alone moves; a model takes that away."""
-    rng = np.random.default_rng(1)
-    current = rng.uniform(-2.0, 5.0, 400)
-    still = 3.8 - 0.1 * current
-    inputs = {"current_A": current, "ambient_degC": np.full(400, 20.0)}
-    case = case_of("cell", {}, [run_of(1, inputs, {"voltage_V": still + 0.002 * rng.standard_normal(400)})])
-    before = noise_of_case(case)
-    told = noise_beside(case, before, {"run-01": {"voltage_V": still}})["voltage_V"]
-    assert before["voltage_V"].sd > 10.0 * 0.002
-    assert told.sd == pytest.approx(0.002, rel=0.1)
-    assert "the calibrated model leaves" in told.source
-
-
-def test_noise_that_is_stated_stays_beside_a_model(small: Case):
-    before = noise_of_case(small)
-    assert {name: model.sd for name, model in before.items()} == SMALL_NOISE
-    predicted = {run.name: run.measured.outputs for run in small.runs}
-    assert noise_beside(small, before, {name: dict(of) for name, of in predicted.items()}) == before
 
 
 def test_a_channel_that_never_changes_says_nothing():

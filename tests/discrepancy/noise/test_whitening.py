@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from discrepancy.noise.whitening import block_labels, chain_starts, chain_weights, whiten
+from discrepancy.noise.whitening import chain_starts, chain_weights, whiten
 
 
 def covariance(starts: np.ndarray, clock: np.ndarray, rho: float, sd: np.ndarray) -> np.ndarray:
@@ -63,13 +63,6 @@ def test_chain_restarts_after_a_pause_and_not_where_the_logger_slows_down():
     assert np.flatnonzero(chain_starts([gap])).tolist() == [0, 4]
     slower = np.cumsum([0.0, 1.0, 1.0, 60.0, 60.0, 60.0, 1.0, 1.0])
     assert np.flatnonzero(chain_starts([slower, [0.0], [0.0, 50.0]])).tolist() == [0, 8, 9]
-
-
-def test_blocks_cut_chains_and_never_cross_them():
-    starts = chain_starts([range(10), range(3), range(7)])
-    labels = block_labels(starts, 4)
-    assert labels.tolist() == [0] * 4 + [1] * 4 + [2] * 2 + [3] * 3 + [4] * 4 + [5] * 3
-    assert block_labels(chain_starts([range(9)]), 4).tolist() == [0] * 4 + [1] * 5
 
 
 @pytest.mark.parametrize(
