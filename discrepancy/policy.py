@@ -14,7 +14,7 @@ import numpy as np
 from discrepancy.evidence.linear import Gain, Linear
 from discrepancy.evidence.trial import Settled, Trial
 from discrepancy.fitting.lanes import at_once
-from discrepancy.gates import Addition, addition, harms, odds_of, passes
+from discrepancy.gates import Addition, addition, harms, is_plausible, odds_of, passes
 from discrepancy.workings import Workings
 
 CLOCK = "time_s"
@@ -121,11 +121,11 @@ def _leading(inv: Workings, model: Settled, linear: Linear, gains: Sequence[Gain
 def _first_that_holds(
     inv: Workings, model: Settled, passing: Sequence[Addition]
 ) -> tuple[Addition, Settled] | tuple[None, None]:
-    """Return the first addition that harms no run left out under weights of its own either, and its model."""
+    """Return the first addition that passes under weights of its own too, as large as it then is, and its model."""
     for one in passing:
         inv.tell(f"adding {one.label}")
         added = inv.settled(one.trial.labels, one.trial)
-        if not harms(inv, added, model):
+        if is_plausible(inv, added, one.label) and not harms(inv, added, model):
             return one, added
     return None, None
 
