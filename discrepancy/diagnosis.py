@@ -75,7 +75,7 @@ def compare(
         candidates=(),
         unexplained=None,
         blind_to=(),
-        noise=_sensors(inv, inv.base),
+        noise=_sensors(inv.base),
         ladder=ladder,
         scores=(),
         critical_z=float("nan"),
@@ -198,7 +198,7 @@ def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ord
         candidates=tuple((name, p) for name, p in candidates.items() if p >= 5e-4),
         unexplained=decision.unexplained,
         blind_to=tuple(name for name in blind if name not in {effect.name for effect in named}),
-        noise=_sensors(inv, final),
+        noise=_sensors(final),
         ladder=tuple(ladder),
         scores=tuple(
             ScoreEntry(gain.label, gain.z, bool(abs(gain.z) > critical), inv.bench.candidates[gain.label].name in blind)
@@ -284,7 +284,7 @@ def _removes(lacking: Rung, final: Rung) -> dict[str, Removed]:
 def _channel_evidence(inv: Workings, found: policy.Found, name: str, base: Rung, last: Rung) -> ChannelEvidence:
     tolerance = inv.case.tolerance.get(name)
     return ChannelEvidence(
-        noise=inv.noise_of(found.final)[name].sd,
+        noise=found.final.scale.noise[name].sd,
         before=base.errors[name].fit,
         fit=last.errors[name].fit,
         check=last.errors[name].check,
@@ -308,8 +308,8 @@ def _immaterial(inv: Workings, refused: Addition) -> Immaterial:
     return Immaterial(name, {}, f"{name}: the fitted runs show it (log evidence {refused.gain:+.1f}), and {reason}")
 
 
-def _sensors(inv: Workings, trial: Trial) -> dict[str, Sensor]:
-    return {name: Sensor(one.sd, one.rho, one.source, one.quantum) for name, one in inv.noise_of(trial).items()}
+def _sensors(trial: Trial) -> dict[str, Sensor]:
+    return {name: Sensor(one.sd, one.rho, one.source, one.quantum) for name, one in trial.scale.noise.items()}
 
 
 def _where(inv: Workings, left: Sequence[ChannelResiduals]) -> dict[str, tuple[str, ...]]:
@@ -362,8 +362,8 @@ def _remarks(
             of_runs.append(dataclasses.replace(known, run=inv.case.runs[run].name))
     return (
         *inv.preparation,
-        *told.noise_remarks(inv.noise_of(trial)),
-        *told.starts_moving(inv.case, inv.noise_of(trial), base.predictions),
+        *told.noise_remarks(trial.scale.noise),
+        *told.starts_moving(inv.case, trial.scale.noise, base.predictions),
         *told.nothing_moves(fitted),
         *told.strained([*common, *of_runs]),
         *told.out_of_range(inv.bench, trial),

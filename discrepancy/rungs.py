@@ -54,10 +54,10 @@ def started(inv: Workings, trial: Trial) -> Started:
         return Started(trial.fitted.x, {})
     rows = {number: first_rows(inv, number) for number in checks}
     channels = inv.bench.coarse.channels
-    readings = collect(inv.case, inv.noise_of(trial), channels, checks, None, settings, rows)
+    readings = collect(inv.case, trial.scale.noise, channels, checks, None, settings, rows)
     if not readings.count:
         return Started(trial.fitted.x, {})
-    view = View(inv.whole, readings)
+    view = View(inv.bench, readings)
     x = fit(view, trial.setting, Weights(readings, NONE), trial.fitted.x, free=own).x
     pulls = {
         inv.case.runs[number].name: float(
@@ -80,8 +80,8 @@ def nominal(inv: Workings) -> Rung:
     """Return the base model at its nominal parameters."""
     base = inv.base
     x = np.zeros_like(base.fitted.x)
-    predicted = inv.whole.predicted(base.setting, x)
-    by_run = inv.whole.by_run(predicted)
+    predicted = inv.bench.predicted(base.setting, x)
+    by_run = inv.bench.by_run(predicted)
     errors = {name: _errors(inv, name, by_run, by_run) for name in inv.noise}
     return Rung("nominal", (), {}, (), errors, by_run, float("nan"), base.fitted.rows.size)
 
@@ -89,8 +89,8 @@ def nominal(inv: Workings) -> Rung:
 def rung(inv: Workings, name: str, trial: Trial, begun: Started | None = None) -> Rung:
     """Return one model of the ladder, with its errors on fitted and on held-out runs."""
     begun = begun or started(inv, trial)
-    by_run = inv.whole.by_run(inv.whole.predicted(trial.setting, begun.x))
-    as_stated = inv.whole.by_run(inv.whole.predicted(trial.setting, trial.fitted.x))
+    by_run = inv.bench.by_run(inv.bench.predicted(trial.setting, begun.x))
+    as_stated = inv.bench.by_run(inv.bench.predicted(trial.setting, trial.fitted.x))
     estimates, far = estimates_of(inv, trial)
     return Rung(
         name=name,

@@ -39,9 +39,6 @@ class Settings:
 
     # Readings.
     most_readings: int = _constant(30_000, "readings that are fitted; more are thinned evenly, and judge all the same")
-    most_rows: int = _constant(
-        15_000, "rows of a cell's fitted runs together; of more, means over a few successive ones are fitted"
-    )
 
     # Curves and unknown laws: standard deviation of the prior, chosen by the evidence.
     curve_correlation: float = _constant(0.25, "correlation length of a curve's prior, as a share of its span")

@@ -24,7 +24,6 @@ from discrepancy.noise.input_noise import InputNoise
 from discrepancy.noise.instrument import NoiseModel
 from discrepancy.noise.model_error import NONE, ModelError, estimate
 from discrepancy.preparation import prepared
-from discrepancy.preparation.averaged import averaged, rows_of_a_block
 from discrepancy.preparation.held_inputs import noisy_inputs
 from discrepancy.preparation.signals import robust_sd
 from discrepancy.screening.screen import Screen, screen
@@ -85,10 +84,7 @@ class Workings:
         catalogue = CATALOGUE | dict(extra_effects or {})
         self.case, self.preparation = prepared(case, catalogue)
         self.noise = noise_of_case(self.case)
-        self.rows = rows_of_a_block(self.case, settings.most_rows)
-        self.fitted_case = averaged(self.case, self.rows)
-        self.bench = Bench(self.fitted_case, catalogue, without, settings)
-        self.whole = self.bench if self.rows == 1 else self.bench.over(self.case)
+        self.bench = Bench(self.case, catalogue, without, settings)
         self.fit_runs = [number for number, run in enumerate(self.case.runs) if run.split == "fit"]
         if not any(name in self.case.runs[number].measured.outputs for name in self.noise for number in self.fit_runs):
             raise FitError(f"{file_label(self.case.path)}: {_why_no_readings(self.case)}.")
@@ -106,17 +102,13 @@ class Workings:
 
     def _scale(self, noise: Mapping[str, NoiseModel], error: ModelError, inputs: InputNoise | None) -> Scale:
         channels = KINDS[self.case.kind].outputs
-        readings = collect(self.fitted_case, noise, channels, self.fit_runs, inputs, self.settings)
+        readings = collect(self.case, noise, channels, self.fit_runs, inputs, self.settings)
         return Scale(noise, View(self.bench, readings), Weights(readings, error))
 
     @functools.cached_property
     def first_scale(self) -> Scale:
         """Return the scale without any model error and without the noise of inputs."""
-        return self._scale({name: one.of_means(self.rows) for name, one in self.noise.items()}, NONE, None)
-
-    def noise_of(self, trial: Trial) -> Mapping[str, NoiseModel]:
-        """Return the noise of one reading of each channel beside a model."""
-        return trial.scale.noise if self.rows == 1 else self.noise
+        return self._scale(self.noise, NONE, None)
 
     @functools.cached_property
     def base(self) -> Settled:
@@ -128,8 +120,8 @@ class Workings:
         tried = at_once(lambda start: fit(scale.view, setting, scale.weights, start, steps=FIRST_STEPS), starts)
         found = Trial(setting, {}, min(tried, key=lambda one: one.objective), scale)
         if noisy_inputs(self.case):
-            noise, inputs = noise_passed_on(self.fitted_case, scale.noise, self.bench, setting, found.fitted.x)
-            self.noise = noise if self.rows == 1 else self.noise
+            noise, inputs = noise_passed_on(self.case, scale.noise, self.bench, setting, found.fitted.x)
+            self.noise = noise
             scale = self._scale(noise, NONE, inputs)
             found = self._refitted(found, scale)
         return self._settle(found)
@@ -240,7 +232,7 @@ class Workings:
         if any(noise[name] is not model for name, model in scale.noise.items()):
             shared = scale.view.readings.shared
             channels = KINDS[self.case.kind].outputs
-            fresh = collect(self.fitted_case, noise, channels, self.fit_runs, None, self.settings)
+            fresh = collect(self.case, noise, channels, self.fit_runs, None, self.settings)
             readings = dataclasses.replace(fresh, shared=shared)
             scale = Scale(noise, View(self.bench, readings), scale.weights)
         pieces = readings.pieces(_MOST_OF_A_SERIES)

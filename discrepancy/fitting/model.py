@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
@@ -76,13 +75,6 @@ class Bench:
         ruled_out = self.labels_of(without)
         self.candidates = {label: one for label, one in self.candidates.items() if label not in ruled_out}
         self.layout: Layout = make_layout(case, list(self.candidates.values()), catalogue)
-
-    def over(self, case: Case) -> Bench:
-        """Return the same unknowns and candidates over other rows of the same runs."""
-        found = copy.copy(self)
-        found.__dict__ = {name: value for name, value in self.__dict__.items() if not isinstance(value, Problem)}
-        found.case = case
-        return found
 
     @functools.cached_property
     def coarse(self) -> Problem:

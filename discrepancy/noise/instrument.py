@@ -59,15 +59,6 @@ class NoiseModel:
         """Return the noise with another part from the inputs."""
         return replace(self, sd=float(np.hypot(self.own_sd, sd)), from_inputs=sd)
 
-    def of_means(self, rows: int) -> NoiseModel:
-        """Return the noise of means over so many successive readings: less by the root of how many are independent."""
-        if rows == 1:
-            return self
-        together = (1.0 + self.rho) / max(1.0 - self.rho, 1.0 / rows)
-        share = float(np.sqrt(min(together / rows, 1.0)))
-        sd = max(share * self.sd, self.quantum / np.sqrt(12.0))
-        return replace(self, sd=sd, rho=0.0, stated=None if self.stated is None else share * self.stated)
-
     @property
     def contradicts(self) -> bool:
         """Return True where the readings scatter otherwise than is stated."""

@@ -106,6 +106,7 @@ def test_additions_are_gated_by_evidence_and_by_runs_left_out(warm_small: Invest
     told = gates.addition(warm_small, warm_small.base, gains[0])
     assert told.significant
     assert told.material
+    assert told.obvious
     assert told.paid > 0.0
     assert told.gain == pytest.approx(told.trial.log_evidence - warm_small.base.log_evidence)
     # To first order the screen foretold what the refit gained.
