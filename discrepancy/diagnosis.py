@@ -211,7 +211,7 @@ def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ord
         runs=tuple(
             run_found(inv, final, last, label, removes[label]) for label in final.labels if groups[label] == "run"
         ),
-        immaterial=tuple(_immaterial(inv, one) for one in found.refused.values()),
+        immaterial=tuple(_immaterial(inv, one, last) for one in found.refused.values()),
         remaining=_remaining(inv, final, last, left["final"]),
         extrapolated=extrapolated,
         tolerance=tolerances(inv),
@@ -298,14 +298,24 @@ def _small(one: ChannelEvidence) -> bool:
     return one.before**2 - one.noise**2 < 0.1 * one.noise**2
 
 
-def _immaterial(inv: Workings, refused: Addition) -> Immaterial:
+def _immaterial(inv: Workings, refused: Addition, last: Rung) -> Immaterial:
     name = inv.bench.candidates[refused.label].name
-    reason = (
-        f"its error on runs left out does not fall (log score {refused.paid:+.1f}, {refused.expected:.1f} expected)"
-        if not refused.foretells(inv.settings.should_pay)
-        else "it takes less than a tenth of the tolerance off any error"
+    if not refused.plausible:
+        reason = f"it would be more than {inv.settings.implausible:g} sd larger than usual"
+    elif not refused.foretells(inv.settings.should_pay):
+        reason = (
+            f"pieces left out are foretold no better (log score {refused.paid:+.1f}, {refused.expected:.1f} expected)"
+        )
+    elif refused.harmful:
+        reason = "pieces left out are missed by more with it"
+    elif not refused.material:
+        reason = "it takes too little off any error to matter"
+    else:
+        reason = "refitted with weights of its own it is larger than usual, or pieces left out are missed by more"
+    removes = _removes(last, rung(inv, "", refused.trial))
+    return Immaterial(
+        name, removes, f"{name}: the fitted runs show it (log evidence {refused.gain:+.1f}), and {reason}"
     )
-    return Immaterial(name, {}, f"{name}: the fitted runs show it (log evidence {refused.gain:+.1f}), and {reason}")
 
 
 def _sensors(trial: Trial) -> dict[str, Sensor]:

@@ -162,7 +162,7 @@ class RunFound:
 
 @dataclasses.dataclass(frozen=True)
 class Immaterial:
-    """Something that the fitted runs show and that lowers no error on runs left out, or none that matters."""
+    """Something that the fitted runs show and that was not added; the sentence says why."""
 
     name: str
     removes: dict[str, Removed]

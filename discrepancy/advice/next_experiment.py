@@ -187,7 +187,8 @@ class _Batch:
         """Return the problem of the runs, in the shapes of the bench's."""
         fine = [one.effect for one in bench.candidates.values() if one.bends and one.group == "effect"]
         everything = list(bench.candidates.values())
-        made = make_problem(self.case, bench.layout, everything, bench.catalogue, fine if setting.is_fine else ())
+        layout = _of_the_bank(bench.layout)
+        made = make_problem(self.case, layout, everything, bench.catalogue, fine if setting.is_fine else ())
         return dataclasses.replace(made, shapes=bench.problem(setting).shapes)
 
     def readings(self, bench: Bench) -> Readings:
@@ -236,13 +237,22 @@ def _of_batch(bench: Bench, batch: _Batch, problem: Problem, trial: Trial, faste
     ]
 
 
+def _of_the_bank(layout: Layout) -> Layout:
+    """Return the unknowns with each run's start stated as the bank has it."""
+    begins = {"initial_soc": FIRST_SOC, "initial_temperature_rise_K": 0.0, "initial_hysteresis": 0.0}
+    coordinates = tuple(
+        dataclasses.replace(one, centre=begins[one.name]) if run >= 0 and one.name in begins else one
+        for one, run in zip(layout.coordinates, layout.runs, strict=True)
+    )
+    return dataclasses.replace(layout, coordinates=coordinates)
+
+
 def _at_the_start(layout: Layout, trial: Trial) -> np.ndarray:
     """Return the unknowns of a model in new runs: each starts as the bank says, its own numbers as they are stated."""
     x = np.where(np.asarray(layout.runs) < 0, trial.fitted.x, 0.0)
-    begins = {"initial_soc": FIRST_SOC, "initial_temperature_rise_K": 0.0, "initial_hysteresis": 0.0}
-    for place, coordinate in enumerate(layout.coordinates[: layout.base]):
-        if layout.runs[place] >= 0 and coordinate.name in begins:
-            x[place] = coordinate.at(begins[coordinate.name])
+    for place, coordinate in enumerate(_of_the_bank(layout).coordinates[: layout.base]):
+        if layout.runs[place] >= 0 and coordinate.name == "initial_soc":
+            x[place] = coordinate.at(FIRST_SOC)
     return x
 
 

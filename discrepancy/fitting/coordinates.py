@@ -11,6 +11,8 @@ from jaxmodel.declaration import ParameterInfo
 
 # Over which share of its spread a number bends into its ceiling.
 _BEND = 0.25
+# A number at the end of its reach, or beyond it, has the coordinate of one at so much of it.
+_ALL_BUT_ONE = 1.0 - 1e-12
 # How many sd from what is stated a number can be at all (assumed): further off it hides an error. Of one run's numbers,
 # and of those of all runs, which a data sheet may state with too small an sd.
 REACH_OF_A_RUN, REACH_OF_ALL = 5.0, 10.0
@@ -57,7 +59,7 @@ class Coordinate:
         return self.ceiling - self.bend * float(np.logaddexp(0.0, (self.ceiling - straight) / self.bend))
 
     def at(self, number: float) -> float:
-        """Return the coordinate of a number within its reach."""
+        """Return the coordinate of a number, of one beyond its reach that of the end."""
         if self.logarithmic:
             return self._at_off((math.log((number - self.origin) / self.sign) - self.centre) / self.spread)
         if self.ceiling != math.inf:
@@ -66,7 +68,9 @@ class Coordinate:
         return self._at_off((number - self.centre) / self.spread)
 
     def _at_off(self, off: float) -> float:
-        return off if self.reach == math.inf else self.reach * math.atanh(off / self.reach)
+        if self.reach == math.inf:
+            return off
+        return self.reach * math.atanh(min(max(off / self.reach, -_ALL_BUT_ONE), _ALL_BUT_ONE))
 
     def slope(self, x: float) -> float:
         """Return d(number)/dx, to carry a standard deviation over."""

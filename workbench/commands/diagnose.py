@@ -278,7 +278,7 @@ def print_diagnosis(diagnosis: Diagnosis) -> None:
     for sentence in purpose_sentences(diagnosis):
         terminal.say(sentence)
     for one in diagnosis.immaterial:
-        terminal.say(f"Detectable, immaterial: {one.sentence.rstrip('.')}.")
+        terminal.say(f"Detectable, not added: {one.sentence.rstrip('.')}.")
     if diagnosis.blind_to:
         terminal.say(f"Blind to: {join([effect_name(label) for label in diagnosis.blind_to])}.")
     for remark in diagnosis.remarks:

@@ -80,6 +80,7 @@ def test_no_number_is_beyond_the_reach_of_what_is_stated(stated: tuple[str, floa
     coordinate = known_coordinate(name, value, sd, info(name), run)
     nearest, furthest = sorted(coordinate.number(end) for end in (-1e3, 1e3))
     assert nearest <= coordinate.number(x) <= furthest
+    assert coordinate.number(coordinate.at(furthest + 10.0 * sd)) == pytest.approx(furthest)
     off = math.log(furthest / value) * value / sd if coordinate.logarithmic else (furthest - value) / sd
     assert off == pytest.approx(REACH_OF_ALL if run < 0 else REACH_OF_A_RUN)
     if abs(x) < 15.0:
