@@ -108,13 +108,18 @@ def _additions(inv: Workings, model: Settled) -> tuple[list[Addition], list[Addi
 
 
 def _leading(inv: Workings, model: Settled, linear: Linear, gains: Sequence[Gain]) -> list[Gain]:
-    """Return the effects or faults that promise most in each channel by itself, as they are in all together."""
-    together = {gain.label: gain for gain in gains if inv.bench.candidates[gain.label].group in ("effect", "sensor")}
+    """Return the effects, and the faults, that promise most in each channel by itself, as they are in all together.
+
+    Each kind for itself: a thermometer may be off in three ways that all look like a cell that warms.
+    """
+    together = {gain.label: gain for gain in gains}
+    most = {"effect": inv.settings.leading_effects, "sensor": inv.settings.leading_faults}
     found: dict[str, Gain] = {}
     for own in linear.gains_by_channel():
         likely = [one for one in own if one.log_evidence > odds_of(inv, inv.bench.candidates[one.label], model)]
-        leading = [one.label for one in likely if one.label in together][: inv.settings.leading_effects]
-        found |= {label: together[label] for label in leading}
+        for group, count in most.items():
+            mine = [one.label for one in likely if inv.bench.candidates[one.label].group == group]
+            found |= {label: together[label] for label in [one for one in mine if one in together][:count]}
     return list(found.values())
 
 

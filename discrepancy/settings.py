@@ -46,7 +46,8 @@ class Settings:
 
     # The loop.
     refitted_effects: int = _constant(4, "effects and faults refitted in each round, best scores first")
-    leading_effects: int = _constant(2, "of them those that promise most in each channel by itself")
+    leading_effects: int = _constant(2, "of them effects that promise most in each channel by itself")
+    leading_faults: int = _constant(1, "and faults that do")
     refitted_curves: int = _constant(2, "curves refitted in each round")
     refitted_runs: int = _constant(1, "parameters of single runs refitted in each round")
     refitted_laws: int = _constant(2, "unknown laws refitted in a round where nothing else is left")
