@@ -88,7 +88,7 @@ def test_an_offset_beyond_a_standstill_is_found():
     offset = candidate.coordinates[0]
     base, layout = inv.bench.setting([]), inv.bench.layout
     without = fit(scale.view, base, scale.weights, np.zeros(layout.size)).x[: layout.base]
-    stuck = fit(scale.view, setting, scale.weights, layout.at({BASE: without, label: np.array([offset.at(0.3)])}))
+    stuck = fit(scale.view, setting, scale.weights, layout.at({BASE: without, label: np.array([offset.at(0.0)])}))
     assert stuck.chi2 > 3.0 * scale.view.readings.count, "the fit is to be led out of a poor place, and is in none"
     led = over_the_ridges(scale.view, setting, scale.weights, candidate, stuck)
     assert led.chi2 < 1.2 * scale.view.readings.count
