@@ -301,17 +301,18 @@ def _small(one: ChannelEvidence) -> bool:
 def _immaterial(inv: Workings, refused: Addition, last: Rung) -> Immaterial:
     name = inv.bench.candidates[refused.label].name
     if not refused.plausible:
-        reason = f"it would be more than {inv.settings.implausible:g} sd larger than usual"
+        reason = f"it would be more than {inv.settings.implausible:g} sd from its usual size"
     elif not refused.foretells(inv.settings.should_pay):
-        reason = (
-            f"pieces left out are foretold no better (log score {refused.paid:+.1f}, {refused.expected:.1f} expected)"
-        )
+        score = f"log score {refused.paid:+.1f}, {refused.expected:.1f} expected"
+        reason = f"pieces of runs left out are predicted no better ({score})"
     elif refused.harmful:
-        reason = "pieces left out are missed by more with it"
+        reason = "the error on pieces of runs left out rises with it"
     elif not refused.material:
         reason = "it takes too little off any error to matter"
     else:
-        reason = "refitted with weights of its own it is larger than usual, or pieces left out are missed by more"
+        reason = (
+            "once the model error is estimated anew its size is unusual, or the error on pieces of runs left out rises"
+        )
     removes = _removes(last, rung(inv, "", refused.trial))
     return Immaterial(
         name, removes, f"{name}: the fitted runs show it (log evidence {refused.gain:+.1f}), and {reason}"

@@ -12,7 +12,7 @@ from discrepancy.evidence.foretold import Foretold, foretold
 from discrepancy.evidence.left_out import Blocks
 from discrepancy.evidence.linear import AMPLITUDES, Gain, Linear
 from discrepancy.evidence.trial import Scale, Settled, Trial
-from discrepancy.fitting.fit import COMPARED, Fit, fit
+from discrepancy.fitting.fit import COMPARED, FLAT, SETTLED, Fit, fit
 from discrepancy.fitting.lanes import at_once
 from discrepancy.fitting.layout import BASE
 from discrepancy.fitting.model import Bench, Labels, Setting, View
@@ -153,7 +153,9 @@ class Workings:
                 trial = min(trial, again, key=lambda one: one.fitted.objective)
         else:
             screened = screen(trial.scale.view, trial.setting, trial.fitted.x, trial.scale.noise)
-        fitted = fit(trial.scale.view, trial.setting, trial.scale.weights, trial.fitted.x)
+        # Beside a model error numbers are no surer than that error's estimate: to settle them further tells nothing.
+        flat = FLAT if trial.scale.error.sd else SETTLED
+        fitted = fit(trial.scale.view, trial.setting, trial.scale.weights, trial.fitted.x, flat=flat)
         return Settled(trial.setting, trial.amplitudes, fitted, trial.scale, screened)
 
     def _scale_beside(self, trial: Trial, screened: Screen) -> Scale:

@@ -39,6 +39,8 @@ IDLE_GAIN = 0.1
 REFUSED_STEPS = 6
 # Of a model that is only compared with others, the gain that is not worth another step.
 COMPARED = 0.3
+# Of a model that explains all but the noise: the same numbers to a thousandth of an sd whichever way one came to it.
+SETTLED = 1e-6
 # A fit that stopped where a Newton step promises less than this has come to its end all the same.
 NEAR = 2.0
 # A model that would need this many times as many steps, each as good as its last few, never catches up with a rival.
