@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+import numpy as np
+
 UNITS = {
     "m_s2": "m/s2",
     "rad_s": "rad/s",
@@ -18,6 +22,10 @@ UNITS = {
     "set": "V",
 }
 
+# As people write them.
+_TYPESET = {"m/s2": "m/s²", "degC": "°C", "deg": "°"}
+_PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"))
+
 
 def ending_of(column: str) -> str:
     """Return the unit at the end of a column's name as the name has it; '' for a pure number."""
@@ -27,3 +35,29 @@ def ending_of(column: str) -> str:
 def unit_of(column: str) -> str:
     """Return the unit of a column by its name; '' for a pure number."""
     return UNITS.get(ending_of(column), "")
+
+
+def split_unit(column: str) -> tuple[str, str]:
+    """Return a column's quantity in words and its unit: 'pack_voltage_V' is ('pack voltage', 'V')."""
+    ending, unit = ending_of(column), unit_of(column)
+    if ending and column != "V_set":
+        return column.removesuffix(f"_{ending}").replace("_", " "), _TYPESET.get(unit, unit)
+    known = {"soc": ("state of charge", ""), "duty": ("duty", ""), "V_set": ("set voltage", "V")}
+    return known.get(column, (column.replace("_", " "), ""))
+
+
+def difference_unit(unit: str) -> str:
+    """Return the unit of a difference: of two temperatures in degC, kelvin."""
+    return "K" if unit in ("°C", "degC") else unit
+
+
+def readable(values: Iterable[float], unit: str) -> tuple[float, str]:
+    """Return the factor and unit (V, mV, µV) in which the largest of some values is read best."""
+    if unit not in ("V", "A", "s", "ohm", "K"):
+        return 1.0, unit
+    finite = [abs(v) for v in values if np.isfinite(v) and v != 0.0]
+    largest = max(finite, default=1.0)
+    if unit == "K" and largest > 0.02:
+        return 1.0, unit
+    size, prefix = next(((size, prefix) for size, prefix in _PREFIXES if largest >= size), _PREFIXES[-1])
+    return 1.0 / size, prefix + unit

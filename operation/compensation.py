@@ -22,7 +22,7 @@ from jaxtyping import Array, Float
 from jaxmodel.kernel import as_one_kernel
 from jaxmodel.model import Model
 from jaxmodel.profile import constant
-from jaxmodel.simulate import Cutoff
+from jaxmodel.simulation import Cutoff
 from sweeps.lane import Course, Keep, lay_out, run_lane
 from sweeps.metrics import metrics_of
 

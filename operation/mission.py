@@ -24,7 +24,7 @@ from jaxmodel.model import Model
 from jaxmodel.names import with_values
 from jaxmodel.profile import Profile
 from jaxmodel.robot import flipper_torque, track_torque
-from jaxmodel.simulate import Cutoff, run_track, track
+from jaxmodel.simulation import Cutoff, run_track, track
 from sweeps.form import Form, complaint, wrong
 
 # Friction coefficients mu of eq. 18 by surface. The paper has 0.7, rubber on asphalt; the others are assumed, in the

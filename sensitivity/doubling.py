@@ -21,7 +21,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxmodel.model import Model
 from jaxmodel.profile import Profile
-from jaxmodel.simulate import Cutoff
+from jaxmodel.simulation import Cutoff
 from sensitivity.local import answer_variables, coordinates, pushed, relative
 from sensitivity.metrics import VALID_SHARE
 from sensitivity.response import Answer, Response, make_response, steps_of
@@ -40,7 +40,7 @@ class Doubling(eqx.Module):
         moved: after the step.
         slope: first derivative, in steps: the linear prediction of `moved - base`.
         bend: second derivative, in steps.
-        status: how the run after the step ended, a `jaxmodel.simulate.Status`.
+        status: how the run after the step ended, a `jaxmodel.simulation.Status`.
         valid_share: share of its rows in which the equations make sense.
     """
 

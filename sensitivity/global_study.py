@@ -9,7 +9,7 @@ import numpy as np
 import xarray
 from pydantic import PrivateAttr
 
-from jaxmodel.simulate import Status
+from jaxmodel.simulation import Status
 from sensitivity.global_indices import analyse, make_design
 from sweeps.axes_form import Range
 from sweeps.engine import Progress, run

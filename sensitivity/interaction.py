@@ -22,7 +22,7 @@ import xarray
 from jaxmodel.errors import ParameterError
 from jaxmodel.model import Model
 from jaxmodel.profile import Profile
-from jaxmodel.simulate import Cutoff
+from jaxmodel.simulation import Cutoff
 from sensitivity.local import answer_variables, coordinates, pushed, relative
 from sensitivity.metrics import VALID_SHARE
 from sensitivity.response import make_response, steps_of

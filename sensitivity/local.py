@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from jaxmodel.model import Model
 from jaxmodel.profile import Profile
-from jaxmodel.simulate import Cutoff
+from jaxmodel.simulation import Cutoff
 from sensitivity.checkpoint import LONGEST, in_blocks
 from sensitivity.response import Answer, Response, Steps, make_response, steps_of
 from sweeps.lane import Outcome

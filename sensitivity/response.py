@@ -23,7 +23,7 @@ from jaxmodel.errors import ParameterError, nearest
 from jaxmodel.model import Model, initial_state, read
 from jaxmodel.names import parameter_table, value, with_values
 from jaxmodel.profile import Profile
-from jaxmodel.simulate import Cutoff, Track, run_track, track
+from jaxmodel.simulation import Cutoff, Track, run_track, track
 from sensitivity.influence import influential
 from sensitivity.metrics import VALID_SHARE, choose_metrics
 from sweeps.lane import Course, Keep, Outcome, lay_out, run_lane

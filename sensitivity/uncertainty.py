@@ -24,7 +24,7 @@ from scipy.stats import norm, qmc
 from jaxmodel.errors import ParameterError
 from jaxmodel.model import Model
 from jaxmodel.profile import Profile
-from jaxmodel.simulate import Cutoff, Status
+from jaxmodel.simulation import Cutoff, Status
 from sensitivity.local import coordinates, jacobian
 from sensitivity.response import Answer, Response, make_response
 from sweeps.metrics import Metric

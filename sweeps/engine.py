@@ -54,7 +54,7 @@ def run(
 
     Returns:
         A dataset with the axes as coordinates, each metric and each stored column as a variable, and `status`, a
-        `jaxmodel.simulate.Status` per lane. A lane that fails is NaN and harms no other; nothing is raised for it.
+        `jaxmodel.simulation.Status` per lane. A lane that fails is NaN and harms no other; nothing is raised for it.
         With `out` it is read from the disk as far as it is used.
 
     Raises:

@@ -15,7 +15,7 @@ from jaxmodel.model import Model, initial_state, read, step, valid
 from jaxmodel.names import with_values
 from jaxmodel.profile import Profile
 from jaxmodel.robot import Inputs
-from jaxmodel.simulate import Cutoff, Status, track
+from jaxmodel.simulation import Cutoff, Status, track
 from sweeps.metrics import End, Metric, Moment, Step
 from sweeps.power import powers
 
@@ -54,7 +54,7 @@ class Outcome(eqx.Module):
     Attributes:
         values: by name of the metric; NaN where the run is not finite.
         columns: by name, at the stored rows.
-        status: a `jaxmodel.simulate.Status`.
+        status: a `jaxmodel.simulation.Status`.
     """
 
     values: dict[str, Array]
@@ -86,7 +86,7 @@ def run_lane(keep: Keep, model: Model, course: Course, cutoff: Cutoff | None, ow
     Of `own`, an input's name replaces it, `scale.INPUT` multiplies it, `initial.STATE` sets a state at the start, and
     any other name is a parameter.
 
-    Pure; the physics and the meaning of the cut-off are those of `jaxmodel.simulate.run_track`.
+    Pure; the physics and the meaning of the cut-off are those of `jaxmodel.simulation.run_track`.
     """
     held = {name: value for name, value in own.items() if name in course.steady or name in course.later}
     scales, initial = _after("scale.", own), _after("initial.", own)

@@ -20,7 +20,7 @@ from jaxmodel.names import parameter_table, with_values
 from jaxmodel.parameters import TABLE
 from jaxmodel.presets import why_not
 from jaxmodel.profile import Profile
-from jaxmodel.simulate import Cutoff
+from jaxmodel.simulation import Cutoff
 from jaxmodel.units import unit_of
 from sweeps.courses import check_input, course_of, input_names
 from sweeps.metrics import Metric, metrics_of, metrics_on_request

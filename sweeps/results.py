@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from jaxmodel.simulate import Status
+from jaxmodel.simulation import Status
 from jaxmodel.units import unit_of
 from sweeps.lane import Outcome
 from sweeps.manifest import manifest_of

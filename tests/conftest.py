@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import hypothesis
 import pytest
+
+if TYPE_CHECKING:  # ours only where they are used: JAX reads its variables, set below, when it is imported
+    from discrepancy.result import Diagnosis
+    from jaxmodel.cases import Case
 
 REPOSITORY = Path(__file__).parents[1]
 
@@ -32,3 +38,31 @@ def shared() -> Path:
     if not folder.is_dir():
         pytest.skip("the reference runs are not beside this copy of the repository")
     return folder
+
+
+@pytest.fixture(scope="session")
+def made_case(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The small case, to be read only."""
+    from tests.made_up import write_case
+
+    return write_case(tmp_path_factory.mktemp("cases") / "small")
+
+
+@pytest.fixture(scope="session")
+def case(made_case: Path) -> Case:
+    from jaxmodel.cases import read_case
+
+    return read_case(made_case)
+
+
+@pytest.fixture
+def case_folder(made_case: Path, tmp_path: Path) -> Path:
+    """A copy of the small case, to be spoilt."""
+    return Path(shutil.copytree(made_case, tmp_path / "small"))
+
+
+@pytest.fixture(scope="session")
+def diagnosis(case: Case) -> Diagnosis:
+    from tests.made_up import diagnosis_of
+
+    return diagnosis_of(case)

@@ -302,19 +302,6 @@ def demo(
     demo(out, case)
 
 
-@app.command(epilog="Example: jaxmodel paper --out results")
-def paper(
-    out: Out = Path("results"),
-    diagnose: Annotated[
-        bool, typer.Option("--diagnose", help="Diagnose Table 1 anew instead of telling the recorded answer: minutes.")
-    ] = False,
-) -> None:
-    """Repeat every table and figure of the paper from the engine, beside what it prints: one page."""
-    from workbench.commands.paper import paper
-
-    paper(out, diagnose_again=diagnose)
-
-
 @app.command(epilog="Example: jaxmodel compensate --out results")
 def compensate(
     out: Out = Path("results"),

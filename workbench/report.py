@@ -17,13 +17,7 @@ from discrepancy.advice.next_experiment import in_words
 from discrepancy.advice.remarks import extrapolated_sentence as remark_on_extrapolation
 from discrepancy.fitting.starts import SEED
 from discrepancy.result import Diagnosis, Extrapolated
-from jaxmodel.effects import CATALOGUE
-from jaxmodel.ports import Effect
-from workbench.page import write_page
-from workbench.pictures.style import split_unit
-from workbench.provenance import provenance
-from workbench.report_rows import channel_rows, ladder_rows, noise_rows, parameter_rows
-from workbench.wording import (
+from discrepancy.wording import (
     VERDICT_TITLES,
     amount,
     candidate_name,
@@ -37,6 +31,12 @@ from workbench.wording import (
     verdict_sentence,
     with_sd,
 )
+from jaxmodel.effects import CATALOGUE
+from jaxmodel.ports import Effect
+from jaxmodel.units import split_unit
+from workbench.page import write_page
+from workbench.provenance import provenance
+from workbench.report_rows import channel_rows, ladder_rows, noise_rows, parameter_rows
 
 
 def write_report(

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from discrepancy.result import Diagnosis, Estimate
+from discrepancy.wording import number, rung_name, with_sd
 from jaxmodel.cases import Known
 from jaxmodel.declaration import describe
 from jaxmodel.parameters import TABLE
 from jaxmodel.ports import Effect
-from workbench.pictures.style import axis_label, difference_unit, readable, split_unit
-from workbench.wording import number, rung_name, with_sd
+from jaxmodel.units import difference_unit, readable, split_unit
+from plots.style import axis_label
 
 _LARGE_PULL = 2.0
 

@@ -22,7 +22,7 @@ from jaxmodel.cases import Case, Run
 from jaxmodel.known import Known
 from jaxmodel.model import Model
 from jaxmodel.profile import Track
-from jaxmodel.simulate import run_track, track
+from jaxmodel.simulation import run_track, track
 
 # Of a number's sd, or of a tenth of an effect's parameter: the step of the differences that stand for derivatives.
 STEP = 1e-3

@@ -23,7 +23,7 @@ from jaxmodel.effects import CATALOGUE
 from jaxmodel.measurements import KINDS
 from jaxmodel.model import Model
 from jaxmodel.ports import Effect
-from jaxmodel.simulate import Needed, Track, read_track, track
+from jaxmodel.simulation import Needed, Track, read_track, track
 
 _OfRun = TypeVar("_OfRun")
 

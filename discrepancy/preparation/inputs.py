@@ -14,7 +14,7 @@ from jaxmodel.errors import FitError, MeasurementError
 from jaxmodel.measurements import KINDS, file_label
 from jaxmodel.ports import Effect
 from jaxmodel.robot import duty_of_signal
-from jaxmodel.simulate import simulate
+from jaxmodel.simulation import simulate
 
 # Reversing its current must leave a cell's voltage this much closer to the model's to be taken for right.
 _CLOSER = 0.5

@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 
 from jaxmodel.build import load_effect_class
+from jaxmodel.case_simulation import simulate_case
 from jaxmodel.cases import read_case
 from workbench.commands.start import catalogue_with
-from workbench.runs import simulate_case
 
 EFFECT = Path(__file__).parents[2] / "examples" / "my_effects.py"
 TRUTH = {"R_c": 0.015, "R_th": 40.0, "tau_c": 60.0}

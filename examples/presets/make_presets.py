@@ -21,7 +21,7 @@ from jaxmodel.build import make_effect, preset_model
 from jaxmodel.names import with_values
 from jaxmodel.presets import PRESETS, read_preset
 from jaxmodel.profile import Profile, constant
-from jaxmodel.simulate import simulate
+from jaxmodel.simulation import simulate
 
 FOLDER = Path(jaxmodel.presets.__file__).parent
 LEAST_SD = 0.02  # of a scale: no two cells are more alike than this

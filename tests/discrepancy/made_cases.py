@@ -18,7 +18,7 @@ from discrepancy.investigation import Investigation
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.cases import Case, Known, Run, read_case
 from jaxmodel.measurements import Measured
-from jaxmodel.simulate import simulate as simulated
+from jaxmodel.simulation import simulate as simulated
 from tests.independent import Run as Drive
 from tests.independent import make_profile, simulate, write_case
 

@@ -9,7 +9,7 @@ from jaxmodel.build import make_effect
 from jaxmodel.model import Model
 from jaxmodel.parameters import Parameters
 from jaxmodel.profile import Profile
-from jaxmodel.simulate import simulate as run
+from jaxmodel.simulation import simulate as run
 from tests.independent import simulate
 
 STRONG = {"R_0": 0.063, "k_tau": 0.039}  # an inrush of two hundred ampere

@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxmodel.model import Model
 from jaxmodel.profile import Profile
-from jaxmodel.simulate import Cutoff, Track, Trajectory, run_track, track
+from jaxmodel.simulation import Cutoff, Track, Trajectory, run_track, track
 
 ROWS, STEPS = 128, 640
 

@@ -15,7 +15,7 @@ from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import EffectError, ParameterError
 from jaxmodel.model import Model
 from jaxmodel.profile import constant
-from jaxmodel.simulate import simulate
+from jaxmodel.simulation import simulate
 
 CASE = """
 kind = "cell"

@@ -19,7 +19,7 @@ from jaxmodel.model import Model
 from jaxmodel.names import with_values
 from jaxmodel.parameters import Parameters
 from jaxmodel.profile import Profile, Track
-from jaxmodel.simulate import Status, Trajectory, run_track, track
+from jaxmodel.simulation import Status, Trajectory, run_track, track
 from tests.jaxmodel.runs import staircase
 
 ROWS, STEPS = 13, 2000

@@ -19,7 +19,7 @@ from jaxmodel.model import Model
 from jaxmodel.names import parameter_table, value, with_values
 from jaxmodel.parameters import Parameters
 from jaxmodel.profile import Profile, Track
-from jaxmodel.simulate import Cutoff, run_track, track
+from jaxmodel.simulation import Cutoff, run_track, track
 
 ROWS = 13
 KINDS = ("cell", "motor", "robot")

@@ -16,7 +16,7 @@ from jaxmodel.names import value, with_values
 from jaxmodel.parameters import Parameters
 from jaxmodel.ports import PORTS, CellContext, Effect, MotorContext
 from jaxmodel.profile import Profile, constant
-from jaxmodel.simulate import run_track
+from jaxmodel.simulation import run_track
 from tests.jaxmodel.runs import padded, readings, staircase
 
 CONSTANT = {"ocv": 3.7, "R_ints": 0.05, "R_TS": 0.03, "C_TS": 900.0, "R_TL": 0.04, "C_TL": 5000.0}

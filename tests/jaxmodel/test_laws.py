@@ -24,7 +24,7 @@ from jaxmodel.model import Model, read
 from jaxmodel.names import with_values
 from jaxmodel.parameters import Parameters
 from jaxmodel.profile import Profile
-from jaxmodel.simulate import Trajectory, run_track
+from jaxmodel.simulation import Trajectory, run_track
 from tests.jaxmodel.runs import STEPS, padded, run, staircase
 
 STAGE = 1e7  # s, or J/K: a thermal stage so slow that it only adds up

@@ -23,7 +23,7 @@ from jaxmodel.measurements import KINDS
 from jaxmodel.names import with_values
 from jaxmodel.presets import PRESETS, read_form, read_preset, why_not
 from jaxmodel.profile import Profile, constant
-from jaxmodel.simulate import Trajectory, run_track
+from jaxmodel.simulation import Trajectory, run_track
 from sweeps import read_study
 from tests.jaxmodel.runs import padded, run
 

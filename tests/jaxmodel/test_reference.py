@@ -13,7 +13,7 @@ from jaxmodel.build import make_effect
 from jaxmodel.model import Model
 from jaxmodel.parameters import Parameters
 from jaxmodel.profile import Profile
-from jaxmodel.simulate import simulate
+from jaxmodel.simulation import simulate
 
 FOLDER = Path(__file__).parents[3] / "shared" / "reference"
 INPUTS = {

@@ -15,7 +15,7 @@ from jaxmodel.cell import cycle_resistance, storage_factor
 from jaxmodel.errors import MeasurementError
 from jaxmodel.names import with_values
 from jaxmodel.profile import Profile
-from jaxmodel.simulate import simulate
+from jaxmodel.simulation import simulate
 from operation.cheap import cheap_of
 from operation.estimate import Measured, Track, Tuning, rms
 from operation.judge import NEARER, Entry, cheap_ones, draw, entries, filters, tuned

@@ -12,7 +12,7 @@ from jaxmodel.model import Model
 from jaxmodel.names import value, with_values
 from jaxmodel.parameters import TABLE, Parameters
 from jaxmodel.profile import constant
-from jaxmodel.simulate import Cutoff, Status, simulate
+from jaxmodel.simulation import Cutoff, Status, simulate
 from sensitivity.doubling import doubling_test
 from sensitivity.local import local_sensitivities
 from sensitivity.response import make_response, steps_of

@@ -13,7 +13,7 @@ from jaxmodel.errors import ParameterError
 from jaxmodel.model import Model
 from jaxmodel.parameters import Parameters
 from jaxmodel.profile import constant
-from jaxmodel.simulate import simulate
+from jaxmodel.simulation import simulate
 from sensitivity.interaction import all_pairs, interactions
 from sensitivity.local import pushed
 from sensitivity.response import make_response

@@ -20,7 +20,7 @@ from jaxmodel.model import Model
 from jaxmodel.names import with_values
 from jaxmodel.parameters import Parameters
 from jaxmodel.profile import Profile, constant
-from jaxmodel.simulate import Cutoff
+from jaxmodel.simulation import Cutoff
 from sensitivity.local import choose_mode, jacobian, local_sensitivities
 from sensitivity.response import Response, make_response, steps_of
 from sweeps.metrics import Integral

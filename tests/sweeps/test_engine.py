@@ -15,7 +15,7 @@ from jaxmodel.cell import storage_factor
 from jaxmodel.model import Model, read
 from jaxmodel.names import with_values
 from jaxmodel.profile import BENDING_STEP_SHARE, SETTLED, Profile, constant
-from jaxmodel.simulate import Cutoff, Status, Trajectory, simulate, track
+from jaxmodel.simulation import Cutoff, Status, Trajectory, simulate, track
 from sweeps import Metric, Study, engine, plan, run
 
 TABLE_2 = {0.175: -2.05e-4, 0.25: -2.80e-4, 0.30: -3.30e-4, 0.35: -3.80e-4}

@@ -19,9 +19,9 @@ from discrepancy.result import VERDICTS, Diagnosis
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.cases import Case, read_case
 from jaxmodel.effects import CATALOGUE
-from jaxmodel.simulate import simulate
+from jaxmodel.simulation import simulate
+from tests.made_up import law, with_additions
 from tests.workbench.conftest import Run
-from tests.workbench.made_up import law, with_additions
 from workbench import terminal
 from workbench.commands import diagnose as diagnose_command
 from workbench.commands.sweep import MOST_DRAWN, pictures_of, thinned

@@ -11,7 +11,7 @@ import pytest
 
 from jaxmodel.build import preset_model
 from jaxmodel.profile import Profile
-from jaxmodel.simulate import simulate
+from jaxmodel.simulation import simulate
 from tests.workbench.conftest import Run
 from tests.workbench.test_mistakes import assert_one_sentence
 from workbench.commands import compensate as compensate_command

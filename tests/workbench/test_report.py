@@ -8,22 +8,17 @@ import re
 from html.parser import HTMLParser
 from pathlib import Path
 
-import numpy as np
 import pytest
 
+from discrepancy.extended.case import extended_case
 from discrepancy.result import Diagnosis, Removed, RunFound
+from discrepancy.wording import curve_sentence, removed, run_sentence, rung_name, verdict_sentence
 from jaxmodel.build import load_effect_class
+from jaxmodel.case_simulation import simulate_case
 from jaxmodel.effects import CATALOGUE
-from jaxmodel.effects.curves import SOC_KNOTS
-from tests.workbench.made_up import contact, factor_curve, law, ocv_curve, with_additions
+from tests.made_up import contact, law, ocv_curve, with_additions
 from workbench.commands.diagnose import pictures_of, print_diagnosis
-from workbench.extended import extended_case
-from workbench.pictures.errors import errors_by_run
-from workbench.pictures.evidence import curves, ladder
-from workbench.pictures.style import png
 from workbench.report import extrapolated_sentence, purpose_sentences, write_report
-from workbench.runs import simulate_case
-from workbench.wording import curve_sentence, final_in_short, removed, run_sentence, rung_name, verdict_sentence
 
 OWN_EFFECTS = Path(__file__).parents[2] / "examples" / "my_effects.py"
 VOID = {"meta", "img", "br", "hr", "link", "input"}
@@ -163,36 +158,6 @@ def test_model_that_fails_nowhere_has_a_report_too(diagnosis: Diagnosis, tmp_pat
     text = text_of(Page((tmp_path / "report.html").read_text(encoding="utf-8")))
     for said in ("No effect is named.", "None that this data could show.", "No condition stands out"):
         assert said in text
-
-
-def test_every_curve_is_drawn_about_its_value(diagnosis: Diagnosis) -> None:
-    """What is badly known at one end does not flatten what is known; a factor is drawn in percent."""
-    resistance = factor_curve("series_resistance_curve", np.array(SOC_KNOTS))
-    figure = curves((ocv_curve(), resistance, law()))
-    drawn = [axes for axes in figure.axes if axes.get_visible()]
-    assert [axes.get_ylabel() for axes in drawn] == ["off by [mV]", "off by [%]", "off by [mV]"]
-    assert drawn[0].get_ylim()[1] < 20.0
-    assert drawn[1].get_ylim()[1] == pytest.approx(100.0 * (np.exp(0.38) - 1.0), rel=0.15)
-    assert "law in no catalogue" in drawn[2].get_title(loc="left")
-    assert png(figure).startswith(b"\x89PNG")
-
-
-def test_errors_by_run_hold_each_run_once(diagnosis: Diagnosis) -> None:
-    figure = errors_by_run(diagnosis.errors, ("cell_temperature_degC",))
-    names = [label.get_text() for label in figure.axes[0].get_yticklabels()]
-    assert names == ["run-01", "run-02", "run-03 (held out)"]
-    legend = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert legend == ["calibrated base model", "final model", "noise of the sensor", "tolerance"]
-    base = errors_by_run(diagnosis.errors[diagnosis.errors["model"] == "base"], ("voltage_V",))
-    assert [text.get_text() for text in base.legends[0].get_texts()] == ["calibrated base model", "noise of the sensor"]
-
-
-def test_long_models_keep_short_names_in_pictures(diagnosis: Diagnosis) -> None:
-    long = with_additions(diagnosis, curves=(ocv_curve(), law()), runs=(contact(),))
-    assert final_in_short(diagnosis) == "with self_heating and arrhenius_resistance"
-    assert final_in_short(long) == "final model"
-    labels = [label.get_text() for label in ladder(long).axes[0].get_yticklabels()]
-    assert max(label.count("\n") for label in labels) <= 2
 
 
 def test_rung_says_what_was_taken_out(diagnosis: Diagnosis) -> None:

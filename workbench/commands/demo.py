@@ -12,23 +12,24 @@ import xarray as xr
 # First of ours: sweeps gives JAX every core, which must happen before the first array.
 import sweeps
 from discrepancy import Diagnosis, diagnose
+from discrepancy.extended.case import extended_case
 from discrepancy.result import write_answer
+from discrepancy.wording import effect_name, join, verdict_sentence
+from jaxmodel.case_writing import write_case
 from jaxmodel.cases import read_case
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import MeasurementError
+from plots.sensitivities import doubling_beside_gradient, elasticities, over_time
+from plots.style import png
+from plots.sweeps import against_paper, family, heat_map
 from sensitivity.study import sensitivity_of_study
 from workbench import terminal
 from workbench.commands.diagnose import DONE_BY, print_diagnosis, write_pictures_and_report
 from workbench.commands.sensitivity import largest_elasticity, moved_to, print_sensitivity
 from workbench.commands.start import start
 from workbench.commands.sweep import lanes_per_second, print_sweep, run_study
-from workbench.extended import extended_case, write_case
 from workbench.page import write_page
-from workbench.pictures.sensitivities import doubling_beside_gradient, elasticities, over_time
-from workbench.pictures.style import png
-from workbench.pictures.sweeps import against_paper, family, heat_map
 from workbench.report import error_in_short, report_content
-from workbench.wording import effect_name, join, verdict_sentence
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 POINT = {"ambient_degC": 20.0, "load_torque_Nm": 0.175}

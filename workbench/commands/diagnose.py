@@ -16,21 +16,9 @@ import typer
 
 from discrepancy import Diagnosis, answer, compare, diagnose
 from discrepancy.advice.next_experiment import in_words
+from discrepancy.extended.case import extended_case
 from discrepancy.result import write_answer
-from jaxmodel.cases import Case, read_case
-from jaxmodel.errors import MeasurementError, UserError
-from jaxmodel.ports import Effect
-from workbench import terminal
-from workbench.commands.start import catalogue_with, own_effects, start
-from workbench.extended import extended_case, write_case
-from workbench.pictures import evidence
-from workbench.pictures.errors import errors_by_run
-from workbench.pictures.runs import channels_read, fit_and_residuals, residuals_by_condition
-from workbench.pictures.style import png
-from workbench.report import purpose_sentences, write_report
-from workbench.report_rows import channel_rows
-from workbench.runs import Outcome, simulate_case
-from workbench.wording import (
+from discrepancy.wording import (
     candidate_name,
     curve_sentence,
     effect_name,
@@ -41,6 +29,19 @@ from workbench.wording import (
     run_sentence,
     verdict_sentence,
 )
+from jaxmodel.case_simulation import Outcome, simulate_case
+from jaxmodel.case_writing import write_case
+from jaxmodel.cases import Case, read_case
+from jaxmodel.errors import MeasurementError, UserError
+from jaxmodel.ports import Effect
+from plots import evidence
+from plots.errors import errors_by_run
+from plots.runs import channels_read, fit_and_residuals, residuals_by_condition
+from plots.style import png
+from workbench import terminal
+from workbench.commands.start import catalogue_with, own_effects, start
+from workbench.report import purpose_sentences, write_report
+from workbench.report_rows import channel_rows
 
 LAW_FILE = "found_law.py"
 _CONDITIONS = {

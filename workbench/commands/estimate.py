@@ -31,11 +31,11 @@ from operation.judge import (
     tuned,
     tuned_cheap,
 )
+from plots.operation import estimate_errors, estimates
+from plots.style import png
 from workbench import terminal
 from workbench.article import Picture, Section, Table, write_article
 from workbench.commands.start import start
-from workbench.pictures.operation import estimate_errors, estimates
-from workbench.pictures.style import png
 
 TARGET = 0.02
 AWARE, UNAWARE = "filter, knows the temperature", "filter, 25 °C always"

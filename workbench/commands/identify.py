@@ -23,10 +23,10 @@ from discrepancy.advice.identifiability import (
 from discrepancy.investigation import Investigation
 from jaxmodel.cases import read_case
 from jaxmodel.effects import CATALOGUE
+from plots.identifiability import correlations, ellipse, information_bars, profile_beside_quadratic
+from plots.style import png
 from workbench import terminal
 from workbench.commands.start import own_effects, start
-from workbench.pictures.identifiability import correlations, ellipse, information_bars, profile_beside_quadratic
-from workbench.pictures.style import png
 
 # A profile can lead to a deeper minimum, from which another one can.
 _MOST_RESTARTS = 3

@@ -9,13 +9,13 @@ import numpy as np
 import xarray as xr
 
 from jaxmodel.errors import SweepError
+from plots.sensitivities import interaction_matrix
+from plots.style import png
 from sensitivity.interaction import all_pairs
 from sensitivity.study import interactions_of_study
 from workbench import terminal
 from workbench.commands.sensitivity import assignment, save, study_at
 from workbench.commands.start import start
-from workbench.pictures.sensitivities import interaction_matrix
-from workbench.pictures.style import png
 
 _FEWEST_DRAWN = 3  # names from which on a matrix says more than the table
 _SEEN = 5e-4

@@ -17,7 +17,7 @@ from jaxmodel.errors import SweepError
 from jaxmodel.model import Model
 from jaxmodel.names import with_values
 from jaxmodel.parameters import TABLE
-from jaxmodel.simulate import simulate
+from jaxmodel.simulation import simulate
 
 # First of ours: sweeps gives JAX every core, which must happen before the first array.
 from operation.mission import (
@@ -31,12 +31,12 @@ from operation.mission import (
     endurance,
     read_mission,
 )  # isort: skip
+from plots.operation import lasting, mission_course
+from plots.style import png
 from workbench import terminal
 from workbench.article import Picture, Section, Table, write_article
 from workbench.commands.compensate import MISSION, PRINTED, RECORDED
 from workbench.commands.start import robots_of, start
-from workbench.pictures.operation import lasting, mission_course
-from workbench.pictures.style import png
 
 AMBIENT_DEGC = np.arange(-20.0, 60.1, 5.0)
 # Months of storage and charging cycles.

@@ -14,22 +14,22 @@ import sweeps
 from jaxmodel.cases import read_case
 from jaxmodel.errors import SweepError
 from jaxmodel.measurements import KINDS
+from plots import global_indices as global_pictures
+from plots.sensitivities import (
+    doubling_beside_gradient,
+    elasticities,
+    elasticity_maps,
+    over_time,
+)
+from plots.style import png
+from plots.uncertainty import bands_over_time, metric_intervals
 from sensitivity.elasticity_map import elasticity_map
 from sensitivity.global_study import global_of_study
 from sensitivity.study import sensitivity_of_study, uncertainty_of_study
 from sweeps.prepare import INITIAL, SCALE
 from workbench import terminal
 from workbench.commands.start import in_catalogue, own_effects, start
-from workbench.pictures import global_indices as global_pictures
-from workbench.pictures.interactive import global_figures, local_figures, uncertainty_figures, write_interactive
-from workbench.pictures.sensitivities import (
-    doubling_beside_gradient,
-    elasticities,
-    elasticity_maps,
-    over_time,
-)
-from workbench.pictures.style import png
-from workbench.pictures.uncertainty import bands_over_time, metric_intervals
+from workbench.interactive import global_figures, local_figures, uncertainty_figures, write_interactive
 
 
 def sensitivity(path: Path, out: Path, at: Sequence[str], effects: Sequence[str], *, doubling: bool) -> xr.Dataset:

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from jaxmodel.build import FIDELITIES
+from jaxmodel.case_simulation import Outcome, simulate_case
 from jaxmodel.cases import read_case
 from jaxmodel.errors import MeasurementError, ParameterError, nearest
+from plots.runs import simulation
+from plots.style import png
 from workbench import terminal
 from workbench.commands.start import catalogue_with, own_effects, start
-from workbench.pictures.runs import simulation
-from workbench.pictures.style import png
-from workbench.runs import Outcome, simulate_case
 
 
 def simulate(path: Path, out: Path, fidelity: str, effects: Sequence[str]) -> None:

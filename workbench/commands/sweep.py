@@ -12,16 +12,16 @@ import numpy as np
 import xarray as xr
 
 import sweeps
-from jaxmodel.simulate import Status
+from jaxmodel.simulation import Status
+from plots.lanes import panels, parallel, points, varied_in
+from plots.style import png
+from plots.sweeps import family, heat_map, label_of, metric_curves
 from sweeps.plan import size_text
 from sweeps.results import save_table
 from sweeps.study import LANE
 from workbench import terminal
 from workbench.commands.start import in_catalogue, own_effects, start
 from workbench.compiled import keep_compiled_programs
-from workbench.pictures.lanes import panels, parallel, points, varied_in
-from workbench.pictures.style import png
-from workbench.pictures.sweeps import family, heat_map, label_of, metric_curves
 
 _NO_METRIC = ("status", "valid_share")
 # Lanes that a picture is made of; more cannot be told apart.

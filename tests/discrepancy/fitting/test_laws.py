@@ -15,7 +15,7 @@ from discrepancy.fitting.model import Bench, View
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.cases import Case
 from jaxmodel.ports import Effect
-from jaxmodel.simulate import simulate
+from jaxmodel.simulation import simulate
 
 SLOPE, CONSTANT = 0.004, 0.01
 

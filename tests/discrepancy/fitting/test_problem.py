@@ -25,7 +25,7 @@ from jaxmodel.cases import Case, Known, Run
 from jaxmodel.effects.battery import ArrheniusResistance, OcvHysteresis
 from jaxmodel.effects.sensors import VoltageOffset
 from jaxmodel.errors import FitError
-from jaxmodel.simulate import simulate
+from jaxmodel.simulation import simulate
 from tests.discrepancy.made_cases import case_of, run_of
 
 PARAMETERS = {

@@ -16,7 +16,7 @@ from discrepancy.investigation import Investigation
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.cases import Known
 from jaxmodel.effects.battery import ChargeTransfer, OcvHysteresis
-from jaxmodel.simulate import simulate
+from jaxmodel.simulation import simulate
 from tests.discrepancy.made_cases import case_of, investigation_of, made_cell, run_of
 
 DELAY_S = -7.7

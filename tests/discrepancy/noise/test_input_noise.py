@@ -16,7 +16,7 @@ from discrepancy.noise.contract import noise_of_case
 from discrepancy.noise.input_noise import MovedInputs, at_most, row_of_step, slow_directions
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.cases import Case, Known, Run
-from jaxmodel.simulate import run_track, simulate, track
+from jaxmodel.simulation import run_track, simulate, track
 from tests.discrepancy.made_cases import bench_of, case_of, investigation_of, run_of, small_cell
 
 CURRENT_SD = 0.02

@@ -1,0 +1,177 @@
+"""How results are said: verdicts, models and candidates in plain words, the same in the terminal and in the report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from discrepancy.result import CurveFound, Diagnosis, Estimate, NamedEffect, Removed, RunFound
+from jaxmodel.units import difference_unit, readable, split_unit
+
+VERDICT_TITLES = {
+    "adequate": "Nothing is missing",
+    "missing_effect": "The model misses an effect",
+    "sensor_fault": "A sensor is at fault",
+    "unknown_effect": "Something unknown is missing",
+    "undecided": "This data cannot tell",
+    "": "Calibrated",
+}
+
+_ONE_LINE = 48  # letters in a legend or at the head of a column
+
+
+def join(parts: Sequence[str], last: str = "and") -> str:
+    """Return 'a, b and c'."""
+    parts = list(parts)
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} {last} {parts[-1]}" if parts else ""
+
+
+def verdict_sentence(diagnosis: Diagnosis) -> str:
+    """Return the verdict in one sentence."""
+    named = join([_with_probability(effect) for effect in diagnosis.effects])
+    match diagnosis.verdict:
+        case "adequate":
+            return "The calibrated base model is as good as the sensors: nothing is missing that this data could show."
+        case "missing_effect":
+            return f"The base model misses {named}{_of_another_form(diagnosis)}."
+        case "sensor_fault":
+            return f"The physics is right, a sensor is not: {named}{_of_another_form(diagnosis)}."
+        case "unknown_effect":
+            beside = f" beside {named}" if named else ""
+            what = f": {diagnosis.unexplained.rstrip('.')}" if diagnosis.unexplained else ""
+            return f"Something is missing{beside} that no effect of the catalogue explains{what}."
+        case "undecided" if diagnosis.unexplained:
+            return (
+                f"The base model is as good as the sensors where it was fitted, and not beyond: {diagnosis.unexplained}"
+            )
+        case "undecided":
+            rivals = [candidate_name(name) for name, p in diagnosis.candidates if p >= 0.05] or ["the candidates"]
+            found = f"This data shows {named}, but it" if named else "This data"
+            return (
+                f"{found} cannot tell between {join(rivals)}."
+                if len(rivals) > 1
+                else f"{found} cannot decide on {rivals[0]}."
+            )
+    return "The base model is calibrated; no effects were tried."
+
+
+def _of_another_form(diagnosis: Diagnosis) -> str:
+    left = (diagnosis.unexplained or "").rstrip(".")
+    return f", in a form that differs a little from the catalogue's: {left}" if left else ""
+
+
+def _with_probability(effect: NamedEffect) -> str:
+    return f"{effect_name(effect.label)} (probability {effect.probability:.2f})"
+
+
+def effect_name(label: str) -> str:
+    """Return a label as it reads: 'current_offset:current_A' is 'current_offset of current_A', 'r@x' is 'r in x'."""
+    if is_law(label):
+        return f"a law of {label}"
+    return label.replace(":", " of ").replace("@", " in ")
+
+
+def is_law(label: str) -> bool:
+    """Return True for an unknown law, which is called after its port and what it is a function of, 'port(variable)'."""
+    return "(" in label
+
+
+def candidate_name(name: str) -> str:
+    """Return a hypothesis in words."""
+    known = {"base": "the base model alone", "something_else": "something else"}
+    return known.get(name) or " with ".join(effect_name(part) for part in name.split("+"))
+
+
+def rung_name(diagnosis: Diagnosis, number: int) -> str:
+    """Return a rung of the ladder in words: what was added to the one before, and what was taken out."""
+    if number == 0:
+        return "base model, as stated"
+    if number == 1:
+        return "calibrated base model"
+    before, now = diagnosis.ladder[number - 1].added, diagnosis.ladder[number].added
+    new = [effect_name(label) for label in now if label not in before]
+    gone = [effect_name(label) for label in before if label not in now]
+    added = f"{'with' if number == 2 else 'and'} {join(new)}" if new else ""
+    return ", ".join(filter(None, (added, f"without {join(gone)}" if gone else ""))) or diagnosis.ladder[number].name
+
+
+def final_name(diagnosis: Diagnosis) -> str:
+    """Return the model that the diagnosis ends with in words, what is in it in the order of the ladder."""
+    final = diagnosis.final.added
+    added = dict.fromkeys(label for rung in diagnosis.ladder for label in rung.added if label in final)
+    return f"with {join([effect_name(label) for label in added])}" if added else "calibrated base model"
+
+
+def final_in_short(diagnosis: Diagnosis) -> str:
+    """Return the name of the final model where there is room for one line, 'final model' for a long one."""
+    name = final_name(diagnosis)
+    return name if len(name) <= _ONE_LINE else "final model"
+
+
+def amount(channel: str, values: Sequence[float]) -> tuple[list[str], str]:
+    """Return errors of a channel as numbers in the unit in which they are read best, and that unit."""
+    scale, unit = readable(values, difference_unit(split_unit(channel)[1]))
+    return [number(value * scale) for value in values], unit
+
+
+def removed(removes: Mapping[str, Removed]) -> str:
+    """Say what something takes off the errors: 'voltage 12 mV fitted and 9 mV held out'; '' where it says nothing."""
+    said = []
+    for channel, one in removes.items():
+        values = {"fitted": one.fit, "held out": one.check}
+        values = {split: value for split, value in values.items() if np.isfinite(value)}
+        if any(values.values()):
+            numbers, unit = amount(channel, list(values.values()))
+            parts = [" ".join(filter(None, (n, unit, split))) for n, split in zip(numbers, values, strict=True)]
+            said.append(f"{split_unit(channel)[0]} {join(parts)}")
+    return "; ".join(said)
+
+
+def named_sentence(effect: NamedEffect) -> str:
+    """Say what is named, its numbers, and what it takes off the errors."""
+    numbers = join([f"{name} = {with_sd(estimate)}" for name, estimate in effect.parameters.items()])
+    takes = removed(effect.removes)
+    alone = f"; it rests on {effect.rests_on} alone" if effect.rests_on else ""
+    return f"{', '.join(filter(None, (effect_name(effect.label), numbers)))}{takes and f'; takes off {takes}'}{alone}."
+
+
+def curve_sentence(curve: CurveFound) -> str:
+    """Say by how much a table or relation is off, and what it takes off the errors once it is put right."""
+    takes = removed(curve.removes)
+    return f"{curve.sentence()}{takes and f'; to put it right takes off {takes}'}."
+
+
+def run_sentence(run: RunFound) -> str:
+    """Say which number of which run differs from that of the other runs, and by how much."""
+    what, _, where = run.parameter.partition(":")
+    what = split_unit(what.removesuffix("_ohm"))[0]
+    scale, unit = readable([run.value], run.unit)
+    value = with_sd(Estimate(scale * run.value, scale * run.sd, unit))
+    sign = "" if value.startswith("-") or not np.isfinite(run.value) else "+"
+    takes = removed(run.removes)
+    return f"{run.run}: {what}{where and f' of {where}'} {sign}{value} beyond that of the other runs" + (
+        f"; to allow for it takes off {takes}." if takes else "."
+    )
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Return a number to some significant digits, '-' where there is none."""
+    if not np.isfinite(value):
+        return "-"
+    if 1e3 <= abs(value) < 1e7:
+        return f"{float(f'{value:.{digits}g}'):,.0f}"
+    return f"{value:.{digits}g}"
+
+
+def with_sd(estimate: Estimate) -> str:
+    """Return 'value ± sd unit', the value to the digits that its sd leaves."""
+    value, sd = estimate.value, estimate.sd
+    unit = f" {estimate.unit}" if estimate.unit else ""
+    if not (np.isfinite(sd) and sd > 0.0):
+        return f"{value:.5g}{unit}"
+    first = int(np.floor(np.log10(sd)))
+    if not -5 <= first <= 4:
+        return f"{value:.5g} ± {sd:.2g}{unit}"
+    decimals = max(0, 1 - first)
+    return f"{value:.{decimals}f} ± {sd:.{decimals}f}{unit}"

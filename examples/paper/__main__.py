@@ -1,0 +1,97 @@
+"""`python -m examples.paper`: every table and figure of the paper from the engine, beside what it prints."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+# First of ours: sweeps gives JAX every core, which must happen before the first array.
+from examples.paper.discharges import discharges  # isort: skip
+from discrepancy import answer as answer_of
+from discrepancy import diagnose
+from discrepancy.extended.case import extended_case
+from discrepancy.result import write_answer
+from examples.paper import report, report_no_load
+from examples.paper.candidates import carried
+from examples.paper.no_load import course, doubled, experiment, gradients, no_load, pulsed
+from jaxmodel.case_writing import write_case
+from jaxmodel.cases import read_case
+from workbench import terminal
+from workbench.article import Table, write_article
+from workbench.commands.diagnose import DONE_BY
+from workbench.commands.start import start
+
+EXAMPLE = Path(__file__).parents[1] / "paper_table1"
+FULL_SPEED = 1.0
+
+
+app = typer.Typer(add_completion=False)
+
+
+@app.command()
+def paper(
+    out: Annotated[Path, typer.Option(help="Folder for the results; made if need be.")] = Path("results"),
+    diagnose_again: Annotated[
+        bool, typer.Option("--diagnose", help="Diagnose Table 1 anew instead of showing the recorded answer: minutes.")
+    ] = False,
+) -> None:
+    """Repeat every table and figure of the paper from the engine, beside what it prints: one page."""
+    began = time.perf_counter()
+    start(out)
+    with terminal.told("paper") as progress:
+        progress("Tables 1 and 2, by formula and by look-up table")
+        data = discharges()
+        progress("Figs. 8 and 9, the experiment")
+        still = no_load()
+        pulses = pulsed()
+        components, together = doubled(FULL_SPEED)
+        fits = list(carried(lambda what: progress(f"fitting Table 1 with {what}")))
+    answer, origin = _diagnosis(out) if diagnose_again else _recorded()
+    held = experiment(still)
+    full = gradients(still["time_s"].to_numpy(), course(still, FULL_SPEED))
+    sections = [
+        *report.fidelity_sections(data),
+        report.table_1_section(fits, answer, origin),
+        report_no_load.figure_8_section(still, pulses),
+        report_no_load.experiment_section(held),
+        report_no_load.figure_9_section(components, together),
+    ]
+    found = report.findings(data, held, full)
+    write_article(
+        out,
+        "The paper, reproduced",
+        f"Specht et al., temperature and a rescue robot's battery; made in {time.perf_counter() - began:.0f} s",
+        found,
+        sections,
+        [EXAMPLE / "case.toml", EXAMPLE / "recorded" / "answer.json"],
+    )
+    for table in (part for section in sections for part in section.parts if isinstance(part, Table)):
+        if table.name in ("table-1", "table-2", "headlines", "tables-3-and-5"):
+            terminal.table(table.name, table.head, table.rows, right=range(table.words, len(table.head)))
+    for line in found:
+        terminal.say(f"- {line}")
+    terminal.say(f"Everything is on one page: {out / 'report.html'}")
+
+
+def _recorded() -> tuple[dict[str, Any], str]:
+    """Return the answer that an earlier diagnosis left in the example, and what to say of it."""
+    text = (EXAMPLE / "recorded" / "answer.json").read_text(encoding="utf-8")
+    return json.loads(text), "The diagnosis was recorded in examples/paper_table1/recorded; --diagnose repeats it."
+
+
+def _diagnosis(out: Path) -> tuple[dict[str, Any], str]:
+    """Diagnose the example now and leave the answer, and the model extended by it, in `out`."""
+    with terminal.told("Table 1", DONE_BY) as progress:
+        diagnosis = diagnose(read_case(EXAMPLE), progress=progress)
+    write_answer(diagnosis, out / "answer.json")
+    extended, notes = extended_case(diagnosis)
+    write_case(extended, out / "extended.toml", notes)
+    return answer_of(diagnosis), "The diagnosis was computed with this report."
+
+
+if __name__ == "__main__":
+    app()

@@ -1,0 +1,108 @@
+"""Running the model of a case over every run, with one compiled program for all of them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+
+from jaxmodel.build import case_model, run_profile
+from jaxmodel.cases import Case, Run
+from jaxmodel.effects import CATALOGUE
+from jaxmodel.measurements import KINDS
+from jaxmodel.ports import Effect
+from jaxmodel.simulation import Cutoff, Status, Trajectory, run_track, track
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Outcome:
+    """What the model gives for one run.
+
+    Attributes:
+        run: the run, as measured.
+        table: time_s, every reading, and `valid`: False where the equations left the range in which they make sense.
+            Rows after the end are empty.
+        status: how it ended.
+        end_s: time of the last row that was reached.
+    """
+
+    run: Run
+    table: pd.DataFrame
+    status: Status
+    end_s: float
+
+    def sentence(self) -> str:
+        """Say how the run ended, '' where there is nothing to say."""
+        said = []
+        if self.status == Status.REACHED_CUTOFF:
+            said.append(f"{self.run.name} reached its cut-off at {self.end_s:g} s; the rows after it are empty.")
+        if self.status == Status.NOT_FINITE:
+            said.append(f"{self.run.name} ran into numbers that are not finite; look at its parameters and inputs.")
+        invalid = np.flatnonzero(~self.table["valid"].to_numpy(dtype=bool))
+        if invalid.size:
+            first = float(self.table["time_s"].iloc[invalid[0]])
+            said.append(
+                f"{self.run.name} leaves the range in which the cell's equations make sense in {invalid.size} of its "
+                f"{len(self.table)} rows, the first at {first:g} s."
+            )
+        return " ".join(said)
+
+
+def simulate_case(
+    case: Case,
+    *,
+    fidelity: str = "formula",
+    catalogue: Mapping[str, type[Effect]] = CATALOGUE,
+    progress: Callable[[str], None] | None = None,
+) -> list[Outcome]:
+    """Run the model of a case over each of its runs.
+
+    All runs are laid out with the same number of steps and rows, so that JAX compiles once for the whole case.
+
+    Args:
+        case: with its effects and cut-off.
+        fidelity: "formula" or "lut".
+        catalogue: the known effects.
+        progress: told the name of each run before it starts.
+
+    Raises:
+        ParameterError: as `case_model`.
+        EffectError: as `case_model`.
+    """
+    models = [case_model(case, run, fidelity=fidelity, catalogue=catalogue) for run in case.runs]
+    profiles = [run_profile(run) for run in case.runs]
+    steps = max(track(m, p).duration_s.shape[0] for m, p in zip(models, profiles, strict=True))
+    rows = max(profile.time_s.size for profile in profiles)
+    cutoff = Cutoff(**case.cutoff) if case.cutoff else None
+    outcomes = []
+    for run, model, profile in zip(case.runs, models, profiles, strict=True):
+        if progress:
+            progress(run.name)
+        course = track(model, profile, steps)
+        missing = rows - profile.time_s.size
+        last_step = jnp.asarray(np.pad(course.last_step, (0, missing), mode="edge"))
+        course = eqx.tree_at(lambda c: c.last_step, course, last_step)
+        ran = run_track(model, course, jnp.asarray(np.pad(profile.time_s, (0, missing), mode="edge")), cutoff)
+        outcomes.append(_outcome(case.kind, run, ran, profile.time_s.size))
+    return outcomes
+
+
+def _outcome(kind: str, run: Run, ran: Trajectory, rows: int) -> Outcome:
+    ran = jax.tree.map(np.asarray, ran)  # cut by JAX, each column would compile a program
+    time_s = np.asarray(ran.time_s)[:rows]
+    status = Status(int(ran.status))
+    end = min(int(ran.end_row), rows - 1)
+    columns: dict[str, np.ndarray] = {"time_s": time_s}
+    usual = [name for name in KINDS[kind].outputs if name in ran.readings]
+    for name in dict.fromkeys((*usual, *ran.readings)):
+        column = np.array(ran.readings[name][:rows], dtype=float)
+        column[end + 1 :] = np.nan
+        columns[name] = column
+    valid = np.array(ran.valid[:rows], dtype=bool)
+    valid[end + 1 :] = True
+    return Outcome(run, pd.DataFrame(columns | {"valid": valid}), status, float(time_s[end]))

@@ -1,0 +1,82 @@
+"""Writing a case as a TOML file that `read_case` takes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from jaxmodel import toml
+from jaxmodel.case_schema import parse_case
+from jaxmodel.cases import Case, Run
+from jaxmodel.known import Known, Table, Tolerance
+from jaxmodel.measurements import read_utf8
+
+_VALUE_KEYS = {"ocv": "voltage_V", "R_ints": "ohm", "R_TS": "ohm", "R_TL": "ohm", "C_TS": "farad", "C_TL": "farad"}
+
+
+def write_case(case: Case, path: Path, comments: list[str] | None = None) -> None:
+    """Write a case as a TOML file that `read_case` takes; its runs' files are named from the new file's folder.
+
+    Args:
+        case: whose `path` is the file it was read from.
+        path: the new file.
+        comments: lines to stand on top.
+    """
+    # A run's constant ambient temperature is in the case file alone, and read_case has made a column of it.
+    entries = parse_case(read_utf8(case.path), case.path.name).runs
+    constants = [{} if e.ambient_degC is None else {"ambient_degC": e.ambient_degC} for e in entries]
+    content: dict[str, Any] = {"title": case.title, "kind": case.kind, "preset": case.preset}
+    content["parameters"] = {name: _known(known) for name, known in case.parameters.items()}
+    content["parameters"] |= {name: _table(name, table) for name, table in case.tables.items()}
+    content["effects"] = {name: _effect(values, case.effect_sd.get(name, {})) for name, values in case.effects.items()}
+    content |= {"sensors": case.sensors, "tolerance": _tolerances(case.tolerance), "cutoff": case.cutoff}
+    content = {name: entry for name, entry in content.items() if entry or name in ("title", "parameters")}
+    content["runs"] = [
+        {"file": _from(path, run.source), "split": run.split, "label": run.label}
+        | ({} if case.kind == "motor" else {"initial_soc": _known(run.initial_soc)})
+        | constant
+        | _stated_of(run)
+        | {name: _known(known) for name, known in run.overrides.items()}
+        for run, constant in zip(case.runs, constants, strict=True)
+    ]
+    head = "".join(f"# {line}\n" for line in comments or [])
+    path.write_text(head + toml.document(content), encoding="utf-8")
+
+
+def _stated_of(run: Run) -> dict[str, Any]:
+    stated: dict[str, Any] = {}
+    if run.initial_cell_temperature is not None:
+        stated["initial_cell_temperature_degC"] = _known(run.initial_cell_temperature)
+    if run.tolerance:
+        stated["tolerance"] = _tolerances(run.tolerance)
+    return stated
+
+
+def _known(known: Known) -> float | dict[str, float]:
+    return known.value if known.sd is None else {"value": known.value, "sd": known.sd}
+
+
+def _effect(values: Mapping[str, float | str], sd: Mapping[str, float]) -> dict[str, Any]:
+    return {name: {"value": value, "sd": sd[name]} if name in sd else value for name, value in values.items()}
+
+
+def _tolerances(tolerances: Mapping[str, Tolerance]) -> dict[str, Any]:
+    return {name: one.rms if one.max is None else {"rms": one.rms, "max": one.max} for name, one in tolerances.items()}
+
+
+def _table(name: str, table: Table) -> dict[str, Any]:
+    entry: dict[str, Any] = {"soc": table.soc.tolist()}
+    if table.temperature_degC is not None:
+        entry["temperature_degC"] = table.temperature_degC.tolist()
+    entry[_VALUE_KEYS[name]] = table.values.tolist()
+    return entry | ({} if table.sd is None else {"sd_V" if name == "ocv" else "sd_relative": table.sd})
+
+
+def _from(path: Path, file: Path) -> str:
+    """Return a file as seen from another's folder; as it is where there is no way between them (another drive)."""
+    try:
+        return Path(os.path.relpath(file, path.resolve().parent)).as_posix()
+    except ValueError:
+        return file.as_posix()

@@ -1,0 +1,142 @@
+"""What every picture shares: fonts, a palette for all eyes, labels with units, and scales that suit the numbers."""
+
+from __future__ import annotations
+
+import functools
+import io
+from collections.abc import Callable, Sequence
+from typing import Any, Literal
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, SymmetricalLogLocator
+
+from jaxmodel.units import split_unit
+
+PAGE_CM = 17.0  # text width of an A4 report
+DOTS_PER_INCH = 170
+
+# Okabe and Ito's colours, told apart by people with any kind of colour vision and in grey.
+GREY, BLACK = "#8c8c8c", "#1a1a1a"
+BLUE, ORANGE, GREEN, SKY, PURPLE = "#0072b2", "#d55e00", "#009e73", "#56b4e9", "#cc79a7"
+LINES = (BLUE, ORANGE, GREEN, PURPLE, SKY, "#e69f00", BLACK)
+MEASURED, BASE, FINAL, FLOOR = "#6e6e6e", BLUE, ORANGE, "#009e73"
+SEQUENCE = "cividis"
+
+_RC: dict[Any, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#4d4d4d",
+    "axes.linewidth": 0.7,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.formatter.useoffset": False,
+    "axes.formatter.limits": (-4, 5),
+    "grid.color": "#e3e3e3",
+    "grid.linewidth": 0.6,
+    "xtick.color": "#333333",
+    "ytick.color": "#333333",
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "lines.linewidth": 1.4,
+    "figure.constrained_layout.use": True,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+}
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+# Units as a report sets them, where that is not as a name has them.
+
+
+def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
+    """Give a picture's function the house's fonts and lines without touching those of anybody else."""
+
+    @functools.wraps(draw)
+    def wrapper(*args: Any, **kwargs: Any) -> Figure:
+        with matplotlib.rc_context(_RC):
+            return draw(*args, **kwargs)
+
+    return wrapper
+
+
+def new_figure(width_cm: float, height_cm: float, layout: Literal["constrained", "none"] = "constrained") -> Figure:
+    """Return an empty figure of a size in cm; it belongs to nobody's list of open figures."""
+    figure = Figure(figsize=(width_cm / 2.54, height_cm / 2.54), dpi=DOTS_PER_INCH, layout=layout)  # type: ignore[arg-type]
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def png(figure: Figure) -> bytes:
+    """Return a figure as a PNG, by its canvas: `savefig` would lay it out, draw it for nothing, and draw it again."""
+    buffer = io.BytesIO()
+    with matplotlib.rc_context(_RC):
+        FigureCanvasAgg(figure).print_png(buffer)
+    return buffer.getvalue()
+
+
+def axis_label(quantity: str, unit: str) -> str:
+    """Return 'quantity [unit]', or the quantity alone where it is a pure number."""
+    return f"{quantity} [{unit}]" if unit else quantity
+
+
+def column_label(column: str) -> str:
+    """Return the axis label of a column of a case."""
+    return axis_label(*split_unit(column))
+
+
+def power_of_ten(values: np.ndarray) -> tuple[float, str]:
+    """Return a factor, and how an axis label says it, for numbers too small or large to be read as they are."""
+    finite = np.abs(values[np.isfinite(values)])
+    largest = float(finite.max()) if finite.size else 0.0
+    if largest == 0.0 or 1e-2 <= largest < 1e5:
+        return 1.0, ""
+    power = int(np.floor(np.log10(largest)))
+    return 10.0**-power, f"10{str(power).translate(_SUPERSCRIPT)} "
+
+
+def residual_scale(axes: Axes, models: Sequence[np.ndarray], floor: float) -> None:
+    """Scale the y axis for residuals of some models: linear, unless the best would vanish beside the worst.
+
+    Then it is linear as far as the best model's residuals or the noise reach, and logarithmic beyond.
+    """
+    sizes = [float(np.percentile(size, 98.0)) for r in models if (size := np.abs(r[np.isfinite(r)])).size]
+    if not sizes:
+        return
+    smallest, largest = max(min(sizes), 3.0 * floor), max(sizes)
+    if smallest <= 0.0 or largest <= 25.0 * smallest:
+        return
+    axes.set_yscale("symlog", linthresh=smallest, linscale=1.0)
+    decade = 10.0 ** np.ceil(np.log10(smallest))
+    decades = [decade * 10.0**k for k in range(int(np.log10(2.0 * largest / decade)) + 1)]
+    lowest, highest = (float(f([f(r[np.isfinite(r)], initial=0.0) for r in models])) for f in (np.min, np.max))
+    axes.set_yticks([*(-d for d in reversed(decades)), 0.0, *decades])
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_locator(SymmetricalLogLocator(base=10.0, linthresh=smallest, subs=[2, 5]))
+    axes.set_ylim(min(1.5 * lowest, -smallest), max(1.5 * highest, smallest))
+
+
+def plain_log(axis: Any) -> None:
+    """Label a logarithmic axis with plain numbers, at 1, 2 and 5 where there is room for them."""
+    low, high = sorted(axis.get_view_interval())
+    decades = np.log10(high / low)
+    subs = (1.0, 2.0, 5.0) if decades < 2.2 else (1.0, 3.0) if decades < 3.2 else (1.0,)
+    axis.set_major_locator(LogLocator(subs=subs))
+    axis.set_minor_locator(LogLocator(subs="auto"))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
+
+
+def minutes_or_seconds(time_s: np.ndarray) -> tuple[float, str]:
+    """Return the factor and unit in which a course of this length is read best."""
+    span = float(time_s[-1] - time_s[0])
+    return (1.0, "s") if span <= 600.0 else (1.0 / 60.0, "min") if span <= 6 * 3600.0 else (1.0 / 3600.0, "h")
