@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxmodel.cases import Case
+from jaxmodel.case import Case
 
 if TYPE_CHECKING:
     import pandas as pd

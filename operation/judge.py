@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.stats import qmc
 
-from jaxmodel.cases import Run
+from jaxmodel.case import Run
 from jaxmodel.declaration import Scalar
 from jaxmodel.errors import MeasurementError
 from jaxmodel.model import Model
@@ -107,11 +107,11 @@ def entries(runs: Sequence[Run], *, aware: bool) -> list[Entry]:
     for run in runs:
         outputs = run.measured.outputs
         if "soc" not in outputs or "voltage_V" not in outputs:
-            raise MeasurementError(f"{run.source.name}: needs the columns voltage_V and soc, to be judged by.")
+            raise MeasurementError(f"{run.file}: needs the columns voltage_V and soc, to be judged by.")
         soc, time_s = outputs["soc"], run.measured.time_s
         if not np.isfinite(soc[0]) or not np.isfinite(soc[time_s > time_s[0] + CONVERGED_S]).any():
             raise MeasurementError(
-                f"{run.source.name}: needs soc in its first row, and after the {CONVERGED_S:g} s that estimators are "
+                f"{run.file}: needs soc in its first row, and after the {CONVERGED_S:g} s that estimators are "
                 "given to converge."
             )
         made.append(_entry(run, 0, (0.0, -OFF), aware))

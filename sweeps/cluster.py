@@ -21,8 +21,8 @@ from typing import Any
 
 import jax
 
-from jaxmodel.devices import use_all_cores
 from jaxmodel.errors import SweepError
+from jaxmodel.jax_settings import use_all_cores
 from sweeps import manifest
 from sweeps.engine import Runner
 from sweeps.lane import Outcome

@@ -9,8 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxmodel.build import case_model
+from jaxmodel.case import Case
 from jaxmodel.case_schema import parse_case
-from jaxmodel.cases import Case, read_case
+from jaxmodel.cases import read_case
 from jaxmodel.declaration import ParameterInfo
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import SweepError, nearest

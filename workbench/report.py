@@ -31,8 +31,6 @@ from discrepancy.wording import (
     verdict_sentence,
     with_sd,
 )
-from jaxmodel.effects import CATALOGUE
-from jaxmodel.ports import Effect
 from jaxmodel.units import split_unit
 from workbench.page import write_page
 from workbench.provenance import provenance
@@ -43,7 +41,6 @@ def write_report(
     diagnosis: Diagnosis,
     path: Path,
     pictures: Mapping[str, bytes],
-    catalogue: Mapping[str, type[Effect]] = CATALOGUE,
 ) -> None:
     """Write the report of a diagnosis.
 
@@ -51,16 +48,13 @@ def write_report(
         diagnosis: what to report.
         path: the HTML file.
         pictures: PNG by name, as `commands.diagnose.pictures_of` makes them.
-        catalogue: the known effects, for what they are.
     """
-    write_page(path, "diagnosis.html", **report_content(diagnosis, pictures, catalogue))
+    write_page(path, "diagnosis.html", **report_content(diagnosis, pictures))
 
 
-def report_content(
-    diagnosis: Diagnosis, pictures: Mapping[str, bytes], catalogue: Mapping[str, type[Effect]] = CATALOGUE
-) -> dict[str, Any]:
+def report_content(diagnosis: Diagnosis, pictures: Mapping[str, bytes]) -> dict[str, Any]:
     """Return what the templates of a diagnosis show; arguments as `write_report`."""
-    case, parameters = diagnosis.case, parameter_rows(diagnosis, catalogue)
+    case, parameters = diagnosis.case, parameter_rows(diagnosis)
     told_of_them = set(map(remark_on_extrapolation, diagnosis.extrapolated))
     return {
         "diagnosis": diagnosis,
@@ -75,7 +69,7 @@ def report_content(
                 "label": effect.label,
                 "probability": effect.probability,
                 "parameters": [f"{name} = {with_sd(estimate)}" for name, estimate in effect.parameters.items()],
-                "equation": catalogue[effect.name].equation if effect.name in catalogue else "",
+                "equation": case.catalogue[effect.name].equation if effect.name in case.catalogue else "",
                 "removes": removed(effect.removes),
                 "rests_on": effect.rests_on,
                 "rivals": ", ".join(effect_name(label) for label in effect.cannot_tell_apart_from),
@@ -121,11 +115,11 @@ def _immaterial(sentence: str, takes: str) -> str:
     return _sentence(f"{sentence.rstrip('.')}{takes and f'; it takes off {takes}'}")
 
 
-def _files(diagnosis: Diagnosis, catalogue: Mapping[str, type[Effect]]) -> list[Path]:
+def _files(diagnosis: Diagnosis) -> list[Path]:
     """Return the files of the case, and those of effects of the user's own."""
     case = diagnosis.case
-    own = dict.fromkeys(inspect.getfile(effect) for name, effect in catalogue.items() if name not in CATALOGUE)
-    return [case.path, *(run.source for run in case.runs), *(Path(file) for file in own)]
+    own = dict.fromkeys(inspect.getfile(effect) for effect in case.own_effects.values())
+    return [*case.files, *(Path(file) for file in own)]
 
 
 def _settings(diagnosis: Diagnosis) -> list[str]:

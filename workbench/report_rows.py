@@ -11,8 +11,8 @@ import numpy as np
 
 from discrepancy.result import Diagnosis, Estimate
 from discrepancy.wording import number, rung_name, with_sd
-from jaxmodel.cases import Known
 from jaxmodel.declaration import describe
+from jaxmodel.known import Known
 from jaxmodel.parameters import TABLE
 from jaxmodel.ports import Effect
 from jaxmodel.units import difference_unit, readable, split_unit
@@ -119,7 +119,7 @@ def noise_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
     return rows
 
 
-def parameter_rows(diagnosis: Diagnosis, catalogue: Mapping[str, type[Effect]]) -> list[dict[str, Any]]:
+def parameter_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """Return one row for each number that was calibrated, in the order of the final model."""
     base, final = diagnosis.base.estimates, diagnosis.final.estimates
     stated = _stated(diagnosis)
@@ -138,7 +138,7 @@ def parameter_rows(diagnosis: Diagnosis, catalogue: Mapping[str, type[Effect]]) 
                 "pull": f"{pull:+.1f}" if np.isfinite(pull) else "-",
                 "flagged": bool(np.isfinite(pull) and abs(pull) > _LARGE_PULL),
                 "strained": name in diagnosis.final.at_bound,
-                "meaning": _meaning(name, catalogue),
+                "meaning": _meaning(name, diagnosis.case.catalogue),
             }
         )
     return rows

@@ -11,9 +11,8 @@ from discrepancy.extended.tables import corrected_tables, is_held_by_tables
 from discrepancy.result import Diagnosis, Estimate, RunFound
 from discrepancy.wording import curve_sentence, effect_name, is_law, run_sentence
 from jaxmodel.build import case_model
-from jaxmodel.cases import Case, Run
+from jaxmodel.case import Case, Run
 from jaxmodel.declaration import ParameterInfo, describe
-from jaxmodel.effects import CATALOGUE
 from jaxmodel.known import Known
 from jaxmodel.parameters import info
 from jaxmodel.ports import Effect
@@ -23,7 +22,7 @@ _STARTS = ("initial_temperature_rise_K", "initial_hysteresis")
 _HELD_BY_A_RUN = {"friction_shift": "tau_0"}
 
 
-def extended_case(diagnosis: Diagnosis, catalogue: Mapping[str, type[Effect]] = CATALOGUE) -> tuple[Case, list[str]]:
+def extended_case(diagnosis: Diagnosis) -> tuple[Case, list[str]]:
     """Return the case with the final model's numbers, effects and tables, each with its sd; and what it cannot hold.
 
     A wrong model may fit numbers beyond the bounds of their table: these are moved to the bound. Two faults of one kind
@@ -31,6 +30,7 @@ def extended_case(diagnosis: Diagnosis, catalogue: Mapping[str, type[Effect]] = 
     runs have no place in a case file. All of this is said in the second result.
     """
     case, fitted = diagnosis.case, _Fitted(diagnosis.final.estimates)
+    catalogue = case.catalogue
     values = {name: dict(of_effect) for name, of_effect in case.effects.items()}
     effect_sd = {name: dict(of_effect) for name, of_effect in case.effect_sd.items()}
     for name, sds in case.effect_sd.items():
@@ -56,7 +56,7 @@ def extended_case(diagnosis: Diagnosis, catalogue: Mapping[str, type[Effect]] = 
             told = run_sentence(shifted[label]) if label in shifted else f"{effect_name(label)}."
             fitted.notes.append(f"A case file has no place for what one run has for itself: {told}")
     extended = dataclasses.replace(case, parameters=parameters, effects=values, effect_sd=effect_sd, runs=tuple(runs))
-    tables, notes = corrected_tables(case_model(extended, runs[0], catalogue=catalogue), diagnosis.curves)
+    tables, notes = corrected_tables(case_model(extended, runs[0]), diagnosis.curves)
     cycles = {run.overrides["cycles"].value if "cycles" in run.overrides else None for run in runs}
     if "R_ints" in tables and len(cycles) > 1:
         notes.append("R_ints holds its curve for the cycles of the first run; runs of other cycles are a little off.")

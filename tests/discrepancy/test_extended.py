@@ -12,9 +12,10 @@ import pytest
 from discrepancy.extended.case import extended_case
 from discrepancy.result import CurveFound, Diagnosis, Estimate, RunFound
 from jaxmodel.build import case_model, run_profile
+from jaxmodel.case import Case
 from jaxmodel.case_simulation import simulate_case
 from jaxmodel.case_writing import write_case
-from jaxmodel.cases import Case, read_case
+from jaxmodel.cases import read_case
 from jaxmodel.effects.curves import CURVES, SOC_KNOTS, TEMPERATURE_KNOTS
 from jaxmodel.known import Known, Table, Tolerance
 from jaxmodel.simulation import simulate

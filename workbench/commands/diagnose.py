@@ -29,9 +29,10 @@ from discrepancy.wording import (
     run_sentence,
     verdict_sentence,
 )
+from jaxmodel.case import Case
 from jaxmodel.case_simulation import Outcome, simulate_case
 from jaxmodel.case_writing import write_case
-from jaxmodel.cases import Case, read_case
+from jaxmodel.cases import read_case
 from jaxmodel.errors import MeasurementError, UserError
 from jaxmodel.ports import Effect
 from plots import evidence

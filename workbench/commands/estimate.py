@@ -15,7 +15,8 @@ import numpy as np
 import pandas as pd
 
 from jaxmodel.build import case_model
-from jaxmodel.cases import Case, read_case
+from jaxmodel.case import Case
+from jaxmodel.cases import read_case
 from jaxmodel.errors import MeasurementError
 from jaxmodel.measurements import file_label, read_utf8
 from jaxmodel.model import Model
@@ -87,7 +88,7 @@ def estimate(path: Path, out: Path, count: int, tuning_path: Path | None) -> Non
         f"Tuned on {len(fit)} runs, judged on {len(check)} others; made in {time.perf_counter() - began:.0f} s",
         lines,
         sections,
-        [case.path, *(run.source for run in case.runs)],
+        case.files,
     )
     shown = next(part for part in sections[0].parts if isinstance(part, Table))
     terminal.table("RMS error after convergence [%]", shown.head, shown.rows, right=range(1, len(shown.head)))

@@ -11,9 +11,9 @@ from jaxmodel.build import case_model, load_effect_class
 from jaxmodel.cases import read_case
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import EffectError, MeasurementError
+from jaxmodel.jax_settings import keep_compiled_programs
 from jaxmodel.model import Model
 from jaxmodel.ports import Effect
-from workbench.compiled import keep_compiled_programs
 
 
 def start(out: Path) -> None:

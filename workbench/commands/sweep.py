@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 
 import sweeps
+from jaxmodel.jax_settings import keep_compiled_programs
 from jaxmodel.simulation import Status
 from plots.lanes import panels, parallel, points, varied_in
 from plots.style import png
@@ -21,7 +22,6 @@ from sweeps.results import save_table
 from sweeps.study import LANE
 from workbench import terminal
 from workbench.commands.start import in_catalogue, own_effects, start
-from workbench.compiled import keep_compiled_programs
 
 _NO_METRIC = ("status", "valid_share")
 # Lanes that a picture is made of; more cannot be told apart.

@@ -17,7 +17,7 @@ from discrepancy.fitting.readings import Weights
 from discrepancy.noise.contract import noise_of_case
 from discrepancy.noise.model_error import NONE, ModelError
 from discrepancy.screening.screen import Direction, Screen, screen
-from jaxmodel.cases import Case
+from jaxmodel.case import Case
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.effects.battery import EntropicOcv
 from jaxmodel.effects.further_battery import CapacityFade
