@@ -344,7 +344,7 @@ def _blind(inv: Workings) -> tuple[str, ...]:
     unseen = [name for name, own in labels.items() if not any(label in seen for label in own)]
     untold = [
         name
-        for name, cls in inv.bench.catalogue.items()
+        for name, cls in inv.case.catalogue.items()
         if inv.case.kind in cls.kinds and name not in inv.case.effects and not is_told(inv.case, cls)
     ]
     return (*unseen, *untold)

@@ -79,9 +79,9 @@ class CaseSimulation:
 
     def to_dataframe(self) -> pd.DataFrame:
         """Return all runs in one table: `run`, `time_s`, every reading, and `valid`."""
-        return pd.concat([one.table.assign(run=one.run.name) for one in self.runs], ignore_index=True).pipe(
-            lambda table: table[["run", *(name for name in table.columns if name != "run")]]
-        )
+        table = pd.concat([one.table for one in self.runs], ignore_index=True)
+        table.insert(0, "run", np.repeat([one.run.name for one in self.runs], [len(one.table) for one in self.runs]))
+        return table
 
     def summary(self) -> str:
         """Return how each run ended, a line each."""

@@ -132,7 +132,7 @@ def test_files_of_the_own_effect_are_read_with_it_alone() -> None:
     study = DOCS / "own_effect" / "study.toml"
     with pytest.raises(UserError, match="hot_contact"):
         read_study(study)
-    with in_catalogue({cls.name: cls}):
+    with in_catalogue([cls]):
         assert read_study(study).prepared.model.effects[0].label == "hot_contact"
     assert cls.name not in CATALOGUE
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from discrepancy.result import Diagnosis, Estimate
-from discrepancy.wording import number, rung_name, with_sd
+from discrepancy.wording import ladder_names, number, with_sd
 from jaxmodel.declaration import describe
 from jaxmodel.known import Known
 from jaxmodel.parameters import TABLE
@@ -50,14 +50,14 @@ def ladder_rows(diagnosis: Diagnosis) -> dict[str, Any]:
         "noise": [unit(diagnosis.noise[channel].sd) for channel, unit in units.items()],
         "rungs": [
             {
-                "name": rung_name(diagnosis, place),
+                "name": name,
                 "errors": [
                     (unit(rung.errors[channel].fit), unit(rung.errors[channel].check))
                     for channel, unit in units.items()
                 ],
                 "chi2": number(rung.chi2 / rung.readings) if rung.readings else "-",
             }
-            for place, rung in enumerate(diagnosis.ladder)
+            for name, rung in zip(ladder_names(diagnosis.ladder), diagnosis.ladder, strict=True)
         ],
     }
 
