@@ -82,7 +82,7 @@ class Workings:
         """
         self.settings, self._progress = settings, progress
         catalogue = CATALOGUE | dict(extra_effects or {})
-        self.case, self.preparation = prepared(case, catalogue)
+        self.case, self.preparation = prepared(case)
         self.noise = noise_of_case(self.case)
         self.bench = Bench(self.case, catalogue, without, settings)
         self.fit_runs = [number for number, run in enumerate(self.case.runs) if run.split == "fit"]

@@ -95,9 +95,12 @@ def read_case(path: str | Path) -> Case:
         path: a folder with a `case.toml`, or a TOML file of that form; CSV paths are relative to the TOML file.
 
     Raises:
-        MeasurementError: a file is missing or cannot be used as it is; the message says where and what to do.
+        MeasurementError: a file is missing or cannot be used as it is, or a column is in another unit; the message
+            says where and what to do.
         ParameterError: a parameter is unknown, out of its bounds or of the wrong form.
     """
+    from jaxmodel.plausible import check  # it is about cases, so that it imports this module
+
     toml = _toml_file(Path(path))
     where = file_label(toml)
     entry = parse_case(read_utf8(toml), where)
@@ -126,7 +129,9 @@ def read_case(path: str | Path) -> Case:
         effect_sd={name: sd for name, effect in entry.effects.items() if (sd := _effect_sd(effect))},
     )
     # A preset of unknown name is for the model to refuse: who only reads the measurements needs none.
-    return with_preset(case) if case.preset in PRESETS else case
+    case = with_preset(case) if case.preset in PRESETS else case
+    check(case)
+    return case
 
 
 def with_preset(case: Case) -> Case:
