@@ -19,6 +19,7 @@ from discrepancy.noise.contract import without_input_noise
 from discrepancy.noise.instrument import NoiseModel
 from discrepancy.preparation.held_inputs import noisy_inputs
 from discrepancy.settings import SETTINGS, Settings
+from jaxmodel.build import own_effect_hint
 from jaxmodel.cases import Case
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import EffectError, nearest
@@ -162,7 +163,7 @@ class Bench:
             if not meant:
                 raise EffectError(
                     f"{self.case.name}: no effect that could be added to this case is called '{name}'."
-                    f"{nearest(name, self.candidates)}"
+                    f"{nearest(name, self.candidates)} {own_effect_hint(name)}"
                 )
             found.extend(meant)
         return tuple(dict.fromkeys(found))

@@ -39,6 +39,8 @@ def identify(
     profiles: Sequence[str],
     add: Sequence[str],
     effects: Sequence[str],
+    *,
+    answer_only: bool = False,
 ) -> Identifiability:
     """Calibrate a case's model and tell what its fit runs know of every unknown; write tables and pictures to `out`.
 
@@ -49,6 +51,7 @@ def identify(
         profiles: further unknowns whose likelihood is profiled.
         add: effects added to the model, their parameters unknown.
         effects: the user's own, as `file.py:Class`.
+        answer_only: leave out the pictures.
 
     Raises:
         UserError: the case cannot be used, or a name is unknown.
@@ -73,10 +76,13 @@ def identify(
             model = min(better, key=lambda one: one.fitted.objective)
             found = identifiability(investigation, model, misfit, assumed)
         _write(found, profiled, [found.names[i] for i in asked], investigation.preparation, out)
+        if not answer_only:
+            for name, picture in _pictures(found, profiled, [found.names[i] for i in asked]):
+                (out / f"{name}.png").write_bytes(picture)
     _print(found, profiled, [found.names[i] for i in asked])
     for left_out in investigation.preparation:
         terminal.say(f"Note: {left_out}")
-    terminal.say(f"identify.json, tables and pictures are in {out}.")
+    terminal.say(f"identify.json{' and tables' if answer_only else ', tables and pictures'} are in {out}.")
     return found
 
 
@@ -135,8 +141,6 @@ def _write(
         ],
     }
     (out / "identify.json").write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-    for name, picture in _pictures(found, profiled, asked):
-        (out / f"{name}.png").write_bytes(picture)
 
 
 def _pictures(
