@@ -143,14 +143,7 @@ def sweep(
     from workbench.commands.sweep import sweep
 
     sweep(
-        study,
-        out,
-        effect or [],
-        resume=resume,
-        memory=memory,
-        engine=engine,
-        dry_run=dry_run,
-        pictures=not answer_only,
+        study, out, effect or [], resume=resume, memory=memory, engine=engine, dry_run=dry_run, pictures=not answer_only
     )
 
 
