@@ -19,6 +19,7 @@ from discrepancy.noise.contract import without_input_noise
 from discrepancy.noise.instrument import NoiseModel
 from discrepancy.preparation.held_inputs import noisy_inputs
 from discrepancy.settings import SETTINGS, Settings
+from jaxmodel.build import own_effect_hint
 from jaxmodel.case import Case
 from jaxmodel.errors import EffectError, nearest
 from jaxmodel.ports import Effect
@@ -187,7 +188,7 @@ class Bench:
             if not meant:
                 raise EffectError(
                     f"{self.case.name}: no effect that could be added to this case is called '{name}'."
-                    f"{nearest(name, self.candidates)}"
+                    f"{nearest(name, self.candidates)} {own_effect_hint(name)}"
                 )
             found.extend(meant)
         return tuple(dict.fromkeys(found))

@@ -21,7 +21,9 @@ _FEWEST_DRAWN = 3  # names from which on a matrix says more than the table
 _SEEN = 5e-4
 
 
-def interactions(path: Path, out: Path, at: Sequence[str], effects: Sequence[str], pairs: Sequence[str]) -> xr.Dataset:
+def interactions(
+    path: Path, out: Path, at: Sequence[str], effects: Sequence[str], pairs: Sequence[str], *, pictures: bool = True
+) -> xr.Dataset:
     """Differentiate a study's metrics twice; write `interactions.zarr`, `interactions.csv` and matrices to `out`.
 
     Args:
@@ -30,6 +32,7 @@ def interactions(path: Path, out: Path, at: Sequence[str], effects: Sequence[str
         at: the point, as `NAME=VALUE`.
         effects: the user's own.
         pairs: as `A,B`, or `A,B,C` for every pair of them; each name with itself too.
+        pictures: whether to draw.
 
     Raises:
         UserError: the study, the point or a pair cannot be used.
@@ -45,12 +48,12 @@ def interactions(path: Path, out: Path, at: Sequence[str], effects: Sequence[str
         pairwise.to_dataframe(dim_order=["metric", "pair"]).reset_index("pair", drop=True).to_csv(
             out / "interactions.csv", float_format="%.12g"
         )
-        if data.sizes["parameter"] >= _FEWEST_DRAWN:
+        if pictures and data.sizes["parameter"] >= _FEWEST_DRAWN:
             for metric in map(str, data["metric"].to_numpy()):
                 if float(np.abs(data["predicted_joint"].sel(metric=metric)).max()) > 0.0:
                     (out / f"interactions-{metric}.png").write_bytes(png(interaction_matrix(data, metric)))
     _print(data)
-    terminal.say(f"interactions.zarr, interactions.csv and pictures are in {out}.")
+    terminal.say(f"interactions.zarr, interactions.csv{' and pictures' if pictures else ''} are in {out}.")
     return data
 
 

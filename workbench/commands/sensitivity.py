@@ -32,7 +32,9 @@ from workbench.commands.start import in_catalogue, own_effects, start
 from workbench.interactive import global_figures, local_figures, uncertainty_figures, write_interactive
 
 
-def sensitivity(path: Path, out: Path, at: Sequence[str], effects: Sequence[str], *, doubling: bool) -> xr.Dataset:
+def sensitivity(
+    path: Path, out: Path, at: Sequence[str], effects: Sequence[str], *, doubling: bool, pictures: bool = True
+) -> xr.Dataset:
     """Look at a study in one point; write `sensitivity.zarr`, `sensitivity.csv` and pictures to `out`.
 
     Raises:
@@ -46,17 +48,25 @@ def sensitivity(path: Path, out: Path, at: Sequence[str], effects: Sequence[str]
         progress("tables and pictures")
         save(data, out / "sensitivity.zarr")
         by_pair(data).to_csv(out / "sensitivity.csv", index=False, float_format="%.12g")
-        for name, picture in pictures_of(data):
+        for name, picture in pictures_of(data) if pictures else ():
             (out / f"{name}.png").write_bytes(picture)
-        write_interactive(out / "sensitivity.html", local_figures(data))
+        if pictures:
+            write_interactive(out / "sensitivity.html", local_figures(data))
     print_sensitivity(data)
     terminal.say(f"Differentiated in {data.attrs['mode']} mode: {data.attrs['passes']} passes.")
-    terminal.say(f"sensitivity.zarr, sensitivity.csv and pictures are in {out}.")
+    terminal.say(f"sensitivity.zarr, sensitivity.csv{' and pictures' if pictures else ''} are in {out}.")
     return data
 
 
 def uncertainty(
-    path: Path, out: Path, at: Sequence[str], effects: Sequence[str], uncertain: Sequence[str], draws: int
+    path: Path,
+    out: Path,
+    at: Sequence[str],
+    effects: Sequence[str],
+    uncertain: Sequence[str],
+    draws: int,
+    *,
+    pictures: bool = True,
 ) -> xr.Dataset:
     """Push what is not known of parameters through a study's run; write `uncertainty.zarr`, `.csv` and pictures.
 
@@ -67,6 +77,7 @@ def uncertainty(
         effects: the user's own.
         uncertain: `NAME=SD`, "case" for what the study's case states, or the folder of an `identify`.
         draws: runs to sample.
+        pictures: whether to draw.
 
     Raises:
         UserError: the study, the point or what is uncertain cannot be used.
@@ -98,14 +109,19 @@ def uncertainty(
         for q in data["quantile"].to_numpy():
             table[f"quantile_{q:g}"] = data["metric_quantile"].sel(quantile=q).to_numpy()
         table.to_csv(out / "uncertainty.csv", float_format="%.12g")
-        (out / "uncertainty.png").write_bytes(png(metric_intervals(data)))
-        for output in map(str, data["output"].to_numpy()):
-            if float(data["output_sd_gradient"].sel(output=output).max()) > 0.0:
-                (out / f"uncertainty-{output}.png").write_bytes(png(bands_over_time(data, output)))
-        write_interactive(out / "uncertainty.html", uncertainty_figures(data))
+        if pictures:
+            _draw_uncertainty(data, out)
     _print_uncertainty(data)
-    terminal.say(f"uncertainty.zarr, uncertainty.csv and pictures are in {out}.")
+    terminal.say(f"uncertainty.zarr, uncertainty.csv{' and pictures' if pictures else ''} are in {out}.")
     return data
+
+
+def _draw_uncertainty(data: xr.Dataset, out: Path) -> None:
+    (out / "uncertainty.png").write_bytes(png(metric_intervals(data)))
+    for output in map(str, data["output"].to_numpy()):
+        if float(data["output_sd_gradient"].sel(output=output).max()) > 0.0:
+            (out / f"uncertainty-{output}.png").write_bytes(png(bands_over_time(data, output)))
+    write_interactive(out / "uncertainty.html", uncertainty_figures(data))
 
 
 def global_indices(
@@ -118,6 +134,7 @@ def global_indices(
     count: int,
     groups: Sequence[str],
     second_order: bool,
+    pictures: bool = True,
 ) -> xr.Dataset:
     """Find how a study's metrics depend on its ranges as a whole; write `global.zarr`, `global.csv` and pictures.
 
@@ -135,11 +152,12 @@ def global_indices(
     if "second" in data:
         pairs = data[["second", "second_error"]].to_dataframe(dim_order=["metric", "factor", "other"])
         pairs.dropna().to_csv(out / "global-pairs.csv", float_format="%.8g")
-    for name, picture in global_pictures.pictures_of(data):
+    for name, picture in global_pictures.pictures_of(data) if pictures else ():
         (out / f"{name}.png").write_bytes(png(picture))
-    write_interactive(out / "global.html", global_figures(data))
+    if pictures:
+        write_interactive(out / "global.html", global_figures(data))
     _print_global(data)
-    terminal.say(f"global.zarr, global.csv and pictures are in {out}.")
+    terminal.say(f"global.zarr, global.csv{' and pictures' if pictures else ''} are in {out}.")
     return data
 
 
@@ -166,7 +184,7 @@ def _print_global(data: xr.Dataset) -> None:
         terminal.say(f"{data.attrs['failed']:,} of {data.attrs['runs']:,} runs failed: their blocks are left out.")
 
 
-def maps(path: Path, out: Path, at: Sequence[str], effects: Sequence[str]) -> xr.Dataset:
+def maps(path: Path, out: Path, at: Sequence[str], effects: Sequence[str], *, pictures: bool = True) -> xr.Dataset:
     """Differentiate at every combination of a study's axes; write `elasticity-map.zarr` and a picture for each metric.
 
     Raises:
@@ -180,9 +198,9 @@ def maps(path: Path, out: Path, at: Sequence[str], effects: Sequence[str]) -> xr
         data = elasticity_map(study, progress=progress)
     save(data, out / "elasticity-map.zarr")
     for metric in map(str, data["metric"].to_numpy()):
-        if bool(np.any(np.isfinite(data["elasticity"].sel(metric=metric)))):
+        if pictures and bool(np.any(np.isfinite(data["elasticity"].sel(metric=metric)))):
             (out / f"elasticity-map-{metric}.png").write_bytes(png(elasticity_maps(data, metric)))
-    terminal.say(f"elasticity-map.zarr and pictures are in {out}.")
+    terminal.say(f"elasticity-map.zarr{' and pictures' if pictures else ''} are in {out}.")
     return data
 
 

@@ -30,7 +30,14 @@ _PERCENTS = (0, 5, 50, 95, 100)
 
 
 def sweep(
-    path: Path, out: Path, effects: Sequence[str], *, dry_run: bool = False, memory: str | None = None, **how: Any
+    path: Path,
+    out: Path,
+    effects: Sequence[str],
+    *,
+    dry_run: bool = False,
+    memory: str | None = None,
+    pictures: bool = True,
+    **how: Any,
 ) -> xr.Dataset | None:
     """Run a study; write its result (Zarr, CSV, manifest) and a picture for each metric to `out`.
 
@@ -40,6 +47,7 @@ def sweep(
         effects: of the user's own, as `file.py:Class`.
         dry_run: says what the sweep would take, and writes nothing.
         memory: as `sweeps.run` takes it.
+        pictures: whether to draw.
         how: `resume` and `engine`, as `sweeps.run` takes them.
 
     Raises:
@@ -54,10 +62,12 @@ def sweep(
     start(out)
     dataset = run_study(study, out=out, memory=memory, **how)
     table = save_table(dataset, out)
-    for name, picture in pictures_of(dataset):
+    for name, picture in pictures_of(dataset) if pictures else ():
         (out / f"{name}.png").write_bytes(picture)
     print_sweep(dataset)
-    terminal.say(f"result.zarr, {'lanes.csv, ' if table else ''}manifest.json and pictures are in {out}.")
+    terminal.say(
+        f"result.zarr, {'lanes.csv, ' if table else ''}manifest.json{' and pictures' if pictures else ''} are in {out}."
+    )
     return dataset
 
 
