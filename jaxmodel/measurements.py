@@ -145,8 +145,6 @@ def measurements_of(frame: pd.DataFrame, kind: str, ambient_degC: float | None, 
     Raises:
         MeasurementError: the table cannot be used; the message names row and column.
     """
-    if not isinstance(frame, pd.DataFrame):
-        raise MeasurementError(f"{label} is a {type(frame).__name__}; give a pandas DataFrame with a column 'time_s'.")
     if "time_s" not in frame.columns and frame.index.name == "time_s":
         frame = frame.reset_index()
     header = [str(name) for name in frame.columns]
