@@ -23,7 +23,7 @@ from jaxmodel.kernel import as_one_kernel
 from jaxmodel.model import Model
 from jaxmodel.profile import constant
 from jaxmodel.simulation import Cutoff
-from sweeps.lane import Course, Keep, lay_out, run_lane
+from sweeps.lane import Keep, SteppedProfile, lay_out, run_lane
 from sweeps.metrics import metrics_of
 
 # Slopes are means over the paper's half hour. Rows of a minute suffice for a steady run: the map is checked at 1 s.
@@ -123,7 +123,7 @@ def compensate(
     )
     there = (least < 0.0) & (most > 0.0)
     warm, load = (jnp.asarray(np.where(there, grid, value[0])) for grid, value in ((ambients, at[0]), (torques, at[1])))
-    duty = np.where(there, np.asarray(_roots(model, _course(model, STEP_S), warm, load, jnp.asarray(slope))), np.nan)
+    duty = np.where(there, np.asarray(_roots(model, _half_hour(model, STEP_S), warm, load, jnp.asarray(slope))), np.nan)
     before = steady(model, ambients, torques, np.full_like(ambients, reference.duty), CHECK_STEP_S)
     after = steady(model, ambients, torques, duty, CHECK_STEP_S)
 
@@ -149,7 +149,7 @@ def steady(
 ) -> Runs:
     """Return runs of half an hour at constant inputs, one for each place; all arrays of one shape (places,)."""
     lanes = {"ambient_degC": ambient_degC, "load_torque_Nm": load_torque_Nm, "duty": duty}
-    values = _over_lanes(model, _course(model, step_s), {name: jnp.asarray(v, float) for name, v in lanes.items()})
+    values = _over_lanes(model, _half_hour(model, step_s), {name: jnp.asarray(v, float) for name, v in lanes.items()})
     return Runs(
         np.asarray(values["soc_gradient"]),
         np.asarray(values["mean_speed_rad_s"]),
@@ -167,7 +167,7 @@ def bilinear(x: np.ndarray, y: np.ndarray, table: np.ndarray, at_x, at_y) -> np.
     return (1.0 - u) * low + u * high
 
 
-def _course(model: Model, step_s: float) -> Course:
+def _half_hour(model: Model, step_s: float) -> SteppedProfile:
     """Return half an hour of constant inputs; lanes bring their own values."""
     return lay_out(model, constant(DURATION_S, step_s, ambient_degC=20.0, load_torque_Nm=0.1, duty=0.3), np.array([0]))
 
@@ -178,17 +178,17 @@ def _keep(*names: str) -> Keep:
 
 
 @eqx.filter_jit
-def _over_lanes(model: Model, course: Course, lanes: dict[str, Array]) -> dict[str, Array]:
-    def over(model, course, lanes):
-        return jax.vmap(lambda own: run_lane(_keep(*_METRICS), model, course, NEARLY_EMPTY, own).values)(lanes)
+def _over_lanes(model: Model, stepped: SteppedProfile, lanes: dict[str, Array]) -> dict[str, Array]:
+    def over(model, stepped, lanes):
+        return jax.vmap(lambda own: run_lane(_keep(*_METRICS), model, stepped, NEARLY_EMPTY, own).values)(lanes)
 
-    return as_one_kernel(over, model, course, lanes)
+    return as_one_kernel(over, model, stepped, lanes)
 
 
 @eqx.filter_jit
 def _roots(
     model: Model,
-    course: Course,
+    stepped: SteppedProfile,
     ambient_degC: Float[Array, " places"],
     load_torque_Nm: Float[Array, " places"],
     slope: Array,
@@ -199,7 +199,7 @@ def _roots(
     def off(duty, place):
         ambient, torque = place
         own = {"ambient_degC": ambient, "load_torque_Nm": torque, "duty": duty}
-        return run_lane(keep, model, course, NEARLY_EMPTY, own).values["soc_gradient"] / slope - 1.0
+        return run_lane(keep, model, stepped, NEARLY_EMPTY, own).values["soc_gradient"] / slope - 1.0
 
     # By halving: a run and its derivative in a loop took ten times as long to compile as the run alone.
     solver = optimistix.Bisection(rtol=TOLERANCE, atol=TOLERANCE)

@@ -73,8 +73,8 @@ def _scan_in_blocks(equation: JaxprEqn, given: Sequence[Any]) -> list[Any]:
 
     if length <= LONGEST:
         run = steps_from if holds_constants((fixed, carry, rows)) else functools.partial(as_one_kernel, steps_from)
-        carry, courses = run(fixed, carry, rows)
-        return [*carry, *courses]
+        carry, outputs = run(fixed, carry, rows)
+        return [*carry, *outputs]
 
     def steps(carry, some):
         return steps_from(fixed, carry, some)
@@ -82,9 +82,9 @@ def _scan_in_blocks(equation: JaxprEqn, given: Sequence[Any]) -> list[Any]:
     block = math.isqrt(length)
     whole = length // block * block
     in_front = tuple(x[:whole].reshape(-1, block, *x.shape[1:]) for x in rows)
-    carry, courses = jax.lax.scan(jax.checkpoint(steps, prevent_cse=False), carry, in_front)
-    courses = [x.reshape(whole, *x.shape[2:]) for x in courses]
+    carry, outputs = jax.lax.scan(jax.checkpoint(steps, prevent_cse=False), carry, in_front)
+    outputs = [x.reshape(whole, *x.shape[2:]) for x in outputs]
     if whole < length:
         carry, rest = steps(carry, tuple(x[whole:] for x in rows))
-        courses = [jnp.concatenate(pair) for pair in zip(courses, rest, strict=True)]
-    return [*carry, *courses]
+        outputs = [jnp.concatenate(pair) for pair in zip(outputs, rest, strict=True)]
+    return [*carry, *outputs]

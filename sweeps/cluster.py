@@ -171,6 +171,7 @@ def _packed(study: Study, chunks: Chunks) -> bytes:
     import cloudpickle
 
     classes = [type(part) for part in (*study.prepared.model.effects, *study.prepared.metrics)]
+    classes += study.extra_effects.values()
     names = {cls.__module__ for cls in classes if cls.__module__.partition(".")[0] not in ("jaxmodel", "sweeps")}
     modules = [sys.modules[name] for name in names - {"__main__"} if name in sys.modules]
     for module in modules:

@@ -18,12 +18,13 @@ from jaxmodel.measurements import KINDS, file_label, read_utf8
 from jaxmodel.model import Model, initial_state
 from jaxmodel.names import parameter_table, with_values
 from jaxmodel.parameters import TABLE
+from jaxmodel.ports import Effect
 from jaxmodel.presets import why_not
 from jaxmodel.profile import Profile
 from jaxmodel.simulation import Cutoff
 from jaxmodel.units import unit_of
-from sweeps.courses import check_input, course_of, input_names
 from sweeps.metrics import Metric, metrics_of, metrics_on_request
+from sweeps.profiles import build_profile, check_input, input_names
 from sweeps.study_form import StudyForm
 
 # What stands in front of an input's name, or a state's, to vary its size or where it starts.
@@ -40,7 +41,7 @@ class Prepared:
         cutoff: where a run ends, or None.
         metrics: what is kept of each lane.
         info: what is known of what lanes differ in, by name; of an input nothing.
-        stored_rows: the rows of the profile at which courses are kept.
+        stored_rows: the rows of the profile at which columns are stored.
     """
 
     model: Model
@@ -59,13 +60,15 @@ class Prepared:
 def prepare(study: StudyForm) -> Prepared:
     """Return what a study means, after a look at every name and number in it."""
     case = _case(study)
-    model = with_values(case_model(case, fidelity=study.fidelity), _initial_soc_of_case(study))
+    model = with_values(
+        case_model(case, fidelity=study.fidelity, catalogue=_catalogue(study)), _initial_soc_of_case(study)
+    )
     table = parameter_table(model)
     for name, value in study.parameters.items():
         _known(name, table, f"parameters.{name}: no parameter is called").check(value, f"parameters.{name}")
     model = with_values(model, {name: jnp.asarray(value) for name, value in study.parameters.items()})
 
-    profile = course_of(study.profile, study.folder, model, _one_value_of_inputs(study, model.kind))
+    profile = build_profile(study.profile, study.folder, model, _one_value_of_inputs(study, model.kind))
     varied = {name: (values, f"axes.{name}") for name, values in study.axes.items()}
     for name, span in study.sample.ranges.items() if study.sample else ():
         varied[name] = ([span.low, span.high], f"sample.ranges.{name}")
@@ -79,7 +82,7 @@ def prepare(study: StudyForm) -> Prepared:
         elif name in input_names(model.kind):
             check_input(name, model.kind, values, where)
         else:
-            info[name] = _parameter(name, values, model, table, where)
+            info[name] = _parameter(name, values, model, table, where, _catalogue(study))
             if info[name].whole and study.sample and name in study.sample.ranges:
                 raise SweepError(f"{where}: {name} takes whole numbers; put it on an axis instead.")
 
@@ -104,11 +107,12 @@ def prepare(study: StudyForm) -> Prepared:
 
 def _case(study: StudyForm) -> Case:
     """Return the case that the study describes or names, with the study's effects."""
+    catalogue = _catalogue(study)
     if study.case is not None:
         case = read_case(study.folder / study.case)
         if study.kind not in (None, case.kind):
             raise SweepError(f"kind is '{study.kind}', but the case is a {case.kind}; remove one of the two.")
-        effects = {name: values for name, values in case.effects.items() if not _is_of_sensor(name)}
+        effects = {name: values for name, values in case.effects.items() if not _is_of_sensor(name, catalogue)}
         case = dataclasses.replace(case, effects=effects)
     elif study.kind is None:
         raise SweepError('kind is missing; add kind = "cell", "motor" or "robot", or name a case.')
@@ -117,7 +121,7 @@ def _case(study: StudyForm) -> Case:
     else:
         case = Case("study", Path("effects"), study.title, study.kind, study.preset, {}, {}, {}, {}, (), {})
     for name in study.effects:
-        if _is_of_sensor(name):
+        if _is_of_sensor(name, catalogue):
             raise SweepError(f"effects.{name}: a sweep looks at true values, not at a sensor's; remove this effect.")
     return dataclasses.replace(case, effects=case.effects | study.effects)
 
@@ -142,11 +146,16 @@ def _one_value_of_inputs(study: StudyForm, kind: str) -> dict[str, float]:
 
 
 def _parameter(
-    name: str, values: list[float], model: Model, table: Mapping[str, ParameterInfo], where: str
+    name: str,
+    values: list[float],
+    model: Model,
+    table: Mapping[str, ParameterInfo],
+    where: str,
+    catalogue: Mapping[str, type[Effect]],
 ) -> ParameterInfo:
     """Return what is known of a parameter in which lanes differ."""
     effect = name.partition(".")[0]
-    if effect in CATALOGUE and name not in table and effect not in {on.name for on in model.effects}:
+    if effect in catalogue and name not in table and effect not in {on.name for on in model.effects}:
         raise SweepError(f"{where}: the effect '{effect}' is off; turn it on, as in [effects] {effect} = {{}}.")
     what = f"{where}: no parameter, and no input of a {model.kind}, is called"
     info = _known(name, table, what, input_names(model.kind))
@@ -164,9 +173,9 @@ def _scale(
         raise SweepError(f"{where}: the profile has no input '{column}'.{nearest(column, profile.inputs)}")
     if column.endswith("_degC"):
         raise SweepError(f"{where}: a temperature in degC has no factor; put {column} itself on an axis.")
-    course = np.concatenate([profile.inputs[column], own.get(column, [])])
+    size = np.concatenate([profile.inputs[column], own.get(column, [])])
     for value in values:
-        check_input(column, kind, [value * course.min(), value * course.max()], where)
+        check_input(column, kind, [value * size.min(), value * size.max()], where)
     return ParameterInfo(name, unit="", meaning=f"factor on the input {column}", default=1.0)
 
 
@@ -209,8 +218,12 @@ def _metrics(study: StudyForm, kind: str, has_cutoff: bool) -> tuple[Metric, ...
     return tuple(chosen)
 
 
-def _is_of_sensor(effect: str) -> bool:
-    return effect in CATALOGUE and CATALOGUE[effect].is_sensor
+def _catalogue(study: StudyForm) -> dict[str, type[Effect]]:
+    return CATALOGUE | study.extra_effects
+
+
+def _is_of_sensor(effect: str, catalogue: Mapping[str, type[Effect]]) -> bool:
+    return effect in catalogue and catalogue[effect].is_sensor
 
 
 def _known(name: str, table: Mapping[str, ParameterInfo], what: str, others: Iterable[str] = ()) -> ParameterInfo:

@@ -32,6 +32,7 @@ from sweeps.results import (
     coordinates_of,
     load,
     manifest_text,
+    save_table,
     values_of,
     variables_of,
 )
@@ -50,7 +51,7 @@ _NOT_RUN = {"float64": float("nan"), "int8": -1}
 
 
 class Store:
-    """A folder that takes the chunks of one study.
+    """A folder to which the chunks of one study are written.
 
     Attributes:
         chunks: the cut of the study; that of the first run where this one goes on with it.
@@ -193,6 +194,7 @@ class Store:
         """Return the result, once all chunks are done, to be read from the disk as far as it is used."""
         if not self._finished:
             with self._plain_errors():
+                save_table(load(self.folder), self.folder)
                 self._manifest = self._manifest | {"performance": dict(performance)}
                 _replace(self.folder / MANIFEST, manifest_text(self._manifest))
                 self.close()
@@ -202,7 +204,7 @@ class Store:
     def close(self) -> None:
         """Let go of the folder."""
         if self._log is not None:
-            with contextlib.suppress(OSError):  # what could not be flushed has been told already
+            with contextlib.suppress(OSError):  # what could not be flushed has been reported already
                 self._log.close()
             self._log = None
 

@@ -3,16 +3,43 @@
 What a value means (names of parameters, inputs, metrics and files) is checked in `prepare`.
 """
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, TypedDict
 
+import numpy as np
 from pydantic import BeforeValidator, ConfigDict, Field, field_serializer, model_validator
 
 from jaxmodel.case_schema import CutoffEntry
+from jaxmodel.ports import Effect
 from sweeps.axes_form import Axes, SampleForm
 from sweeps.form import Form, refuse_unquoted_names, wrong
 from sweeps.metrics import Metric
 from sweeps.profile_form import ProfileForm
+
+Kind = Literal["cell", "motor", "robot"]
+Fidelity = Literal["formula", "lut"]
+
+
+class StudyFields(TypedDict, total=False):
+    """The keyword arguments of `sweeps.Study`, which explains each; tables of the file are mappings here."""
+
+    title: str
+    kind: Kind | None
+    preset: str
+    case: str | None
+    fidelity: Fidelity
+    parameters: Mapping[str, float]
+    effects: Mapping[str, Mapping[str, float | str]]
+    profile: ProfileForm | Mapping[str, Any]
+    axes: Mapping[str, Sequence[float] | np.ndarray | Mapping[str, float | str]]
+    sample: SampleForm | Mapping[str, Any] | None
+    metrics: Sequence[str | Metric]
+    store: Sequence[str]
+    store_every: int
+    cutoff: CutoffEntry | Mapping[str, float]
+    extra_effects: Mapping[str, type[Effect]]
+    folder: Path
 
 
 class StudyForm(Form):
@@ -21,10 +48,10 @@ class StudyForm(Form):
     model_config = ConfigDict(arbitrary_types_allowed=True)
 
     title: str = ""
-    kind: Literal["cell", "motor", "robot"] | None = None
+    kind: Kind | None = None
     preset: str = "paper"
     case: str | None = None
-    fidelity: Literal["formula", "lut"] = "formula"
+    fidelity: Fidelity = "formula"
     parameters: Annotated[dict[str, float], BeforeValidator(refuse_unquoted_names)] = Field(default_factory=dict)
     effects: dict[str, dict[str, float | str]] = Field(default_factory=dict)
     profile: ProfileForm
@@ -34,6 +61,7 @@ class StudyForm(Form):
     store: list[str] = Field(default_factory=list)
     store_every: int = Field(default=1, ge=1)
     cutoff: CutoffEntry = CutoffEntry()
+    extra_effects: dict[str, type[Effect]] = Field(default_factory=dict, exclude=True, repr=False)
     folder: Path = Field(default=Path(), exclude=True, repr=False)
 
     @model_validator(mode="after")

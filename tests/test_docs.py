@@ -27,7 +27,6 @@ from sensitivity import metrics as of_sensitivity
 from sweeps import metrics_of, read_study
 from sweeps.study_form import ProfileForm, StudyForm
 from tests.jaxmodel.runs import readings
-from workbench.commands.start import in_catalogue
 
 REPOSITORY = Path(__file__).parents[1]
 DOCS = REPOSITORY / "docs"
@@ -132,8 +131,7 @@ def test_files_of_the_own_effect_are_read_with_it_alone() -> None:
     study = DOCS / "own_effect" / "study.toml"
     with pytest.raises(UserError, match="hot_contact"):
         read_study(study)
-    with in_catalogue({cls.name: cls}):
-        assert read_study(study).prepared.model.effects[0].label == "hot_contact"
+    assert read_study(study, {cls.name: cls}).prepared.model.effects[0].label == "hot_contact"
     assert cls.name not in CATALOGUE
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import gc
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from jaxmodel.build import case_model, load_effect_class
@@ -67,14 +66,3 @@ def own_effects(references: Sequence[str]) -> dict[str, type[Effect]]:
 def catalogue_with(effects: Mapping[str, type[Effect]]) -> dict[str, type[Effect]]:
     """Return the catalogue with effects of the user's own."""
     return {**CATALOGUE, **effects}
-
-
-@contextlib.contextmanager
-def in_catalogue(effects: Mapping[str, type[Effect]]) -> Iterator[None]:
-    """Put effects of the user's own into the catalogue itself for a while: a study file looks them up there."""
-    CATALOGUE.update(effects)
-    try:
-        yield
-    finally:
-        for name in effects:
-            del CATALOGUE[name]
