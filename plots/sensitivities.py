@@ -53,7 +53,7 @@ def doubling_beside_gradient(data: xr.Dataset, metric: str | None = None, most: 
     Args:
         data: as `sensitivity.local` returns it, with the doubling test.
         metric: one of its metrics.
-        most: parameters to draw, those with the largest changes; such as change nothing are left out.
+        most: parameters to draw, those with the largest changes; those that change nothing are left out.
     """
     metric = metric if metric is not None else first_of(data, "metric")
     chosen = data.sel(metric=metric)
@@ -193,7 +193,7 @@ def over_time(local: xr.Dataset, output: str | None = None, most: int = 12) -> F
     Args:
         local: as `sensitivity.local` returns it.
         output: the reading.
-        most: parameters to draw, those that move it most at any time; only such as have a proportional change.
+        most: parameters to draw, those that move it most at any time; only those that have a proportional change.
     """
     output = output if output is not None else first_of(local, "output")
     change = 0.01 * local["output_change"].sel(output=output)

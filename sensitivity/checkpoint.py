@@ -23,7 +23,7 @@ from jaxmodel.kernel import as_one_kernel, holds_constants
 SHORTEST, LONGEST = 16, 4096
 
 
-def in_blocks(function: Callable, *arguments: Any) -> Any:
+def in_blocks(function: Callable[..., Any], *arguments: Any) -> Any:
     """Return function(*arguments), the steps of every scan in it computed anew for a gradient, long scans in blocks.
 
     Values are those of the function; only what is kept for its gradient differs. Pure; may be vmapped, and
@@ -39,7 +39,7 @@ def _evaluate(program: ClosedJaxpr, arguments: Sequence[Any]) -> list[Any]:
     known = dict(zip(program.jaxpr.constvars, program.consts, strict=True))
     known |= dict(zip(program.jaxpr.invars, arguments, strict=True))
 
-    def read(atom):
+    def read(atom: Any) -> Any:
         return atom.val if isinstance(atom, Literal) else known[atom]
 
     for equation in program.jaxpr.eqns:
@@ -63,8 +63,8 @@ def _scan_in_blocks(equation: JaxprEqn, given: Sequence[Any]) -> list[Any]:
     rows = tuple(given[constants + carried :])
     length = equation.params["length"]
 
-    def steps_from(fixed, carry, some):
-        def step(carry, row):
+    def steps_from(fixed: tuple[Any, ...], carry: tuple[Any, ...], some: tuple[Any, ...]) -> tuple[Any, Any]:
+        def step(carry: tuple[Any, ...], row: tuple[Any, ...]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
             after = body(*fixed, *carry, *row)
             return tuple(after[:carried]), tuple(after[carried:])
 
@@ -76,7 +76,7 @@ def _scan_in_blocks(equation: JaxprEqn, given: Sequence[Any]) -> list[Any]:
         carry, outputs = run(fixed, carry, rows)
         return [*carry, *outputs]
 
-    def steps(carry, some):
+    def steps(carry: tuple[Any, ...], some: tuple[Any, ...]) -> tuple[Any, Any]:
         return steps_from(fixed, carry, some)
 
     block = math.isqrt(length)

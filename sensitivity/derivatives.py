@@ -40,7 +40,7 @@ def jacobian(response: Response, values: Float[Array, " parameter"], mode: Mode)
     """Return the answer and its derivatives, the parameters' axis first.
 
     Args:
-        response: what is asked.
+        response: the differentiated run.
         values: where, in the units of the table.
         mode: "forward" pushes a tangent for each parameter through the run; "reverse" pulls a cotangent for each metric
             back through it.
@@ -54,7 +54,7 @@ def jacobian(response: Response, values: Float[Array, " parameter"], mode: Mode)
     """
     if mode == "forward":
 
-        def push(direction):
+        def push(direction: Array) -> tuple[Answer, Answer]:
             return jax.jvp(response, (values,), (direction,))
 
         # out_axes None: the run itself is computed once, beside all its tangents.
@@ -74,7 +74,7 @@ def pushforward(
 ) -> tuple[Answer, Answer, Outcome]:
     """Return the answer at each point, its derivative along the direction of that lane, and the outcome of the run."""
 
-    def lane(values, direction):
+    def lane(values: Array, direction: Array) -> tuple[Answer, Answer, Outcome]:
         return jax.jvp(lambda x: response.run(response.named(x)), (values,), (direction,), has_aux=True)
 
     return jax.vmap(lane)(at, along)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any, Unpack
 
 import numpy as np
 import xarray
@@ -13,12 +14,17 @@ from sensitivity.indices import analyse, make_design
 from sweeps.axes_form import Range
 from sweeps.engine import Progress, run
 from sweeps.study import Study
+from sweeps.study_form import StudyFields
 
 
 class DesignedStudy(Study):
     """A study whose lanes have the values of a design instead of drawn ones."""
 
-    _values: dict[str, np.ndarray] = PrivateAttr(default_factory=dict)
+    _values: dict[str, np.ndarray] = PrivateAttr()
+
+    def __init__(self, values: Mapping[str, np.ndarray], /, **fields: Unpack[StudyFields]) -> None:
+        super().__init__(**fields)
+        self._values = dict(values)
 
     def drawn(self, numbers: np.ndarray) -> dict[str, np.ndarray]:
         """Return the design's values for places along the dimension `lane`."""
@@ -70,9 +76,9 @@ def global_indices(
             span.low * (span.high / span.low) ** share if logarithmic else span.low + (span.high - span.low) * share
         )
     fixed = {name: v for name, v in study.axes.items() if name not in spans}
-    changes = {"axes": fixed, "sample": {"count": len(design.points), "ranges": spans}, "store": []}
-    designed = DesignedStudy(**(dict(study) | changes))
-    designed._values = values
+    sample = {"count": len(design.points), "ranges": spans}
+    fields: dict[str, Any] = {**dict(study), "axes": fixed, "sample": sample, "store": []}
+    designed = DesignedStudy(values, **fields)
     done = run(designed, progress)
     over_lanes = done.isel({name: 0 for name in fixed})
     names = [metric.name for metric in designed.prepared.metrics]

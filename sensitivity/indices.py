@@ -11,7 +11,7 @@ import contextlib
 import dataclasses
 import importlib
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -136,7 +136,7 @@ def _problem(names: Sequence[str], groups: Sequence[str]) -> dict[str, Any]:
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
+def _quiet() -> Generator[None, None, None]:
     """Silence SALib's warnings of what is checked here, constant results, and leave NumPy's own generator as it was."""
     state = np.random.get_state()  # noqa: NPY002
     with warnings.catch_warnings():

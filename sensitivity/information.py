@@ -1,7 +1,7 @@
 """What readings say of parameters, from Fisher information alone: Cramer-Rao bounds, shares, poorly known directions.
 
-All is in coordinates x in which what was known before is standard normal, so that the prior's information is the unit
-matrix: an information of 1 is as much as was known before.
+All is in coordinates x in which the prior is standard normal, so that its information is the unit matrix: an
+information of 1 is that of the prior.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Information:
 
     @property
     def total(self) -> Floats:
-        """Return the information of all data, without what was known before."""
+        """Return the information of all data, without the prior."""
         return self.parts.sum(axis=0)
 
     @property
@@ -43,7 +43,7 @@ class Information:
         return np.linalg.inv(self.total + np.eye(len(self.names)))
 
     def sd(self) -> Floats:
-        """Return the Cramer-Rao bounds with what was known before, in prior sd: 1 where the data say nothing of it."""
+        """Return the Cramer-Rao bounds with the prior, in prior sd: 1 where the data say nothing of it."""
         return np.sqrt(np.diag(self.covariance))
 
     def sd_of_data(self) -> Floats:
@@ -55,19 +55,19 @@ class Information:
         return np.where(outside > _OUTSIDE, np.inf, np.sqrt(variance))
 
     def correlation(self) -> Floats:
-        """Return the correlations of the estimates, with what was known before."""
+        """Return the correlations of the estimates, with the prior."""
         sd = self.sd()
         return self.covariance / np.outer(sd, sd)
 
     def shares(self) -> Floats:
-        """Return of what is known at last of each parameter the share that each part of the data brings.
+        """Return the share of each part of the data in the final information on each parameter.
 
-        What is known of parameter i, all others being estimated too, is 1/C_ii = v'(F + I)v with v = C e_i / C_ii: the
-        information along the one way to move i that the others cannot make up for. It is a sum over the parts.
+        The information on parameter i, all others being estimated too, is 1/C_ii = v'(F + I)v with v = C e_i / C_ii:
+        that along the direction of i which the others cannot compensate. It is a sum over the parts.
 
         Returns:
-            Shape (parts + 2, unknowns): the parts, what was known of the parameter itself, and what was known of the
-            others; columns add up to 1.
+            Shape (parts + 2, unknowns): the parts, the prior of the parameter itself, and the priors of the others;
+            columns add up to 1.
         """
         covariance = self.covariance
         known = 1.0 / np.diag(covariance)

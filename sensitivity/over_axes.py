@@ -120,8 +120,8 @@ def _compiled(
     def of_lanes(
         arrays: Response, at: Float[Array, "lanes moved"]
     ) -> tuple[Float[Array, "lanes metric"], Float[Array, "lanes parameter metric"]]:
-        def lane(values):
-            def push(direction):
+        def lane(values: Array) -> tuple[Array, Array]:
+            def push(direction: Array) -> tuple[Array, Array]:
                 return jax.jvp(lambda x: eqx.combine(arrays, rest)(x).metrics, (values,), (direction,))
 
             return jax.vmap(push, out_axes=(None, 0))(jnp.eye(asked, values.size))

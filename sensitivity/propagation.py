@@ -50,7 +50,7 @@ def propagate(
 ) -> xarray.Dataset:
     """Return the spread of metrics and outputs that comes of uncertain parameters.
 
-    Parameters are normal; such as the table takes on a logarithm are log-normal with the same spread at the model's
+    Parameters are normal; those that the table takes on a logarithm are log-normal with the same spread at the model's
     value. Draws are the points of a scrambled Sobol sequence. A draw outside of a parameter's bounds, or whose run is
     not finite, is left out and counted.
 
@@ -167,7 +167,7 @@ def _answers(response: Response, points: np.ndarray) -> tuple[Answer, np.ndarray
 
 @eqx.filter_jit
 def _some(response: Response, points: Float[Array, "draws parameter"]) -> tuple[Answer, Int[Array, " draws"]]:
-    def one(values):
+    def one(values: Array) -> tuple[Answer, Array]:
         answer, run = response.run(response.named(values))
         return answer, run.status
 

@@ -1,4 +1,4 @@
-"""A run's answer as a pure function of a vector of parameters: the one thing that every study here differentiates.
+"""The results of a run as a pure function of a vector of parameters: what every analysis here differentiates.
 
 Beside the numbers of the model, the curves of the cell and the inputs of the run are parameters too, under their own
 names: a curve (R_ints, R_TS, C_TS, R_TL, C_TL) by a factor, the ambient temperature by a shift in K, every other input
@@ -49,7 +49,7 @@ class Scaled(Curve):
 
 
 class Answer(eqx.Module):
-    """What a study asks of a run: single numbers, and readings over time; derivatives have further axes in front."""
+    """The results of a run: metrics, and readings over time; derivatives have further axes in front."""
 
     metrics: Float[Array, "... metric"]
     outputs: Float[Array, "... output rows"]
@@ -113,7 +113,7 @@ class Response(eqx.Module):
         return jnp.asarray([neutral[n] if n in neutral else value(self.model, n) for n in self.names], dtype=float)
 
     def table(self) -> list[ParameterInfo]:
-        """Return what is known of each parameter."""
+        """Return unit, bounds and meaning of each parameter."""
         known = parameter_table(self.model) | _curve_table() | _input_table(self.stepped)
         return [known[name] for name in self.names]
 
@@ -126,7 +126,7 @@ def _inputs(stepped: SteppedProfile) -> dict[str, Array]:
 def _changed(inputs: Mapping[str, Array], given: Mapping[str, Scalar]) -> dict[str, Array]:
     """Shift or scale the inputs that are among the parameters."""
 
-    def change(name, column):
+    def change(name: str, column: Array) -> Array:
         if name not in given:
             return column
         return column + given[name] if name == SHIFTED_INPUT else column * given[name]
@@ -135,7 +135,7 @@ def _changed(inputs: Mapping[str, Array], given: Mapping[str, Scalar]) -> dict[s
 
 
 def _curve_table() -> dict[str, ParameterInfo]:
-    """Return what is known of the curves as parameters."""
+    """Return unit and meaning of the curves as parameters."""
     return {
         name: ParameterInfo(name, unit="", meaning=f"factor on the curve {name}", default=1.0, lower=0.0)
         for name in CURVES
@@ -143,7 +143,7 @@ def _curve_table() -> dict[str, ParameterInfo]:
 
 
 def _input_table(stepped: SteppedProfile) -> dict[str, ParameterInfo]:
-    """Return what is known of the inputs as parameters."""
+    """Return unit, bounds and meaning of the inputs as parameters."""
     table = {}
     for name, column in _inputs(stepped).items():
         if name == SHIFTED_INPUT:
@@ -170,7 +170,7 @@ def make_response(
         profile: inputs over time.
         names: parameters of the model, of its effects ("effect.parameter"), curves of the cell and inputs of the
             profile; None takes all that enter the answer.
-        metrics: names of `sensitivity.metrics`, or metrics of one's own; None takes all of the kind.
+        metrics: names of `sensitivity.metrics`, or instances of `sweeps.Metric`; None takes all of the kind.
         outputs: readings wanted over time; None takes all, () none.
         cutoff: where the run ends, if before the end of the profile.
 
@@ -184,7 +184,7 @@ def make_response(
     chosen_outputs = readings if outputs is None else tuple(map(str, outputs))
     _check(chosen_outputs, readings, "outputs", "output")
     known = (*parameter_table(model), *(CURVES if model.kind != "motor" else ()), *_inputs(stepped))
-    # Ideal sensors read what a sweep's lane keeps; others have a memory of the whole run, and need a run of their own.
+    # Ideal sensors read what a sweep's lane keeps; others depend on the whole run, and need a run of their own.
     sensed = steps if chosen_outputs and any(effect.is_sensor for effect in model.effects) else None
     response = Response(
         model=model,
@@ -200,7 +200,7 @@ def make_response(
         enter = influential(lambda given: response.run(given)[0], response.named(response.values()))
         return dataclasses.replace(response, names=tuple(name for name in known if name in enter))
     if not response.names:
-        raise ParameterError("names: there is none; name at least one parameter or input, or leave names out for all.")
+        raise ParameterError("names: none is given; name at least one parameter or input, or leave names out for all.")
     _check(response.names, known, "names", "parameter or input")
     return response
 

@@ -75,7 +75,9 @@ def _executor(engine: str, study: Study) -> contextlib.AbstractContextManager[An
     if engine == "local":
         return contextlib.nullcontext(Runner(study))
     if engine != "dask" and "://" not in engine:
-        raise SweepError(f'engine: "{engine}" is none; give "local", "dask", or an address such as "tcp://host:8786".')
+        raise SweepError(
+            f'engine: there is no engine "{engine}"; give "local", "dask", or an address such as "tcp://host:8786".'
+        )
     try:
         from sweeps.cluster import cluster
     except ImportError as error:
@@ -84,7 +86,7 @@ def _executor(engine: str, study: Study) -> contextlib.AbstractContextManager[An
 
 
 def _fill(sink: InMemory | Store, executor: Any, study: Study, progress: Progress | None) -> dict[str, Any]:
-    """Run what is pending and commit it; return how the run went, for the manifest."""
+    """Run and commit the pending chunks; return counts and times for the manifest."""
     began = time.perf_counter()
     pending = sum(sink.chunks.span(number)[1] for number in sink.pending)
     done = study.size - pending
@@ -198,15 +200,15 @@ class Runner:
                 started = self._program(*self._shared, self._lanes(start, lanes))
                 yield (number, lanes, start + lanes == first + count), started
 
-    def _lanes(self, first: int, count: int):
-        """Return the lanes of a call on their devices; the last one fills what is left over."""
+    def _lanes(self, first: int, count: int) -> dict[str, jax.Array]:
+        """Return the lanes of a call on their devices; the last one is repeated to fill the call."""
         at_once = self._calls.blocks * self._calls.width * self._mesh.size
         numbers = np.minimum(np.arange(first, first + at_once), first + count - 1)
         return jax.device_put(self._study.lanes(numbers), self._over_lanes)
 
 
 def _one_ahead(items: Iterator[Any]) -> Iterator[Any]:
-    """Yield items, each after the next one has been fetched: the devices never wait for what is done with one."""
+    """Yield items, each after the next one has been fetched: the devices run while an item is processed."""
     waiting = next(items, None)
     while waiting is not None:
         following = next(items, None)
@@ -224,21 +226,21 @@ def _stiffest(study: Study) -> Model:
     return with_values(study.prepared.model, {name: jnp.asarray(values) for name, values in varied.items()})
 
 
-def _signature(arguments: Any):
+def _signature(arguments: Any) -> tuple[Any, tuple[jax.ShapeDtypeStruct, ...]]:
     """Return what a compiled program depends on: structure, shapes, types and places of its arguments."""
     leaves, structure = jax.tree.flatten(arguments)
     return structure, tuple(jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=x.sharding) for x in leaves)
 
 
 @functools.lru_cache(maxsize=32)
-def _program(keep: Keep, width: int, mesh: Mesh, signature: Any):
+def _program(keep: Keep, width: int, mesh: Mesh, signature: Any) -> Any:
     """Return the compiled program (model, stepped profile, cutoff, lanes) -> outcomes, cached for like sweeps."""
     options = CPU_COMPILER_OPTIONS if mesh.devices.flat[0].platform == "cpu" else None
 
-    def run_share(model, stepped, cutoff, own):
+    def run_share(model: Model, stepped: SteppedProfile, cutoff: Any, own: dict[str, jax.Array]) -> Outcome:
         """Run one device's share of the lanes, block after block."""
 
-        def run_blocks(blocks):
+        def run_blocks(blocks: dict[str, jax.Array]) -> Any:
             return jax.lax.map(jax.vmap(functools.partial(run_lane, keep, model, stepped, cutoff)), blocks)
 
         blocks = jax.tree.map(lambda x: x.reshape(-1, width), own)

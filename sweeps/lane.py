@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -112,7 +113,7 @@ def run_lane(
 
     first = moment(start, first_inputs)
 
-    def advance_one(carry, given):
+    def advance_one(carry: Any, given: tuple[Inputs, Array, Array]) -> tuple[Any, dict[str, Array]]:
         state, running, elapsed, carried = carry
         changing, duration, ends_row = given
         inputs = inputs_of(changing)

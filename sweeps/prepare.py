@@ -1,4 +1,4 @@
-"""From the form of a study to what it means: the model, the profile and the metrics, after a look at every name."""
+"""From the form of a study to its model, profile and metrics; every name and number is checked."""
 
 import dataclasses
 from collections.abc import Iterable, Mapping
@@ -27,20 +27,20 @@ from sweeps.metrics import Metric, metrics_of, metrics_on_request
 from sweeps.profiles import build_profile, check_input, input_names
 from sweeps.study_form import StudyForm
 
-# What stands in front of an input's name, or a state's, to vary its size or where it starts.
+# Prefixes of names: a factor on an input, a state at the start.
 SCALE, INITIAL = "scale.", "initial."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Prepared:
-    """What a study means, ready to run.
+    """A study ready to run.
 
     Attributes:
         model: with the study's parameters and effects, its axes at their defaults.
         profile: inputs over time, those in which lanes differ at one of their values.
         cutoff: where a run ends, or None.
-        metrics: what is kept of each lane.
-        info: what is known of what lanes differ in, by name; of an input nothing.
+        metrics: computed for each lane.
+        info: unit, bounds and meaning of each parameter in which lanes differ, by name; inputs have none.
         stored_rows: the rows of the profile at which columns are stored.
     """
 
@@ -58,7 +58,7 @@ class Prepared:
 
 
 def prepare(study: StudyForm) -> Prepared:
-    """Return what a study means, after a look at every name and number in it."""
+    """Return a study ready to run; every name and number in it is checked."""
     case = _case(study)
     model = with_values(
         case_model(case, fidelity=study.fidelity, catalogue=_catalogue(study)), _initial_soc_of_case(study)
@@ -93,7 +93,7 @@ def prepare(study: StudyForm) -> Prepared:
             raise SweepError(f"store: a {model.kind} has no column '{name}'.{nearest(name, outputs)}")
         if name in varied:
             raise SweepError(
-                f"store: '{name}' is what lanes differ in, and stands beside each of them; remove it here."
+                f"store: lanes differ in '{name}', which is a coordinate of the result already; remove it here."
             )
     return Prepared(
         model=model,
@@ -122,7 +122,7 @@ def _case(study: StudyForm) -> Case:
         case = Case("study", Path("effects"), study.title, study.kind, study.preset, {}, {}, {}, {}, (), {})
     for name in study.effects:
         if _is_of_sensor(name, catalogue):
-            raise SweepError(f"effects.{name}: a sweep looks at true values, not at a sensor's; remove this effect.")
+            raise SweepError(f"effects.{name}: a sweep has true values, not a sensor's readings; remove this effect.")
     return dataclasses.replace(case, effects=case.effects | study.effects)
 
 
@@ -153,7 +153,7 @@ def _parameter(
     where: str,
     catalogue: Mapping[str, type[Effect]],
 ) -> ParameterInfo:
-    """Return what is known of a parameter in which lanes differ."""
+    """Return unit, bounds and meaning of a parameter in which lanes differ."""
     effect = name.partition(".")[0]
     if effect in catalogue and name not in table and effect not in {on.name for on in model.effects}:
         raise SweepError(f"{where}: the effect '{effect}' is off; turn it on, as in [effects] {effect} = {{}}.")
@@ -167,7 +167,7 @@ def _parameter(
 def _scale(
     name: str, values: list[float], profile: Profile, kind: str, where: str, own: Mapping[str, list[float]]
 ) -> ParameterInfo:
-    """Return what is known of a factor on an input; `own` are the inputs in which lanes differ."""
+    """Return unit and meaning of a factor on an input; `own` are the inputs in which lanes differ."""
     column = name.removeprefix(SCALE)
     if column not in profile.inputs:
         raise SweepError(f"{where}: the profile has no input '{column}'.{nearest(column, profile.inputs)}")
@@ -180,7 +180,7 @@ def _scale(
 
 
 def _initial(name: str, values: list[float], model: Model, profile: Profile, where: str) -> ParameterInfo:
-    """Return what is known of a state at the start."""
+    """Return unit, bounds and meaning of a state at the start."""
     state = name.removeprefix(INITIAL)
     states = initial_state(model, {name: jnp.asarray(column[0]) for name, column in profile.inputs.items()})
     if state not in states:

@@ -12,7 +12,7 @@ class Inputs(Form):
     """A table whose further keys are constant inputs."""
 
     model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, float] = Field(init=False)
+    __pydantic_extra__: dict[str, float] = Field(init=False)  # pyright: ignore[reportIncompatibleVariableOverride]
 
     @property
     def inputs(self) -> dict[str, float]:

@@ -51,7 +51,7 @@ class Study(StudyForm):
             sets a state at the start.
         sample: {"count": ..., "ranges": {name: (low, high)}}: lanes whose values are drawn from ranges, along a
             dimension `lane` of the result.
-        metrics: names of shipped metrics, or metrics of one's own; all that the kind has where none are named.
+        metrics: names of shipped metrics, or instances of `sweeps.Metric`; by default all that the kind has.
         store: columns that are stored over time too, at every `store_every`-th row.
         store_every: a number of rows.
         cutoff: where a run ends before its profile does; the case's where there is one.
@@ -65,8 +65,9 @@ class Study(StudyForm):
     _prepared: Prepared = PrivateAttr()
 
     def __init__(self, /, **fields: Unpack[StudyFields]) -> None:
+        values: dict[str, Any] = {**fields}
         try:
-            super().__init__(**fields)
+            super().__init__(**values)
         except ValidationError as error:
             raise SweepError(complaint(error)) from error
         self._prepared = prepare(self)
@@ -82,8 +83,8 @@ class Study(StudyForm):
         Raises:
             SweepError, ParameterError, EffectError, MeasurementError: as for the study itself.
         """
-        fields: dict[str, Any] = dict(self)
-        return Study(**(fields | changes))
+        fields: dict[str, Any] = {**dict(self), **changes}
+        return Study(**fields)
 
     def at(self, point: Mapping[str, float]) -> "Study":
         """Return the study at a point: each name has one value, whether the study varies it or not.

@@ -193,7 +193,7 @@ def test_logarithmic_range_is_drawn_in_its_logarithm():
         ("fast", 64, None, "use one of sobol, morris, dgsm"),
         ("sobol", 1, None, "at least two"),
         ("sobol", 64, {"g": ["x9"]}, "'x9' does not vary"),
-        ("sobol", 64, {"g": ["x1"], "h": ["x1"]}, "in g already"),
+        ("sobol", 64, {"g": ["x1"], "h": ["x1"]}, "in group g already"),
         ("sobol", 64, {"g": ["x1", "x2", "x3"]}, "two parameters or groups"),
         ("dgsm", 64, {"g": ["x1"]}, "one parameter each"),
     ],

@@ -6,11 +6,9 @@ import gc
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from jaxmodel.build import case_model, load_effect_class
-from jaxmodel.cases import read_case
+from jaxmodel.build import load_effect_class
 from jaxmodel.effects import CATALOGUE
-from jaxmodel.errors import EffectError, MeasurementError
-from jaxmodel.model import Model
+from jaxmodel.errors import EffectError
 from jaxmodel.ports import Effect
 from workbench.compiled import keep_compiled_programs
 
@@ -26,23 +24,6 @@ def start(out: Path) -> None:
     # What is imported and traced stays: to look through it over and over took 15 % of a diagnosis.
     gc.freeze()
     gc.set_threshold(50_000)
-
-
-def robots_of(paths: Sequence[Path]) -> dict[str, Model]:
-    """Return the models of robots' cases by the names of their folders.
-
-    Raises:
-        UserError: a case cannot be used, is of another kind, or has the name of another.
-    """
-    models: dict[str, Model] = {}
-    for path in paths:
-        case = read_case(path)
-        if case.kind != "robot":
-            raise MeasurementError(f"{path}: this needs a case of kind robot, and this one is of kind {case.kind}.")
-        if case.name in models:
-            raise MeasurementError(f"Two of the models are called '{case.name}'; rename the folder of one of them.")
-        models[case.name] = case_model(case)
-    return models
 
 
 def own_effects(references: Sequence[str]) -> dict[str, type[Effect]]:
