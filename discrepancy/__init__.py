@@ -1,7 +1,33 @@
-"""Model against measurement: where it fails, what it is missing, which tables are off, and what remains."""
+"""Model against measurement: where it fails, what it is missing, which tables are off, and what remains.
+
+    from discrepancy import Investigation, diagnose
+
+    diagnosis = diagnose(case)  # the verdict, and what it rests on
+    diagnosis.plot.ladder()
+
+    investigation = Investigation(case)  # the same by hand: compare, see, add, watch the error fall
+    investigation.candidates()
+    investigation.add("self_heating")
+    investigation.ladder()
+
+What `__all__` lists is the public API; the modules behind it may change.
+"""
 
 from discrepancy.diagnosis import compare, diagnose
+from discrepancy.identification import Identification, identify
 from discrepancy.investigation import Investigation
-from discrepancy.result import Diagnosis, answer
+from discrepancy.names import curve
+from discrepancy.result import Diagnosis
+from discrepancy.settings import SETTINGS, Settings
 
-__all__ = ["Diagnosis", "Investigation", "answer", "compare", "diagnose"]
+__all__ = [
+    "SETTINGS",
+    "Diagnosis",
+    "Identification",
+    "Investigation",
+    "Settings",
+    "compare",
+    "curve",
+    "diagnose",
+    "identify",
+]

@@ -36,9 +36,8 @@ from discrepancy.result import (
 from discrepancy.rungs import Started, errors_by_run, nominal, residuals_of, rung, started
 from discrepancy.tolerances import fit_for_purpose, tolerances
 from discrepancy.workings import Progress, Workings
-from jaxmodel.cases import Case
+from jaxmodel.case import Case
 from jaxmodel.errors import EffectError
-from jaxmodel.ports import Effect
 
 SOMETHING_ELSE = "something_else"
 # Log evidence within which two models are told apart by nothing: 20 to 1.
@@ -50,20 +49,17 @@ RIVAL, MOST_RIVALS = 0.05, 3
 
 
 @one_thread_of_blas
-def compare(
-    case: Case, *, extra_effects: Mapping[str, type[Effect]] | None = None, progress: Progress | None = None
-) -> Diagnosis:
+def compare(case: Case, *, progress: Progress | None = None) -> Diagnosis:
     """Calibrate a case's model and hold it against the measurements, without asking what is missing.
 
     Args:
         case: with at least one fit run.
-        extra_effects: the user's own, by name.
         progress: told what is being done.
 
     Raises:
         FitError: nothing is uncertain, or no run may be used to calibrate.
     """
-    inv = Workings(case, extra_effects=extra_effects, progress=progress)
+    inv = Workings(case, progress=progress)
     begun = started(inv, inv.base)
     ladder = (nominal(inv), rung(inv, "calibrated", inv.base, begun))
     left = residuals_of(inv, ladder[-1])
@@ -92,7 +88,6 @@ def compare(
 def diagnose(
     case: Case,
     *,
-    extra_effects: Mapping[str, type[Effect]] | None = None,
     add: Sequence[str] = (),
     with_effects: Sequence[str] = (),
     without: Sequence[str] = (),
@@ -102,7 +97,6 @@ def diagnose(
 
     Args:
         case: with at least one fit run.
-        extra_effects: the user's own, by name; they take part like those of the catalogue.
         add: names of effects that the user wants in the model, whatever the data say; nothing else is then sought.
         with_effects: the same, and what else is missing is sought beside them.
         without: names of effects that the user rules out.
@@ -112,7 +106,7 @@ def diagnose(
         FitError: nothing is uncertain, or no run may be used to calibrate.
         EffectError: a name that is no candidate of this case, or a sensor's effect without its column.
     """
-    inv = Workings(case, extra_effects=extra_effects, without=without, progress=progress)
+    inv = Workings(case, without=without, progress=progress)
     if add and with_effects:
         raise EffectError("--add seeks nothing else and --with does; give all effects by one of the two.")
     wanted = inv.bench.labels_to_add([*add, *with_effects])
@@ -350,7 +344,7 @@ def _blind(inv: Workings) -> tuple[str, ...]:
     unseen = [name for name, own in labels.items() if not any(label in seen for label in own)]
     untold = [
         name
-        for name, cls in inv.bench.catalogue.items()
+        for name, cls in inv.case.catalogue.items()
         if inv.case.kind in cls.kinds and name not in inv.case.effects and not is_told(inv.case, cls)
     ]
     return (*unseen, *untold)

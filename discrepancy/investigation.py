@@ -11,13 +11,20 @@ investigation.ladder()            # every model so far
 
 from __future__ import annotations
 
+import html
+
 import pandas as pd
 
 from discrepancy.evidence.trial import Settled
+from discrepancy.extended import extended_case
+from discrepancy.findings import curve_found, run_found
 from discrepancy.fitting.lanes import one_thread_of_blas
+from discrepancy.plotting import InvestigationPlots
 from discrepancy.residuals.statements import statements
+from discrepancy.result import Rung
 from discrepancy.rungs import errors_by_run, residuals_of, rung
 from discrepancy.workings import Workings
+from jaxmodel.case import Case
 
 
 class Investigation(Workings):
@@ -39,6 +46,33 @@ class Investigation(Workings):
     def added(self) -> tuple[str, ...]:
         """Return what is in the present model beside the base model."""
         return self._present
+
+    @property
+    def plot(self) -> InvestigationPlots:
+        """Return the pictures: `plot.ladder()`, `plot.run("name")`, `plot.errors()`, `plot.candidates()`."""
+        return InvestigationPlots(self)
+
+    def present(self) -> Rung:
+        """Return the present model's numbers, errors and predictions."""
+        return rung(self, "present", self.model)
+
+    def models(self) -> list[Rung]:
+        """Return every model so far once, the calibrated base model first."""
+        return [rung(self, "", self.settled(labels)) for labels in dict.fromkeys(self._path)]
+
+    def extended_case(self) -> Case:
+        """Return the case with the present model's numbers, effects and tables: it simulates and sweeps."""
+        last, model = self.present(), self.model
+        group = {label: self.bench.candidates[label].group for label in model.labels}
+        curves = [curve_found(self, model, label, {}) for label in model.labels if group[label] == "curve"]
+        runs = [run_found(self, model, last, label, {}) for label in model.labels if group[label] == "run"]
+        return extended_case(self.case, last, curves, runs)[0]
+
+    def __repr__(self) -> str:
+        return f"<Investigation of {self.case.name}: {' + '.join(self._present) or 'base model'}>"
+
+    def _repr_html_(self) -> str:
+        return f"<p><b>{html.escape(repr(self)[1:-1])}</b></p>{self.ladder().to_html(index=False, border=0)}"
 
     @one_thread_of_blas
     def errors(self) -> pd.DataFrame:
@@ -98,10 +132,9 @@ class Investigation(Workings):
     def ladder(self) -> pd.DataFrame:
         """Return every model so far: what was added, and the RMS of each channel on fitted and on held-out runs."""
         rows = []
-        for labels in dict.fromkeys(self._path):
-            errors = rung(self, "", self.settled(labels)).errors
-            row: dict[str, object] = {"added": " + ".join(labels) or "base"}
-            for channel, error in errors.items():
+        for one in self.models():
+            row: dict[str, object] = {"added": " + ".join(one.added) or "base"}
+            for channel, error in one.errors.items():
                 row |= {f"{channel} fit": error.fit, f"{channel} check": error.check}
             rows.append(row)
         return pd.DataFrame(rows)

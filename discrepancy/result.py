@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-import json
+import functools
+import html
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from jaxmodel.cases import Case
-
-if TYPE_CHECKING:
-    import pandas as pd
+from discrepancy.plotting import DiagnosisPlots
+from jaxmodel.case import Case
+from jaxmodel.case_simulation import CaseSimulation, simulate_case
 
 VERDICTS = ("adequate", "missing_effect", "sensor_fault", "unknown_effect", "undecided")
 
@@ -285,116 +286,67 @@ class Diagnosis:
         return self.ladder[-1]
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return the errors by run and channel, before and after."""
+        """Return the errors by run and channel: model ("base" or "final"), run, split, channel, rms, tolerance."""
         return self.errors
 
+    def summary(self) -> str:
+        """Return the verdict and what it rests on in a few lines."""
+        from discrepancy.summary import summary
+        from discrepancy.wording import verdict_sentence
+
+        return "\n".join([verdict_sentence(self), *summary(self), *(f"Note: {remark}" for remark in self.remarks)])
+
     def answer(self) -> dict[str, Any]:
-        """Return the answer in the form of the case contract."""
+        """Return the answer in the form of the case contract, ready for JSON."""
+        from discrepancy.answer import answer
+
         return answer(self)
 
+    def extended_case(self) -> Case:
+        """Return the case with the final model's numbers, effects and tables: it simulates, sweeps, is investigated."""
+        return self._extended[0]
 
-def number(value: float) -> float | None:
-    """Return a number to six digits, ready for JSON; None where it does not exist."""
-    return float(f"{value:.6g}") if np.isfinite(value) else None
+    @functools.cached_property
+    def _extended(self) -> tuple[Case, list[str]]:
+        from discrepancy.extended import extended_case
 
+        return extended_case(self.case, self.final, self.curves, self.runs)
 
-def _split(error: ChannelError | Removed) -> dict[str, float | None]:
-    return {"fit": number(error.fit), "check": number(error.check)}
+    @functools.cached_property
+    def simulation(self) -> CaseSimulation:
+        """Return the runs of the extended case as its model gives them."""
+        return simulate_case(self.extended_case())
 
+    @property
+    def plot(self) -> DiagnosisPlots:
+        """Return the pictures: `plot.ladder()`, `plot.run("name")`, `plot.residuals()` and others."""
+        return DiagnosisPlots(self)
 
-def answer(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Return the answer in the form of the case contract, ready for JSON; numbers that do not exist are null."""
-    before, after = diagnosis.base.errors, diagnosis.final.errors
-    return {
-        "verdict": diagnosis.verdict,
-        "effects": [
-            {
-                "name": effect.name,
-                "probability": number(effect.probability),
-                "parameters": {
-                    **{n: {"value": number(e.value), "sd": number(e.sd)} for n, e in effect.parameters.items()},
-                    **({"column": effect.column} if effect.column else {}),
-                },
-                "cannot_tell_apart_from": list(effect.cannot_tell_apart_from),
-                "removes": {c: _split(one) for c, one in effect.removes.items()},
-                **({"rests_on": effect.rests_on} if effect.rests_on else {}),
-            }
-            for effect in diagnosis.effects
-        ],
-        "candidates": [{"name": name, "probability": number(p)} for name, p in diagnosis.candidates],
-        "unexplained": diagnosis.unexplained,
-        "blind_to": list(diagnosis.blind_to),
-        "error": {
-            channel: {
-                "noise_floor": number(diagnosis.noise[channel].sd),
-                "before": _split(before[channel]),
-                "after": _split(after[channel]),
-                "check_as_stated": {
-                    "before": number(before[channel].stated),
-                    "after": number(after[channel].stated),
-                },
-            }
-            for channel in diagnosis.noise
-        },
-        "tolerance": {
-            channel: {"rms": number(one.rms), "max": one.largest and number(one.largest), "assumed": one.assumed}
-            for channel, one in diagnosis.tolerance.items()
-        },
-        "fit_for_purpose": {channel: dict(of_run) for channel, of_run in diagnosis.fit_for_purpose.items()},
-        "curves": [
-            {
-                "port": curve.port,
-                "over": curve.over,
-                "at": [number(x) for x in curve.at],
-                "value": [number(x) for x in curve.value],
-                "sd": [number(x) for x in curve.sd],
-                "unit": curve.unit or "log of a factor",
-                "removes": {c: _split(one) for c, one in curve.removes.items()},
-            }
-            for curve in diagnosis.curves
-        ],
-        "runs": [
-            {
-                "file": run.file,
-                "parameter": run.parameter,
-                "value": number(run.value),
-                "sd": number(run.sd),
-                "unit": run.unit,
-                "removes": {c: _split(one) for c, one in run.removes.items()},
-            }
-            for run in diagnosis.runs
-        ],
-        "immaterial": [
-            {"name": one.name, "removes": {c: _split(r) for c, r in one.removes.items()}}
-            for one in diagnosis.immaterial
-        ],
-        "remaining": {
-            channel: {"rms": number(one.rms), "tau_s": number(one.tau_s), "where": list(one.where)}
-            for channel, one in diagnosis.remaining.items()
-        },
-        "extrapolated": [
-            {
-                "file": one.file,
-                "condition": one.condition,
-                "span_fitted": [number(x) for x in one.span_fitted],
-                "span": [number(x) for x in one.span],
-            }
-            for one in diagnosis.extrapolated
-        ],
-        "errors_by_run": [] if diagnosis.errors is None else _rows(diagnosis.errors),
-        "remarks": list(diagnosis.remarks),
-    }
+    def write(self, folder: str | Path, *, pictures: bool = True) -> Path:
+        """Write the result to a folder: `answer.json`, `extended.toml`, `found_law.py` if there is one, and pictures.
 
+        A comparison has `errors.json` and `calibrated.toml` in place of the first two.
 
-def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
-    def plain(value: Any) -> Any:
-        if isinstance(value, float | np.floating):
-            return number(float(value))
-        return value.item() if isinstance(value, np.generic) else value
+        Args:
+            folder: made if need be.
+            pictures: draws a PNG for each picture.
 
-    return [{key: plain(value) for key, value in row.items()} for row in table.to_dict("records")]
+        Returns:
+            The folder.
+        """
+        from discrepancy.extended.files import write_result
 
+        write_result(self, Path(folder))
+        if pictures:
+            self.plot.save(folder)
+        return Path(folder)
 
-def write_answer(diagnosis: Diagnosis, path: Path) -> None:
-    """Write the answer as JSON."""
-    path.write_text(json.dumps(answer(diagnosis), indent=2) + "\n", encoding="utf-8")
+    def __repr__(self) -> str:
+        named = "".join(f" {effect.label}" for effect in self.effects)
+        return f"<Diagnosis of {self.case.name}: {self.verdict or 'calibrated'}{named}>"
+
+    def _repr_html_(self) -> str:
+        lines = "".join(f"<li>{html.escape(line)}</li>" for line in self.summary().splitlines()[1:])
+        title = html.escape(self.summary().partition("\n")[0])
+        table = "" if self.errors is None else self.errors.to_html(index=False, border=0, float_format="%.4g")
+        return f"<p><b>{title}</b></p><ul>{lines}</ul>{table}"

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from discrepancy.result import CurveFound, Diagnosis, Estimate, NamedEffect, Removed, RunFound
+from discrepancy.result import CurveFound, Diagnosis, Estimate, NamedEffect, Removed, RunFound, Rung
 from jaxmodel.units import difference_unit, readable, split_unit
 
 VERDICT_TITLES = {
@@ -83,17 +84,21 @@ def candidate_name(name: str) -> str:
     return known.get(name) or " with ".join(effect_name(part) for part in name.split("+"))
 
 
-def rung_name(diagnosis: Diagnosis, number: int) -> str:
-    """Return a rung of the ladder in words: what was added to the one before, and what was taken out."""
-    if number == 0:
-        return "base model, as stated"
-    if number == 1:
-        return "calibrated base model"
-    before, now = diagnosis.ladder[number - 1].added, diagnosis.ladder[number].added
-    new = [effect_name(label) for label in now if label not in before]
-    gone = [effect_name(label) for label in before if label not in now]
-    added = f"{'with' if number == 2 else 'and'} {join(new)}" if new else ""
-    return ", ".join(filter(None, (added, f"without {join(gone)}" if gone else ""))) or diagnosis.ladder[number].name
+def ladder_names(ladder: Sequence[Rung]) -> list[str]:
+    """Return the models of a diagnosis in words: as stated, calibrated, then what each adds to the one before."""
+    return ["base model, as stated", *step_names([one.added for one in ladder[1:]])]
+
+
+def step_names(steps: Sequence[tuple[str, ...]]) -> list[str]:
+    """Return models in words by what is in them: what was added to the one before, and what was taken out."""
+    names = []
+    for before, now in itertools.pairwise([(), *steps]):
+        new = [effect_name(label) for label in now if label not in before]
+        gone = [effect_name(label) for label in before if label not in now]
+        added = f"{'and' if len(names) > 1 else 'with'} {join(new)}" if new else ""
+        said = ", ".join(filter(None, (added, f"without {join(gone)}" if gone else "")))
+        names.append(said or ("the same model" if names else "calibrated base model"))
+    return names
 
 
 def final_name(diagnosis: Diagnosis) -> str:

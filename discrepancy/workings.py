@@ -28,11 +28,9 @@ from discrepancy.preparation.held_inputs import noisy_inputs
 from discrepancy.preparation.signals import robust_sd
 from discrepancy.screening.screen import Screen, screen
 from discrepancy.settings import SETTINGS, Settings
-from jaxmodel.cases import Case
-from jaxmodel.effects import CATALOGUE
+from jaxmodel.case import Case
 from jaxmodel.errors import FitError
-from jaxmodel.measurements import KINDS, file_label
-from jaxmodel.ports import Effect
+from jaxmodel.measurements import KINDS
 from jaxmodel.units import unit_of
 
 Progress = Callable[[str], None]
@@ -62,7 +60,6 @@ class Workings:
         self,
         case: Case,
         *,
-        extra_effects: Mapping[str, type[Effect]] | None = None,
         without: Sequence[str] = (),
         settings: Settings = SETTINGS,
         progress: Progress | None = None,
@@ -71,7 +68,6 @@ class Workings:
 
         Args:
             case: with at least one fit run.
-            extra_effects: the user's own, by name; they take part like those of the catalogue.
             without: names of effects that the user rules out.
             settings: the constants.
             progress: told what is being done.
@@ -81,13 +77,12 @@ class Workings:
             EffectError: a name that is no candidate of this case.
         """
         self.settings, self._progress = settings, progress
-        catalogue = CATALOGUE | dict(extra_effects or {})
-        self.case, self.preparation = prepared(case, catalogue)
+        self.case, self.preparation = prepared(case)
         self.noise = noise_of_case(self.case)
-        self.bench = Bench(self.case, catalogue, without, settings)
+        self.bench = Bench(self.case, without, settings)
         self.fit_runs = [number for number, run in enumerate(self.case.runs) if run.split == "fit"]
         if not any(name in self.case.runs[number].measured.outputs for name in self.noise for number in self.fit_runs):
-            raise FitError(f"{file_label(self.case.path)}: {_why_no_readings(self.case)}.")
+            raise FitError(f"{self.case.label}: {_why_no_readings(self.case)}.")
         self._settled: dict[Labels, Settled] = {}
         self._trials: dict[tuple, Trial] = {}
         self._gains: dict[int, tuple[Trial, list[Gain]]] = {}

@@ -37,8 +37,8 @@ GROUPS = {
     ),
     (sensors, further_sensors): (
         "Sensors",
-        "Each but `clock_shift` sits on one `column`; those of the load's torque and of the chamber know theirs. Where "
-        "it is a measured input, the fault is taken off what was reported.",
+        "Each fault except `clock_shift` acts on one `column`. The faults of the load torque and of the chamber have a "
+        "fixed column. If the column is a measured input, the fault is subtracted from the measured values.",
     ),
 }
 
@@ -63,16 +63,16 @@ def parameters_page() -> str:
     return f"""{NOTE}
 # Parameters
 
-Every number of the base model, under the name that case files, studies and `--at` use. Equation numbers are those of
-[the model](model.md). `fitted` is `log` where a fit runs on the logarithm, so that the number stays positive. A default
-whose source is "assumed" is nobody's measurement: state your own.
+Every parameter of the base model, with the name that case files, studies and `--at` use. Equation numbers are those of
+[the model](model.md). `fitted` is `log` if a fit uses the logarithm, so that the parameter stays positive. A default
+with the source "assumed" was not measured: state your own value.
 
-A value outside its bounds is refused. The parameters of effects are in [the catalogue of effects](effects.md) and are
-named `effect.parameter`.
+A value outside its bounds is refused. The parameters of effects are in [the catalogue of effects](effects.md). Their
+names have the form `effect.parameter`.
 
 {_table(head, rows)}
-Six curves over state of charge belong to the cell too: `ocv`, `R_ints`, `R_TS`, `C_TS`, `R_TL`, `C_TL`. They are the
-paper's formulas unless a case gives tables; see [cases](cases.md#tables).
+The cell also has six curves over state of charge: `ocv`, `R_ints`, `R_TS`, `C_TS`, `R_TL`, `C_TL`. They are the
+formulas of the paper unless a case gives tables; see [cases](cases.md#tables).
 """
 
 
@@ -82,16 +82,16 @@ def effects_page() -> str:
         f"""{NOTE}
 # Catalogue of effects
 
-{len(CATALOGUE)} candidates for what a model may be missing. None is active unless a case, a study or a diagnosis turns
-it on; at its null the model is the base model to the bit. An effect acts through [ports](your_own_effect.md#ports),
-the named relations of the model.
+{len(CATALOGUE)} effects that a model may be missing. An effect is off unless a case, a study or a diagnosis turns it
+on. At its null the model equals the base model bit for bit. An effect acts on [ports](your_own_effect.md#ports), the
+named relations of the model.
 
-The usual range is what a designer meets often. A diagnosis takes it as the prior (its ends at one standard deviation),
-and a file's value may lie anywhere within the bounds. A parameter without a null gives the effect its shape; where
-"tried at" has values, a diagnosis tries the effect at each of them. `self_heating` has no null: it is on or off.
+The usual range is what occurs often in practice. A diagnosis uses it as the prior, with its ends at one standard
+deviation. A value in a file may lie anywhere within the bounds. A parameter without a null sets the shape of the
+effect; if "tried at" has values, a diagnosis tries each of them. `self_heating` has no null: it is on or off.
 
-Ranges and "tried at" are those of the paper's cell, 5.2 A h, and of its motor, a maxon RE50 at 24 V. Where "scales as"
-names a size, they grow with the specimen by the ratio of that size to the paper's:
+Ranges and "tried at" are for the paper's cell, 5.2 A h, and its motor, a maxon RE50 at 24 V. If "scales as" names a
+size, they scale with your cell or motor by the ratio of its size to the paper's:
 
 {_table(("size", "what", "from"), _sizes())}
 """
@@ -103,9 +103,9 @@ names a size, they grow with the specimen by the ratio of that size to the paper
     parts.append(
         f"""## Curves
 
-Not in the catalogue: corrections of the model's own relations, piecewise linear between knots and held at the ends. A
-diagnosis tells them as "this table of yours is off by so much there". A value without a unit is the logarithm of a
-factor.
+Curves are not in the catalogue. They correct relations of the model. They are piecewise linear between knots and
+constant beyond the ends. A diagnosis reports them as "this table of yours is wrong by this much at this point". A value
+without a unit is the logarithm of a factor.
 
 {_effects(CURVES.values())}
 {_curve_values()}"""
@@ -113,7 +113,8 @@ factor.
     parts.append(
         f"""## Shifts
 
-Not in the catalogue either: one number that may differ in a single run, as a contact, a draught or a zero point does.
+Shifts are not in the catalogue either. A shift is one parameter that differs in a single run, for example a contact
+resistance, the air flow around the cell, or the zero point of a sensor.
 
 {_effects(SHIFTS.values())}
 {_effect_parameters(SHIFTS.values())}"""
@@ -125,7 +126,7 @@ def _sizes() -> list[tuple[str, str, str]]:
     of = {
         "capacity": "`capacity_Ah`",
         "surface": "`capacity_Ah` to the power 2/3",
-        "supply": "`n_series`, `nominal_cell_voltage_V`; of a motor alone the voltage that its runs show",
+        "supply": "`n_series`, `nominal_cell_voltage_V`; for a motor alone the voltage in its runs",
         "speed": "supply, `k_tau`",
         "motor_current": "`R_0`, `R_wc` + `R_ca`",
         "torque": "`k_tau`, motor_current",

@@ -1,11 +1,64 @@
-"""An electro-thermal model of a lithium pack driving brushed DC motors: a pure step, scanned."""
+"""An electro-thermal model of a lithium pack driving brushed DC motors: a pure step, scanned.
 
-import jax
+    from jaxmodel import Case, read_case, simulate_case
 
-from jaxmodel.devices import keep_sums_in_kernels, use_all_cores
+    case = read_case("examples/samsung_30q")  # or Case.from_dataframes({"1C": frame}, kind="cell")
+    simulation = simulate_case(case)
+    simulation.to_dataframe()
 
-# Before any array, there is no later moment to ask: the model's accuracy (SOC to 1e-6 over hours) is out of reach of
-# float32, and JAX counts the devices once.
-jax.config.update("jax_enable_x64", True)
-use_all_cores()
-keep_sums_in_kernels()
+What `__all__` lists is the public API; the modules behind it may change.
+
+The import sets three things of JAX, all in `jaxmodel.jax_settings`: float64, one device per core, and a flag of the
+compiler. The environment variable JAXMODEL_JAX_SETTINGS=off, set before the import, leaves JAX as it is.
+"""
+
+from jaxmodel import jax_settings
+
+jax_settings.apply()
+
+from jaxmodel import effects, presets
+from jaxmodel.build import case_model, preset_model, run_profile
+from jaxmodel.case import Case, Run
+from jaxmodel.case_simulation import CaseSimulation, simulate_case
+from jaxmodel.cases import read_case
+from jaxmodel.declaration import Scalar, parameter
+from jaxmodel.errors import UserError
+from jaxmodel.jax_settings import keep_compiled_programs
+from jaxmodel.known import Known, Table
+from jaxmodel.model import Model
+from jaxmodel.parameters import Parameters
+from jaxmodel.ports import CellContext, Effect, MotorContext
+from jaxmodel.profile import Profile, constant
+from jaxmodel.simulation import Cutoff, Status, Trajectory, run_track, simulate, track
+
+__all__ = [
+    "Case",
+    "CaseSimulation",
+    "CellContext",
+    "Cutoff",
+    "Effect",
+    "Known",
+    "Model",
+    "MotorContext",
+    "Parameters",
+    "Profile",
+    "Run",
+    "Scalar",
+    "Status",
+    "Table",
+    "Trajectory",
+    "UserError",
+    "case_model",
+    "constant",
+    "effects",
+    "keep_compiled_programs",
+    "parameter",
+    "preset_model",
+    "presets",
+    "read_case",
+    "run_profile",
+    "run_track",
+    "simulate",
+    "simulate_case",
+    "track",
+]

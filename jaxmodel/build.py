@@ -9,18 +9,18 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from jaxmodel.cases import Case, Run, with_preset
+from jaxmodel.case import Case, Run
+from jaxmodel.cases import with_preset
 from jaxmodel.curves import CURVE_NAMES, CellCurves, Curve, Table, look_up_curves
 from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import EffectError, nearest
-from jaxmodel.measurements import KINDS, file_label
+from jaxmodel.measurements import KINDS
 from jaxmodel.model import Model
 from jaxmodel.parameters import Parameters
 from jaxmodel.ports import Effect
 from jaxmodel.presets import Kind
 from jaxmodel.profile import Profile
-from jaxmodel.specimen import scale_of
 
 FIDELITIES = ("formula", "lut")
 
@@ -85,31 +85,9 @@ def load_effect_class(reference: str) -> type[Effect]:
     cls = getattr(module, class_name, None)
     if not (inspect.isclass(cls) and issubclass(cls, Effect)):
         raise EffectError(
-            f"--effect {reference}: {path.name} has no class '{class_name}' derived from jaxmodel.ports.Effect."
-        )
-    if missing := _missing(cls):
-        raise EffectError(
-            f"--effect {reference}: {class_name} has no {missing}; docs/your_own_effect.md shows one whole."
+            f"--effect {reference}: {path.name} has no class '{class_name}' derived from jaxmodel.Effect."
         )
     return cls
-
-
-def _missing(cls: type[Effect]) -> str:
-    """Return what an effect class does not declare, of what it needs to take part in everything.
-
-    Raises:
-        EffectError: a parameter scales with a size that no cell or motor has.
-    """
-    for attribute in ("name", "kinds", "equation"):
-        if not getattr(cls, attribute, None):
-            return attribute
-    table = describe(cls)
-    if not table:
-        return "parameter"
-    for info in table.values():
-        scale_of(info.scales, {})
-    untold = [name for name, info in table.items() if info.typical is None]
-    return f"usual range of its parameter '{untold[0]}', as in typical=(0.01, 0.2)" if untold else ""
 
 
 def case_model(
@@ -117,7 +95,6 @@ def case_model(
     run: Run | None = None,
     *,
     fidelity: str = "formula",
-    catalogue: Mapping[str, type[Effect]] = CATALOGUE,
 ) -> Model:
     """Return the model that a case describes: preset, parameters, tables and effects; of one run, with its overrides.
 
@@ -125,7 +102,7 @@ def case_model(
         ParameterError: the preset is unknown or serves other kinds.
         EffectError: an effect is unknown or does not apply to the kind.
     """
-    where = file_label(case.path)
+    where = case.label
     case = with_preset(case)
     known: dict[str, Any] = {name: entry.value for name, entry in case.parameters.items()}
     if run is not None:
@@ -143,7 +120,7 @@ def case_model(
         for name, table in case.tables.items()
         if name in CURVE_NAMES
     }
-    effects = tuple(make_effect(name, values, where, catalogue) for name, values in case.effects.items())
+    effects = tuple(make_effect(name, values, where, case.catalogue) for name, values in case.effects.items())
     for effect in effects:
         if case.kind not in effect.kinds:
             raise EffectError(

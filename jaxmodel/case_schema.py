@@ -267,6 +267,16 @@ def parse_case(text: str, where: str) -> CaseEntry:
     except tomllib.TOMLDecodeError as error:
         what, _, place = str(error).removesuffix(")").partition(" (at ")
         raise MeasurementError(f"{where}, {place}: this is not valid TOML ({what}); correct it there.") from error
+    return check_case(raw, where)
+
+
+def check_case(raw: dict[str, Any], where: str) -> CaseEntry:
+    """Return the checked form of what a case file holds.
+
+    Raises:
+        MeasurementError: a part is missing, unknown or of the wrong form.
+        ParameterError: the same, inside `[parameters]`.
+    """
     try:
         return CaseEntry.model_validate(raw)
     except ValidationError as error:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+import html
+from collections.abc import Callable, Iterator
 
 import equinox as eqx
 import jax
@@ -12,15 +13,14 @@ import numpy as np
 import pandas as pd
 
 from jaxmodel.build import case_model, run_profile
-from jaxmodel.cases import Case, Run
-from jaxmodel.effects import CATALOGUE
+from jaxmodel.case import Case, Run
 from jaxmodel.measurements import KINDS
-from jaxmodel.ports import Effect
+from jaxmodel.plotting import SimulationPlots
 from jaxmodel.simulation import Cutoff, Status, Trajectory, run_track, track
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Outcome:
+class SimulatedRun:
     """What the model gives for one run.
 
     Attributes:
@@ -53,13 +53,62 @@ class Outcome:
         return " ".join(said)
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class CaseSimulation:
+    """The runs of a case as its model gives them, in the order of the case.
+
+    Attributes:
+        case: whose model was run.
+        runs: one by one.
+    """
+
+    case: Case
+    runs: tuple[SimulatedRun, ...]
+
+    def __getitem__(self, place: int) -> SimulatedRun:
+        """Return a run by its place."""
+        return self.runs[place]
+
+    def __iter__(self) -> Iterator[SimulatedRun]:
+        """Go through the runs."""
+        return iter(self.runs)
+
+    def __len__(self) -> int:
+        """Return the number of runs."""
+        return len(self.runs)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Return all runs in one table: `run`, `time_s`, every reading, and `valid`."""
+        table = pd.concat([one.table for one in self.runs], ignore_index=True)
+        table.insert(0, "run", np.repeat([one.run.name for one in self.runs], [len(one.table) for one in self.runs]))
+        return table
+
+    def summary(self) -> str:
+        """Return how each run ended, a line each."""
+        lines = [
+            f"{one.run.name}: {len(one.table)} rows, {one.status.name.lower().replace('_', ' ')} at {one.end_s:g} s"
+            for one in self.runs
+        ]
+        return "\n".join([*lines, *filter(None, (one.sentence() for one in self.runs))])
+
+    @property
+    def plot(self) -> SimulationPlots:
+        """Return the pictures: `plot()` draws the first run, `plot("run name")` another."""
+        return SimulationPlots(self)
+
+    def __repr__(self) -> str:
+        return f"<CaseSimulation of {self.case.name}: {len(self)} runs>"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(self.summary())}</pre>"
+
+
 def simulate_case(
     case: Case,
     *,
     fidelity: str = "formula",
-    catalogue: Mapping[str, type[Effect]] = CATALOGUE,
     progress: Callable[[str], None] | None = None,
-) -> list[Outcome]:
+) -> CaseSimulation:
     """Run the model of a case over each of its runs.
 
     All runs are laid out with the same number of steps and rows, so that JAX compiles once for the whole case.
@@ -67,14 +116,16 @@ def simulate_case(
     Args:
         case: with its effects and cut-off.
         fidelity: "formula" or "lut".
-        catalogue: the known effects.
-        progress: told the name of each run before it starts.
+        progress: called with the name of each run before it starts.
+
+    Returns:
+        The simulated runs, in the order of the case; nothing is raised for what happens in a run.
 
     Raises:
         ParameterError: as `case_model`.
         EffectError: as `case_model`.
     """
-    models = [case_model(case, run, fidelity=fidelity, catalogue=catalogue) for run in case.runs]
+    models = [case_model(case, run, fidelity=fidelity) for run in case.runs]
     profiles = [run_profile(run) for run in case.runs]
     steps = max(track(m, p).duration_s.shape[0] for m, p in zip(models, profiles, strict=True))
     rows = max(profile.time_s.size for profile in profiles)
@@ -89,10 +140,10 @@ def simulate_case(
         course = eqx.tree_at(lambda c: c.last_step, course, last_step)
         ran = run_track(model, course, jnp.asarray(np.pad(profile.time_s, (0, missing), mode="edge")), cutoff)
         outcomes.append(_outcome(case.kind, run, ran, profile.time_s.size))
-    return outcomes
+    return CaseSimulation(case, tuple(outcomes))
 
 
-def _outcome(kind: str, run: Run, ran: Trajectory, rows: int) -> Outcome:
+def _outcome(kind: str, run: Run, ran: Trajectory, rows: int) -> SimulatedRun:
     ran = jax.tree.map(np.asarray, ran)  # cut by JAX, each column would compile a program
     time_s = np.asarray(ran.time_s)[:rows]
     status = Status(int(ran.status))
@@ -105,4 +156,4 @@ def _outcome(kind: str, run: Run, ran: Trajectory, rows: int) -> Outcome:
         columns[name] = column
     valid = np.array(ran.valid[:rows], dtype=bool)
     valid[end + 1 :] = True
-    return Outcome(run, pd.DataFrame(columns | {"valid": valid}), status, float(time_s[end]))
+    return SimulatedRun(run, pd.DataFrame(columns | {"valid": valid}), status, float(time_s[end]))

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from jaxmodel import toml
-from jaxmodel.case_schema import parse_case
-from jaxmodel.cases import Case, Run
+from jaxmodel.case import Case, Run
+from jaxmodel.errors import MeasurementError
 from jaxmodel.known import Known, Table, Tolerance
-from jaxmodel.measurements import read_utf8
 
 _VALUE_KEYS = {"ocv": "voltage_V", "R_ints": "ohm", "R_TS": "ohm", "R_TL": "ohm", "C_TS": "farad", "C_TL": "farad"}
 
@@ -20,13 +21,11 @@ def write_case(case: Case, path: Path, comments: list[str] | None = None) -> Non
     """Write a case as a TOML file that `read_case` takes; its runs' files are named from the new file's folder.
 
     Args:
-        case: whose `path` is the file it was read from.
+        case: of files or of DataFrames; of a run without a file, a CSV is written beside the TOML file.
         path: the new file.
         comments: lines to stand on top.
     """
-    # A run's constant ambient temperature is in the case file alone, and read_case has made a column of it.
-    entries = parse_case(read_utf8(case.path), case.path.name).runs
-    constants = [{} if e.ambient_degC is None else {"ambient_degC": e.ambient_degC} for e in entries]
+    files = [run.source or _write_csv(run, path.parent / f"{_file_name(run.name)}.csv") for run in case.runs]
     content: dict[str, Any] = {"title": case.title, "kind": case.kind, "preset": case.preset}
     content["parameters"] = {name: _known(known) for name, known in case.parameters.items()}
     content["parameters"] |= {name: _table(name, table) for name, table in case.tables.items()}
@@ -34,15 +33,40 @@ def write_case(case: Case, path: Path, comments: list[str] | None = None) -> Non
     content |= {"sensors": case.sensors, "tolerance": _tolerances(case.tolerance), "cutoff": case.cutoff}
     content = {name: entry for name, entry in content.items() if entry or name in ("title", "parameters")}
     content["runs"] = [
-        {"file": _from(path, run.source), "split": run.split, "label": run.label}
+        {"file": _from(path, file), "split": run.split, "label": run.label}
         | ({} if case.kind == "motor" else {"initial_soc": _known(run.initial_soc)})
-        | constant
+        | ({} if run.ambient_degC is None else {"ambient_degC": run.ambient_degC})
         | _stated_of(run)
         | {name: _known(known) for name, known in run.overrides.items()}
-        for run, constant in zip(case.runs, constants, strict=True)
+        for run, file in zip(case.runs, files, strict=True)
     ]
     head = "".join(f"# {line}\n" for line in comments or [])
     path.write_text(head + toml.document(content), encoding="utf-8")
+
+
+def write_folder(case: Case, folder: Path) -> Path:
+    """Write a case as a folder of its own: `case.toml` and a CSV for each run; return the TOML file.
+
+    Raises:
+        MeasurementError: the folder is the one that the case was read from.
+    """
+    toml_file = folder / "case.toml"
+    if any(file.resolve().parent == folder.resolve() for file in case.files):
+        raise MeasurementError(f"{folder}: the case was read from there; name another folder.")
+    folder.mkdir(parents=True, exist_ok=True)
+    write_case(dataclasses.replace(case, runs=tuple(dataclasses.replace(r, source=None) for r in case.runs)), toml_file)
+    return toml_file
+
+
+def _write_csv(run: Run, file: Path) -> Path:
+    table = run.to_dataframe()
+    table.drop(columns=[] if run.ambient_degC is None else "ambient_degC").to_csv(file, index=False)
+    return file
+
+
+def _file_name(name: str) -> str:
+    """Return a run's name as a file can have it."""
+    return re.sub(r"[^\w.+-]+", "_", name).strip(".") or "run"
 
 
 def _stated_of(run: Run) -> dict[str, Any]:

@@ -1,98 +1,39 @@
-"""A measurement case: case.toml and one CSV per run, read and checked.
-
-The layout is the same for a user's own data and for made data. Everything here is plain numbers in the units
-of their names; the model is built from a case elsewhere.
-"""
+"""Cases from files (case.toml and one CSV per run) and from DataFrames, read and checked by the same rules."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
-import numpy as np
+import pandas as pd
 
-from jaxmodel.case_schema import EffectEntry, RunEntry, ToleranceEntry, parse_case
+from jaxmodel import effects
+from jaxmodel.case import Case, Run
+from jaxmodel.case_entries import entry_of
+from jaxmodel.case_schema import CaseEntry, EffectEntry, RunEntry, ToleranceEntry, parse_case
 from jaxmodel.errors import MeasurementError, ParameterError, nearest
-from jaxmodel.known import Known, Table, Tolerance, scalars, tables
-from jaxmodel.measurements import AMBIENT_RANGE_DEGC, KINDS, Measured, file_label, read_measurements, read_utf8
+from jaxmodel.known import Known, Tolerance, scalars, tables
+from jaxmodel.measurements import (
+    AMBIENT_RANGE_DEGC,
+    KINDS,
+    Measured,
+    file_label,
+    measurements_of,
+    read_measurements,
+    read_utf8,
+)
+from jaxmodel.ports import Effect
 from jaxmodel.presets import PRESETS, read_preset, why_not
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Run:
-    """One run of a case.
-
-    Attributes:
-        name: the file's name without its ending.
-        file: the CSV as case.toml names it.
-        split: "fit" may be used to calibrate, "check" only to judge.
-        label: free text.
-        initial_soc: state of charge at the first row.
-        overrides: parameters of the case that are different in this run.
-        measured: times, inputs and outputs.
-        source: the CSV's path.
-        initial_cell_temperature: of the cell at the first row, degC, where the run states it.
-        tolerance: by column, the error that the user can live with in this run; of columns not here, the case's.
-    """
-
-    name: str
-    file: str
-    split: Literal["fit", "check"]
-    label: str
-    initial_soc: Known
-    overrides: dict[str, Known]
-    measured: Measured
-    source: Path
-    initial_cell_temperature: Known | None = None
-    tolerance: dict[str, Tolerance] = dataclasses.field(default_factory=dict)
-
-    def driven_by(self, inputs: Mapping[str, np.ndarray]) -> Run:
-        """Return the run with other inputs, its readings as they are."""
-        return dataclasses.replace(self, measured=dataclasses.replace(self.measured, inputs=dict(inputs)))
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Case:
-    """What a user brings: hardware as far as it is known, sensors, and runs.
-
-    Attributes:
-        name: the folder's name.
-        path: the TOML file.
-        title: free text, the name where the file has none.
-        kind: a key of `KINDS`.
-        preset: where every parameter not named here comes from.
-        parameters: scalar parameters by name. `initial_soc` is not among them: it is each run's own.
-        tables: curves by name (`ocv`, `R_ints`, `R_TS`, `R_TL`, `C_TS`, `C_TL`).
-        effects: effects turned on: their parameters by name, and the `column` of a sensor effect.
-        sensors: by column, the sd of its white noise before rounding, in the column's unit.
-        runs: in the order of the file; at least one.
-        cutoff: end of a discharge: `soc`, `voltage_V`, both or neither.
-        tolerance: by column of a reading, the error that the user can live with, in the column's unit.
-        effect_sd: by effect and parameter, the sd of the value in `effects`; what is not here is known exactly.
-    """
-
-    name: str
-    path: Path
-    title: str
-    kind: Literal["cell", "motor", "robot"]
-    preset: str
-    parameters: dict[str, Known]
-    tables: dict[str, Table]
-    effects: dict[str, dict[str, float | str]]
-    sensors: dict[str, float]
-    runs: tuple[Run, ...]
-    cutoff: dict[str, float]
-    tolerance: dict[str, Tolerance] = dataclasses.field(default_factory=dict)
-    effect_sd: dict[str, dict[str, float]] = dataclasses.field(default_factory=dict)
-
-
-def read_case(path: str | Path) -> Case:
+def read_case(path: str | Path, *, own_effects: Iterable[type[Effect]] = ()) -> Case:
     """Read a case and all its runs.
 
     Args:
         path: a folder with a `case.toml`, or a TOML file of that form; CSV paths are relative to the TOML file.
+        own_effects: classes of effects of your own, which take part like those of the catalogue.
 
     Raises:
         MeasurementError: a file is missing or cannot be used as it is; the message says where and what to do.
@@ -102,18 +43,70 @@ def read_case(path: str | Path) -> Case:
     where = file_label(toml)
     entry = parse_case(read_utf8(toml), where)
 
+    files = _files(entry.runs, toml, where)
+    sources = {run.file: file for run, file in zip(entry.runs, files, strict=True)}
+
+    def measured(run: RunEntry) -> Measured:
+        return read_measurements(sources[run.file], entry.kind, run.ambient_degC)
+
+    return _case(entry, toml.parent.name, toml, where, files, measured, own_effects)
+
+
+def case_of_frames(
+    frames: Mapping[str, pd.DataFrame],
+    name: str,
+    check: Collection[str],
+    runs: Mapping[str, Mapping[str, Any]],
+    stated: Mapping[str, Any],
+    own_effects: Iterable[type[Effect]] = (),
+) -> Case:
+    """Return a case of one DataFrame per run, as `Case.from_dataframes`; `stated` are the tables of case.toml.
+
+    Raises:
+        MeasurementError: a table or entry cannot be used; the message says where and what to do.
+        ParameterError: a parameter is unknown, out of its bounds or of the wrong form.
+    """
+    where = f"case '{name}'"
+    frames = {str(run): frame for run, frame in frames.items()}
+    entry = entry_of(where, frames, check, runs, **stated)
+
+    def measured(run: RunEntry) -> Measured:
+        return measurements_of(frames[run.file], entry.kind, run.ambient_degC, f"{where}, run '{run.file}'")
+
+    return _case(entry, name, None, where, [None] * len(entry.runs), measured, own_effects)
+
+
+def _case(
+    entry: CaseEntry,
+    name: str,
+    path: Path | None,
+    where: str,
+    sources: Sequence[Path | None],
+    measured: Callable[[RunEntry], Measured],
+    own: Iterable[type[Effect]],
+) -> Case:
+    """Return the case of a checked form.
+
+    Args:
+        entry: the form.
+        name: of the case.
+        path: of its file.
+        where: how messages name it.
+        sources: the CSV of each run.
+        measured: returns the readings of a run.
+        own: classes of effects of the user's own.
+    """
     numbers = scalars(entry.parameters.__pydantic_extra__, f"{where}: [parameters]")
     default_soc = numbers.pop("initial_soc", Known(1.0))
     _check_sensors(entry.sensors, entry.kind, where)
-    files = _files(entry.runs, toml, where)
     runs = tuple(
-        _run(run, file, entry.kind, default_soc, f"{where}, the run of {run.file}: runs[{number}]")
-        for number, (run, file) in enumerate(zip(entry.runs, files, strict=True), start=1)
+        _run(run, file, entry.kind, default_soc, measured, f"{where}, the run of {run.file}: runs[{number}]")
+        for number, (run, file) in enumerate(zip(entry.runs, sources, strict=True), start=1)
     )
     case = Case(
-        name=toml.parent.name,
-        path=toml,
-        title=entry.title or toml.parent.name,
+        name=name,
+        path=path,
+        title=entry.title or name,
         kind=entry.kind,
         preset=entry.preset,
         parameters=numbers,
@@ -124,6 +117,7 @@ def read_case(path: str | Path) -> Case:
         cutoff=entry.cutoff.model_dump(exclude_none=True),
         tolerance=_tolerance(entry.tolerance, entry.kind, f"{where}: [tolerance]"),
         effect_sd={name: sd for name, effect in entry.effects.items() if (sd := _effect_sd(effect))},
+        own_effects=effects.own_effects(own),
     )
     # A preset of unknown name is for the model to refuse: who only reads the measurements needs none.
     return with_preset(case) if case.preset in PRESETS else case
@@ -136,7 +130,7 @@ def with_preset(case: Case) -> Case:
         ParameterError: the preset is unknown or serves other kinds.
     """
     if problem := why_not(case.preset, case.kind):
-        raise ParameterError(f"{file_label(case.path)}: {problem}")
+        raise ParameterError(f"{case.label}: {problem}")
     preset = read_preset(case.preset)
     parameters, curves = preset.parameters | case.parameters, preset.tables | case.tables
     return dataclasses.replace(case, parameters=parameters, tables=curves)
@@ -155,20 +149,28 @@ def _toml_file(path: Path) -> Path:
     return toml
 
 
-def _run(entry: RunEntry, file: Path, kind: str, default_soc: Known, where: str) -> Run:
+def _run(
+    entry: RunEntry,
+    file: Path | None,
+    kind: str,
+    default_soc: Known,
+    measured: Callable[[RunEntry], Measured],
+    where: str,
+) -> Run:
     """Return one run with its readings."""
     stated_soc = {} if entry.initial_soc is None else {"initial_soc": entry.initial_soc}
     return Run(
-        name=file.stem,
+        name=entry.file if file is None else file.stem,
         file=entry.file,
         split=entry.split,
         label=entry.label,
         initial_soc=scalars(stated_soc, where).get("initial_soc", default_soc),
         overrides=scalars(entry.__pydantic_extra__, where),
-        measured=read_measurements(file, kind, entry.ambient_degC),
+        measured=measured(entry),
         source=file,
         initial_cell_temperature=_initial_cell_temperature(entry, kind, where),
         tolerance=_tolerance(entry.tolerance, kind, f"{where}.tolerance"),
+        ambient_degC=entry.ambient_degC,
     )
 
 

@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from jaxmodel.errors import MeasurementError, nearest
 from jaxmodel.units import ending_of, unit_of
@@ -139,22 +140,72 @@ def read_measurements(path: Path, kind: str, ambient_degC: float | None = None) 
         name: _numbers(fields, lambda row, name=name: f"{label}, line {lines[row]}, column '{name}'")
         for name, fields in zip(header, zip(*rows, strict=True), strict=True)
     }
+    return _measured(columns, inputs, outputs, ambient_degC, label, lambda row: f"{label}, line {lines[row]}")
+
+
+def measurements_of(frame: pd.DataFrame, kind: str, ambient_degC: float | None, label: str) -> Measured:
+    """Check the table of one run.
+
+    Args:
+        frame: the columns of a run's CSV, in any order; `time_s` may be the index. A missing reading is NaN.
+        kind: a key of `KINDS`.
+        ambient_degC: the ambient temperature of the whole run [degC], for a table without that column.
+        label: how messages name the table.
+
+    Raises:
+        MeasurementError: the table cannot be used; the message names row and column.
+    """
+    if not isinstance(frame, pd.DataFrame):
+        raise MeasurementError(f"{label} is a {type(frame).__name__}; give a pandas DataFrame with a column 'time_s'.")
+    if "time_s" not in frame.columns and frame.index.name == "time_s":
+        frame = frame.reset_index()
+    header = [str(name) for name in frame.columns]
+    if "time_s" not in header:
+        raise MeasurementError(f"{label} has no column 'time_s', the time in seconds of each row; add it.")
+    header = ["time_s", *(name for name in header if name != "time_s")]
+    _check_header(header, kind, label)
+    inputs, outputs = _roles(header, kind, ambient_degC, label)
+    if len(frame) < 2:
+        raise MeasurementError(f"{label} has {len(frame)} rows; a run needs at least two.")
+    columns = {name: _floats(pd.Series(frame[name]), f"{label}, column '{name}'") for name in header}
+    return _measured(columns, inputs, outputs, ambient_degC, label, lambda row: f"{label}, row {row}")
+
+
+def _floats(column: pd.Series, where: str) -> np.ndarray:
+    """Return a column as numbers, finite or NaN."""
+    try:
+        values = column.to_numpy(dtype=float, na_value=np.nan, copy=True)
+    except (TypeError, ValueError):
+        raise MeasurementError(f"{where} holds {column.dtype}, not numbers; convert it first.") from None
+    if np.isinf(values).any():
+        raise MeasurementError(f"{where}, row {int(np.isinf(values).argmax())} is not finite; correct it or set NaN.")
+    return values
+
+
+def _measured(
+    columns: dict[str, np.ndarray],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    ambient_degC: float | None,
+    label: str,
+    place: Callable[[int], str],
+) -> Measured:
+    """Return the columns of a run; raise MeasurementError for a gap in an input, an order, or a unit that is wrong."""
     for name in ("time_s", *inputs):
         if name in columns and np.isnan(columns[name]).any():
             row = int(np.isnan(columns[name]).argmax())
             raise MeasurementError(
-                f"{label}, line {lines[row]}: '{name}' is empty, and an input has no missing readings; "
-                "fill it in or drop the row."
+                f"{place(row)}: '{name}' is empty, and an input has no missing readings; fill it in or drop the row."
             )
     time_s = columns["time_s"]
     if (late := np.diff(time_s) <= 0).any():
         row = int(late.argmax()) + 1
         raise MeasurementError(
-            f"{label}, line {lines[row]}: time_s = {time_s[row]:.12g} comes after {time_s[row - 1]:.12g}; "
+            f"{place(row)}: time_s = {time_s[row]:.12g} comes after {time_s[row - 1]:.12g}; "
             "times must increase from row to row, so sort the rows and drop repeated ones."
         )
     for name, values in columns.items():
-        _check_range(name, values, lambda row: f"{label}, line {lines[row]}")
+        _check_range(name, values, place)
     if ambient_degC is not None:
         columns["ambient_degC"] = np.full(time_s.shape, float(ambient_degC))
         _check_range("ambient_degC", columns["ambient_degC"], lambda row: f"{label}, the constant of this run")

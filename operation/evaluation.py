@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.stats import qmc
 
-from jaxmodel.cases import Run
+from jaxmodel.case import Run
 from jaxmodel.declaration import Scalar
 from jaxmodel.errors import MeasurementError
 from jaxmodel.model import Model
@@ -111,11 +111,11 @@ def trials(runs: Sequence[Run], *, with_temperature: bool) -> list[Trial]:
     for run in runs:
         outputs = run.measured.outputs
         if "soc" not in outputs or "voltage_V" not in outputs:
-            raise MeasurementError(f"{run.source.name}: needs the columns voltage_V and soc, to be evaluated.")
+            raise MeasurementError(f"{run.file}: needs the columns voltage_V and soc, to be evaluated.")
         soc, time_s = outputs["soc"], run.measured.time_s
         if not np.isfinite(soc[0]) or not np.isfinite(soc[time_s > time_s[0] + CONVERGED_S]).any():
             raise MeasurementError(
-                f"{run.source.name}: needs soc in its first row, and after the {CONVERGED_S:g} s that estimators "
+                f"{run.file}: needs soc in its first row, and after the {CONVERGED_S:g} s that estimators "
                 "have to converge."
             )
         made.append(_trial(run, 0, (0.0, -START_ERROR), with_temperature))

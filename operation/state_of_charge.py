@@ -1,7 +1,7 @@
 """Estimators of the state of charge, tuned on the fit runs of a case and scored on its check runs.
 
 Five are compared: a Kalman filter and the paper's polynomial, each with the measured temperature and with 25 degC
-always, and coulomb counting.
+assumed, and coulomb counting.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 
 from jaxmodel.build import case_model
-from jaxmodel.cases import Case
+from jaxmodel.case import Case
 from jaxmodel.errors import MeasurementError
 from jaxmodel.measurements import file_label, read_utf8
 from jaxmodel.model import Model
@@ -27,8 +27,8 @@ from operation.evaluation import FIXED_DEGC, Trial, filters, polynomials, trials
 from operation.kalman import Measured, Tuning
 from operation.polynomial import PolynomialEstimator, polynomial_estimator
 
-FILTER, FILTER_FIXED = "filter, with temperature", "filter, 25 °C always"
-POLYNOMIAL, POLYNOMIAL_FIXED = "polynomial, with temperature", "polynomial, 25 °C always"
+FILTER, FILTER_FIXED = "filter, with temperature", "filter, 25 °C assumed"
+POLYNOMIAL, POLYNOMIAL_FIXED = "polynomial, with temperature", "polynomial, 25 °C assumed"
 COUNTED = "coulomb counting"
 ESTIMATORS = (FILTER, FILTER_FIXED, POLYNOMIAL, POLYNOMIAL_FIXED, COUNTED)
 POLYNOMIAL_DEGC = (-20.0, -10.0, 0.0, 10.0, 20.0, 30.0)
@@ -94,7 +94,7 @@ def evaluate_estimators(
     fit, check = ([run for run in case.runs if run.split == split] for split in ("fit", "check"))
     if case.kind != "cell" or not fit or not check:
         raise MeasurementError(
-            f"{file_label(case.path)}: estimate needs a case of kind cell with runs of both splits, fit and check."
+            f"{case.label}: estimate needs a case of kind cell with runs of both splits, fit and check."
         )
     model = case_model(case)
     chosen = dict(tunings or {})

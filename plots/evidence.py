@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from discrepancy.result import CurveFound, Diagnosis, ScoreEntry
-from discrepancy.wording import candidate_name, effect_name, is_law, rung_name
+from discrepancy.result import ChannelError, CurveFound, Diagnosis, ScoreEntry
+from discrepancy.wording import candidate_name, effect_name, is_law, ladder_names
 from jaxmodel.units import difference_unit, readable, split_unit
 from plots.style import (
     BASE,
@@ -35,19 +37,33 @@ _MODEL_WIDTH = 46
 
 @styled
 def ladder(diagnosis: Diagnosis) -> Figure:
-    """Draw each channel's error at each rung, on the runs fitted and on those held out, as bars from the noise floor.
+    """Draw each channel's error of each model of a diagnosis; see `errors_of_models`."""
+    noise_sd = {channel: noise.sd for channel, noise in diagnosis.noise.items()}
+    return errors_of_models([one.errors for one in diagnosis.ladder], ladder_names(diagnosis.ladder), noise_sd)
+
+
+@styled
+def errors_of_models(
+    models: Sequence[Mapping[str, ChannelError]], names: Sequence[str], noise_sd: Mapping[str, float]
+) -> Figure:
+    """Draw each channel's error of each model, on the runs fitted and on those held out, as bars from the noise floor.
 
     A bar's length is on a logarithmic scale how many times the noise floor the error is; one that ends left of the
     floor is better than the sensor.
+
+    Args:
+        models: errors by channel, model after model.
+        names: of the models.
+        noise_sd: the noise floor of each channel to draw, in the channel's unit.
     """
-    channels = list(diagnosis.noise)
-    rungs = diagnosis.ladder
+    channels = list(noise_sd)
     columns = min(len(channels), 2)
     rows = -(-len(channels) // columns)
-    figure = new_figure(PAGE_CM, 1.8 + rows * (1.5 + 1.0 * len(rungs)))
+    figure = new_figure(PAGE_CM, 1.8 + rows * (1.5 + 1.0 * len(models)))
     grid = figure.subplots(rows, columns, sharey=True, squeeze=False)
     for axes, channel in zip(grid.flat, channels, strict=False):
-        _ladder_of_channel(axes, diagnosis, channel)
+        errors = [(one[channel].fit, one[channel].check) for one in models]
+        _errors_of_channel(axes, channel, errors, names, noise_sd[channel])
     for axes in grid.flat[len(channels) :]:
         axes.set_visible(False)
     grid[0, 0].invert_yaxis()
@@ -56,11 +72,10 @@ def ladder(diagnosis: Diagnosis) -> Figure:
     return figure
 
 
-def _ladder_of_channel(axes: Axes, diagnosis: Diagnosis, channel: str) -> None:
+def _errors_of_channel(
+    axes: Axes, channel: str, errors: Sequence[tuple[float, float]], names: Sequence[str], floor: float
+) -> None:
     quantity, unit = split_unit(channel)
-    floor = diagnosis.noise[channel].sd
-    rungs = diagnosis.ladder
-    errors = [(rung.errors[channel].fit, rung.errors[channel].check) for rung in rungs]
     positive = [e for pair in errors for e in pair if np.isfinite(e) and e > 0.0]
     scale, shown_unit = readable([*positive, floor], difference_unit(unit))
     places = np.arange(len(errors))
@@ -94,7 +109,6 @@ def _ladder_of_channel(axes: Axes, diagnosis: Diagnosis, channel: str) -> None:
     axes.set_xlim(low / (high / low) ** 0.06 / 1.05, high * (high / low) ** 0.18 * 1.3)
     plain_log(axes.xaxis)
     axes.grid(visible=False, axis="y")
-    names = [rung_name(diagnosis, number) for number in range(len(rungs))]
     axes.set_yticks(
         places, [textwrap.fill(name, _RUNG_WIDTH, max_lines=_RUNG_LINES, placeholder=" …") for name in names]
     )
@@ -187,6 +201,31 @@ def candidates(diagnosis: Diagnosis) -> Figure:
     axes.invert_yaxis()
     axes.grid(visible=False, axis="y")
     axes.set_xlabel("probability")
+    return figure
+
+
+@styled
+def promises(table: pd.DataFrame, most: int = 16) -> Figure:
+    """Draw the log evidence that each candidate promises over the present model, the best on top.
+
+    Args:
+        table: name, group and log_evidence, as an investigation ranks its candidates.
+        most: candidates to draw.
+    """
+    shown = table.sort_values("log_evidence", ascending=False).head(most)
+    groups = list(dict.fromkeys(shown["group"]))
+    figure = new_figure(PAGE_CM, 2.0 + 0.52 * len(shown))
+    axes = figure.subplots()
+    places = np.arange(len(shown))
+    for group, colour in zip(groups, itertools.cycle((FINAL, BASE, SKY, GREY, BLACK))):
+        own = (shown["group"] == group).to_numpy()
+        axes.barh(places[own], shown["log_evidence"][own], height=0.6, color=colour, label=group)
+    axes.set_xscale("symlog", linthresh=10.0)
+    axes.set_yticks(places, [effect_name(name) for name in shown["name"]])
+    axes.set_ylim(len(shown) - 0.4, -0.6)
+    axes.grid(visible=False, axis="y")
+    axes.set_xlabel("log evidence promised (first order)")
+    figure.legend(loc="outside lower center", ncols=5)
     return figure
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.interpolate import PchipInterpolator
 
 from discrepancy.advice.identifiability import Identifiability, Profiled
+from discrepancy.identification import Identification
 from plots.style import (
     BLUE,
     GREY,
@@ -21,6 +24,28 @@ from plots.style import (
 )
 
 _KNOWN_BEFORE, _OF_OTHERS = "#b5b5b5", "#dddddd"
+
+
+def pictures_of(identification: Identification) -> dict[str, Figure]:
+    """Return every picture that an identification has something for, by name."""
+    found, asked = identification.found, [one.name for one in identification.profiles]
+    pictures = {"information": information_bars(found)}
+    if len(found.names) > 1:
+        pictures["correlations"] = correlations(found)
+        for first, second in _pairs(found, asked):
+            pictures[f"ellipse-{first}-{second}"] = ellipse(found, first, second)
+    for one in identification.profiles:
+        pictures[f"profile-{one.name}"] = profile_beside_quadratic(one, found.units[found.names.index(one.name)])
+    return pictures
+
+
+def _pairs(found: Identifiability, asked: Sequence[str]) -> list[tuple[str, str]]:
+    """Return each parameter asked for with the one most correlated with it; where none was, the most correlated two."""
+    size = np.abs(found.information.correlation() - np.eye(len(found.names)))
+    if not asked:
+        first, second = np.unravel_index(int(np.argmax(size)), size.shape)
+        return [(found.names[first], found.names[second])]
+    return [(name, found.names[int(np.argmax(size[found.names.index(name)]))]) for name in asked]
 
 
 @styled

@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jaxmodel.cases import Run
+from jaxmodel.case import Run
 from jaxmodel.units import difference_unit, readable, split_unit
 from plots.panels import Row, legend_cm, panels
 from plots.style import (

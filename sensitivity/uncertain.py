@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from jaxmodel.case import Case
 from jaxmodel.cases import read_case
 from jaxmodel.errors import SweepError
 from sweeps.study import Study
@@ -36,10 +37,11 @@ def stated_sd(study: Study) -> dict[str, float]:
     """
     if study.case is None:
         raise SweepError("uncertain: the study names no case; state a standard deviation by name, as in NAME=SD.")
-    parameters = read_case(study.folder / study.case).parameters
+    case = study.case if isinstance(study.case, Case) else read_case(study.folder / study.case)
+    parameters = case.parameters
     found = {name: float(stated.sd) for name, stated in parameters.items() if stated.sd}
     if not found:
-        raise SweepError(f"uncertain: {study.case} states no sd of a parameter; state it by name, as in NAME=SD.")
+        raise SweepError(f"uncertain: {case.label} states no sd of a parameter; state it by name, as in NAME=SD.")
     return found
 
 

@@ -21,8 +21,8 @@ from typing import Any
 
 import jax
 
-from jaxmodel.devices import use_all_cores
 from jaxmodel.errors import SweepError
+from jaxmodel.jax_settings import use_all_cores
 from sweeps import manifest
 from sweeps.engine import Runner
 from sweeps.lane import Outcome
@@ -171,7 +171,7 @@ def _packed(study: Study, chunks: Chunks) -> bytes:
     import cloudpickle
 
     classes = [type(part) for part in (*study.prepared.model.effects, *study.prepared.metrics)]
-    classes += study.extra_effects.values()
+    classes += study.own_effects
     names = {cls.__module__ for cls in classes if cls.__module__.partition(".")[0] not in ("jaxmodel", "sweeps")}
     modules = [sys.modules[name] for name in names - {"__main__"} if name in sys.modules]
     for module in modules:

@@ -2,17 +2,17 @@
 
 import dataclasses
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from jaxmodel.build import case_model
+from jaxmodel.case import Case
 from jaxmodel.case_schema import parse_case
-from jaxmodel.cases import Case, read_case
+from jaxmodel.cases import read_case
 from jaxmodel.declaration import ParameterInfo
-from jaxmodel.effects import CATALOGUE
+from jaxmodel.effects import own_effects
 from jaxmodel.errors import SweepError, nearest
 from jaxmodel.measurements import KINDS, file_label, read_utf8
 from jaxmodel.model import Model, initial_state
@@ -60,9 +60,7 @@ class Prepared:
 def prepare(study: StudyForm) -> Prepared:
     """Return a study ready to run; every name and number in it is checked."""
     case = _case(study)
-    model = with_values(
-        case_model(case, fidelity=study.fidelity, catalogue=_catalogue(study)), _initial_soc_of_case(study)
-    )
+    model = with_values(case_model(case, fidelity=study.fidelity), _initial_soc_of_case(study))
     table = parameter_table(model)
     for name, value in study.parameters.items():
         _known(name, table, f"parameters.{name}: no parameter is called").check(value, f"parameters.{name}")
@@ -82,7 +80,7 @@ def prepare(study: StudyForm) -> Prepared:
         elif name in input_names(model.kind):
             check_input(name, model.kind, values, where)
         else:
-            info[name] = _parameter(name, values, model, table, where, _catalogue(study))
+            info[name] = _parameter(name, values, model, table, where, case.catalogue)
             if info[name].whole and study.sample and name in study.sample.ranges:
                 raise SweepError(f"{where}: {name} takes whole numbers; put it on an axis instead.")
 
@@ -107,21 +105,22 @@ def prepare(study: StudyForm) -> Prepared:
 
 def _case(study: StudyForm) -> Case:
     """Return the case that the study describes or names, with the study's effects."""
-    catalogue = _catalogue(study)
     if study.case is not None:
-        case = read_case(study.folder / study.case)
+        case = study.case if isinstance(study.case, Case) else read_case(study.folder / study.case)
         if study.kind not in (None, case.kind):
             raise SweepError(f"kind is '{study.kind}', but the case is a {case.kind}; remove one of the two.")
-        effects = {name: values for name, values in case.effects.items() if not _is_of_sensor(name, catalogue)}
+        case = dataclasses.replace(case, own_effects={**case.own_effects, **own_effects(study.own_effects)})
+        effects = {name: values for name, values in case.effects.items() if not _is_of_sensor(name, case.catalogue)}
         case = dataclasses.replace(case, effects=effects)
     elif study.kind is None:
         raise SweepError('kind is missing; add kind = "cell", "motor" or "robot", or name a case.')
     elif problem := why_not(study.preset, study.kind):
         raise SweepError(f"preset: {problem}")
     else:
-        case = Case("study", Path("effects"), study.title, study.kind, study.preset, {}, {}, {}, {}, (), {})
+        case = Case("study", None, study.title, study.kind, study.preset, {}, {}, {}, {}, (), {})
+        case = dataclasses.replace(case, own_effects=own_effects(study.own_effects))
     for name in study.effects:
-        if _is_of_sensor(name, catalogue):
+        if _is_of_sensor(name, case.catalogue):
             raise SweepError(f"effects.{name}: a sweep has true values, not a sensor's readings; remove this effect.")
     return dataclasses.replace(case, effects=case.effects | study.effects)
 
@@ -130,7 +129,9 @@ def _initial_soc_of_case(study: StudyForm) -> dict[str, Any]:
     """Return the `initial_soc` of a case's `[parameters]`: a case has it for its runs, a study takes it as its own."""
     if study.case is None:
         return {}
-    path = study.folder / study.case
+    path = study.case.path if isinstance(study.case, Case) else study.folder / study.case
+    if path is None:
+        return {}
     file = path / "case.toml" if path.is_dir() else path
     stated = parse_case(read_utf8(file), file_label(file)).parameters.__pydantic_extra__.get("initial_soc")
     return {} if stated is None else {"initial_soc": jnp.asarray(stated.value)}
@@ -216,10 +217,6 @@ def _metrics(study: StudyForm, kind: str, has_cutoff: bool) -> tuple[Metric, ...
             raise SweepError(f"metrics: the result would have two variables called '{metric.name}'; rename one.")
         chosen.append(metric)
     return tuple(chosen)
-
-
-def _catalogue(study: StudyForm) -> dict[str, type[Effect]]:
-    return CATALOGUE | study.extra_effects
 
 
 def _is_of_sensor(effect: str, catalogue: Mapping[str, type[Effect]]) -> bool:

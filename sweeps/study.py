@@ -3,7 +3,7 @@
 import hashlib
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -40,7 +40,8 @@ class Study(StudyForm):
         title: free text.
         kind: "cell", "motor" or "robot"; a case brings its own.
         preset: where every parameter not named here comes from.
-        case: a case file (or its folder) that describes the hardware, instead of a preset.
+        case: a case file (or its folder), or a `jaxmodel.Case`, that describes the hardware, instead of a preset; its
+            runs and sensors are not used.
         fidelity: "formula", or "lut" for the paper's look-up tables.
         parameters: values by name, as in a case file, or `effect.parameter`.
         effects: effects turned on, with their values, as in a case file.
@@ -55,7 +56,7 @@ class Study(StudyForm):
         store: columns that are stored over time too, at every `store_every`-th row.
         store_every: a number of rows.
         cutoff: where a run ends before its profile does; the case's where there is one.
-        extra_effects: effect classes of your own by name, known to this study beside the catalogue.
+        own_effects: effect classes of your own, known to this study beside the catalogue.
         folder: where relative paths start; of a study file, its folder.
 
     Raises:
@@ -66,6 +67,7 @@ class Study(StudyForm):
 
     def __init__(self, /, **fields: Unpack[StudyFields]) -> None:
         values: dict[str, Any] = {**fields}
+        values["own_effects"] = list(values.get("own_effects", ()))
         try:
             super().__init__(**values)
         except ValidationError as error:
@@ -149,7 +151,7 @@ class Study(StudyForm):
     @property
     def file_digests(self) -> dict[str, str]:
         """The SHA-256 of each file that the study names, by the name."""
-        paths = {file: self.folder / file for file in (self.case, self.profile.csv) if file is not None}
+        paths = {file: self.folder / file for file in (self.case, self.profile.csv) if isinstance(file, str)}
         whole = {file: path / "case.toml" if path.is_dir() else path for file, path in paths.items()}
         return {file: hashlib.sha256(path.read_bytes()).hexdigest() for file, path in whole.items()}
 
@@ -170,12 +172,12 @@ class Study(StudyForm):
         return lanes
 
 
-def read_study(path: str | Path, extra_effects: Mapping[str, type[Effect]] | None = None) -> Study:
+def read_study(path: str | Path, *, own_effects: Iterable[type[Effect]] = ()) -> Study:
     """Read a study file.
 
     Args:
         path: a TOML file; the paths that it names are relative to it.
-        extra_effects: effect classes of your own by name, which the file may name beside those of the catalogue.
+        own_effects: effect classes of your own, which the file may name beside those of the catalogue.
 
     Raises:
         SweepError, ParameterError, EffectError, MeasurementError: the study cannot be run; the message is one
@@ -187,7 +189,7 @@ def read_study(path: str | Path, extra_effects: Mapping[str, type[Effect]] | Non
         raw: dict[str, Any] = tomllib.loads(read_utf8(path))
     except tomllib.TOMLDecodeError as error:
         raise SweepError(f"{label}: this is not valid TOML ({error}); correct it there.") from error
-    fields: dict[str, Any] = {**raw, "folder": path.parent, "extra_effects": dict(extra_effects or {})}
+    fields: dict[str, Any] = {**raw, "folder": path.parent, "own_effects": list(own_effects)}
     try:
         return Study(**fields)
     except UserError as error:

@@ -3,13 +3,15 @@
 What a value means (names of parameters, inputs, metrics and files) is checked in `prepare`.
 """
 
-from collections.abc import Mapping, Sequence
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypedDict
 
 import numpy as np
 from pydantic import BeforeValidator, ConfigDict, Field, field_serializer, model_validator
 
+from jaxmodel.case import Case
 from jaxmodel.case_schema import CutoffEntry
 from jaxmodel.ports import Effect
 from sweeps.axes_form import Axes, SampleForm
@@ -27,7 +29,7 @@ class StudyFields(TypedDict, total=False):
     title: str
     kind: Kind | None
     preset: str
-    case: str | None
+    case: str | Case | None
     fidelity: Fidelity
     parameters: Mapping[str, float]
     effects: Mapping[str, Mapping[str, float | str]]
@@ -38,7 +40,7 @@ class StudyFields(TypedDict, total=False):
     store: Sequence[str]
     store_every: int
     cutoff: CutoffEntry | Mapping[str, float]
-    extra_effects: Mapping[str, type[Effect]]
+    own_effects: Iterable[type[Effect]]
     folder: Path
 
 
@@ -50,7 +52,7 @@ class StudyForm(Form):
     title: str = ""
     kind: Kind | None = None
     preset: str = "paper"
-    case: str | None = None
+    case: str | Case | None = None
     fidelity: Fidelity = "formula"
     parameters: Annotated[dict[str, float], BeforeValidator(refuse_unquoted_names)] = Field(default_factory=dict)
     effects: dict[str, dict[str, float | str]] = Field(default_factory=dict)
@@ -61,7 +63,7 @@ class StudyForm(Form):
     store: list[str] = Field(default_factory=list)
     store_every: int = Field(default=1, ge=1)
     cutoff: CutoffEntry = CutoffEntry()
-    extra_effects: dict[str, type[Effect]] = Field(default_factory=dict, exclude=True, repr=False)
+    own_effects: list[type[Effect]] = Field(default_factory=list, exclude=True, repr=False)
     folder: Path = Field(default=Path(), exclude=True, repr=False)
 
     @model_validator(mode="after")
@@ -72,6 +74,25 @@ class StudyForm(Form):
             if name in self.axes:
                 raise wrong("has '{name}' under [axes] and under [sample.ranges]; remove one of the two", name=name)
         return self
+
+    @field_serializer("case")
+    def _case_content(self, case: str | Case | None) -> str | dict[str, Any] | None:
+        """Return a case in memory as what its model is made of; a file as its name."""
+        if not isinstance(case, Case):
+            return case
+        tables = {name: dataclasses.asdict(table) for name, table in case.tables.items()}
+        return {
+            "name": case.name,
+            "kind": case.kind,
+            "preset": case.preset,
+            "parameters": {name: known.value for name, known in case.parameters.items()},
+            "tables": {
+                name: {key: x.tolist() if isinstance(x, np.ndarray) else x for key, x in table.items()}
+                for name, table in tables.items()
+            },
+            "effects": case.effects,
+            "cutoff": case.cutoff,
+        }
 
     @field_serializer("metrics")
     def _metric_names(self, metrics: list[str | Metric]) -> list[str]:

@@ -12,7 +12,7 @@ import pytest
 
 if TYPE_CHECKING:  # ours only where they are used: JAX reads its variables, set below, when it is imported
     from discrepancy.result import Diagnosis
-    from jaxmodel.cases import Case
+    from jaxmodel.case import Case
 
 REPOSITORY = Path(__file__).parents[1]
 

@@ -24,9 +24,11 @@ from discrepancy.result import (
     Sensor,
     ToleranceUsed,
 )
+from jaxmodel.case import Case
 from jaxmodel.case_simulation import simulate_case
-from jaxmodel.cases import Case, Known, read_case
+from jaxmodel.cases import read_case
 from jaxmodel.effects.curves import SOC_KNOTS
+from jaxmodel.known import Known
 
 ROWS = 61
 CASE = """title = "Small cell <bench> & load"

@@ -91,7 +91,7 @@ def test_cases_page_has_every_key_and_column() -> None:
 def test_sweeps_page_has_every_key_and_no_other() -> None:
     table = text_of("sweeps.md").partition("## Keys")[2].partition("\n- ")[0]
     named = set(re.findall(r"^\| `\[?(\w+)\]?` \|", table, re.MULTILINE))
-    assert named == StudyForm.model_fields.keys() - {"folder", "extra_effects"}  # of Python alone
+    assert named == StudyForm.model_fields.keys() - {"folder", "own_effects"}  # of Python alone
     assert set(re.findall(r"^\| `profile\.(\w+)`", table, re.MULTILINE)) == set(ProfileForm.model_fields)
 
 
@@ -131,7 +131,7 @@ def test_files_of_the_own_effect_are_read_with_it_alone() -> None:
     study = DOCS / "own_effect" / "study.toml"
     with pytest.raises(UserError, match="hot_contact"):
         read_study(study)
-    assert read_study(study, {cls.name: cls}).prepared.model.effects[0].label == "hot_contact"
+    assert read_study(study, own_effects=[cls]).prepared.model.effects[0].label == "hot_contact"
     assert cls.name not in CATALOGUE
 
 

@@ -17,7 +17,8 @@ from benchmarks.real.reference import reference
 from benchmarks.real.reference_cell import CellReference
 from benchmarks.real.reference_motor import MotorReference
 from benchmarks.real.table import Row, sentences, summary
-from jaxmodel.cases import Case, read_case
+from jaxmodel.case import Case
+from jaxmodel.cases import read_case
 from jaxmodel.effects import CATALOGUE
 
 try:

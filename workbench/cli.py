@@ -233,9 +233,9 @@ def identify(
     effect: Effects = None,
 ) -> None:
     """Tell what the runs and sensors of a case know of its parameters, and which of them knows it."""
-    from workbench.commands.identify import identify
+    from workbench.commands.identify import identify_case
 
-    identify(case, out, parameter or [], profile or [], add or [], effect or [])
+    identify_case(case, out, parameter or [], profile or [], add or [], effect or [])
 
 
 @app.command(epilog="Example: jaxmodel compare examples/samsung_30q --out results")

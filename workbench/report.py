@@ -6,61 +6,56 @@ does it matter to me.
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from discrepancy.advice.next_experiment import in_words
 from discrepancy.advice.remarks import extrapolated_sentence as remark_on_extrapolation
 from discrepancy.fitting.starts import SEED
-from discrepancy.result import Diagnosis, Extrapolated
+from discrepancy.result import Diagnosis
+from discrepancy.summary import extrapolated_sentence, purpose_sentences, summary
 from discrepancy.wording import (
     VERDICT_TITLES,
-    amount,
     candidate_name,
     curve_sentence,
     effect_name,
     join,
-    named_sentence,
-    number,
     removed,
     run_sentence,
     verdict_sentence,
     with_sd,
 )
-from jaxmodel.effects import CATALOGUE
-from jaxmodel.ports import Effect
 from jaxmodel.units import split_unit
 from workbench.page import write_page
 from workbench.provenance import provenance
 from workbench.report_rows import channel_rows, ladder_rows, noise_rows, parameter_rows
 
 
-def write_report(
-    diagnosis: Diagnosis,
-    path: Path,
-    pictures: Mapping[str, bytes],
-    catalogue: Mapping[str, type[Effect]] = CATALOGUE,
-) -> None:
-    """Write the report of a diagnosis.
+def write_report(diagnosis: Diagnosis, folder: str | Path) -> dict[str, bytes]:
+    """Write all pictures of a diagnosis or comparison and `report.html`, one page that opens offline, to a folder.
 
     Args:
         diagnosis: what to report.
-        path: the HTML file.
-        pictures: PNG by name, as `commands.diagnose.pictures_of` makes them.
-        catalogue: the known effects, for what they are.
+        folder: made if need be.
+
+    Returns:
+        The pictures as PNG by name.
     """
-    write_page(path, "diagnosis.html", **report_content(diagnosis, pictures, catalogue))
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    out_of_range = tuple(filter(None, (one.sentence() for one in diagnosis.simulation)))
+    pictures = {file.stem: file.read_bytes() for file in diagnosis.plot.save(folder)}
+    with_range = dataclasses.replace(diagnosis, remarks=(*diagnosis.remarks, *out_of_range))
+    write_page(folder / "report.html", "diagnosis.html", **report_content(with_range, pictures))
+    return pictures
 
 
-def report_content(
-    diagnosis: Diagnosis, pictures: Mapping[str, bytes], catalogue: Mapping[str, type[Effect]] = CATALOGUE
-) -> dict[str, Any]:
+def report_content(diagnosis: Diagnosis, pictures: Mapping[str, bytes]) -> dict[str, Any]:
     """Return what the templates of a diagnosis show; arguments as `write_report`."""
-    case, parameters = diagnosis.case, parameter_rows(diagnosis, catalogue)
+    case, parameters = diagnosis.case, parameter_rows(diagnosis)
     told_of_them = set(map(remark_on_extrapolation, diagnosis.extrapolated))
     return {
         "diagnosis": diagnosis,
@@ -75,7 +70,7 @@ def report_content(
                 "label": effect.label,
                 "probability": effect.probability,
                 "parameters": [f"{name} = {with_sd(estimate)}" for name, estimate in effect.parameters.items()],
-                "equation": catalogue[effect.name].equation if effect.name in catalogue else "",
+                "equation": case.catalogue[effect.name].equation if effect.name in case.catalogue else "",
                 "removes": removed(effect.removes),
                 "rests_on": effect.rests_on,
                 "rivals": ", ".join(effect_name(label) for label in effect.cannot_tell_apart_from),
@@ -103,7 +98,7 @@ def report_content(
         "runs": case.runs,
         "parameters": parameters,
         "noise": noise_rows(diagnosis),
-        "origin": provenance(_files(diagnosis, catalogue), _settings(diagnosis)),
+        "origin": provenance(_files(diagnosis), _settings(diagnosis)),
     }
 
 
@@ -121,83 +116,13 @@ def _immaterial(sentence: str, takes: str) -> str:
     return _sentence(f"{sentence.rstrip('.')}{takes and f'; it takes off {takes}'}")
 
 
-def _files(diagnosis: Diagnosis, catalogue: Mapping[str, type[Effect]]) -> list[Path]:
+def _files(diagnosis: Diagnosis) -> list[Path]:
     """Return the files of the case, and those of effects of the user's own."""
     case = diagnosis.case
-    own = dict.fromkeys(inspect.getfile(effect) for name, effect in catalogue.items() if name not in CATALOGUE)
-    return [case.path, *(run.source for run in case.runs), *(Path(file) for file in own)]
+    own = dict.fromkeys(inspect.getfile(effect) for effect in case.own_effects.values())
+    return [*case.files, *(Path(file) for file in own)]
 
 
 def _settings(diagnosis: Diagnosis) -> list[str]:
     ordered = [f"ordered: {' '.join(diagnosis.ordered)}"] if diagnosis.ordered else []
     return [f"random numbers from seed {SEED}", *ordered]
-
-
-def summary(diagnosis: Diagnosis) -> list[str]:
-    """Return the result in a few lines: what is missing, what is off, how good it gets, what could not be seen."""
-    lines = [f"Named: {named_sentence(effect)}" for effect in diagnosis.effects]
-    if not diagnosis.effects and diagnosis.candidates:
-        name, probability = diagnosis.candidates[0]
-        lines.append(f"Most probable: {candidate_name(name)} ({probability:.2f}).")
-    lines += [f"Off: {curve_sentence(curve)}" for curve in diagnosis.curves]
-    lines += [f"Off: {run_sentence(run)}" for run in diagnosis.runs]
-    lines += [error_sentence(diagnosis, channel) for channel in diagnosis.noise]
-    lines += purpose_sentences(diagnosis)
-    if diagnosis.proposals:
-        lines.append(in_words(diagnosis.proposals, [candidate_name(name) for name in diagnosis.rivals]))
-    if diagnosis.blind_to:
-        lines.append(f"Blind to: {join([effect_name(label) for label in diagnosis.blind_to])}.")
-    return lines
-
-
-def purpose_sentences(diagnosis: Diagnosis) -> list[str]:
-    """Say of each channel in how many of the held-out runs its error is within the tolerance, and in which not."""
-    said = []
-    for channel, of_run in diagnosis.fit_for_purpose.items():
-        tolerance = diagnosis.tolerance.get(channel)
-        if not of_run or tolerance is None:
-            continue
-        (limit,), unit = amount(channel, [tolerance.rms])
-        failing = [run for run, within in of_run.items() if not within]
-        beyond = f", not in {join(failing)}" if failing and len(failing) <= 6 else ""
-        said.append(
-            f"Fit for purpose: {split_unit(channel)[0]} is within {limit}{unit and f' {unit}'} "
-            f"({'assumed' if tolerance.assumed else 'your tolerance'}) in {len(of_run) - len(failing)} of "
-            f"{len(of_run)} held-out runs{beyond}."
-        )
-    return said
-
-
-def extrapolated_sentence(one: Extrapolated) -> str:
-    """Say which condition of which held-out run lies outside those that were fitted."""
-    quantity, unit = split_unit(one.condition.strip("|"))
-    quantity = f"size of {quantity}" if one.condition.startswith("|") else quantity
-    unit = f" {unit}" if unit else ""
-    low, high = (number(value) for value in one.span)
-    first, last = (number(value) for value in one.span_fitted)
-    there = f"{low} to {high}" if low != high else low
-    fitted = f"{first} to {last}" if first != last else first
-    return f"{one.file}: {quantity} {there}{unit}, where {fitted}{unit} was fitted."
-
-
-def error_sentence(diagnosis: Diagnosis, channel: str) -> str:
-    """Say a channel's error before and after, on the runs held out where there are any."""
-    quantity, before, after, floor, unit = _before_and_after(diagnosis, channel)
-    held_out = np.isfinite(diagnosis.base.errors[channel].check)
-    where = "on the runs held out" if held_out else "on the runs fitted (none was held out)"
-    values = f"{before}{unit}" if diagnosis.final is diagnosis.base else f"{before}{unit} before, {after}{unit} after"
-    return f"Error of {quantity} {where}: {values}, noise {floor}{unit}."
-
-
-def error_in_short(diagnosis: Diagnosis, channel: str) -> str:
-    """Return 'voltage 24.7 → 0.9 mV (noise 0.8)'."""
-    quantity, before, after, floor, unit = _before_and_after(diagnosis, channel)
-    return f"{quantity} {before} → {after}{unit} (noise {floor})"
-
-
-def _before_and_after(diagnosis: Diagnosis, channel: str) -> tuple[str, str, str, str, str]:
-    """Return the quantity, its error before and after, the noise, and the unit of all three with a blank before it."""
-    before, after = diagnosis.base.errors[channel], diagnosis.final.errors[channel]
-    pair = (before.check, after.check) if np.isfinite(before.check) else (before.fit, after.fit)
-    shown, unit = amount(channel, [*pair, diagnosis.noise[channel].sd])
-    return split_unit(channel)[0], shown[0], shown[1], shown[2], f" {unit}" if unit else ""

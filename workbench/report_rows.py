@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from discrepancy.result import Diagnosis, Estimate
-from discrepancy.wording import number, rung_name, with_sd
-from jaxmodel.cases import Known
+from discrepancy.wording import ladder_names, number, with_sd
 from jaxmodel.declaration import describe
+from jaxmodel.known import Known
 from jaxmodel.parameters import TABLE
 from jaxmodel.ports import Effect
 from jaxmodel.units import difference_unit, readable, split_unit
@@ -50,14 +50,14 @@ def ladder_rows(diagnosis: Diagnosis) -> dict[str, Any]:
         "noise": [unit(diagnosis.noise[channel].sd) for channel, unit in units.items()],
         "rungs": [
             {
-                "name": rung_name(diagnosis, place),
+                "name": name,
                 "errors": [
                     (unit(rung.errors[channel].fit), unit(rung.errors[channel].check))
                     for channel, unit in units.items()
                 ],
                 "chi2": number(rung.chi2 / rung.readings) if rung.readings else "-",
             }
-            for place, rung in enumerate(diagnosis.ladder)
+            for name, rung in zip(ladder_names(diagnosis.ladder), diagnosis.ladder, strict=True)
         ],
     }
 
@@ -119,7 +119,7 @@ def noise_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
     return rows
 
 
-def parameter_rows(diagnosis: Diagnosis, catalogue: Mapping[str, type[Effect]]) -> list[dict[str, Any]]:
+def parameter_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """Return one row for each number that was calibrated, in the order of the final model."""
     base, final = diagnosis.base.estimates, diagnosis.final.estimates
     stated = _stated(diagnosis)
@@ -138,7 +138,7 @@ def parameter_rows(diagnosis: Diagnosis, catalogue: Mapping[str, type[Effect]]) 
                 "pull": f"{pull:+.1f}" if np.isfinite(pull) else "-",
                 "flagged": bool(np.isfinite(pull) and abs(pull) > _LARGE_PULL),
                 "strained": name in diagnosis.final.at_bound,
-                "meaning": _meaning(name, catalogue),
+                "meaning": _meaning(name, diagnosis.case.catalogue),
             }
         )
     return rows

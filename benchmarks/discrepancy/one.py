@@ -63,7 +63,7 @@ def in_a_process(folder: Path, out: Path, *, cold: bool, limit_s: float = MOST_S
 def main(folder: Path, out: Path, warm: Annotated[bool, typer.Option(help="Use programs compiled before.")] = False):
     """Diagnose a case and write its answer."""
     if warm:
-        from workbench.compiled import keep_compiled_programs
+        from jaxmodel.jax_settings import keep_compiled_programs
 
         keep_compiled_programs()
     out.write_text(json.dumps(diagnose_folder(folder)))

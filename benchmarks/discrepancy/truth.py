@@ -11,7 +11,8 @@ import numpy as np
 from benchmarks.discrepancy.hidden import Blind, Drawn
 from benchmarks.discrepancy.tables import VALUES
 from benchmarks.discrepancy.visible import fit, residuals, rms_of, stands_out, with_truth, without
-from jaxmodel.cases import Case, read_case
+from jaxmodel.case import Case
+from jaxmodel.cases import read_case
 from jaxmodel.known import Table
 from tests.independent.make_case import in_toml
 

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from jaxmodel.build import case_model, run_profile
-from jaxmodel.cases import Case, Run
+from jaxmodel.case import Case, Run
 from jaxmodel.known import Known
 from jaxmodel.model import Model
 from jaxmodel.profile import Track

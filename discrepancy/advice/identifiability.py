@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,13 +15,11 @@ from discrepancy.fitting.readings import Weights
 from discrepancy.noise.model_error import NONE, estimate
 from discrepancy.workings import Workings
 from jaxmodel.build import case_model
-from jaxmodel.cases import Case
-from jaxmodel.effects import CATALOGUE
+from jaxmodel.case import Case
 from jaxmodel.errors import ParameterError, nearest
 from jaxmodel.known import Known
 from jaxmodel.names import parameter_table, value
 from jaxmodel.parameters import TABLE, info
-from jaxmodel.ports import Effect
 from sensitivity.information import Floats, Information, direction_in_words
 
 # What is asked for and stated as exact is taken as known to this share of its value, for want of anything better.
@@ -215,9 +213,7 @@ def _rounded(number: float) -> str:
     return f"{number:.2g}" if abs(number) < 100.0 else f"{number:.0f}"
 
 
-def asking_for(
-    case: Case, names: Sequence[str], catalogue: Mapping[str, type[Effect]] = CATALOGUE
-) -> tuple[Case, tuple[str, ...]]:
+def asking_for(case: Case, names: Sequence[str]) -> tuple[Case, tuple[str, ...]]:
     """Return the case with parameters made uncertain that it states as exact, and which these are.
 
     A number without an uncertainty is taken as known to 30 % of its value, one that may be zero to a tenth of its
@@ -229,16 +225,14 @@ def asking_for(
     changed: dict[str, Known] = {}
     for name in names:
         if name not in TABLE:
-            known = parameter_table(case_model(case, case.runs[0], catalogue=catalogue))
+            known = parameter_table(case_model(case, case.runs[0]))
             raise ParameterError(f"--parameter {name}: no parameter is called so.{nearest(name, [*known])}")
         stated = case.parameters.get(name)
         in_runs = name == "initial_soc" or any(name in run.overrides and run.overrides[name].sd for run in case.runs)
         if in_runs or (stated is not None and stated.sd is not None):
             continue
         known = info(name)
-        number = float(
-            stated.value if stated is not None else value(case_model(case, case.runs[0], catalogue=catalogue), name)
-        )
+        number = float(stated.value if stated is not None else value(case_model(case, case.runs[0]), name))
         width = known.upper - known.lower
         sd = ASSUMED_SHARE * abs(number) or (_ASSUMED_RANGE_SHARE * width if np.isfinite(width) else 1.0)
         changed[name] = Known(number, sd)

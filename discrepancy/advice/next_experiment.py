@@ -22,7 +22,8 @@ from discrepancy.fitting.problem import Problem, make_problem
 from discrepancy.fitting.readings import Readings, Weights, collect
 from discrepancy.noise.model_error import NONE
 from discrepancy.workings import Workings
-from jaxmodel.cases import Case, Known, Run
+from jaxmodel.case import Case, Run
+from jaxmodel.known import Known
 from jaxmodel.measurements import KINDS, Measured
 
 # Inputs that drive; all others load.
@@ -188,7 +189,7 @@ class _Batch:
         fine = [one.effect for one in bench.candidates.values() if one.bends and one.group == "effect"]
         everything = list(bench.candidates.values())
         layout = _of_the_bank(bench.layout)
-        made = make_problem(self.case, layout, everything, bench.catalogue, fine if setting.is_fine else ())
+        made = make_problem(self.case, layout, everything, fine if setting.is_fine else ())
         return dataclasses.replace(made, shapes=bench.problem(setting).shapes)
 
     def readings(self, bench: Bench) -> Readings:

@@ -14,7 +14,7 @@ from discrepancy.fitting.model import Bench
 from discrepancy.noise.instrument import NoiseModel
 from discrepancy.result import Extrapolated
 from discrepancy.settings import SETTINGS
-from jaxmodel.cases import Case, Run
+from jaxmodel.case import Case, Run
 from jaxmodel.declaration import describe
 from jaxmodel.parameters import info
 

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from discrepancy.extended.tables import corrected_tables, is_held_by_tables
-from discrepancy.result import Diagnosis, Estimate, RunFound
+from discrepancy.result import CurveFound, Estimate, RunFound, Rung
 from discrepancy.wording import curve_sentence, effect_name, is_law, run_sentence
 from jaxmodel.build import case_model
-from jaxmodel.cases import Case, Run
+from jaxmodel.case import Case, Run
 from jaxmodel.declaration import ParameterInfo, describe
-from jaxmodel.effects import CATALOGUE
 from jaxmodel.known import Known
 from jaxmodel.parameters import info
 from jaxmodel.ports import Effect
@@ -23,53 +22,62 @@ _STARTS = ("initial_temperature_rise_K", "initial_hysteresis")
 _HELD_BY_A_RUN = {"friction_shift": "tau_0"}
 
 
-def extended_case(diagnosis: Diagnosis, catalogue: Mapping[str, type[Effect]] = CATALOGUE) -> tuple[Case, list[str]]:
+def extended_case(
+    case: Case, final: Rung, curves: Sequence[CurveFound] = (), found_runs: Sequence[RunFound] = ()
+) -> tuple[Case, list[str]]:
     """Return the case with the final model's numbers, effects and tables, each with its sd; and what it cannot hold.
 
     A wrong model may fit numbers beyond the bounds of their table: these are moved to the bound. Two faults of one kind
     on two columns have one name in a case file: the first is kept. A law in no catalogue and most numbers of single
     runs have no place in a case file. All of this is said in the second result.
+
+    Args:
+        case: as it was diagnosed.
+        final: the model.
+        curves: the tables and relations that it corrects.
+        found_runs: what single runs have for themselves in it.
     """
-    case, fitted = diagnosis.case, _Fitted(diagnosis.final.estimates)
+    fitted = _Fitted(final.estimates)
+    catalogue = case.catalogue
     values = {name: dict(of_effect) for name, of_effect in case.effects.items()}
     effect_sd = {name: dict(of_effect) for name, of_effect in case.effect_sd.items()}
     for name, sds in case.effect_sd.items():
         column = case.effects[name].get("column")
         fitted.put_effect(f"{name}:{column}" if column else name, list(sds), catalogue, values, effect_sd)
-    shifted = {run.label: run for run in diagnosis.runs}
-    for label in diagnosis.final.added:
+    shifted = {run.label: run for run in found_runs}
+    for label in final.added:
         name = label.partition(":")[0]
         if "@" in label or is_law(label) or is_held_by_tables(label):
             continue
         if name not in catalogue:
-            fitted.notes.append(_left_out(label, diagnosis))
+            fitted.notes.append(_left_out(label, curves))
         elif name in values:
             fitted.notes.append(f"{label} is left out: a case file holds one effect of a name.")
         else:
             fitted.put_effect(label, list(describe(catalogue[name])), catalogue, values, effect_sd)
     parameters = {name: fitted.known(name, before, info(name)) for name, before in case.parameters.items()}
     runs = [fitted.run(run) for run in case.runs]
-    for label in (label for label in diagnosis.final.added if "@" in label):
+    for label in (label for label in final.added if "@" in label):
         if label in shifted and label.partition("@")[0] in _HELD_BY_A_RUN:
             runs = [_shifted(run, shifted[label], parameters, fitted) for run in runs]
         else:
             told = run_sentence(shifted[label]) if label in shifted else f"{effect_name(label)}."
             fitted.notes.append(f"A case file has no place for what one run has for itself: {told}")
     extended = dataclasses.replace(case, parameters=parameters, effects=values, effect_sd=effect_sd, runs=tuple(runs))
-    tables, notes = corrected_tables(case_model(extended, runs[0], catalogue=catalogue), diagnosis.curves)
+    tables, notes = corrected_tables(case_model(extended, runs[0]), curves)
     cycles = {run.overrides["cycles"].value if "cycles" in run.overrides else None for run in runs}
     if "R_ints" in tables and len(cycles) > 1:
         notes.append("R_ints holds its curve for the cycles of the first run; runs of other cycles are a little off.")
     notes += [
         f"{effect_name(label)} is left out: it is an effect in found_law.py; give --effect found_law.py:FoundLaw."
-        for label in diagnosis.final.added
+        for label in final.added
         if is_law(label)
     ]
     return dataclasses.replace(extended, tables=case.tables | tables), [*fitted.notes, *notes]
 
 
-def _left_out(label: str, diagnosis: Diagnosis) -> str:
-    told = [curve_sentence(curve) for curve in diagnosis.curves if curve.label == label]
+def _left_out(label: str, curves: Sequence[CurveFound]) -> str:
+    told = [curve_sentence(curve) for curve in curves if curve.label == label]
     return f"{label} is left out: a case file has no table for it{f': {told[0]}' if told else '.'}"
 
 

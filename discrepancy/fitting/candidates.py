@@ -16,9 +16,8 @@ from discrepancy.fitting.coordinates import Coordinate, effect_coordinate
 from discrepancy.fitting.laws import PORTS, law_effect, quantities, setting
 from discrepancy.settings import SETTINGS, Settings
 from jaxmodel.build import case_model
-from jaxmodel.cases import Case
+from jaxmodel.case import Case
 from jaxmodel.declaration import describe
-from jaxmodel.effects import CATALOGUE
 from jaxmodel.effects.curves import CURVES
 from jaxmodel.effects.shifts import SHIFTS
 from jaxmodel.ports import Effect, touches
@@ -185,16 +184,16 @@ def make_candidate(effect: Effect, usual: Mapping[str, tuple[float, float]] | No
     )
 
 
-def candidates(case: Case, catalogue: Mapping[str, type[Effect]] = CATALOGUE) -> list[Candidate]:
+def candidates(case: Case) -> list[Candidate]:
     """Return everything that could act in a case and is not in its model already, unknown laws apart."""
-    return [*_effects(case, catalogue), *_curves(case), *_of_runs(case)]
+    return [*_effects(case), *_curves(case), *_of_runs(case)]
 
 
-def _effects(case: Case, catalogue: Mapping[str, type[Effect]]) -> Iterator[Candidate]:
+def _effects(case: Case) -> Iterator[Candidate]:
     """Yield every effect of the catalogue, those of a sensor on every column that they could sit on."""
     present = {f"{name}:{values['column']}" if values.get("column") else name for name, values in case.effects.items()}
     columns = _columns(case)
-    for name, cls in catalogue.items():
+    for name, cls in case.catalogue.items():
         if case.kind not in cls.kinds or name in present or not is_told(case, cls):
             continue
         if not cls.is_sensor:

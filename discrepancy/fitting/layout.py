@@ -11,14 +11,11 @@ from jaxtyping import Array
 
 from discrepancy.fitting.candidates import Candidate
 from discrepancy.fitting.coordinates import Coordinate, known_coordinate
-from jaxmodel.cases import Case
+from jaxmodel.case import Case
 from jaxmodel.declaration import ParameterInfo, describe
-from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import FitError
 from jaxmodel.known import Known
-from jaxmodel.measurements import file_label
 from jaxmodel.parameters import info
-from jaxmodel.ports import Effect
 
 # Where a model stands: coordinates of effects by label, and of the base model.
 Start = Mapping[str, np.ndarray]
@@ -91,9 +88,7 @@ class Layout:
         return x
 
 
-def make_layout(
-    case: Case, candidates: Sequence[Candidate], catalogue: Mapping[str, type[Effect]] = CATALOGUE
-) -> Layout:
+def make_layout(case: Case, candidates: Sequence[Candidate]) -> Layout:
     """Lay out the unknowns: declared parameters, what runs declare of their own, then those of candidates.
 
     Raises:
@@ -117,7 +112,7 @@ def make_layout(
             fixed = tuple(i for i, r in enumerate(case.runs) if name in r.overrides and r.overrides[name].sd is None)
             add(name, known, info(name), -1, fixed)
     for name, sds in case.effect_sd.items():
-        table, column = describe(catalogue[name]), case.effects[name].get("column", "")
+        table, column = describe(case.catalogue[name]), case.effects[name].get("column", "")
         for field, sd in sds.items():
             label = f"{name}:{column}" if column else name
             add(f"{label}.{field}", Known(float(case.effects[name][field]), sd), table[field])
@@ -128,7 +123,7 @@ def make_layout(
                 add(name, known, info(name), number)
     if not coordinates:
         raise FitError(
-            f"{file_label(case.path)}: nothing to calibrate; give at least one parameter an uncertainty, "
+            f"{case.label}: nothing to calibrate; give at least one parameter an uncertainty, "
             f"as in capacity_Ah = {{ value = 5.2, sd = 0.15 }}."
         )
     for number, run in enumerate(case.runs):

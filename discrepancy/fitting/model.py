@@ -19,8 +19,7 @@ from discrepancy.noise.contract import without_input_noise
 from discrepancy.noise.instrument import NoiseModel
 from discrepancy.preparation.held_inputs import noisy_inputs
 from discrepancy.settings import SETTINGS, Settings
-from jaxmodel.cases import Case
-from jaxmodel.effects import CATALOGUE
+from jaxmodel.case import Case
 from jaxmodel.errors import EffectError, nearest
 from jaxmodel.ports import Effect
 
@@ -63,18 +62,17 @@ class Bench:
     def __init__(
         self,
         case: Case,
-        catalogue: Mapping[str, type[Effect]] = CATALOGUE,
         without: Sequence[str] = (),
         settings: Settings = SETTINGS,
     ) -> None:
         """Lay out the unknowns, without what the user rules out."""
-        self.case, self.catalogue, self.settings = case, catalogue, settings
+        self.case, self.settings = case, settings
         ranges, sizes = _ranges(case), _sizes(case)
-        everything = [*candidates(case, catalogue), *laws(case, ranges, sizes, settings)]
+        everything = [*candidates(case), *laws(case, ranges, sizes, settings)]
         self.candidates: dict[str, Candidate] = {one.label: one for one in everything}
         ruled_out = self.labels_of(without)
         self.candidates = {label: one for label, one in self.candidates.items() if label not in ruled_out}
-        self.layout: Layout = make_layout(case, list(self.candidates.values()), catalogue)
+        self.layout: Layout = make_layout(case, list(self.candidates.values()))
 
     @functools.cached_property
     def coarse(self) -> Problem:
@@ -98,7 +96,7 @@ class Bench:
 
     def _made(self, is_fine: bool, is_lawful: bool) -> Problem:
         some = [one for one in self.candidates.values() if is_lawful or one.group != "law"]
-        return make_problem(self.case, self.layout, some, self.catalogue, self._bending if is_fine else ())
+        return make_problem(self.case, self.layout, some, self._bending if is_fine else ())
 
     @property
     def _bending(self) -> list[Effect]:
@@ -121,7 +119,7 @@ class Bench:
         key = f"_quiet_{is_fine}"
         if key not in self.__dict__:
             quiet = without_input_noise(self.case, noise)
-            self.__dict__[key] = courses_of(quiet, self.catalogue, self._bending if is_fine else ())
+            self.__dict__[key] = courses_of(quiet, self._bending if is_fine else ())
         return self.__dict__[key]
 
     def setting(self, labels: Sequence[str], amplitudes: Mapping[str, float] | None = None) -> Setting:

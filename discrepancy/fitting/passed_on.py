@@ -12,7 +12,7 @@ from discrepancy.fitting.model import Bench, Setting
 from discrepancy.noise.input_noise import InputNoise, MovedInputs
 from discrepancy.noise.instrument import NoiseModel
 from discrepancy.preparation.held_inputs import noisy_inputs
-from jaxmodel.cases import Case
+from jaxmodel.case import Case
 
 
 def noise_passed_on(

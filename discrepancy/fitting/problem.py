@@ -18,8 +18,7 @@ from discrepancy.fitting.layout import Layout
 from discrepancy.fitting.shapes import rounded_length, rounded_rows, rounded_steps, shapes_of
 from discrepancy.preparation.held_inputs import noisy_inputs
 from jaxmodel.build import case_model, run_profile
-from jaxmodel.cases import Case
-from jaxmodel.effects import CATALOGUE
+from jaxmodel.case import Case
 from jaxmodel.measurements import KINDS
 from jaxmodel.model import Model
 from jaxmodel.ports import Effect
@@ -229,7 +228,6 @@ def make_problem(
     case: Case,
     layout: Layout,
     candidates: Sequence[Candidate],
-    catalogue: Mapping[str, type[Effect]] = CATALOGUE,
     fine_for: Sequence[Effect] = (),
 ) -> Problem:
     """Lay a case out for fitting, with every candidate in it: at its null, or behind a switch.
@@ -238,10 +236,9 @@ def make_problem(
         case: with its runs.
         layout: of the unknowns.
         candidates: all that could be missing.
-        catalogue: the known effects, for those that the case itself names.
         fine_for: effects for which the steps are made as fine as they need.
     """
-    bare = [case_model(case, run, catalogue=catalogue) for run in case.runs]
+    bare = [case_model(case, run) for run in case.runs]
     courses, times = _courses([_with_effects(model, tuple(fine_for)) for model in bare], case)
     effects, switched = [], []
     for candidate in candidates:
@@ -277,9 +274,9 @@ def make_problem(
     )
 
 
-def courses_of(case: Case, catalogue: Mapping[str, type[Effect]], fine_for: Sequence[Effect]) -> Track:
+def courses_of(case: Case, fine_for: Sequence[Effect]) -> Track:
     """Return the steps of a case whose inputs differ from those of a problem, and whose times do not."""
-    bare = [_with_effects(case_model(case, run, catalogue=catalogue), tuple(fine_for)) for run in case.runs]
+    bare = [_with_effects(case_model(case, run), tuple(fine_for)) for run in case.runs]
     return _courses(bare, case)[0]
 
 

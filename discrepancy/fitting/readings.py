@@ -12,7 +12,7 @@ from discrepancy.noise.instrument import NoiseModel
 from discrepancy.noise.model_error import Chain, ModelError, Whitener
 from discrepancy.noise.whitening import chain_starts, chain_weights, innovations
 from discrepancy.settings import SETTINGS, Settings
-from jaxmodel.cases import Case
+from jaxmodel.case import Case
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 from discrepancy.noise.instrument import NoiseModel, break_at_jumps, channel_noise, local_noise
 from discrepancy.noise.whitening import chain_starts
 from discrepancy.preparation.held_inputs import LONG, noisy_inputs, rows_held
-from jaxmodel.cases import Case, Run
+from jaxmodel.case import Case, Run
 from jaxmodel.measurements import KINDS
 
 # Rows of the windows in which noise is looked at: short, so that nothing slow looks like it.

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from discrepancy.preparation.held_inputs import with_held_inputs
 from discrepancy.preparation.inputs import check_sign_of_current, with_like_inputs
 from discrepancy.preparation.outliers import without_outliers
 from discrepancy.preparation.saturated import without_saturated
 from discrepancy.preparation.stuck import without_stuck
-from jaxmodel.cases import Case
-from jaxmodel.ports import Effect
+from jaxmodel.case import Case
 
 
-def prepared(case: Case, catalogue: Mapping[str, type[Effect]]) -> tuple[Case, tuple[str, ...]]:
+def prepared(case: Case) -> tuple[Case, tuple[str, ...]]:
     """Return the case as it is diagnosed, and a sentence for everything that was left out of it.
 
     Raises:
@@ -25,5 +22,5 @@ def prepared(case: Case, catalogue: Mapping[str, type[Effect]]) -> tuple[Case, t
         case, more = without(case)
         told += more
     case = with_held_inputs(with_like_inputs(case))
-    check_sign_of_current(case, catalogue)
+    check_sign_of_current(case)
     return case, tuple(told)

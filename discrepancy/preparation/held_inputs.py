@@ -15,7 +15,7 @@ import itertools
 import numpy as np
 from scipy.stats import chi2, kstwobign
 
-from jaxmodel.cases import Case
+from jaxmodel.case import Case
 
 # A difference of neighbours of so many sd is a jump.
 _JUMP = 6.0

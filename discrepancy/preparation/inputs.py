@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 
 import numpy as np
 
 from jaxmodel.build import case_model, run_profile
-from jaxmodel.cases import Case, Run
-from jaxmodel.effects import CATALOGUE
+from jaxmodel.case import Case, Run
 from jaxmodel.errors import FitError, MeasurementError
-from jaxmodel.measurements import KINDS, file_label
-from jaxmodel.ports import Effect
+from jaxmodel.measurements import KINDS
 from jaxmodel.robot import duty_of_signal
 from jaxmodel.simulation import simulate
 
@@ -39,13 +36,13 @@ def with_like_inputs(case: Case) -> Case:
     for run in runs[1:]:
         if other := sorted(first.measured.inputs.keys() ^ run.measured.inputs.keys()):
             raise FitError(
-                f"{file_label(case.path)}: {first.file} and {run.file} are driven in different ways ("
+                f"{case.label}: {first.file} and {run.file} are driven in different ways ("
                 f"{', '.join(other)}); put runs that are driven alike into a case of their own."
             )
     return dataclasses.replace(case, runs=tuple(runs))
 
 
-def check_sign_of_current(case: Case, catalogue: Mapping[str, type[Effect]] = CATALOGUE) -> None:
+def check_sign_of_current(case: Case) -> None:
     """Refuse a cell whose current is counted as negative on discharge, which nothing else would show so plainly.
 
     Its voltage then rises with the current and with the charge it takes, in every run, and the stated model, run
@@ -58,9 +55,9 @@ def check_sign_of_current(case: Case, catalogue: Mapping[str, type[Effect]] = CA
     runs = [run for run in runs if np.any(run.measured.inputs["current_A"])]
     if not runs or not all(_rises_with_current(run) for run in runs):
         return
-    if _misfit(case, runs, -1.0, catalogue) < _CLOSER * _misfit(case, runs, 1.0, catalogue):
+    if _misfit(case, runs, -1.0) < _CLOSER * _misfit(case, runs, 1.0):
         raise MeasurementError(
-            f"{file_label(case.path)}: voltage_V falls where current_A is negative, in every run; currents are "
+            f"{case.label}: voltage_V falls where current_A is negative, in every run; currents are "
             "positive on discharge, so multiply the column current_A by -1."
         )
 
@@ -79,12 +76,12 @@ def _rises_with_current(run: Run) -> bool:
     return bool(np.all(slopes > 0.0))
 
 
-def _misfit(case: Case, runs: list[Run], sign: float, catalogue: Mapping[str, type[Effect]]) -> float:
+def _misfit(case: Case, runs: list[Run], sign: float) -> float:
     """Return the RMS of measured less predicted voltage of the stated model, its currents times a sign."""
     errors = []
     for run in runs:
         turned = run.driven_by(run.measured.inputs | {"current_A": sign * run.measured.inputs["current_A"]})
-        found = simulate(case_model(case, run, catalogue=catalogue), run_profile(turned)).readings["voltage_V"]
+        found = simulate(case_model(case, run), run_profile(turned)).readings["voltage_V"]
         errors.append(run.measured.outputs["voltage_V"] - np.asarray(found))
     together = np.concatenate(errors)
     together = together[np.isfinite(together)]

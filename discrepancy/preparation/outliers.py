@@ -22,7 +22,7 @@ from discrepancy.preparation.signals import (
     robust_sd,
     without_readings,
 )
-from jaxmodel.cases import Case, Run
+from jaxmodel.case import Case, Run
 
 # An outlier stands this many sd off the readings before and after it, which differ by less than half of that; it is
 # over after so many rows. White noise has none in 1e20 readings.

@@ -13,7 +13,7 @@ import numpy as np
 
 from discrepancy.preparation.signals import detect_quantum, without_readings
 from discrepancy.preparation.stuck import Stretch, stretches
-from jaxmodel.cases import Case, Run
+from jaxmodel.case import Case, Run
 from jaxmodel.units import unit_of
 
 # Rows of one stretch at the rail, stretches, and rows in all, from which on there is a rail.

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxmodel.cases import Run
+from jaxmodel.case import Run
 
 MAD_OF_NORMAL = 0.6745
 # A row so many times as long as those on both sides is a pause: nothing that was before it says anything of after it.

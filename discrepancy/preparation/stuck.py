@@ -25,7 +25,7 @@ from discrepancy.preparation.signals import (
     robust_sd,
     without_readings,
 )
-from jaxmodel.cases import Case, Run
+from jaxmodel.case import Case, Run
 from jaxmodel.units import unit_of
 
 # A stretch of one reading is suspicious from so many rows, and so great a share of the run's time, on.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jaxmodel.cases import Run
+from jaxmodel.case import Run
 
 # A step of an input by this share of its range in the run is a change of load.
 _CHANGE = 0.1

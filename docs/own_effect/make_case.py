@@ -7,10 +7,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from jaxmodel import read_case, simulate_case
 from jaxmodel.build import load_effect_class
-from jaxmodel.case_simulation import simulate_case
-from jaxmodel.cases import read_case
-from workbench.commands.start import catalogue_with
 
 EFFECT = Path(__file__).parents[2] / "examples" / "my_effects.py"
 TRUTH = {"R_c": 0.015, "R_th": 40.0, "tau_c": 60.0}
@@ -42,8 +40,8 @@ for number, split in enumerate(("fit", "fit", "check"), start=1):
 (folder / "case.toml").write_text(text, encoding="utf-8")
 
 own = load_effect_class(f"{EFFECT}:HotContact")
-truth = dataclasses.replace(read_case(folder), effects={own.name: TRUTH})
-for outcome in simulate_case(truth, catalogue=catalogue_with({own.name: own})):
+truth = dataclasses.replace(read_case(folder, own_effects=[own]), effects={own.name: TRUTH})
+for outcome in simulate_case(truth):
     file = folder / outcome.run.file
     table = pd.read_csv(file)
     table["voltage_V"] = (outcome.table["voltage_V"] + NOISE_V * rng.standard_normal(time.size)).round(4)

@@ -11,14 +11,10 @@ import typer
 
 # First of ours: sweeps gives JAX every core, which must happen before the first array.
 from examples.paper.discharges import discharges  # isort: skip
-from discrepancy import answer as answer_of
 from discrepancy import diagnose
-from discrepancy.extended.case import extended_case
-from discrepancy.result import write_answer
 from examples.paper import report, report_no_load
 from examples.paper.candidates import carried
 from examples.paper.no_load import course, doubled, experiment, gradients, no_load, pulsed
-from jaxmodel.case_writing import write_case
 from jaxmodel.cases import read_case
 from workbench import terminal
 from workbench.article import Table, write_article
@@ -87,10 +83,8 @@ def _diagnosis(out: Path) -> tuple[dict[str, Any], str]:
     """Diagnose the example now and leave the answer, and the model extended by it, in `out`."""
     with terminal.told("Table 1", DONE_BY) as progress:
         diagnosis = diagnose(read_case(EXAMPLE), progress=progress)
-    write_answer(diagnosis, out / "answer.json")
-    extended, notes = extended_case(diagnosis)
-    write_case(extended, out / "extended.toml", notes)
-    return answer_of(diagnosis), "The diagnosis was computed with this report."
+    diagnosis.write(out, pictures=False)
+    return diagnosis.answer(), "The diagnosis was computed with this report."
 
 
 if __name__ == "__main__":

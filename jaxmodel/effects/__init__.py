@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Iterable
 
+from jaxmodel.declaration import describe
 from jaxmodel.effects import battery, drive, further_battery, further_drive, further_sensors, sensors
+from jaxmodel.errors import EffectError
 from jaxmodel.ports import Effect
+from jaxmodel.specimen import scale_of
 
 CATALOGUE: dict[str, type[Effect]] = {
     cls.name: cls
@@ -14,4 +18,41 @@ CATALOGUE: dict[str, type[Effect]] = {
     if issubclass(cls, Effect) and hasattr(cls, "name") and cls.__module__ == module.__name__
 }
 
-__all__ = ["CATALOGUE", "Effect"]
+
+def own_effects(classes: Iterable[type[Effect]]) -> dict[str, type[Effect]]:
+    """Return effects of the user's own by name, after a check that they can take part in everything.
+
+    Raises:
+        EffectError: a class lacks something that it must declare, or has the name of another effect.
+    """
+    found: dict[str, type[Effect]] = {}
+    for cls in classes:
+        if not (inspect.isclass(cls) and issubclass(cls, Effect)):
+            raise EffectError(f"{cls!r} is not an effect; give a class derived from jaxmodel.Effect.")
+        if missing := _missing(cls):
+            raise EffectError(f"{cls.__name__} has no {missing}; docs/your_own_effect.md shows a whole one.")
+        if cls.name in CATALOGUE or cls.name in found:
+            raise EffectError(f"{cls.__name__}: there is an effect called '{cls.name}' already; give it another name.")
+        found[cls.name] = cls
+    return found
+
+
+def _missing(cls: type[Effect]) -> str:
+    """Return what an effect class does not declare, of what it needs to take part in everything; '' where nothing.
+
+    Raises:
+        EffectError: a parameter scales with a size that no cell or motor has.
+    """
+    for attribute in ("name", "kinds", "equation"):
+        if not getattr(cls, attribute, None):
+            return attribute
+    table = describe(cls)
+    if not table:
+        return "parameter"
+    for info in table.values():
+        scale_of(info.scales, {})
+    unstated = [name for name, info in table.items() if info.typical is None]
+    return f"usual range of its parameter '{unstated[0]}', as in typical=(0.01, 0.2)" if unstated else ""
+
+
+__all__ = ["CATALOGUE", "Effect", "own_effects"]

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jaxmodel.cases import Case, read_case
+from jaxmodel.case import Case
+from jaxmodel.cases import read_case
 from tests.independent import Run, make_profile, simulate, write_case
 
 SOC = np.round(np.linspace(0.0, 1.0, 21), 2)

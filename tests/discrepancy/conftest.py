@@ -9,7 +9,7 @@ from discrepancy.fitting.readings import Weights, collect
 from discrepancy.investigation import Investigation
 from discrepancy.noise.contract import noise_of_case
 from discrepancy.noise.model_error import NONE
-from jaxmodel.cases import Case
+from jaxmodel.case import Case
 from tests.discrepancy.made_cases import SMALL_KEPT, MadeCell, bench_of, investigation_of, made_cell, small_cell
 
 HEATING = {"self_heating": {"C_th": 60.0, "hA": 0.1}}

@@ -16,7 +16,9 @@ import pandas as pd
 from discrepancy.fitting.model import Bench
 from discrepancy.investigation import Investigation
 from jaxmodel.build import case_model, run_profile
-from jaxmodel.cases import Case, Known, Run, read_case
+from jaxmodel.case import Case, Run
+from jaxmodel.cases import read_case
+from jaxmodel.known import Known
 from jaxmodel.measurements import Measured
 from jaxmodel.simulation import simulate as simulated
 from tests.independent import Run as Drive

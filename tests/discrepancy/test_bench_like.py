@@ -17,7 +17,7 @@ import pytest
 
 from benchmarks.discrepancy.visible import residuals, stands_out, with_truth, without
 from discrepancy import diagnose
-from jaxmodel.cases import Case
+from jaxmodel.case import Case
 from jaxmodel.known import Table
 from tests.discrepancy import bench_cases as made
 from tests.discrepancy.bench_cases import NOISE, Made

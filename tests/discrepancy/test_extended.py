@@ -12,25 +12,30 @@ import pytest
 from discrepancy.extended.case import extended_case
 from discrepancy.result import CurveFound, Diagnosis, Estimate, RunFound
 from jaxmodel.build import case_model, run_profile
+from jaxmodel.case import Case
 from jaxmodel.case_simulation import simulate_case
 from jaxmodel.case_writing import write_case
-from jaxmodel.cases import Case, read_case
+from jaxmodel.cases import read_case
 from jaxmodel.effects.curves import CURVES, SOC_KNOTS, TEMPERATURE_KNOTS
 from jaxmodel.known import Known, Table, Tolerance
 from jaxmodel.simulation import simulate
 from tests.made_up import contact, factor_curve, law, ocv_curve, with_additions
 
 
+def of(diagnosis: Diagnosis) -> tuple[Case, list[str]]:
+    return extended_case(diagnosis.case, diagnosis.final, diagnosis.curves, diagnosis.runs)
+
+
 @pytest.fixture
 def written(diagnosis: Diagnosis, tmp_path: Path) -> Case:
     folder = tmp_path / "somewhere" / "else"
     folder.mkdir(parents=True)
-    write_case(extended_case(diagnosis)[0], folder / "extended.toml", ["a comment"])
+    write_case(diagnosis.extended_case(), folder / "extended.toml", ["a comment"])
     return read_case(folder / "extended.toml")
 
 
 def read_back(diagnosis: Diagnosis, folder: Path) -> tuple[Case, list[str]]:
-    case, notes = extended_case(diagnosis)
+    case, notes = of(diagnosis)
     write_case(case, folder / "extended.toml", notes)
     return read_case(folder / "extended.toml"), notes
 
@@ -140,7 +145,7 @@ def test_tables_hold_the_curves(
     assert set(written.tables) == changed
     for name in changed:
         assert written.tables[name].sd is not None
-    final = dataclasses.replace(extended_case(diagnosis)[0], tables=tables)
+    final = dataclasses.replace(diagnosis.extended_case(), tables=tables)
     effects = tuple(CURVES[curve.label](jnp.asarray(curve.value), tuple(curve.at)) for curve in curves)
     for outcome in simulate_case(written):
         run = next(run for run in final.runs if run.name == outcome.run.name)
@@ -176,7 +181,7 @@ def test_what_a_case_file_cannot_hold_is_said(diagnosis: Diagnosis, tmp_path: Pa
 
 def test_friction_of_one_run_is_its_own_number(diagnosis: Diagnosis) -> None:
     tight = RunFound("friction_shift@run-02", "run-02", "run-02.csv", "friction_torque_Nm", 0.004, 0.001, "N m", {})
-    case, notes = extended_case(with_additions(diagnosis, runs=(tight,)))
+    case, notes = of(with_additions(diagnosis, runs=(tight,)))
     assert notes == []
     default = case_model(diagnosis.case).parameters.tau_0
     assert case.runs[1].overrides["tau_0"].value == pytest.approx(float(default) + 0.004)
@@ -214,7 +219,7 @@ def test_second_fault_of_one_kind_is_left_out_and_said(diagnosis: Diagnosis) -> 
     estimates = {f"{label}.c": Estimate(0.01, 0.001, "V") for label in labels}
     final = dataclasses.replace(diagnosis.final, added=labels, estimates=estimates)
     two_faults = dataclasses.replace(diagnosis, ladder=(*diagnosis.ladder[:-1], final))
-    case, notes = extended_case(two_faults)
+    case, notes = of(two_faults)
     assert case.effects == {"voltage_offset": {"c": 0.01, "column": "voltage_V"}}
     assert case.effect_sd == {"voltage_offset": {"c": 0.001}}
     assert notes == [f"{labels[1]} is left out: a case file holds one effect of a name."]

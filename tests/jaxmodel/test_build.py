@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from jaxmodel.build import case_model, load_effect_class, make_effect, run_profile
-from jaxmodel.cases import Case, read_case
+from jaxmodel.case import Case
+from jaxmodel.cases import read_case
 from jaxmodel.curves import Table
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import EffectError, ParameterError

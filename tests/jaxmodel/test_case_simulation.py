@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 
 from jaxmodel.build import case_model, run_profile
+from jaxmodel.case import Case, Run
 from jaxmodel.case_simulation import simulate_case
-from jaxmodel.cases import Case, Run
 from jaxmodel.simulation import Cutoff, Status, simulate
 
 

@@ -9,10 +9,11 @@ from typing import get_args, get_type_hints
 import numpy as np
 import pytest
 
+from jaxmodel.case import Case
 from jaxmodel.case_schema import CaseEntry
-from jaxmodel.cases import Case, Known, read_case
+from jaxmodel.cases import read_case
 from jaxmodel.errors import MeasurementError, ParameterError
-from jaxmodel.known import Tolerance
+from jaxmodel.known import Known, Tolerance
 from jaxmodel.measurements import KINDS
 
 CSV = {

@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 
 from jaxmodel.build import case_model, preset_model
-from jaxmodel.cases import Case, read_case
+from jaxmodel.case import Case
+from jaxmodel.cases import read_case
 from jaxmodel.errors import ParameterError, SweepError
 from jaxmodel.known import Known, Table
 from jaxmodel.measurements import KINDS

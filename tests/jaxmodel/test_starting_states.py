@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxmodel.cases import Known, read_case
+from jaxmodel.cases import read_case
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import ParameterError
+from jaxmodel.known import Known
 from jaxmodel.model import Model
 from jaxmodel.parameters import Parameters
 from jaxmodel.profile import constant

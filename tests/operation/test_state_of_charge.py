@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from jaxmodel.build import preset_model
-from jaxmodel.cases import Run
+from jaxmodel.case import Run
 from jaxmodel.cell import cycle_resistance, storage_factor
 from jaxmodel.errors import MeasurementError
 from jaxmodel.names import with_values

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 
+from jaxmodel import Case, Status
 from jaxmodel.build import load_effect_class
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import SweepError, UserError
+from sensitivity import stated_sd
 from sweeps import Study, read_study, run
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -68,7 +74,7 @@ def test_effects_of_the_user_are_known_to_their_study_alone() -> None:
     }
     with pytest.raises(UserError, match=cls.name):
         Study(**fields)
-    study = Study(**fields, extra_effects={cls.name: cls})
+    study = Study(**fields, own_effects=[cls])
     without, with_contact = run(study)["min_voltage_V"].to_numpy()
     assert with_contact < without - 2.0 * 0.05 * 0.9
     assert study.replace(title="again").prepared.model.effects[0].name == cls.name
@@ -80,4 +86,33 @@ def test_effects_of_the_user_are_given_to_the_reader_of_a_file() -> None:
     file = EXAMPLES.parent / "docs" / "own_effect" / "study.toml"
     with pytest.raises(UserError, match="hot_contact"):
         read_study(file)
-    assert read_study(file, {cls.name: cls}).prepared.model.effects[0].label == "hot_contact"
+    assert read_study(file, own_effects=[cls]).prepared.model.effects[0].label == "hot_contact"
+
+
+def test_case_in_memory_is_that_of_its_file(tmp_path: Path) -> None:
+    """Its parameters, tables, effects and cut-off; the manifest holds them as numbers."""
+    frame = pd.DataFrame({"time_s": [0.0, 10.0], "current_A": 1.0, "ambient_degC": 20.0, "voltage_V": 3.9})
+    case = Case.from_dataframes(
+        {"1C": frame},
+        kind="cell",
+        parameters={"capacity_Ah": (3.0, 0.03)},
+        tables={"ocv": {"soc": [0.0, 1.0], "voltage_V": [3.0, 4.2]}},
+        effects={"ocv_hysteresis": {"M_V": 0.02}},
+        cutoff={"voltage_V": 3.2},
+    )
+    case.write(tmp_path / "written")
+    fields = {
+        "profile": {"duration_s": 7200, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0},
+        "axes": {"current_A": [1.0, 2.0]},
+    }
+    in_memory = run(Study(case=case, **fields))
+    of_file = run(Study(case=str(tmp_path / "written"), **fields))
+    for name in of_file.data_vars:
+        np.testing.assert_array_equal(in_memory[name], of_file[name])
+    assert of_file["status"].values.tolist() == [Status.REACHED_CUTOFF] * 2  # that of the case
+    content = json.loads(in_memory.attrs["manifest"])["study"]["case"]
+    assert content["parameters"] == {"capacity_Ah": 3.0}
+    assert content["tables"]["ocv"]["values"] == [3.0, 4.2]
+    other = dataclasses.replace(case, cutoff={})
+    assert Study(case=case, **fields).digest != Study(case=other, **fields).digest
+    assert stated_sd(Study(case=case, **fields)) == {"capacity_Ah": 0.03}

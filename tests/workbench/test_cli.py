@@ -17,14 +17,15 @@ import xarray as xr
 
 from discrepancy.result import VERDICTS, Diagnosis
 from jaxmodel.build import case_model, run_profile
-from jaxmodel.cases import Case, read_case
+from jaxmodel.case import Case
+from jaxmodel.cases import read_case
 from jaxmodel.effects import CATALOGUE
+from jaxmodel.jax_settings import cache_folder
 from jaxmodel.simulation import simulate
 from tests.made_up import law, with_additions
 from tests.workbench.conftest import Run
 from workbench import terminal
 from workbench.commands import diagnose as diagnose_command
-from workbench.compiled import cache_folder
 
 PNG = b"\x89PNG\r\n\x1a\n"
 STUDY = """

@@ -10,15 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from discrepancy.extended.case import extended_case
 from discrepancy.result import Diagnosis, Removed, RunFound
-from discrepancy.wording import curve_sentence, removed, run_sentence, rung_name, verdict_sentence
+from discrepancy.summary import extrapolated_sentence, purpose_sentences
+from discrepancy.wording import curve_sentence, ladder_names, removed, run_sentence, verdict_sentence
 from jaxmodel.build import load_effect_class
-from jaxmodel.case_simulation import simulate_case
-from jaxmodel.effects import CATALOGUE
 from tests.made_up import contact, law, ocv_curve, with_additions
-from workbench.commands.diagnose import pictures_of, print_diagnosis
-from workbench.report import extrapolated_sentence, purpose_sentences, write_report
+from workbench.commands.diagnose import print_diagnosis
+from workbench.report import write_report
 
 OWN_EFFECTS = Path(__file__).parents[2] / "examples" / "my_effects.py"
 VOID = {"meta", "img", "br", "hr", "link", "input"}
@@ -59,7 +57,7 @@ def full(diagnosis: Diagnosis) -> Diagnosis:
 @pytest.fixture(scope="module")
 def page(full: Diagnosis, tmp_path_factory: pytest.TempPathFactory) -> Page:
     path = tmp_path_factory.mktemp("report") / "report.html"
-    write_report(full, path, pictures_of(full, simulate_case(extended_case(full)[0])))
+    write_report(full, path.parent)
     return Page(path.read_text(encoding="utf-8"))
 
 
@@ -126,9 +124,8 @@ def test_report_names_its_data_by_their_digests(page: Page, diagnosis: Diagnosis
 def test_report_says_what_else_it_was_made_with(diagnosis: Diagnosis, tmp_path: Path) -> None:
     """The seed, what the user ordered, and the file of an effect of their own."""
     own = load_effect_class(f"{OWN_EFFECTS}:HotContact")
-    ordered = dataclasses.replace(diagnosis, ordered=("--without pwm_ripple",))
-    pictures = pictures_of(ordered, simulate_case(ordered.case))
-    write_report(ordered, tmp_path / "report.html", pictures, CATALOGUE | {own.name: own})
+    case = dataclasses.replace(diagnosis.case, own_effects={own.name: own})
+    write_report(dataclasses.replace(diagnosis, case=case, ordered=("--without pwm_ripple",)), tmp_path)
     text = Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
     assert "random numbers from seed 0" in text
     assert "ordered: --without pwm_ripple" in text
@@ -152,9 +149,8 @@ def test_model_that_fails_nowhere_has_a_report_too(diagnosis: Diagnosis, tmp_pat
     )
     final = dataclasses.replace(fine.final, at_bound=())
     fine = dataclasses.replace(fine, ladder=(fine.ladder[0], final))
-    pictures = pictures_of(fine, simulate_case(fine.case))
+    pictures = write_report(fine, tmp_path)
     assert not {"curves", "errors-by-run"} & set(pictures)
-    write_report(fine, tmp_path / "report.html", pictures)
     text = text_of(Page((tmp_path / "report.html").read_text(encoding="utf-8")))
     for said in ("No effect is named.", "None that this data could show.", "No condition stands out"):
         assert said in text
@@ -163,9 +159,11 @@ def test_model_that_fails_nowhere_has_a_report_too(diagnosis: Diagnosis, tmp_pat
 def test_rung_says_what_was_taken_out(diagnosis: Diagnosis) -> None:
     last = dataclasses.replace(diagnosis.final, added=("arrhenius_resistance", "ocv_curve"))
     swapped = dataclasses.replace(diagnosis, ladder=(*diagnosis.ladder, last))
-    assert rung_name(swapped, 2) == "with self_heating"
-    assert rung_name(swapped, 3) == "and arrhenius_resistance"
-    assert rung_name(swapped, 4) == "and ocv_curve, without self_heating"
+    assert ladder_names(swapped.ladder)[2:] == [
+        "with self_heating",
+        "and arrhenius_resistance",
+        "and ocv_curve, without self_heating",
+    ]
 
 
 def test_what_is_off_is_one_sentence() -> None:
@@ -245,8 +243,7 @@ def test_comparison_without_effects_has_a_report_too(diagnosis: Diagnosis, tmp_p
         fit_for_purpose={},
         errors=diagnosis.errors[diagnosis.errors["model"] == "base"],
     )
-    pictures = pictures_of(compared, simulate_case(extended_case(compared)[0]))
-    write_report(compared, tmp_path / "report.html", pictures)
+    pictures = write_report(compared, tmp_path)
     page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert "no effects were tried" in page.text
     assert "What this data cannot say" not in page.text

@@ -13,23 +13,20 @@ import xarray as xr
 import sensitivity
 import sweeps
 from discrepancy import Diagnosis, diagnose
-from discrepancy.extended.case import extended_case
-from discrepancy.result import write_answer
+from discrepancy.summary import error_in_short
 from discrepancy.wording import effect_name, join, verdict_sentence
-from jaxmodel.case_writing import write_case
 from jaxmodel.cases import read_case
-from jaxmodel.effects import CATALOGUE
 from jaxmodel.errors import MeasurementError
 from plots.sensitivities import doubling_beside_gradient, elasticities, over_time
 from plots.style import png
 from plots.sweeps import against_paper, family, heat_map
 from workbench import terminal
-from workbench.commands.diagnose import DONE_BY, print_diagnosis, write_pictures_and_report
+from workbench.commands.diagnose import DONE_BY, print_diagnosis
 from workbench.commands.sensitivity import print_sensitivity
 from workbench.commands.start import start
 from workbench.commands.sweep import print_sweep, run_study
 from workbench.page import write_page
-from workbench.report import error_in_short, report_content
+from workbench.report import report_content, write_report
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 POINT = {"ambient_degC": 20.0, "load_torque_Nm": 0.175}
@@ -78,14 +75,11 @@ def demo(out: Path, case_path: Path | None) -> None:
         (out / f"{name}.png").write_bytes(picture)
 
     folder = out / case.name
-    folder.mkdir(exist_ok=True)
     with terminal.told(case.name, DONE_BY) as progress:
         diagnosis = diagnose(case, progress=progress)
-        write_answer(diagnosis, folder / "answer.json")
-        extended, notes = extended_case(diagnosis)
-        write_case(extended, folder / "extended.toml", notes)
+        diagnosis.write(folder, pictures=False)
         progress("pictures and report")
-        pictures |= write_pictures_and_report(diagnosis, extended, folder, CATALOGUE)
+        pictures |= write_report(diagnosis, folder)
     print_diagnosis(diagnosis)
 
     numbers = numbers_that_matter(dataset, data, diagnosis)

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from jaxmodel.cases import Case, read_case
+from jaxmodel.case import Case
+from jaxmodel.cases import read_case
 from operation.evaluation import CONVERGED_S, rms
 from operation.kalman import Tuning
 from operation.state_of_charge import (
@@ -67,7 +68,7 @@ def estimate(path: Path, out: Path, count: int, tuning_path: Path | None) -> Non
         f"made in {time.perf_counter() - began:.0f} s",
         lines,
         sections,
-        [case.path, *(run.source for run in case.runs)],
+        case.files,
     )
     shown = next(part for part in sections[0].parts if isinstance(part, Table))
     terminal.table("RMS error after convergence [%]", shown.head, shown.rows, right=range(1, len(shown.head)))
@@ -95,7 +96,7 @@ def _error_section(found: Evaluation) -> Section:
         "Errors on runs that tuned nothing",
         [
             f"RMS error of the state of charge in percent, after the first {CONVERGED_S / 60:.0f} minutes; the worse "
-            "of a right start and one 20 % too low. Under load: started at 80 and 60 % charge while driving, "
+            "of a correct start and one 20 % too low. Under load: started at 80 and 60 % charge while driving, "
             "20 % too low and too high, the worst of these.",
             Table("errors-by-run", head, rows),
             Picture("errors", png(estimate_errors(found, TARGET)), "RMS errors, started with the run."),

@@ -175,7 +175,7 @@ def _print_uncertainty(data: xr.Dataset) -> None:
 
 def study_at(path: Path, at: Sequence[str], effects: Sequence[str]) -> sweeps.Study:
     """Return the study of a file at a point, given as `NAME=VALUE`."""
-    return sweeps.read_study(path, own_effects(effects)).at(point_of(at))
+    return sweeps.read_study(path, own_effects=own_effects(effects)).at(point_of(at))
 
 
 def point_of(at: Sequence[str]) -> dict[str, float]:

@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from jaxmodel.build import FIDELITIES
-from jaxmodel.case_simulation import Outcome, simulate_case
-from jaxmodel.cases import read_case
+from jaxmodel.case_simulation import SimulatedRun, simulate_case
 from jaxmodel.errors import MeasurementError, ParameterError, nearest
 from plots.runs import simulation
 from plots.style import png
 from workbench import terminal
-from workbench.commands.start import catalogue_with, own_effects, start
+from workbench.commands.start import read_case_with, start
 
 
 def simulate(path: Path, out: Path, fidelity: str, effects: Sequence[str]) -> None:
@@ -24,14 +23,13 @@ def simulate(path: Path, out: Path, fidelity: str, effects: Sequence[str]) -> No
     if fidelity not in FIDELITIES:
         known = " or ".join(FIDELITIES)
         raise ParameterError(f"--fidelity: there is no '{fidelity}', only {known}.{nearest(fidelity, FIDELITIES)}")
-    catalogue = catalogue_with(own_effects(effects))
-    case = read_case(path)
+    case = read_case_with(path, effects)
     for run in case.runs:
         if (out / f"{run.name}.csv").resolve() == run.source:
             raise MeasurementError(f"--out {out}: {run.name}.csv there is a measurement; name another folder.")
     start(out)
     with terminal.told(case.name) as progress:
-        outcomes = simulate_case(case, fidelity=fidelity, catalogue=catalogue, progress=progress)
+        outcomes = simulate_case(case, fidelity=fidelity, progress=progress)
     for outcome in outcomes:
         write_csv(outcome, out / f"{outcome.run.name}.csv")
         (out / f"{outcome.run.name}.png").write_bytes(png(simulation(outcome.run.name, outcome.table, outcome.run)))
@@ -45,6 +43,6 @@ def simulate(path: Path, out: Path, fidelity: str, effects: Sequence[str]) -> No
     terminal.say(f"{len(outcomes)} CSV files and pictures are in {out}.")
 
 
-def write_csv(outcome: Outcome, path: Path) -> None:
+def write_csv(outcome: SimulatedRun, path: Path) -> None:
     """Write a run's table with twelve significant digits; rows after the end are empty."""
     outcome.table.to_csv(path, index=False, float_format="%.12g")

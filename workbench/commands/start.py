@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from jaxmodel.build import load_effect_class
-from jaxmodel.effects import CATALOGUE
-from jaxmodel.errors import EffectError
+from jaxmodel.case import Case
+from jaxmodel.cases import read_case
+from jaxmodel.jax_settings import keep_compiled_programs
 from jaxmodel.ports import Effect
-from workbench.compiled import keep_compiled_programs
+from workbench.terminal import complain
 
 
 def start(out: Path) -> None:
@@ -20,30 +21,26 @@ def start(out: Path) -> None:
         OSError: the folder cannot be made.
     """
     out.mkdir(parents=True, exist_ok=True)
-    keep_compiled_programs()
+    if problem := keep_compiled_programs():
+        complain(problem)
     # What is imported and traced stays: to look through it over and over took 15 % of a diagnosis.
     gc.freeze()
     gc.set_threshold(50_000)
 
 
-def own_effects(references: Sequence[str]) -> dict[str, type[Effect]]:
-    """Return the effect classes that `file.py:Class` names, by their names.
+def own_effects(references: Sequence[str]) -> list[type[Effect]]:
+    """Return the effect classes that `file.py:Class` names.
 
     Raises:
-        EffectError: a class cannot be loaded, is not whole, or takes the name of another effect.
+        EffectError: a class cannot be loaded.
     """
-    found: dict[str, type[Effect]] = {}
-    for reference in references:
-        cls = load_effect_class(reference)
-        name = cls.name
-        if name in CATALOGUE or name in found:
-            raise EffectError(
-                f"--effect {reference}: there is an effect called '{name}' already; give it another name."
-            )
-        found[name] = cls
-    return found
+    return [load_effect_class(reference) for reference in references]
 
 
-def catalogue_with(effects: Mapping[str, type[Effect]]) -> dict[str, type[Effect]]:
-    """Return the catalogue with effects of the user's own."""
-    return {**CATALOGUE, **effects}
+def read_case_with(path: Path, effects: Sequence[str]) -> Case:
+    """Read a case that knows the user's own effects, each given as `file.py:Class`.
+
+    Raises:
+        UserError: the case or an effect cannot be used.
+    """
+    return read_case(path, own_effects=own_effects(effects))

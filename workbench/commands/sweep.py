@@ -10,13 +10,13 @@ import numpy as np
 import xarray as xr
 
 import sweeps
+from jaxmodel.jax_settings import keep_compiled_programs
 from jaxmodel.simulation import Status
 from plots.datasets import save_pictures
 from plots.sweeps import NO_METRICS
 from sweeps.plan import size_text
 from workbench import terminal
 from workbench.commands.start import own_effects, start
-from workbench.compiled import keep_compiled_programs
 
 _PERCENTS = (0, 5, 50, 95, 100)
 
@@ -37,7 +37,7 @@ def sweep(
     Raises:
         UserError: the study cannot be run.
     """
-    study = sweeps.read_study(path, own_effects(effects))
+    study = sweeps.read_study(path, own_effects=own_effects(effects))
     if dry_run:
         keep_compiled_programs()
         print_forecast(study.title or path.name, sweeps.forecast(study, memory))

@@ -26,7 +26,7 @@ from discrepancy.fitting.problem import Lane, Problem
 from discrepancy.fitting.readings import Readings, Weights
 from discrepancy.investigation import Investigation
 from discrepancy.noise.model_error import NONE
-from jaxmodel.cases import Case
+from jaxmodel.case import Case
 from jaxmodel.errors import ParameterError
 from tests.discrepancy.made_cases import TRUE, MadeCell, made_cell, made_cell_with_unknown_law
 

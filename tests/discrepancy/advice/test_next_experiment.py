@@ -21,7 +21,8 @@ from discrepancy.evidence.trial import Trial
 from discrepancy.fitting.lanes import PROGRAMS
 from discrepancy.fitting.model import Bench
 from discrepancy.investigation import Investigation
-from jaxmodel.cases import Case, Known
+from jaxmodel.case import Case
+from jaxmodel.known import Known
 from tests.discrepancy.made_cases import NOISE_V, SOC_SD, TRUE, case_of, made_cell, run_of
 from tests.independent import simulate
 

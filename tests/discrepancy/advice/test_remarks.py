@@ -23,8 +23,9 @@ from discrepancy.fitting.candidates import make_candidate
 from discrepancy.fitting.fit import Fit
 from discrepancy.noise.contract import noise_of_case
 from discrepancy.noise.instrument import NoiseModel
-from jaxmodel.cases import Case, Known, Run
+from jaxmodel.case import Case, Run
 from jaxmodel.effects import CATALOGUE
+from jaxmodel.known import Known
 from tests.discrepancy.made_cases import case_of, run_of
 
 

@@ -17,8 +17,7 @@ from discrepancy.fitting.readings import Weights
 from discrepancy.noise.contract import noise_of_case
 from discrepancy.noise.model_error import NONE, ModelError
 from discrepancy.screening.screen import Direction, Screen, screen
-from jaxmodel.cases import Case
-from jaxmodel.effects import CATALOGUE
+from jaxmodel.case import Case
 from jaxmodel.effects.battery import EntropicOcv
 from jaxmodel.effects.further_battery import CapacityFade
 
@@ -189,9 +188,9 @@ class Fade(CapacityFade):
 
 def test_an_effect_that_imitates_a_number_of_all_runs_is_none(small: Case, small_view: View) -> None:
     """A capacity that fades with cycles is another capacity where all runs have one cycle count."""
-    catalogue = CATALOGUE | {"fade": Fade}
-    others = [label for label in Bench(small, catalogue).candidates if label not in ("fade", "self_heating")]
-    bench = Bench(small, catalogue, others)
+    small = dataclasses.replace(small, own_effects={"fade": Fade})
+    others = [label for label in Bench(small).candidates if label not in ("fade", "self_heating")]
+    bench = Bench(small, others)
     view, setting = View(bench, small_view.readings), bench.setting([])
     weights = Weights(view.readings, NONE)
     fitted = fit(view, setting, weights, np.zeros(bench.layout.size))

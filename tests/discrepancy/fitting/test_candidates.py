@@ -18,13 +18,13 @@ from discrepancy.fitting.coordinates import (
     effect_coordinate,
     known_coordinate,
 )
-from jaxmodel.cases import Known
 from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.effects.battery import ChargeTransfer, EntropicOcv, OcvHysteresis, SelfHeating
 from jaxmodel.effects.curves import CURVES
 from jaxmodel.effects.drive import MagnetTemperature
 from jaxmodel.effects.sensors import VoltageGain
+from jaxmodel.known import Known
 from jaxmodel.parameters import info
 from tests.discrepancy.made_cases import case_of, run_of
 

@@ -14,7 +14,7 @@ from discrepancy.fitting.readings import Weights
 from discrepancy.fitting.starts import likeliest_of_some
 from discrepancy.noise.model_error import NONE
 from jaxmodel.build import case_model, run_profile
-from jaxmodel.cases import Known
+from jaxmodel.known import Known
 from jaxmodel.simulation import simulate
 from tests.discrepancy.made_cases import SMALL_TRUE, case_of, investigation_of, run_of
 

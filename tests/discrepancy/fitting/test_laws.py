@@ -13,7 +13,7 @@ from discrepancy.fitting.fit import DIFFERENCE_STEP, errors_at, raw_look, steps_
 from discrepancy.fitting.lanes import predictions
 from discrepancy.fitting.model import Bench, View
 from jaxmodel.build import case_model, run_profile
-from jaxmodel.cases import Case
+from jaxmodel.case import Case
 from jaxmodel.ports import Effect
 from jaxmodel.simulation import simulate
 

@@ -21,10 +21,11 @@ from discrepancy.noise.instrument import NoiseModel
 from discrepancy.noise.model_error import NONE
 from discrepancy.noise.whitening import whiten
 from jaxmodel.build import case_model, run_profile
-from jaxmodel.cases import Case, Known, Run
+from jaxmodel.case import Case, Run
 from jaxmodel.effects.battery import ArrheniusResistance, OcvHysteresis
 from jaxmodel.effects.sensors import VoltageOffset
 from jaxmodel.errors import FitError
+from jaxmodel.known import Known
 from jaxmodel.simulation import simulate
 from tests.discrepancy.made_cases import case_of, run_of
 

@@ -14,8 +14,8 @@ from discrepancy.fitting.layout import BASE
 from discrepancy.fitting.starts import faintest, over_the_ridges
 from discrepancy.investigation import Investigation
 from jaxmodel.build import case_model, run_profile
-from jaxmodel.cases import Known
 from jaxmodel.effects.battery import ChargeTransfer, OcvHysteresis
+from jaxmodel.known import Known
 from jaxmodel.simulation import simulate
 from tests.discrepancy.made_cases import case_of, investigation_of, made_cell, run_of
 

@@ -15,7 +15,8 @@ from discrepancy.fitting.passed_on import noise_passed_on
 from discrepancy.noise.contract import noise_of_case
 from discrepancy.noise.input_noise import MovedInputs, at_most, row_of_step, slow_directions
 from jaxmodel.build import case_model, run_profile
-from jaxmodel.cases import Case, Known, Run
+from jaxmodel.case import Case, Run
+from jaxmodel.known import Known
 from jaxmodel.simulation import run_track, simulate, track
 from tests.discrepancy.made_cases import bench_of, case_of, investigation_of, run_of, small_cell
 

@@ -10,7 +10,8 @@ import pandas as pd
 import pytest
 
 from discrepancy.preparation.inputs import check_sign_of_current, with_like_inputs
-from jaxmodel.cases import Case, read_case
+from jaxmodel.case import Case
+from jaxmodel.cases import read_case
 from jaxmodel.errors import FitError, MeasurementError
 from tests.discrepancy.made_cases import MadeCell
 

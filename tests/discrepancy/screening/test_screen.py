@@ -10,7 +10,7 @@ import pytest
 from discrepancy.fitting.model import Bench, View
 from discrepancy.noise.contract import noise_of_case
 from discrepancy.screening.screen import Direction, Screen, screen
-from jaxmodel.cases import Case
+from jaxmodel.case import Case
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,42 @@
+"""The files of a diagnosis: the answer, the extended case, and an unknown law as an effect to be edited."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from discrepancy.answer import answer, write_answer
+from discrepancy.extended.case import extended_case
+from discrepancy.result import Diagnosis
+from discrepancy.wording import final_name
+from jaxmodel.case_writing import write_case
+
+LAW_FILE = "found_law.py"
+
+
+def write_result(diagnosis: Diagnosis, folder: Path) -> None:
+    """Write the answer, the extended case and the law of a diagnosis; of a comparison its errors and its case."""
+    folder.mkdir(parents=True, exist_ok=True)
+    if diagnosis.verdict:
+        write_answer(diagnosis, folder / "answer.json")
+    else:
+        errors = json.dumps(answer(diagnosis)["error"], indent=2)
+        (folder / "errors.json").write_text(f"{errors}\n", encoding="utf-8")
+    extended, notes = extended_case(diagnosis.case, diagnosis.final, diagnosis.curves, diagnosis.runs)
+    name = "extended.toml" if diagnosis.verdict else "calibrated.toml"
+    write_case(extended, folder / name, _comments(diagnosis, notes))
+    if diagnosis.law_source:
+        (folder / LAW_FILE).write_text(diagnosis.law_source, encoding="utf-8")
+
+
+def _comments(diagnosis: Diagnosis, notes: list[str]) -> list[str]:
+    """Return what stands on top of the extended case."""
+    model = final_name(diagnosis) if diagnosis.final.added else "without any effect"
+    lines = [f"The case '{diagnosis.case.name}', calibrated {model}.", *notes]
+    if diagnosis.final.estimates:
+        lines.append(
+            "An sd is what its runs left of it: give it other runs before it is diagnosed, or they count twice."
+        )
+    if needed := [label for label in diagnosis.final.added if label in diagnosis.case.own_effects]:
+        lines.append(f"Give --effect FILE.py:CLASS again for {', '.join(needed)}.")
+    return lines

@@ -1,0 +1,208 @@
+"""Pictures of this package's results, drawn by `plots` when they are asked for: matplotlib is not loaded before."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jaxmodel.errors import MeasurementError, nearest
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def _run(name: str | None, names: Iterable[str]) -> str:
+    """Return a run's name, the first where none is given; raise MeasurementError where no run is called so."""
+    names = list(names)
+    chosen = names[0] if name is None else name
+    if chosen not in names:
+        hint = nearest(chosen, names) or f" There are {', '.join(names)}."
+        raise MeasurementError(f"plot: no run is called '{chosen}'.{hint}")
+    return chosen
+
+
+class _Saved:
+    """Pictures that can be written to a folder together."""
+
+    def all(self) -> dict[str, Figure]:
+        """Return every picture that there is something for, by name."""
+        raise NotImplementedError
+
+    def save(self, folder: str | Path) -> list[Path]:
+        """Write every picture as a PNG to a folder that is there; return the files."""
+        from plots.style import png
+
+        files = []
+        for name, figure in self.all().items():
+            files.append(Path(folder) / f"{name}.png")
+            files[-1].write_bytes(png(figure))
+        return files
+
+
+@dataclasses.dataclass(frozen=True)
+class DiagnosisPlots(_Saved):
+    """Pictures of a diagnosis or comparison; each method returns a matplotlib Figure."""
+
+    diagnosis: Any
+
+    def ladder(self) -> Figure:
+        """Draw each channel's error of each model, fitted and held out, against the noise."""
+        from plots import evidence
+
+        return evidence.ladder(self.diagnosis)
+
+    def run(self, name: str | None = None) -> Figure:
+        """Draw measurement, models and residuals of a run by its name, of the first by default.
+
+        Raises:
+            MeasurementError: no run is called so.
+        """
+        from plots import diagnosis
+
+        return diagnosis.run_of(self.diagnosis, _run(name, (run.name for run in self.diagnosis.case.runs)))
+
+    def residuals(self) -> Figure:
+        """Draw the residuals of base and final model over state of charge, current, temperature or speed."""
+        from plots import diagnosis
+
+        return diagnosis.residuals_by_condition(self.diagnosis)
+
+    def errors(self) -> Figure:
+        """Draw each channel's error in each run, before and after, against noise and tolerance."""
+        from plots import diagnosis
+
+        return diagnosis.errors_of(self.diagnosis)
+
+    def scores(self) -> Figure:
+        """Draw the standard score of every effect at the calibrated base model."""
+        from plots import evidence
+
+        return evidence.scores(self.diagnosis)
+
+    def candidates(self) -> Figure:
+        """Draw the probability of each model that was weighed."""
+        from plots import evidence
+
+        return evidence.candidates(self.diagnosis)
+
+    def curves(self) -> Figure:
+        """Draw by how much each table or relation is off.
+
+        Raises:
+            MeasurementError: none was found to be off.
+        """
+        from plots import evidence
+
+        if not self.diagnosis.curves:
+            raise MeasurementError("plot.curves: no table or relation was found to be off.")
+        return evidence.curves(self.diagnosis.curves)
+
+    def all(self) -> dict[str, Figure]:
+        """Return every picture that there is something for, by name."""
+        from plots import diagnosis
+
+        return diagnosis.pictures_of(self.diagnosis)
+
+
+@dataclasses.dataclass(frozen=True)
+class InvestigationPlots:
+    """Pictures of the present model of an investigation; each method returns a matplotlib Figure."""
+
+    investigation: Any
+
+    def ladder(self) -> Figure:
+        """Draw each channel's error of every model so far, fitted and held out, against the noise."""
+        from discrepancy.wording import step_names
+        from plots import evidence
+
+        models = self.investigation.models()
+        noise_sd = {channel: noise.sd for channel, noise in self.investigation.noise.items()}
+        return evidence.errors_of_models([m.errors for m in models], step_names([m.added for m in models]), noise_sd)
+
+    def run(self, name: str | None = None) -> Figure:
+        """Draw measurement, base model, present model and residuals of a run, of the first by default.
+
+        Raises:
+            MeasurementError: no run is called so.
+        """
+        from plots import runs
+
+        by_name = {run.name: run for run in self.investigation.case.runs}
+        chosen = _run(name, by_name)
+        models = self.investigation.models()
+        drawn = {"calibrated base model": models[0].predictions[chosen]}
+        if self.investigation.added:
+            drawn["present model"] = self.investigation.present().predictions[chosen]
+        noise_sd = {channel: noise.sd for channel, noise in self.investigation.noise.items()}
+        return runs.fit_and_residuals(by_name[chosen], drawn, noise_sd)
+
+    def errors(self) -> Figure:
+        """Draw each channel's error in each run, of the present model, against noise and tolerance."""
+        from plots.errors import errors_by_run
+
+        return errors_by_run(self.investigation.errors().assign(model="final" if self.investigation.added else "base"))
+
+    def candidates(self, most: int = 16) -> Figure:
+        """Draw the log evidence that each candidate promises, the best first.
+
+        Args:
+            most: candidates to draw.
+        """
+        from plots import evidence
+
+        return evidence.promises(self.investigation.candidates(), most)
+
+
+@dataclasses.dataclass(frozen=True)
+class IdentificationPlots(_Saved):
+    """Pictures of an identification; each method returns a matplotlib Figure."""
+
+    identification: Any
+
+    def information(self) -> Figure:
+        """Draw which run and which sensor tell each parameter, and what was stated before."""
+        from plots import identifiability
+
+        return identifiability.information_bars(self.identification.found)
+
+    def correlations(self) -> Figure:
+        """Draw the correlation of every two estimates."""
+        from plots import identifiability
+
+        return identifiability.correlations(self.identification.found)
+
+    def ellipse(self, first: str, second: str) -> Figure:
+        """Draw the joint confidence region of two parameters.
+
+        Raises:
+            ParameterError: one is not among the unknowns.
+        """
+        from plots import identifiability
+
+        found = self.identification.found
+        return identifiability.ellipse(found, *(found.names[found.place(name)] for name in (first, second)))
+
+    def profile(self, name: str | None = None) -> Figure:
+        """Draw the likelihood along a parameter that was asked for, the first by default, beside its quadratic.
+
+        Raises:
+            MeasurementError: no profile was computed of it.
+        """
+        from plots import identifiability
+
+        profiles = {one.name: one for one in self.identification.profiles}
+        if not profiles:
+            raise MeasurementError("plot.profile: no profile was asked for; give identify(case, profiles=[...]).")
+        chosen = next(iter(profiles)) if name is None else name
+        if chosen not in profiles:
+            raise MeasurementError(f"plot.profile: there is none of '{chosen}'.{nearest(chosen, profiles)}")
+        found = self.identification.found
+        return identifiability.profile_beside_quadratic(profiles[chosen], found.units[found.place(chosen)])
+
+    def all(self) -> dict[str, Figure]:
+        """Return every picture that there is something for, by name."""
+        from plots import identifiability
+
+        return identifiability.pictures_of(self.identification)

@@ -1,0 +1,89 @@
+"""A diagnosis in a few lines: what is missing, what is off, how good the model gets, what could not be seen."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from discrepancy.advice.next_experiment import in_words
+from discrepancy.result import Diagnosis, Extrapolated
+from discrepancy.wording import (
+    amount,
+    candidate_name,
+    curve_sentence,
+    effect_name,
+    join,
+    named_sentence,
+    number,
+    run_sentence,
+)
+from jaxmodel.units import split_unit
+
+
+def summary(diagnosis: Diagnosis) -> list[str]:
+    """Return the result in a few lines: what is missing, what is off, how good it gets, what could not be seen."""
+    lines = [f"Named: {named_sentence(effect)}" for effect in diagnosis.effects]
+    if not diagnosis.effects and diagnosis.candidates:
+        name, probability = diagnosis.candidates[0]
+        lines.append(f"Most probable: {candidate_name(name)} ({probability:.2f}).")
+    lines += [f"Off: {curve_sentence(curve)}" for curve in diagnosis.curves]
+    lines += [f"Off: {run_sentence(run)}" for run in diagnosis.runs]
+    lines += [error_sentence(diagnosis, channel) for channel in diagnosis.noise]
+    lines += purpose_sentences(diagnosis)
+    if diagnosis.proposals:
+        lines.append(in_words(diagnosis.proposals, [candidate_name(name) for name in diagnosis.rivals]))
+    if diagnosis.blind_to:
+        lines.append(f"Blind to: {join([effect_name(label) for label in diagnosis.blind_to])}.")
+    return lines
+
+
+def purpose_sentences(diagnosis: Diagnosis) -> list[str]:
+    """Say of each channel in how many of the held-out runs its error is within the tolerance, and in which not."""
+    said = []
+    for channel, of_run in diagnosis.fit_for_purpose.items():
+        tolerance = diagnosis.tolerance.get(channel)
+        if not of_run or tolerance is None:
+            continue
+        (limit,), unit = amount(channel, [tolerance.rms])
+        failing = [run for run, within in of_run.items() if not within]
+        beyond = f", not in {join(failing)}" if failing and len(failing) <= 6 else ""
+        said.append(
+            f"Fit for purpose: {split_unit(channel)[0]} is within {limit}{unit and f' {unit}'} "
+            f"({'assumed' if tolerance.assumed else 'your tolerance'}) in {len(of_run) - len(failing)} of "
+            f"{len(of_run)} held-out runs{beyond}."
+        )
+    return said
+
+
+def extrapolated_sentence(one: Extrapolated) -> str:
+    """Say which condition of which held-out run lies outside those that were fitted."""
+    quantity, unit = split_unit(one.condition.strip("|"))
+    quantity = f"size of {quantity}" if one.condition.startswith("|") else quantity
+    unit = f" {unit}" if unit else ""
+    low, high = (number(value) for value in one.span)
+    first, last = (number(value) for value in one.span_fitted)
+    there = f"{low} to {high}" if low != high else low
+    fitted = f"{first} to {last}" if first != last else first
+    return f"{one.file}: {quantity} {there}{unit}, where {fitted}{unit} was fitted."
+
+
+def error_sentence(diagnosis: Diagnosis, channel: str) -> str:
+    """Say a channel's error before and after, on the runs held out where there are any."""
+    quantity, before, after, floor, unit = _before_and_after(diagnosis, channel)
+    held_out = np.isfinite(diagnosis.base.errors[channel].check)
+    where = "on the runs held out" if held_out else "on the runs fitted (none was held out)"
+    values = f"{before}{unit}" if diagnosis.final is diagnosis.base else f"{before}{unit} before, {after}{unit} after"
+    return f"Error of {quantity} {where}: {values}, noise {floor}{unit}."
+
+
+def error_in_short(diagnosis: Diagnosis, channel: str) -> str:
+    """Return 'voltage 24.7 → 0.9 mV (noise 0.8)'."""
+    quantity, before, after, floor, unit = _before_and_after(diagnosis, channel)
+    return f"{quantity} {before} → {after}{unit} (noise {floor})"
+
+
+def _before_and_after(diagnosis: Diagnosis, channel: str) -> tuple[str, str, str, str, str]:
+    """Return the quantity, its error before and after, the noise, and the unit of all three with a blank before it."""
+    before, after = diagnosis.base.errors[channel], diagnosis.final.errors[channel]
+    pair = (before.check, after.check) if np.isfinite(before.check) else (before.fit, after.fit)
+    shown, unit = amount(channel, [*pair, diagnosis.noise[channel].sd])
+    return split_unit(channel)[0], shown[0], shown[1], shown[2], f" {unit}" if unit else ""

@@ -1,0 +1,220 @@
+"""A measurement case: what is stated of the hardware, and its runs.
+
+Everything here is plain numbers in the units of their names. `jaxmodel.cases` makes a case of files or DataFrames,
+`jaxmodel.build` a model of a case.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import html
+from collections.abc import Collection, Iterable, Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+
+from jaxmodel.effects import CATALOGUE
+from jaxmodel.known import Known, Table, Tolerance
+from jaxmodel.measurements import Measured, file_label
+from jaxmodel.ports import Effect
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Run:
+    """One run of a case.
+
+    Attributes:
+        name: the file's name without its ending.
+        file: the CSV as case.toml names it.
+        split: "fit" may be used to calibrate, "check" only to judge.
+        label: free text.
+        initial_soc: state of charge at the first row.
+        overrides: parameters of the case that are different in this run.
+        measured: times, inputs and outputs.
+        source: the CSV's path; None for a run made of a DataFrame.
+        initial_cell_temperature: of the cell at the first row, degC, where the run states it.
+        tolerance: by column, the error that the user can live with in this run; of columns not here, the case's.
+        ambient_degC: the constant ambient temperature that the case states for this run; None where it is a column.
+    """
+
+    name: str
+    file: str
+    split: Literal["fit", "check"]
+    label: str
+    initial_soc: Known
+    overrides: dict[str, Known]
+    measured: Measured
+    source: Path | None
+    initial_cell_temperature: Known | None = None
+    tolerance: dict[str, Tolerance] = dataclasses.field(default_factory=dict)
+    ambient_degC: float | None = None
+
+    def driven_by(self, inputs: Mapping[str, np.ndarray]) -> Run:
+        """Return the run with other inputs, its readings as they are."""
+        return dataclasses.replace(self, measured=dataclasses.replace(self.measured, inputs=dict(inputs)))
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Return the run as a table: `time_s`, inputs and readings by column name, a row for each time."""
+        return pd.DataFrame({"time_s": self.measured.time_s, **self.measured.inputs, **self.measured.outputs})
+
+    def __repr__(self) -> str:
+        return f"<Run {self.name}: {self.split}, {self.measured.time_s.size} rows>"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Case:
+    """What a user brings: hardware as far as it is known, sensors, and runs.
+
+    `read_case` makes one of files, `Case.from_dataframes` of tables in memory.
+
+    Attributes:
+        name: the folder's name.
+        path: the TOML file; None for a case made of DataFrames.
+        title: free text, the name where the file has none.
+        kind: a key of `KINDS`.
+        preset: where every parameter not named here comes from.
+        parameters: scalar parameters by name. `initial_soc` is not among them: it is each run's own.
+        tables: curves by name (`ocv`, `R_ints`, `R_TS`, `R_TL`, `C_TS`, `C_TL`).
+        effects: effects turned on: their parameters by name, and the `column` of a sensor effect.
+        sensors: by column, the sd of its white noise before rounding, in the column's unit.
+        runs: in the order of the file; at least one.
+        cutoff: end of a discharge: `soc`, `voltage_V`, both or neither.
+        tolerance: by column of a reading, the error that the user can live with, in the column's unit.
+        effect_sd: by effect and parameter, the sd of the value in `effects`; what is not here is known exactly.
+        own_effects: classes of effects of the user's own by name; they take part like those of the catalogue.
+    """
+
+    name: str
+    path: Path | None
+    title: str
+    kind: Literal["cell", "motor", "robot"]
+    preset: str
+    parameters: dict[str, Known]
+    tables: dict[str, Table]
+    effects: dict[str, dict[str, float | str]]
+    sensors: dict[str, float]
+    runs: tuple[Run, ...]
+    cutoff: dict[str, float]
+    tolerance: dict[str, Tolerance] = dataclasses.field(default_factory=dict)
+    effect_sd: dict[str, dict[str, float]] = dataclasses.field(default_factory=dict)
+    own_effects: Mapping[str, type[Effect]] = dataclasses.field(default_factory=dict)
+
+    @classmethod
+    def from_dataframes(
+        cls,
+        frames: Mapping[str, pd.DataFrame],
+        *,
+        kind: Literal["cell", "motor", "robot"],
+        name: str = "case",
+        title: str = "",
+        preset: str = "paper",
+        parameters: Mapping[str, Any] | None = None,
+        tables: Mapping[str, Mapping[str, Any]] | None = None,
+        effects: Mapping[str, Mapping[str, Any]] | None = None,
+        sensors: Mapping[str, float] | None = None,
+        tolerance: Mapping[str, Any] | None = None,
+        cutoff: Mapping[str, float] | None = None,
+        check: Collection[str] = (),
+        runs: Mapping[str, Mapping[str, Any]] | None = None,
+        own_effects: Iterable[type[Effect]] = (),
+    ) -> Case:
+        """Make a case of one DataFrame per run; everything else is as the tables of case.toml (docs/cases.md).
+
+        Args:
+            frames: by name of the run, a table with the columns of a run's CSV: `time_s` [s] (or as the index), inputs
+                and readings with their units in their names. Currents are positive on discharge.
+            kind: "cell", "motor" or "robot".
+            name: of the case, which its results are called after.
+            title: free text.
+            preset: where every parameter not named here comes from, a key of `jaxmodel.presets.PRESETS`.
+            parameters: scalar parameters by name: a number is known exactly, `(value, sd)` to a standard deviation.
+            tables: curves by name: `{"ocv": {"soc": [...], "voltage_V": [...]}}`.
+            effects: effects turned on, with their parameters: `{"self_heating": {}}`.
+            sensors: by column, the sd of its noise.
+            tolerance: by column, the error that you can live with: an rms, or `{"rms": , "max": }`.
+            cutoff: end of a discharge: `soc`, `voltage_V`.
+            check: names of the runs that only judge the model; all others may be used to fit it.
+            runs: by name of a run, what a [[runs]] block of case.toml states of it: `initial_soc`, `label`,
+                `ambient_degC`, `initial_cell_temperature_degC`, and parameters that are different in it.
+            own_effects: classes of effects of your own, which take part like those of the catalogue.
+
+        Raises:
+            MeasurementError: a table or entry cannot be used; the message says where and what to do.
+            ParameterError: a parameter is unknown, out of its bounds or of the wrong form.
+            EffectError: an effect of your own lacks something, or has the name of another.
+        """
+        from jaxmodel.cases import case_of_frames
+
+        entries = {"parameters": {**(parameters or {}), **(tables or {})}, "effects": effects or {}}
+        entries |= {"sensors": sensors or {}, "tolerance": tolerance or {}, "cutoff": cutoff or {}}
+        entries |= {"title": title, "kind": kind, "preset": preset}
+        return case_of_frames(frames, name, check, runs or {}, entries, own_effects)
+
+    @property
+    def label(self) -> str:
+        """Return how messages name the case: its file, or its name where it has none."""
+        return f"case '{self.name}'" if self.path is None else file_label(self.path)
+
+    @property
+    def catalogue(self) -> dict[str, type[Effect]]:
+        """Return every effect that may act in the case by name: the catalogue and the user's own."""
+        return {**CATALOGUE, **self.own_effects}
+
+    @property
+    def files(self) -> list[Path]:
+        """Return the files that the case was read from."""
+        return [path for path in (self.path, *(run.source for run in self.runs)) if path is not None]
+
+    def to_dataframes(self) -> dict[str, pd.DataFrame]:
+        """Return the runs as tables by name: `time_s`, inputs and readings."""
+        return {run.name: run.to_dataframe() for run in self.runs}
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Return a line for each run: split, rows, duration, initial SOC, and what it reads."""
+        return pd.DataFrame(
+            {
+                "run": run.name,
+                "split": run.split,
+                "rows": run.measured.time_s.size,
+                "duration_s": run.measured.time_s[-1] - run.measured.time_s[0],
+                "initial_soc": run.initial_soc.value,
+                "inputs": ", ".join(run.measured.inputs),
+                "readings": ", ".join(run.measured.outputs),
+                "label": run.label,
+            }
+            for run in self.runs
+        )
+
+    def summary(self) -> str:
+        """Return the case in a few lines: what it is, what is uncertain, its runs."""
+        uncertain = [f"{name} = {k.value:g} +- {k.sd:g}" for name, k in self.parameters.items() if k.sd is not None]
+        lines = [
+            f"{self.title} ({self.kind}, preset {self.preset})",
+            f"uncertain: {', '.join(uncertain) or 'nothing'}",
+            f"tables: {', '.join(self.tables) or 'the formulas of the paper'}",
+            f"effects: {', '.join(self.effects) or 'none'}",
+            self.to_dataframe().to_string(index=False, max_colwidth=60),
+        ]
+        return "\n".join(lines)
+
+    def write(self, folder: str | Path) -> Path:
+        """Write the case as a folder with `case.toml` and a CSV for each run, which `read_case` takes.
+
+        Returns:
+            The TOML file.
+
+        Raises:
+            MeasurementError: a file of the case itself would be overwritten.
+        """
+        from jaxmodel.case_writing import write_folder
+
+        return write_folder(self, Path(folder))
+
+    def __repr__(self) -> str:
+        fitted = sum(run.split == "fit" for run in self.runs)
+        return f"<Case {self.name}: {self.kind}, {fitted} fit and {len(self.runs) - fitted} check runs>"
+
+    def _repr_html_(self) -> str:
+        return f"<p><b>{html.escape(repr(self)[1:-1])}</b></p>{self.to_dataframe().to_html(index=False, border=0)}"

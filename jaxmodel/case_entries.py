@@ -1,0 +1,56 @@
+"""What a user states in Python, as the form of case.toml: one set of checks and messages serves both."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from jaxmodel.case_schema import CaseEntry, check_case
+from jaxmodel.errors import MeasurementError, nearest
+
+
+def entry_of(
+    where: str, names: Iterable[str], check: Collection[str], runs: Mapping[str, Mapping[str, Any]], **stated: Any
+) -> CaseEntry:
+    """Return the checked form of a case.
+
+    Args:
+        where: how messages name the case.
+        names: of the runs.
+        check: names of those that only judge.
+        runs: by name, what else is stated of a run.
+        stated: the other tables of case.toml by name.
+
+    Raises:
+        MeasurementError: `check` or `runs` names a run that is not there, or an entry has the wrong form.
+        ParameterError: the same, inside `parameters`.
+    """
+    names = [str(name) for name in names]
+    for option, given in (("check", [check] if isinstance(check, str) else check), ("runs", runs)):
+        for name in given:
+            if name not in names:
+                hint = nearest(str(name), names) or f" There are {', '.join(names)}."
+                raise MeasurementError(f"{where}: {option} names the run '{name}', and no table is called so.{hint}")
+    check = [check] if isinstance(check, str) else check
+    blocks = [{**runs.get(name, {}), "file": name, "split": "check" if name in check else "fit"} for name in names]
+    return check_case(_plain({**stated, "runs": blocks}), where)
+
+
+def _plain(value: Any) -> Any:
+    """Return what TOML would hold: NumPy's numbers and arrays as Python's, `(value, sd)` as a table."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+        value = {name: entry for name, entry in value.items() if entry is not None}
+    if isinstance(value, Mapping):
+        return {str(name): _plain(entry) for name, entry in value.items()}
+    if isinstance(value, tuple) and len(value) == 2:
+        return {"value": _plain(value[0]), "sd": _plain(value[1])}
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray | pd.Series):
+        return value.tolist()
+    return [_plain(entry) for entry in value] if isinstance(value, list | tuple) else value

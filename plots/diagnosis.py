@@ -1,0 +1,94 @@
+"""All pictures of a diagnosis: its ladder, residuals, curves, errors, candidates, scores and runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from discrepancy.result import Diagnosis
+from discrepancy.wording import final_in_short
+from jaxmodel.case_simulation import CaseSimulation
+from plots import evidence, runs
+from plots.errors import errors_by_run
+
+_CONDITIONS = {
+    "cell": ("soc", "current_A", "cell_temperature_degC"),
+    "motor": ("current_A", "speed_rad_s", "winding_temperature_degC"),
+    "robot": ("soc", "pack_current_A", "speed_rad_s", "winding_temperature_degC"),
+}
+
+
+def pictures_of(diagnosis: Diagnosis) -> dict[str, Figure]:
+    """Return every picture that a diagnosis has something for, by name."""
+    pictures = {"ladder": evidence.ladder(diagnosis), "residuals-by-condition": residuals_by_condition(diagnosis)}
+    if diagnosis.curves:
+        pictures["curves"] = evidence.curves(diagnosis.curves)
+    if diagnosis.errors is not None and len(diagnosis.errors):
+        pictures["errors-by-run"] = errors_of(diagnosis)
+    if diagnosis.candidates:
+        pictures["candidates"] = evidence.candidates(diagnosis)
+    if diagnosis.scores:
+        pictures["scores"] = evidence.scores(diagnosis)
+    for run in diagnosis.case.runs:
+        if runs.channels_read(run, diagnosis.noise):
+            pictures[f"run-{run.name}"] = run_of(diagnosis, run.name)
+    return pictures
+
+
+def errors_of(diagnosis: Diagnosis) -> Figure:
+    """Draw each channel's error in each run, before and after, against noise and stated tolerance."""
+    assumed = tuple(channel for channel, one in diagnosis.tolerance.items() if one.assumed)
+    return errors_by_run(diagnosis.errors, assumed)
+
+
+def run_of(diagnosis: Diagnosis, name: str) -> Figure:
+    """Draw measurement, models and residuals of one run."""
+    place = [run.name for run in diagnosis.case.runs].index(name)
+    predicted = {model: predictions[name] for model, predictions in _models(diagnosis).items()}
+    noise_sd = {channel: noise.sd for channel, noise in diagnosis.noise.items()}
+    valid = diagnosis.simulation[place].table["valid"].to_numpy(dtype=bool)
+    return runs.fit_and_residuals(diagnosis.case.runs[place], predicted, noise_sd, valid)
+
+
+def residuals_by_condition(diagnosis: Diagnosis) -> Figure:
+    """Draw the residuals of the base model and of the final one over the conditions that matter for the kind."""
+    residuals = {model: _residuals(diagnosis, predictions) for model, predictions in _models(diagnosis).items()}
+    noise_sd = {channel: noise.sd for channel, noise in diagnosis.noise.items()}
+    return runs.residuals_by_condition(residuals, _conditions(diagnosis.simulation), noise_sd)
+
+
+def _models(diagnosis: Diagnosis) -> Mapping[str, Mapping[str, Mapping[str, np.ndarray]]]:
+    models = {"calibrated base model": diagnosis.base.predictions}
+    if diagnosis.final is not diagnosis.base:
+        models[final_in_short(diagnosis)] = diagnosis.final.predictions
+    return models
+
+
+def _residuals(diagnosis: Diagnosis, predictions: Mapping[str, Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Return measured less predicted of every channel, run after run; NaN where a run has no such reading."""
+    runs = diagnosis.case.runs
+    return {
+        channel: np.concatenate(
+            [
+                run.measured.outputs.get(channel, np.full(run.measured.time_s.size, np.nan))
+                - predictions[run.name][channel]
+                for run in runs
+            ]
+        )
+        for channel in diagnosis.noise
+    }
+
+
+def _conditions(simulation: CaseSimulation) -> dict[str, np.ndarray]:
+    """Return the conditions that matter for a kind, run after run: inputs as measured, the rest as modelled."""
+    return {
+        name: np.concatenate(
+            [
+                one.run.measured.inputs[name] if name in one.run.measured.inputs else one.table[name].to_numpy()
+                for one in simulation
+            ]
+        )
+        for name in _CONDITIONS[simulation.case.kind]
+    }
