@@ -112,8 +112,8 @@ def endurance(data: xr.Dataset, title: str | None = None) -> Figure:
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel("ambient [°C]")
     axes.set_ylabel("time until the mission ends [min]")
-    title = data.attrs.get("title", "") if title is None else title
-    axes.set_title(title, fontweight="normal", fontsize=8.5, color="#555555")
+    shown = str(data.attrs.get("title", "")) if title is None else title
+    axes.set_title(shown, fontweight="normal", fontsize=8.5, color="#555555")
     handles, _ = axes.get_legend_handles_labels()
     figure.legend(handles=[*handles, *ended], loc="outside lower center", ncols=3)
     return figure
