@@ -367,6 +367,7 @@ def _remarks(
             of_runs.append(dataclasses.replace(known, run=inv.case.runs[run].name))
     return (
         *inv.preparation,
+        *told.nothing_held_out(inv.case),
         *told.noise_remarks(trial.scale.noise),
         *told.starts_moving(inv.case, trial.scale.noise, base.predictions),
         *told.nothing_moves(fitted),

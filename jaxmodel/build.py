@@ -40,7 +40,7 @@ def make_effect(
         EffectError: unknown effect or parameter; the message gives the nearest name.
     """
     if name not in catalogue:
-        raise EffectError(f"{where}: no effect is called '{name}'.{nearest(name, catalogue)}")
+        raise EffectError(f"{where}: no effect is called '{name}'.{nearest(name, catalogue)} {own_effect_hint(name)}")
     cls = catalogue[name]
     table = describe(cls)
     numbers = {}
@@ -59,6 +59,12 @@ def make_effect(
     if cls.reads and not column:
         raise EffectError(f"{where}: effect '{name}' needs a column, one that ends in {cls.reads}.")
     return cls(**numbers, column=column)
+
+
+def own_effect_hint(name: str) -> str:
+    """Say how an effect of the user's own is given, who may have meant one by a name that is not in the catalogue."""
+    example = "found_law.py:FoundLaw" if name == "found_law" else "FILE.py:CLASS"
+    return f"An effect of your own is given by --effect {example}."
 
 
 def load_effect_class(reference: str) -> type[Effect]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from jaxmodel import effects
+from jaxmodel import effects, plausible
 from jaxmodel.case import Case, Run
 from jaxmodel.case_entries import entry_of
 from jaxmodel.case_schema import CaseEntry, EffectEntry, RunEntry, ToleranceEntry, parse_case
@@ -36,7 +36,8 @@ def read_case(path: str | Path, *, own_effects: Iterable[type[Effect]] = ()) -> 
         own_effects: classes of effects of your own, which take part like those of the catalogue.
 
     Raises:
-        MeasurementError: a file is missing or cannot be used as it is; the message says where and what to do.
+        MeasurementError: a file is missing or cannot be used as it is, or a column is in another unit; the message
+            says where and what to do.
         ParameterError: a parameter is unknown, out of its bounds or of the wrong form.
     """
     toml = _toml_file(Path(path))
@@ -120,7 +121,9 @@ def _case(
         own_effects=effects.own_effects(own),
     )
     # A preset of unknown name is for the model to refuse: who only reads the measurements needs none.
-    return with_preset(case) if case.preset in PRESETS else case
+    case = with_preset(case) if case.preset in PRESETS else case
+    plausible.check(case)
+    return case
 
 
 def with_preset(case: Case) -> Case:

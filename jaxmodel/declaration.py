@@ -18,6 +18,8 @@ from jaxmodel.errors import ParameterError
 
 Scalar = Float[Array, ""]
 Transform = Literal["log", "identity"]
+# Units whose thousandth people write.
+_IN_MILLI = ("A h", "V", "A", "ohm", "N m", "N m/A", "H")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,11 +49,21 @@ class ParameterInfo:
         if not math.isfinite(value) or not self.lower <= value <= self.upper:
             raise ParameterError(
                 f"{where}: '{self.name}' = {value:g} is outside its range {self.lower:g} to {self.upper:g}"
-                f"{' ' + self.unit if self.unit else ''}; correct the value or its unit."
+                f"{' ' + self.unit if self.unit else ''}; {self._mend(value)}."
             )
         if self.whole and value != round(value):
             raise ParameterError(f"{where}: '{self.name}' = {value:g} counts things; give a whole number.")
         return float(value)
+
+    def _mend(self, value: float) -> str:
+        """Return what brings a value of another unit within the bounds, or that it is to be corrected."""
+        mends = [(value / 1000.0, f"if it is in m{self.unit}, multiply it by 0.001")] if self.unit in _IN_MILLI else []
+        if self.unit == "degC":
+            mends = [(value - 273.15, "if it is in kelvin, subtract 273.15")]
+        if not self.unit and self.upper < 2.0:
+            mends = [(value / 100.0, "if it is in percent, divide it by 100")]
+        fitting = [todo for mended, todo in mends if self.lower <= mended <= self.upper]
+        return fitting[0] if fitting and math.isfinite(value) else "correct the value or its unit"
 
 
 def parameter(

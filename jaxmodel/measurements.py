@@ -83,18 +83,8 @@ KINDS: dict[str, Kind] = {
 
 _UNITLESS = {"duty": "numbers from -1 to 1", "V_set": "V, 0 to 5", "soc": "fractions of 1"}
 
+# What the temperature of surroundings can be.
 AMBIENT_RANGE_DEGC = (-90.0, 200.0)
-_DUTY = (-1.0, 1.0, "write a duty of 30 percent as 0.3")
-# Outside these a column is in the wrong unit, or wrong: bounds and remedy.
-_RANGES = {
-    "ambient_degC": (*AMBIENT_RANGE_DEGC, "temperatures are in degC: if this is kelvin, subtract 273.15"),
-    "duty": _DUTY,
-    "flipper_duty": _DUTY,
-    "arm_duty": _DUTY,
-    "V_set": (0.0, 5.0, "the set voltage of eq. 22 lies in 0 to 5 V"),
-    "incline_deg": (-90.0, 90.0, "an incline is in degrees"),
-    "soc": (-0.5, 1.5, "a state of charge is a fraction: write 80 percent as 0.8"),
-}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -155,8 +145,6 @@ def measurements_of(frame: pd.DataFrame, kind: str, ambient_degC: float | None, 
     Raises:
         MeasurementError: the table cannot be used; the message names row and column.
     """
-    if not isinstance(frame, pd.DataFrame):
-        raise MeasurementError(f"{label} is a {type(frame).__name__}; give a pandas DataFrame with a column 'time_s'.")
     if "time_s" not in frame.columns and frame.index.name == "time_s":
         frame = frame.reset_index()
     header = [str(name) for name in frame.columns]
@@ -204,11 +192,8 @@ def _measured(
             f"{place(row)}: time_s = {time_s[row]:.12g} comes after {time_s[row - 1]:.12g}; "
             "times must increase from row to row, so sort the rows and drop repeated ones."
         )
-    for name, values in columns.items():
-        _check_range(name, values, place)
     if ambient_degC is not None:
         columns["ambient_degC"] = np.full(time_s.shape, float(ambient_degC))
-        _check_range("ambient_degC", columns["ambient_degC"], lambda row: f"{label}, the constant of this run")
     return Measured(time_s, {name: columns[name] for name in inputs}, {name: columns[name] for name in outputs})
 
 
@@ -346,13 +331,3 @@ def _short(field: str) -> str:
     """Return a field in quotes, cut where a stray quote mark has swallowed the lines below."""
     field = field.strip()
     return repr(field if len(field) <= 40 else f"{field[:40]}...")
-
-
-def _check_range(name: str, values: np.ndarray, where: Callable[[int], str]) -> None:
-    """Raise MeasurementError where a column leaves the range in which its unit can be right."""
-    if name not in _RANGES:
-        return
-    lower, upper, remedy = _RANGES[name]
-    if (outside := (values < lower) | (values > upper)).any():
-        row = int(outside.argmax())
-        raise MeasurementError(f"{where(row)}: {name} = {values[row]:g} is outside {lower:g} to {upper:g}; {remedy}.")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import io
+import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
@@ -79,7 +80,9 @@ def new_figure(width_cm: float, height_cm: float, layout: Literal["constrained",
 def png(figure: Figure) -> bytes:
     """Return a figure as a PNG, by its canvas: `savefig` would lay it out, draw it for nothing, and draw it again."""
     buffer = io.BytesIO()
-    with matplotlib.rc_context(_RC):
+    with matplotlib.rc_context(_RC), warnings.catch_warnings():
+        # A figure too full for its layout is drawn as it is: nothing that who reads the terminal could mend.
+        warnings.filterwarnings("ignore", message=".*layout", category=UserWarning)
         FigureCanvasAgg(figure).print_png(buffer)
     return buffer.getvalue()
 

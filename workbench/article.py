@@ -44,9 +44,16 @@ class Section:
 
 
 def write_article(
-    folder: Path, title: str, under: str, findings: Sequence[str], sections: Sequence[Section], files: Sequence[Path]
+    folder: Path,
+    title: str,
+    under: str,
+    findings: Sequence[str],
+    sections: Sequence[Section],
+    files: Sequence[Path],
+    *,
+    pictures: bool = True,
 ) -> None:
-    """Write `report.html`, a PNG for each picture and a CSV for each table to a folder.
+    """Write a CSV for each table, a PNG for each picture and `report.html` to a folder.
 
     Args:
         folder: which is there.
@@ -55,13 +62,16 @@ def write_article(
         findings: what a reader should take away, a line each.
         sections: of the page.
         files: what the result was made from, for its provenance.
+        pictures: False writes the tables alone.
     """
     for part in (part for section in sections for part in section.parts):
-        if isinstance(part, Picture):
+        if isinstance(part, Picture) and pictures:
             (folder / f"{part.name}.png").write_bytes(part.png)
         elif isinstance(part, Table):
             with (folder / f"{part.name}.csv").open("w", encoding="utf-8", newline="") as file:
                 csv.writer(file).writerows([part.head, *part.rows])
+    if not pictures:
+        return
     write_page(
         folder / "report.html",
         "article.html",

@@ -6,6 +6,8 @@ The commands themselves are in `workbench.commands` and are imported when one is
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
+from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,9 +27,10 @@ class OneSentence(typer.core.TyperGroup):
             return super().main(*args, standalone_mode=False, **kwargs)
         sys.exit(self._exit_code(*args, **kwargs))
 
-    def _exit_code(self, *args: Any, **kwargs: Any) -> int:
+    def _exit_code(self, args: Sequence[str] | None = None, *others: Any, **kwargs: Any) -> int:
+        given = list(sys.argv[1:] if args is None else args)
         try:
-            code = super().main(*args, standalone_mode=False, **kwargs)
+            code = super().main(given or ["--help"], *others, standalone_mode=False, **kwargs)
         except typer.TyperException as error:
             sentence = error.format_message()
             hint = "" if sentence.endswith("?") else "; --help shows what there is."
@@ -59,11 +62,27 @@ app = typer.Typer(
     cls=OneSentence,
     name="jaxmodel",
     help="Models of battery-powered DC drives: simulate, sweep, differentiate, and find what they miss.",
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )
+
+
+def _print_version(asked: bool) -> bool:
+    if asked:
+        print(f"jaxmodel {metadata.version('jaxmodel')}")
+        raise typer.Exit()
+    return asked
+
+
+@app.callback()
+def _of_all_commands(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Say the version and leave.")
+    ] = False,
+) -> None:
+    pass
+
 
 CasePath = Annotated[
     Path, typer.Argument(metavar="CASE", help="A folder with a case.toml, or the TOML file.", show_default=False)
@@ -83,6 +102,7 @@ Effects = Annotated[
         show_default=False,
     ),
 ]
+AnswerOnly = Annotated[bool, typer.Option("--answer-only", help="Write tables and answers, no pictures and no page.")]
 
 
 @app.command(epilog="Example: jaxmodel simulate examples/samsung_30q --out results")
@@ -93,11 +113,12 @@ def simulate(
         str, typer.Option(metavar="formula|lut", help="The paper's formulas, or its look-up tables.")
     ] = "formula",
     effect: Effects = None,
+    answer_only: AnswerOnly = False,
 ) -> None:
     """Run the model of a case over every run: a CSV and a picture for each."""
     from workbench.commands.simulate import simulate
 
-    simulate(case, out, fidelity, effect or [])
+    simulate(case, out, fidelity, effect or [], answer_only=answer_only)
 
 
 @app.command(epilog="Example: jaxmodel sweep examples/paper_sweep.toml --out results")
@@ -116,11 +137,14 @@ def sweep(
         bool, typer.Option("--dry-run", help="Say lanes, chunks, memory, disk and time, and run none of it.")
     ] = False,
     effect: Effects = None,
+    answer_only: AnswerOnly = False,
 ) -> None:
     """Run every combination of a study's axes: tables, a Zarr store and pictures."""
     from workbench.commands.sweep import sweep
 
-    sweep(study, out, effect or [], resume=resume, memory=memory, engine=engine, dry_run=dry_run)
+    sweep(
+        study, out, effect or [], resume=resume, memory=memory, engine=engine, dry_run=dry_run, pictures=not answer_only
+    )
 
 
 @app.command(epilog="Example: jaxmodel sensitivity examples/paper_sweep.toml --at ambient_degC=20 --out results")
@@ -175,6 +199,7 @@ def sensitivity(
         bool, typer.Option("--no-pairs", help="Leave out the second order of --global sobol: half the runs.")
     ] = False,
     effect: Effects = None,
+    answer_only: AnswerOnly = False,
 ) -> None:
     """Differentiate a study's run by its parameters, and double each beside it: tables, a Zarr store and pictures."""
     from workbench.commands.sensitivity import global_indices, maps, sensitivity, uncertainty
@@ -184,13 +209,13 @@ def sensitivity(
     if pair:
         from workbench.commands.interactions import interactions
 
-        interactions(study, out, at or [], effect or [], pair)
+        interactions(study, out, at or [], effect or [], pair, pictures=not answer_only)
         return
     if over_axes:
-        maps(study, out, at or [], effect or [])
+        maps(study, out, at or [], effect or [], pictures=not answer_only)
         return
     if uncertain:
-        uncertainty(study, out, at or [], effect or [], uncertain, count or 512)
+        uncertainty(study, out, at or [], effect or [], uncertain, count or 512, pictures=not answer_only)
         return
     if method:
         global_indices(
@@ -202,9 +227,10 @@ def sensitivity(
             count=count or 1024,
             groups=group or [],
             second_order=not no_pairs,
+            pictures=not answer_only,
         )
         return
-    sensitivity(study, out, at or [], effect or [], doubling=not gradient_only)
+    sensitivity(study, out, at or [], effect or [], doubling=not gradient_only, pictures=not answer_only)
 
 
 @app.command(epilog="Example: jaxmodel identify examples/samsung_30q --parameter rc_capacitance_scale --out results")
@@ -231,19 +257,22 @@ def identify(
         typer.Option("--add", metavar="NAME", help="Add this effect, its parameters unknown.", show_default=False),
     ] = None,
     effect: Effects = None,
+    answer_only: AnswerOnly = False,
 ) -> None:
     """Tell what the runs and sensors of a case know of its parameters, and which of them knows it."""
     from workbench.commands.identify import identify_case
 
-    identify_case(case, out, parameter or [], profile or [], add or [], effect or [])
+    identify_case(case, out, parameter or [], profile or [], add or [], effect or [], answer_only=answer_only)
 
 
 @app.command(epilog="Example: jaxmodel compare examples/samsung_30q --out results")
-def compare(case: CasePath, out: Out = Path("results"), effect: Effects = None) -> None:
+def compare(
+    case: CasePath, out: Out = Path("results"), effect: Effects = None, answer_only: AnswerOnly = False
+) -> None:
     """Calibrate the base model to a case and show where it fails, without trying any effect."""
     from workbench.commands.diagnose import diagnose_all
 
-    diagnose_all([case], out, effect or [], try_effects=False)
+    diagnose_all([case], out, effect or [], try_effects=False, answer_only=answer_only)
 
 
 @app.command(epilog="Example: jaxmodel diagnose examples/samsung_30q --out results")
@@ -270,9 +299,7 @@ def diagnose(
         list[str] | None,
         typer.Option("--without", metavar="NAME", help="Rule this effect out.", show_default=False),
     ] = None,
-    answer_only: Annotated[
-        bool, typer.Option("--answer-only", help="Write answer.json and extended.toml, no pictures.")
-    ] = False,
+    answer_only: AnswerOnly = False,
 ) -> None:
     """Find which physics a model misses: answer.json, extended.toml, pictures and report.html for each case."""
     from workbench.commands.diagnose import diagnose_all
@@ -314,11 +341,12 @@ def compensate(
     mission: Annotated[
         Path | None, typer.Option("--mission", metavar="MISSION.toml", help="For the gains.", show_default=False)
     ] = None,
+    answer_only: AnswerOnly = False,
 ) -> None:
     """Solve for the duty that holds the pace of the charge: maps as CSV and C headers, gains over a mission."""
     from workbench.commands.compensate import compensate_models
 
-    compensate_models(out, model or [], mission)
+    compensate_models(out, model or [], mission, pictures=not answer_only)
 
 
 @app.command(epilog="Example: jaxmodel estimate CASE --out results")
@@ -330,11 +358,12 @@ def estimate(
         Path | None,
         typer.Option("--tuning", metavar="tuning.json", help="Of an earlier run: tune nothing.", show_default=False),
     ] = None,
+    answer_only: AnswerOnly = False,
 ) -> None:
     """Estimate the state of charge by filters tuned on a cell's fit runs and judged on its check runs."""
     from workbench.commands.estimate import estimate
 
-    estimate(case, out, count, tuning)
+    estimate(case, out, count, tuning, pictures=not answer_only)
 
 
 @app.command(epilog="Example: jaxmodel mission examples/missions/house_search.toml --out results")
@@ -351,11 +380,12 @@ def mission(
         list[str] | None,
         typer.Option("--age", metavar="MONTHS,CYCLES", help="Of the pack; repeatable.", show_default=False),
     ] = None,
+    answer_only: AnswerOnly = False,
 ) -> None:
     """Tell how long a robot can stay out over temperature and age of its pack, and what calls it back."""
     from workbench.commands.mission import mission
 
-    mission(plan, out, model or [], age or [])
+    mission(plan, out, model or [], age or [], pictures=not answer_only)
 
 
 def main() -> None:

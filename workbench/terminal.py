@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
@@ -20,6 +21,7 @@ from rich.table import Table
 from rich.text import Text
 
 _PLAIN_WIDTH = 140
+PLAIN_PAUSE_S = 30.0  # after which a part of some work that lasts is named again
 _PLAIN_SHARE = 0.25  # of the work, between two plain lines
 
 
@@ -126,7 +128,7 @@ def told(what: str, shares: Mapping[str, float] | None = None) -> Iterator[Calla
     began = time.perf_counter()
 
     def left(now: str) -> str:
-        known = [start for start in shares or {} if now.startswith(start)]
+        known = [start for start in shares or {} if now.removeprefix("still ").startswith(start)]
         share = (shares or {})[max(known, key=len)] if known else 0.0
         if share <= 0.0:
             return ""
@@ -138,4 +140,38 @@ def told(what: str, shares: Mapping[str, float] | None = None) -> Iterator[Calla
             task = bar.add_task(what, total=None, now="")
             yield lambda now: bar.update(task, now=f"{now}{left(now)}")
         return
-    yield lambda now: say(f"{what}: {now} ({time.perf_counter() - began:.0f} s{left(now)})")
+    with _heard_of(lambda now: say(f"{what}: {now} ({time.perf_counter() - began:.0f} s{left(now)})")) as tell:
+        yield tell
+
+
+@contextlib.contextmanager
+def _heard_of(line: Callable[[str], None]) -> Iterator[Callable[[str], None]]:
+    """Print a line when work goes on to its next part, and again every half minute while that lasts.
+
+    Yields:
+        A function to be called with what is done next.
+    """
+    moved, now = threading.Event(), ""
+    ended = False
+
+    def watch() -> None:
+        while not ended:
+            if moved.wait(PLAIN_PAUSE_S):
+                moved.clear()
+            elif now:
+                line(f"still {now}")
+
+    def tell(next_part: str) -> None:
+        nonlocal now
+        now = next_part
+        line(next_part)
+        moved.set()
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield tell
+    finally:
+        ended = True
+        moved.set()
+        watcher.join()

@@ -24,7 +24,7 @@ OUT_OF_RANGE = 0.25
 NO_ANSWER = 1e-6
 # A speed that begins so many sd of its noise off the model's is remarked on.
 STARTS_ELSEWHERE = 5.0
-SPEED = "speed_rad_s"
+SPEED, START_SPEED = "speed_rad_s", "initial_speed_rad_s"
 # What starts a run; of these a cell's hysteresis and the rise of its temperature no case states.
 STARTS = ("initial_soc", "initial_temperature_rise_K", "initial_hysteresis", "initial_speed_rad_s")
 # A check run lies outside the conditions fitted by more than this: K of a temperature, of the state of charge, and of
@@ -162,7 +162,7 @@ def _about(value: float, low: float, high: float) -> bool:
 def starts_moving(
     case: Case, noise: Mapping[str, NoiseModel], predicted: Mapping[str, Mapping[str, np.ndarray]]
 ) -> tuple[str, ...]:
-    """Say where a motor turns at the first row, and the model does not.
+    """Say where a motor turns at the first row, and the model does not, or at another speed that the case states.
 
     Args:
         case: with its measurements.
@@ -171,18 +171,44 @@ def starts_moving(
     """
     if SPEED not in noise:
         return ()
-    told = []
+    told: list[str] = []
+    elsewhere: list[str] = []
     for run in case.runs:
         read = run.measured.outputs.get(SPEED)
         if read is None or not np.isfinite(read[0]):
             continue
-        if abs(read[0] - predicted[run.name][SPEED][0]) > STARTS_ELSEWHERE * noise[SPEED].own_sd:
+        far, model = STARTS_ELSEWHERE * noise[SPEED].own_sd, predicted[run.name][SPEED][0]
+        if abs(read[0] - model) <= far:
+            continue
+        stated = run.overrides.get(START_SPEED, case.parameters.get(START_SPEED))
+        if stated is not None:
+            elsewhere.append(
+                f"{SPEED} of {run.name} is {read[0]:.4g} at the first row, and {START_SPEED} is stated as "
+                f"{stated.value:.4g}: correct one of them, or give it an sd."
+            )
+        else:
             told.append(f"initial_speed_rad_s = {read[0]:.4g} to {run.name}")
     if not told:
-        return ()
+        return tuple(elsewhere)
     return (
+        *elsewhere,
         f"{SPEED} shows a motor that turns at the first row, where the model's stands still: if it did turn, give "
         f"{', '.join(told)}.",
+    )
+
+
+def nothing_held_out(case: Case) -> tuple[str, ...]:
+    """Say where no run is left to check the model on."""
+    if any(run.split == "check" for run in case.runs):
+        return ()
+    how = (
+        'set split = "check" for one of them'
+        if len(case.runs) > 1
+        else 'record another run and list it with split = "check"'
+    )
+    return (
+        "No run is held out: the errors are those of runs that the model was fitted to, and how well it predicts "
+        f"others cannot be judged; {how}.",
     )
 
 

@@ -19,11 +19,14 @@ from discrepancy.noise.contract import without_input_noise
 from discrepancy.noise.instrument import NoiseModel
 from discrepancy.preparation.held_inputs import noisy_inputs
 from discrepancy.settings import SETTINGS, Settings
+from jaxmodel.build import own_effect_hint
 from jaxmodel.case import Case
 from jaxmodel.errors import EffectError, nearest
 from jaxmodel.ports import Effect
 
 Labels = tuple[str, ...]
+# Steps of all fitted runs above which a model has a program of its own.
+_WORTH_A_PROGRAM = 30_000
 # A shot at what a law adds at a port, as a share of what is usual there.
 _SHARE = {"overpotential": 0.003, "counted_current": 0.02, "cell_heat": 0.1, "bridge_voltage": 0.03}
 _SHARE |= {"load_torque": 0.05, "torque_constant": 0.03, "motor_loss": 0.1, "onboard_current": 0.3}
@@ -67,6 +70,8 @@ class Bench:
     ) -> None:
         """Lay out the unknowns, without what the user rules out."""
         self.case, self.settings = case, settings
+        self._own: dict[tuple[tuple[str, ...], bool, bool], Problem] = {}
+        self._quieted: dict[int, tuple[Problem, Problem]] = {}
         ranges, sizes = _ranges(case), _sizes(case)
         everything = [*candidates(case), *laws(case, ranges, sizes, settings)]
         self.candidates: dict[str, Candidate] = {one.label: one for one in everything}
@@ -103,17 +108,40 @@ class Bench:
         return [one.effect for one in self.candidates.values() if one.bends and one.group == "effect"]
 
     def problem(self, setting: Setting) -> Problem:
-        """Return the problem of a model."""
+        """Return the problem of a model.
+
+        In a large case it is one with the model's own effects alone: to compile it takes some seconds, and each of many
+        evaluations takes a sixth (base model) to a half of the time that one with all candidates takes.
+        """
+        whole = self.problem_of_all(setting)
+        if not self.is_large:
+            return whole
+        effects = tuple(sorted({self.candidates[label].effect.label for label in setting.labels}))
+        key = (effects, setting.is_fine, setting.is_lawful)
+        if key not in self._own:
+            candidates = {one.effect.label for one in self.candidates.values()}
+            self._own[key] = whole.without(candidates - set(effects))
+        return self._own[key]
+
+    @functools.cached_property
+    def is_large(self) -> bool:
+        """Return whether a model is worth a program of its own."""
+        return sum(count * steps for count, _, steps in self.coarse.shapes) > _WORTH_A_PROGRAM
+
+    def problem_of_all(self, setting: Setting) -> Problem:
+        """Return the problem in which every candidate can be switched on beside a model."""
         if setting.is_lawful:
             return self.lawful_fine if setting.is_fine else self.lawful
         return self.fine if setting.is_fine else self.coarse
 
-    def quiet(self, setting: Setting, noise: Mapping[str, NoiseModel]) -> Problem:
-        """Return the problem with the noise taken out of its inputs, as they are where nothing is known of it."""
-        problem = self.problem(setting)
+    def quiet(self, problem: Problem, setting: Setting, noise: Mapping[str, NoiseModel]) -> Problem:
+        """Return a problem with the noise taken out of its inputs, as they are where nothing is known of it."""
         if not noisy_inputs(self.case):
             return problem
-        return eqx.tree_at(lambda p: p.courses, problem, self._quiet_courses(setting.is_fine, noise))
+        if id(problem) not in self._quieted:
+            quiet = eqx.tree_at(lambda p: p.courses, problem, self._quiet_courses(setting.is_fine, noise))
+            self._quieted[id(problem)] = (problem, quiet)
+        return self._quieted[id(problem)][1]
 
     def _quiet_courses(self, is_fine: bool, noise: Mapping[str, NoiseModel]):
         key = f"_quiet_{is_fine}"
@@ -160,7 +188,7 @@ class Bench:
             if not meant:
                 raise EffectError(
                     f"{self.case.name}: no effect that could be added to this case is called '{name}'."
-                    f"{nearest(name, self.candidates)}"
+                    f"{nearest(name, self.candidates)} {own_effect_hint(name)}"
                 )
             found.extend(meant)
         return tuple(dict.fromkeys(found))

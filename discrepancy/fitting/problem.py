@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -151,6 +151,37 @@ class Problem(eqx.Module):
         ]
         memory = [jnp.asarray(True) if one is None else jnp.any(jnp.asarray(one) != 0.0) for one in on]
         return Needed(jnp.max(self.courses.last_step) + 1, jnp.any(jnp.asarray(memory, dtype=bool)))
+
+    def without(self, absent: Collection[str]) -> Problem:
+        """Return the problem without some effects, all others always on: a program that takes a fraction of the time.
+
+        Unknowns keep their places, and those of absent effects move nothing.
+
+        Args:
+            absent: labels of effects.
+        """
+        present = tuple(
+            eqx.tree_at(lambda e: e.switch, effect, None, is_leaf=lambda x: x is None)
+            for effect in self.models.effects
+            if effect.label not in absent
+        )
+        unknowns = self.unknowns
+
+        def is_there(name: str) -> bool:
+            return name.rpartition(".")[0] not in absent
+
+        vectors = [(one, mix) for one, mix in zip(unknowns.vectors, unknowns.mixes, strict=True) if is_there(one[0])]
+        return dataclasses.replace(
+            self,
+            models=eqx.tree_at(lambda m: m.effects, self.models, present),
+            unknowns=dataclasses.replace(
+                unknowns,
+                targets=tuple(one for one in unknowns.targets if is_there(one[0])),
+                vectors=tuple(one for one, _ in vectors),
+                mixes=tuple(mix for _, mix in vectors),
+            ),
+            switched=(),
+        )
 
     def of(self, runs: np.ndarray) -> Problem:
         """Return the problem of some runs; unknowns keep their places, and those of other runs move nothing."""

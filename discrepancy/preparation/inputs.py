@@ -1,4 +1,4 @@
-"""A case as a session takes it: every run driven by the same inputs, currents counted as the model counts them."""
+"""A case as a session takes it: every run driven by the same inputs."""
 
 from __future__ import annotations
 
@@ -6,17 +6,10 @@ import dataclasses
 
 import numpy as np
 
-from jaxmodel.build import case_model, run_profile
-from jaxmodel.case import Case, Run
-from jaxmodel.errors import FitError, MeasurementError
+from jaxmodel.case import Case
+from jaxmodel.errors import FitError
 from jaxmodel.measurements import KINDS
 from jaxmodel.robot import duty_of_signal
-from jaxmodel.simulation import simulate
-
-# Reversing its current must leave a cell's voltage this much closer to the model's to be taken for right.
-_CLOSER = 0.5
-# What varies by less than this share of its largest value is constant.
-_CHANGING = 0.05
 
 
 def with_like_inputs(case: Case) -> Case:
@@ -40,52 +33,6 @@ def with_like_inputs(case: Case) -> Case:
                 f"{', '.join(other)}); put runs that are driven alike into a case of their own."
             )
     return dataclasses.replace(case, runs=tuple(runs))
-
-
-def check_sign_of_current(case: Case) -> None:
-    """Refuse a cell whose current is counted as negative on discharge, which nothing else would show so plainly.
-
-    Its voltage then rises with the current and with the charge it takes, in every run, and the stated model, run
-    backwards, is far closer to it.
-
-    Raises:
-        MeasurementError: the sign is wrong.
-    """
-    runs = [run for run in case.runs if case.kind == "cell" and "voltage_V" in run.measured.outputs]
-    runs = [run for run in runs if np.any(run.measured.inputs["current_A"])]
-    if not runs or not all(_rises_with_current(run) for run in runs):
-        return
-    if _misfit(case, runs, -1.0) < _CLOSER * _misfit(case, runs, 1.0):
-        raise MeasurementError(
-            f"{case.label}: voltage_V falls where current_A is negative, in every run; currents are "
-            "positive on discharge, so multiply the column current_A by -1."
-        )
-
-
-def _rises_with_current(run: Run) -> bool:
-    """Return whether the voltage rises with the current and the charge it has carried, as far as these change."""
-    current, voltage = run.measured.inputs["current_A"], run.measured.outputs["voltage_V"]
-    charge = np.cumsum(current * np.diff(run.measured.time_s, prepend=run.measured.time_s[0]))
-    there = np.isfinite(voltage)
-    changing = [one[there] for one in (current, charge) if np.std(one[there]) > _CHANGING * np.max(np.abs(one))]
-    if not changing:
-        return False
-    columns = [one - one.mean() for one in changing]
-    scaled = np.stack([one / np.linalg.norm(one) for one in columns], axis=1)
-    slopes = np.linalg.lstsq(scaled, voltage[there] - voltage[there].mean(), rcond=None)[0]
-    return bool(np.all(slopes > 0.0))
-
-
-def _misfit(case: Case, runs: list[Run], sign: float) -> float:
-    """Return the RMS of measured less predicted voltage of the stated model, its currents times a sign."""
-    errors = []
-    for run in runs:
-        turned = run.driven_by(run.measured.inputs | {"current_A": sign * run.measured.inputs["current_A"]})
-        found = simulate(case_model(case, run), run_profile(turned)).readings["voltage_V"]
-        errors.append(run.measured.outputs["voltage_V"] - np.asarray(found))
-    together = np.concatenate(errors)
-    together = together[np.isfinite(together)]
-    return float(np.sqrt(np.mean(together**2))) if together.size else np.inf
 
 
 def _with_duty(case: Case) -> Case:

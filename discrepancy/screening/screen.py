@@ -80,9 +80,10 @@ def screen(
     bench = view.bench
     if "law" in groups:
         setting = dataclasses.replace(setting, is_lawful=True)
-    problem, quiet = bench.problem(setting), bench.quiet(setting, noise)
+    problem, everything = bench.problem(setting), bench.problem_of_all(setting)
     errors = view.readings.value - view.at(problem, [setting.lane(x)])[0]
-    _, base = raw_look(view, quiet, setting, x)
+    _, base = raw_look(view, bench.quiet(problem, setting, noise), setting, x)
+    quiet = bench.quiet(everything, setting, noise)
     absent = [one for label, one in bench.candidates.items() if one.group in groups and label not in setting.labels]
     laws = [bench.candidates[label].law for label in setting.labels]
     used_ports = {law[0] for law in laws if law is not None}

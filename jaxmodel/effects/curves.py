@@ -38,6 +38,7 @@ class Curve(Effect):
         knots: where, strictly increasing, in the unit of `over`.
         port: the relation that is off.
         over: the field of the port's context that f is a function of.
+        relation: what a user calls the relation; "" where that is the port.
         unit: of the values; "" is the logarithm of a factor.
         typical: the size of the values that a designer meets often.
         usual_knots: the knots where nobody gives others.
@@ -47,6 +48,7 @@ class Curve(Effect):
 
     port: ClassVar[str]
     over: ClassVar[str]
+    relation: ClassVar[str] = ""
     unit: ClassVar[str] = ""
     typical: ClassVar[float]
     usual_knots: ClassVar[tuple[float, ...]]
@@ -199,6 +201,7 @@ class EntropyCurve(Curve):
     equation: ClassVar[str] = "V_oc += f(SOC) (T - 20); heat -i T_K f(SOC)"
     port: ClassVar[str] = "open_circuit_voltage"
     over: ClassVar[str] = "soc"
+    relation: ClassVar[str] = "entropic_coefficient"
     unit: ClassVar[str] = "V/K"
     typical: ClassVar[float] = 1e-4
     usual_knots: ClassVar[tuple[float, ...]] = SOC_KNOTS
@@ -248,6 +251,7 @@ class TorqueConstantCurve(Curve):
     equation: ClassVar[str] = "tau_D -> k_tau i_a exp(f(|i_a|))"
     port: ClassVar[str] = "motor_torque"
     over: ClassVar[str] = "current_A"
+    relation: ClassVar[str] = "torque_constant"
     typical: ClassVar[float] = 0.05
     usual_knots: ClassVar[tuple[float, ...]] = CURRENT_KNOTS
     knots_scale: ClassVar[str] = "motor_current"

@@ -257,7 +257,7 @@ CELL = 'kind = "cell"\n'
         pytest.param(
             CELL + RUNS + "initial_soc = 80\n",
             ParameterError,
-            ["run of run-02.csv", "'initial_soc' = 80", "correct the value or its unit"],
+            ["run of run-02.csv", "'initial_soc' = 80", "divide it by 100"],
             id="percent",
         ),
         pytest.param(

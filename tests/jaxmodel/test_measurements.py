@@ -256,24 +256,6 @@ ROBOT = "time_s,duty,load_torque_Nm,ambient_degC,pack_voltage_V\n"
             id="time runs back",
         ),
         pytest.param("cell", HEADER + "0,1,20,4\n0,1,20,4\n", ["line 3", "0 comes after 0"], id="time repeats"),
-        pytest.param(
-            "robot",
-            ROBOT + "0,0.3,0,20,24\n1,30,0,20,24\n",
-            ["line 3", "duty = 30 is outside -1 to 1", "0.3"],
-            id="duty in percent",
-        ),
-        pytest.param(
-            "robot",
-            ROBOT.replace("duty", "V_set") + "0,2.5,0,20,24\n1,12,0,20,24\n",
-            ["line 3", "V_set = 12 is outside 0 to 5"],
-            id="set voltage",
-        ),
-        pytest.param(
-            "cell",
-            HEADER + "0,1,293.15,4\n1,1,293.15,4\n",
-            ["line 2", "ambient_degC = 293.15", "kelvin", "subtract 273.15"],
-            id="kelvin",
-        ),
         pytest.param("cell", CELL.encode("utf-16"), ["not UTF-8", "save it again"], id="UTF-16"),
         pytest.param("cell", HEADER + "0,1,20," + "4" * 200_000, ["line 2", "not CSV", "quote"], id="endless field"),
     ],
@@ -288,12 +270,6 @@ def test_a_wrong_csv_gets_one_sentence_with_place_and_remedy(write, kind, conten
         assert part in message
     assert "\n" not in message
     assert message.endswith(".")
-
-
-def test_a_constant_ambient_is_checked_like_a_column(write):
-    path = write("time_s,current_A\n0,1\n1,1\n")
-    with pytest.raises(MeasurementError, match=r"run\.csv, the constant .* ambient_degC = 293 is outside .* kelvin"):
-        read_measurements(path, "cell", ambient_degC=293.0)
 
 
 def test_ambient_as_column_and_as_constant_is_an_error(write):

@@ -33,13 +33,14 @@ MISSION_DEGC = np.arange(-20.0, 60.1, 10.0)
 LONGEST_H = 8.0
 
 
-def compensate_models(out: Path, cases: Sequence[Path], mission_path: Path | None) -> None:
+def compensate_models(out: Path, cases: Sequence[Path], mission_path: Path | None, *, pictures: bool = True) -> None:
     """Write maps (CSV, C headers), gains over a mission and `report.html` to `out`.
 
     Args:
         out: the folder.
         cases: models of robots beside the printed equations; without any, the two that Table 1 was extended to.
         mission_path: a mission file; without it, the example's.
+        pictures: False writes neither pictures nor a page.
 
     Raises:
         UserError: a case or mission cannot be used.
@@ -80,13 +81,14 @@ def compensate_models(out: Path, cases: Sequence[Path], mission_path: Path | Non
         lines,
         sections,
         [*(path / "case.toml" if path.is_dir() else path for path in paths), mission_path],
+        pictures=pictures,
     )
     for section in sections:
         for table in (part for part in section.parts if isinstance(part, Table)):
             terminal.table(table.name, table.head, table.rows, right=range(table.words, len(table.head)))
     for line in lines:
         terminal.say(f"- {line}")
-    terminal.say(f"Maps, headers and report.html are in {out}.")
+    terminal.say(f"Maps and headers{', and report.html,' if pictures else ''} are in {out}.")
 
 
 def _recorded() -> list[Path]:

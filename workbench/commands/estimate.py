@@ -34,7 +34,7 @@ from workbench.commands.start import start
 TARGET = 0.02
 
 
-def estimate(path: Path, out: Path, count: int, tuning_path: Path | None) -> None:
+def estimate(path: Path, out: Path, count: int, tuning_path: Path | None, *, pictures: bool = True) -> None:
     """Write `report.html`, `tuning.json`, `errors.csv` and pictures to `out`.
 
     Args:
@@ -43,6 +43,7 @@ def estimate(path: Path, out: Path, count: int, tuning_path: Path | None) -> Non
         out: the folder.
         count: tunings to try.
         tuning_path: a `tuning.json` of an earlier evaluation: nothing is tuned.
+        pictures: False writes neither pictures nor a page.
 
     Raises:
         UserError: the case cannot be used.
@@ -69,12 +70,13 @@ def estimate(path: Path, out: Path, count: int, tuning_path: Path | None) -> Non
         lines,
         sections,
         case.files,
+        pictures=pictures,
     )
     shown = next(part for part in sections[0].parts if isinstance(part, Table))
     terminal.table("RMS error after convergence [%]", shown.head, shown.rows, right=range(1, len(shown.head)))
     for line in lines:
         terminal.say(f"- {line}")
-    terminal.say(f"report.html, tuning.json and errors.csv are in {out}.")
+    terminal.say(f"{'report.html, ' if pictures else ''}tuning.json and errors.csv are in {out}.")
 
 
 def _percent(value: float) -> str:

@@ -19,7 +19,9 @@ from workbench.commands.start import start
 _SEEN = 5e-4
 
 
-def interactions(path: Path, out: Path, at: Sequence[str], effects: Sequence[str], pairs: Sequence[str]) -> xr.Dataset:
+def interactions(
+    path: Path, out: Path, at: Sequence[str], effects: Sequence[str], pairs: Sequence[str], *, pictures: bool = True
+) -> xr.Dataset:
     """Differentiate a study's metrics twice; write `interactions.zarr`, `interactions.csv` and matrices to `out`.
 
     Args:
@@ -28,6 +30,7 @@ def interactions(path: Path, out: Path, at: Sequence[str], effects: Sequence[str
         at: the point, as `NAME=VALUE`.
         effects: the user's own.
         pairs: as `A,B`, or `A,B,C` for every pair of them; each name with itself too.
+        pictures: whether to draw.
 
     Raises:
         UserError: the study, the point or a pair cannot be used.
@@ -39,9 +42,10 @@ def interactions(path: Path, out: Path, at: Sequence[str], effects: Sequence[str
         progress("compiling and running, half a minute the first time")
         data = sensitivity.interactions(study, chosen)
         sensitivity.save(data, out)
-        save_pictures(data, out)
+        if pictures:
+            save_pictures(data, out)
     _print(data)
-    terminal.say(f"interactions.zarr, interactions.csv and pictures are in {out}.")
+    terminal.say(f"interactions.zarr, interactions.csv{' and pictures' if pictures else ''} are in {out}.")
     return data
 
 

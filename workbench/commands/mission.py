@@ -31,7 +31,7 @@ REAL_CELLS = "Panasonic cells, 6 in series, 2 in parallel"
 BY_CAPACITY = "paper's pack, capacity as in Table 1"
 
 
-def mission(path: Path | None, out: Path, cases: Sequence[Path], ages: Sequence[str]) -> None:
+def mission(path: Path | None, out: Path, cases: Sequence[Path], ages: Sequence[str], *, pictures: bool = True) -> None:
     """Write `report.html`, `endurance.csv` and pictures to `out`.
 
     Args:
@@ -39,6 +39,7 @@ def mission(path: Path | None, out: Path, cases: Sequence[Path], ages: Sequence[
         out: the folder.
         cases: models of robots; without any, the paper's, that extended by Table 1, and one with real cells.
         ages: "MONTHS,CYCLES" each; without any, three.
+        pictures: False writes neither pictures nor a page.
 
     Raises:
         UserError: a file or an age cannot be used.
@@ -68,13 +69,14 @@ def mission(path: Path | None, out: Path, cases: Sequence[Path], ages: Sequence[
         lines,
         sections,
         [path],
+        pictures=pictures,
     )
     for section in sections[1:]:
         for table in (part for part in section.parts if isinstance(part, Table)):
             terminal.table(section.title, table.head, table.rows, right=range(1, len(table.head)))
     for line in lines:
         terminal.say(f"- {line}")
-    terminal.say(f"report.html and endurance.csv are in {out}.")
+    terminal.say(f"{'report.html and endurance.csv are' if pictures else 'endurance.csv is'} in {out}.")
 
 
 def usual_models() -> dict[str, Model]:

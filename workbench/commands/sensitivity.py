@@ -18,7 +18,9 @@ from workbench.commands.start import own_effects, start
 from workbench.interactive import global_figures, local_figures, uncertainty_figures, write_interactive
 
 
-def sensitivity(path: Path, out: Path, at: Sequence[str], effects: Sequence[str], *, doubling: bool) -> xr.Dataset:
+def sensitivity(
+    path: Path, out: Path, at: Sequence[str], effects: Sequence[str], *, doubling: bool, pictures: bool = True
+) -> xr.Dataset:
     """Differentiate a study at one point; write `sensitivity.zarr`, `sensitivity.csv` and pictures to `out`.
 
     Raises:
@@ -31,16 +33,24 @@ def sensitivity(path: Path, out: Path, at: Sequence[str], effects: Sequence[str]
         data = analyses.local(study, doubling=doubling)
         progress("tables and pictures")
         analyses.save(data, out)
-        save_pictures(data, out)
-        write_interactive(out / "sensitivity.html", local_figures(data))
+        if pictures:
+            save_pictures(data, out)
+            write_interactive(out / "sensitivity.html", local_figures(data))
     print_sensitivity(data)
     terminal.say(f"Differentiated in {data.attrs['mode']} mode: {data.attrs['passes']} passes.")
-    terminal.say(f"sensitivity.zarr, sensitivity.csv and pictures are in {out}.")
+    terminal.say(f"sensitivity.zarr, sensitivity.csv{' and pictures' if pictures else ''} are in {out}.")
     return data
 
 
 def uncertainty(
-    path: Path, out: Path, at: Sequence[str], effects: Sequence[str], uncertain: Sequence[str], draws: int
+    path: Path,
+    out: Path,
+    at: Sequence[str],
+    effects: Sequence[str],
+    uncertain: Sequence[str],
+    draws: int,
+    *,
+    pictures: bool = True,
 ) -> xr.Dataset:
     """Propagate the uncertainty of parameters through a study's run; write `uncertainty.zarr`, `.csv` and pictures.
 
@@ -51,6 +61,7 @@ def uncertainty(
         effects: the user's own.
         uncertain: `NAME=SD`, "case" for what the study's case states, or the folder of an `identify`.
         draws: runs to sample.
+        pictures: whether to draw.
 
     Raises:
         UserError: the study, the point or what is uncertain cannot be used.
@@ -77,10 +88,11 @@ def uncertainty(
         data = analyses.uncertainty(study, sd, correlation, draws=draws)
         progress("tables and pictures")
         analyses.save(data, out)
-        save_pictures(data, out)
-        write_interactive(out / "uncertainty.html", uncertainty_figures(data))
+        if pictures:
+            save_pictures(data, out)
+            write_interactive(out / "uncertainty.html", uncertainty_figures(data))
     _print_uncertainty(data)
-    terminal.say(f"uncertainty.zarr, uncertainty.csv and pictures are in {out}.")
+    terminal.say(f"uncertainty.zarr, uncertainty.csv{' and pictures' if pictures else ''} are in {out}.")
     return data
 
 
@@ -94,6 +106,7 @@ def global_indices(
     count: int,
     groups: Sequence[str],
     second_order: bool,
+    pictures: bool = True,
 ) -> xr.Dataset:
     """Find how a study's metrics depend on its ranges as a whole; write `global.zarr`, `global.csv` and pictures.
 
@@ -106,10 +119,11 @@ def global_indices(
     with terminal.counted("global", "lanes") as progress:
         data = analyses.global_indices(study, method, count, of_group, second_order=second_order, progress=progress)
     analyses.save(data, out)
-    save_pictures(data, out)
-    write_interactive(out / "global.html", global_figures(data))
+    if pictures:
+        save_pictures(data, out)
+        write_interactive(out / "global.html", global_figures(data))
     _print_global(data)
-    terminal.say(f"global.zarr, global.csv and pictures are in {out}.")
+    terminal.say(f"global.zarr, global.csv{' and pictures' if pictures else ''} are in {out}.")
     return data
 
 
@@ -134,7 +148,7 @@ def _print_global(data: xr.Dataset) -> None:
         terminal.say(f"{data.attrs['failed']:,} of {data.attrs['runs']:,} runs failed: their blocks are left out.")
 
 
-def maps(path: Path, out: Path, at: Sequence[str], effects: Sequence[str]) -> xr.Dataset:
+def maps(path: Path, out: Path, at: Sequence[str], effects: Sequence[str], *, pictures: bool = True) -> xr.Dataset:
     """Differentiate at every combination of a study's axes; write `elasticity-map.zarr` and a picture for each metric.
 
     Raises:
@@ -145,8 +159,9 @@ def maps(path: Path, out: Path, at: Sequence[str], effects: Sequence[str]) -> xr
     with terminal.counted("elasticity map", "lanes") as progress:
         data = analyses.elasticity_map(study, progress=progress)
     analyses.save(data, out)
-    save_pictures(data, out)
-    terminal.say(f"elasticity-map.zarr and pictures are in {out}.")
+    if pictures:
+        save_pictures(data, out)
+    terminal.say(f"elasticity-map.zarr{' and pictures' if pictures else ''} are in {out}.")
     return data
 
 

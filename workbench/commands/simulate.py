@@ -14,8 +14,8 @@ from workbench import terminal
 from workbench.commands.start import read_case_with, start
 
 
-def simulate(path: Path, out: Path, fidelity: str, effects: Sequence[str]) -> None:
-    """Simulate every run of a case; write `out/RUN.csv` and `out/RUN.png`.
+def simulate(path: Path, out: Path, fidelity: str, effects: Sequence[str], *, answer_only: bool = False) -> None:
+    """Simulate every run of a case; write `out/RUN.csv` and, but for `answer_only`, `out/RUN.png`.
 
     Raises:
         UserError: the case, an effect or the fidelity cannot be used.
@@ -32,6 +32,8 @@ def simulate(path: Path, out: Path, fidelity: str, effects: Sequence[str]) -> No
         outcomes = simulate_case(case, fidelity=fidelity, progress=progress)
     for outcome in outcomes:
         write_csv(outcome, out / f"{outcome.run.name}.csv")
+        if answer_only:
+            continue
         (out / f"{outcome.run.name}.png").write_bytes(png(simulation(outcome.run.name, outcome.table, outcome.run)))
     rows = [
         (o.run.name, o.run.label, str(len(o.table)), f"{o.end_s:g}", o.status.name.lower().replace("_", " "))
@@ -40,7 +42,7 @@ def simulate(path: Path, out: Path, fidelity: str, effects: Sequence[str]) -> No
     terminal.table(case.title, ("run", "label", "rows", "end [s]", "status"), rows, right=(2, 3))
     for sentence in filter(None, (outcome.sentence() for outcome in outcomes)):
         terminal.say(sentence)
-    terminal.say(f"{len(outcomes)} CSV files and pictures are in {out}.")
+    terminal.say(f"{len(outcomes)} CSV files{'' if answer_only else ' and pictures'} are in {out}.")
 
 
 def write_csv(outcome: SimulatedRun, path: Path) -> None:

@@ -22,7 +22,14 @@ _PERCENTS = (0, 5, 50, 95, 100)
 
 
 def sweep(
-    path: Path, out: Path, effects: Sequence[str], *, dry_run: bool = False, memory: str | None = None, **how: Any
+    path: Path,
+    out: Path,
+    effects: Sequence[str],
+    *,
+    dry_run: bool = False,
+    memory: str | None = None,
+    pictures: bool = True,
+    **how: Any,
 ) -> xr.Dataset | None:
     """Run a study; write its result (Zarr, CSV, manifest) and a picture for each metric to `out`.
 
@@ -32,6 +39,7 @@ def sweep(
         effects: of the user's own, as `file.py:Class`.
         dry_run: reports what the sweep would take, and writes nothing.
         memory: as `sweeps.run` takes it.
+        pictures: whether to draw.
         how: `resume` and `engine`, as `sweeps.run` takes them.
 
     Raises:
@@ -44,10 +52,11 @@ def sweep(
         return None
     start(out)
     dataset = run_study(study, out=out, memory=memory, **how)
-    save_pictures(dataset, out)
+    if pictures:
+        save_pictures(dataset, out)
     print_sweep(dataset)
     table = "lanes.csv, " if (out / "lanes.csv").exists() else ""
-    terminal.say(f"result.zarr, {table}manifest.json and pictures are in {out}.")
+    terminal.say(f"result.zarr, {table}manifest.json{' and pictures' if pictures else ''} are in {out}.")
     return dataset
 
 

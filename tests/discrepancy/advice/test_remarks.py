@@ -14,6 +14,7 @@ from discrepancy.advice.remarks import (
     extrapolated_sentence,
     noise_remarks,
     not_converged,
+    nothing_held_out,
     nothing_moves,
     starts_moving,
     strained,
@@ -107,7 +108,21 @@ def test_a_motor_that_turns_when_its_file_begins_is_remarked_on() -> None:
     (told,) = said(0.0, 0.0)
     assert told.endswith("if it did turn, give initial_speed_rad_s = -150 to run-02.")
     assert said(0.0, -150.0) == ()
+    stated = dataclasses.replace(case.runs[1], overrides={"initial_speed_rad_s": Known(-120.0)})
+    case = dataclasses.replace(case, runs=(case.runs[0], stated))
+    (told,) = said(0.0, -120.0)
+    assert told.startswith("speed_rad_s of run-02 is -150 at the first row, and initial_speed_rad_s is stated as -120:")
+    assert "stands still" not in told
     assert starts_moving(case, {}, {}) == ()
+
+
+def test_a_case_that_holds_nothing_out_is_told_how_to() -> None:
+    fitted, check = cell_run(1, 1.0, 20.0), cell_run(2, 1.0, 20.0, split="check")
+    assert nothing_held_out(case_of("cell", {}, [fitted, check], {})) == ()
+    (alone,) = nothing_held_out(case_of("cell", {}, [fitted], {}))
+    assert "cannot be judged; record another run" in alone
+    (two,) = nothing_held_out(case_of("cell", {}, [fitted, dataclasses.replace(check, split="fit")], {}))
+    assert 'set split = "check" for one of them' in two
 
 
 def test_a_check_run_that_starts_elsewhere_than_stated_is_told() -> None:
