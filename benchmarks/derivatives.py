@@ -121,7 +121,7 @@ def cost_of(kind: str, lanes: int = LANES, rounds: int = 2) -> list[dict[str, An
             off = np.abs(found[name] - truth)[:, counted.get(name, slice(None))].max(axis=1)
             error = float(np.max(off / np.abs(truth).max(axis=1)))
         rows.append(
-            {"kind": kind, "way": name, "lanes": some[name], "steps": response.course.duration_s.size}
+            {"kind": kind, "way": name, "lanes": some[name], "steps": response.stepped.duration_s.size}
             | {"parameters": count, "runs": runs.get(name), "memory_MiB": memory[name], "error": error}
             | {"times_run": times_run["best_s"], "times_run_cpu": times_run["cpu_s"]}
             | row

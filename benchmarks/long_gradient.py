@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxmodel.model import Model
 from jaxmodel.profile import Profile
-from sensitivity.local import local_sensitivities
+from sensitivity.derivatives import local_sensitivities
 
 STEPS = 100_000
 

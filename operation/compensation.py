@@ -1,11 +1,11 @@
-"""Compensation: the duty at which the charge falls at its reference pace, whatever the temperature and the torque.
+"""Compensation: the duty at which the state of charge falls with its reference slope at any temperature and torque.
 
 At a given torque the motor's current is given too (eq. 12); what a robot can lower is the duty, and with it the current
 that a motor draws from the pack (eq. 14) and the speed. The duty is the root of
 
     slope(duty; ambient, torque) = slope at the reference
 
-over runs of the engine, for all places of the map at once.
+over simulated runs, for all grid points of the map at once.
 """
 
 from __future__ import annotations
@@ -17,13 +17,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix
+import pandas as pd
 from jaxtyping import Array, Float
 
 from jaxmodel.kernel import as_one_kernel
 from jaxmodel.model import Model
 from jaxmodel.profile import constant
 from jaxmodel.simulation import Cutoff
-from sweeps.lane import Course, Keep, lay_out, run_lane
+from sweeps.lane import Keep, SteppedProfile, lay_out, run_lane
 from sweeps.metrics import metrics_of
 
 # Slopes are means over the paper's half hour. Rows of a minute suffice for a steady run: the map is checked at 1 s.
@@ -33,12 +34,14 @@ LEAST_DUTY, MOST_DUTY = 1e-3, 1.0
 MOST_ROUNDS = 64
 # A run ends here and its slope is that until then: a high duty empties the pack before the half hour.
 NEARLY_EMPTY = Cutoff(soc=0.05)  # type: ignore[arg-type]
+# The paper, abstract and end of section 3: "15.7 percent per 20 degC deviation", "14.7 percent" per 50 mN m.
+SHARE_PER_20_K, SHARE_PER_50_MNM = 0.157, 0.147
 _METRICS = ("soc_gradient", "mean_speed_rad_s")
 
 
 @dataclasses.dataclass(frozen=True)
 class Reference:
-    """The place whose slope is to be held, and the duty there."""
+    """The operating point whose slope is to be held: ambient, torque of one track motor, duty."""
 
     ambient_degC: float = 20.0
     load_torque_Nm: float = 0.175
@@ -47,7 +50,7 @@ class Reference:
 
 @dataclasses.dataclass(frozen=True)
 class Runs:
-    """Steady runs over the places of a map.
+    """Steady runs over the grid points of a map.
 
     Attributes:
         soc_gradient: 1/s.
@@ -60,14 +63,14 @@ class Runs:
 
 @dataclasses.dataclass(frozen=True)
 class Compensation:
-    """The map; arrays are of shape (ambients, torques).
+    """The map of a compensation; arrays are of shape (ambients, torques).
 
     Attributes:
-        reference: what is held.
-        slope: at the reference, 1/s.
+        reference: the operating point whose slope is held.
+        slope: of the state of charge at the reference, 1/s.
         ambient_degC: of the rows.
         load_torque_Nm: of the columns.
-        duty: that holds the slope; NaN where none within 0.001 to 1 does.
+        duty: the duty that holds the slope; NaN where none within 0.001 to 1 does.
         before: runs at the reference's duty.
         after: runs at the map's duty, in steps of 1 s: the check in simulation.
     """
@@ -97,20 +100,43 @@ class Compensation:
         return float(np.max(off[np.isfinite(self.duty)], initial=0.0))
 
     def interpolated(self, ambient_degC: np.ndarray, load_torque_Nm: np.ndarray) -> np.ndarray:
-        """Return the duty between the places of the map: linear in both, held at the ends."""
+        """Return the duty between grid points: bilinear, held at the ends; arrays of one shape."""
         return bilinear(self.ambient_degC, self.load_torque_Nm, self.duty, ambient_degC, load_torque_Nm)
+
+    def reduction(self, start: tuple[float, float], end: tuple[float, float]) -> float:
+        """Return by what share the duty falls from one point (degC, N m) to another; negative where it rises."""
+        points = np.array([start, end])
+        first, last = self.interpolated(points[:, 0], points[:, 1])
+        return float(1.0 - last / first)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Return a line for each grid point: duty, its share, slopes before and after [1/s], speed after [rad/s]."""
+        ambient, torque = np.meshgrid(self.ambient_degC, self.load_torque_Nm, indexing="ij")
+        columns = {
+            "ambient_degC": ambient,
+            "load_torque_Nm": torque,
+            "duty": self.duty,
+            "duty_share": self.share,
+            "slope_before_per_s": self.before.soc_gradient,
+            "slope_after_per_s": self.after.soc_gradient,
+            "speed_after_rad_s": self.after.speed_rad_s,
+        }
+        return pd.DataFrame({name: values.ravel() for name, values in columns.items()})
 
 
 def compensate(
     model: Model, ambient_degC: np.ndarray, load_torque_Nm: np.ndarray, reference: Reference | None = None
 ) -> Compensation:
-    """Solve for the duty over a map.
+    """Solve for the duty that holds the slope of the state of charge, over a grid of ambient and torque.
 
     Args:
         model: a robot.
         ambient_degC: shape (ambients,), rising.
         load_torque_Nm: torque of one track motor, shape (torques,), rising.
-        reference: the paper's 20 degC, 175 mN m and 0.3 if none is given.
+        reference: the operating point whose slope is held; the paper's 20 degC, 0.175 N m and 0.3 if none is given.
+
+    Returns:
+        The map, with simulated runs at the reference's duty and at the map's.
     """
     reference = reference or Reference()
     ambients, torques = (grid.ravel() for grid in np.meshgrid(ambient_degC, load_torque_Nm, indexing="ij"))
@@ -123,7 +149,7 @@ def compensate(
     )
     there = (least < 0.0) & (most > 0.0)
     warm, load = (jnp.asarray(np.where(there, grid, value[0])) for grid, value in ((ambients, at[0]), (torques, at[1])))
-    duty = np.where(there, np.asarray(_roots(model, _course(model, STEP_S), warm, load, jnp.asarray(slope))), np.nan)
+    duty = np.where(there, np.asarray(_roots(model, _half_hour(model, STEP_S), warm, load, jnp.asarray(slope))), np.nan)
     before = steady(model, ambients, torques, np.full_like(ambients, reference.duty), CHECK_STEP_S)
     after = steady(model, ambients, torques, duty, CHECK_STEP_S)
 
@@ -147,17 +173,32 @@ def compensate(
 def steady(
     model: Model, ambient_degC: np.ndarray, load_torque_Nm: np.ndarray, duty: np.ndarray, step_s: float = STEP_S
 ) -> Runs:
-    """Return runs of half an hour at constant inputs, one for each place; all arrays of one shape (places,)."""
+    """Return runs of half an hour at constant inputs, one for each point; all arrays of one shape (points,)."""
     lanes = {"ambient_degC": ambient_degC, "load_torque_Nm": load_torque_Nm, "duty": duty}
-    values = _over_lanes(model, _course(model, step_s), {name: jnp.asarray(v, float) for name, v in lanes.items()})
+    values = _over_lanes(model, _half_hour(model, step_s), {name: jnp.asarray(v, float) for name, v in lanes.items()})
     return Runs(
         np.asarray(values["soc_gradient"]),
         np.asarray(values["mean_speed_rad_s"]),
     )
 
 
-def bilinear(x: np.ndarray, y: np.ndarray, table: np.ndarray, at_x, at_y) -> np.ndarray:
-    """Return a table's values between its places, held at its ends; `table` is of shape (x, y)."""
+def paper_rule_error(model: Model, compensation: Compensation) -> float:
+    """Return the RMS relative error of the slope under the paper's rule, over the grid points that have a duty.
+
+    The rule: 15.7 % less duty for each 20 K colder and 14.7 % less for each 50 mN m more than the reference (abstract
+    and end of section 3).
+    """
+    r = compensation.reference
+    grids = np.meshgrid(compensation.ambient_degC, compensation.load_torque_Nm, indexing="ij")
+    t, m = (grid.ravel() for grid in grids)
+    colder, more = (r.ambient_degC - t) / 20.0, (m - r.load_torque_Nm) / 0.05
+    duty = r.duty * (1.0 - SHARE_PER_20_K * colder) * (1.0 - SHARE_PER_50_MNM * more)
+    error = steady(model, t, m, np.clip(duty, LEAST_DUTY, MOST_DUTY)).soc_gradient / compensation.slope - 1.0
+    return float(np.sqrt(np.mean(error[np.isfinite(compensation.duty).ravel()] ** 2)))
+
+
+def bilinear(x: np.ndarray, y: np.ndarray, table: np.ndarray, at_x: np.ndarray, at_y: np.ndarray) -> np.ndarray:
+    """Return a table's values between its grid points, held at its ends; `table` is of shape (x, y)."""
     at_x, at_y = np.clip(at_x, x[0], x[-1]), np.clip(at_y, y[0], y[-1])
     row = np.clip(np.searchsorted(x, at_x, side="right") - 1, 0, len(x) - 2)
     column = np.clip(np.searchsorted(y, at_y, side="right") - 1, 0, len(y) - 2)
@@ -167,7 +208,7 @@ def bilinear(x: np.ndarray, y: np.ndarray, table: np.ndarray, at_x, at_y) -> np.
     return (1.0 - u) * low + u * high
 
 
-def _course(model: Model, step_s: float) -> Course:
+def _half_hour(model: Model, step_s: float) -> SteppedProfile:
     """Return half an hour of constant inputs; lanes bring their own values."""
     return lay_out(model, constant(DURATION_S, step_s, ambient_degC=20.0, load_torque_Nm=0.1, duty=0.3), np.array([0]))
 
@@ -178,34 +219,34 @@ def _keep(*names: str) -> Keep:
 
 
 @eqx.filter_jit
-def _over_lanes(model: Model, course: Course, lanes: dict[str, Array]) -> dict[str, Array]:
-    def over(model, course, lanes):
-        return jax.vmap(lambda own: run_lane(_keep(*_METRICS), model, course, NEARLY_EMPTY, own).values)(lanes)
+def _over_lanes(model: Model, stepped: SteppedProfile, lanes: dict[str, Array]) -> dict[str, Array]:
+    def over(model: Model, stepped: SteppedProfile, lanes: dict[str, Array]) -> dict[str, Array]:
+        return jax.vmap(lambda own: run_lane(_keep(*_METRICS), model, stepped, NEARLY_EMPTY, own).values)(lanes)
 
-    return as_one_kernel(over, model, course, lanes)
+    return as_one_kernel(over, model, stepped, lanes)
 
 
 @eqx.filter_jit
 def _roots(
     model: Model,
-    course: Course,
-    ambient_degC: Float[Array, " places"],
-    load_torque_Nm: Float[Array, " places"],
+    stepped: SteppedProfile,
+    ambient_degC: Float[Array, " points"],
+    load_torque_Nm: Float[Array, " points"],
     slope: Array,
-) -> Float[Array, " places"]:
-    """Return the root of each place; each has one between the bounds."""
+) -> Float[Array, " points"]:
+    """Return the root of each point; each has one between the bounds."""
     keep = _keep("soc_gradient")
 
-    def off(duty, place):
-        ambient, torque = place
+    def off(duty: Array, point: tuple[Array, Array]) -> Array:
+        ambient, torque = point
         own = {"ambient_degC": ambient, "load_torque_Nm": torque, "duty": duty}
-        return run_lane(keep, model, course, NEARLY_EMPTY, own).values["soc_gradient"] / slope - 1.0
+        return run_lane(keep, model, stepped, NEARLY_EMPTY, own).values["soc_gradient"] / slope - 1.0
 
     # By halving: a run and its derivative in a loop took ten times as long to compile as the run alone.
     solver = optimistix.Bisection(rtol=TOLERANCE, atol=TOLERANCE)
     bounds = {"lower": jnp.asarray(LEAST_DUTY), "upper": jnp.asarray(MOST_DUTY)}
 
-    def root(ambient, torque):
+    def root(ambient: Array, torque: Array) -> Array:
         start = jnp.asarray(0.5 * (LEAST_DUTY + MOST_DUTY))
         return optimistix.root_find(
             off, solver, start, (ambient, torque), options=bounds, max_steps=MOST_ROUNDS, throw=False

@@ -1,4 +1,4 @@
-"""Missions: what a rescue robot does one thing after the other, how long the pack lasts at it, and what ends it.
+"""Missions: a sequence of segments that a robot repeats, how long its pack lasts, and what ends it.
 
 A mission is a list of segments: drive on a surface at a slope, climb stairs on the flippers, stand. It is repeated
 until the first of three limits: the charge, the voltage of a cell, the temperature of a winding.
@@ -16,19 +16,24 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import xarray
+from jaxtyping import Array
 from pydantic import ConfigDict, Field, ValidationError, model_validator
 
+from jaxmodel.cell import storage_factor
 from jaxmodel.errors import SweepError, nearest
 from jaxmodel.measurements import file_label, read_utf8
 from jaxmodel.model import Model
 from jaxmodel.names import with_values
+from jaxmodel.parameters import TABLE
 from jaxmodel.profile import Profile
 from jaxmodel.robot import flipper_torque, track_torque
-from jaxmodel.simulation import Cutoff, run_track, track
+from jaxmodel.simulation import Cutoff, Track, run_track, track
+from operation.compensation import Compensation
 from sweeps.form import Form, complaint, wrong
 
 # Friction coefficients mu of eq. 18 by surface. The paper has 0.7, rubber on asphalt; the others are assumed, in the
-# order of how hard a track pulls on them.
+# order of the traction of a track on them.
 SURFACES = {
     "asphalt": 0.7,
     "concrete": 0.65,
@@ -67,8 +72,14 @@ class Segment(Form):
     flipper_duty: float = Field(default=0.2, ge=0.0, le=1.0)
 
 
-class MissionForm(Form):
-    """A mission file: a title, the step and the segments, of which one round is made."""
+class Mission(Form):
+    """A mission: the content of a mission file.
+
+    Attributes:
+        title: free text.
+        step_s: of the simulation.
+        segment: the segments of one round, in order.
+    """
 
     model_config = ConfigDict(extra="forbid")
 
@@ -77,7 +88,7 @@ class MissionForm(Form):
     segment: list[Segment] = Field(min_length=1)
 
     @model_validator(mode="after")
-    def _whole_steps(self) -> "MissionForm":
+    def _whole_steps(self) -> "Mission":
         for number, one in enumerate(self.segment, start=1):
             steps = one.duration_s / self.step_s
             if round(steps) < 1 or not math.isclose(steps, round(steps), rel_tol=1e-9):
@@ -92,7 +103,7 @@ class Limits:
     """What ends a mission: the first of a charge, the voltage of one cell, and the temperature of a winding.
 
     Attributes:
-        soc: state of charge; a tenth is kept for the way home: assumed.
+        soc: state of charge; a tenth is the reserve for the way back: assumed.
         cell_V: the paper recommends 3 V.
         winding_degC: maxon's limit for the RE50.
     """
@@ -119,15 +130,16 @@ class Endurance:
     each_s: Mapping[str, np.ndarray]
 
 
-def read_mission(path: Path) -> MissionForm:
+def read_mission(path: str | Path) -> Mission:
     """Read a mission file.
 
     Raises:
         SweepError: it is no TOML, a key is wrong, or a surface is unknown.
     """
+    path = Path(path)
     label = file_label(path)
     try:
-        mission = MissionForm(**tomllib.loads(read_utf8(path)))
+        mission = Mission(**tomllib.loads(read_utf8(path)))
     except tomllib.TOMLDecodeError as error:
         raise SweepError(f"{label}: this is not valid TOML ({error}); correct it there.") from error
     except ValidationError as error:
@@ -140,8 +152,13 @@ def read_mission(path: Path) -> MissionForm:
     return mission
 
 
-def course(mission: MissionForm, model: Model, rounds: int, slower: Callable | None = None) -> Profile:
-    """Return the inputs of so many rounds: torque by eq. 18, the duty that holds the speed, flippers by eq. 19.
+def mission_profile(
+    mission: Mission,
+    model: Model,
+    rounds: int = 1,
+    limited: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
+) -> Profile:
+    """Return the input profile of some rounds: torque by eq. 18, the duty that holds the speed, flippers by eq. 19.
 
     The duty is that of eqs. 11 to 14 in equilibrium at the pack's nominal voltage, cold winding. The ambient is 20
     degC; lanes bring their own.
@@ -149,8 +166,8 @@ def course(mission: MissionForm, model: Model, rounds: int, slower: Callable | N
     Args:
         mission: its segments.
         model: whose robot drives.
-        rounds: how often the segments are gone through.
-        slower: given the torques and duties of the rows, returns the duties of a compensation.
+        rounds: how often the segments are repeated.
+        limited: given the torques and duties of the rows, returns lower duties.
 
     Raises:
         SweepError: a segment is too fast for the pack.
@@ -173,8 +190,8 @@ def course(mission: MissionForm, model: Model, rounds: int, slower: Callable | N
             rows[name].append(value)
         counts.append(round(segment.duration_s / mission.step_s))
     columns = {name: np.tile(np.repeat(values, counts), rounds) for name, values in rows.items()}
-    if slower is not None:
-        columns["duty"] = slower(columns["load_torque_Nm"], columns["duty"])
+    if limited is not None:
+        columns["duty"] = limited(columns["load_torque_Nm"], columns["duty"])
     columns = {name: np.concatenate([values[:1], values]) for name, values in columns.items()}
     time_s = mission.step_s * np.arange(columns["duty"].size)
     return Profile(time_s, columns | {"ambient_degC": np.full(time_s.size, 20.0)})
@@ -193,13 +210,119 @@ def drive(segment: Segment, model: Model) -> tuple[float, float]:
 
 
 def endurance(
-    model: Model, profile: Profile, lanes: Mapping[str, np.ndarray], limits: Limits | None = None
-) -> Endurance:
-    """Run a mission in many lanes and tell when and why each ends.
+    model: Model,
+    mission: Mission,
+    ambient_degC: np.ndarray,
+    ages: Mapping[str, tuple[float, float]] | None = None,
+    limits: Limits | None = None,
+    *,
+    compensation: Compensation | None = None,
+    longest_h: float = 8.0,
+) -> xarray.Dataset:
+    """Return how long a robot can repeat a mission, over ambient temperature and age of its pack, and what ends it.
 
     Args:
         model: a robot.
-        profile: from `course`, long enough.
+        mission: from `read_mission`, or `Mission(...)`; it is repeated until the first limit.
+        ambient_degC: shape (ambients,).
+        ages: by name, months of storage and charging cycles; the model's own if not given.
+        limits: what ends the mission; 10 % charge, 3 V of a cell or 125 degC of a winding if not given.
+        compensation: a map whose duty no segment exceeds.
+        longest_h: after so many hours a mission counts as not ended.
+
+    Returns:
+        A data set over ambient_degC and age: storage_months, cycles (age); time_s until the first limit; distance_m
+        until then; ended_by, one of `LIMITS` or "nothing"; until_charge_s, until_voltage_s and until_winding_s, until
+        each limit alone, inf where it was not reached.
+
+    Raises:
+        SweepError: a segment is too fast for the pack, or an age leaves no capacity.
+        ParameterError: an age is out of bounds.
+    """
+    p = model.parameters
+    ages = ages or {_age_name(float(p.storage_months), float(p.cycles)): (float(p.storage_months), float(p.cycles))}
+    for name, (months, cycles) in ages.items():
+        _check_age(model, months, cycles, f"age '{name}'")
+    months, cycles = np.array(list(ages.values())).T
+    rounds = math.ceil(longest_h * 3600.0 / sum(segment.duration_s for segment in mission.segment))
+    if compensation is None:
+        found = [_endurance_at(model, mission_profile(mission, model, rounds), ambient_degC, months, cycles, limits)]
+    else:
+        found = []
+        for ambient in ambient_degC:
+            profile = mission_profile(mission, model, rounds, _limited_by(compensation, float(ambient)))
+            found.append(_endurance_at(model, profile, np.array([ambient]), months, cycles, limits))
+
+    def joined(values: Callable[[Endurance], np.ndarray]) -> tuple[tuple[str, str], np.ndarray]:
+        return ("ambient_degC", "age"), np.concatenate([values(part) for part in found])
+
+    return xarray.Dataset(
+        {
+            "time_s": joined(lambda part: part.time_s),
+            "distance_m": joined(lambda part: part.distance_m),
+            "ended_by": joined(lambda part: np.array([*LIMITS, "nothing"])[part.limit]),
+        }
+        | {f"until_{limit}_s": joined(lambda part, limit=limit: part.each_s[limit]) for limit in LIMITS},
+        {
+            "ambient_degC": np.asarray(ambient_degC, dtype=float),
+            "age": list(ages),
+            "storage_months": ("age", months),
+            "cycles": ("age", cycles),
+        },
+        {"title": mission.title},
+    )
+
+
+def _limited_by(compensation: Compensation, ambient_degC: float) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Return what lowers duties to those of a map at an ambient; where the map has none, they stay."""
+
+    def limited(torque: np.ndarray, duty: np.ndarray) -> np.ndarray:
+        most = compensation.interpolated(np.full_like(torque, ambient_degC), torque)
+        return np.where(np.isfinite(most), np.minimum(duty, most), duty)
+
+    return limited
+
+
+def _age_name(months: float, cycles: float) -> str:
+    return f"{months:g} months, {cycles:g} cycles"
+
+
+def _check_age(model: Model, months: float, cycles: float, where: str) -> None:
+    TABLE["storage_months"].check(months, where)
+    TABLE["cycles"].check(cycles, where)
+    degC = model.parameters.storage_temperature_degC
+    if float(storage_factor(jnp.asarray(months), degC)) <= 0.0:
+        raise SweepError(
+            f"{where}: by eq. 8 no capacity is left after {months:g} months at {float(degC):g} degC; take fewer."
+        )
+
+
+def _endurance_at(
+    model: Model,
+    profile: Profile,
+    ambient_degC: np.ndarray,
+    months: np.ndarray,
+    cycles: np.ndarray,
+    limits: Limits | None,
+) -> Endurance:
+    """Return endurances of shape (ambients, ages)."""
+    shape = (len(ambient_degC), len(months))
+    lanes = {
+        "ambient_degC": np.broadcast_to(np.asarray(ambient_degC, dtype=float)[:, None], shape),
+        "storage_months": np.broadcast_to(months, shape),
+        "cycles": np.broadcast_to(cycles, shape),
+    }
+    return run_mission(model, profile, lanes, limits)
+
+
+def run_mission(
+    model: Model, profile: Profile, lanes: Mapping[str, np.ndarray], limits: Limits | None = None
+) -> Endurance:
+    """Run a mission in many lanes and return when and why each ends.
+
+    Args:
+        model: a robot.
+        profile: from `mission_profile`, long enough.
         lanes: by parameter or "ambient_degC", values of one shape.
         limits: what ends it.
     """
@@ -211,7 +334,7 @@ def endurance(
     ran = _lanes(model, laid, jnp.asarray(profile.time_s), cutoff, flat)
     end, reached, speed = (np.asarray(part) for part in ran)
     rows = np.arange(profile.time_s.size)
-    # Of each limit the first row that is beyond it; a run that stopped before is as far as it came.
+    # Of each limit the first row beyond it; a run counts up to its last row.
     first = {}
     p = model.parameters
     values = dict(zip(("soc", "pack", "winding"), np.moveaxis(reached, 1, 0), strict=True))
@@ -220,10 +343,10 @@ def endurance(
         "voltage": values["pack"] / float(p.n_series) < limits.cell_V,
         "winding": values["winding"] > limits.winding_degC,
     }
-    seen = rows[None, :] <= end[:, None]
+    reached_rows = rows[None, :] <= end[:, None]
     each = {}
     for name, crossed in beyond.items():
-        crossed = crossed & seen
+        crossed = crossed & reached_rows
         first[name] = np.where(crossed.any(axis=1), crossed.argmax(axis=1), rows.size)
         each[name] = np.where(crossed.any(axis=1), profile.time_s[np.minimum(first[name], rows.size - 1)], np.inf)
     stacked = np.stack([first[name] for name in LIMITS])
@@ -241,10 +364,12 @@ def endurance(
 
 
 @eqx.filter_jit
-def _lanes(model: Model, laid, time_s, cutoff: Cutoff, flat):
+def _lanes(
+    model: Model, laid: Track, time_s: Array, cutoff: Cutoff, flat: dict[str, Array]
+) -> tuple[Array, Array, Array]:
     """Return the last row, (soc, pack voltage, winding temperature) and speed of each lane at all rows."""
 
-    def one(own):
+    def one(own: dict[str, Array]) -> tuple[Array, Array, Array]:
         ambient = own.pop("ambient_degC", None)
         inputs = (
             laid.inputs

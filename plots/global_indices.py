@@ -1,18 +1,18 @@
-"""Global indices: bars with intervals, pairs as colours, Morris' plane, and how far the numbers have converged."""
+"""Pictures of global indices: bars with intervals, pairs as colours, Morris' plane, and their convergence."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
 
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
 from jaxmodel.units import difference_unit, split_unit
+from plots.sensitivities import first_of
 from plots.style import BLUE, GREY, LINES, ORANGE, PAGE_CM, axis_label, new_figure, power_of_ten, styled
 
-_MAIN = {"sobol": "total", "morris": "mu_star", "dgsm": "dgsm"}
+MAIN_INDEX = {"sobol": "total", "morris": "mu_star", "dgsm": "dgsm"}
 _NAMES = {
     "first": "first order",
     "total": "total",
@@ -22,33 +22,32 @@ _NAMES = {
 _ERROR = {"ecolor": "#333333", "elinewidth": 1.0, "capsize": 2.5}
 
 
-def pictures_of(data: xr.Dataset) -> Iterator[tuple[str, Figure]]:
-    """Yield the pictures of every metric that varies, by the names of their files."""
-    method = data.attrs["method"]
-    for metric in map(str, data["metric"].to_numpy()):
-        one = data.sel(metric=metric)
-        if not np.any(np.nan_to_num(one[_MAIN[method]].to_numpy()) > 0.0):
-            continue
-        yield f"{method}-{metric}", effects_plane(one, metric) if method == "morris" else bars(one, metric)
-        if "second" in one:
-            yield f"pairs-{metric}", pairs(one, metric)
-        if one.sizes["blocks"] > 1:
-            yield f"convergence-{metric}", convergence(one, metric)
+def metrics_that_vary(data: xr.Dataset) -> list[str]:
+    """Return the metrics of a data set of `sensitivity.global_indices` whose indices are not all zero or missing."""
+    largest = data[MAIN_INDEX[data.attrs["method"]]].fillna(0.0).max("factor")
+    return [str(metric) for metric in data["metric"].to_numpy() if float(largest.sel(metric=metric)) > 0.0]
+
+
+def _selected(data: xr.Dataset, metric: str | None) -> tuple[xr.Dataset, str]:
+    """Return the data of one metric, the first if not given, and its name."""
+    metric = metric if metric is not None else first_of(data, "metric")
+    return data.sel(metric=metric), metric
 
 
 def _ordered(one: xr.Dataset, most: int = 16) -> xr.Dataset:
-    size = np.nan_to_num(one[_MAIN[one.attrs["method"]]].to_numpy())
+    size = np.nan_to_num(one[MAIN_INDEX[one.attrs["method"]]].to_numpy())
     return one.isel(factor=np.argsort(-size)[:most])
 
 
 @styled
-def bars(one: xr.Dataset, metric: str) -> Figure:
+def bars(data: xr.Dataset, metric: str | None = None) -> Figure:
     """Draw the indices of one metric with their intervals of 95 %, largest first.
 
     Args:
-        one: of `sensitivity.global_indices.analyse`, one metric selected.
-        metric: its name.
+        data: as `sensitivity.global_indices` returns it.
+        metric: one of its metrics; the first if not given.
     """
+    one, metric = _selected(data, metric)
     one = _ordered(one)
     shown = [name for name in ("first", "total", "dgsm") if name in one]
     places, height = np.arange(one.sizes["factor"]), 0.72 / len(shown)
@@ -75,13 +74,14 @@ def bars(one: xr.Dataset, metric: str) -> Figure:
 
 
 @styled
-def effects_plane(one: xr.Dataset, metric: str) -> Figure:
-    """Draw Morris' plane: how large the effect of each factor is, and how much it depends on where one is.
+def effects_plane(data: xr.Dataset, metric: str | None = None) -> Figure:
+    """Draw Morris' plane: how large the effect of each factor is, and how much it depends on the values of the others.
 
     Args:
-        one: of `sensitivity.global_indices.analyse`, one metric selected.
-        metric: its name.
+        data: as `sensitivity.global_indices` returns it.
+        metric: one of its metrics; the first if not given.
     """
+    one, metric = _selected(data, metric)
     one = _ordered(one)
     size, spread = one["mu_star"].to_numpy(), np.nan_to_num(one["sigma"].to_numpy())
     extra, power = power_of_ten(np.concatenate([size, spread]))
@@ -108,7 +108,7 @@ def effects_plane(one: xr.Dataset, metric: str) -> Figure:
     top = max(1.15 * extra * float(np.max(spread)), 0.25 * reach)
     axes.set_ylim(0.0, top)
     at = 0.9 * min(top, reach)
-    axes.annotate("  as uneven as large", (at, at), color=GREY, fontsize=7.5, ha="left", va="center")
+    axes.annotate("  sd = mean size", (at, at), color=GREY, fontsize=7.5, ha="left", va="center")
     axes.set_xlabel(axis_label(f"mean size of the effect on {split_unit(metric)[0]}\nover the whole range", unit))
     axes.set_ylabel(axis_label("its standard deviation", unit))
     figure.legend(loc="outside right upper")
@@ -116,13 +116,14 @@ def effects_plane(one: xr.Dataset, metric: str) -> Figure:
 
 
 @styled
-def pairs(one: xr.Dataset, metric: str) -> Figure:
-    """Draw what pairs of factors do only together, first orders on the diagonal.
+def pairs(data: xr.Dataset, metric: str | None = None) -> Figure:
+    """Draw the second-order indices of pairs of factors, first orders on the diagonal.
 
     Args:
-        one: of `sensitivity.global_indices.analyse`, one metric selected.
-        metric: its name.
+        data: as `sensitivity.global_indices` returns it.
+        metric: one of its metrics; the first if not given.
     """
+    one, metric = _selected(data, metric)
     factors = _ordered(one, 12)["factor"].to_numpy()
     table = one["second"].sel(factor=factors, other=factors).to_numpy().copy()
     error = one["second_error"].sel(factor=factors, other=factors).to_numpy()
@@ -150,21 +151,22 @@ def pairs(one: xr.Dataset, metric: str) -> Figure:
     axes.invert_yaxis()
     axes.grid(visible=False)
     axes.tick_params(length=0)
-    title = f"{split_unit(metric)[0]}: first orders on the diagonal,\npairs off it; grey is not told from zero"
+    title = f"{split_unit(metric)[0]}: first orders on the diagonal,\npairs off it; grey: zero within the interval"
     axes.set_title(title, fontweight="normal", fontsize=8.5, color="#555555")
     return figure
 
 
 @styled
-def convergence(one: xr.Dataset, metric: str, most: int = 6) -> Figure:
+def convergence(data: xr.Dataset, metric: str | None = None, most: int = 6) -> Figure:
     """Draw the main index of each factor as it settles with more base points, with its interval of 95 %.
 
     Args:
-        one: of `sensitivity.global_indices.analyse`, one metric selected.
-        metric: its name.
+        data: as `sensitivity.global_indices` returns it.
+        metric: one of its metrics; the first if not given.
         most: factors to draw.
     """
-    name = _MAIN[one.attrs["method"]]
+    one, metric = _selected(data, metric)
+    name = MAIN_INDEX[one.attrs["method"]]
     one = _ordered(one.isel(blocks=np.flatnonzero(np.isfinite(one[f"{name}_converging"].to_numpy()).any(axis=1))), most)
     blocks = one["blocks"].to_numpy()
     extra, unit = 1.0, ""

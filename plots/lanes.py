@@ -1,4 +1,4 @@
-"""Many lanes at once: each as a line through all that it differs in, as a point, or in panels of heat maps."""
+"""Pictures of many lanes of a sweep: as lines through all that lanes differ in, as points, or as panels of maps."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from plots.style import PAGE_CM, SEQUENCE, new_figure, power_of_ten, styled
-from plots.sweeps import label_of
+from plots.sweeps import axes_by_influence, chosen_axes, first_metric, held_at_middle, label_of, metrics_in
 
 MOST_LINES = 1500
 MOST_METRICS = 4
@@ -36,9 +36,16 @@ def table_of(dataset: xr.Dataset, names: Sequence[str], most: int) -> pd.DataFra
 
 
 @styled
-def parallel(dataset: xr.Dataset, varied: Sequence[str], metrics: Sequence[str]) -> Figure:
-    """Draw lanes as lines through what they differ in and the first few metrics, coloured by the first metric."""
-    metrics = list(metrics[:MOST_METRICS])
+def parallel(dataset: xr.Dataset, varied: Sequence[str] | None = None, metrics: Sequence[str] | None = None) -> Figure:
+    """Draw lanes as lines through what they differ in and the first few metrics, coloured by the first metric.
+
+    Args:
+        dataset: of `sweeps.run`; of many lanes some, evenly picked, are drawn.
+        varied: names in which lanes differ; all if not given.
+        metrics: those with a value if not given.
+    """
+    varied = varied_in(dataset) if varied is None else varied
+    metrics = list((metrics_in(dataset) if metrics is None else metrics)[:MOST_METRICS])
     names = [*varied, *metrics]
     table = table_of(dataset, names, MOST_LINES)
     low, high = table.min().to_numpy(), table.max().to_numpy()
@@ -69,8 +76,16 @@ def parallel(dataset: xr.Dataset, varied: Sequence[str], metrics: Sequence[str])
 
 
 @styled
-def points(dataset: xr.Dataset, metric: str, varied: Sequence[str]) -> Figure:
-    """Draw a metric of sampled lanes over what it follows most, coloured by the next, by rank correlation."""
+def points(dataset: xr.Dataset, metric: str | None = None, varied: Sequence[str] | None = None) -> Figure:
+    """Draw a metric of sampled lanes over the name with the largest rank correlation, coloured by the next.
+
+    Args:
+        dataset: of `sweeps.run`; of many lanes some, evenly picked, are drawn.
+        metric: what is drawn; the first if not given.
+        varied: names in which lanes differ; all if not given.
+    """
+    metric = metric if metric is not None else first_metric(dataset)
+    varied = varied_in(dataset) if varied is None else varied
     table = table_of(dataset, [*varied, metric], 5 * MOST_LINES)
     ranks = table.rank().to_numpy()
     spread = ranks.std(axis=0)
@@ -91,16 +106,29 @@ def points(dataset: xr.Dataset, metric: str, varied: Sequence[str]) -> Figure:
 
 
 @styled
-def panels(dataset: xr.Dataset, metric: str, over: Sequence[str], by: Sequence[str], title: str = "") -> Figure:
+def panels(
+    dataset: xr.Dataset,
+    metric: str | None = None,
+    over: Sequence[str] | None = None,
+    by: Sequence[str] | None = None,
+    title: str | None = None,
+) -> Figure:
     """Draw heat maps of a metric over two axes, side by side for values of a third, below each other for a fourth.
 
     Args:
-        dataset: reduced to the axes `over` and `by`.
-        metric: what is drawn; one scale of colours serves all panels.
+        dataset: of `sweeps.run`, with three axes or more.
+        metric: what is drawn, the first if not given; one scale of colours serves all panels.
         over: the horizontal and the vertical axis of each panel.
-        by: the axis across the panels and, if given, the one down; of many values a few evenly picked.
-        title: what is held fixed.
+        by: the axis across the panels and, if there is a fourth, the one down; of many values a few evenly picked.
+        title: states what is held fixed, if not given.
     """
+    metric = metric if metric is not None else first_metric(dataset)
+    over = chosen_axes(dataset, metric, [None, None]) if over is None else over
+    if by is None:
+        left = [axis for axis in axes_by_influence(dataset, metric) if axis not in over]
+        by = left[:2] or chosen_axes(dataset, metric, [*over, None])[2:]
+    dataset, held = held_at_middle(dataset, [*over, *by])
+    title = held if title is None else title
     picked = [
         np.unique(np.linspace(0, dataset.sizes[axis] - 1, min(most, dataset.sizes[axis])).astype(int))
         for axis, most in zip(by, MOST_PANELS, strict=False)

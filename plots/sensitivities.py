@@ -1,4 +1,7 @@
-"""How a run depends on its parameters: derivatives beside the paper's doubling, and derivatives over time."""
+"""Pictures of how a run depends on its parameters: derivatives beside the paper's doubling, over time, by pairs.
+
+Where no metric or reading is named, the first of the data set is drawn.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ import xarray as xr
 from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.figure import Figure
 
+from jaxmodel.errors import SweepError
 from jaxmodel.units import difference_unit, readable, split_unit
 from plots.style import (
     BLUE,
@@ -24,21 +28,34 @@ from plots.style import (
     styled,
 )
 
+
+def first_of(data: xr.Dataset, dimension: str) -> str:
+    """Return the first metric or output of a data set.
+
+    Raises:
+        SweepError: it has none.
+    """
+    if not data.sizes.get(dimension):
+        raise SweepError(f"{dimension}: this result has none to draw; name some in the study.")
+    return str(data[dimension].to_numpy()[0])
+
+
 _SEEN = 1e-3  # of the largest change: what is smaller is not drawn
 _DIAMOND: dict[str, Any] = {"color": "white", "markeredgecolor": "black", "markersize": 4.5, "ls": "none"}
 
 
 @styled
-def doubling_beside_gradient(data: xr.Dataset, metric: str, most: int = 16) -> Figure:
+def doubling_beside_gradient(data: xr.Dataset, metric: str | None = None, most: int = 16) -> Figure:
     """Draw the change of a metric when each parameter is doubled, beside what its derivative alone predicts.
 
     A metric that has no proportional change, a temperature, is drawn in its own unit.
 
     Args:
-        data: as `sensitivity.study.sensitivity_of_study` returns it, with the doubling test.
+        data: as `sensitivity.local` returns it, with the doubling test.
         metric: one of its metrics.
-        most: parameters to draw, those with the largest changes; such as change nothing are left out.
+        most: parameters to draw, those with the largest changes; those that change nothing are left out.
     """
+    metric = metric if metric is not None else first_of(data, "metric")
     chosen = data.sel(metric=metric)
     proportional = bool(np.isfinite(chosen["linear"]).any())
     if proportional:
@@ -82,7 +99,7 @@ def elasticities(local: xr.Dataset, most: int = 14) -> Figure:
     """Draw the elasticity of every metric by every parameter as a table of colours.
 
     Args:
-        local: as `sensitivity.local.local_sensitivities` returns it.
+        local: as `sensitivity.local` returns it.
         most: parameters to draw, those that matter most to any metric.
     """
     table = local["elasticity"].transpose("parameter", "metric").dropna("metric", how="all")
@@ -129,13 +146,14 @@ def _diverging() -> Colormap:
 
 
 @styled
-def interaction_matrix(data: xr.Dataset, metric: str) -> Figure:
-    """Draw what pairs of parameters do only together: second derivatives as shares of the metric.
+def interaction_matrix(data: xr.Dataset, metric: str | None = None) -> Figure:
+    """Draw the interaction of pairs of parameters: second derivatives times both steps, as shares of the metric.
 
     Args:
-        data: as `sensitivity.interaction.interactions` returns it.
+        data: as `sensitivity.interactions` returns it.
         metric: one of its metrics; one without proportional changes is drawn in its own unit.
     """
+    metric = metric if metric is not None else first_of(data, "metric")
     one, names = data.sel(metric=metric), list(map(str, data["parameter"].to_numpy()))
     share = bool(np.isfinite(one["interaction"]).any())
     numbers = np.full((len(names), len(names)), np.nan)
@@ -169,14 +187,15 @@ def interaction_matrix(data: xr.Dataset, metric: str) -> Figure:
 
 
 @styled
-def over_time(local: xr.Dataset, output: str, most: int = 12) -> Figure:
+def over_time(local: xr.Dataset, output: str | None = None, most: int = 12) -> Figure:
     """Draw by how much one percent of each parameter moves a reading over the run: a ribbon each, to its own scale.
 
     Args:
-        local: as `sensitivity.local.local_sensitivities` returns it.
+        local: as `sensitivity.local` returns it.
         output: the reading.
-        most: parameters to draw, those that move it most at any time; only such as have a proportional change.
+        most: parameters to draw, those that move it most at any time; only those that have a proportional change.
     """
+    output = output if output is not None else first_of(local, "output")
     change = 0.01 * local["output_change"].sel(output=output)
     change = change.isel(parameter=np.flatnonzero(local["doubles"].to_numpy()))
     size = abs(change).max("time_s").to_numpy()
@@ -187,18 +206,18 @@ def over_time(local: xr.Dataset, output: str, most: int = 12) -> Figure:
     figure = new_figure(PAGE_CM, 2.6 + 1.25 * len(order))
     rows = np.atleast_1d(figure.subplots(len(order), 1, sharex=True))
     for axes, place, colour in zip(rows, order, itertools.cycle((BLUE, ORANGE)), strict=False):
-        course = change.isel(parameter=place).to_numpy()
-        axes.fill_between((time_s - time_s[0]) * factor, 0.0, course, color=colour, alpha=0.75, lw=0.6)
+        line = change.isel(parameter=place).to_numpy()
+        axes.fill_between((time_s - time_s[0]) * factor, 0.0, line, color=colour, alpha=0.75, lw=0.6)
         axes.axhline(0.0, color=GREY, lw=0.7)
         reach = 1.15 * size[place]
-        axes.set_ylim(-reach if course.min() < -_SEEN * reach else 0.0, reach if course.max() > _SEEN * reach else 0.0)
+        axes.set_ylim(-reach if line.min() < -_SEEN * reach else 0.0, reach if line.max() > _SEEN * reach else 0.0)
         name = str(change["parameter"].to_numpy()[place])
         axes.set_ylabel(name, rotation=0, ha="right", va="center")
         axes.set_yticks([])
         axes.grid(visible=False)
         axes.spines[["left", "bottom"]].set_visible(False)
         axes.tick_params(bottom=False)
-        largest = course[np.argmax(np.abs(course))]
+        largest = line[np.argmax(np.abs(line))]
         scale, unit = readable([float(size[place])], difference_unit(own_unit))
         extra, power = power_of_ten(np.array([size[place] * scale]))
         axes.annotate(
@@ -222,14 +241,15 @@ def over_time(local: xr.Dataset, output: str, most: int = 12) -> Figure:
 
 
 @styled
-def elasticity_maps(data: xr.Dataset, metric: str, most: int = 6) -> Figure:
+def elasticity_maps(data: xr.Dataset, metric: str | None = None, most: int = 6) -> Figure:
     """Draw the elasticity of a metric over two axes of a study, one map for each parameter that matters most.
 
     Args:
-        data: as `sensitivity.elasticity_map.elasticity_map` returns it; further axes are at their first value.
+        data: as `sensitivity.elasticity_map` returns it; further axes are at their first value.
         metric: one of its metrics.
         most: parameters to draw.
     """
+    metric = metric if metric is not None else first_of(data, "metric")
     down, across = [str(dim) for dim in data["metric_value"].dims if dim != "metric"][:2]
     one = data["elasticity"].sel(metric=metric)
     one = one.isel({str(dim): 0 for dim in one.dims if dim not in (down, across, "parameter")})

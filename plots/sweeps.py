@@ -1,4 +1,8 @@
-"""What a sweep found: courses over time as a family, a metric over two axes, and the paper's tables beside ours."""
+"""Pictures of a sweep: a stored column over time, a metric over one or two axes, and the paper's tables beside ours.
+
+Each takes the data set of `sweeps.run`. What is not named is chosen: the first metric, the axes along which its mean
+varies most; axes that are not drawn are held at their middle value, which the title states.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from jaxmodel.errors import SweepError
 from jaxmodel.units import split_unit
 from plots.style import (
     BLUE,
@@ -24,6 +29,10 @@ from plots.style import (
     power_of_ten,
     styled,
 )
+from sweeps.study import LANE
+
+NO_METRICS = ("status", "valid_share")
+MOST_CURVES = 18  # as many as have room for their names at their ends
 
 
 def label_of(dataset: xr.Dataset, name: str, power: str = "") -> str:
@@ -34,19 +43,84 @@ def label_of(dataset: xr.Dataset, name: str, power: str = "") -> str:
     return axis_label(quantity, "" if unit and quantity.endswith(unit) else f"{power}{unit}".strip())
 
 
+def metrics_in(dataset: xr.Dataset) -> list[str]:
+    """Return the metrics of a sweep that have a value in any lane."""
+    names = [str(n) for n, values in dataset.data_vars.items() if n not in NO_METRICS and "time_s" not in values.dims]
+    return [name for name in names if np.isfinite(dataset[name]).any()]
+
+
+def stored_in(dataset: xr.Dataset) -> list[str]:
+    """Return the columns of a sweep that are stored over time."""
+    return [str(name) for name, values in dataset.data_vars.items() if "time_s" in values.dims]
+
+
+def axes_by_influence(dataset: xr.Dataset, name: str) -> list[str]:
+    """Return the axes of a variable with two values or more, those along which its mean varies most first."""
+    values = dataset[name]
+    axes = [str(axis) for axis in values.dims if axis != "time_s" and values.sizes[axis] > 1]
+
+    def spread(axis: str) -> float:
+        means = values.mean([other for other in values.dims if other != axis])
+        return float(means.max() - means.min())
+
+    return sorted(axes, key=spread, reverse=True)
+
+
+def held_at_middle(dataset: xr.Dataset, drawn: Sequence[str]) -> tuple[xr.Dataset, str]:
+    """Return a sweep at the middle value of every axis that is not drawn, and a title that states these values."""
+    places = {str(axis): size // 2 for axis, size in dataset.sizes.items() if axis not in (*drawn, "time_s")}
+    values = {axis: float(dataset[axis][place]) for axis, place in places.items() if axis in dataset.coords}
+    return dataset.isel(places), ", ".join(f"{label_of(dataset, axis)} = {at:g}" for axis, at in values.items())
+
+
+def first_metric(dataset: xr.Dataset) -> str:
+    """Return the first metric of a sweep.
+
+    Raises:
+        SweepError: it has none, or none has a value.
+    """
+    if not (names := metrics_in(dataset)):
+        raise SweepError("metric: no metric of this result has a value; look at its status.")
+    return names[0]
+
+
+def chosen_axes(dataset: xr.Dataset, name: str, given: Sequence[str | None]) -> list[str]:
+    """Return the axes to draw over: those given, and the most influential of the others for each None.
+
+    Raises:
+        SweepError: too few axes vary.
+    """
+    others = [axis for axis in axes_by_influence(dataset, name) if axis not in given and axis != LANE]
+    if len(others) < sum(axis is None for axis in given):
+        varying = ", ".join(axis for axis in axes_by_influence(dataset, name)) or "nothing"
+        raise SweepError(f"{name}: this picture takes {len(given)} axes, and the result varies along {varying}.")
+    return [axis if axis is not None else others.pop(0) for axis in given]
+
+
 @styled
 def family(
-    dataset: xr.Dataset, column: str, by: str, title: str = "", stated_slopes: Mapping[float, float] | None = None
+    dataset: xr.Dataset,
+    column: str | None = None,
+    by: str | None = None,
+    title: str | None = None,
+    stated_slopes: Mapping[float, float] | None = None,
 ) -> Figure:
-    """Draw the course of a stored column over time, one line for each value of an axis.
+    """Draw a stored column over time, one line for each value of an axis, or for some evenly picked values of many.
 
     Args:
-        dataset: reduced to the axes `by` and `time_s`.
-        column: what is drawn.
-        by: the axis; its values are told apart by a colour from dark to light, and named at the lines' ends.
-        title: what is held fixed.
+        dataset: of `sweeps.run`, from a study that stores columns.
+        column: what is drawn; the first that is stored if not given.
+        by: the axis; its values are distinguished by a colour from dark to light, and named at the lines' ends.
+        title: states what is held fixed, if not given.
         stated_slopes: by value of the axis, the slope [1/s] that the paper prints, drawn dashed from the same start.
     """
+    if column is None and not (stored := stored_in(dataset)):
+        raise SweepError('column: this result has no column over time; name some in the study, as in store = ["soc"].')
+    column = column if column is not None else stored[0]
+    if by is None:
+        by = LANE if LANE in dataset[column].dims else chosen_axes(dataset, column, [None])[0]
+    dataset, held = held_at_middle(dataset, [by])
+    dataset = _some_of(dataset, by)
     time_s = dataset["time_s"].to_numpy()
     factor, unit = minutes_or_seconds(time_s)
     time = (time_s - time_s[0]) * factor
@@ -55,13 +129,13 @@ def family(
     axes = figure.subplots()
     colours = _colours(values.size)
     ends, stated_ends = [], []
-    for value, colour in zip(values, colours, strict=True):
-        course = dataset[column].sel({by: value}).to_numpy()
-        axes.plot(time, course, color=colour, lw=1.8)
-        ends.append(course[np.isfinite(course)][-1] if np.isfinite(course).any() else np.nan)
+    for place, (value, colour) in enumerate(zip(values, colours, strict=True)):
+        line = dataset[column].isel({by: place}).to_numpy()
+        axes.plot(time, line, color=colour, lw=1.8)
+        ends.append(line[np.isfinite(line)][-1] if np.isfinite(line).any() else np.nan)
         slope = (stated_slopes or {}).get(float(value), np.nan)
-        stated_ends.append(course[0] + slope * (time_s[-1] - time_s[0]))
-        axes.plot([time[0], time[-1]], [course[0], stated_ends[-1]], color=colour, lw=1.1, ls=(0, (5, 2)))
+        stated_ends.append(line[0] + slope * (time_s[-1] - time_s[0]))
+        axes.plot([time[0], time[-1]], [line[0], stated_ends[-1]], color=colour, lw=1.1, ls=(0, (5, 2)))
     _name_ends(axes, np.tile(values, 2), np.array(ends + stated_ends), np.tile(colours, (2, 1)))
     if stated_slopes:
         axes.plot([], [], color="black", lw=1.8, label="this model")
@@ -70,8 +144,14 @@ def family(
     axes.set_xlim(0.0, time[-1])
     axes.set_xlabel(f"time [{unit}]")
     axes.set_ylabel(label_of(dataset, column))
-    _head(axes, title, label_of(dataset, by))
+    _head(axes, held if title is None else title, label_of(dataset, by))
     return figure
+
+
+def _some_of(dataset: xr.Dataset, axis: str) -> xr.Dataset:
+    """Return the data set with at most `MOST_CURVES` values of an axis, evenly picked."""
+    size = dataset.sizes[axis]
+    return dataset.isel({axis: np.unique(np.linspace(0, size - 1, min(MOST_CURVES, size)).astype(int))})
 
 
 def _colours(count: int) -> np.ndarray:
@@ -121,16 +201,25 @@ def _name_ends(axes: Axes, values: np.ndarray, ends: np.ndarray, colours: np.nda
 
 
 @styled
-def heat_map(dataset: xr.Dataset, metric: str, x: str, y: str, title: str = "") -> Figure:
+def heat_map(
+    dataset: xr.Dataset,
+    metric: str | None = None,
+    x: str | None = None,
+    y: str | None = None,
+    title: str | None = None,
+) -> Figure:
     """Draw a metric over two axes; cells where the model left its range, or a run failed, are hatched.
 
     Args:
-        dataset: reduced to the axes x and y.
-        metric: what is drawn.
+        dataset: of `sweeps.run`, with two axes or more.
+        metric: what is drawn; the first if not given.
         x: the horizontal axis.
         y: the vertical axis.
-        title: what is held fixed.
+        title: states what is held fixed, if not given.
     """
+    metric = metric if metric is not None else first_metric(dataset)
+    x, y = chosen_axes(dataset, metric, [x, y])
+    dataset, held = held_at_middle(dataset, [x, y])
     table = dataset[metric].transpose(y, x).to_numpy()
     factor, power = power_of_ten(table)
     table = table * factor
@@ -162,7 +251,7 @@ def heat_map(dataset: xr.Dataset, metric: str, x: str, y: str, title: str = "") 
     axes.set_ylabel(label_of(dataset, y))
     axes.grid(visible=False)
     figure.colorbar(mesh, ax=axes, label=label_of(dataset, metric, power), pad=0.02)
-    _head(axes, title)
+    _head(axes, held if title is None else title)
     return figure
 
 
@@ -173,16 +262,28 @@ def _name_cells(axis, values: np.ndarray) -> None:
 
 
 @styled
-def metric_curves(dataset: xr.Dataset, metric: str, x: str, by: str | None = None, title: str = "") -> Figure:
-    """Draw a metric over one axis, one line for each value of another.
+def metric_curves(
+    dataset: xr.Dataset,
+    metric: str | None = None,
+    x: str | None = None,
+    by: str | None = None,
+    title: str | None = None,
+) -> Figure:
+    """Draw a metric over one axis, one line for each value of another, of many for some evenly picked ones.
 
     Args:
-        dataset: reduced to the axes x and, if given, `by`.
-        metric: what is drawn.
+        dataset: of `sweeps.run`, with one axis or more.
+        metric: what is drawn; the first if not given.
         x: the horizontal axis.
-        by: the axis whose values are told apart.
-        title: what is held fixed.
+        by: the axis that the lines differ in; where x is given and this is not, there is one line.
+        title: states what is held fixed, if not given.
     """
+    metric = metric if metric is not None else first_metric(dataset)
+    if x is None:
+        x, *others = chosen_axes(dataset, metric, [None] * min(2, len(axes_by_influence(dataset, metric)) or 1))
+        by = by if by is not None else next(iter(others), None)
+    dataset, held = held_at_middle(dataset, [x] if by is None else [x, by])
+    dataset = dataset if by is None else _some_of(dataset, by)
     figure = new_figure(PAGE_CM, 9.0)
     axes = figure.subplots()
     along = dataset[x].to_numpy()
@@ -197,7 +298,7 @@ def metric_curves(dataset: xr.Dataset, metric: str, x: str, by: str | None = Non
         _name_ends(axes, values, np.array([line[-1] for line in lines]), _colours(values.size))
     axes.set_xlabel(label_of(dataset, x))
     axes.set_ylabel(label_of(dataset, metric, power))
-    _head(axes, title, label_of(dataset, by) if by else "")
+    _head(axes, held if title is None else title, label_of(dataset, by) if by else "")
     return figure
 
 

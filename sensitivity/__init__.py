@@ -1,1 +1,31 @@
-"""How results depend on parameters: derivatives, identifiability and global indices."""
+"""How results depend on parameters: derivatives, pairs, uncertainty, and indices over whole ranges.
+
+    import sensitivity, sweeps
+
+    study = sweeps.read_study("examples/paper_sweep.toml").at({"ambient_degC": 20.0, "load_torque_Nm": 0.175})
+    data = sensitivity.local(study)                         # xarray.Dataset: derivatives, elasticities, doubling
+    sensitivity.uncertainty(study, {"capacity_Ah": 0.05})   # spread of each metric, by gradient and by sampling
+    sensitivity.save(data, "results")                       # sensitivity.zarr, sensitivity.csv
+
+Each analysis takes a study and returns an `xarray.Dataset`, whose attribute `analysis` is the function's name.
+"""
+
+from sensitivity.global_study import global_indices
+from sensitivity.over_axes import elasticity_map
+from sensitivity.results import largest_elasticity, save, tables
+from sensitivity.study import interactions, local, uncertainty
+from sensitivity.uncertain import Estimates, read_estimates, stated_sd
+
+__all__ = [
+    "Estimates",
+    "elasticity_map",
+    "global_indices",
+    "interactions",
+    "largest_elasticity",
+    "local",
+    "read_estimates",
+    "save",
+    "stated_sd",
+    "tables",
+    "uncertainty",
+]

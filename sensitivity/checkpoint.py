@@ -23,7 +23,7 @@ from jaxmodel.kernel import as_one_kernel, holds_constants
 SHORTEST, LONGEST = 16, 4096
 
 
-def in_blocks(function: Callable, *arguments: Any) -> Any:
+def in_blocks(function: Callable[..., Any], *arguments: Any) -> Any:
     """Return function(*arguments), the steps of every scan in it computed anew for a gradient, long scans in blocks.
 
     Values are those of the function; only what is kept for its gradient differs. Pure; may be vmapped, and
@@ -39,7 +39,7 @@ def _evaluate(program: ClosedJaxpr, arguments: Sequence[Any]) -> list[Any]:
     known = dict(zip(program.jaxpr.constvars, program.consts, strict=True))
     known |= dict(zip(program.jaxpr.invars, arguments, strict=True))
 
-    def read(atom):
+    def read(atom: Any) -> Any:
         return atom.val if isinstance(atom, Literal) else known[atom]
 
     for equation in program.jaxpr.eqns:
@@ -63,8 +63,8 @@ def _scan_in_blocks(equation: JaxprEqn, given: Sequence[Any]) -> list[Any]:
     rows = tuple(given[constants + carried :])
     length = equation.params["length"]
 
-    def steps_from(fixed, carry, some):
-        def step(carry, row):
+    def steps_from(fixed: tuple[Any, ...], carry: tuple[Any, ...], some: tuple[Any, ...]) -> tuple[Any, Any]:
+        def step(carry: tuple[Any, ...], row: tuple[Any, ...]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
             after = body(*fixed, *carry, *row)
             return tuple(after[:carried]), tuple(after[carried:])
 
@@ -73,18 +73,18 @@ def _scan_in_blocks(equation: JaxprEqn, given: Sequence[Any]) -> list[Any]:
 
     if length <= LONGEST:
         run = steps_from if holds_constants((fixed, carry, rows)) else functools.partial(as_one_kernel, steps_from)
-        carry, courses = run(fixed, carry, rows)
-        return [*carry, *courses]
+        carry, outputs = run(fixed, carry, rows)
+        return [*carry, *outputs]
 
-    def steps(carry, some):
+    def steps(carry: tuple[Any, ...], some: tuple[Any, ...]) -> tuple[Any, Any]:
         return steps_from(fixed, carry, some)
 
     block = math.isqrt(length)
     whole = length // block * block
     in_front = tuple(x[:whole].reshape(-1, block, *x.shape[1:]) for x in rows)
-    carry, courses = jax.lax.scan(jax.checkpoint(steps, prevent_cse=False), carry, in_front)
-    courses = [x.reshape(whole, *x.shape[2:]) for x in courses]
+    carry, outputs = jax.lax.scan(jax.checkpoint(steps, prevent_cse=False), carry, in_front)
+    outputs = [x.reshape(whole, *x.shape[2:]) for x in outputs]
     if whole < length:
         carry, rest = steps(carry, tuple(x[whole:] for x in rows))
-        courses = [jnp.concatenate(pair) for pair in zip(courses, rest, strict=True)]
-    return [*carry, *courses]
+        outputs = [jnp.concatenate(pair) for pair in zip(outputs, rest, strict=True)]
+    return [*carry, *outputs]

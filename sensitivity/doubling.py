@@ -22,7 +22,7 @@ from jaxtyping import Array, Float, Int
 from jaxmodel.model import Model
 from jaxmodel.profile import Profile
 from jaxmodel.simulation import Cutoff
-from sensitivity.local import answer_variables, coordinates, pushed, relative
+from sensitivity.derivatives import answer_variables, coordinates, pushforward, relative
 from sensitivity.metrics import VALID_SHARE
 from sensitivity.response import Answer, Response, make_response, steps_of
 from sweeps.metrics import Metric
@@ -39,7 +39,7 @@ class Doubling(eqx.Module):
         base: the answer without a step; of all others, the parameters' axis comes first.
         moved: after the step.
         slope: first derivative, in steps: the linear prediction of `moved - base`.
-        bend: second derivative, in steps.
+        curvature: second derivative, in steps.
         status: how the run after the step ended, a `jaxmodel.simulation.Status`.
         valid_share: share of its rows in which the equations make sense.
     """
@@ -47,7 +47,7 @@ class Doubling(eqx.Module):
     base: Answer
     moved: Answer
     slope: Answer
-    bend: Answer
+    curvature: Answer
     status: Int[Array, " parameter"]
     valid_share: Float[Array, " parameter"]
 
@@ -58,13 +58,13 @@ def double(response: Response, values: Float[Array, " parameter"], size: Float[A
     shares = jnp.asarray([0.0, -NEARBY, NEARBY, 1.0])
     at = values + shares[:, None, None] * directions
     along = jnp.broadcast_to(directions, at.shape)
-    flat = pushed(response, at.reshape(-1, values.size), along.reshape(-1, values.size))
+    flat = pushforward(response, at.reshape(-1, values.size), along.reshape(-1, values.size))
     answers, slopes, runs = jax.tree.map(lambda x: x.reshape(shares.size, values.size, *x.shape[1:]), flat)
     return Doubling(
         base=jax.tree.map(lambda x: x[0, 0], answers),  # the same for every parameter
         moved=jax.tree.map(lambda x: x[3], answers),
         slope=jax.tree.map(lambda x: x[0], slopes),
-        bend=jax.tree.map(lambda x: (x[2] - x[1]) / (2.0 * NEARBY), slopes),
+        curvature=jax.tree.map(lambda x: (x[2] - x[1]) / (2.0 * NEARBY), slopes),
         status=runs.status[3],
         valid_share=runs.values[VALID_SHARE.name][3],
     )
@@ -108,17 +108,17 @@ def doubling_test(
     response = make_response(model, profile, names, metrics, outputs, cutoff)
     step = steps_of(response)
     result = double(response, response.values(), jnp.asarray(step.size))
-    base, moved, slope, bend = (
-        np.asarray(part.metrics).T for part in (result.base, result.moved, result.slope, result.bend)
+    base, moved, slope, curvature = (
+        np.asarray(part.metrics).T for part in (result.base, result.moved, result.slope, result.curvature)
     )
     moved = np.where(step.in_bounds, moved, np.nan)
     linear = relative(response, slope, result.base)
     with np.errstate(over="ignore"):  # a metric near zero has an elasticity beyond any power
         power_law = np.where(step.doubles, np.exp2(linear) - 1.0, np.nan)
-    course, course_moved, course_slope = (
+    over_time, over_time_moved, over_time_slope = (
         np.asarray(part.outputs) for part in (result.base, result.moved, result.slope)
     )
-    course_moved = np.where(step.in_bounds[:, None, None], course_moved, np.nan)
+    over_time_moved = np.where(step.in_bounds[:, None, None], over_time_moved, np.nan)
     return xarray.Dataset(
         answer_variables(response, result.base, step)
         | {
@@ -127,13 +127,13 @@ def doubling_test(
             "valid_share": ("parameter", np.asarray(result.valid_share)),
             "metric_moved": (("metric", "parameter"), moved),
             "linear_change": (("metric", "parameter"), slope),
-            "curvature_change": (("metric", "parameter"), 0.5 * bend),
+            "curvature_change": (("metric", "parameter"), 0.5 * curvature),
             "effect": (("metric", "parameter"), relative(response, moved - base[:, None], result.base)),
             "linear": (("metric", "parameter"), linear),
-            "curvature": (("metric", "parameter"), relative(response, 0.5 * bend, result.base)),
+            "curvature": (("metric", "parameter"), relative(response, 0.5 * curvature, result.base)),
             "power_law": (("metric", "parameter"), power_law),
-            "output_moved": (("output", "parameter", "time_s"), np.swapaxes(course_moved, 0, 1)),
-            "output_linear": (("output", "parameter", "time_s"), np.swapaxes(course + course_slope, 0, 1)),
+            "output_moved": (("output", "parameter", "time_s"), np.swapaxes(over_time_moved, 0, 1)),
+            "output_linear": (("output", "parameter", "time_s"), np.swapaxes(over_time + over_time_slope, 0, 1)),
         },
         coordinates(response),
         {"simulations": 4 * len(response.names)},

@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import xarray
 from pydantic import PrivateAttr
 
 from jaxmodel.simulation import Status
-from sensitivity.global_indices import analyse, make_design
+from sensitivity.indices import analyse, make_design
 from sweeps.axes_form import Range
 from sweeps.engine import Progress, run
 from sweeps.study import Study
+from sweeps.study_form import StudyFields
 
 
 class DesignedStudy(Study):
     """A study whose lanes have the values of a design instead of drawn ones."""
 
-    _values: dict[str, np.ndarray] = PrivateAttr(default_factory=dict)
+    _values: dict[str, np.ndarray] = PrivateAttr()
+
+    def __init__(self, values: Mapping[str, np.ndarray], /, **fields: Unpack[StudyFields]) -> None:
+        super().__init__(**fields)
+        self._values = dict(values)
 
     def drawn(self, numbers: np.ndarray) -> dict[str, np.ndarray]:
         """Return the design's values for places along the dimension `lane`."""
@@ -32,7 +37,7 @@ def ranges_of(study: Study) -> dict[str, Range]:
     return spans | (dict(study.sample.ranges) if study.sample else {})
 
 
-def global_of_study(
+def global_indices(
     study: Study,
     method: str = "sobol",
     count: int = 1024,
@@ -48,16 +53,16 @@ def global_of_study(
     axis of one value stays. Runs that fail are left out with their block, and counted.
 
     Args:
-        study: from `sweeps.study.read_study`, or written in Python.
+        study: from `sweeps.read_study`, or `sweeps.Study(...)`; its axes and its sample are the ranges.
         method: "sobol", "morris" or "dgsm".
-        count: of base points.
-        groups: names that move together.
+        count: of base points (trajectories of "morris"); of "sobol" rounded up to a power of two.
+        groups: names that move together, by the group's name; not for "dgsm".
         second_order: of "sobol", indices of pairs too, at twice the runs.
         seed: of the points and of the resampling.
         progress: as in `sweeps.run`.
 
     Returns:
-        As `sensitivity.global_indices.analyse`, with low and high (parameter) and metric_unit (metric).
+        As `sensitivity.indices.analyse`, and low and high (parameter) and metric_unit (metric).
 
     Raises:
         SweepError: fewer than two names vary, or the method, a group or the count cannot be used.
@@ -70,13 +75,12 @@ def global_of_study(
         values[name] = (
             span.low * (span.high / span.low) ** share if logarithmic else span.low + (span.high - span.low) * share
         )
-    fields: dict[str, Any] = study.model_dump() | {"metrics": study.metrics, "folder": study.folder, "store": []}
-    fields["axes"] = {name: v for name, v in study.axes.items() if name not in spans}
-    fields["sample"] = {"count": len(design.points), "ranges": {n: s.model_dump() for n, s in spans.items()}}
-    designed = DesignedStudy(**fields)
-    designed._values = values
+    fixed = {name: v for name, v in study.axes.items() if name not in spans}
+    sample = {"count": len(design.points), "ranges": spans}
+    fields: dict[str, Any] = {**dict(study), "axes": fixed, "sample": sample, "store": []}
+    designed = DesignedStudy(values, **fields)
     done = run(designed, progress)
-    over_lanes = done.isel({name: 0 for name in fields["axes"]})
+    over_lanes = done.isel({name: 0 for name in fixed})
     names = [metric.name for metric in designed.prepared.metrics]
     failed = over_lanes["status"].to_numpy() == Status.NOT_FINITE  # a metric may be missing where no run failed
     data = analyse(design, {name: over_lanes[name].to_numpy() for name in names}, seed=seed)
@@ -87,5 +91,5 @@ def global_of_study(
             high=("parameter", [span.high for span in spans.values()]),
             metric_unit=("metric", [metric.unit for metric in designed.prepared.metrics]),
         )
-        .assign_attrs(title=study.title, **data.attrs | {"failed": int(failed.sum())})
+        .assign_attrs(title=study.title, analysis="global_indices", **data.attrs | {"failed": int(failed.sum())})
     )

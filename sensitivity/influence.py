@@ -1,7 +1,7 @@
 """Which inputs of a program can influence its outputs at all, read off the traced program rather than off its values.
 
-A derivative cannot tell: it may be zero at one point (friction at standstill) and not at the next. The program can: the
-mass of a robot whose load torque is given is nowhere on the way to any output.
+A derivative cannot show it: it may be zero at one point (friction at standstill) and not at the next. The program can:
+the mass of a robot whose load torque is given is nowhere on the way to any output.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def influential(function: Callable[[dict[str, Any]], Any], arguments: dict[str, 
 
 
 def _live_inputs(program: Jaxpr, live_outputs: list[bool]) -> list[bool]:
-    """Go back through a program and tell which of its inputs are on the way to its live outputs."""
+    """Go back through a program and return which of its inputs are on the way to its live outputs."""
     live = {v for v, wanted in zip(program.outvars, live_outputs, strict=True) if wanted and not isinstance(v, Literal)}
     for equation in reversed(program.eqns):
         outputs = [v in live for v in equation.outvars]
@@ -34,7 +34,7 @@ def _live_inputs(program: Jaxpr, live_outputs: list[bool]) -> list[bool]:
 
 
 def _needed(equation: JaxprEqn, outputs: list[bool]) -> list[bool]:
-    """Tell which inputs of one equation its live outputs need; all of them where nothing more is known."""
+    """Return which inputs of one equation its live outputs need; all of them where nothing more is known."""
     if equation.primitive.name == "optimization_barrier":
         return outputs  # it passes each operand on as it is
     if equation.primitive.name == "scan":

@@ -1,7 +1,7 @@
-"""What readings tell of parameters, from Fisher information alone: Cramer-Rao bounds, who brings what, what is sloppy.
+"""What readings say of parameters, from Fisher information alone: Cramer-Rao bounds, shares, poorly known directions.
 
-All is in coordinates x in which what was known before is standard normal, so that the prior's information is the unit
-matrix: an information of 1 is as much as was known before.
+All is in coordinates x in which the prior is standard normal, so that its information is the unit matrix: an
+information of 1 is that of the prior.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ Floats = NDArray[np.floating]
 
 # Eigenvalues below this share of the largest are rounding, or the error of difference quotients.
 _NOTHING = 1e-10
-# A parameter is outside of what is told where less than this of its axis lies in directions without information.
+# A parameter is determined by the data where less than this of its axis lies in directions without information.
 _OUTSIDE = 1e-4
 
 
@@ -34,40 +34,40 @@ class Information:
 
     @property
     def total(self) -> Floats:
-        """Return the information of all data, without what was known before."""
+        """Return the information of all data, without the prior."""
         return self.parts.sum(axis=0)
 
     @property
     def covariance(self) -> Floats:
-        """Return (F + I)^-1: what is left of the priors' spread once the data are in."""
+        """Return (F + I)^-1: the covariance that remains once the data are in."""
         return np.linalg.inv(self.total + np.eye(len(self.names)))
 
     def sd(self) -> Floats:
-        """Return the Cramer-Rao bounds with what was known before, in prior sd: 1 where the data tell nothing."""
+        """Return the Cramer-Rao bounds with the prior, in prior sd: 1 where the data say nothing of it."""
         return np.sqrt(np.diag(self.covariance))
 
     def sd_of_data(self) -> Floats:
         """Return the Cramer-Rao bounds of the data alone; inf where they leave a parameter open."""
         values, vectors = _eigen(self.total)
-        told = values > _NOTHING * max(float(values[-1]), 1.0)
-        outside = np.sum(vectors[:, ~told] ** 2, axis=1)
-        variance = np.sum(vectors[:, told] ** 2 / values[told], axis=1)
+        informed = values > _NOTHING * max(float(values[-1]), 1.0)
+        outside = np.sum(vectors[:, ~informed] ** 2, axis=1)
+        variance = np.sum(vectors[:, informed] ** 2 / values[informed], axis=1)
         return np.where(outside > _OUTSIDE, np.inf, np.sqrt(variance))
 
     def correlation(self) -> Floats:
-        """Return the correlations of the estimates, with what was known before."""
+        """Return the correlations of the estimates, with the prior."""
         sd = self.sd()
         return self.covariance / np.outer(sd, sd)
 
     def shares(self) -> Floats:
-        """Return of what is known at last of each parameter the share that each part of the data brings.
+        """Return the share of each part of the data in the final information on each parameter.
 
-        What is known of parameter i, all others being estimated too, is 1/C_ii = v'(F + I)v with v = C e_i / C_ii: the
-        information along the one way to move i that the others cannot make up for. It is a sum over the parts.
+        The information on parameter i, all others being estimated too, is 1/C_ii = v'(F + I)v with v = C e_i / C_ii:
+        that along the direction of i which the others cannot compensate. It is a sum over the parts.
 
         Returns:
-            Shape (parts + 2, unknowns): the parts, what was known of the parameter itself, and what was known of the
-            others; columns add up to 1.
+            Shape (parts + 2, unknowns): the parts, the prior of the parameter itself, and the priors of the others;
+            columns add up to 1.
         """
         covariance = self.covariance
         known = 1.0 / np.diag(covariance)
@@ -97,7 +97,7 @@ _PLAIN = 0.15
 
 
 def direction_in_words(names: tuple[str, ...], way: Floats, proportional: Mapping[str, bool] | None = None) -> str:
-    """Say what the data cannot tell along a direction: "R_TL and C_TL only as a product".
+    """Say what the data leave open along a direction: "R_TL and C_TL only as a product".
 
     Args:
         names: of the unknowns.

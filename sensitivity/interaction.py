@@ -12,7 +12,7 @@ more or less than `power_law` is a true joint action.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import jax
 import jax.numpy as jnp
@@ -23,7 +23,7 @@ from jaxmodel.errors import ParameterError
 from jaxmodel.model import Model
 from jaxmodel.profile import Profile
 from jaxmodel.simulation import Cutoff
-from sensitivity.local import answer_variables, coordinates, pushed, relative
+from sensitivity.derivatives import answer_variables, coordinates, pushforward, relative
 from sensitivity.metrics import VALID_SHARE
 from sensitivity.response import make_response, steps_of
 from sweeps.metrics import Metric
@@ -34,7 +34,7 @@ APART = 1e-3
 _PLACES, _WEIGHTS = np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
 
 
-def interactions(
+def second_derivatives(
     model: Model,
     profile: Profile,
     pairs: Iterable[tuple[str, str]],
@@ -71,7 +71,7 @@ def interactions(
     """
     chosen = list(dict.fromkeys(pairs))
     if not chosen:
-        raise ParameterError("pairs: there is none; name two parameters or inputs at least.")
+        raise ParameterError("pairs: none is given; name two parameters or inputs at least.")
     names = tuple(dict.fromkeys(name for pair in chosen for name in pair))
     response = make_response(model, profile, names, metrics, (), cutoff)
     step, here = steps_of(response), np.asarray(response.values())
@@ -84,7 +84,7 @@ def interactions(
     alone, both = here + by, here + by[one] + by[other]
     at = np.concatenate([about.reshape(-1, here.size), alone, both, np.tile(here, (len(names), 1))])
     along = np.concatenate([slopes_of.reshape(-1, here.size), np.zeros_like(alone), np.zeros_like(both), by])
-    answers, slopes, runs = pushed(response, jnp.asarray(at), jnp.asarray(along))
+    answers, slopes, runs = pushforward(response, jnp.asarray(at), jnp.asarray(along))
     base = jax.tree.map(lambda x: x[-1], answers)
     values, slope = np.asarray(answers.metrics), np.asarray(slopes.metrics)
     near, far = about.shape[0] * len(chosen), len(names) + len(chosen)
@@ -121,8 +121,3 @@ def interactions(
         place | {"first": ("pair", [p for p, _ in chosen]), "second": ("pair", [q for _, q in chosen])},
         {"simulations": len(at)},
     )
-
-
-def all_pairs(names: Sequence[str]) -> list[tuple[str, str]]:
-    """Return every pair of some names, each with itself too, in order."""
-    return [(first, second) for i, first in enumerate(names) for second in names[i:]]

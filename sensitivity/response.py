@@ -1,4 +1,4 @@
-"""A run's answer as a pure function of a vector of parameters: the one thing that every study here differentiates.
+"""The results of a run as a pure function of a vector of parameters: what every analysis here differentiates.
 
 Beside the numbers of the model, the curves of the cell and the inputs of the run are parameters too, under their own
 names: a curve (R_ints, R_TS, C_TS, R_TL, C_TL) by a factor, the ambient temperature by a shift in K, every other input
@@ -26,7 +26,7 @@ from jaxmodel.profile import Profile
 from jaxmodel.simulation import Cutoff, Track, run_track, track
 from sensitivity.influence import influential
 from sensitivity.metrics import VALID_SHARE, choose_metrics
-from sweeps.lane import Course, Keep, Outcome, lay_out, run_lane
+from sweeps.lane import Keep, Outcome, SteppedProfile, lay_out, run_lane
 from sweeps.metrics import Metric
 
 SHIFTED_INPUT = "ambient_degC"
@@ -49,7 +49,7 @@ class Scaled(Curve):
 
 
 class Answer(eqx.Module):
-    """What a study asks of a run: single numbers, and readings over time; derivatives have further axes in front."""
+    """The results of a run: metrics, and readings over time; derivatives have further axes in front."""
 
     metrics: Float[Array, "... metric"]
     outputs: Float[Array, "... output rows"]
@@ -64,7 +64,7 @@ class Response(eqx.Module):
     """
 
     model: Model
-    course: Course
+    stepped: SteppedProfile
     time_s: Float[Array, " rows"]
     cutoff: Cutoff | None
     sensed: Track | None
@@ -82,51 +82,51 @@ class Response(eqx.Module):
 
     def run(self, given: Mapping[str, Scalar]) -> tuple[Answer, Outcome]:
         """Return the answer at parameter values by name, and how the run behind it went, with its `valid_share`."""
-        others = {*_inputs(self.course), *CURVES}
+        others = {*_inputs(self.stepped), *CURVES}
         model = with_values(self.model, {name: new for name, new in given.items() if name not in others})
         for name in CURVES:
             if name in given:
                 scaled = Scaled(getattr(model.curves, name), given[name])
                 model = eqx.tree_at(lambda m, n=name: getattr(m.curves, n), model, scaled)
-        course = eqx.tree_at(
+        stepped = eqx.tree_at(
             lambda c: (c.first, c.later, c.steady),
-            self.course,
-            tuple(_changed(part, given) for part in (self.course.first, self.course.later, self.course.steady)),
+            self.stepped,
+            tuple(_changed(part, given) for part in (self.stepped.first, self.stepped.later, self.stepped.steady)),
         )
         keep = Keep((*self.metrics, VALID_SHARE), () if self.sensed else self.outputs)
-        outcome = run_lane(keep, model, course, self.cutoff, {})
+        outcome = run_lane(keep, model, stepped, self.cutoff, {})
         readings = outcome.columns
         if self.sensed is not None:
             seen = eqx.tree_at(lambda t: t.inputs, self.sensed, _changed(self.sensed.inputs, given))
             readings = run_track(model, seen, self.time_s, self.cutoff).readings
         numbers = [outcome.values[metric.name] for metric in self.metrics]
-        courses = [readings[name] for name in self.outputs]
+        over_time = [readings[name] for name in self.outputs]
         answer = Answer(
             metrics=jnp.stack(numbers) if numbers else jnp.zeros(0),
-            outputs=jnp.stack(courses) if courses else jnp.zeros((0, self.time_s.size)),
+            outputs=jnp.stack(over_time) if over_time else jnp.zeros((0, self.time_s.size)),
         )
         return answer, outcome
 
     def values(self) -> Float[Array, " parameter"]:
         """Return the parameters' values as the model and the profile have them; of an input or curve their null."""
-        neutral = {name: 0.0 if name == SHIFTED_INPUT else 1.0 for name in (*_inputs(self.course), *CURVES)}
+        neutral = {name: 0.0 if name == SHIFTED_INPUT else 1.0 for name in (*_inputs(self.stepped), *CURVES)}
         return jnp.asarray([neutral[n] if n in neutral else value(self.model, n) for n in self.names], dtype=float)
 
     def table(self) -> list[ParameterInfo]:
-        """Return what is known of each parameter."""
-        known = parameter_table(self.model) | _curve_table() | _input_table(self.course)
+        """Return unit, bounds and meaning of each parameter."""
+        known = parameter_table(self.model) | _curve_table() | _input_table(self.stepped)
         return [known[name] for name in self.names]
 
 
-def _inputs(course: Course) -> dict[str, Array]:
+def _inputs(stepped: SteppedProfile) -> dict[str, Array]:
     """Return the inputs after the first row by name, those that never change as scalars."""
-    return course.later | course.steady
+    return stepped.later | stepped.steady
 
 
 def _changed(inputs: Mapping[str, Array], given: Mapping[str, Scalar]) -> dict[str, Array]:
     """Shift or scale the inputs that are among the parameters."""
 
-    def change(name, column):
+    def change(name: str, column: Array) -> Array:
         if name not in given:
             return column
         return column + given[name] if name == SHIFTED_INPUT else column * given[name]
@@ -135,17 +135,17 @@ def _changed(inputs: Mapping[str, Array], given: Mapping[str, Scalar]) -> dict[s
 
 
 def _curve_table() -> dict[str, ParameterInfo]:
-    """Return what is known of the curves as parameters."""
+    """Return unit and meaning of the curves as parameters."""
     return {
         name: ParameterInfo(name, unit="", meaning=f"factor on the curve {name}", default=1.0, lower=0.0)
         for name in CURVES
     }
 
 
-def _input_table(course: Course) -> dict[str, ParameterInfo]:
-    """Return what is known of the inputs as parameters."""
+def _input_table(stepped: SteppedProfile) -> dict[str, ParameterInfo]:
+    """Return unit, bounds and meaning of the inputs as parameters."""
     table = {}
-    for name, column in _inputs(course).items():
+    for name, column in _inputs(stepped).items():
         if name == SHIFTED_INPUT:
             table[name] = ParameterInfo(name, unit="K", meaning="shift of the ambient temperature", default=0.0)
         else:
@@ -170,8 +170,8 @@ def make_response(
         profile: inputs over time.
         names: parameters of the model, of its effects ("effect.parameter"), curves of the cell and inputs of the
             profile; None takes all that enter the answer.
-        metrics: names of `sensitivity.metrics`, or metrics of one's own; None takes all of the kind.
-        outputs: readings whose course is asked for; None takes all, () none.
+        metrics: names of `sensitivity.metrics`, or instances of `sweeps.Metric`; None takes all of the kind.
+        outputs: readings wanted over time; None takes all, () none.
         cutoff: where the run ends, if before the end of the profile.
 
     Raises:
@@ -179,16 +179,16 @@ def make_response(
         SweepError: a metric is unknown.
     """
     steps = track(model, profile)
-    course = lay_out(model, profile, np.arange(profile.time_s.size))
+    stepped = lay_out(model, profile, np.arange(profile.time_s.size))
     readings = _reading_names(model, steps)
     chosen_outputs = readings if outputs is None else tuple(map(str, outputs))
     _check(chosen_outputs, readings, "outputs", "output")
-    known = (*parameter_table(model), *(CURVES if model.kind != "motor" else ()), *_inputs(course))
-    # Ideal sensors read what a sweep's lane keeps; others have a memory of the whole run, and need a run of their own.
+    known = (*parameter_table(model), *(CURVES if model.kind != "motor" else ()), *_inputs(stepped))
+    # Ideal sensors read what a sweep's lane keeps; others depend on the whole run, and need a run of their own.
     sensed = steps if chosen_outputs and any(effect.is_sensor for effect in model.effects) else None
     response = Response(
         model=model,
-        course=course,
+        stepped=stepped,
         time_s=jnp.asarray(profile.time_s),
         cutoff=cutoff,
         sensed=sensed,
@@ -200,7 +200,7 @@ def make_response(
         enter = influential(lambda given: response.run(given)[0], response.named(response.values()))
         return dataclasses.replace(response, names=tuple(name for name in known if name in enter))
     if not response.names:
-        raise ParameterError("names: there is none; name at least one parameter or input, or leave names out for all.")
+        raise ParameterError("names: none is given; name at least one parameter or input, or leave names out for all.")
     _check(response.names, known, "names", "parameter or input")
     return response
 

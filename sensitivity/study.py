@@ -1,35 +1,43 @@
-"""The sensitivity of a sweep study's model: the same file, looked at in one point instead of over its axes."""
+"""Derivatives at the point of a study: the same file as a sweep's, analysed at one point instead of over its axes."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping
 
 import numpy as np
 import xarray
 
+from sensitivity.derivatives import local_sensitivities
 from sensitivity.doubling import doubling_test
-from sensitivity.interaction import interactions
-from sensitivity.local import local_sensitivities
+from sensitivity.interaction import second_derivatives
 from sensitivity.metrics import choose_metrics, has_derivative
-from sensitivity.uncertainty import propagate
+from sensitivity.propagation import propagate
+from sensitivity.uncertain import stated_sd
 from sweeps.metrics import Metric
 from sweeps.prepare import Prepared
 from sweeps.study import Study
 
 
-def sensitivity_of_study(study: Study, doubling: bool = True) -> xarray.Dataset:
-    """Return the local sensitivities of a study's model, with the paper's doubling test beside them.
+def local(study: Study, *, doubling: bool = True) -> xarray.Dataset:
+    """Return the derivatives of a study's metrics and readings by every parameter, beside the paper's doubling test.
 
     The point is the study's model and profile: a parameter on an axis has the value that `parameters` or the preset
-    gives it, an input on an axis its first value. Metrics are those that the study names, as far as they have a
-    derivative, or all; outputs are the columns that it stores, at the rows that it stores, or all.
+    gives it, an input on an axis its first value, an input in a range the middle; `Study.at` sets another point.
+    Metrics are those that the study names, as far as they have a derivative, or all; readings are the columns that it
+    stores, at the rows that it stores, or all.
 
     Args:
-        study: from `sweeps.study.read_study`, or written in Python.
+        study: from `sweeps.read_study`, or `sweeps.Study(...)`.
         doubling: False leaves out the doubling test, whose program takes several times as long to compile.
 
     Returns:
-        The variables of `local_sensitivities` and of `doubling_test` in one data set.
+        A data set over parameter, metric, output and time_s, in the units that `unit` and `metric_unit` state:
+        value, unit, step, doubles (parameter): `step` is the value itself where `doubles`;
+        metric_value, metric_unit (metric);
+        metric_derivative, metric_change (derivative times step), elasticity (p/y) dy/dp (metric, parameter);
+        output_value (output, time_s); output_derivative, output_change (output, parameter, time_s);
+        and the variables of `sensitivity.doubling.doubling_test`.
 
     Raises:
         ParameterError, SweepError: what the study names has no sensitivity.
@@ -41,43 +49,72 @@ def sensitivity_of_study(study: Study, doubling: bool = True) -> xarray.Dataset:
         doubled = doubling_test(model, profile, data.parameter.values, metrics, outputs, cutoff=cutoff)
         # Both hold the run itself, from two programs that may differ in the last bit.
         data = data.merge(doubled, compat="override").assign_attrs(data.attrs | doubled.attrs)
-    return data.isel(time_s=slice(None, None, study.store_every)).assign_attrs(title=study.title)
+    return _at_stored_rows(data, study, "local")
 
 
-def interactions_of_study(study: Study, pairs: Iterable[tuple[str, str]]) -> xarray.Dataset:
-    """Return the second derivatives of a study's metrics by pairs, beside the doubling of both.
+def interactions(study: Study, pairs: Iterable[tuple[str, str]] | Iterable[str]) -> xarray.Dataset:
+    """Return the second derivatives of a study's metrics by pairs of parameters, beside the doubling of both.
 
     Args:
-        study: the point is that of `sensitivity_of_study`.
-        pairs: names of parameters or inputs.
+        study: the point is that of `local`.
+        pairs: pairs of parameters or inputs; or names, of which every pair is taken, each name with itself too.
 
     Returns:
-        As `sensitivity.interaction.interactions`.
+        As `sensitivity.interaction.second_derivatives`.
+
+    Raises:
+        ParameterError, SweepError: a parameter or metric is unknown, or no pair is given.
     """
     prepared, metrics, _ = _asked(study)
-    data = interactions(prepared.model, prepared.profile, pairs, metrics, cutoff=prepared.cutoff)
-    return data.assign_attrs(title=study.title)
+    given = list(pairs)
+    names = [name for name in given if isinstance(name, str)]
+    chosen = [(pair[0], pair[1]) for pair in given if not isinstance(pair, str)]
+    chosen += itertools.combinations_with_replacement(names, 2)
+    data = second_derivatives(prepared.model, prepared.profile, chosen, metrics, cutoff=prepared.cutoff)
+    return data.assign_attrs(title=study.title, analysis="interactions")
 
 
-def uncertainty_of_study(
-    study: Study, sd: Mapping[str, float], correlation: np.ndarray | None = None, draws: int = 512
+def uncertainty(
+    study: Study,
+    sd: Mapping[str, float] | None = None,
+    correlation: np.ndarray | None = None,
+    *,
+    draws: int = 512,
+    seed: int = 0,
 ) -> xarray.Dataset:
-    """Return the spread of a study's metrics and stored columns that comes of not knowing parameters.
+    """Return the spread of a study's metrics and stored columns that comes of uncertain parameters.
+
+    With the results of an identification: `known = read_estimates(folder)`, then
+    `uncertainty(study.at(known.values), known.sd, known.correlation)`.
 
     Args:
         study: its model and profile are the centre.
-        sd: standard deviations by name.
-        correlation: of the parameters, in the order of `sd`.
-        draws: runs that are sampled.
+        sd: standard deviations by name of a parameter or input, in its unit; None takes those that the study's case
+            states.
+        correlation: of the parameters, in the order of `sd`; none where it is not given.
+        draws: runs that are sampled; rounded up to a power of two.
+        seed: of the draws.
 
     Returns:
-        As `sensitivity.uncertainty.propagate`.
+        As `sensitivity.propagation.propagate`.
+
+    Raises:
+        ParameterError, SweepError: a name is unknown, an sd is negative, the correlations contradict each other, or
+            the case states no sd.
     """
     prepared, metrics, outputs = _asked(study)
     data = propagate(
-        prepared.model, prepared.profile, sd, correlation, metrics, outputs, cutoff=prepared.cutoff, draws=draws
+        prepared.model,
+        prepared.profile,
+        stated_sd(study) if sd is None else sd,
+        correlation,
+        metrics,
+        outputs,
+        cutoff=prepared.cutoff,
+        draws=draws,
+        seed=seed,
     )
-    return data.isel(time_s=slice(None, None, study.store_every)).assign_attrs(title=study.title)
+    return _at_stored_rows(data, study, "uncertainty")
 
 
 def _asked(study: Study) -> tuple[Prepared, tuple[Metric, ...], list[str] | None]:
@@ -85,3 +122,8 @@ def _asked(study: Study) -> tuple[Prepared, tuple[Metric, ...], list[str] | None
     prepared = study.prepared
     named = [metric for metric in prepared.metrics if has_derivative(metric)] if study.metrics else None
     return prepared, choose_metrics(named, prepared.model.kind), study.store or None
+
+
+def _at_stored_rows(data: xarray.Dataset, study: Study, analysis: str) -> xarray.Dataset:
+    rows = data.isel(time_s=slice(None, None, study.store_every))
+    return rows.assign_attrs(title=study.title, analysis=analysis)

@@ -1,16 +1,29 @@
-"""Thousands of combinations of parameters, inputs and effects through the model."""
+"""Thousands of combinations of parameters, inputs and effects through the model, into one labelled data set.
 
-from sweeps.engine import run
+import sweeps
+
+study = sweeps.read_study("examples/paper_sweep.toml")  # or sweeps.Study(kind="cell", profile={...}, axes={...})
+dataset = sweeps.run(study)                             # xarray.Dataset: metrics over the axes
+dataset["soc_gradient"].sel(ambient_degC=20.0)
+sweeps.save(dataset, "results")                         # result.zarr, lanes.csv, manifest.json
+"""
+
+from sweeps.engine import Progress, run
 from sweeps.forecast import Forecast, forecast
-from sweeps.metrics import Metric, metrics_of, metrics_on_request
-from sweeps.results import load, percentiles, save
+from sweeps.metrics import End, Metric, Moment, Step, metrics_of, metrics_on_request
+from sweeps.results import lanes_per_second, load, percentiles, save
 from sweeps.study import Study, read_study
 
 __all__ = [
+    "End",
     "Forecast",
     "Metric",
+    "Moment",
+    "Progress",
+    "Step",
     "Study",
     "forecast",
+    "lanes_per_second",
     "load",
     "metrics_of",
     "metrics_on_request",

@@ -1,8 +1,8 @@
 """Running chunks on a cluster of dask.distributed: the study goes to each worker once, then only numbers of chunks.
 
-A worker sends a chunk's results back, and they are committed as those of a local run are. What a worker had under way
-when it was lost is run by another; nothing else is. A task runs on one device, with the program of a local run: the
-bits are the same.
+A worker sends a chunk's results back, and they are committed as those of a local run are. The chunks that
+a worker was running when it was lost are run by another. A task runs on one device, with the program of a local run:
+the bits are the same.
 
 dask.distributed is imported where it is used: it brings a web server along, which a local sweep does without.
 """
@@ -16,7 +16,7 @@ import logging
 import pickle
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from typing import Any
 
 import jax
@@ -29,9 +29,9 @@ from sweeps.lane import Outcome
 from sweeps.plan import Chunks
 from sweeps.study import Study
 
-# Chunks per thread: so many that a slow worker at the end is not waited for long.
+# Chunks per thread: enough that a slow worker at the end delays little.
 CHUNKS_PER_THREAD = 4
-# Chunks a thread has before it, so that it never waits for the next.
+# Chunks in the queue of a thread, so that it never waits for the next.
 AHEAD = 2
 _PATIENCE_S = 30
 
@@ -108,12 +108,12 @@ def _result(future: Any, number: int) -> Outcome:
     from distributed import KilledWorker
     from distributed.comm.core import CommClosedError
 
-    go_on = "what is done stays, go on with --resume."
+    go_on = "completed chunks are kept; continue with --resume."
     try:
         return future.result()
     except KilledWorker as error:
         raise SweepError(
-            f"engine: chunk {number} has ended several workers, most likely for want of memory; allow chunks less, "
+            f"engine: chunk {number} has ended several workers, most likely by lack of memory; allow chunks less, "
             f"as in --memory 100MB, in a new folder, or give the workers more; {go_on}"
         ) from error
     except (OSError, CommClosedError, TimeoutError) as error:
@@ -123,11 +123,11 @@ def _result(future: Any, number: int) -> Outcome:
 
 
 @contextlib.contextmanager
-def cluster(engine: str, study: Study) -> Iterator[Cluster]:
+def cluster(engine: str, study: Study) -> Generator[Cluster, None, None]:
     """Connect to a scheduler, or start a cluster of one worker per core for "dask".
 
     Raises:
-        SweepError: nobody answers.
+        SweepError: no scheduler answers, or it has no workers.
     """
     from distributed import Client, LocalCluster
 
@@ -171,6 +171,7 @@ def _packed(study: Study, chunks: Chunks) -> bytes:
     import cloudpickle
 
     classes = [type(part) for part in (*study.prepared.model.effects, *study.prepared.metrics)]
+    classes += study.own_effects
     names = {cls.__module__ for cls in classes if cls.__module__.partition(".")[0] not in ("jaxmodel", "sweeps")}
     modules = [sys.modules[name] for name in names - {"__main__"} if name in sys.modules]
     for module in modules:

@@ -11,7 +11,7 @@ from jax.sharding import Mesh
 # Lanes of one block on a processor: the values of a step then stay in its nearest caches.
 CPU_BLOCK = 128
 ACCELERATOR_BLOCK = 65_536
-# Of a block's stored courses, which an accelerator holds at every step before the stored rows are picked.
+# Of a block's stored columns, which an accelerator holds at every step before the stored rows are picked.
 ACCELERATOR_COURSE_BYTES = 2 * 2**30
 # Vectors of 512 bits halve the time of a step where the processor has them, and change nothing where it has not.
 CPU_COMPILER_OPTIONS: dict[str, str | bool] = {"xla_cpu_prefer_vector_width": "512"}
@@ -24,7 +24,7 @@ def lane_mesh(devices: Sequence[Any] | None = None) -> Mesh:
 
 
 def widest_block(mesh: Mesh, numbers_per_lane: int) -> int:
-    """Return the most lanes of one block, each of which holds so many numbers of stored courses."""
+    """Return the most lanes of one block, each of which holds so many numbers of stored columns."""
     if mesh.devices.flat[0].platform == "cpu":
         return CPU_BLOCK
     fitting = ACCELERATOR_COURSE_BYTES // (8 * max(1, numbers_per_lane))

@@ -20,7 +20,7 @@ from jaxmodel.kernel import as_one_kernel
 from jaxmodel.model import Model
 from jaxmodel.names import with_values
 from sweeps.devices import CPU_COMPILER_OPTIONS, lane_mesh, widest_block
-from sweeps.lane import Course, Keep, Outcome, lay_out, run_lane
+from sweeps.lane import Keep, Outcome, SteppedProfile, lay_out, run_lane
 from sweeps.plan import DEFAULT_MEMORY, Chunks, bytes_of, calls_of, cut, lanes_per_chunk, size_text
 from sweeps.results import InMemory, variables_of
 from sweeps.store import Store
@@ -44,11 +44,11 @@ def run(
         study: what to run.
         progress: called as progress(lanes done, lanes in all) at the start and then as lanes are done.
         out: a folder to which results are written chunk by chunk, so that they need no memory and a run that was
-            stopped can go on; without it they are held in memory.
-        resume: goes on with what an earlier run of the same study left in `out`; the results are those of a run that
-            was never stopped, to the bit.
-        memory: bytes for the chunks under way, 512 MiB if not said, and without `out` for the whole result, any if not
-            said; also as text: "2 GiB".
+            stopped can be resumed; without it they are held in memory.
+        resume: continues what an earlier run of the same study left in `out`; the results are those of a run that was
+            never stopped, to the bit.
+        memory: bytes for the chunks in progress, by default 512 MiB; without `out` also the limit of the whole result,
+            by default none. Also as text: "2 GiB".
         engine: "local" runs on the devices of this process, "dask" on a cluster of one worker per core, and an address
             such as "tcp://host:8786" on that scheduler's workers. The results are the same to the bit.
 
@@ -61,21 +61,23 @@ def run(
         SweepError: `out` holds another sweep or a finished one, the disk is full, or the memory does not suffice; what
             is done stays.
     """
-    with _crew(engine, study) as crew:
-        chunks = crew.chunks(memory, whole=out is None)
+    with _executor(engine, study) as executor:
+        chunks = executor.chunks(memory, whole=out is None)
         sink = InMemory(study, chunks) if out is None else Store(study, chunks, out, resume)
         try:
-            return sink.finish(_fill(sink, crew, study, progress))
+            return sink.finish(_fill(sink, executor, study, progress))
         finally:
             sink.close()
 
 
-def _crew(engine: str, study: Study) -> contextlib.AbstractContextManager[Any]:
-    """Return who runs the chunks: a `Runner`, or what does as one does."""
+def _executor(engine: str, study: Study) -> contextlib.AbstractContextManager[Any]:
+    """Return what runs the chunks: a `Runner`, or a cluster with the same methods."""
     if engine == "local":
         return contextlib.nullcontext(Runner(study))
     if engine != "dask" and "://" not in engine:
-        raise SweepError(f'engine: "{engine}" is none; give "local", "dask", or an address such as "tcp://host:8786".')
+        raise SweepError(
+            f'engine: there is no engine "{engine}"; give "local", "dask", or an address such as "tcp://host:8786".'
+        )
     try:
         from sweeps.cluster import cluster
     except ImportError as error:
@@ -83,8 +85,8 @@ def _crew(engine: str, study: Study) -> contextlib.AbstractContextManager[Any]:
     return cluster(engine, study)
 
 
-def _fill(sink: InMemory | Store, crew: Any, study: Study, progress: Progress | None) -> dict[str, Any]:
-    """Run what is pending and commit it; return how the run went, for the manifest."""
+def _fill(sink: InMemory | Store, executor: Any, study: Study, progress: Progress | None) -> dict[str, Any]:
+    """Run and commit the pending chunks; return counts and times for the manifest."""
     began = time.perf_counter()
     pending = sum(sink.chunks.span(number)[1] for number in sink.pending)
     done = study.size - pending
@@ -97,15 +99,15 @@ def _fill(sink: InMemory | Store, crew: Any, study: Study, progress: Progress | 
 
     count(0)
     if pending:
-        crew.prepare(sink.chunks)
+        executor.prepare(sink.chunks)
     compiled = time.perf_counter()
-    for number, outcome in crew.outcomes(sink.chunks, sink.pending, count):
+    for number, outcome in executor.outcomes(sink.chunks, sink.pending, count):
         sink.commit(number, outcome)
     return {
         "lanes": study.size,
         "lanes_run": pending,
-        "steps": crew.steps,
-        "devices": crew.device_names,
+        "steps": executor.steps,
+        "devices": executor.device_names,
         "compile_s": compiled - began,
         "run_s": time.perf_counter() - compiled,
     }
@@ -122,10 +124,10 @@ class Runner:
         self._study = study
         prepared = study.prepared
         self._mesh = lane_mesh(devices)
-        course = lay_out(_stiffest(study), prepared.profile, prepared.stored_rows)
-        self.steps = int(course.duration_s.size)
+        stepped = lay_out(_stiffest(study), prepared.profile, prepared.stored_rows)
+        self.steps = int(stepped.duration_s.size)
         self._keep = Keep(prepared.metrics, tuple(study.store))
-        self._shared: tuple[Model, Course, Any] = (prepared.model, course, prepared.cutoff)
+        self._shared: tuple[Model, SteppedProfile, Any] = (prepared.model, stepped, prepared.cutoff)
 
     @property
     def device_names(self) -> str:
@@ -198,15 +200,15 @@ class Runner:
                 started = self._program(*self._shared, self._lanes(start, lanes))
                 yield (number, lanes, start + lanes == first + count), started
 
-    def _lanes(self, first: int, count: int):
-        """Return the lanes of a call on their devices; the last one fills what is left over."""
+    def _lanes(self, first: int, count: int) -> dict[str, jax.Array]:
+        """Return the lanes of a call on their devices; the last one is repeated to fill the call."""
         at_once = self._calls.blocks * self._calls.width * self._mesh.size
         numbers = np.minimum(np.arange(first, first + at_once), first + count - 1)
         return jax.device_put(self._study.lanes(numbers), self._over_lanes)
 
 
 def _one_ahead(items: Iterator[Any]) -> Iterator[Any]:
-    """Yield items, each after the next one has been fetched: the devices never wait for what is done with one."""
+    """Yield items, each after the next one has been fetched: the devices run while an item is processed."""
     waiting = next(items, None)
     while waiting is not None:
         following = next(items, None)
@@ -224,22 +226,22 @@ def _stiffest(study: Study) -> Model:
     return with_values(study.prepared.model, {name: jnp.asarray(values) for name, values in varied.items()})
 
 
-def _signature(arguments: Any):
+def _signature(arguments: Any) -> tuple[Any, tuple[jax.ShapeDtypeStruct, ...]]:
     """Return what a compiled program depends on: structure, shapes, types and places of its arguments."""
     leaves, structure = jax.tree.flatten(arguments)
     return structure, tuple(jax.ShapeDtypeStruct(x.shape, x.dtype, sharding=x.sharding) for x in leaves)
 
 
 @functools.lru_cache(maxsize=32)
-def _program(keep: Keep, width: int, mesh: Mesh, signature: Any):
-    """Return the compiled program (model, course, cutoff, lanes) -> outcomes, kept for the next sweep of its like."""
+def _program(keep: Keep, width: int, mesh: Mesh, signature: Any) -> Any:
+    """Return the compiled program (model, stepped profile, cutoff, lanes) -> outcomes, cached for like sweeps."""
     options = CPU_COMPILER_OPTIONS if mesh.devices.flat[0].platform == "cpu" else None
 
-    def run_share(model, course, cutoff, own):
+    def run_share(model: Model, stepped: SteppedProfile, cutoff: Any, own: dict[str, jax.Array]) -> Outcome:
         """Run one device's share of the lanes, block after block."""
 
-        def run_blocks(blocks):
-            return jax.lax.map(jax.vmap(functools.partial(run_lane, keep, model, course, cutoff)), blocks)
+        def run_blocks(blocks: dict[str, jax.Array]) -> Any:
+            return jax.lax.map(jax.vmap(functools.partial(run_lane, keep, model, stepped, cutoff)), blocks)
 
         blocks = jax.tree.map(lambda x: x.reshape(-1, width), own)
         return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), as_one_kernel(run_blocks, blocks))

@@ -1,4 +1,4 @@
-"""What a sweep will take: lanes, chunks, memory, disk and time, from one call that is run and timed."""
+"""The cost of a sweep in lanes, chunks, memory, disk and time, from one call that is run and timed."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from sweeps.study import Study
 
 @dataclasses.dataclass(frozen=True)
 class Forecast:
-    """What a sweep will take on this machine.
+    """The cost of a sweep on this machine.
 
     Attributes:
         lanes: of the sweep.
         steps: of each lane.
         chunks: committed one by one.
         lanes_per_chunk: of a whole one.
-        memory_bytes: of the chunks under way, beside what the program itself takes.
+        memory_bytes: of the chunks in progress, beside the program itself.
         disk_bytes: of the results, uncompressed.
         devices: on which it was measured.
         compile_s: before the first lane.
@@ -43,7 +43,7 @@ class Forecast:
 
 
 def forecast(study: Study, memory: float | int | str | None = None) -> Forecast:
-    """Return what a sweep will take, after running some of its lanes; nothing is kept of them.
+    """Return the cost of a sweep, after running some of its lanes; their results are not kept.
 
     Args:
         study: what would be run.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -22,21 +23,21 @@ from sweeps.power import powers
 
 @dataclasses.dataclass(frozen=True)
 class Keep:
-    """What is kept of each lane: metrics, and the columns whose course is stored."""
+    """What is kept of each lane: metrics, and the columns that are stored over time."""
 
     metrics: tuple[Metric, ...]
     columns: tuple[str, ...] = ()
 
 
-class Course(eqx.Module):
-    """The steps that all lanes share; what lanes have of their own replaces inputs in it.
+class SteppedProfile(eqx.Module):
+    """An input profile cut into integration steps, shared by all lanes; a lane's own values replace its inputs.
 
     Attributes:
         duration_s: of each step, shape (steps,).
         ends_row: True where a row of the profile ends with the step, shape (steps,).
         first: inputs of the first row that change later.
         later: the same inputs for each step, shape (steps,).
-        steady: inputs that never change; known to be constant, they cost nothing per step.
+        steady: inputs that never change; as constants they cost nothing per step.
         stored: for each stored row, the step that ends there, counted from 1; 0 is the first row.
     """
 
@@ -49,7 +50,7 @@ class Course(eqx.Module):
 
 
 class Outcome(eqx.Module):
-    """What came of a lane.
+    """The result of one lane.
 
     Attributes:
         values: by name of the metric; NaN where the run is not finite.
@@ -62,15 +63,15 @@ class Outcome(eqx.Module):
     status: Array
 
 
-def lay_out(model: Model, profile: Profile, stored_rows: np.ndarray) -> Course:
-    """Lay a profile out in steps for a model, whose leaves may carry lanes, and mark the rows to be stored."""
+def lay_out(model: Model, profile: Profile, stored_rows: np.ndarray) -> SteppedProfile:
+    """Cut a profile into integration steps for a model, whose leaves may carry lanes, and mark the rows to store."""
     steps = track(model, profile)
     last_step = np.asarray(steps.last_step)
     ends_row = np.zeros(steps.duration_s.shape[0], dtype=bool)
     ends_row[last_step] = True
     steady = {name: values[0] for name, values in steps.inputs.items() if np.ptp(np.asarray(values)) == 0.0}
     changing = {name: values for name, values in steps.inputs.items() if name not in steady}
-    return Course(
+    return SteppedProfile(
         duration_s=steps.duration_s,
         ends_row=jnp.asarray(ends_row),
         first={name: values[0] for name, values in changing.items()},
@@ -80,25 +81,27 @@ def lay_out(model: Model, profile: Profile, stored_rows: np.ndarray) -> Course:
     )
 
 
-def run_lane(keep: Keep, model: Model, course: Course, cutoff: Cutoff | None, own: dict[str, Array]) -> Outcome:
-    """Run one lane: the model over the course with what is the lane's own.
+def run_lane(
+    keep: Keep, model: Model, stepped: SteppedProfile, cutoff: Cutoff | None, own: dict[str, Array]
+) -> Outcome:
+    """Run one lane: the model over the stepped profile, with the lane's own values.
 
     Of `own`, an input's name replaces it, `scale.INPUT` multiplies it, `initial.STATE` sets a state at the start, and
     any other name is a parameter.
 
     Pure; the physics and the meaning of the cut-off are those of `jaxmodel.simulation.run_track`.
     """
-    held = {name: value for name, value in own.items() if name in course.steady or name in course.later}
+    held = {name: value for name, value in own.items() if name in stepped.steady or name in stepped.later}
     scales, initial = _after("scale.", own), _after("initial.", own)
     named = {name: value for name, value in own.items() if not name.startswith(("scale.", "initial."))}
     model = with_values(model, {name: value for name, value in named.items() if name not in held})
-    held = course.steady | held
+    held = stepped.steady | held
 
     def inputs_of(changing: Inputs) -> Inputs:
         inputs = changing | held
         return inputs | {name: inputs[name] * factor for name, factor in scales.items()}
 
-    first_inputs = inputs_of(course.first)
+    first_inputs = inputs_of(stepped.first)
     if "soc" in initial:  # effects that hold a charge of their own begin with it too
         model = with_values(model, {"initial_soc": initial["soc"]})
     start = initial_state(model, first_inputs) | initial
@@ -110,7 +113,7 @@ def run_lane(keep: Keep, model: Model, course: Course, cutoff: Cutoff | None, ow
 
     first = moment(start, first_inputs)
 
-    def advance_one(carry, given):
+    def advance_one(carry: Any, given: tuple[Inputs, Array, Array]) -> tuple[Any, dict[str, Array]]:
         state, running, elapsed, carried = carry
         changing, duration, ends_row = given
         inputs = inputs_of(changing)
@@ -122,16 +125,16 @@ def run_lane(keep: Keep, model: Model, course: Course, cutoff: Cutoff | None, ow
         if cutoff is not None:
             updated = jax.tree.map(lambda new, old: jnp.where(running, new, old), updated, carried)
             running &= ~(ends_row & _below(model, after, cutoff))
-        courses = {name: after.columns[name] for name in keep.columns}
-        return (state, running, elapsed + taken, updated), courses
+        kept = {name: after.columns[name] for name in keep.columns}
+        return (state, running, elapsed + taken, updated), kept
 
     carried = tuple(metric.init(first) for metric in keep.metrics)
     begin = (start, jnp.asarray(True), jnp.zeros(()), carried)
-    (state, running, elapsed, carried), courses = jax.lax.scan(
-        advance_one, begin, (course.later, course.duration_s, course.ends_row)
+    (state, running, elapsed, carried), kept = jax.lax.scan(
+        advance_one, begin, (stepped.later, stepped.duration_s, stepped.ends_row)
     )
-    # What is not finite stays so: the last state, and what is read of it, tell of all.
-    last = read(model, state, inputs_of({name: values[-1] for name, values in course.later.items()}))
+    # A number that is not finite stays so: the last state and its readings show whether any was.
+    last = read(model, state, inputs_of({name: values[-1] for name, values in stepped.later.items()}))
     finite = jnp.all(jnp.stack([jnp.isfinite(value) for value in (*state.values(), *last.values())]))
     # All lanes may share `elapsed`. Made a lane's own, a division by it is one: by a shared number it may also be
     # compiled as a product with the reciprocal, which one device and two do not agree on in the last bit.
@@ -140,7 +143,7 @@ def run_lane(keep: Keep, model: Model, course: Course, cutoff: Cutoff | None, ow
     ended = jnp.where(running, Status.COMPLETE, Status.REACHED_CUTOFF)
     return Outcome(
         values=values,
-        columns={n: jnp.concatenate([first.columns[n][None], later])[course.stored] for n, later in courses.items()},
+        columns={n: jnp.concatenate([first.columns[n][None], later])[stepped.stored] for n, later in kept.items()},
         status=jnp.where(finite, ended, Status.NOT_FINITE),
     )
 

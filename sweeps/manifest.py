@@ -1,4 +1,4 @@
-"""What a result was made from and by: the study, its files, the code; and in what two of these differ."""
+"""The manifest of a result: study, files, code and versions it was made from; and the difference of two manifests."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def _source_of(cls: type) -> bytes:
 
 @lru_cache
 def sources_digest() -> str:
-    """Return the SHA-256 of the sources and presets of the rooms that results come from."""
+    """Return the SHA-256 of the sources and presets of the packages that results come from."""
     hashed = hashlib.sha256()
     for folder in (Path(str(jaxmodel.__file__)).parent, Path(__file__).parent):
         for path in sorted(file for ending in ("py", "toml") for file in folder.rglob(f"*.{ending}")):

@@ -1,8 +1,8 @@
-"""What a sweep keeps of each run: numbers reduced while the run advances, so that no trajectory is stored.
+"""Metrics of a run: numbers reduced while the run advances, so that no trajectory is stored.
 
 A metric is three small pure functions of one lane: `init` from the first row, `update` after each step, `finish` at
-the end. The engine calls `update` for steps that the run takes and leaves out those after its cut-off. A user's own
-metric is written in the same way and put in a study's list as an object.
+the end. The engine calls `update` for steps that the run takes and leaves out those after its cut-off. A metric
+of the user's own is written in the same way and put in a study's list as an object.
 """
 
 from __future__ import annotations

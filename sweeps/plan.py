@@ -10,11 +10,11 @@ import numpy as np
 
 from jaxmodel.errors import SweepError
 
-# Of all chunks under way, unless the user says otherwise; the program itself takes some 0.5 GiB beside it.
+# Of all chunks in progress, unless the user states another; the program itself takes some 0.5 GiB beside it.
 DEFAULT_MEMORY = 512 * 2**20
 # Steps of lanes that a device takes in one call: some tenths of a second, so that progress moves and calls cost little.
 LANE_STEPS_PER_CALL = 4_000_000
-# Steps of lanes in one chunk: seconds of work, which is what a kill costs.
+# Steps of lanes in one chunk: seconds of work, which a kill costs at most.
 LANE_STEPS_PER_CHUNK = 64_000_000
 # Each chunk is one file per variable; a sweep too large for this many is cut into larger chunks.
 MOST_CHUNKS = 10_000
@@ -85,7 +85,7 @@ def lanes_per_chunk(lanes: int, steps: int, bytes_per_lane: int, memory: int, le
         lanes: of the whole sweep.
         steps: of each.
         bytes_per_lane: of its axes and results.
-        memory: in bytes, for the chunks under way.
+        memory: in bytes, for the chunks in progress.
         least: so many chunks at least, as far as each keeps a block of lanes.
 
     Raises:
@@ -140,7 +140,7 @@ def bytes_of(text: float | int | str) -> int:
 
 
 def size_text(size: float | int) -> str:
-    """Return a number of bytes for a person."""
+    """Return a number of bytes as text, as in "38.2 kB"."""
     for unit in ("B", "kB", "MB", "GB"):
         if size < 1000.0:
             return f"{size:.3g} {unit}"

@@ -1,4 +1,4 @@
-"""Where the power goes at one time: what the cells or terminals give, what each cause loses, what is left for work."""
+"""The power balance at one time: power of the cells or terminals, losses by cause, and work."""
 
 from __future__ import annotations
 

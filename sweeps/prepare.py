@@ -1,8 +1,7 @@
-"""From the form of a study to what it means: the model, the profile and the metrics, after a look at every name."""
+"""From the form of a study to its model, profile and metrics; every name and number is checked."""
 
 import dataclasses
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
@@ -13,35 +12,36 @@ from jaxmodel.case import Case
 from jaxmodel.case_schema import parse_case
 from jaxmodel.cases import read_case
 from jaxmodel.declaration import ParameterInfo
-from jaxmodel.effects import CATALOGUE
+from jaxmodel.effects import own_effects
 from jaxmodel.errors import SweepError, nearest
 from jaxmodel.measurements import KINDS, file_label, read_utf8
 from jaxmodel.model import Model, initial_state
 from jaxmodel.names import parameter_table, with_values
 from jaxmodel.parameters import TABLE
+from jaxmodel.ports import Effect
 from jaxmodel.presets import why_not
 from jaxmodel.profile import Profile
 from jaxmodel.simulation import Cutoff
 from jaxmodel.units import unit_of
-from sweeps.courses import check_input, course_of, input_names
 from sweeps.metrics import Metric, metrics_of, metrics_on_request
+from sweeps.profiles import build_profile, check_input, input_names
 from sweeps.study_form import StudyForm
 
-# What stands in front of an input's name, or a state's, to vary its size or where it starts.
+# Prefixes of names: a factor on an input, a state at the start.
 SCALE, INITIAL = "scale.", "initial."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Prepared:
-    """What a study means, ready to run.
+    """A study ready to run.
 
     Attributes:
         model: with the study's parameters and effects, its axes at their defaults.
         profile: inputs over time, those in which lanes differ at one of their values.
         cutoff: where a run ends, or None.
-        metrics: what is kept of each lane.
-        info: what is known of what lanes differ in, by name; of an input nothing.
-        stored_rows: the rows of the profile at which courses are kept.
+        metrics: computed for each lane.
+        info: unit, bounds and meaning of each parameter in which lanes differ, by name; inputs have none.
+        stored_rows: the rows of the profile at which columns are stored.
     """
 
     model: Model
@@ -58,7 +58,7 @@ class Prepared:
 
 
 def prepare(study: StudyForm) -> Prepared:
-    """Return what a study means, after a look at every name and number in it."""
+    """Return a study ready to run; every name and number in it is checked."""
     case = _case(study)
     model = with_values(case_model(case, fidelity=study.fidelity), _initial_soc_of_case(study))
     table = parameter_table(model)
@@ -66,7 +66,7 @@ def prepare(study: StudyForm) -> Prepared:
         _known(name, table, f"parameters.{name}: no parameter is called").check(value, f"parameters.{name}")
     model = with_values(model, {name: jnp.asarray(value) for name, value in study.parameters.items()})
 
-    profile = course_of(study.profile, study.folder, model, _one_value_of_inputs(study, model.kind))
+    profile = build_profile(study.profile, study.folder, model, _one_value_of_inputs(study, model.kind))
     varied = {name: (values, f"axes.{name}") for name, values in study.axes.items()}
     for name, span in study.sample.ranges.items() if study.sample else ():
         varied[name] = ([span.low, span.high], f"sample.ranges.{name}")
@@ -80,7 +80,7 @@ def prepare(study: StudyForm) -> Prepared:
         elif name in input_names(model.kind):
             check_input(name, model.kind, values, where)
         else:
-            info[name] = _parameter(name, values, model, table, where)
+            info[name] = _parameter(name, values, model, table, where, case.catalogue)
             if info[name].whole and study.sample and name in study.sample.ranges:
                 raise SweepError(f"{where}: {name} takes whole numbers; put it on an axis instead.")
 
@@ -91,7 +91,7 @@ def prepare(study: StudyForm) -> Prepared:
             raise SweepError(f"store: a {model.kind} has no column '{name}'.{nearest(name, outputs)}")
         if name in varied:
             raise SweepError(
-                f"store: '{name}' is what lanes differ in, and stands beside each of them; remove it here."
+                f"store: lanes differ in '{name}', which is a coordinate of the result already; remove it here."
             )
     return Prepared(
         model=model,
@@ -106,20 +106,22 @@ def prepare(study: StudyForm) -> Prepared:
 def _case(study: StudyForm) -> Case:
     """Return the case that the study describes or names, with the study's effects."""
     if study.case is not None:
-        case = read_case(study.folder / study.case)
+        case = study.case if isinstance(study.case, Case) else read_case(study.folder / study.case)
         if study.kind not in (None, case.kind):
             raise SweepError(f"kind is '{study.kind}', but the case is a {case.kind}; remove one of the two.")
-        effects = {name: values for name, values in case.effects.items() if not _is_of_sensor(name)}
+        case = dataclasses.replace(case, own_effects={**case.own_effects, **own_effects(study.own_effects)})
+        effects = {name: values for name, values in case.effects.items() if not _is_of_sensor(name, case.catalogue)}
         case = dataclasses.replace(case, effects=effects)
     elif study.kind is None:
         raise SweepError('kind is missing; add kind = "cell", "motor" or "robot", or name a case.')
     elif problem := why_not(study.preset, study.kind):
         raise SweepError(f"preset: {problem}")
     else:
-        case = Case("study", Path("effects"), study.title, study.kind, study.preset, {}, {}, {}, {}, (), {})
+        case = Case("study", None, study.title, study.kind, study.preset, {}, {}, {}, {}, (), {})
+        case = dataclasses.replace(case, own_effects=own_effects(study.own_effects))
     for name in study.effects:
-        if _is_of_sensor(name):
-            raise SweepError(f"effects.{name}: a sweep looks at true values, not at a sensor's; remove this effect.")
+        if _is_of_sensor(name, case.catalogue):
+            raise SweepError(f"effects.{name}: a sweep has true values, not a sensor's readings; remove this effect.")
     return dataclasses.replace(case, effects=case.effects | study.effects)
 
 
@@ -127,7 +129,9 @@ def _initial_soc_of_case(study: StudyForm) -> dict[str, Any]:
     """Return the `initial_soc` of a case's `[parameters]`: a case has it for its runs, a study takes it as its own."""
     if study.case is None:
         return {}
-    path = study.folder / study.case
+    path = study.case.path if isinstance(study.case, Case) else study.folder / study.case
+    if path is None:
+        return {}
     file = path / "case.toml" if path.is_dir() else path
     stated = parse_case(read_utf8(file), file_label(file)).parameters.__pydantic_extra__.get("initial_soc")
     return {} if stated is None else {"initial_soc": jnp.asarray(stated.value)}
@@ -143,11 +147,16 @@ def _one_value_of_inputs(study: StudyForm, kind: str) -> dict[str, float]:
 
 
 def _parameter(
-    name: str, values: list[float], model: Model, table: Mapping[str, ParameterInfo], where: str
+    name: str,
+    values: list[float],
+    model: Model,
+    table: Mapping[str, ParameterInfo],
+    where: str,
+    catalogue: Mapping[str, type[Effect]],
 ) -> ParameterInfo:
-    """Return what is known of a parameter in which lanes differ."""
+    """Return unit, bounds and meaning of a parameter in which lanes differ."""
     effect = name.partition(".")[0]
-    if effect in CATALOGUE and name not in table and effect not in {on.name for on in model.effects}:
+    if effect in catalogue and name not in table and effect not in {on.name for on in model.effects}:
         raise SweepError(f"{where}: the effect '{effect}' is off; turn it on, as in [effects] {effect} = {{}}.")
     what = f"{where}: no parameter, and no input of a {model.kind}, is called"
     info = _known(name, table, what, input_names(model.kind))
@@ -159,20 +168,20 @@ def _parameter(
 def _scale(
     name: str, values: list[float], profile: Profile, kind: str, where: str, own: Mapping[str, list[float]]
 ) -> ParameterInfo:
-    """Return what is known of a factor on an input; `own` are the inputs in which lanes differ."""
+    """Return unit and meaning of a factor on an input; `own` are the inputs in which lanes differ."""
     column = name.removeprefix(SCALE)
     if column not in profile.inputs:
         raise SweepError(f"{where}: the profile has no input '{column}'.{nearest(column, profile.inputs)}")
     if column.endswith("_degC"):
         raise SweepError(f"{where}: a temperature in degC has no factor; put {column} itself on an axis.")
-    course = np.concatenate([profile.inputs[column], own.get(column, [])])
+    size = np.concatenate([profile.inputs[column], own.get(column, [])])
     for value in values:
-        check_input(column, kind, [value * course.min(), value * course.max()], where)
+        check_input(column, kind, [value * size.min(), value * size.max()], where)
     return ParameterInfo(name, unit="", meaning=f"factor on the input {column}", default=1.0)
 
 
 def _initial(name: str, values: list[float], model: Model, profile: Profile, where: str) -> ParameterInfo:
-    """Return what is known of a state at the start."""
+    """Return unit, bounds and meaning of a state at the start."""
     state = name.removeprefix(INITIAL)
     states = initial_state(model, {name: jnp.asarray(column[0]) for name, column in profile.inputs.items()})
     if state not in states:
@@ -210,8 +219,8 @@ def _metrics(study: StudyForm, kind: str, has_cutoff: bool) -> tuple[Metric, ...
     return tuple(chosen)
 
 
-def _is_of_sensor(effect: str) -> bool:
-    return effect in CATALOGUE and CATALOGUE[effect].is_sensor
+def _is_of_sensor(effect: str, catalogue: Mapping[str, type[Effect]]) -> bool:
+    return effect in catalogue and catalogue[effect].is_sensor
 
 
 def _known(name: str, table: Mapping[str, ParameterInfo], what: str, others: Iterable[str] = ()) -> ParameterInfo:

@@ -12,7 +12,7 @@ class Inputs(Form):
     """A table whose further keys are constant inputs."""
 
     model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, float] = Field(init=False)
+    __pydantic_extra__: dict[str, float] = Field(init=False)  # pyright: ignore[reportIncompatibleVariableOverride]
 
     @property
     def inputs(self) -> dict[str, float]:
@@ -56,9 +56,9 @@ class ProfileForm(Inputs):
     scale: Annotated[dict[str, float], BeforeValidator(refuse_unquoted_names)] = Field(default_factory=dict)
 
     @model_validator(mode="after")
-    def _one_course(self) -> "ProfileForm":
-        courses = [self.csv is not None, self.duration_s is not None, bool(self.mission)]
-        if sum(courses) != 1:
+    def _one_source(self) -> "ProfileForm":
+        sources = [self.csv is not None, self.duration_s is not None, bool(self.mission)]
+        if sum(sources) != 1:
             raise wrong("needs one of duration_s (with constant inputs), csv and mission")
         if self.scale and self.csv is None:
             raise wrong("has a scale and no csv; a scale multiplies columns of a csv")

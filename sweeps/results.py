@@ -1,4 +1,4 @@
-"""The labelled result of a sweep, held whole in memory; and the folder it is saved to."""
+"""The labelled result of a sweep, held whole in memory; and the folder to which it is saved."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ from sweeps.study import LANE, Study
 GRID, TABLE, MANIFEST = "result.zarr", "lanes.csv", "manifest.json"
 # More lines than this no spreadsheet shows; the Zarr store holds the same numbers.
 MOST_LINES = 100_000
-# The end of a column's name, and its unit; the longer endings first.
 
 
 @dataclasses.dataclass(frozen=True)
@@ -128,7 +127,7 @@ def save(dataset: xr.Dataset, directory: str | Path) -> Path:
 
 
 def save_table(dataset: xr.Dataset, directory: Path) -> bool:
-    """Write lanes.csv with one line per lane, its stored courses left out; return False where there are too many."""
+    """Write lanes.csv with one line per lane, without the columns over time; return False where there are too many."""
     (directory / TABLE).unlink(missing_ok=True)
     if dataset["status"].size > MOST_LINES:
         return False
@@ -148,6 +147,12 @@ def load(directory: str | Path) -> xr.Dataset:
     manifest = json.loads((Path(directory) / MANIFEST).read_text(encoding="utf-8"))
     ordered = dataset[manifest["variables"]]  # a folder lists them in any order
     return ordered.assign_attrs(attributes_of(manifest))
+
+
+def lanes_per_second(dataset: xr.Dataset) -> float:
+    """Return how many lanes of a result were run per second, compilation not counted."""
+    performance = json.loads(dataset.attrs["manifest"])["performance"]
+    return performance["lanes_run"] / performance["run_s"]
 
 
 def percentiles(dataset: xr.Dataset, percents: Sequence[float | int] = (5.0, 50.0, 95.0)) -> xr.Dataset:

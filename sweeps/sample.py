@@ -37,7 +37,7 @@ def _points(sample: SampleForm, first: int, count: int) -> np.ndarray:
 
 
 class _Sobol:
-    """A scrambled Sobol sequence and how far it has been read: to go on is cheap, to go back starts anew."""
+    """A scrambled Sobol sequence and how far it has been read; reading an earlier part restarts it."""
 
     def __init__(self, size: int, seed: int) -> None:
         self._size, self._seed = size, seed

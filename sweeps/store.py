@@ -1,4 +1,4 @@
-"""The result of a sweep on disk, written chunk by chunk so that nothing is lost: a run may be killed at any moment.
+"""The result of a sweep on disk, written chunk by chunk: a run may be killed at any moment and continued.
 
 A chunk's files are written and flushed, then its number is added to a log, and that is flushed. A chunk whose number is
 not in the log is not done, whatever its files hold, and is run again. `manifest.json` says what the result is made from
@@ -12,7 +12,7 @@ import errno
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Mapping
 from pathlib import Path
 from typing import IO, Any
 
@@ -32,6 +32,7 @@ from sweeps.results import (
     coordinates_of,
     load,
     manifest_text,
+    save_table,
     values_of,
     variables_of,
 )
@@ -50,10 +51,10 @@ _NOT_RUN = {"float64": float("nan"), "int8": -1}
 
 
 class Store:
-    """A folder that takes the chunks of one study.
+    """A folder to which the chunks of one study are written.
 
     Attributes:
-        chunks: the cut of the study; that of the first run where this one goes on with it.
+        chunks: the cut of the study; that of the first run where this one continues it.
         pending: the numbers of the chunks that are not done.
     """
 
@@ -81,7 +82,7 @@ class Store:
         return "performance" in self._manifest
 
     def _found(self, resume: bool) -> bool:
-        """Return True where the folder holds a result to go on with, and take over how that was begun."""
+        """Return True where the folder holds a result to continue, and take over its manifest."""
         path = self.folder / MANIFEST
         if not path.exists():
             if (self.folder / GRID).exists():
@@ -89,13 +90,13 @@ class Store:
             return False
         old = json.loads(path.read_text(encoding="utf-8"))
         if not resume:
-            stopped = "a sweep that was stopped; go on with it by --resume, or"
+            stopped = "a sweep that was stopped; continue it with --resume, or"
             state = "a finished sweep;" if "performance" in old else stopped
             raise SweepError(f"{self.folder} holds {state} give another folder or remove what is there.")
         if "chunks" not in old or "files_sha256" not in old:
-            raise SweepError(f"{self.folder} holds no sweep that can go on; give another folder.")
+            raise SweepError(f"{self.folder} holds no sweep that can be continued; give another folder.")
         if what := difference(old, self._manifest):
-            raise SweepError(f"{self.folder} cannot go on: {what} since it was begun; give another folder.")
+            raise SweepError(f"{self.folder} cannot be continued: {what} since it was begun; give another folder.")
         self._manifest = old
         self.chunks = Chunks(self._study.shape, tuple(old["chunks"]["lanes"]))
         return (self.folder / GRID).exists()
@@ -193,6 +194,7 @@ class Store:
         """Return the result, once all chunks are done, to be read from the disk as far as it is used."""
         if not self._finished:
             with self._plain_errors():
+                save_table(load(self.folder), self.folder)
                 self._manifest = self._manifest | {"performance": dict(performance)}
                 _replace(self.folder / MANIFEST, manifest_text(self._manifest))
                 self.close()
@@ -202,12 +204,12 @@ class Store:
     def close(self) -> None:
         """Let go of the folder."""
         if self._log is not None:
-            with contextlib.suppress(OSError):  # what could not be flushed has been told already
+            with contextlib.suppress(OSError):  # what could not be flushed has been reported already
                 self._log.close()
             self._log = None
 
     @contextlib.contextmanager
-    def _plain_errors(self) -> Iterator[None]:
+    def _plain_errors(self) -> Generator[None, None, None]:
         try:
             yield
         except OSError as error:
@@ -217,7 +219,7 @@ class Store:
             left *= 1.0 - self._done / len(self.chunks)
             raise SweepError(
                 f"{self.folder}: the disk is full after {self._done} of {len(self.chunks)} chunks, which are kept; "
-                f"free {size_text(left)} and go on with --resume."
+                f"free {size_text(left)} and continue with --resume."
             ) from error
 
 

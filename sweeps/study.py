@@ -3,44 +3,60 @@
 import hashlib
 import math
 import tomllib
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from pydantic import PrivateAttr, ValidationError
 
 from jaxmodel.errors import SweepError, UserError
 from jaxmodel.measurements import file_label, read_utf8
+from jaxmodel.ports import Effect
 from jaxmodel.robot import duty_of_signal
 from sweeps.form import complaint
-from sweeps.prepare import Prepared, prepare
+from sweeps.prepare import INITIAL, SCALE, Prepared, prepare
+from sweeps.profiles import input_names
 from sweeps.sample import draw
-from sweeps.study_form import StudyForm
+from sweeps.study_form import StudyFields, StudyForm
 
 # The dimension along which lanes lie whose values are drawn.
 LANE = "lane"
 
 
 class Study(StudyForm):
-    """A study: a full grid of runs of one model.
+    """A study: one model, one input profile, and the parameters and inputs in which its runs (lanes) differ.
+
+    Every argument is a key of the study file; a table of the file is a mapping in Python:
+
+        Study(
+            kind="cell",
+            profile={"duration_s": 600.0, "step_s": 10.0, "ambient_degC": 20.0},
+            axes={"current_A": [0.5, 1.0, 2.0], "cycles": {"start": 0, "stop": 200, "count": 5}},
+            sample={"count": 64, "ranges": {"capacity_Ah": (2.5, 3.5)}},
+        )
 
     Attributes:
         title: free text.
         kind: "cell", "motor" or "robot"; a case brings its own.
         preset: where every parameter not named here comes from.
-        case: a case file (or its folder) that describes the hardware, instead of a preset.
+        case: a case file (or its folder), or a `jaxmodel.Case`, that describes the hardware, instead of a preset; its
+            runs and sensors are not used.
         fidelity: "formula", or "lut" for the paper's look-up tables.
         parameters: values by name, as in a case file, or `effect.parameter`.
         effects: effects turned on, with their values, as in a case file.
         profile: inputs over time: constants, pulse trains, a CSV or drive cycle, a mission.
-        axes: by name of a parameter, of an effect's parameter (`ocv_hysteresis.M_V`) or of an input, its values;
+        axes: by name of a parameter, of an effect's parameter (`ocv_hysteresis.M_V`) or of an input, its values, as a
+            list, an array, or {"start": ..., "stop": ..., "count": ... or "step": ...}; all are combined;
             an input's axis replaces what the profile says of that input; `scale.INPUT` multiplies it, `initial.STATE`
             sets a state at the start.
-        sample: lanes whose values are drawn from ranges, along a dimension `lane` of the result.
-        metrics: names of shipped metrics, or metrics of one's own; all that the kind has where none are named.
-        store: columns whose course is kept too, at every `store_every`-th row.
+        sample: {"count": ..., "ranges": {name: (low, high)}}: lanes whose values are drawn from ranges, along a
+            dimension `lane` of the result.
+        metrics: names of shipped metrics, or instances of `sweeps.Metric`; by default all that the kind has.
+        store: columns that are stored over time too, at every `store_every`-th row.
         store_every: a number of rows.
         cutoff: where a run ends before its profile does; the case's where there is one.
+        own_effects: effect classes of your own, known to this study beside the catalogue.
         folder: where relative paths start; of a study file, its folder.
 
     Raises:
@@ -49,9 +65,11 @@ class Study(StudyForm):
 
     _prepared: Prepared = PrivateAttr()
 
-    def __init__(self, /, **fields: Any) -> None:
+    def __init__(self, /, **fields: Unpack[StudyFields]) -> None:
+        values: dict[str, Any] = {**fields}
+        values["own_effects"] = list(values.get("own_effects", ()))
         try:
-            super().__init__(**fields)
+            super().__init__(**values)
         except ValidationError as error:
             raise SweepError(complaint(error)) from error
         self._prepared = prepare(self)
@@ -60,6 +78,40 @@ class Study(StudyForm):
     def prepared(self) -> Prepared:
         """The model, profile and metrics that the study names."""
         return self._prepared
+
+    def replace(self, **changes: Unpack[StudyFields]) -> "Study":
+        """Return a copy of the study with some of its arguments changed.
+
+        Raises:
+            SweepError, ParameterError, EffectError, MeasurementError: as for the study itself.
+        """
+        fields: dict[str, Any] = {**dict(self), **changes}
+        return Study(**fields)
+
+    def at(self, point: Mapping[str, float]) -> "Study":
+        """Return the study at a point: each name has one value, whether the study varies it or not.
+
+        An input, or a name that the study varies, becomes an axis of one value; any other name becomes a parameter.
+
+        Args:
+            point: values by name of a parameter or input, in its unit.
+
+        Raises:
+            SweepError, ParameterError: a name or value cannot be used.
+        """
+        inputs = input_names(self.prepared.model.kind)
+        for name in point:
+            if name.startswith((SCALE, INITIAL)):
+                raise SweepError(f"at {name}: a point has parameters and inputs; state the input or parameter itself.")
+        sample = self.sample
+        if sample is not None:
+            ranges = {name: span for name, span in sample.ranges.items() if name not in point}
+            sample = sample.model_copy(update={"ranges": ranges}) if ranges else None
+        return self.replace(
+            axes=self.axes | {name: [value] for name, value in point.items() if name in inputs or name in self.varied},
+            parameters=self.parameters | {name: value for name, value in point.items() if name not in inputs},
+            sample=sample,
+        )
 
     @property
     def varied(self) -> tuple[str, ...]:
@@ -99,7 +151,7 @@ class Study(StudyForm):
     @property
     def file_digests(self) -> dict[str, str]:
         """The SHA-256 of each file that the study names, by the name."""
-        paths = {file: self.folder / file for file in (self.case, self.profile.csv) if file is not None}
+        paths = {file: self.folder / file for file in (self.case, self.profile.csv) if isinstance(file, str)}
         whole = {file: path / "case.toml" if path.is_dir() else path for file, path in paths.items()}
         return {file: hashlib.sha256(path.read_bytes()).hexdigest() for file, path in whole.items()}
 
@@ -120,11 +172,12 @@ class Study(StudyForm):
         return lanes
 
 
-def read_study(path: str | Path) -> Study:
+def read_study(path: str | Path, *, own_effects: Iterable[type[Effect]] = ()) -> Study:
     """Read a study file.
 
     Args:
         path: a TOML file; the paths that it names are relative to it.
+        own_effects: effect classes of your own, which the file may name beside those of the catalogue.
 
     Raises:
         SweepError, ParameterError, EffectError, MeasurementError: the study cannot be run; the message is one
@@ -133,10 +186,11 @@ def read_study(path: str | Path) -> Study:
     path = Path(path)
     label = file_label(path)
     try:
-        raw = tomllib.loads(read_utf8(path))
+        raw: dict[str, Any] = tomllib.loads(read_utf8(path))
     except tomllib.TOMLDecodeError as error:
         raise SweepError(f"{label}: this is not valid TOML ({error}); correct it there.") from error
+    fields: dict[str, Any] = {**raw, "folder": path.parent, "own_effects": list(own_effects)}
     try:
-        return Study(**{**raw, "folder": path.parent})
+        return Study(**fields)
     except UserError as error:
         raise type(error)(f"{label}: {error}") from error

@@ -30,7 +30,7 @@ def local_figures(data: xr.Dataset) -> list[go.Figure]:
     """Return the elasticities as colours, and each reading's change over time, one ribbon for each parameter.
 
     Args:
-        data: as `sensitivity.local.local_sensitivities` returns it.
+        data: as `sensitivity.local` returns it.
     """
     table = data["elasticity"].transpose("parameter", "metric").dropna("metric", how="all")
     size = abs(table).max("metric").fillna(0.0).to_numpy()
@@ -82,7 +82,7 @@ def uncertainty_figures(data: xr.Dataset) -> list[go.Figure]:
     """Return each reading with its band of 95 % by the gradient and by sampling.
 
     Args:
-        data: as `sensitivity.uncertainty.propagate` returns it.
+        data: as `sensitivity.uncertainty` returns it.
     """
     figures = []
     for output in map(str, data["output"].to_numpy()):
@@ -113,7 +113,7 @@ def global_figures(data: xr.Dataset) -> list[go.Figure]:
     """Return the indices of each metric with their intervals.
 
     Args:
-        data: as `sensitivity.global_indices.analyse` returns it.
+        data: as `sensitivity.global_indices` returns it.
     """
     names = [name for name in ("first", "total", "mu_star", "dgsm") if name in data]
     figures = []

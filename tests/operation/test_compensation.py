@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shutil
 import subprocess
 from pathlib import Path
@@ -10,8 +11,9 @@ import numpy as np
 import pytest
 
 from jaxmodel.build import preset_model
-from operation.compensation import Compensation, Reference, Runs, bilinear, compensate
-from operation.header import Q15, header, looked_up
+from operation import compensation
+from operation.c_header import Q15, c_header, looked_up
+from operation.compensation import Compensation, Reference, Runs, bilinear, compensate, paper_rule_error
 
 AMBIENT = np.array([-20.0, 20.0, 60.0])
 TORQUE = np.array([0.05, 0.175, 0.3])
@@ -61,7 +63,9 @@ def test_look_up_between_places_is_exact_for_what_is_linear_in_both() -> None:
     rng = np.random.default_rng(3)
     at_x, at_y = rng.uniform(0, 3, 50), rng.uniform(-1, 2, 50)
     np.testing.assert_allclose(bilinear(x, y, table, at_x, at_y), 1.0 + at_x + 2.0 * at_y + 0.5 * at_x * at_y)
-    np.testing.assert_allclose(bilinear(x, y, table, [9.0, -9.0], [9.0, -9.0]), [table[-1, -1], table[0, 0]])
+    np.testing.assert_allclose(
+        bilinear(x, y, table, np.array([9.0, -9.0]), np.array([9.0, -9.0])), [table[-1, -1], table[0, 0]]
+    )
 
 
 PROGRAM = """#include <stdio.h>
@@ -82,7 +86,7 @@ def test_header_compiles_and_answers_as_the_map(integers: bool, tmp_path: Path) 
     rng = np.random.default_rng(1)
     ambient, torque = np.arange(-20.0, 61.0, 20.0), np.round(np.arange(0.1, 0.36, 0.05), 3)
     map_ = made_up(rng.uniform(0.05, 1.0, (ambient.size, torque.size)), ambient, torque)
-    (tmp_path / "map.h").write_text(header(map_, "a test", 0.0, integers=integers, name="duty_map"), encoding="utf-8")
+    (tmp_path / "map.h").write_text(c_header(map_, "a test", 0.0, integers=integers, name="duty_map"), encoding="utf-8")
     (tmp_path / "main.c").write_text(PROGRAM, encoding="utf-8")
     strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]
     subprocess.run([compiler, *strict, "main.c", "-o", "main"], cwd=tmp_path, check=True, timeout=60)
@@ -95,11 +99,44 @@ def test_header_compiles_and_answers_as_the_map(integers: bool, tmp_path: Path) 
 
 def test_place_without_a_duty_stops_the_robot(tmp_path: Path) -> None:
     duty = np.array([[0.3, np.nan], [0.3, 0.2]])
-    text = header(made_up(duty, np.array([0.0, 10.0]), np.array([0.1, 0.2])), "a test", 0.0, integers=True)
+    text = c_header(made_up(duty, np.array([0.0, 10.0]), np.array([0.1, 0.2])), "a test", 0.0, integers=True)
     assert "{9830, 0}," in text
 
 
 def test_header_wants_even_steps() -> None:
     map_ = made_up(np.full((3, 2), 0.3), np.array([0.0, 10.0, 15.0]), np.array([0.1, 0.2]))
     with pytest.raises(ValueError, match="even steps"):
-        header(map_, "a test", 0.0, integers=True)
+        c_header(map_, "a test", 0.0, integers=True)
+
+
+def test_table_has_a_line_for_each_point(solved: Compensation) -> None:
+    table = solved.to_dataframe().set_index(["ambient_degC", "load_torque_Nm"])
+    assert table.loc[(20.0, 0.3), "duty"] == solved.duty[1, 2]
+    assert table.loc[(60.0, 0.05), "slope_before_per_s"] == solved.before.soc_gradient[2, 0]
+    assert len(table) == 9
+
+
+def test_reduction_is_that_of_the_duties(solved: Compensation) -> None:
+    expected = 1.0 - solved.duty[1, 2] / solved.duty[1, 1]
+    assert solved.reduction((20.0, 0.175), (20.0, 0.3)) == pytest.approx(expected)
+    assert solved.reduction((20.0, 0.3), (20.0, 0.175)) < 0.0
+
+
+def test_rule_of_the_paper_is_exact_at_the_reference_alone() -> None:
+    """At other points the printed equations hold the slope with another duty: 21 % less for 50 mN m, not 14.7 %."""
+    model = preset_model("paper", "robot")
+    reference = Reference()
+    here = made_up(np.array([[reference.duty]]), np.array([20.0]), np.array([0.175]))
+    slope = compensation.steady(model, np.array([20.0]), np.array([0.175]), np.array([0.3])).soc_gradient[0]
+    there = made_up(np.array([[0.236]]), np.array([20.0]), np.array([0.225]))
+    at_reference, away = (
+        paper_rule_error(model, dataclasses.replace(map_, slope=float(slope))) for map_ in (here, there)
+    )
+    assert at_reference < 1e-12
+    # The draw is duty (tau + tau_0) 2 / k_tau + I_ob: the rule leaves it too high.
+    p = model.parameters
+    draws = [
+        2.0 * duty * (torque + p.tau_0) / p.k_tau + p.onboard_current_A
+        for duty, torque in ((0.3, 0.175), (0.3 * (1 - 0.147), 0.225))
+    ]
+    assert away == pytest.approx(float(draws[1] / draws[0] - 1.0), rel=1e-3)

@@ -13,8 +13,8 @@ from jaxmodel.names import value, with_values
 from jaxmodel.parameters import TABLE, Parameters
 from jaxmodel.profile import constant
 from jaxmodel.simulation import Cutoff, Status, simulate
+from sensitivity.derivatives import local_sensitivities
 from sensitivity.doubling import doubling_test
-from sensitivity.local import local_sensitivities
 from sensitivity.response import make_response, steps_of
 
 CELL = Model("cell", Parameters(initial_soc=0.5))

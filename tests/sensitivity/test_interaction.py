@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,8 +16,8 @@ from jaxmodel.model import Model
 from jaxmodel.parameters import Parameters
 from jaxmodel.profile import constant
 from jaxmodel.simulation import simulate
-from sensitivity.interaction import all_pairs, interactions
-from sensitivity.local import pushed
+from sensitivity.derivatives import pushforward
+from sensitivity.interaction import second_derivatives
 from sensitivity.response import make_response
 
 CURRENT_A, DURATION_S = 3.0, 40.0
@@ -27,7 +29,7 @@ METRICS = ("soc_gradient", "final_voltage_V", "delivered_energy_Wh")
 
 @pytest.fixture(scope="module")
 def cell() -> xarray.Dataset:
-    return interactions(CELL, PROFILE, all_pairs(NAMES), METRICS)
+    return second_derivatives(CELL, PROFILE, itertools.combinations_with_replacement(NAMES, 2), METRICS)
 
 
 def of_pair(data: xarray.Dataset, first: str, second: str, metric: str) -> xarray.Dataset:
@@ -76,7 +78,7 @@ def test_motor_against_extrapolated_differences():
     """The stiff pair: plain runs at 1 and 2 % of a step to either side of both, extrapolated by Richardson's rule."""
     model, profile = Model("motor"), constant(20.0, 2.0, voltage_V=9.0, load_torque_Nm=0.15, ambient_degC=10.0)
     names, metrics = ("k_tau", "R_0", "load_torque_Nm"), ("mean_speed_rad_s", "final_winding_temperature_degC")
-    data = interactions(model, profile, all_pairs(names), metrics)
+    data = second_derivatives(model, profile, itertools.combinations_with_replacement(names, 2), metrics)
     response = make_response(model, profile, names, metrics, ())
     lanes_compiled = data.attrs["simulations"]
     by = np.diag(data["step"].values)
@@ -86,7 +88,7 @@ def test_motor_against_extrapolated_differences():
     def differences(share: float) -> np.ndarray:
         lanes = np.concatenate([np.asarray(response.values()) + share * (a * one + b * other) for a, b, _ in signs])
         filled = jnp.asarray(np.resize(lanes, (lanes_compiled, len(names))))
-        values = np.asarray(pushed(response, filled, jnp.zeros_like(filled))[0].metrics)[: len(lanes)]
+        values = np.asarray(pushforward(response, filled, jnp.zeros_like(filled))[0].metrics)[: len(lanes)]
         return np.tensordot(signs[:, 2], values.reshape(4, len(one), -1), axes=1).T / share**2
 
     rough = (4.0 * differences(0.01) - differences(0.02)) / 3.0
@@ -112,11 +114,11 @@ def test_both_moved_is_a_run_of_both_moved(cell: xarray.Dataset):
 
 
 def test_out_of_bounds_is_not_run_and_a_pair_is_needed():
-    data = interactions(Model("cell"), PROFILE, [("initial_soc", "capacity_Ah")], ("final_voltage_V",))
+    data = second_derivatives(Model("cell"), PROFILE, [("initial_soc", "capacity_Ah")], ("final_voltage_V",))
     assert np.isnan(data.change_both.item())
     assert np.isfinite(data.change_second.item())
     assert np.isfinite(data.second_derivative.item())
     with pytest.raises(ParameterError, match="two parameters"):
-        interactions(CELL, PROFILE, [])
+        second_derivatives(CELL, PROFILE, [])
     with pytest.raises(ParameterError, match="Did you mean 'capacity_Ah'"):
-        interactions(CELL, PROFILE, [("capacity", "cycles")])
+        second_derivatives(CELL, PROFILE, [("capacity", "cycles")])

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
+import pandas as pd
 import pytest
 import xarray
 
-from sensitivity.study import sensitivity_of_study
+import sensitivity
+from jaxmodel.errors import SweepError
+from sensitivity import interactions, local, stated_sd, uncertainty
 from sweeps.engine import run
 from sweeps.study import Study, read_study
 
@@ -26,6 +31,17 @@ ambient_degC = 10.0
 [axes]
 cycles = [25.0, 100.0]
 """
+CASE = """
+kind = "cell"
+preset = "paper"
+[parameters]
+capacity_Ah = { value = 3.0, sd = 0.1 }
+[sensors]
+voltage_V = 0.001
+[[runs]]
+file = "run.csv"
+split = "fit"
+"""
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +53,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
 
 @pytest.fixture(scope="module")
 def data(study: Study) -> xarray.Dataset:
-    return sensitivity_of_study(study)
+    return local(study)
 
 
 def test_study_is_looked_at_in_its_own_point(study: Study, data: xarray.Dataset):
@@ -64,7 +80,55 @@ def test_metrics_are_those_of_the_sweep(study: Study, data: xarray.Dataset):
 
 
 def test_without_doubling_only_derivatives_are_returned(study: Study, data: xarray.Dataset):
-    alone = sensitivity_of_study(study, doubling=False)
+    alone = local(study, doubling=False)
     assert set(alone) < set(data)
     assert "effect" not in alone
     xarray.testing.assert_identical(alone.elasticity, data.elasticity)
+
+
+def test_point_moves_the_derivatives(study: Study):
+    """Of the charge used, i t / 3600 C with i the current at the point: the elasticity by C is -(1 - soc) / soc."""
+    moved = local(study.at({"current_A": 4.0}), doubling=False).sel(metric="final_soc")
+    soc = float(moved["metric_value"])
+    by_capacity = float(moved["elasticity"].sel(parameter="capacity_Ah"))
+    assert by_capacity == pytest.approx((1.0 - soc) / soc, rel=1e-9)
+    assert float(moved["value"].sel(parameter="capacity_Ah")) == 3.0
+
+
+def test_names_stand_for_every_pair_of_them(study: Study):
+    data = interactions(study, ["capacity_Ah", "cycles"])
+    found = list(zip(data["first"].values, data["second"].values, strict=True))
+    assert found == [("capacity_Ah", "capacity_Ah"), ("capacity_Ah", "cycles"), ("cycles", "cycles")]
+    pair = interactions(study, [("capacity_Ah", "cycles")])
+    np.testing.assert_array_equal(pair["second_derivative"][:, 0], data["second_derivative"][:, 1])
+
+
+def test_spread_is_that_of_the_case_unless_stated(study: Study, tmp_path: Path):
+    (tmp_path / "case.toml").write_text(CASE)
+    (tmp_path / "run.csv").write_text("time_s,current_A,ambient_degC,voltage_V\n0,0,20,4.1\n10,2,20,4.0\n")
+    of_case = study.replace(case=str(tmp_path / "case.toml"), kind=None, parameters={}, metrics=["final_soc"])
+    assert stated_sd(of_case) == {"capacity_Ah": 0.1}
+    data = uncertainty(of_case, draws=16).sel(metric="final_soc")
+    # soc = soc_0 - i t / C': its sd is (soc_0 - soc) sd / C.
+    used = 1.0 - float(data["metric_value"])
+    assert float(data["metric_sd_gradient"]) == pytest.approx(used * 0.1 / 3.0, rel=1e-9)
+    with pytest.raises(SweepError, match="the study names no case"):
+        uncertainty(study)
+
+
+def test_result_is_read_back_as_it_was(data: xarray.Dataset, tmp_path: Path):
+    store = sensitivity.save(data, tmp_path)
+    assert store.name == "sensitivity.zarr"
+    again = xarray.open_zarr(store, consolidated=False)
+    for name in data.data_vars:
+        np.testing.assert_array_equal(again[name].values.astype(data[name].dtype), data[name].values)
+    table = pd.read_csv(tmp_path / "sensitivity.csv", index_col=["metric", "parameter"])
+    assert table.loc[("final_soc", "capacity_Ah"), "elasticity"] == pytest.approx(
+        float(data["elasticity"].sel(metric="final_soc", parameter="capacity_Ah")), rel=1e-11
+    )
+
+
+def test_largest_elasticity_is_named(data: xarray.Dataset):
+    name, value = sensitivity.largest_elasticity(data, "soc_gradient")
+    assert abs(value) == float(abs(data["elasticity"].sel(metric="soc_gradient")).max())
+    assert value == float(data["elasticity"].sel(metric="soc_gradient", parameter=name))

@@ -180,7 +180,7 @@ def test_full_disk_is_told_and_what_was_done_is_kept(study, whole, many_chunks, 
     with monkeypatch.context() as failing:
         stop_after(failing, 7, OSError(errno.ENOSPC, "No space left on device"))
         with pytest.raises(
-            SweepError, match=r"disk is full after 7 of 20 chunks, which are kept; free 38.2 kB and go on"
+            SweepError, match=r"disk is full after 7 of 20 chunks, which are kept; free 38.2 kB and continue"
         ):
             run(study, out=tmp_path)
     part = load(tmp_path)
@@ -251,7 +251,7 @@ def test_stopped_sweep_is_not_begun_anew_and_two_runs_do_not_write_one_folder(
         stop_after(failing, 2, OSError(errno.ENOSPC, "No space left on device"))
         with pytest.raises(SweepError, match="disk is full"):
             run(study, out=tmp_path)
-    with pytest.raises(SweepError, match="holds a sweep that was stopped; go on with it by --resume"):
+    with pytest.raises(SweepError, match="holds a sweep that was stopped; continue it with --resume"):
         run(study, out=tmp_path)
     first = Store(study, plan.cut(study.shape, 60), tmp_path, resume=True)
     with pytest.raises(SweepError, match="another run is writing here"):

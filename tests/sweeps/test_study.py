@@ -393,7 +393,7 @@ ambient_degC = 20
 [axes]
 current_A = [2.0, 4.0]
 """
-    with pytest.raises(UserError, match="store: 'current_A' is what lanes differ in"):
+    with pytest.raises(UserError, match="store: lanes differ in 'current_A', which is a coordinate"):
         read(tmp_path, motor)
 
 

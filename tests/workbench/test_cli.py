@@ -26,7 +26,6 @@ from tests.made_up import law, with_additions
 from tests.workbench.conftest import Run
 from workbench import terminal
 from workbench.commands import diagnose as diagnose_command
-from workbench.commands.sweep import MOST_DRAWN, pictures_of, thinned
 
 PNG = b"\x89PNG\r\n\x1a\n"
 STUDY = """
@@ -168,24 +167,6 @@ def test_sweep_of_a_sample_over_axes_is_drawn(run: Run, tmp_path: Path) -> None:
     for name in ("soc_gradient", "parallel"):
         assert (tmp_path / "out" / f"{name}.png").read_bytes().startswith(PNG)
     assert len(pd.read_csv(tmp_path / "out" / "lanes.csv")) == 80
-
-
-def test_pictures_of_a_large_result_are_of_a_part_of_its_lanes() -> None:
-    shape = (300, 200, 4, 5)
-    names = [f"axis_{number}" for number in range(4)]
-    places = np.indices(shape, sparse=True)
-    values = places[0] + 10.0 * places[1] + 3.0 * places[2] + 2.0 * places[3]
-    zeros = np.zeros(shape, dtype=np.int8)
-    dataset = xr.Dataset(
-        {"metric": (names, values, {"units": "V"}), "status": (names, zeros)},
-        {name: np.arange(float(size)) for name, size in zip(names, shape, strict=True)},
-    )
-    thin = thinned(dataset)
-    assert MOST_DRAWN / 2 < thin["metric"].size <= MOST_DRAWN
-    assert (thin.sizes["axis_2"], thin.sizes["axis_3"]) == (4, 5)
-    drawn = dict(pictures_of(dataset))
-    assert set(drawn) == {"parallel", "metric", "metric-curves"}
-    assert all(picture.startswith(PNG) for picture in drawn.values())
 
 
 def test_pace_is_told_from_the_second_report_on(monkeypatch: pytest.MonkeyPatch) -> None:

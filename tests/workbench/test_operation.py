@@ -12,10 +12,10 @@ import pytest
 from jaxmodel.build import preset_model
 from jaxmodel.profile import Profile
 from jaxmodel.simulation import simulate
+from operation import state_of_charge
 from tests.workbench.conftest import Run
 from tests.workbench.test_mistakes import assert_one_sentence
 from workbench.commands import compensate as compensate_command
-from workbench.commands import estimate as estimate_command
 from workbench.commands import mission as mission_command
 
 MISSION = """title = "Up and down"
@@ -52,7 +52,7 @@ def test_mission_ends_with_a_page(run: Run, tmp_path: Path, monkeypatch: pytest.
 
 
 def made_case(folder: Path) -> Path:
-    """Runs of an hour and a half of the paper's cell, simulated: two to tune on, two to judge by."""
+    """Runs of an hour and a half of the paper's cell, simulated: one to tune on, one to score."""
     cell = preset_model("paper", "cell")
     rng = np.random.default_rng(0)
     text = 'title = "Made"\nkind = "cell"\n'
@@ -71,16 +71,16 @@ def made_case(folder: Path) -> Path:
 
 
 def test_estimate_ends_with_a_page(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(estimate_command, "BATCH", 8)
+    monkeypatch.setattr(state_of_charge, "BATCH", 8)
     case, out = made_case(tmp_path), tmp_path / "out"
     result = run("estimate", case, "--tunings", 2, "--out", out)
     assert result.exit_code == 0, result.output
     errors = pd.read_csv(out / "errors.csv")
-    assert set(errors.run) == {"1"} or set(errors.run) == {1}  # judged on the check run alone
+    assert set(errors.run) == {"1"} or set(errors.run) == {1}  # of the check run alone
     of = errors[errors["from"] == "start"].groupby("estimator").rms.max()
     # The cell is the filter's own: it finds the charge, and counting from a wrong start never does.
-    assert of[estimate_command.AWARE] < 0.02
-    assert of[estimate_command.COUNTED] == pytest.approx(0.2)
+    assert of[state_of_charge.FILTER] < 0.02
+    assert of[state_of_charge.COUNTED] == pytest.approx(0.2)
     tuning = json.loads((out / "tuning.json").read_text(encoding="utf-8"))
     again = run("estimate", case, "--tuning", out / "tuning.json", "--out", tmp_path / "again")
     assert again.exit_code == 0, again.output
@@ -102,4 +102,4 @@ def test_robot_that_drives_nowhere_on_the_map_is_told(
     )
     (weak / "r.csv").write_text("time_s,ambient_degC,duty,load_torque_Nm\n0,20,0.3,0.1\n1,20,0.3,0.1\n", "utf-8")
     result = run("compensate", "--model", weak, "--out", tmp_path / "out")
-    assert_one_sentence(result, "weak: this robot does not drive at any place of the map, 0.1 to 0.2 N m")
+    assert_one_sentence(result, "weak: this robot does not drive at any point of the map, 0.1 to 0.2 N m")

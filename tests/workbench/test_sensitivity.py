@@ -11,7 +11,6 @@ import pytest
 import xarray as xr
 
 from tests.workbench.conftest import Run
-from workbench.commands.sensitivity import moved_to
 
 PNG = b"\x89PNG\r\n\x1a\n"
 STUDY = """
@@ -35,21 +34,6 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("study") / "study.toml"
     file.write_text(STUDY, encoding="utf-8")
     return file
-
-
-def test_point_may_lie_in_a_range(study: Path) -> None:
-    """Of an input and of a parameter; the ranges that are left are left, and none of them leaves no sample."""
-    from sweeps import read_study
-
-    read = read_study(study)
-    moved = moved_to(read, {"current_A": 1.7})
-    assert moved.prepared.profile.inputs["current_A"].tolist() == [1.7] * 5
-    assert moved.varied == ("current_A", "capacity_Ah")
-    both = moved_to(read, {"current_A": 1.7, "capacity_Ah": 2.2})
-    assert both.sample is None
-    assert both.size == 1
-    assert float(both.prepared.model.parameters.capacity_Ah) == 2.2
-    assert read.prepared.profile.inputs["current_A"].tolist() == [1.5] * 5
 
 
 def test_uncertainty_is_written_by_both_ways(run: Run, study: Path, tmp_path: Path) -> None:
@@ -148,13 +132,13 @@ def test_global_indices_are_written(method: str, run: Run, study: Path, tmp_path
     ("options", "says"),
     [
         (("--at", "scale.current_A=2"), "a point has parameters and inputs"),
-        (("--uncertain", "capacity_Ah"), "a folder in which identify wrote"),
+        (("--uncertain", "capacity_Ah"), "no folder in which identify wrote"),
         (("--uncertain", "case"), "the study names no case"),
         (("--uncertain", "capacity=1"), "Did you mean 'capacity_Ah'"),
         (("--map",), "two axes make a map"),
         (("--pair", "capacity_Ah"), "write two names or more"),
         (("--pair", "capacity_Ah,cycle"), "Did you mean 'cycles'"),
-        (("--global", "fast"), "use one of sobol, morris, dgsm"),
+        (("--global", "fast"), "method fast: use one of sobol, morris, dgsm"),
         (("--global", "sobol", "--at", "current_A=2"), "two parameters or groups at least"),
         (("--global", "sobol", "--group", "all"), "--group all: write a name and its members"),
         (("--global", "sobol", "--uncertain", "capacity_Ah=1"), "either --uncertain or --global or --pair"),

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 # First of ours: sweeps gives JAX every core, which must happen before the first array.
+import sensitivity
 import sweeps
 from discrepancy import Diagnosis, diagnose
 from discrepancy.summary import error_in_short
@@ -19,12 +20,11 @@ from jaxmodel.errors import MeasurementError
 from plots.sensitivities import doubling_beside_gradient, elasticities, over_time
 from plots.style import png
 from plots.sweeps import against_paper, family, heat_map
-from sensitivity.study import sensitivity_of_study
 from workbench import terminal
 from workbench.commands.diagnose import DONE_BY, print_diagnosis
-from workbench.commands.sensitivity import largest_elasticity, moved_to, print_sensitivity
+from workbench.commands.sensitivity import print_sensitivity
 from workbench.commands.start import start
-from workbench.commands.sweep import lanes_per_second, print_sweep, run_study
+from workbench.commands.sweep import print_sweep, run_study
 from workbench.page import write_page
 from workbench.report import report_content, write_report
 
@@ -54,17 +54,17 @@ def demo(out: Path, case_path: Path | None) -> None:
     start(out)
     study = sweeps.read_study(study_path)
 
-    dataset = run_study(moved_to(study, {}, store=["soc"], store_every=_STORED_EVERY_ROWS))
+    dataset = run_study(study.replace(store=["soc"], store_every=_STORED_EVERY_ROWS))
     sweeps.save(dataset, out / "sweep")
     print_sweep(dataset)
     pictures = _sweep_pictures(dataset)
 
     with terminal.told("sensitivity") as progress:
         progress("differentiating and doubling")
-        at_point = moved_to(
-            study, POINT, metrics=[_GRADIENT, "delivered_energy_Wh", "min_pack_voltage_V"], store=["pack_voltage_V"]
+        at_point = study.at(POINT).replace(
+            metrics=[_GRADIENT, "delivered_energy_Wh", "min_pack_voltage_V"], store=["pack_voltage_V"]
         )
-        data = sensitivity_of_study(at_point)
+        data = sensitivity.local(at_point)
     print_sensitivity(data)
     pictures |= {
         "doubling": png(doubling_beside_gradient(data, _GRADIENT)),
@@ -146,12 +146,12 @@ def _in_milli(values: Mapping[float, float]) -> dict[float, float]:
 def numbers_that_matter(dataset: xr.Dataset, data: xr.Dataset, diagnosis: Diagnosis) -> dict[str, str]:
     """Return the five results that a reader should take away, by what they are."""
     ours, papers = _rate(dataset, **POINT), TABLE_2[POINT["load_torque_Nm"]]
-    name, elasticity = largest_elasticity(data, _GRADIENT)
+    name, elasticity = sensitivity.largest_elasticity(data, _GRADIENT)
     named = [f"{effect_name(e.label)} ({e.probability:.2f})" for e in diagnosis.effects]
     errors = "; ".join(error_in_short(diagnosis, channel) for channel in diagnosis.noise)
     held_out = any(run.split == "check" for run in diagnosis.case.runs)
     return {
-        "Swept": f"{dataset['status'].size:,} lanes at {lanes_per_second(dataset):,.0f} lanes/s",
+        "Swept": f"{dataset['status'].size:,} lanes at {sweeps.lanes_per_second(dataset):,.0f} lanes/s",
         "Discharge at 20 °C and 175 mN m": f"{_power(ours)} per second; the paper's Table 2 has {_power(papers)}",
         "Largest elasticity of the discharge": f"{elasticity:+.2f} by {name}",
         "Missing from the model of the real cell": join(named) or verdict_sentence(diagnosis),

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
+import sensitivity
 from jaxmodel.errors import SweepError
-from plots.sensitivities import interaction_matrix
-from plots.style import png
-from sensitivity.interaction import all_pairs
-from sensitivity.study import interactions_of_study
+from plots.datasets import save_pictures
 from workbench import terminal
-from workbench.commands.sensitivity import assignment, save, study_at
+from workbench.commands.sensitivity import study_at
 from workbench.commands.start import start
 
-_FEWEST_DRAWN = 3  # names from which on a matrix says more than the table
 _SEEN = 5e-4
 
 
@@ -37,21 +35,15 @@ def interactions(
     Raises:
         UserError: the study, the point or a pair cannot be used.
     """
-    chosen = [pair for entry in pairs for pair in all_pairs(_names(entry))]
-    study = study_at(path, dict(assignment(entry, "--at") for entry in at), effects)
+    chosen = [pair for entry in pairs for pair in itertools.combinations_with_replacement(_names(entry), 2)]
+    study = study_at(path, at, effects)
     start(out)
     with terminal.told("interactions") as progress:
         progress("compiling and running, half a minute the first time")
-        data = interactions_of_study(study, chosen)
-        save(data, out / "interactions.zarr")
-        pairwise = data.drop_vars([name for name, v in data.variables.items() if "parameter" in v.dims])
-        pairwise.to_dataframe(dim_order=["metric", "pair"]).reset_index("pair", drop=True).to_csv(
-            out / "interactions.csv", float_format="%.12g"
-        )
-        if pictures and data.sizes["parameter"] >= _FEWEST_DRAWN:
-            for metric in map(str, data["metric"].to_numpy()):
-                if float(np.abs(data["predicted_joint"].sel(metric=metric)).max()) > 0.0:
-                    (out / f"interactions-{metric}.png").write_bytes(png(interaction_matrix(data, metric)))
+        data = sensitivity.interactions(study, chosen)
+        sensitivity.save(data, out)
+        if pictures:
+            save_pictures(data, out)
     _print(data)
     terminal.say(f"interactions.zarr, interactions.csv{' and pictures' if pictures else ''} are in {out}.")
     return data
@@ -65,7 +57,7 @@ def _names(entry: str) -> list[str]:
 
 
 def _print(data: xr.Dataset) -> None:
-    """Print for each metric and pair what each does alone, both together, and what was to be expected."""
+    """Print for each metric and pair the change by each alone, by both, and what is predicted of their joint effect."""
     rows = []
     for metric in map(str, data["metric"].to_numpy()):
         for place in range(data.sizes["pair"]):

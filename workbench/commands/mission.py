@@ -1,4 +1,4 @@
-"""`jaxmodel mission`: how long a robot can stay out, at which temperature, with which pack, and what calls it back."""
+"""`jaxmodel mission`: how long a robot can repeat a mission, by temperature and age of its pack, and what ends it."""
 
 from __future__ import annotations
 
@@ -6,45 +6,29 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+import xarray as xr
 
+import operation
 from jaxmodel.build import case_model, preset_model
 from jaxmodel.cases import read_case
-from jaxmodel.cell import storage_factor
 from jaxmodel.errors import SweepError
 from jaxmodel.model import Model
-from jaxmodel.names import with_values
-from jaxmodel.parameters import TABLE
-from jaxmodel.simulation import simulate
-
-# First of ours: sweeps gives JAX every core, which must happen before the first array.
-from operation.mission import (
-    LIMITS,
-    NOT_REACHED,
-    Endurance,
-    Limits,
-    MissionForm,
-    course,
-    drive,
-    endurance,
-    read_mission,
-)  # isort: skip
-from plots.operation import lasting, mission_course
+from operation.mission import LIMITS, drive
+from plots.operation import endurance as endurance_picture
+from plots.operation import mission_round
 from plots.style import png
 from workbench import terminal
 from workbench.article import Picture, Section, Table, write_article
-from workbench.commands.compensate import MISSION, PRINTED, RECORDED
-from workbench.commands.start import robots_of, start
+from workbench.commands.compensate import LONGEST_H, MISSION, PRINTED, RECORDED
+from workbench.commands.start import start
 
 AMBIENT_DEGC = np.arange(-20.0, 60.1, 5.0)
 # Months of storage and charging cycles.
 AGES = {"new": (0.0, 0.0), "18 months, 25 cycles": (18.0, 25.0), "36 months, 200 cycles": (36.0, 200.0)}
-LONGEST_H = 8.0
-REAL_CELLS = "Panasonic cells, 6 in series, 2 abreast"
+REAL_CELLS = "Panasonic cells, 6 in series, 2 in parallel"
 BY_CAPACITY = "paper's pack, capacity as in Table 1"
-ABREAST = 2.0
 
 
 def mission(path: Path | None, out: Path, cases: Sequence[Path], ages: Sequence[str], *, pictures: bool = True) -> None:
@@ -62,21 +46,21 @@ def mission(path: Path | None, out: Path, cases: Sequence[Path], ages: Sequence[
     """
     began = time.perf_counter()
     path = path or MISSION
-    plan = read_mission(path)
-    models = robots_of(cases) or usual_models()
+    plan = operation.read_mission(path)
+    models = operation.read_robots(cases) or usual_models()
     of_age = dict(_age(text) for text in ages) or AGES
-    limits = Limits()
+    limits = operation.Limits()
     start(out)
-    found: dict[str, Endurance] = {}
+    found: dict[str, xr.Dataset] = {}
     with terminal.told("mission") as progress:
         for name, model in models.items():
             progress(name)
-            found[name] = over_ambient_and_age(model, plan, of_age, limits)
+            found[name] = operation.endurance(model, plan, AMBIENT_DEGC, of_age, limits, longest_h=LONGEST_H)
         progress("pictures and report")
         first = next(iter(models.values()))
-        sections = [_round_section(plan, first), *(_model_section(n, e, list(of_age)) for n, e in found.items())]
-    _table(found, list(of_age)).to_csv(out / "endurance.csv", index=False, float_format="%.6g")
-    lines = [_finding(name, result, list(of_age)) for name, result in found.items()]
+        sections = [_round_section(plan, first), *(_model_section(name, result) for name, result in found.items())]
+    _table(found).to_csv(out / "endurance.csv", index=False, float_format="%.6g")
+    lines = [_finding(name, result) for name, result in found.items()]
     write_article(
         out,
         f"How long can I stay out? {plan.title}",
@@ -101,27 +85,7 @@ def usual_models() -> dict[str, Model]:
     capacity = RECORDED / "capacity.toml"
     if capacity.is_file():
         models[BY_CAPACITY] = case_model(read_case(capacity))
-    cell = preset_model("panasonic_18650pf", "robot")
-    p = cell.parameters
-    # Cells abreast share the current: twice the capacity and capacitances, half the resistances.
-    pack = {
-        "capacity_Ah": ABREAST * p.capacity_Ah,
-        "series_resistance_scale": p.series_resistance_scale / ABREAST,
-        "rc_resistance_scale": p.rc_resistance_scale / ABREAST,
-        "rc_capacitance_scale": p.rc_capacitance_scale * ABREAST,
-    }
-    return models | {REAL_CELLS: with_values(cell, pack)}
-
-
-def over_ambient_and_age(
-    model: Model, plan: MissionForm, ages: Mapping[str, tuple[float, float]], limits: Limits
-) -> Endurance:
-    """Return endurances of shape (ambients, ages): the mission again and again until its first limit."""
-    rounds = int(np.ceil(LONGEST_H * 3600.0 / sum(segment.duration_s for segment in plan.segment)))
-    ambient, months = np.meshgrid(AMBIENT_DEGC, [months for months, _ in ages.values()], indexing="ij")
-    cycles = np.broadcast_to([cycles for _, cycles in ages.values()], ambient.shape)
-    lanes = {"ambient_degC": ambient, "storage_months": months, "cycles": cycles}
-    return endurance(model, course(plan, model, rounds), lanes, limits)
+    return models | {REAL_CELLS: operation.cells_in_parallel(preset_model("panasonic_18650pf", "robot"), 2.0)}
 
 
 def _age(text: str) -> tuple[str, tuple[float, float]]:
@@ -129,43 +93,31 @@ def _age(text: str) -> tuple[str, tuple[float, float]]:
         months, cycles = map(float, text.split(","))
     except ValueError as error:
         raise SweepError(f"--age {text}: write months of storage and cycles, as in --age 18,25.") from error
-    for name, number in (("storage_months", months), ("cycles", cycles)):
-        TABLE[name].check(number, f"--age {text}")
-    degC = TABLE["storage_temperature_degC"].default
-    if storage_factor(jnp.asarray(months), jnp.asarray(degC)) <= 0.0:
-        raise SweepError(
-            f"--age {text}: by eq. 8 no capacity is left after {months:g} months at {degC:g} degC; take fewer."
-        )
     return f"{months:g} months, {cycles:g} cycles", (months, cycles)
 
 
-def _why(limit: int) -> str:
-    return LIMITS[limit] if limit < NOT_REACHED else "not ended"
+def _why(ended_by: str) -> str:
+    return "not ended" if ended_by == "nothing" else ended_by
 
 
-def _table(found: Mapping[str, Endurance], ages: Sequence[str]) -> pd.DataFrame:
-    rows = [
-        {
+def _table(found: Mapping[str, xr.Dataset]) -> pd.DataFrame:
+    tables = []
+    for name, result in found.items():
+        table = result.to_dataframe().reset_index()
+        minutes = {f"{limit}_minutes": table[f"until_{limit}_s"] / 60.0 for limit in LIMITS}
+        columns = {
             "model": name,
-            "ambient_degC": ambient,
-            "age": age,
-            "minutes": result.time_s[i, j] / 60.0,
-            "ended_by": _why(int(result.limit[i, j])),
-            "distance_m": result.distance_m[i, j],
-            **{f"{limit}_minutes": result.each_s[limit][i, j] / 60.0 for limit in LIMITS},
+            "ambient_degC": table["ambient_degC"],
+            "age": table["age"],
+            "minutes": table["time_s"] / 60.0,
+            "ended_by": table["ended_by"].map(_why),
+            "distance_m": table["distance_m"],
         }
-        for name, result in found.items()
-        for i, ambient in enumerate(AMBIENT_DEGC)
-        for j, age in enumerate(ages)
-    ]
-    return pd.DataFrame(rows)
+        tables.append(pd.DataFrame(columns | minutes))
+    return pd.concat(tables)
 
 
-def _round_section(plan: MissionForm, model: Model) -> Section:
-    profile = course(plan, model, 1)
-    ran = simulate(model, profile)
-    starts = np.cumsum([0.0, *(segment.duration_s for segment in plan.segment)])
-    marks = [(float(at), segment.what) for at, segment in zip(starts[:-1], plan.segment, strict=True)]
+def _round_section(plan: operation.Mission, model: Model) -> Section:
     rows = []
     for segment in plan.segment:
         torque, duty = drive(segment, model)
@@ -179,13 +131,6 @@ def _round_section(plan: MissionForm, model: Model) -> Section:
         "segment", "time [s]", "speed [m/s]", "ground", "slope [°]", "torque of a motor [mN m]", "duty",
         "flippers lift [kg]",
     )  # fmt: skip
-    columns = {
-        "duty": profile.inputs["duty"],
-        "torque [mN m]": 1e3 * profile.inputs["load_torque_Nm"],
-        "pack current [A]": np.asarray(ran.readings["pack_current_A"]),
-        "cell [V]": np.asarray(ran.readings["pack_voltage_V"]) / float(model.parameters.n_series),
-        "winding [°C]": np.asarray(ran.readings["winding_temperature_degC"]),
-    }
     return Section(
         "One round",
         [
@@ -193,18 +138,17 @@ def _round_section(plan: MissionForm, model: Model) -> Section:
             "flippers by eq. 19. Friction of rubber on asphalt is the paper's 0.7; other grounds, flippers and speeds "
             "are assumed.",
             Table("round", head, rows),
-            Picture(
-                "round", png(mission_course(profile.time_s, columns, marks)), "One round at 20 °C with a full pack."
-            ),
+            Picture("round", png(mission_round(model, plan)), "One round at 20 °C with a full pack."),
         ],
     )
 
 
-def _model_section(name: str, result: Endurance, ages: Sequence[str]) -> Section:
-    minutes = result.time_s / 60.0
+def _model_section(name: str, result: xr.Dataset) -> Section:
+    ages = list(map(str, result["age"].to_numpy()))
+    minutes, ended_by = result["time_s"].to_numpy() / 60.0, result["ended_by"].to_numpy()
     rows = [
-        (f"{ambient:g}", *(f"{minutes[i, j]:.0f} ({_why(int(result.limit[i, j]))})" for j in range(len(ages))))
-        for i, ambient in enumerate(AMBIENT_DEGC)
+        (f"{ambient:g}", *(f"{minutes[i, j]:.0f} ({_why(ended_by[i, j])})" for j in range(len(ages))))
+        for i, ambient in enumerate(result["ambient_degC"].to_numpy())
         if ambient % 10.0 == 0.0
     ]
     slug = "".join(c if c.isalnum() else "-" for c in name.lower()).strip("-")
@@ -213,7 +157,7 @@ def _model_section(name: str, result: Endurance, ages: Sequence[str]) -> Section
         [
             Picture(
                 f"endurance-{slug}",
-                png(lasting(AMBIENT_DEGC, ages, minutes, result.limit, LIMITS, name)),
+                png(endurance_picture(result, name)),
                 "How long the mission lasts over the ambient, by age of the pack; the marks say what ends it.",
             ),
             "The mission ends in the segment that asks the most of the pack, so times come in steps of a round.",
@@ -222,11 +166,12 @@ def _model_section(name: str, result: Endurance, ages: Sequence[str]) -> Section
     )
 
 
-def _finding(name: str, result: Endurance, ages: Sequence[str]) -> str:
-    cold, mild = (list(AMBIENT_DEGC).index(at) for at in (-20.0, 20.0))
-    said = [
-        f"{age}: {result.time_s[cold, j] / 60:.0f} min at -20 °C ({_why(int(result.limit[cold, j]))}), "
-        f"{result.time_s[mild, j] / 60:.0f} at 20 °C ({_why(int(result.limit[mild, j]))})"
-        for j, age in enumerate(ages)
-    ]
+def _finding(name: str, result: xr.Dataset) -> str:
+    said = []
+    for age in map(str, result["age"].to_numpy()):
+        cold, mild = (result.sel(age=age, ambient_degC=at) for at in (-20.0, 20.0))
+        said.append(
+            f"{age}: {float(cold['time_s']) / 60:.0f} min at -20 °C ({_why(cold['ended_by'].item())}), "
+            f"{float(mild['time_s']) / 60:.0f} at 20 °C ({_why(mild['ended_by'].item())})"
+        )
     return f"{name}. " + "; ".join(said) + "."

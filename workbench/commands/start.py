@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
 import gc
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-from jaxmodel.build import case_model, load_effect_class
+from jaxmodel.build import load_effect_class
 from jaxmodel.case import Case
 from jaxmodel.cases import read_case
-from jaxmodel.effects import CATALOGUE
-from jaxmodel.effects import own_effects as named
-from jaxmodel.errors import MeasurementError
 from jaxmodel.jax_settings import keep_compiled_programs
-from jaxmodel.model import Model
 from jaxmodel.ports import Effect
 from workbench.terminal import complain
 
@@ -33,23 +28,6 @@ def start(out: Path) -> None:
     gc.set_threshold(50_000)
 
 
-def robots_of(paths: Sequence[Path]) -> dict[str, Model]:
-    """Return the models of robots' cases by the names of their folders.
-
-    Raises:
-        UserError: a case cannot be used, is of another kind, or has the name of another.
-    """
-    models: dict[str, Model] = {}
-    for path in paths:
-        case = read_case(path)
-        if case.kind != "robot":
-            raise MeasurementError(f"{path}: this needs a case of kind robot, and this one is of kind {case.kind}.")
-        if case.name in models:
-            raise MeasurementError(f"Two of the models are called '{case.name}'; rename the folder of one of them.")
-        models[case.name] = case_model(case)
-    return models
-
-
 def own_effects(references: Sequence[str]) -> list[type[Effect]]:
     """Return the effect classes that `file.py:Class` names.
 
@@ -66,15 +44,3 @@ def read_case_with(path: Path, effects: Sequence[str]) -> Case:
         UserError: the case or an effect cannot be used.
     """
     return read_case(path, own_effects=own_effects(effects))
-
-
-@contextlib.contextmanager
-def in_catalogue(classes: Sequence[type[Effect]]) -> Iterator[None]:
-    """Put effects of the user's own into the catalogue itself for a while: a study file looks them up there."""
-    own = named(classes)
-    CATALOGUE.update(own)
-    try:
-        yield
-    finally:
-        for name in own:
-            del CATALOGUE[name]

@@ -13,6 +13,7 @@ import numpy as np
 import xarray
 from jaxtyping import Array, Float
 
+from jaxmodel.errors import SweepError
 from jaxmodel.profile import Profile
 from sensitivity.metrics import choose_metrics, has_derivative
 from sensitivity.response import SHIFTED_INPUT, Response, make_response
@@ -30,7 +31,7 @@ def elasticity_map(
     """Return the derivatives of a study's metrics by parameters at every combination of its axes.
 
     Args:
-        study: its axes are parameters or inputs; its sample is not looked at.
+        study: its axes, two or more, are parameters or inputs; its sample is left aside.
         names: parameters and inputs to differentiate by; None takes all that enter.
         progress: called as progress(lanes done, lanes in all) at the start and then as lanes are done.
 
@@ -39,14 +40,17 @@ def elasticity_map(
         own unit, by any other as a factor, by the ambient in K), and elasticity, NaN where it means nothing.
 
     Raises:
+        SweepError: the study has fewer than two axes.
         ParameterError: an axis is no parameter and no input of the run.
     """
+    if len(study.axes) < 2:
+        raise SweepError("axes: two axes make a map; add them to the study's [axes].")
     prepared = study.prepared
     named = [metric for metric in prepared.metrics if has_derivative(metric)] if study.metrics else None
     metrics = choose_metrics(named, prepared.model.kind)
     model, axes = prepared.model, dict(study.axes)
     asked = tuple(names or make_response(model, prepared.profile, None, metrics, (), prepared.cutoff).names)
-    # An input on an axis is 1 in the course, the ambient 0 degC: its factor, its shift, is then the input itself.
+    # An input on an axis is 1 in the profile, the ambient 0 degC: its factor, its shift, is then the input itself.
     inputs = {
         name: np.full_like(column, 0.0 if name == SHIFTED_INPUT else 1.0) if name in axes else column
         for name, column in prepared.profile.inputs.items()
@@ -79,7 +83,7 @@ def elasticity_map(
         },
         {name: values for name, values in axes.items()}
         | {"metric": [metric.name for metric in metrics], "parameter": list(asked)},
-        {"title": study.title},
+        {"title": study.title, "analysis": "elasticity_map"},
     )
 
 
@@ -90,15 +94,15 @@ def _in_batches(
     lanes, at_once = len(at), min(_AT_ONCE, len(at))
     filled = np.concatenate([at, np.repeat(at[-1:], -lanes % at_once, axis=0)])
     batches = np.split(filled, len(filled) // at_once)
-    tell = progress or (lambda done, total: None)
-    tell(0, lanes)
+    report = progress or (lambda done, total: None)
+    report(0, lanes)
     program = _compiled(response, batches[0], asked)
     parts = []
     # Batch after batch from here, not by a loop in the program: see jaxmodel.kernel. A batch fills one core.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for part in pool.map(program, batches):
             parts.append(part)
-            tell(min(len(parts) * at_once, lanes), lanes)
+            report(min(len(parts) * at_once, lanes), lanes)
     numbers, slopes = (np.concatenate(each)[:lanes] for each in zip(*parts, strict=True))
     return numbers, slopes
 
@@ -116,8 +120,8 @@ def _compiled(
     def of_lanes(
         arrays: Response, at: Float[Array, "lanes moved"]
     ) -> tuple[Float[Array, "lanes metric"], Float[Array, "lanes parameter metric"]]:
-        def lane(values):
-            def push(direction):
+        def lane(values: Array) -> tuple[Array, Array]:
+            def push(direction: Array) -> tuple[Array, Array]:
                 return jax.jvp(lambda x: eqx.combine(arrays, rest)(x).metrics, (values,), (direction,))
 
             return jax.vmap(push, out_axes=(None, 0))(jnp.eye(asked, values.size))

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from operation.compensation import Compensation, bilinear
+from jaxmodel.model import Model
+from operation.compensation import Compensation, bilinear, compensate, steady
 
 Q15 = 32768
-_HELD = 0  # a place without a duty: the robot must not drive there
+_NO_DUTY = 0  # the robot must not drive there
 
-_TEMPLATE = """/* Duty that holds the pace of the charge over ambient temperature and torque, by jaxmodel compensate.
+_TEMPLATE = """/* Duty that holds the slope of the state of charge, by ambient and torque; by jaxmodel compensate.
  * Model: {model}
  * Reference: {ambient:g} degC, {torque:g} mN m, duty {duty:g}: {slope:.4e} per s.
- * Between the places: linear in both, held at the ends. Largest error at mid-places: {error:.2e} of duty.
- * A 0 is a place where no duty holds the pace. */
+ * Between grid points: bilinear, held at the ends. Largest error midway: {error:.2e} of duty.
+ * A 0 is a point where no duty holds the slope. */
 #ifndef {guard}
 #define {guard}
 
@@ -57,13 +58,13 @@ _FLOATS = """    const float u = (float)t / {prefix}_AMBIENT_STEP, v = (float)m 
     return (1.0f - u) * ((1.0f - v) * low[0] + v * low[1]) + u * ((1.0f - v) * high[0] + v * high[1]);"""
 
 
-def header(compensation: Compensation, model: str, error: float, *, integers: bool, name: str = "duty_map") -> str:
-    """Return the header of a map whose axes have even steps.
+def c_header(compensation: Compensation, model: str, error: float, *, integers: bool, name: str = "duty_map") -> str:
+    """Return a C header with a map whose axes have even steps, and the function that interpolates in it.
 
     Args:
         compensation: the map.
-        model: what it was made from.
-        error: its interpolation error, duty.
+        model: name of the model it was made from, for its comment.
+        error: its interpolation error in duty, for its comment; see `interpolation_error`.
         integers: Q15 (32768 is a duty of 1) in uint16_t, else float.
         name: of the table and of its function, in C.
 
@@ -71,7 +72,7 @@ def header(compensation: Compensation, model: str, error: float, *, integers: bo
         ValueError: an axis is uneven.
     """
     ambient, torque = (_axis(axis) for axis in (100.0 * compensation.ambient_degC, 1e5 * compensation.load_torque_Nm))
-    duty = np.where(np.isfinite(compensation.duty) & compensation.drives, compensation.duty, _HELD)
+    duty = np.where(np.isfinite(compensation.duty) & compensation.drives, compensation.duty, _NO_DUTY)
     cells = np.minimum(np.round(duty * Q15), Q15 * 2 - 1).astype(int) if integers else duty
     rows = ["    {" + ", ".join(str(value) if integers else f"{value:.7f}f" for value in row) + "}," for row in cells]
     prefix = name.upper()
@@ -97,12 +98,43 @@ def header(compensation: Compensation, model: str, error: float, *, integers: bo
     )
 
 
-def looked_up(compensation: Compensation, ambient_degC, load_torque_Nm, *, integers: bool) -> np.ndarray:
-    """Return what the header's function returns, as a duty: the rounded table, interpolated."""
+def looked_up(
+    compensation: Compensation, ambient_degC: np.ndarray, load_torque_Nm: np.ndarray, *, integers: bool
+) -> np.ndarray:
+    """Return what the header's function returns, as a duty: the rounded table, interpolated.
+
+    Args:
+        compensation: the map.
+        ambient_degC: any shape.
+        load_torque_Nm: the same shape.
+        integers: as in `c_header`.
+    """
     duty = np.where(compensation.drives, compensation.duty, np.nan)
     table = np.round(duty * Q15) / Q15 if integers else duty.astype(np.float32).astype(float)
     found = bilinear(compensation.ambient_degC, compensation.load_torque_Nm, table, ambient_degC, load_torque_Nm)
     return np.round(found * Q15) / Q15 if integers else found
+
+
+def interpolation_error(model: Model, compensation: Compensation, *, integers: bool) -> tuple[float, float]:
+    """Return the largest error of the header's look-up midway between grid points: of duty, and of the relative slope.
+
+    The duty there is solved for, the slope simulated with the duty looked up; where the robot drives, NaN if nowhere.
+
+    Args:
+        model: the one that the map was made from.
+        compensation: the map.
+        integers: as in `c_header`.
+    """
+    ambient = compensation.ambient_degC[:-1] + 0.5 * np.diff(compensation.ambient_degC)
+    torque = compensation.load_torque_Nm[:-1] + 0.5 * np.diff(compensation.load_torque_Nm)
+    t, m = (grid.ravel() for grid in np.meshgrid(ambient, torque, indexing="ij"))
+    true = compensate(model, ambient, torque, compensation.reference).duty.ravel()
+    found = looked_up(compensation, t, m, integers=integers)
+    there = np.isfinite(true) & np.isfinite(found)
+    if not there.any():
+        return np.nan, np.nan
+    slope = steady(model, t[there], m[there], found[there]).soc_gradient
+    return float(np.abs(found - true)[there].max()), float(np.abs(slope / compensation.slope - 1.0).max())
 
 
 def _axis(values: np.ndarray) -> tuple[int, int]:

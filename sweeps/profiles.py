@@ -42,7 +42,7 @@ def check_input(name: str, kind: str, values: Sequence[float] | np.ndarray, wher
             raise SweepError(f"{where}: {value:g} is outside {lower:g} to {upper:g}; correct the value or its unit.")
 
 
-def course_of(form: ProfileForm, folder: Path, model: Model, varied: dict[str, float]) -> Profile:
+def build_profile(form: ProfileForm, folder: Path, model: Model, varied: dict[str, float]) -> Profile:
     """Return the inputs over time that a profile describes.
 
     Args:

@@ -21,7 +21,7 @@ from jaxmodel.names import with_values
 from jaxmodel.parameters import Parameters
 from jaxmodel.profile import Profile, constant
 from jaxmodel.simulation import Cutoff
-from sensitivity.local import choose_mode, jacobian, local_sensitivities
+from sensitivity.derivatives import choose_mode, jacobian, local_sensitivities
 from sensitivity.response import Response, make_response, steps_of
 from sweeps.metrics import Integral
 

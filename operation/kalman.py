@@ -1,17 +1,18 @@
 """State of charge from current, voltage and temperature: an extended Kalman filter on the model's own step.
 
-The state is that of the model (charge, RC voltages, what effects add) and two of its numbers that no table knows: the
-scale of all resistances and a slowly wandering offset of the open-circuit voltage, in which age, hysteresis and the
+The state is that of the model (charge, RC voltages, states of effects) and two numbers that no table holds: the
+scale of all resistances and a slowly varying offset of the open-circuit voltage, in which age, hysteresis and the
 current's own effect on resistance show. Process and reading are `jaxmodel.model.step` and `read`, their Jacobians
 `jax.jacfwd` of these. One filter is a scan; batches are `vmap` outside.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmodel.declaration import Scalar
@@ -19,27 +20,30 @@ from jaxmodel.model import Model, initial_state, read, step
 from jaxmodel.names import with_values
 
 # Beside the model's states: the logarithm of the scale of all resistances, and the offset of V_oc in V.
-WANDERING = ("log_scale", "offset_V")
-SOC_RANGE = (0.0, 1.0)  # outside it the curves are held, and a filter would learn nothing there
+VARYING = ("log_scale", "offset_V")
+SOC_RANGE = (0.0, 1.0)  # outside it the curves are held constant, and readings say nothing of the charge
 FIRST_ROUNDS = 6
 
+# Current, temperature and voltage of a row.
+Row = tuple[Array, Array, Array]
 
-def _as_array(value) -> Array:
+
+def _as_array(value: Any) -> Array:
     return jnp.asarray(value, dtype=float)
 
 
 class Tuning(eqx.Module):
-    """What the filter believes of its model; any leaf may carry lanes.
+    """The standard deviations and time constants that the filter assumes; any leaf may carry lanes.
 
     Attributes:
-        start_sd: of the charge at the start.
-        charge_sd: of the charge counted over an hour, by errors of current sensor and capacity.
+        start_sd: of the state of charge at the start.
+        charge_sd: of the state of charge counted over an hour, by errors of current sensor and capacity.
         voltage_sd_V: of a reading, model error that changes from reading to reading included.
         drop_share: further error of a reading, as a share of what the load takes from the open-circuit voltage.
-        scale_sd: how far the logarithm of the scale of resistances wanders.
-        scale_s: how long it takes to, s.
-        offset_sd_V: how far the offset of the open-circuit voltage wanders.
-        offset_s: how long it takes to, s.
+        scale_sd: of the logarithm of the scale of all resistances, a first-order Gauss-Markov process.
+        scale_s: correlation time of that process.
+        offset_sd_V: of the offset of the open-circuit voltage, a process of the same kind.
+        offset_s: correlation time of that process.
     """
 
     start_sd: Scalar = eqx.field(default=0.2, converter=_as_array)
@@ -58,7 +62,7 @@ class Measured(eqx.Module):
     Attributes:
         time_s: increasing.
         current_A: held since the row before, positive on discharge.
-        degC: temperature that the model is given: the cell's, or a fixed one where it is not known.
+        degC: temperature for the model: the cell's, or a fixed one where it is not measured.
         voltage_V: of the cell; NaN where there is no reading.
     """
 
@@ -68,13 +72,13 @@ class Measured(eqx.Module):
     voltage_V: Float[Array, " rows"]
 
 
-class Track(eqx.Module):
-    """What a filter says at each row, shape (..., rows).
+class FilterOutput(eqx.Module):
+    """The estimates of a filter at each row, shape (..., rows).
 
     Attributes:
-        soc: estimate.
-        sd: its standard deviation, as the filter believes.
-        nis: innovation squared by its variance; 1 on average where the filter is consistent. NaN without a reading.
+        soc: state of charge.
+        sd: its standard deviation by the filter's covariance.
+        nis: normalised innovation squared; 1 on average where the filter is consistent. NaN without a reading.
         scale: of all resistances.
         offset_V: of the open-circuit voltage.
     """
@@ -90,37 +94,42 @@ def state_names(model: Model) -> tuple[str, ...]:
     """Return the names of the filter's states, in the order of its vector."""
     zero = jnp.zeros(())
     inputs = {"current_A": zero, "ambient_degC": zero}
-    return (*sorted(initial_state(model, inputs)), *WANDERING)
+    return (*sorted(initial_state(model, inputs)), *VARYING)
 
 
-def ekf(model: Model, tuning: Tuning, measured: Measured, start_soc: Scalar, pairs_sd_V: Scalar) -> Track:
+def ekf(model: Model, tuning: Tuning, measured: Measured, start_soc: Scalar, pairs_sd_V: Scalar) -> FilterOutput:
     """Run one filter over a run; pure, so that it may be vmapped over tunings, starts and runs.
 
     Args:
         model: of kind "cell".
-        tuning: what it believes.
-        measured: what it is told.
-        start_soc: what it is told of the charge at the start.
-        pairs_sd_V: what it is told of the RC pairs there: 0 after a rest, else how far from rest they may be.
+        tuning: its assumed errors.
+        measured: the run, NaN where a voltage is missing.
+        start_soc: assumed state of charge at the start, 0 to 1.
+        pairs_sd_V: sd of the voltages of the RC pairs there: 0 after a rest.
+
+    Returns:
+        Estimates of shape (rows,).
     """
     duration = jnp.diff(measured.time_s)
     readings = (measured.current_A, measured.degC, measured.voltage_V)
     first, later = (jax.tree.map(lambda x, part=part: x[part], readings) for part in (0, slice(1, None)))
-    believed = _believed(model, tuning, first, jnp.asarray(start_soc, dtype=float), pairs_sd_V)
-    # A wrong start is far from where the curves were linearised: its first reading is taken in rounds.
-    begin, told_first = _correct(model, tuning, *believed, first, rounds=FIRST_ROUNDS)
+    before = _before_first_reading(model, tuning, first, jnp.asarray(start_soc, dtype=float), pairs_sd_V)
+    # A wrong start is far from where the curves were linearised: its first reading is linearised again and again.
+    begin, first_output = _correct(model, tuning, *before, first, rounds=FIRST_ROUNDS)
 
-    def advance(carry, row):
+    def advance(carry: tuple[Array, Array], row: tuple[Array, Row]) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
         return _correct(model, tuning, *_predict(model, tuning, *carry, *row), row[1])
 
-    told = jax.lax.scan(advance, begin, (duration, later))[1]
-    return Track(*(jnp.concatenate([one[None], rest]) for one, rest in zip(told_first, told, strict=True)))
+    outputs = jax.lax.scan(advance, begin, (duration, later))[1]
+    return FilterOutput(*(jnp.concatenate([one[None], rest]) for one, rest in zip(first_output, outputs, strict=True)))
 
 
-def _believed(model: Model, tuning: Tuning, first, start_soc: Scalar, pairs_sd_V: Scalar):
+def _before_first_reading(
+    model: Model, tuning: Tuning, first: Row, start_soc: Scalar, pairs_sd_V: Scalar
+) -> tuple[Array, Array]:
     """Return mean and covariance before the first reading."""
     names = state_names(model)
-    state = initial_state(model, _inputs(first)) | {"soc": start_soc} | dict.fromkeys(WANDERING, jnp.zeros(()))
+    state = initial_state(model, _inputs(first)) | {"soc": start_soc} | dict.fromkeys(VARYING, jnp.zeros(()))
     known = dict.fromkeys(("v_ts_V", "v_tl_V"), pairs_sd_V)
     known |= {"soc": tuning.start_sd, "log_scale": tuning.scale_sd, "offset_V": tuning.offset_sd_V}
     variances = jnp.stack([jnp.asarray(known.get(name, 0.0), dtype=float) ** 2 for name in names])
@@ -128,12 +137,12 @@ def _believed(model: Model, tuning: Tuning, first, start_soc: Scalar, pairs_sd_V
     return mean, variances[:, None] * jnp.eye(len(names))
 
 
-def _inputs(row) -> dict[str, Array]:
+def _inputs(row: Row) -> dict[str, Array]:
     return {"current_A": row[0], "ambient_degC": row[1]}
 
 
-def _named(model: Model, x):
-    """Return the model with the wandering numbers of a state vector in it, and its own states by name."""
+def _named(model: Model, x: Array) -> tuple[Model, dict[str, Array]]:
+    """Return the model with the varying numbers of a state vector in it, and its own states by name."""
     values = dict(zip(state_names(model), x, strict=True))
     factor = jnp.exp(values.pop("log_scale"))
     p = model.parameters
@@ -147,16 +156,18 @@ def _named(model: Model, x):
     return with_values(model, own), values
 
 
-def _predict(model: Model, tuning: Tuning, mean, covariance, duration, row):
+def _predict(
+    model: Model, tuning: Tuning, mean: Array, covariance: Array, duration: Array, row: Row
+) -> tuple[Array, Array]:
     """Move mean and covariance over a step by the model's own, linearised at the mean."""
     names = state_names(model)
     keep = {"log_scale": jnp.exp(-duration / tuning.scale_s), "offset_V": jnp.exp(-duration / tuning.offset_s)}
 
-    def move(x):
+    def move(x: Array) -> Array:
         own, state = _named(model, x)
         moved = step(own, state, _inputs(row), duration)
-        wandered = dict(zip(names, x, strict=True))
-        return jnp.stack([moved[n] if n in moved else wandered[n] * keep[n] for n in names])
+        unchanged = dict(zip(names, x, strict=True))
+        return jnp.stack([moved[n] if n in moved else unchanged[n] * keep[n] for n in names])
 
     noise = {
         "soc": tuning.charge_sd**2 * duration / 3600.0,
@@ -169,15 +180,17 @@ def _predict(model: Model, tuning: Tuning, mean, covariance, duration, row):
     return move(mean), covariance
 
 
-def _correct(model: Model, tuning: Tuning, mean, covariance, row, rounds: int = 1):
-    """Correct by a voltage (Joseph's form, which keeps the covariance positive); return it, and what is told of it.
+def _correct(
+    model: Model, tuning: Tuning, mean: Array, covariance: Array, row: Row, rounds: int = 1
+) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
+    """Correct by a voltage (Joseph's form, which keeps the covariance positive); return both, and the output.
 
-    In further rounds the reading is linearised anew where the round before ended (the iterated filter).
+    In further rounds the reading is linearised where the round before ended (iterated extended Kalman filter).
     """
     names, voltage = state_names(model), row[2]
     soc = names.index("soc")
 
-    def reading(x):
+    def reading(x: Array) -> Array:
         own, state = _named(model, x)
         return read(own, state, _inputs(row))["voltage_V"]
 
@@ -188,7 +201,7 @@ def _correct(model: Model, tuning: Tuning, mean, covariance, row, rounds: int = 
     variance = tuning.voltage_sd_V**2 + (tuning.drop_share * drop) ** 2
     seen = jnp.isfinite(voltage)
 
-    def linearised(x):
+    def linearised(x: Array) -> tuple[Array, Array, Array, Array, Array]:
         along = jax.jacfwd(reading)(x)
         innovation = jnp.where(seen, voltage - reading(x) - jnp.sum(along * (mean - x)), 0.0)
         across = jnp.sum(covariance * along, axis=1)
@@ -203,27 +216,22 @@ def _correct(model: Model, tuning: Tuning, mean, covariance, row, rounds: int = 
         along, _, _, gain, corrected = linearised(nearer)
     left = jnp.eye(len(names)) - gain[:, None] * along
     covariance = _product(_product(left, covariance), left.T) + variance * gain[:, None] * gain
-    told = (
+    output = (
         corrected[soc],
         jnp.sqrt(covariance[soc, soc]),
         nis,
         jnp.exp(corrected[names.index("log_scale")]),
         corrected[names.index("offset_V")],
     )
-    return (corrected, covariance), told
+    return (corrected, covariance), output
 
 
-def _clipped(mean, soc: int):
+def _clipped(mean: Array, soc: int) -> Array:
     """Keep the charge within its range; a wrong start must not leave it."""
     here = jnp.arange(mean.shape[0]) == soc
     return jnp.where(here, jnp.clip(mean, *SOC_RANGE), mean)
 
 
-def _product(a, b):
+def _product(a: Array, b: Array) -> Array:
     """Return the matrix product as sums: a library call for matrices of five rows would cost more than the numbers."""
     return jnp.sum(a[:, :, None] * b[None, :, :], axis=1)
-
-
-def rms(error: np.ndarray) -> float:
-    """Return the root of the mean square of what is finite."""
-    return float(np.sqrt(np.nanmean(np.square(error))))

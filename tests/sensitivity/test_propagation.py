@@ -10,7 +10,7 @@ from scipy.stats import norm
 from jaxmodel.errors import ParameterError
 from jaxmodel.model import Model
 from jaxmodel.profile import constant
-from sensitivity.uncertainty import propagate
+from sensitivity.propagation import propagate
 
 PROFILE = constant(600.0, 60.0, current_A=5.0, ambient_degC=15.0)
 METRICS, OUTPUTS = ("final_soc", "min_voltage_V"), ("voltage_V", "soc")

@@ -2,7 +2,7 @@
 
 A design is points of the unit cube in blocks, one block for each base point: what the analysis of a block needs stands
 together, so that a block of which one run failed is left out as a whole, and so that a part of the blocks is a smaller
-design. Where the numbers come from is no matter: a sweep (`sensitivity.global_study`) or any function.
+design. The numbers come from a sweep (`sensitivity.global_study`) or from any function.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import contextlib
 import dataclasses
 import importlib
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ import xarray
 
 from jaxmodel.errors import SweepError
 
-# SALib is imported where it is used: it brings a plotting package, which this room must not load.
+# SALib is imported where it is used: it brings a plotting package, which this package must not load.
 METHODS = ("sobol", "morris", "dgsm")
 CONFIDENCE = 0.95
 _RESAMPLES = 200
@@ -90,14 +90,14 @@ def make_design(
         SweepError: the method, a group or the count cannot be used.
     """
     if method not in METHODS:
-        raise SweepError(f"--global {method}: use one of {', '.join(METHODS)}.")
+        raise SweepError(f"method {method}: use one of {', '.join(METHODS)}.")
     if count < 2:
-        raise SweepError(f"--count {count}: {method} needs at least two base points; a few hundred are usual.")
+        raise SweepError(f"count {count}: {method} needs at least two base points; a few hundred are usual.")
     of_group = _groups(names, groups or {})
     if method == "dgsm" and groups:
-        raise SweepError("--group: derivatives are of one parameter each; use sobol or morris for groups.")
+        raise SweepError("groups: derivatives are of one parameter each; use sobol or morris for groups.")
     if len(set(of_group)) < 2:
-        raise SweepError("--global: indices need two parameters or groups at least that vary; add ranges to the study.")
+        raise SweepError("ranges: indices need two parameters or groups at least that vary; add ranges to the study.")
     problem = _problem(names, of_group)
     with _quiet():
         if method == "sobol":
@@ -121,9 +121,11 @@ def _groups(names: Sequence[str], groups: Mapping[str, Sequence[str]]) -> tuple[
     for group, members in groups.items():
         for member in members:
             if member not in found:
-                raise SweepError(f"--group {group}: '{member}' does not vary; it has {', '.join(names)}.")
+                raise SweepError(f"group {group}: '{member}' does not vary; the study varies {', '.join(names)}.")
             if found[member] != member:
-                raise SweepError(f"--group {group}: '{member}' is in {found[member]} already.")
+                raise SweepError(
+                    f"group {group}: '{member}' is in group {found[member]} already; remove it from one of the two."
+                )
             found[member] = group
     return tuple(found.values())
 
@@ -134,7 +136,7 @@ def _problem(names: Sequence[str], groups: Sequence[str]) -> dict[str, Any]:
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
+def _quiet() -> Generator[None, None, None]:
     """Silence SALib's warnings of what is checked here, constant results, and leave NumPy's own generator as it was."""
     state = np.random.get_state()  # noqa: NPY002
     with warnings.catch_warnings():

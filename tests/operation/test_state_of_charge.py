@@ -1,4 +1,4 @@
-"""The filter and the cheap estimator, on cells whose truth is known: simulated by the model that the filter has."""
+"""The filter and the polynomial estimator, on cells whose truth is known: simulated by the filter's own model."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from jaxmodel.errors import MeasurementError
 from jaxmodel.names import with_values
 from jaxmodel.profile import Profile
 from jaxmodel.simulation import simulate
-from operation.cheap import cheap_of
-from operation.estimate import Measured, Track, Tuning, rms
-from operation.judge import NEARER, Entry, cheap_ones, draw, entries, filters, tuned
+from operation.evaluation import NEARER, Trial, draw_tunings, filters, polynomials, rms, trials, tune_filter
+from operation.kalman import FilterOutput, Measured, Tuning
+from operation.polynomial import polynomial_estimator
 from tests.discrepancy.made_cases import run_of
 
 CELL = preset_model("panasonic_18650pf", "cell")
@@ -42,7 +42,7 @@ COLD, COLD_SOC = made(0.0)
 RIGHT = Tuning(charge_sd=1e-4, voltage_sd_V=5e-3, drop_share=0.0, scale_sd=1e-4, offset_sd_V=1e-4)
 
 
-def run(tuning: Tuning, measured: Measured, starts: list[float]) -> Track:
+def run(tuning: Tuning, measured: Measured, starts: list[float]) -> FilterOutput:
     """Filters of one shape: each compiles once."""
     one = jax.tree.map(lambda leaf: leaf[None], tuning)
     track = filters(CELL, one, measured, jnp.asarray(starts), jnp.zeros(()))
@@ -66,15 +66,15 @@ def test_wrong_start_is_forgotten() -> None:
     assert rms(track.soc[1][late] - COLD_SOC[late]) < 0.01
 
 
-def test_innovations_are_as_large_as_the_filter_believes() -> None:
-    """White noise of the sd that it is told: NIS is chi-square of one degree of freedom, mean 1, sd sqrt(2 / rows)."""
+def test_innovations_are_as_large_as_the_filter_assumes() -> None:
+    """White noise of the sd that it assumes: NIS is chi-square of one degree of freedom, mean 1, sd sqrt(2 / rows)."""
     noise = np.random.default_rng(5).normal(0.0, 5e-3, ROWS)
     track = run(RIGHT, with_voltage(COLD, np.asarray(COLD.voltage_V) + noise), [1.0, 1.0])
     assert np.mean(track.nis[0]) == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / ROWS))
 
 
-def test_charge_is_as_uncertain_as_the_filter_believes() -> None:
-    """Over many noises, the error at the end by its believed sd has an RMS of 1."""
+def test_charge_is_as_uncertain_as_the_filter_assumes() -> None:
+    """Over many noises, the error at the end by its own sd has an RMS of 1."""
     tuning = Tuning(start_sd=0.05, charge_sd=1e-6, voltage_sd_V=0.05, drop_share=0.0, scale_sd=1e-4, offset_sd_V=1e-4)
     rng = np.random.default_rng(7)
     pulls = []
@@ -109,34 +109,34 @@ def test_filter_finds_a_scale_of_resistance() -> None:
     np.testing.assert_allclose(np.median(track.scale[:, 300:], axis=1), 1.3, rtol=0.03)
 
 
-def test_cheap_estimator_needs_the_temperature_in_the_cold() -> None:
-    aware = cheap_of(CELL, np.array([-20.0, 0.0, 10.0, 25.0]), 600.0)
-    unaware = cheap_of(CELL, np.array([25.0]), 600.0)
+def test_polynomial_estimator_needs_the_temperature_in_the_cold() -> None:
+    measured = polynomial_estimator(CELL, np.array([-20.0, 0.0, 10.0, 25.0]), 600.0)
+    fixed = polynomial_estimator(CELL, np.array([25.0]), 600.0)
     wrong = jnp.asarray([0.8])
     late = TIME_S > 1800.0
-    errors = [rms(np.asarray(cheap_ones(one, COLD, wrong))[0][late] - COLD_SOC[late]) for one in (aware, unaware)]
+    errors = [rms(np.asarray(polynomials(one, COLD, wrong))[0][late] - COLD_SOC[late]) for one in (measured, fixed)]
     assert errors[0] < 0.07
     assert errors[1] > 1.5 * errors[0]
-    assert aware.worst_fit < 0.05
+    assert measured.worst_fit < 0.05
 
 
 def test_error_is_counted_after_the_time_to_converge() -> None:
     time_s = np.arange(0.0, 2000.0, 100.0)
     soc = np.linspace(1.0, 0.8, time_s.size)
-    entry = Entry("made", COLD, soc, time_s, (0.0, -0.2), rested=True)
+    trial = Trial("made", COLD, soc, time_s, (0.0, -0.2), rested=True)
     off = np.where(time_s <= 900.0, 0.5, 0.03)
     estimate = np.concatenate([soc + off, [9.0, 9.0]])  # padding
-    assert entry.errors(estimate) == pytest.approx(0.03)
-    assert entry.convergence_s(estimate) == 1000.0
-    assert entry.convergence_s(estimate, within=0.01) == np.inf
+    assert trial.errors(estimate) == pytest.approx(0.03)
+    assert trial.convergence_s(estimate) == 1000.0
+    assert trial.convergence_s(estimate, within=0.01) == np.inf
 
 
 def test_tuning_is_the_best_of_those_drawn() -> None:
-    entry = Entry("made", COLD, COLD_SOC, TIME_S, (0.0, -0.2), rested=True)
-    tuning, error = tuned(CELL, [entry], 2, lambda run: None)
-    drawn = draw(2)
-    tracks = filters(CELL, drawn, COLD, entry.starts, entry.pairs_sd_V)
-    errors = np.sqrt(np.mean(entry.errors(np.asarray(tracks.soc)) ** 2, axis=1))
+    trial = Trial("made", COLD, COLD_SOC, TIME_S, (0.0, -0.2), rested=True)
+    tuning, error = tune_filter(CELL, [trial], 2, lambda run: None)
+    drawn = draw_tunings(2)
+    tracks = filters(CELL, drawn, COLD, trial.starts, trial.pairs_sd_V)
+    errors = np.sqrt(np.mean(trial.errors(np.asarray(tracks.soc)) ** 2, axis=1))
     best = int(errors.argmin())
     assert error <= errors[best] * (1.0 + 1e-9)
     # A second round looks near the best of the first.
@@ -153,26 +153,24 @@ def _run_of(soc: np.ndarray, **outputs: np.ndarray) -> Run:
 def test_readings_that_are_missing_are_no_reason_to_lose_a_run() -> None:
     soc, degC = np.linspace(0.9, 0.5, 300), np.full(300, 20.0)
     soc[150], degC[[0, 40]] = np.nan, np.nan
-    (entry, *_) = entries([_run_of(soc, cell_temperature_degC=degC)], aware=True)
-    assert np.all(np.isfinite(entry.measured.degC))
-    assert entry.errors(np.nan_to_num(soc, nan=0.7) + 0.01) == pytest.approx(0.01)
+    (trial, *_) = trials([_run_of(soc, cell_temperature_degC=degC)], with_temperature=True)
+    assert np.all(np.isfinite(trial.measured.degC))
+    assert trial.errors(np.nan_to_num(soc, nan=0.7) + 0.01) == pytest.approx(0.01)
 
 
 @pytest.mark.parametrize("rows", [slice(0, 1), slice(80, 300)], ids=["at the start", "after converging"])
-def test_run_without_a_reference_is_told(rows: slice) -> None:
+def test_run_without_a_reference_is_a_mistake(rows: slice) -> None:
     soc = np.linspace(0.9, 0.5, 300)
     soc[rows] = np.nan
     with pytest.raises(MeasurementError, match="needs soc in its first row, and after the 900 s"):
-        entries([_run_of(soc)], aware=True)
+        trials([_run_of(soc)], with_temperature=True)
 
 
-def test_cheap_estimator_knows_age_and_storage() -> None:
+def test_polynomial_estimator_knows_age_and_storage() -> None:
     aged = with_values(CELL, {"storage_months": jnp.asarray(18.0), "cycles": jnp.asarray(100.0)})
-    new, old = (cheap_of(model, np.array([25.0]), 600.0) for model in (CELL, aged))
+    new, old = (polynomial_estimator(model, np.array([25.0]), 600.0) for model in (CELL, aged))
     assert old.capacity_Ah == pytest.approx(
         new.capacity_Ah * float(storage_factor(jnp.asarray(18.0), jnp.asarray(20.0)))
     )
     more = cycle_resistance(jnp.asarray(100.0)) - cycle_resistance(CELL.parameters.cycles)
-    assert old.at_once_ohm[0] - new.at_once_ohm[0] == pytest.approx(
-        float(more * CELL.parameters.series_resistance_scale)
-    )
+    assert old.series_ohm[0] - new.series_ohm[0] == pytest.approx(float(more * CELL.parameters.series_resistance_scale))

@@ -40,7 +40,7 @@ def jacobian(response: Response, values: Float[Array, " parameter"], mode: Mode)
     """Return the answer and its derivatives, the parameters' axis first.
 
     Args:
-        response: what is asked.
+        response: the differentiated run.
         values: where, in the units of the table.
         mode: "forward" pushes a tangent for each parameter through the run; "reverse" pulls a cotangent for each metric
             back through it.
@@ -54,7 +54,7 @@ def jacobian(response: Response, values: Float[Array, " parameter"], mode: Mode)
     """
     if mode == "forward":
 
-        def push(direction):
+        def push(direction: Array) -> tuple[Answer, Answer]:
             return jax.jvp(response, (values,), (direction,))
 
         # out_axes None: the run itself is computed once, beside all its tangents.
@@ -69,12 +69,12 @@ def jacobian(response: Response, values: Float[Array, " parameter"], mode: Mode)
 
 
 @eqx.filter_jit
-def pushed(
+def pushforward(
     response: Response, at: Float[Array, "lanes parameter"], along: Float[Array, "lanes parameter"]
 ) -> tuple[Answer, Answer, Outcome]:
-    """Return the answer at each place, its derivative along that lane's direction, and how the run went."""
+    """Return the answer at each point, its derivative along the direction of that lane, and the outcome of the run."""
 
-    def lane(values, direction):
+    def lane(values: Array, direction: Array) -> tuple[Answer, Answer, Outcome]:
         return jax.jvp(lambda x: response.run(response.named(x)), (values,), (direction,), has_aux=True)
 
     return jax.vmap(lane)(at, along)
@@ -102,7 +102,7 @@ def local_sensitivities(
         names: parameters, those of effects ("effect.parameter"), curves of the cell (by a factor) and inputs of the
             profile (the ambient by a shift in K, any other by a factor); None takes all that enter.
         metrics: names of `sensitivity.metrics`, or one's own; None takes all of the kind.
-        outputs: readings whose course is asked for; None takes all, () none.
+        outputs: readings wanted over time; None takes all, () none.
         cutoff: where the run ends; its last row is held fixed while parameters move.
         mode: "forward" or "reverse" differentiation; None chooses the cheaper, which the attributes record.
 
@@ -121,7 +121,7 @@ def local_sensitivities(
     """
     response = make_response(model, profile, names, metrics, outputs, cutoff)
     if mode is None:
-        counts = len(response.names), len(response.metrics), response.course.duration_s.size
+        counts = len(response.names), len(response.metrics), response.stepped.duration_s.size
         mode = "forward" if response.outputs else choose_mode(*counts)
     answer, derivative = jacobian(response, response.values(), mode)
     step = steps_of(response)

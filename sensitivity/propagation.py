@@ -1,4 +1,4 @@
-"""What is not known of parameters, pushed through a run: by the gradient and by sampling, side by side.
+"""The uncertainty of parameters, propagated through a run: by the gradient and by sampling, side by side.
 
 Two ways to the spread of a number y of a run, from a covariance C of the parameters:
 
@@ -25,7 +25,7 @@ from jaxmodel.errors import ParameterError
 from jaxmodel.model import Model
 from jaxmodel.profile import Profile
 from jaxmodel.simulation import Cutoff, Status
-from sensitivity.local import coordinates, jacobian
+from sensitivity.derivatives import coordinates, jacobian
 from sensitivity.response import Answer, Response, make_response
 from sweeps.metrics import Metric
 
@@ -48,9 +48,9 @@ def propagate(
     draws: int = 512,
     seed: int = 0,
 ) -> xarray.Dataset:
-    """Return the spread of metrics and outputs that comes of not knowing parameters.
+    """Return the spread of metrics and outputs that comes of uncertain parameters.
 
-    Parameters are normal; such as the table takes on a logarithm are log-normal with the same spread at the model's
+    Parameters are normal; those that the table takes on a logarithm are log-normal with the same spread at the model's
     value. Draws are the points of a scrambled Sobol sequence. A draw outside of a parameter's bounds, or whose run is
     not finite, is left out and counted.
 
@@ -76,7 +76,8 @@ def propagate(
         Attributes: draws, and out_of_bounds and failed, how many of them were left out.
 
     Raises:
-        ParameterError: a name is unknown, an sd is negative, the correlation is none, or nearly no draw can be run.
+        ParameterError: a name is unknown, an sd is negative, the correlations contradict each other, or nearly no draw
+            can be run.
         SweepError: a metric is unknown.
     """
     response = make_response(model, profile, tuple(sd), metrics, outputs, cutoff)
@@ -102,7 +103,7 @@ def propagate(
     at_metrics, at_outputs = np.asarray(sampled.metrics)[finite], np.asarray(sampled.outputs)[finite]
     metric_sd, output_sd = at_metrics.std(axis=0, ddof=1), at_outputs.std(axis=0, ddof=1)
     numbers = (np.asarray(answer.metrics), by_gradient[0], at_metrics.mean(axis=0), metric_sd)
-    courses = (np.asarray(answer.outputs), by_gradient[1], at_outputs.mean(axis=0), output_sd)
+    over_time = (np.asarray(answer.outputs), by_gradient[1], at_outputs.mean(axis=0), output_sd)
     variance = np.where(by_gradient[0] > 0.0, by_gradient[0] ** 2, np.nan)
     jac = np.asarray(slopes.metrics).T
     return xarray.Dataset(
@@ -118,11 +119,11 @@ def propagate(
             "metric_agrees": ("metric", _agree(numbers[0], numbers[1], at_metrics)),
             "metric_share": (("metric", "parameter"), jac * (jac @ root @ root.T) / variance[:, None]),
             "metric_quantile": (("metric", "quantile"), np.quantile(at_metrics, QUANTILES, axis=0).T),
-            "output_value": (("output", "time_s"), courses[0]),
-            "output_sd_gradient": (("output", "time_s"), courses[1]),
-            "output_mean": (("output", "time_s"), courses[2]),
-            "output_sd_sampled": (("output", "time_s"), courses[3]),
-            "output_agrees": (("output", "time_s"), _agree(courses[0], courses[1], at_outputs)),
+            "output_value": (("output", "time_s"), over_time[0]),
+            "output_sd_gradient": (("output", "time_s"), over_time[1]),
+            "output_mean": (("output", "time_s"), over_time[2]),
+            "output_sd_sampled": (("output", "time_s"), over_time[3]),
+            "output_agrees": (("output", "time_s"), _agree(over_time[0], over_time[1], at_outputs)),
             "output_quantile": (
                 ("output", "quantile", "time_s"),
                 np.moveaxis(np.quantile(at_outputs, QUANTILES, axis=0), 0, 1),
@@ -166,7 +167,7 @@ def _answers(response: Response, points: np.ndarray) -> tuple[Answer, np.ndarray
 
 @eqx.filter_jit
 def _some(response: Response, points: Float[Array, "draws parameter"]) -> tuple[Answer, Int[Array, " draws"]]:
-    def one(values):
+    def one(values: Array) -> tuple[Answer, Array]:
         answer, run = response.run(response.named(values))
         return answer, run.status
 

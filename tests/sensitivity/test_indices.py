@@ -7,8 +7,8 @@ import pytest
 import xarray
 
 from jaxmodel.errors import SweepError
-from sensitivity.global_indices import Design, analyse, make_design
-from sensitivity.global_study import global_of_study, ranges_of
+from sensitivity.global_study import global_indices, ranges_of
+from sensitivity.indices import Design, analyse, make_design
 from sweeps.study import Study
 
 NAMES = ("x1", "x2", "x3")
@@ -165,7 +165,7 @@ def test_indices_of_a_study_are_those_of_its_equation():
         "current_A": (1.0, 5.0),
         "cycles": (0.0, 100.0),
     }
-    data = global_of_study(study(), count=512, second_order=False)
+    data = global_indices(study(), count=512, second_order=False)
     assert data.attrs["runs"] == 512 * 5
     variance = np.array([0.3, 4.0 * 600.0 / 3600.0 / 5.2, 0.0]) ** 2
     expected = variance / variance.sum()
@@ -178,7 +178,7 @@ def test_indices_of_a_study_are_those_of_its_equation():
 def test_logarithmic_range_is_drawn_in_its_logarithm():
     """The charge used goes as 1/Q: ln of it is straight in ln Q, so that Morris' effect of a log range is that of e."""
     spans = {"capacity_Ah": {"low": 2.0, "high": 8.0, "spacing": "log"}, "cycles": [0.0, 100.0]}
-    data = global_of_study(study(axes={}, sample={"count": 4, "ranges": spans}), "morris", count=20)
+    data = global_indices(study(axes={}, sample={"count": 4, "ranges": spans}), "morris", count=20)
     used = 5.0 * 600.0 / 3600.0
     levels = used / (2.0 * 4.0 ** np.arange(0.0, 1.01, 1.0 / 3.0))
     effects = (levels[:2] - levels[2:]) / (2.0 / 3.0)  # steps of two levels of three
@@ -193,7 +193,7 @@ def test_logarithmic_range_is_drawn_in_its_logarithm():
         ("fast", 64, None, "use one of sobol, morris, dgsm"),
         ("sobol", 1, None, "at least two"),
         ("sobol", 64, {"g": ["x9"]}, "'x9' does not vary"),
-        ("sobol", 64, {"g": ["x1"], "h": ["x1"]}, "in g already"),
+        ("sobol", 64, {"g": ["x1"], "h": ["x1"]}, "in group g already"),
         ("sobol", 64, {"g": ["x1", "x2", "x3"]}, "two parameters or groups"),
         ("dgsm", 64, {"g": ["x1"]}, "one parameter each"),
     ],
