@@ -6,7 +6,7 @@ import functools
 import io
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, ParamSpec
 
 import matplotlib
 import numpy as np
@@ -16,6 +16,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, SymmetricalLogLocator
 
 from jaxmodel.units import split_unit
+
+P = ParamSpec("P")
 
 PAGE_CM = 17.0  # text width of an A4 report
 DOTS_PER_INCH = 170
@@ -56,14 +58,13 @@ _RC: dict[Any, Any] = {
     "savefig.facecolor": "white",
 }
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-# Units as a report sets them, where that is not as a name has them.
 
 
-def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
-    """Give a picture's function the house's fonts and lines without touching those of anybody else."""
+def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
+    """Give a picture's function the project's fonts and lines; matplotlib's global settings stay as they are."""
 
     @functools.wraps(draw)
-    def wrapper(*args: Any, **kwargs: Any) -> Figure:
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> Figure:
         with matplotlib.rc_context(_RC):
             return draw(*args, **kwargs)
 

@@ -5,6 +5,20 @@ from workbench import write_report
 write_report(diagnosis, "results")  # report.html, one page that opens offline, and its pictures
 """
 
-from workbench.report import write_report
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from workbench.report import write_report
 
 __all__ = ["write_report"]
+
+
+def __getattr__(name: str) -> Any:
+    """Load the report when it is asked for: `jaxmodel --help` must not wait for what draws it."""
+    if name == "write_report":
+        from workbench.report import write_report
+
+        return write_report
+    raise AttributeError(f"module 'workbench' has no attribute '{name}'")

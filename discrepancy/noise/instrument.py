@@ -89,7 +89,7 @@ class NoiseEstimate:
 
     @property
     def is_coloured(self) -> bool:
-        """Whether the correlation is significant (p < 0.001), large enough to matter, and one that a window can tell."""
+        """Whether the correlation is significant (p < 0.001), large enough to matter, and within a window."""
         return self.coloured_chi2 > _COLOURED_CHI2 and _LEAST_RHO_THAT_MATTERS < abs(self.rho) < _MOST_RHO
 
 
