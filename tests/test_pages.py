@@ -44,7 +44,7 @@ def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def run(code: str, lines_before: int, file: Path, namespace: dict[str, object]) -> None:
     """Execute code as if it stood at its lines of the file, so that a failure names them."""
-    exec(compile("\n" * lines_before + code, str(file), "exec"), namespace)
+    exec(compile("\n" * lines_before + code, str(file), "exec", dont_inherit=True), namespace)
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if any(blocks(page))], ids=lambda page: page.stem)
