@@ -17,16 +17,8 @@ from nbconvert import MarkdownExporter
 REPOSITORY = Path(__file__).parents[1]
 LINK = re.compile(r"(?<=\]\()(?!\w+:|#)([^)\s#]+)(#[^)\s]*)?(?=\))")
 OUTSIDE = "repository"  # the folder of the site for files that are not in docs/
-# Attributes by which a page has the browser fetch something on its own; a link that a reader clicks is none of them.
-FETCHED = {
-    ("script", "src"),
-    ("img", "src"),
-    ("iframe", "src"),
-    ("source", "src"),
-    ("video", "src"),
-    ("audio", "src"),
-    ("object", "data"),
-}
+# What a browser fetches on its own; a link that a reader clicks is none of it.
+FETCHED = {"script", "img", "iframe", "source", "video", "audio"}
 FETCHED_LINKS = {"stylesheet", "preload", "preconnect", "prefetch", "dns-prefetch", "icon", "modulepreload", "manifest"}
 STYLE_FETCHES = re.compile(r"""(?:@import\s+|url\(\s*)["']?((?:https?:)?//[^"')\s]+)""")
 
@@ -99,7 +91,7 @@ class _Fetches(HTMLParser):
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         """Collect the addresses of one element."""
         values = dict(attrs)
-        fetched = [values[name] for element, name in FETCHED if element == tag and values.get(name)]
+        fetched = [values.get("src")] if tag in FETCHED else []
         if tag == "link" and FETCHED_LINKS & set((values.get("rel") or "").split()):
             fetched.append(values.get("href"))
         self.found += [address for address in fetched if address and re.match(r"(https?:)?//", address)]
