@@ -58,7 +58,9 @@ def _page_of(notebook: File, config: MkDocsConfig) -> Iterator[File]:
     """Yield the page of a notebook as it was saved, outputs included, and the pictures in it."""
     uri = notebook.src_uri.removesuffix(".ipynb")
     name = posixpath.basename(uri)
-    text, resources = MarkdownExporter().from_filename(notebook.abs_src_path, {"output_files_dir": f"{name}_files"})
+    text, resources = MarkdownExporter().from_filename(
+        str(_source(notebook, config)), {"output_files_dir": f"{name}_files"}
+    )
     title, _, rest = text.partition("\n")
     note = f'<a href="{name}.ipynb" download>This page as a notebook</a>'
     yield File.generated(config, f"{uri}.md", content=f"{title}\n\n{note}\n{rest}")
