@@ -1,4 +1,4 @@
-"""Write parameters.md and effects.md from the tables in the code: `python docs/make_parameters.py`."""
+"""Write the pages that are tables of the code: `python docs/make_parameters.py`."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from discrepancy.settings import table as settings_table
 from jaxmodel.declaration import ParameterInfo, describe
 from jaxmodel.effects import (
     CATALOGUE,
@@ -122,6 +123,27 @@ resistance, the air flow around the cell, or the zero point of a sensor.
     return "\n".join(parts)
 
 
+def settings_page() -> str:
+    """Return the page of the constants of a diagnosis."""
+    rows = [(f"`{row['name']}`", row["value"], row["meaning"], row["source"]) for row in settings_table()]
+    return f"""{NOTE}
+# Settings of a diagnosis
+
+Every constant that [a diagnosis](../discrepancy.md) uses, with its source. An investigation takes others:
+
+```python
+import dataclasses
+
+from discrepancy import SETTINGS, Investigation
+from jaxmodel import read_case
+
+settings = dataclasses.replace(SETTINGS, noise_contradiction=2.0)
+investigation = Investigation(read_case("examples/samsung_30q"), settings=settings)
+```
+
+{_table(("constant", "value", "meaning", "source"), rows)}"""
+
+
 def _sizes() -> list[tuple[str, str, str]]:
     of = {
         "capacity": "`capacity_Ah`",
@@ -199,7 +221,7 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
 
 
-PAGES = {"parameters.md": parameters_page, "effects.md": effects_page}
+PAGES = {"parameters.md": parameters_page, "effects.md": effects_page, "reference/settings.md": settings_page}
 
 if __name__ == "__main__":
     for name, page in PAGES.items():

@@ -21,6 +21,7 @@ P = ParamSpec("P")
 
 PAGE_CM = 17.0  # text width of an A4 report
 DOTS_PER_INCH = 170
+CSS_DOTS_PER_INCH = 96  # of a browser
 
 # Okabe and Ito's colours, told apart by people with any kind of colour vision and in grey.
 GREY, BLACK = "#8c8c8c", "#1a1a1a"
@@ -71,9 +72,17 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
     return wrapper
 
 
+class Picture(Figure):
+    """A figure that a notebook shows as it is; it shows matplotlib's own where pyplot was imported, else their name."""
+
+    def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
+        width, height = self.get_size_inches() * CSS_DOTS_PER_INCH
+        return png(self), {"width": round(width), "height": round(height)}
+
+
 def new_figure(width_cm: float, height_cm: float, layout: Literal["constrained", "none"] = "constrained") -> Figure:
     """Return an empty figure of a size in cm; it belongs to nobody's list of open figures."""
-    figure = Figure(figsize=(width_cm / 2.54, height_cm / 2.54), dpi=DOTS_PER_INCH, layout=layout)  # type: ignore[arg-type]
+    figure = Picture(figsize=(width_cm / 2.54, height_cm / 2.54), dpi=DOTS_PER_INCH, layout=layout)  # type: ignore[arg-type]
     FigureCanvasAgg(figure)
     return figure
 

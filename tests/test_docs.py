@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from discrepancy.decision import RULES
 from discrepancy.settings import table
@@ -30,7 +31,8 @@ from tests.jaxmodel.runs import readings
 
 REPOSITORY = Path(__file__).parents[1]
 DOCS = REPOSITORY / "docs"
-PAGES = sorted(DOCS.glob("*.md"))
+PAGES = sorted(DOCS.rglob("*.md"))
+NOTEBOOKS = sorted(DOCS.rglob("*.ipynb"))
 OWN_EFFECT = f"{REPOSITORY / 'examples' / 'my_effects.py'}:HotContact"
 
 
@@ -47,7 +49,7 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
 
 
-@pytest.mark.parametrize("name", ["parameters.md", "effects.md"])
+@pytest.mark.parametrize("name", ["parameters.md", "effects.md", "reference/settings.md"])
 def test_page_is_what_the_code_says(name: str) -> None:
     spec = importlib.util.spec_from_file_location("make_parameters", DOCS / "make_parameters.py")
     assert spec is not None
@@ -68,8 +70,15 @@ def test_links_lead_somewhere(page: Path) -> None:
         assert not anchor or anchor in anchors(found), target
 
 
-def test_every_page_is_on_the_map() -> None:
-    assert {page.name for page in PAGES} - {"index.md"} == set(re.findall(r"\((\w+\.md)\)", text_of("index.md")))
+def test_every_page_is_in_the_navigation() -> None:
+    def pages_of(entry: object) -> list[str]:
+        if isinstance(entry, str):
+            return [entry]
+        return [page for part in (entry.values() if isinstance(entry, dict) else entry) for page in pages_of(part)]
+
+    site = yaml.safe_load((REPOSITORY / "mkdocs.yml").read_text(encoding="utf-8"))
+    files = [path.relative_to(DOCS).with_suffix(".md").as_posix() for path in [*PAGES, *NOTEBOOKS]]
+    assert sorted(pages_of(site["nav"])) == sorted(files)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
