@@ -169,8 +169,8 @@ def test_a_file_may_keep_its_annotations_as_text(own_file: Path):
     [
         ("{file}", "give an existing file and a class, as in my_effects.py:MagnetAgeing."),
         ("{file}x:EmptyResistance", "give an existing file and a class"),
-        ("{file}:EmptyResistence", "my_effects.py has no class 'EmptyResistence' derived from jaxmodel.ports.Effect."),
-        ("{file}:NotAnEffect", "my_effects.py has no class 'NotAnEffect' derived from jaxmodel.ports.Effect."),
+        ("{file}:EmptyResistence", "my_effects.py has no class 'EmptyResistence' derived from jaxmodel.Effect."),
+        ("{file}:NotAnEffect", "my_effects.py has no class 'NotAnEffect' derived from jaxmodel.Effect."),
     ],
 )
 def test_a_reference_that_names_no_effect_is_refused(own_file: Path, reference: str, sentence: str):
