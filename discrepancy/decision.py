@@ -78,11 +78,11 @@ def decide(evidence: Evidence, settings: Settings = SETTINGS) -> Decision:
         return _decision("unknown law", "; ".join(evidence.unknown))
     left = [name for name, one in evidence.channels.items() if _mostly_left(one, settings)]
     if left:
-        told = [f"{name} is left at {evidence.channels[name].fit:.3g}" for name in left]
+        described = [f"{name} is left at {evidence.channels[name].fit:.3g}" for name in left]
         noise = [f"{evidence.channels[name].noise:.2g}" for name in left]
         return _decision(
             "most is left",
-            f"{' and '.join(told)} where the noise is {' and '.join(noise)}, and no effect, curve or law that was "
+            f"{' and '.join(described)} where the noise is {' and '.join(noise)}, and no effect, curve or law that was "
             "tried explains it on runs left out",
         )
     named = [label for label, probability in evidence.effects.items() if probability >= settings.named]
@@ -92,12 +92,12 @@ def decide(evidence: Evidence, settings: Settings = SETTINGS) -> Decision:
         return _decision("open", None)
     failing = [name for name, one in evidence.channels.items() if _fails_held_out(one, settings)]
     if failing:
-        told = [
+        described = [
             f"on check runs the error of {name} is {_ratio(evidence.channels[name]):.1f} times that on fit runs"
             for name in failing
         ]
         where = "; a check run lies outside the conditions that were fitted" if evidence.extrapolates else ""
-        return _decision("held out", "; ".join(told) + where)
+        return _decision("held out", "; ".join(described) + where)
     return _decision("adequate", None)
 
 

@@ -9,13 +9,13 @@ import numpy as np
 from scipy.special import logsumexp
 
 from discrepancy import policy
-from discrepancy.advice import remarks as told
+from discrepancy.advice import remarks as remarks
 from discrepancy.advice.law_file import law_file
 from discrepancy.advice.next_experiment import best_of_each, propose
 from discrepancy.decision import ChannelEvidence, Evidence, decide
 from discrepancy.evidence.trial import Trial
 from discrepancy.findings import curve_found, law_found, run_found, unknown_sentence
-from discrepancy.fitting.candidates import is_told
+from discrepancy.fitting.candidates import is_distinguishable
 from discrepancy.fitting.lanes import one_thread_of_blas
 from discrepancy.fitting.model import Labels
 from discrepancy.gates import Addition, odds_of
@@ -33,7 +33,7 @@ from discrepancy.result import (
     ScoreEntry,
     Sensor,
 )
-from discrepancy.rungs import Started, errors_by_run, nominal, residuals_of, rung, started
+from discrepancy.rungs import AdjustedStarts, errors_by_run, nominal, residuals_of, rung, with_adjusted_starts
 from discrepancy.tolerances import fit_for_purpose, tolerances
 from discrepancy.workings import Progress, Workings
 from jaxmodel.case import Case
@@ -60,8 +60,8 @@ def compare(case: Case, *, progress: Progress | None = None) -> Diagnosis:
         FitError: nothing is uncertain, or no run may be used to calibrate.
     """
     inv = Workings(case, progress=progress)
-    begun = started(inv, inv.base)
-    ladder = (nominal(inv), rung(inv, "calibrated", inv.base, begun))
+    adjusted = with_adjusted_starts(inv, inv.base)
+    ladder = (nominal(inv), rung(inv, "calibrated", inv.base, adjusted))
     left = residuals_of(inv, ladder[-1])
     remaining = _remaining(inv, inv.base, ladder[-1], left)
     return Diagnosis(
@@ -75,9 +75,9 @@ def compare(case: Case, *, progress: Progress | None = None) -> Diagnosis:
         ladder=ladder,
         scores=(),
         critical_z=float("nan"),
-        remarks=_remarks(inv, inv.base, begun, ladder[-1], ()),
+        remarks=_remarks(inv, inv.base, adjusted, ladder[-1], ()),
         remaining=remaining,
-        extrapolated=told.extrapolated(inv.case),
+        extrapolated=remarks.extrapolated(inv.case),
         tolerance=tolerances(inv),
         where_base={name: one.where for name, one in remaining.items()},
         errors=errors_by_run(inv, {"base": left}),
@@ -109,7 +109,7 @@ def diagnose(
     inv = Workings(case, without=without, progress=progress)
     if add and with_effects:
         raise EffectError("--add seeks nothing else and --with does; give all effects by one of the two.")
-    wanted = inv.bench.labels_to_add([*add, *with_effects])
+    wanted = inv.space.labels_to_add([*add, *with_effects])
     found = policy.run(inv, wanted, seek=not add)
     return conclude(
         inv,
@@ -121,17 +121,17 @@ def diagnose(
 
 def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ordered: Sequence[str] = ()) -> Diagnosis:
     """Return everything that is said of an investigation that has come to its end."""
-    inv.tell("weighing")
+    inv.report("weighing")
     final = found.final
-    begun = started(inv, final)
+    adjusted = with_adjusted_starts(inv, final)
     ladder = [nominal(inv), rung(inv, "calibrated", inv.base)]
     ladder += [rung(inv, "with " + " + ".join(m.labels), m) for m in found.path[1:] if m is not final]
     if final.labels:
-        ladder.append(rung(inv, "with " + " + ".join(final.labels), final, begun))
+        ladder.append(rung(inv, "with " + " + ".join(final.labels), final, adjusted))
     last = ladder[-1]
     left = {"base": residuals_of(inv, ladder[1])}
     left["final"] = residuals_of(inv, last) if final.labels else left["base"]
-    groups = {label: inv.bench.candidates[label].group for label in final.labels}
+    groups = {label: inv.space.candidates[label].group for label in final.labels}
     lacking = {label: _lacking(inv, found.weighed, final, label) for label in final.labels}
     removes = {label: _removes(rung(inv, "", trial), last) for label, trial in lacking.items()}
     weighed, alike = _weighed(inv, found)
@@ -144,7 +144,7 @@ def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ord
     laws = [law_found(inv, final, label, removes[label]) for label in final.labels if groups[label] == "law"]
     curves = tuple(curve_found(inv, final, label, removes[label]) for label in final.labels if groups[label] == "curve")
     unstated = [curve for curve in (*curves, *laws) if not curve.stated]
-    extrapolated = told.extrapolated(inv.case)
+    extrapolated = remarks.extrapolated(inv.case)
     channels = {name: _channel_evidence(inv, found, name, ladder[1], last) for name in inv.noise}
     explained = bool(holding) and all(_small(one) for one in channels.values())
     evidence = Evidence(
@@ -159,8 +159,8 @@ def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ord
     named = tuple(
         NamedEffect(
             label=label,
-            name=inv.bench.candidates[label].effect.name,
-            column=inv.bench.candidates[label].effect.column,
+            name=inv.space.candidates[label].effect.name,
+            column=inv.space.candidates[label].effect.column,
             probability=float(min(most, holding[label])),
             parameters={n.removeprefix(f"{label}."): e for n, e in last.estimates.items() if n.startswith(f"{label}.")},
             cannot_tell_apart_from=alike.get(label, ()),
@@ -183,7 +183,7 @@ def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ord
     rivals = _rivals(found.weighed, weighed)
     proposals = ()
     if rivals:
-        inv.tell("looking for the experiment that would decide")
+        inv.report("looking for the experiment that would decide")
         proposals = best_of_each(propose(inv, rivals))
     return Diagnosis(
         case=inv.case,
@@ -195,12 +195,12 @@ def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ord
         noise=_sensors(final),
         ladder=tuple(ladder),
         scores=tuple(
-            ScoreEntry(gain.label, gain.z, bool(abs(gain.z) > critical), inv.bench.candidates[gain.label].name in blind)
+            ScoreEntry(gain.label, gain.z, bool(abs(gain.z) > critical), inv.space.candidates[gain.label].name in blind)
             for gain in gains
-            if inv.bench.candidates[gain.label].group in ("effect", "sensor")
+            if inv.space.candidates[gain.label].group in ("effect", "sensor")
         ),
         critical_z=critical,
-        remarks=_remarks(inv, final, begun, ladder[1], extrapolated),
+        remarks=_remarks(inv, final, adjusted, ladder[1], extrapolated),
         curves=(*curves, *laws),
         runs=tuple(
             run_found(inv, final, last, label, removes[label]) for label in final.labels if groups[label] == "run"
@@ -229,7 +229,7 @@ def _weighed(inv: Workings, found: policy.Found) -> tuple[dict[Labels, float], d
     final = found.final
     logs: dict[tuple[str, ...], float] = {}
     for trial in found.weighed:
-        prior = -sum(odds_of(inv, inv.bench.candidates[one], trial) - inv.settings.least_odds for one in trial.labels)
+        prior = -sum(odds_of(inv, inv.space.candidates[one], trial) - inv.settings.least_odds for one in trial.labels)
         logs[trial.labels] = max(logs.get(trial.labels, -np.inf), trial.log_evidence + prior)
     values = np.array(list(logs.values()))
     shares = dict(zip(logs, np.exp(values - logsumexp(values)).tolist(), strict=True))
@@ -244,13 +244,13 @@ def _weighed(inv: Workings, found: policy.Found) -> tuple[dict[Labels, float], d
             and len(trial.labels) == len(final.labels)
             and trial.log_evidence > final.log_evidence - TOLD_APART
         ]
-        alike[label] = tuple(dict.fromkeys(inv.bench.candidates[one].name for one in others))
+        alike[label] = tuple(dict.fromkeys(inv.space.candidates[one].name for one in others))
     return shares, alike
 
 
 def _name(inv: Workings, labels: Sequence[str]) -> str:
     """Return the name of a model in the answer, without columns."""
-    return "+".join(inv.bench.candidates[label].name for label in labels) or "base"
+    return "+".join(inv.space.candidates[label].name for label in labels) or "base"
 
 
 def _rivals(trials: Sequence[Trial], weighed: Mapping[tuple[str, ...], float]) -> list[Trial]:
@@ -293,11 +293,11 @@ def _small(one: ChannelEvidence) -> bool:
 
 
 def _immaterial(inv: Workings, refused: Addition, last: Rung) -> Immaterial:
-    name = inv.bench.candidates[refused.label].name
+    name = inv.space.candidates[refused.label].name
     if not refused.plausible:
         reason = f"it would be more than {inv.settings.implausible:g} sd from its usual size"
-    elif not refused.foretells(inv.settings.should_pay):
-        score = f"log score {refused.paid:+.1f}, {refused.expected:.1f} expected"
+    elif not refused.predicts_better(inv.settings.least_expected_score):
+        score = f"log score {refused.score_gain:+.1f}, {refused.expected_score_gain:.1f} expected"
         reason = f"pieces of runs left out are predicted no better ({score})"
     elif refused.harmful:
         reason = "the error on pieces of runs left out rises with it"
@@ -338,47 +338,49 @@ def _blind(inv: Workings) -> tuple[str, ...]:
     """Return what this data could not have shown beside the base model, by name; on every column that it could have."""
     seen = inv.linear(inv.base).visible()
     labels: dict[str, list[str]] = {}
-    for label, candidate in inv.bench.candidates.items():
+    for label, candidate in inv.space.candidates.items():
         if candidate.group in ("effect", "sensor"):
             labels.setdefault(candidate.name, []).append(label)
     unseen = [name for name, own in labels.items() if not any(label in seen for label in own)]
     untold = [
         name
         for name, cls in inv.case.catalogue.items()
-        if inv.case.kind in cls.kinds and name not in inv.case.effects and not is_told(inv.case, cls)
+        if inv.case.kind in cls.kinds and name not in inv.case.effects and not is_distinguishable(inv.case, cls)
     ]
     return (*unseen, *untold)
 
 
 def _remarks(
-    inv: Workings, trial: Trial, begun: Started, base: Rung, extrapolated: Sequence[Extrapolated]
+    inv: Workings, trial: Trial, adjusted: AdjustedStarts, base: Rung, extrapolated: Sequence[Extrapolated]
 ) -> tuple[str, ...]:
-    layout, fitted = inv.bench.layout, trial.fitted
+    layout, fitted = inv.space.layout, trial.fitted
     common, of_runs = [], []
-    for place, pull in zip(trial.setting.own, fitted.pulls, strict=True):
+    for place, pull in zip(trial.setting.free, fitted.pulls, strict=True):
         if place >= layout.base or abs(pull) <= inv.settings.strained:
             continue
         coordinate, run = layout.coordinates[place], layout.runs[place]
         number, stated = coordinate.number(fitted.x[place]), coordinate.number(0.0)
-        known = told.Strained(coordinate.name, number, coordinate.off(float(pull)), stated, abs(coordinate.slope(0.0)))
+        known = remarks.Strained(
+            coordinate.name, number, coordinate.off(float(pull)), stated, abs(coordinate.slope(0.0))
+        )
         if run < 0:
             common.append(known)
         else:
             of_runs.append(dataclasses.replace(known, run=inv.case.runs[run].name))
     return (
         *inv.preparation,
-        *told.noise_remarks(trial.scale.noise),
-        *told.starts_moving(inv.case, trial.scale.noise, base.predictions),
-        *told.nothing_moves(fitted),
-        *told.strained([*common, *of_runs]),
-        *told.out_of_range(inv.bench, trial),
-        *told.not_converged(fitted),
-        *told.badly_started(begun.pulls, inv.settings.start_reach),
-        *(told.extrapolated_sentence(one) for one in extrapolated),
+        *remarks.noise_remarks(trial.scale.noise),
+        *remarks.starts_moving(inv.case, trial.scale.noise, base.predictions),
+        *remarks.nothing_moves(fitted),
+        *remarks.strained([*common, *of_runs]),
+        *remarks.out_of_range(inv.space, trial),
+        *remarks.not_converged(fitted),
+        *remarks.badly_started(adjusted.pulls, inv.settings.start_reach),
+        *(remarks.extrapolated_sentence(one) for one in extrapolated),
     )
 
 
 def _law_source(inv: Workings, laws: Sequence[CurveFound]) -> str | None:
     if not laws:
         return None
-    return law_file(inv.bench.candidates[laws[0].label], laws[0].value, laws[0].at, inv.case.kind, inv.case.name)
+    return law_file(inv.space.candidates[laws[0].label], laws[0].value, laws[0].at, inv.case.kind, inv.case.name)

@@ -13,22 +13,22 @@ from jaxmodel.effects.curves import Curve
 
 def _values(inv: Workings, trial: Trial, label: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the values of a curve or law at its knots, and their sd."""
-    layout, candidate = inv.bench.layout, inv.bench.candidates[label]
+    layout, candidate = inv.space.layout, inv.space.candidates[label]
     places = list(layout.of[label])
     columns = slice(candidate.offset, candidate.offset + len(candidate.coordinates))
     mix = candidate.mix[:, columns]
     if candidate.law is not None:
         knots = inv.settings.law_knots
         mix = mix[candidate.law[0] * knots : (candidate.law[0] + 1) * knots]
-    own = list(trial.setting.own)
-    mine = [own.index(place) for place in places]
+    free = list(trial.setting.free)
+    mine = [free.index(place) for place in places]
     covariance = trial.fitted.covariance[np.ix_(mine, mine)]
     return mix @ trial.fitted.x[places], np.sqrt(np.maximum(np.diag(mix @ covariance @ mix.T), 0.0))
 
 
 def curve_found(inv: Workings, trial: Trial, label: str, removes: dict[str, Removed]) -> CurveFound:
     """Return by how much a table or relation is off, at its knots."""
-    candidate = inv.bench.candidates[label]
+    candidate = inv.space.candidates[label]
     effect = candidate.effect
     assert isinstance(effect, Curve)
     values, sd = _values(inv, trial, label)
@@ -40,7 +40,7 @@ def curve_found(inv: Workings, trial: Trial, label: str, removes: dict[str, Remo
 
 def law_found(inv: Workings, trial: Trial, label: str, removes: dict[str, Removed]) -> CurveFound:
     """Return a fitted unknown law at its knots."""
-    candidate = inv.bench.candidates[label]
+    candidate = inv.space.candidates[label]
     assert candidate.law is not None
     low, high = candidate.law[1][-4], candidate.law[1][-3]
     values, sd = _values(inv, trial, label)
@@ -73,7 +73,7 @@ def unknown_sentence(curve: CurveFound) -> str:
 
 def run_found(inv: Workings, trial: Trial, last: Rung, label: str, removes: dict[str, Removed]) -> RunFound:
     """Return a number of one run that differs from that of the others."""
-    candidate = inv.bench.candidates[label]
+    candidate = inv.space.candidates[label]
     run = inv.case.runs[candidate.run]
     coordinate = candidate.coordinates[0]
     estimate = last.estimates.get(f"{coordinate.name}[{run.name}]", Estimate(np.nan, np.nan, ""))

@@ -34,8 +34,8 @@ class Addition:
     trial: Trial
     gain: float
     odds: float
-    paid: float
-    expected: float
+    score_gain: float
+    expected_score_gain: float
     material: bool = True
     harmful: bool = False
     plausible: bool = True
@@ -49,35 +49,37 @@ class Addition:
     @property
     def merit(self) -> float:
         """Return by what additions that pass are ranked: the evidence, and what it pays on runs left out."""
-        return self.gain + max(self.paid, 0.0)
+        return self.gain + max(self.score_gain, 0.0)
 
-    def foretells(self, should_pay: float) -> bool:
+    def predicts_better(self, least_expected_score: float) -> bool:
         """Return True where runs left out are foretold better with it, or none of them could show it."""
-        return self.paid > 0.0 or self.expected < should_pay
+        return self.score_gain > 0.0 or self.expected_score_gain < least_expected_score
 
 
 def addition(inv: Workings, model: Trial, gain: Gain) -> Addition:
     """Return what the gates say of one addition, refitted under the model's weights."""
-    candidate = inv.bench.candidates[gain.label]
+    candidate = inv.space.candidates[gain.label]
     trial = inv.trial((*model.labels, gain.label), model, gain)
     if candidate.is_vector:
         trial = inv.at_its_best(trial)
-    paid, expected = pays(inv, trial, model)
+    score_gain, expected_score_gain = score_gains(inv, trial, model)
     gained = trial.log_evidence - model.log_evidence
     material, harmful = is_material(inv, trial, model), harms(inv, trial, model)
     plausible, obvious = is_plausible(inv, trial, gain.label), is_obvious(inv, trial, model)
     # Of a first one the odds are even: below them the answer is undecided, not adequate.
     odds = odds_of(inv, candidate, model) - (0.0 if model.labels else inv.settings.least_odds)
-    return Addition(gain.label, trial, gained, odds, paid, expected, material, harmful, plausible, obvious)
+    return Addition(
+        gain.label, trial, gained, odds, score_gain, expected_score_gain, material, harmful, plausible, obvious
+    )
 
 
 def odds_of(inv: Workings, candidate: Candidate, model: Trial) -> float:
     """Return the log odds that a candidate must gain beside a model: the fewer are like it, the less."""
     group = ("effect", "sensor") if candidate.group in ("effect", "sensor") else (candidate.group,)
-    rarer = inv.settings.rarer
-    alike = sum(np.exp(-rarer * _is_rare(one)) for one in inv.bench.candidates.values() if one.group in group)
-    unsure = inv.settings.beside_error if model.scale.error.sd else 0.0
-    return inv.settings.least_odds + float(np.log(max(1.0, alike))) + rarer * _is_rare(candidate) + unsure
+    rare_odds = inv.settings.rare_odds
+    alike = sum(np.exp(-rare_odds * _is_rare(one)) for one in inv.space.candidates.values() if one.group in group)
+    unsure = inv.settings.odds_beside_model_error if model.scale.error.sd else 0.0
+    return inv.settings.least_odds + float(np.log(max(1.0, alike))) + rare_odds * _is_rare(candidate) + unsure
 
 
 def _is_rare(candidate: Candidate) -> bool:
@@ -87,8 +89,8 @@ def _is_rare(candidate: Candidate) -> bool:
 
 def passes(inv: Workings, addition: Addition) -> bool:
     """Return True where an addition may enter."""
-    pays = addition.foretells(inv.settings.should_pay) and not addition.harmful
-    return addition.significant and pays and addition.material and addition.plausible
+    score_gains = addition.predicts_better(inv.settings.least_expected_score) and not addition.harmful
+    return addition.significant and score_gains and addition.material and addition.plausible
 
 
 def is_material(inv: Workings, trial: Trial, lacking: Trial) -> bool:
@@ -99,9 +101,9 @@ def is_material(inv: Workings, trial: Trial, lacking: Trial) -> bool:
     """
     settings, stated = inv.settings, inv.case.tolerance
     before, after = left_out_error(inv, lacking), left_out_error(inv, trial)
-    share = settings.least_share if len(lacking.labels) < 2 else settings.late_share
+    share = settings.least_share if len(lacking.labels) < 2 else settings.later_share
     fitted = inv.errors_of(lacking) ** 2 - inv.errors_of(trial) ** 2 if stated else np.zeros(0)
-    for place, channel in enumerate(inv.bench.coarse.channels):
+    for place, channel in enumerate(inv.space.coarse.channels):
         if channel in stated and channel in before:
             removed = float(np.mean(fitted[trial.scale.view.readings.channel == place]))
             if removed >= (settings.material_share * stated[channel].rms) ** 2:
@@ -122,7 +124,7 @@ def harms(inv: Workings, trial: Trial, lacking: Trial) -> bool:
     A channel may lose where all channels together gain: a cell that warms in the model too has other resistances.
     """
     before, after = _missed(inv, lacking), _missed(inv, trial)
-    together, most = share_left(inv, trial, lacking), 1.0 + inv.settings.worse
+    together, most = share_left(inv, trial, lacking), 1.0 + inv.settings.largest_increase
     return together > most or (together > 1.0 and bool(np.any(after > most * before)))
 
 
@@ -136,13 +138,13 @@ def share_left(inv: Workings, trial: Trial, lacking: Trial) -> float:
 
 def _missed(inv: Workings, trial: Trial) -> np.ndarray:
     """Return the error on what is left out by channel; what is small beside the tolerance counts as that small."""
-    return np.maximum(list(left_out_error(inv, trial).values()), 0.0) + inv.settings.negligible**2
+    return np.maximum(list(left_out_error(inv, trial).values()), 0.0) + inv.settings.negligible_share**2
 
 
 def is_plausible(inv: Workings, trial: Trial, label: str) -> bool:
     """Return True where an addition is about as large as physics knows it: of a curve, on the average of modes."""
-    x = trial.fitted.x[list(inv.bench.layout.of[label])]
-    size = np.sqrt(np.mean(x**2)) if inv.bench.candidates[label].is_vector else abs(x[0])
+    x = trial.fitted.x[list(inv.space.layout.of[label])]
+    size = np.sqrt(np.mean(x**2)) if inv.space.candidates[label].is_vector else abs(x[0])
     return float(size) <= inv.settings.implausible
 
 
@@ -154,8 +156,8 @@ def left_out_error(inv: Workings, trial: Trial) -> dict[str, float]:
     that ends where the cell is empty, and is foretold with another charge, would outweigh all others.
     """
     readings, found = trial.scale.view.readings, {}
-    beyond, block = inv.foretold(trial).errors ** 2 - readings.sd**2, readings.blocks(inv.pieces)
-    for place, channel in enumerate(inv.bench.coarse.channels):
+    beyond, block = inv.cross_validation(trial).errors ** 2 - readings.sd**2, readings.blocks(inv.pieces)
+    for place, channel in enumerate(inv.space.coarse.channels):
         mine = readings.channel == place
         if channel in inv.noise and mine.any():
             count = np.bincount(block[mine])
@@ -165,7 +167,7 @@ def left_out_error(inv: Workings, trial: Trial) -> dict[str, float]:
     return found
 
 
-def pays(inv: Workings, trial: Trial, lacking: Trial) -> tuple[float, float]:
+def score_gains(inv: Workings, trial: Trial, lacking: Trial) -> tuple[float, float]:
     """Return the log score that a model gains over another on what is left out, and what it should if it is true.
 
     Args:
@@ -173,6 +175,6 @@ def pays(inv: Workings, trial: Trial, lacking: Trial) -> tuple[float, float]:
         trial: the model.
         lacking: the other, under the same weights.
     """
-    own, others = inv.foretold(trial), inv.foretold(lacking).left_out
-    expected = expected_gain(trial.fitted, others, own.left_out, own.block)
-    return float(np.sum(own.left_out.log_score - others.log_score)), float(np.sum(expected))
+    own, others = inv.cross_validation(trial), inv.cross_validation(lacking).left_out
+    expected_score_gain = expected_gain(trial.fitted, others, own.left_out, own.block)
+    return float(np.sum(own.left_out.log_score - others.log_score)), float(np.sum(expected_score_gain))

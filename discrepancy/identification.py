@@ -189,7 +189,7 @@ def identify(
     say = progress or (lambda what: None)
     asked_case, assumed = asking_for(case, parameters)
     workings = Workings(asked_case)
-    labels = workings.bench.labels_to_add(add)
+    labels = workings.space.labels_to_add(add)
     say("calibrating")
     model, misfit = calibrated(workings, labels)
     found = identifiability(workings, model, misfit, assumed)

@@ -63,7 +63,7 @@ class Investigation(Workings):
     def extended_case(self) -> Case:
         """Return the case with the present model's numbers, effects and tables: it simulates and sweeps."""
         last, model = self.present(), self.model
-        group = {label: self.bench.candidates[label].group for label in model.labels}
+        group = {label: self.space.candidates[label].group for label in model.labels}
         curves = [curve_found(self, model, label, {}) for label in model.labels if group[label] == "curve"]
         runs = [run_found(self, model, last, label, {}) for label in model.labels if group[label] == "run"]
         return extended_case(self.case, last, curves, runs)[0]
@@ -95,7 +95,7 @@ class Investigation(Workings):
     def candidates(self) -> pd.DataFrame:
         """Return what could be added to the present model, by the log evidence that it promises to first order."""
         rows = [
-            (gain.label, self.bench.candidates[gain.label].group, gain.log_evidence, gain.chi2, gain.z)
+            (gain.label, self.space.candidates[gain.label].group, gain.log_evidence, gain.chi2, gain.z)
             for gain in self.linear(self.model).gains()
         ]
         return pd.DataFrame(rows, columns=["name", "group", "log_evidence", "chi2", "z"])
@@ -110,7 +110,7 @@ class Investigation(Workings):
         Raises:
             EffectError: a name is no candidate of this case, or a sensor's effect without its column.
         """
-        return self._go_to((*self._present, *self.bench.labels_to_add(names)))
+        return self._go_to((*self._present, *self.space.labels_to_add(names)))
 
     @one_thread_of_blas
     def drop(self, *names: str) -> Settled:
@@ -119,7 +119,7 @@ class Investigation(Workings):
         Raises:
             EffectError: a name is no candidate of this case.
         """
-        gone = self.bench.labels_of(names)
+        gone = self.space.labels_of(names)
         return self._go_to(tuple(label for label in self._present if label not in gone))
 
     def _go_to(self, labels: tuple[str, ...]) -> Settled:

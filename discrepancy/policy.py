@@ -85,8 +85,8 @@ def _additions(inv: Workings, model: Settled) -> tuple[list[Addition], list[Addi
     gains = [gain for gain in linear.gains() if _may_enter(inv, model, gain.label)]
 
     def promising(groups: Sequence[str], count: int) -> list[Gain]:
-        own = [gain for gain in gains if inv.bench.candidates[gain.label].group in groups]
-        return [g for g in own if g.log_evidence > 0.5 * odds_of(inv, inv.bench.candidates[g.label], model)][:count]
+        own = [gain for gain in gains if inv.space.candidates[gain.label].group in groups]
+        return [g for g in own if g.log_evidence > 0.5 * odds_of(inv, inv.space.candidates[g.label], model)][:count]
 
     def passing(some: Sequence[Addition]) -> list[Addition]:
         return sorted([one for one in some if passes(inv, one)], key=lambda one: (not one.obvious, -one.merit))
@@ -116,9 +116,9 @@ def _leading(inv: Workings, model: Settled, linear: Linear, gains: Sequence[Gain
     most = {"effect": inv.settings.leading_effects, "sensor": inv.settings.leading_faults}
     found: dict[str, Gain] = {}
     for own in linear.gains_by_channel():
-        likely = [one for one in own if one.log_evidence > odds_of(inv, inv.bench.candidates[one.label], model)]
+        likely = [one for one in own if one.log_evidence > odds_of(inv, inv.space.candidates[one.label], model)]
         for group, count in most.items():
-            mine = [one.label for one in likely if inv.bench.candidates[one.label].group == group]
+            mine = [one.label for one in likely if inv.space.candidates[one.label].group == group]
             found |= {label: together[label] for label in [one for one in mine if one in together][:count]}
     return list(found.values())
 
@@ -128,7 +128,7 @@ def _first_that_holds(
 ) -> tuple[Addition, Settled] | tuple[None, None]:
     """Return the first addition that passes under weights of its own too, as large as it then is, and its model."""
     for one in passing:
-        inv.tell(f"adding {one.label}")
+        inv.report(f"adding {one.label}")
         added = inv.settled(one.trial.labels, one.trial)
         if is_plausible(inv, added, one.label) and not harms(inv, added, model):
             return one, added
@@ -143,18 +143,18 @@ def _refitted(inv: Workings, model: Settled, gains: Sequence[Gain]) -> list[Addi
         best = max((one.gain for one in found if passes(inv, one)), default=0.0)
         if best > CLEARLY * max(0.0, *(gain.log_evidence for gain in gains[place:])):
             break
-        inv.tell(f"refitting with {', '.join(gain.label for gain in some)}")
+        inv.report(f"refitting with {', '.join(gain.label for gain in some)}")
         found += at_once(lambda gain: addition(inv, model, gain), some)
     return found
 
 
 def _may_enter(inv: Workings, model: Settled, label: str) -> bool:
     """Return True where a candidate may be tried: of a temperature's curve only beside the law that it departs from."""
-    candidate = inv.bench.candidates[label]
+    candidate = inv.space.candidates[label]
     if candidate.group == "curve" and candidate.over == "cell_temperature_degC":
-        return "arrhenius_resistance" in model.labels or "arrhenius_resistance" not in inv.bench.candidates
+        return "arrhenius_resistance" in model.labels or "arrhenius_resistance" not in inv.space.candidates
     if label == "arrhenius_polarisation":  # it tells apart two energies of which the first is that of all resistances
-        return "arrhenius_resistance" in model.labels or "arrhenius_resistance" not in inv.bench.candidates
+        return "arrhenius_resistance" in model.labels or "arrhenius_resistance" not in inv.space.candidates
     return True
 
 
@@ -177,11 +177,11 @@ def _without_what_is_idle(
         without = at_once(partial(_lacking, inv, model), others)
         lost = {label: model.log_evidence - one.log_evidence for label, one in zip(others, without, strict=True)}
         needed |= lost
-        label = min(others, key=lambda one: lost[one] - odds_of(inv, inv.bench.candidates[one], model))
+        label = min(others, key=lambda one: lost[one] - odds_of(inv, inv.space.candidates[one], model))
         alone = inv.settings.least_odds if len(model.labels) == 1 else 0.0
-        if lost[label] > odds_of(inv, inv.bench.candidates[label], model) - alone:
+        if lost[label] > odds_of(inv, inv.space.candidates[label], model) - alone:
             return model
-        inv.tell(f"dropping {label}")
+        inv.report(f"dropping {label}")
         model = inv.settled(without[others.index(label)].labels, without[others.index(label)])
 
 
@@ -207,14 +207,14 @@ def _swapped(inv: Workings, model: Settled, keep: Sequence[str]) -> Settled:
         better = [one for one in better if passes(inv, one) and not harms(inv, one.trial, model)]
         if better:
             best = max(better, key=lambda one: one.gain)
-            inv.tell(f"taking {best.label} in place of {label}")
+            inv.report(f"taking {best.label} in place of {label}")
             model = inv.settled(best.trial.labels, best.trial)
     return model
 
 
 def _swap_price(inv: Workings, label: str, other: Addition) -> float:
     """Return what another must gain over what is there: little, but for a curve or a run in an effect's place."""
-    groups = [inv.bench.candidates[one].group for one in (label, other.label)]
+    groups = [inv.space.candidates[one].group for one in (label, other.label)]
     new = groups[1] not in ("effect", "sensor") and groups[0] in ("effect", "sensor")
     return inv.settings.least_odds + (0.3 * max(other.gain, 0.0) if new else 0.0)
 
@@ -224,13 +224,13 @@ def _laws(inv: Workings, model: Settled) -> tuple[tuple[Addition, ...], Settled]
     if not model.scale.error.sd or not _worth_a_law(inv, model):
         return (), model
     linear = inv.linear_at(model, groups=("law",))
-    gains = [one for one in linear.gains() if one.log_evidence > odds_of(inv, inv.bench.candidates[one.label], model)]
-    of_clock = [one for one in gains if inv.bench.candidates[one.label].over == CLOCK]
+    gains = [one for one in linear.gains() if one.log_evidence > odds_of(inv, inv.space.candidates[one.label], model)]
+    of_clock = [one for one in gains if inv.space.candidates[one.label].over == CLOCK]
     for some in ([one for one in gains if one not in of_clock], of_clock):
         if not some:
             continue
         chosen = some[: inv.settings.refitted_laws]
-        inv.tell(f"refitting the law {', '.join(one.label for one in chosen)}")
+        inv.report(f"refitting the law {', '.join(one.label for one in chosen)}")
         tried = at_once(lambda gain: addition(inv, model, gain), chosen)
         passing = sorted([one for one in tried if passes(inv, one)], key=lambda one: -one.gain)
         if passing:
@@ -263,13 +263,13 @@ def _weighed(inv: Workings, model: Settled, keep: Sequence[str]) -> list[Trial]:
         lacking = _lacking(inv, model, label)
         found.append(lacking)
         near = [gain for gain in inv.gains_at(lacking) if gain.label not in model.labels]
-        near = [gain for gain in near if inv.bench.candidates[gain.label].group in ("effect", "sensor")]
+        near = [gain for gain in near if inv.space.candidates[gain.label].group in ("effect", "sensor")]
         needed = model.log_evidence - lacking.log_evidence
         near = [gain for gain in near if gain.log_evidence > needed - 20.0][:3]
         found += at_once(partial(_with, inv, lacking), near) if near else []
     if not model.labels:
         gains = [
-            one for one in inv.linear(model).gains() if inv.bench.candidates[one.label].group in ("effect", "sensor")
+            one for one in inv.linear(model).gains() if inv.space.candidates[one.label].group in ("effect", "sensor")
         ]
         near = [gain for gain in gains if gain.log_evidence > -3.0][:3]
         found += at_once(lambda gain: inv.trial((gain.label,), model, gain), near) if near else []

@@ -30,7 +30,7 @@ _STARTS = ("initial_soc", "initial_temperature_rise_K", "initial_hysteresis")
 
 
 @dataclasses.dataclass(frozen=True)
-class Started:
+class AdjustedStarts:
     """A model with the starts of check runs adjusted on their first readings.
 
     Attributes:
@@ -42,22 +42,22 @@ class Started:
     pulls: dict[str, float]
 
 
-def started(inv: Workings, trial: Trial) -> Started:
+def with_adjusted_starts(inv: Workings, trial: Trial) -> AdjustedStarts:
     """Return a model whose check runs start as their first readings tell, within what is stated of their start.
 
     The readings that they judge have no part in it: those first ones are left out of the errors.
     """
-    layout, settings = inv.bench.layout, inv.settings
+    layout, settings = inv.space.layout, inv.settings
     checks = [number for number, run in enumerate(inv.case.runs) if run.split == "check"]
     own = [p for p in range(layout.base) if layout.runs[p] in checks and layout.coordinates[p].name in _STARTS]
     if not own:
-        return Started(trial.fitted.x, {})
+        return AdjustedStarts(trial.fitted.x, {})
     rows = {number: first_rows(inv, number) for number in checks}
-    channels = inv.bench.coarse.channels
+    channels = inv.space.coarse.channels
     readings = collect(inv.case, trial.scale.noise, channels, checks, None, settings, rows)
     if not readings.count:
-        return Started(trial.fitted.x, {})
-    view = View(inv.bench, readings)
+        return AdjustedStarts(trial.fitted.x, {})
+    view = View(inv.space, readings)
     x = fit(view, trial.setting, Weights(readings, NONE), trial.fitted.x, free=own).x
     pulls = {
         inv.case.runs[number].name: float(
@@ -67,7 +67,7 @@ def started(inv: Workings, trial: Trial) -> Started:
         if any(layout.runs[p] == number for p in own)
     }
     x[own] = np.clip(x[own], -settings.start_reach, settings.start_reach)
-    return Started(x, pulls)
+    return AdjustedStarts(x, pulls)
 
 
 def first_rows(inv: Workings, number: int) -> slice:
@@ -80,17 +80,17 @@ def nominal(inv: Workings) -> Rung:
     """Return the base model at its nominal parameters."""
     base = inv.base
     x = np.zeros_like(base.fitted.x)
-    predicted = inv.bench.predicted(base.setting, x)
-    by_run = inv.bench.by_run(predicted)
+    predicted = inv.space.predicted(base.setting, x)
+    by_run = inv.space.by_run(predicted)
     errors = {name: _errors(inv, name, by_run, by_run) for name in inv.noise}
     return Rung("nominal", (), {}, (), errors, by_run, float("nan"), base.fitted.rows.size)
 
 
-def rung(inv: Workings, name: str, trial: Trial, begun: Started | None = None) -> Rung:
+def rung(inv: Workings, name: str, trial: Trial, adjusted: AdjustedStarts | None = None) -> Rung:
     """Return one model of the ladder, with its errors on fitted and on held-out runs."""
-    begun = begun or started(inv, trial)
-    by_run = inv.bench.by_run(inv.bench.predicted(trial.setting, begun.x))
-    as_stated = inv.bench.by_run(inv.bench.predicted(trial.setting, trial.fitted.x))
+    adjusted = adjusted or with_adjusted_starts(inv, trial)
+    by_run = inv.space.by_run(inv.space.predicted(trial.setting, adjusted.x))
+    as_stated = inv.space.by_run(inv.space.predicted(trial.setting, trial.fitted.x))
     estimates, far = estimates_of(inv, trial)
     return Rung(
         name=name,
@@ -134,14 +134,14 @@ def _errors(
 
 def estimates_of(inv: Workings, trial: Trial) -> tuple[dict[str, Estimate], tuple[str, ...]]:
     """Return a model's calibrated numbers by name, and those that are far from what is known of them."""
-    units = {name: info.unit for name, info in parameter_table(inv.bench.coarse.models).items()}
-    for candidate in inv.bench.candidates.values():
+    units = {name: info.unit for name, info in parameter_table(inv.space.coarse.models).items()}
+    for candidate in inv.space.candidates.values():
         label = candidate.effect.label
         units |= {f"{label}.{name}": info.unit for name, info in describe(candidate.effect).items()}
-    layout, fitted = inv.bench.layout, trial.fitted
+    layout, fitted = inv.space.layout, trial.fitted
     estimates, far = {}, []
     knots = {place for _, first, last, _ in layout.vectors for place in range(first, last)}
-    for place, sd, pull in zip(trial.setting.own, trial.sd, fitted.pulls, strict=True):
+    for place, sd, pull in zip(trial.setting.free, trial.sd, fitted.pulls, strict=True):
         coordinate, run = layout.coordinates[place], layout.runs[place]
         if place in knots:
             continue

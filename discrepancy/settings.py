@@ -21,18 +21,18 @@ class Settings:
     fewest_for_noise: int = _constant(50, "readings from which a scatter may contradict a stated sd")
 
     # Error of the model: an Ornstein-Uhlenbeck process for each channel and run.
-    memory_s: tuple[float, ...] = _constant(
+    correlation_times_s: tuple[float, ...] = _constant(
         (10.0, 30.0, 100.0),
         "correlation times tried",
         "assumed; of longer ones an error of a whole run costs nothing, and a fit lets it grow",
     )
-    memory_median_s: float = _constant(170.0, "median of the prior of the correlation time", "design")
-    memory_spread: float = _constant(1.2, "sd of its logarithm", "design")
+    correlation_time_median_s: float = _constant(170.0, "median of the prior of the correlation time", "design")
+    correlation_time_spread: float = _constant(1.2, "sd of its logarithm", "design")
     error_from_run_to_run: float = _constant(0.7, "sd of the logarithm of a run's model error about that of all runs")
     least_error_share: float = _constant(
         0.3, "share of the tolerance, stated or assumed, up to which a model error that is there is raised"
     )
-    error_raised: float = _constant(3.0, "times its most probable size, at most, to which it is raised")
+    largest_raise: float = _constant(3.0, "times its most probable size, at most, to which it is raised")
     least_error_gain: float = _constant(
         6.0, "log likelihood that a model error must gain before it is believed", "two numbers at p = 0.002"
     )
@@ -53,32 +53,32 @@ class Settings:
     refitted_laws: int = _constant(2, "unknown laws refitted in a round where nothing else is left")
     most_rounds: int = _constant(10, "rounds after which the loop stops whatever is left")
     least_odds: float = _constant(1.0, "log odds that evidence must give beyond the count of candidates", "3 to 1")
-    rarer: float = _constant(3.0, "log odds against what benches show more rarely", "20 to 1, assumed")
-    beside_error: float = _constant(
+    rare_odds: float = _constant(3.0, "log odds against what benches show more rarely", "20 to 1, assumed")
+    odds_beside_model_error: float = _constant(
         5.0, "log odds more, where a model error is there: that it is an Ornstein-Uhlenbeck process is not known"
     )
     preference: float = _constant(
         0.25, "an effect that gains this share of what the best curve gains goes before it", "a curve is no new physics"
     )
-    should_pay: float = _constant(
+    least_expected_score: float = _constant(
         6.0, "log score that an addition should bring on runs left out before it is refused for not bringing any"
     )
     implausible: float = _constant(
         4.0,
         "sd of its prior beyond which the size of an addition is none that physics knows, and stands in for another",
     )
-    worse: float = _constant(
+    largest_increase: float = _constant(
         0.1, "share by which the error on runs left out, in units of tolerances, may rise with an addition"
     )
     obvious: float = _constant(
         0.3, "share of a channel's error on runs left out that is left by what is added before all others"
     )
-    negligible: float = _constant(0.5, "share of a tolerance below which such an error does not count")
+    negligible_share: float = _constant(0.5, "share of a tolerance below which such an error does not count")
     material_share: float = _constant(0.1, "share of a tolerance that an addition must take off an error", "design")
     least_share: float = _constant(
         0.2, "share of a channel's error beyond noise that an addition must take where no tolerance is stated"
     )
-    late_share: float = _constant(0.3, "the same beside two additions or more: many small ones are a patchwork")
+    later_share: float = _constant(0.3, "the same beside two additions or more: many small ones are a patchwork")
     law_share: float = _constant(0.25, "share of a channel's error that is left above which an unknown law is sought")
     faint_law: float = _constant(0.02, "and above which it is sought where what is left is near the noise")
     near_noise: float = _constant(5.0, "times the noise up to which what is left is near it")

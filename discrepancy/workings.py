@@ -8,15 +8,15 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from discrepancy.evidence.foretold import Foretold, foretold
+from discrepancy.evidence.cross_validation import CrossValidation, cross_validate
 from discrepancy.evidence.left_out import Blocks
 from discrepancy.evidence.linear import AMPLITUDES, Gain, Linear
 from discrepancy.evidence.trial import Scale, Settled, Trial
 from discrepancy.fitting.fit import COMPARED, FLAT, SETTLED, Fit, fit
 from discrepancy.fitting.lanes import at_once
 from discrepancy.fitting.layout import BASE
-from discrepancy.fitting.model import Bench, Labels, Setting, View
-from discrepancy.fitting.passed_on import noise_passed_on
+from discrepancy.fitting.model import Labels, ModelSpace, Setting, View
+from discrepancy.fitting.noise_propagation import propagated_noise
 from discrepancy.fitting.readings import Weights, collect
 from discrepancy.fitting.starts import faintest, likeliest_of_some, over_the_ridges
 from discrepancy.noise.contract import noise_of_case
@@ -79,16 +79,16 @@ class Workings:
         self.settings, self._progress = settings, progress
         self.case, self.preparation = prepared(case)
         self.noise = noise_of_case(self.case)
-        self.bench = Bench(self.case, without, settings)
+        self.space = ModelSpace(self.case, without, settings)
         self.fit_runs = [number for number, run in enumerate(self.case.runs) if run.split == "fit"]
         if not any(name in self.case.runs[number].measured.outputs for name in self.noise for number in self.fit_runs):
             raise FitError(f"{self.case.label}: {_why_no_readings(self.case)}.")
         self._settled: dict[Labels, Settled] = {}
         self._trials: dict[tuple, Trial] = {}
         self._gains: dict[int, tuple[Trial, list[Gain]]] = {}
-        self._foretold: dict[int, Foretold] = {}
+        self._cross_validations: dict[int, CrossValidation] = {}
 
-    def tell(self, what: str) -> None:
+    def report(self, what: str) -> None:
         """Tell what is being done, if anybody listens."""
         if self._progress is not None:
             self._progress(what)
@@ -98,7 +98,7 @@ class Workings:
     def _scale(self, noise: Mapping[str, NoiseModel], error: ModelError, inputs: InputNoise | None) -> Scale:
         channels = KINDS[self.case.kind].outputs
         readings = collect(self.case, noise, channels, self.fit_runs, inputs, self.settings)
-        return Scale(noise, View(self.bench, readings), Weights(readings, error))
+        return Scale(noise, View(self.space, readings), Weights(readings, error))
 
     @functools.cached_property
     def first_scale(self) -> Scale:
@@ -108,14 +108,14 @@ class Workings:
     @functools.cached_property
     def base(self) -> Settled:
         """Return the calibrated base model under its own weights."""
-        self.tell("calibrating the base model")
+        self.report("calibrating the base model")
         scale = self.first_scale
-        setting = self.bench.setting(())
-        starts = [np.zeros(self.bench.layout.size), likeliest_of_some(scale.view, setting, scale.weights)]
+        setting = self.space.setting(())
+        starts = [np.zeros(self.space.layout.size), likeliest_of_some(scale.view, setting, scale.weights)]
         tried = at_once(lambda start: fit(scale.view, setting, scale.weights, start, steps=FIRST_STEPS), starts)
         found = Trial(setting, {}, min(tried, key=lambda one: one.objective), scale)
         if noisy_inputs(self.case):
-            noise, inputs = noise_passed_on(self.case, scale.noise, self.bench, setting, found.fitted.x)
+            noise, inputs = propagated_noise(self.case, scale.noise, self.space, setting, found.fitted.x)
             self.noise = noise
             scale = self._scale(noise, NONE, inputs)
             found = self._refitted(found, scale)
@@ -123,7 +123,7 @@ class Workings:
 
     def settled(self, labels: Sequence[str], start: Trial | None = None) -> Settled:
         """Return a model under its own weights; the same whichever way one came to it."""
-        key = self.bench.key(labels)
+        key = self.space.key(labels)
         if not key:
             return self.base
         if key not in self._settled:
@@ -158,7 +158,7 @@ class Workings:
 
         Under the large model error of a model far off nothing is worth adding: as it falls more is.
         """
-        least, scale = self.settings.least_odds + np.log(max(1, len(self.bench.candidates))), trial.scale
+        least, scale = self.settings.least_odds + np.log(max(1, len(self.space.candidates))), trial.scale
         for _ in range(_MOST_FALLS):
             left = self._linear(dataclasses.replace(trial, scale=scale), screened).richest(least)
             before, scale = scale.error, self._beside(scale, left)
@@ -167,9 +167,9 @@ class Workings:
         return scale
 
     def _linear(self, trial: Trial, screened: Screen) -> Linear:
-        pulls = trial.fitted.x[list(trial.setting.own)]
-        is_common = np.array([self.bench.layout.runs[place] < 0 for place in trial.setting.own])
-        return Linear(screened, trial.scale.weights, self.bench.candidates, pulls, is_common)
+        pulls = trial.fitted.x[list(trial.setting.free)]
+        is_common = np.array([self.space.layout.runs[place] < 0 for place in trial.setting.free])
+        return Linear(screened, trial.scale.weights, self.space.candidates, pulls, is_common)
 
     def linear(self, settled: Settled) -> Linear:
         """Return what every candidate promises beside a settled model."""
@@ -195,16 +195,16 @@ class Workings:
         settings = self.settings
         return max(settings.left_out_blocks, -(-settings.fewest_blocks // len(self.fit_runs)))
 
-    def foretold(self, trial: Trial) -> Foretold:
-        """Return what a model says of each piece of each run when the others are fitted, kept once it was asked."""
-        if id(trial) not in self._foretold:
-            self._foretold[id(trial)] = foretold(trial, self.pieces)
-        return self._foretold[id(trial)]
+    def cross_validation(self, trial: Trial) -> CrossValidation:
+        """Return what a model predicts of each piece of each run when the others are fitted; computed once."""
+        if id(trial) not in self._cross_validations:
+            self._cross_validations[id(trial)] = cross_validate(trial, self.pieces)
+        return self._cross_validations[id(trial)]
 
     def errors_of(self, trial: Trial) -> np.ndarray:
         """Return measured less predicted of the fitted readings, in the channels' units."""
         view = trial.scale.view
-        return view.readings.value - view.at(self.bench.problem(trial.setting), [trial.setting.lane(trial.fitted.x)])[0]
+        return view.readings.value - view.at(self.space.problem(trial.setting), [trial.setting.lane(trial.fitted.x)])[0]
 
     @staticmethod
     def _as_stated(trial: Trial) -> Fit:
@@ -231,7 +231,7 @@ class Workings:
             channels = KINDS[self.case.kind].outputs
             fresh = collect(self.case, noise, channels, self.fit_runs, None, self.settings)
             readings = dataclasses.replace(fresh, shared=shared)
-            scale = Scale(noise, View(self.bench, readings), scale.weights)
+            scale = Scale(noise, View(self.space, readings), scale.weights)
         pieces = readings.pieces(_MOST_OF_A_SERIES)
         return scale.with_error(estimate(pieces, readings.differenced(left), self.tolerances, self.settings))
 
@@ -267,26 +267,26 @@ class Workings:
             gain: what the addition promises, for where to begin.
             amplitudes: of curves and laws.
         """
-        key = self.bench.key(labels)
+        key = self.space.key(labels)
         scale = beside.scale
         own = {label: a for label, a in {**beside.amplitudes, **(amplitudes or {})}.items() if label in key}
-        if gain is not None and self.bench.candidates[gain.label].is_vector:
+        if gain is not None and self.space.candidates[gain.label].is_vector:
             own[gain.label] = gain.amplitude
         known = (id(scale.weights), key, tuple(sorted(own.items())))
         if known in self._trials:
             return self._trials[known]
-        setting = self.bench.setting(key, own)
-        begin = {name: x for name, x in beside.start(self.bench).items() if name == BASE or name in key}
+        setting = self.space.setting(key, own)
+        begin = {name: x for name, x in beside.start(self.space).items() if name == BASE or name in key}
         new = [label for label in key if label not in begin]
         for label in new:
-            candidate = self.bench.candidates[label]
+            candidate = self.space.candidates[label]
             if gain is not None and gain.label == label:
                 begin[label] = gain.start
             else:
                 begin[label] = np.zeros(len(candidate.coordinates)) if candidate.is_vector else self._first_start(label)
-        first = self.bench.layout.at(begin)
+        first = self.space.layout.at(begin)
         if gain is not None:
-            first[list(beside.setting.own)] += gain.base_step
+            first[list(beside.setting.free)] += gain.base_step
         best = self._calibrated(setting, scale, first, bool(new) and gain is None)
         reference = beside.fitted.objective if set(beside.labels) <= set(key) else np.inf
         promised = REACHED * gain.chi2 if gain is not None else 0.0
@@ -294,22 +294,22 @@ class Workings:
             # The first amplitude was too far from the right one, or the numbers had gone too far to hide what lacked:
             # let what was there follow.
             begin[BASE] = np.clip(begin[BASE], -_NOT_STRAINED, _NOT_STRAINED)
-            best = min(best, self._calibrated(setting, scale, self.bench.layout.at(begin), True), key=_objective)
-            for label in [one for one in new if self.bench.candidates[one].group in ("effect", "sensor")]:
-                probes = self.bench.candidates[label].probes
+            best = min(best, self._calibrated(setting, scale, self.space.layout.at(begin), True), key=_objective)
+            for label in [one for one in new if self.space.candidates[one].group in ("effect", "sensor")]:
+                probes = self.space.candidates[label].probes
                 if best.objective > reference - promised:
                     # Too far may be over a cliff, as where a cell is emptied in the model and not on the bench.
                     middle = begin | {label: np.array(probes[len(probes) // 2], dtype=float)}
-                    again = self._calibrated(setting, scale, self.bench.layout.at(middle), False)
+                    again = self._calibrated(setting, scale, self.space.layout.at(middle), False)
                     best = min(best, again, key=_objective)
         if best.objective > reference and new:
             # An effect can always be faint: a fit worse than without it failed, and is no evidence against it.
-            faint = {label: faintest(self.bench.candidates[label]) for label in new}
-            start = self.bench.layout.at(begin | faint)
+            faint = {label: faintest(self.space.candidates[label]) for label in new}
+            start = self.space.layout.at(begin | faint)
             best = min(best, self._calibrated(setting, scale, start, True), key=_objective)
         for label in key:
-            if self.bench.candidates[label].reach:
-                best = over_the_ridges(scale.view, setting, scale.weights, self.bench.candidates[label], best)
+            if self.space.candidates[label].reach:
+                best = over_the_ridges(scale.view, setting, scale.weights, self.space.candidates[label], best)
         found = Trial(setting, own, best, scale)
         self._trials[known] = found
         return found
@@ -319,7 +319,7 @@ class Workings:
         for gain in self.base_gains:
             if gain.label == label:
                 return gain.start
-        return np.array(self.bench.candidates[label].probes[0], dtype=float)
+        return np.array(self.space.candidates[label].probes[0], dtype=float)
 
     @functools.cached_property
     def base_gains(self) -> list[Gain]:
@@ -329,7 +329,7 @@ class Workings:
     def _calibrated(self, setting: Setting, scale: Scale, start: np.ndarray, is_new: bool) -> Fit:
         """Let the base model follow what is new at its first amplitude, then free all."""
         if is_new:
-            base = range(self.bench.layout.base)
+            base = range(self.space.layout.base)
             start = fit(scale.view, setting, scale.weights, start, steps=FOLLOWING_STEPS, free=base).x
         return fit(scale.view, setting, scale.weights, start, flat=COMPARED, steps=COMPARING_STEPS)
 
@@ -341,11 +341,11 @@ class Workings:
 
     def at_its_best(self, trial: Trial) -> Trial:
         """Return a model with its curves' priors as wide as foretells runs left out best, fitted anew if need be."""
-        curves = [label for label in trial.labels if self.bench.candidates[label].is_vector]
+        curves = [label for label in trial.labels if self.space.candidates[label].is_vector]
         amplitudes = {label: self._best_amplitude(trial, label) for label in curves}
         if all(amplitudes[label] == trial.amplitudes.get(label, 1.0) for label in curves):
             return trial
-        setting = self.bench.setting(trial.labels, amplitudes)
+        setting = self.space.setting(trial.labels, amplitudes)
         fitted = fit(trial.scale.view, setting, trial.scale.weights, trial.fitted.x, flat=COMPARED)
         return Trial(setting, amplitudes, fitted, trial.scale)
 
@@ -355,13 +355,13 @@ class Workings:
         A wide prior that foretells badly and knows it may have the best score; it is not taken where the error on runs
         left out rises above that of the narrowest one.
         """
-        mine = np.isin(list(trial.setting.own), list(self.bench.layout.of[label]))
+        mine = np.isin(list(trial.setting.free), list(self.space.layout.of[label]))
         blocks = Blocks.of(trial.fitted, trial.scale.pieces(self.pieces))
         found = []
         for amplitude in AMPLITUDES:
             scores, missed = blocks.under(np.where(mine, amplitude, trial.fitted.prior_sd)).left()
             found.append((float(np.sum(scores)), amplitude, float(np.sum(missed))))
-        most = (1.0 + self.settings.worse) * found[0][2]
+        most = (1.0 + self.settings.largest_increase) * found[0][2]
         return max((score, amplitude) for score, amplitude, missed in found if missed <= most)[1]
 
 

@@ -111,9 +111,9 @@ class Effect(eqx.Module):
     kinds: ClassVar[tuple[str, ...]]
     equation: ClassVar[str]
     is_sensor: ClassVar[bool] = False
-    has_memory: ClassVar[bool] = False
+    has_state: ClassVar[bool] = False
     reads: ClassVar[str] = ""
-    told_by: ClassVar[str] = ""
+    distinguished_by: ClassVar[str] = ""
 
     column: str = eqx.field(static=True, default="")
     switch: Scalar | None = None

@@ -37,14 +37,14 @@ def distort(
     sensors = _sensors(model)
     if not sensors:
         return readings
-    if memory is None or not any(effect.has_memory for effect in sensors):
+    if memory is None or not any(effect.has_state for effect in sensors):
         return _distort(sensors, model, readings, states, course)
     return _distort_if_needed(memory, model, readings, states, course)
 
 
 def looks_back(model: Model) -> bool:
     """Return True where a sensor of the model has a memory, which asks for the states of the whole run."""
-    return any(effect.has_memory for effect in _sensors(model))
+    return any(effect.has_state for effect in _sensors(model))
 
 
 def _sensors(model: Model) -> tuple[Effect, ...]:
@@ -54,7 +54,7 @@ def _sensors(model: Model) -> tuple[Effect, ...]:
 @eqx.filter_custom_jvp
 def _distort_if_needed(memory: Array, model: Model, *given) -> dict[str, Array]:
     sensors = _sensors(model)
-    forgetful = tuple(effect for effect in sensors if not effect.has_memory)
+    forgetful = tuple(effect for effect in sensors if not effect.has_state)
     return jax.lax.cond(memory, lambda: _distort(sensors, model, *given), lambda: _distort(forgetful, model, *given))
 
 
@@ -70,7 +70,7 @@ def _distort(
     sensors: tuple[Effect, ...], model: Model, readings: dict[str, Array], states: State, course: Track
 ) -> dict[str, Array]:
     signals = {}
-    if any(effect.has_memory for effect in sensors):
+    if any(effect.has_state for effect in sensors):
         before = {name: values[:-1] for name, values in states.items()}
         after = {name: values[1:] for name, values in states.items()}
         during = {name: values[1:] for name, values in course.inputs.items()}

@@ -248,7 +248,7 @@ def calibrated(investigation: Workings, labels: Sequence[str] = ()) -> tuple[Tri
     """
     found: Trial = investigation.settled(labels)
     readings, setting = found.scale.view.readings, found.setting
-    problem, weights = investigation.bench.problem(setting), Weights(readings, NONE)
+    problem, weights = investigation.space.problem(setting), Weights(readings, NONE)
     left = errors_at(found.scale.view, problem, setting, found.fitted.x[None])[:, 0]
     misfit = float(np.sqrt(np.mean(weights.whiten(left) ** 2)))
     for _ in range(_REWEIGHTINGS if misfit > MISFIT else 0):
@@ -280,26 +280,26 @@ def identifiability(
         misfit: how far it misses the data, in sd of the noise.
         assumed: names of unknowns whose prior is none of the case's.
     """
-    case, bench, fitted, own = investigation.case, investigation.bench, trial.fitted, trial.setting.own
-    layout, fit_runs, sensors = bench.layout, investigation.fit_runs, tuple(investigation.noise)
+    case, space, fitted, free = investigation.case, investigation.space, trial.fitted, trial.setting.free
+    layout, fit_runs, sensors = space.layout, investigation.fit_runs, tuple(investigation.noise)
     parts = _parts(trial, fit_runs, sensors)
-    told = np.diag(parts.sum(axis=0))
+    information = np.diag(parts.sum(axis=0))
     # What belongs to a check run is not asked of the fit runs.
     kept = [
         i
-        for i, place in enumerate(own)
+        for i, place in enumerate(free)
         if (layout.runs[place] < 0 or layout.runs[place] in fit_runs)
-        and not (layout.coordinates[place].name in _UNSTATED_STARTS and told[i] < _NOTHING)
+        and not (layout.coordinates[place].name in _UNSTATED_STARTS and information[i] < _NOTHING)
     ]
-    coordinates, x = [layout.coordinates[own[i]] for i in kept], [fitted.x[own[i]] for i in kept]
+    coordinates, x = [layout.coordinates[free[i]] for i in kept], [fitted.x[free[i]] for i in kept]
     values = np.array([one.number(at) for one, at in zip(coordinates, x, strict=True)])
     prior_sd = np.array([one.slope(at) for one, at in zip(coordinates, x, strict=True)]) * fitted.prior_sd[kept]
     proportional = tuple(_is_proportional(one.name, value) for one, value in zip(coordinates, values, strict=True))
-    units = {name: known.unit for name, known in parameter_table(bench.coarse.models).items()}
+    units = {name: known.unit for name, known in parameter_table(space.coarse.models).items()}
     names = names_of(investigation)
     return Identifiability(
         case=case.name,
-        information=Information(tuple(names[own[i]] for i in kept), parts[:, kept][:, :, kept]),
+        information=Information(tuple(names[free[i]] for i in kept), parts[:, kept][:, :, kept]),
         runs=tuple(case.runs[number].name for number in fit_runs),
         sensors=sensors,
         values=values,
@@ -318,7 +318,7 @@ def _is_proportional(name: str, number: float) -> bool:
 
 def names_of(investigation: Workings) -> tuple[str, ...]:
     """Return the names of all unknowns, those of one run with its name in brackets."""
-    layout, runs = investigation.bench.layout, investigation.case.runs
+    layout, runs = investigation.space.layout, investigation.case.runs
     return tuple(
         name + (f"[{runs[run].name}]" if run >= 0 else "") for name, run in zip(layout.names, layout.runs, strict=True)
     )
@@ -346,11 +346,11 @@ def profile_likelihood(
         reach: to how many sd on either side.
         places: how many, an odd number.
     """
-    best, own, number = trial.fitted, list(trial.setting.own), names_of(investigation).index(name)
+    best, free, number = trial.fitted, list(trial.setting.free), names_of(investigation).index(name)
     view, weights = trial.scale.view, trial.scale.weights
-    others = [place for place in own if place != number]
+    others = [place for place in free if place != number]
     offsets = np.linspace(-reach, reach, places)
-    sd = float(best.sd()[own.index(number)])
+    sd = float(best.sd()[free.index(number)])
     xs = best.x[number] + offsets * sd
     middle = places // 2
     fits = [best] * places
@@ -360,9 +360,9 @@ def profile_likelihood(
             start = at.x.copy()
             start[number] = xs[place]
             at = fits[place] = fit(view, trial.setting, weights, start, free=others)
-    coordinate = investigation.bench.layout.coordinates[number]
+    coordinate = investigation.space.layout.coordinates[number]
     # Its own prior counts, though a fit with the unknown held does not count it.
-    chi2 = np.array([one.chi2 + float(np.sum((one.x[own] / best.prior_sd) ** 2)) for one in fits])
+    chi2 = np.array([one.chi2 + float(np.sum((one.x[free] / best.prior_sd) ** 2)) for one in fits])
     rise = chi2 - chi2[middle]
     return Profiled(
         name=name,

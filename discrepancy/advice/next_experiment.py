@@ -14,10 +14,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from discrepancy.evidence.trial import Scale, Trial
-from discrepancy.fitting.fit import raw_look
+from discrepancy.fitting.fit import errors_and_jacobian
 from discrepancy.fitting.lanes import predictions
 from discrepancy.fitting.layout import Layout
-from discrepancy.fitting.model import Bench, Setting, View
+from discrepancy.fitting.model import ModelSpace, Setting, View
 from discrepancy.fitting.problem import Problem, make_problem
 from discrepancy.fitting.readings import Readings, Weights, collect
 from discrepancy.noise.model_error import NONE
@@ -68,15 +68,15 @@ def propose(investigation: Workings, rivals: Sequence[Trial]) -> tuple[Proposal,
     """
     if len(rivals) < 2:
         return ()
-    bench = investigation.bench
-    designs = list(bank(bench.case))
-    seen = _foreseen(bench, rivals, designs)
+    space = investigation.space
+    designs = list(bank(space.case))
+    seen = _foreseen(space, rivals, designs)
     pairs = list(itertools.permutations(range(len(rivals)), 2))
     found = [
         Proposal(design.label, min(_separation(seen[a][number], seen[b][number]) for a, b in pairs))
         for number, design in enumerate(designs)
     ]
-    found += _anchors(bench.layout, rivals)
+    found += _anchors(space.layout, rivals)
     return tuple(sorted(found, key=lambda one: -one.sigma))
 
 
@@ -129,8 +129,8 @@ def _specimens(case: Case) -> dict[str, dict[str, Known]]:
     ends = {values(own): own for own in (ordered[0], ordered[-1])}
     if len(ends) == 1:
         return {"": ordered[0]}
-    told = {key: ", ".join(f"{name} = {value:g}" for name, value in zip(names, key, strict=True)) for key in ends}
-    return {f" with {told[key]}": own for key, own in ends.items()}
+    described = {key: ", ".join(f"{name} = {value:g}" for name, value in zip(names, key, strict=True)) for key in ends}
+    return {f" with {described[key]}": own for key, own in ends.items()}
 
 
 def _patterns(time_s: np.ndarray, kind: str):
@@ -184,54 +184,54 @@ class _Batch:
     slots: tuple[int, ...]
     scale: Scale
 
-    def problem(self, bench: Bench, setting: Setting) -> Problem:
+    def problem(self, space: ModelSpace, setting: Setting) -> Problem:
         """Return the problem of the runs, in the shapes of the bench's."""
-        fine = [one.effect for one in bench.candidates.values() if one.bends and one.group == "effect"]
-        everything = list(bench.candidates.values())
-        layout = _of_the_bank(bench.layout)
+        fine = [one.effect for one in space.candidates.values() if one.bends and one.group == "effect"]
+        everything = list(space.candidates.values())
+        layout = _of_the_bank(space.layout)
         made = make_problem(self.case, layout, everything, fine if setting.is_fine else ())
-        return dataclasses.replace(made, shapes=bench.problem(setting).shapes)
+        return dataclasses.replace(made, shapes=space.problem(setting).shapes)
 
-    def readings(self, bench: Bench) -> Readings:
+    def readings(self, space: ModelSpace) -> Readings:
         """Return the readings to be made, all zero."""
         outputs = KINDS[self.case.kind].outputs
-        return collect(self.case, self.scale.noise, outputs, self.slots, None, bench.settings)
+        return collect(self.case, self.scale.noise, outputs, self.slots, None, space.settings)
 
 
-def _foreseen(bench: Bench, rivals: Sequence[Trial], designs: Sequence[Run]) -> list[list[_Foreseen]]:
+def _foreseen(space: ModelSpace, rivals: Sequence[Trial], designs: Sequence[Run]) -> list[list[_Foreseen]]:
     """Return what each model foresees for every run of the bank, as many at a time as the case has fit runs."""
-    slots = [number for number, run in enumerate(bench.case.runs) if run.split == "fit"]
-    driven_by_current = bench.case.kind == "motor" and "current_A" in designs[0].measured.inputs
-    fastest = [_fastest(bench, one) if driven_by_current else np.inf for one in rivals]
+    slots = [number for number, run in enumerate(space.case.runs) if run.split == "fit"]
+    driven_by_current = space.case.kind == "motor" and "current_A" in designs[0].measured.inputs
+    fastest = [_fastest(space, one) if driven_by_current else np.inf for one in rivals]
     found: list[list[_Foreseen]] = [[] for _ in rivals]
     for first in range(0, len(designs), len(slots)):
         some = list(designs[first : first + len(slots)])
         own = tuple(slots[: len(some)])
-        runs = list(bench.case.runs)
+        runs = list(space.case.runs)
         for slot, new in zip(slots, some + [some[-1]] * (len(slots) - len(some)), strict=True):
             runs[slot] = _in_the_place_of(runs[slot], new, tuple(rivals[0].scale.noise))
-        batch = _Batch(dataclasses.replace(bench.case, runs=tuple(runs)), own, rivals[0].scale)
+        batch = _Batch(dataclasses.replace(space.case, runs=tuple(runs)), own, rivals[0].scale)
         problems: dict[bool, Problem] = {}
         for number, one in enumerate(rivals):
             if one.setting.is_fine not in problems:
-                problems[one.setting.is_fine] = batch.problem(bench, one.setting)
-            found[number] += _of_batch(bench, batch, problems[one.setting.is_fine], one, fastest[number])
+                problems[one.setting.is_fine] = batch.problem(space, one.setting)
+            found[number] += _of_batch(space, batch, problems[one.setting.is_fine], one, fastest[number])
     return found
 
 
-def _of_batch(bench: Bench, batch: _Batch, problem: Problem, trial: Trial, fastest: float) -> list[_Foreseen]:
+def _of_batch(space: ModelSpace, batch: _Batch, problem: Problem, trial: Trial, fastest: float) -> list[_Foreseen]:
     """Return what a model foresees for the runs of a batch."""
-    layout, readings = bench.layout, batch.readings(bench)
+    layout, readings = space.layout, batch.readings(space)
     # A number by which one run was off says nothing of another run.
-    own = tuple(p for p in trial.setting.own if p < layout.base or layout.runs[p] < 0)
-    setting = dataclasses.replace(trial.setting, own=own)
+    free = tuple(p for p in trial.setting.free if p < layout.base or layout.runs[p] < 0)
+    setting = dataclasses.replace(trial.setting, free=free)
     x = _at_the_start(layout, trial)
-    errors, jacobian = raw_look(View(bench, readings), problem, setting, x)
+    errors, jacobian = errors_and_jacobian(View(space, readings), problem, setting, x)
     white = Weights(readings, NONE).whiten(np.column_stack([errors, jacobian]))
     predicted = predictions(problem.of(np.array(batch.slots)), [setting.lane(x)])[0]
     place = np.searchsorted(batch.slots, readings.run)
     possible = _possible(problem.channels, predicted, fastest)[place, readings.row]
-    known = _known(layout, trial, own)
+    known = _known(layout, trial, free)
     return [
         _Foreseen(white[mine, 0], white[mine, 1:], possible[mine], known)
         for mine in (np.flatnonzero(place == number) for number in range(len(batch.slots)))
@@ -257,18 +257,18 @@ def _at_the_start(layout: Layout, trial: Trial) -> np.ndarray:
     return x
 
 
-def _known(layout: Layout, trial: Trial, own: Sequence[int]) -> np.ndarray:
+def _known(layout: Layout, trial: Trial, free: Sequence[int]) -> np.ndarray:
     """Return the inverse covariance of unknowns before a new run: what the data told of those that all runs share."""
-    shared = np.array([layout.runs[place] < 0 for place in own])
-    fitted_at = [trial.setting.own.index(place) for place, is_shared in zip(own, shared, strict=True) if is_shared]
-    known = np.diag(trial.setting.prior_sd[list(own)] ** -2.0)
+    shared = np.array([layout.runs[place] < 0 for place in free])
+    fitted_at = [trial.setting.free.index(place) for place, is_shared in zip(free, shared, strict=True) if is_shared]
+    known = np.diag(trial.setting.prior_sd[list(free)] ** -2.0)
     known[np.ix_(shared, shared)] = np.linalg.inv(trial.fitted.covariance[np.ix_(fitted_at, fitted_at)])
     return known
 
 
-def _fastest(bench: Bench, trial: Trial) -> float:
+def _fastest(space: ModelSpace, trial: Trial) -> float:
     """Return the greatest speed of a motor in the runs at hand: one driven by its current has no other limit."""
-    speed = bench.predicted(trial.setting, trial.fitted.x)[..., bench.coarse.channels.index("speed_rad_s")]
+    speed = space.predicted(trial.setting, trial.fitted.x)[..., space.coarse.channels.index("speed_rad_s")]
     return float(np.max(np.abs(speed)))
 
 
@@ -312,7 +312,7 @@ def _anchors(layout: Layout, rivals: Sequence[Trial]) -> list[Proposal]:
         if layout.runs[place] >= 0 or coordinate.name.endswith(NOT_BY_ITSELF):
             continue
         at = [one.fitted.x[place] for one in rivals]
-        sds = [one.fitted.sd()[one.setting.own.index(place)] for one in rivals]
+        sds = [one.fitted.sd()[one.setting.free.index(place)] for one in rivals]
         values = [coordinate.number(x) for x in at]
         spreads = [coordinate.slope(x) * sd for x, sd in zip(at, sds, strict=True)]
         sigmas = []

@@ -10,7 +10,7 @@ import numpy as np
 from discrepancy.evidence.trial import Trial
 from discrepancy.fitting.candidates import Candidate, specimen_ranges
 from discrepancy.fitting.fit import NEAR, Fit
-from discrepancy.fitting.model import Bench
+from discrepancy.fitting.model import ModelSpace
 from discrepancy.noise.instrument import NoiseModel
 from discrepancy.result import Extrapolated
 from discrepancy.settings import SETTINGS
@@ -117,15 +117,15 @@ def nothing_moves(fitted: Fit) -> tuple[str, ...]:
     )
 
 
-def out_of_range(bench: Bench, trial: Trial) -> tuple[str, ...]:
+def out_of_range(space: ModelSpace, trial: Trial) -> tuple[str, ...]:
     """Say which numbers of a model's effects are outside their usual range, that of the specimen where it has one."""
     told: list[str] = []
     for label in trial.labels:
-        candidate = bench.candidates[label]
+        candidate = space.candidates[label]
         if candidate.is_switched:
-            places = list(bench.layout.of[label])
+            places = list(space.layout.of[label])
             values = [c.number(x) for c, x in zip(candidate.coordinates, trial.fitted.x[places], strict=True)]
-            told.extend(unusual(candidate, values, specimen_ranges(bench.case, type(candidate.effect))))
+            told.extend(unusual(candidate, values, specimen_ranges(space.case, type(candidate.effect))))
     return tuple(told)
 
 

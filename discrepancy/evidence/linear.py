@@ -77,8 +77,8 @@ class Linear:
             is_common: (k,) True for numbers of all runs.
         """
         self.candidates, self.directions = candidates, screened.directions
-        own = list(screened.setting.own)
-        self.count = len(own)
+        free = list(screened.setting.free)
+        self.count = len(free)
         columns = [-screened.base, *(way.columns for way in self.directions), screened.errors[:, None]]
         white = weights.whiten(np.concatenate(columns, axis=1))
         channel = weights.readings.channel
@@ -86,7 +86,7 @@ class Linear:
         self.gram = np.sum(self._grams, axis=0)
         self.white_errors = white[:, -1]
         self._raw = columns
-        self.precision = screened.setting.prior_sd[own] ** -2.0
+        self.precision = screened.setting.prior_sd[free] ** -2.0
         self.prior_slope = self.precision * pulls
         edges = np.cumsum([self.count, *(way.columns.shape[1] for way in self.directions)])
         self.places = [slice(first, last) for first, last in itertools.pairwise(edges)]
@@ -151,9 +151,9 @@ class Linear:
 
     def _base_step(self, place: slice, amplitudes: np.ndarray) -> np.ndarray:
         """Return how the model's own unknowns move where a candidate has these amplitudes, (k,)."""
-        own = slice(0, self.count)
-        inner = self.gram[own, own] + np.diag(self.precision)
-        slope = self.gram[own, -1] - self.prior_slope - self.gram[own, place] @ amplitudes
+        free = slice(0, self.count)
+        inner = self.gram[free, free] + np.diag(self.precision)
+        slope = self.gram[free, -1] - self.prior_slope - self.gram[free, place] @ amplitudes
         scale = 1.0 / np.sqrt(np.maximum(np.diag(inner), 1e-300))
         return scale * np.linalg.solve(inner * scale[:, None] * scale + 1e-12 * np.eye(scale.size), scale * slope)
 
@@ -205,7 +205,7 @@ class Linear:
             smallest = float(np.exp(-first.spread)) if first.logarithmic else 0.2
             squared = max(float(self.projected[place.start, place.start]), 0.0)
             lengths.setdefault(way.label, []).append(smallest * np.sqrt(squared))
-        return seen | {label for label, own in lengths.items() if float(np.median(own)) >= sigma}
+        return seen | {label for label, free in lengths.items() if float(np.median(free)) >= sigma}
 
     def richest(self, least: float, most: int = 8) -> np.ndarray:
         """Return the raw errors (readings,) that the model leaves with the best additions, one after the other.

@@ -10,7 +10,7 @@ import numpy as np
 
 from discrepancy.fitting.fit import Fit
 from discrepancy.fitting.layout import BASE, Start
-from discrepancy.fitting.model import Bench, Labels, Setting, View
+from discrepancy.fitting.model import Labels, ModelSpace, Setting, View
 from discrepancy.fitting.readings import Weights
 from discrepancy.noise.instrument import NoiseModel
 from discrepancy.noise.model_error import ModelError
@@ -95,9 +95,9 @@ class Trial:
         moved = scores @ self.fitted.covariance
         return np.sqrt(np.maximum(np.diag(self.fitted.covariance), np.sum(moved**2, axis=0) * count / (count - 1.0)))
 
-    def start(self, bench: Bench) -> Start:
+    def start(self, space: ModelSpace) -> Start:
         """Return where it ended, as a start for another."""
-        layout, x = bench.layout, self.fitted.x
+        layout, x = space.layout, self.fitted.x
         return {BASE: x[: layout.base]} | {label: x[list(layout.of[label])] for label in self.labels}
 
 

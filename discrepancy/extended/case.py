@@ -61,8 +61,8 @@ def extended_case(
         if label in shifted and label.partition("@")[0] in _HELD_BY_A_RUN:
             runs = [_shifted(run, shifted[label], parameters, fitted) for run in runs]
         else:
-            told = run_sentence(shifted[label]) if label in shifted else f"{effect_name(label)}."
-            fitted.notes.append(f"A case file has no place for what one run has for itself: {told}")
+            described = run_sentence(shifted[label]) if label in shifted else f"{effect_name(label)}."
+            fitted.notes.append(f"A case file has no place for what one run has for itself: {described}")
     extended = dataclasses.replace(case, parameters=parameters, effects=values, effect_sd=effect_sd, runs=tuple(runs))
     tables, notes = corrected_tables(case_model(extended, runs[0]), curves)
     cycles = {run.overrides["cycles"].value if "cycles" in run.overrides else None for run in runs}
@@ -77,8 +77,8 @@ def extended_case(
 
 
 def _left_out(label: str, curves: Sequence[CurveFound]) -> str:
-    told = [curve_sentence(curve) for curve in curves if curve.label == label]
-    return f"{label} is left out: a case file has no table for it{f': {told[0]}' if told else '.'}"
+    described = [curve_sentence(curve) for curve in curves if curve.label == label]
+    return f"{label} is left out: a case file has no table for it{f': {described[0]}' if described else '.'}"
 
 
 class _Fitted:

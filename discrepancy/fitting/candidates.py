@@ -194,7 +194,7 @@ def _effects(case: Case) -> Iterator[Candidate]:
     present = {f"{name}:{values['column']}" if values.get("column") else name for name, values in case.effects.items()}
     columns = _columns(case)
     for name, cls in case.catalogue.items():
-        if case.kind not in cls.kinds or name in present or not is_told(case, cls):
+        if case.kind not in cls.kinds or name in present or not is_distinguishable(case, cls):
             continue
         if not cls.is_sensor:
             yield make_candidate(cls(), specimen_ranges(case, cls))
@@ -208,12 +208,12 @@ def _effects(case: Case) -> Iterator[Candidate]:
             yield dataclasses.replace(fault, reach=_ACROSS_STANDSTILL) if sticks else fault
 
 
-def is_told(case: Case, cls: type[Effect]) -> bool:
+def is_distinguishable(case: Case, cls: type[Effect]) -> bool:
     """Return True where runs differ in what tells an effect: one age for all is but another calibration."""
-    if not cls.told_by:
+    if not cls.distinguished_by:
         return True
-    common = case.parameters.get(cls.told_by)
-    values = {(run.overrides.get(cls.told_by) or common) for run in case.runs if run.split == "fit"}
+    common = case.parameters.get(cls.distinguished_by)
+    values = {(run.overrides.get(cls.distinguished_by) or common) for run in case.runs if run.split == "fit"}
     return len({None if one is None else one.value for one in values}) > 1
 
 

@@ -55,7 +55,7 @@ class Fit:
 
     Attributes:
         x: (unknowns,) coordinates where it ended.
-        own: places of the k free unknowns.
+        free: places of the k free unknowns.
         prior_sd: (k,) of their coordinates.
         rows: (n,) whitened residuals, measured less predicted.
         jacobian: (n, k) their derivatives by the free unknowns.
@@ -65,7 +65,7 @@ class Fit:
     """
 
     x: np.ndarray
-    own: tuple[int, ...]
+    free: tuple[int, ...]
     prior_sd: np.ndarray
     rows: np.ndarray
     jacobian: np.ndarray
@@ -81,7 +81,7 @@ class Fit:
     @property
     def pulls(self) -> np.ndarray:
         """Return how many sd of its prior each free unknown is away from it, (k,)."""
-        return self.x[list(self.own)] / self.prior_sd
+        return self.x[list(self.free)] / self.prior_sd
 
     @property
     def objective(self) -> float:
@@ -150,17 +150,17 @@ def errors_at(view: View, problem: Problem, setting: Setting, places: np.ndarray
 
 def steps_of(view: View, setting: Setting) -> list[list[int]]:
     """Return which unknowns are moved together: those of different runs move different readings."""
-    layout = view.bench.layout
-    alone = [[place] for place in setting.own if layout.runs[place] < 0]
+    layout = view.space.layout
+    alone = [[place] for place in setting.free if layout.runs[place] < 0]
     of_runs: dict[int, list[int]] = {}
-    for place in setting.own:
+    for place in setting.free:
         if layout.runs[place] in view.runs:
             of_runs.setdefault(layout.runs[place], []).append(place)
     most = max(map(len, of_runs.values()), default=0)
-    return alone + [[own[number] for own in of_runs.values() if number < len(own)] for number in range(most)]
+    return alone + [[places[number] for places in of_runs.values() if number < len(places)] for number in range(most)]
 
 
-def raw_look(view: View, problem: Problem, setting: Setting, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def errors_and_jacobian(view: View, problem: Problem, setting: Setting, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the errors (readings,) at a place, and their derivatives (readings, k) by the model's own unknowns.
 
     By differences between lanes of the forward program, not by tangents: forward mode compiles four times as long. One
@@ -171,21 +171,21 @@ def raw_look(view: View, problem: Problem, setting: Setting, x: np.ndarray) -> t
     for number, moved in enumerate(together, start=1):
         places[number, moved] += DIFFERENCE_STEP
     errors = errors_at(view, problem, setting, places)
-    jacobian = np.zeros((errors.shape[0], len(setting.own)))
-    column = {place: number for number, place in enumerate(setting.own)}
+    jacobian = np.zeros((errors.shape[0], len(setting.free)))
+    column = {place: number for number, place in enumerate(setting.free)}
     for number, moved in enumerate(together, start=1):
         slope = (errors[:, number] - errors[:, 0]) / DIFFERENCE_STEP
         for place in moved:
-            run = view.bench.layout.runs[place]
+            run = view.space.layout.runs[place]
             jacobian[:, column[place]] = slope if run < 0 else np.where(view.readings.run == run, slope, 0.0)
     return errors[:, 0], jacobian
 
 
-def look(
+def whitened_errors_and_jacobian(
     view: View, problem: Problem, setting: Setting, weights: Weights, x: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the whitened residuals (readings,) at a place, and their derivatives (readings, k)."""
-    errors, jacobian = raw_look(view, problem, setting, x)
+    errors, jacobian = errors_and_jacobian(view, problem, setting, x)
     white = weights.whiten(np.column_stack([errors, jacobian]))
     return white[:, 0], white[:, 1:]
 
@@ -207,7 +207,7 @@ def _step(y: Array, given: Given, state):
 
 
 @dataclasses.dataclass(frozen=True)
-class _Seen:
+class _Linearised:
     """The objective about one place: residuals and their Jacobian by y, the free unknowns in sd of their priors."""
 
     y: np.ndarray
@@ -256,10 +256,10 @@ class _Seen:
 
         Unknowns beyond its own, up to `size`, are at their minimum.
         """
-        own = self.y.size
+        count = self.y.size
         rows, jacobian = np.zeros(size + 1), np.eye(size + 1, size)
-        rows[:own], rows[-1] = self.along, np.sqrt(max(self.objective - self.promise, 0.0))
-        jacobian[:own, :own] = self.axes
+        rows[:count], rows[-1] = self.along, np.sqrt(max(self.objective - self.promise, 0.0))
+        jacobian[:count, :count] = self.axes
         return Given(jax.device_put(rows), jax.device_put(jacobian))
 
 
@@ -290,31 +290,31 @@ def fit(
         flat: of chi-square, the gain that is not worth another step.
     """
     if free is not None:
-        setting = dataclasses.replace(setting, own=tuple(free))
-    own, prior_sd = list(setting.own), setting.prior_sd[list(setting.own)]
-    problem = view.bench.problem(setting)
+        setting = dataclasses.replace(setting, free=tuple(free))
+    unknowns, prior_sd = list(setting.free), setting.prior_sd[list(setting.free)]
+    problem = view.space.problem(setting)
 
-    def see(y: np.ndarray) -> _Seen:
+    def linearised(y: np.ndarray) -> _Linearised:
         x = start.copy()
-        x[own] = y * prior_sd
-        rows, jacobian = look(view, problem, setting, weights, x)
-        return _Seen(y, rows, jacobian * prior_sd)
+        x[unknowns] = y * prior_sd
+        rows, jacobian = whitened_errors_and_jacobian(view, problem, setting, weights, x)
+        return _Linearised(y, rows, jacobian * prior_sd)
 
-    size = -(-len(own) // _SIZE) * _SIZE
-    first = start[own] / prior_sd
+    size = -(-len(unknowns) // _SIZE) * _SIZE
+    first = start[unknowns] / prior_sd
     y = jax.device_put(np.append(first, np.zeros(size - first.size)))
     state = eqx.tree_at(lambda blank: blank.y_eval, _blank(size), y)
-    best, course, used, refused = None, [], 0, 0
+    best, history, used, refused = None, [], 0, 0
     while used < steps:
         used += 1
-        seen = see(np.asarray(state.y_eval)[: first.size])
+        latest = linearised(np.asarray(state.y_eval)[: first.size])
         accepted = int(state.num_accepted_steps)
-        y, state = _step(y, seen.few(size), state)
+        y, state = _step(y, latest.few(size), state)
         refused += 1
         if best is None or int(state.num_accepted_steps) > accepted:
-            best, refused = seen, 0
-            course.append(best.objective)
-        if _at_its_end(best, seen, course, flat) or _never_near(course, rival) or bool(state.terminate):
+            best, refused = latest, 0
+            history.append(best.objective)
+        if _at_its_end(best, latest, history, flat) or _never_near(history, rival) or bool(state.terminate):
             break
         if refused > REFUSED_STEPS:
             break
@@ -322,39 +322,39 @@ def fit(
             break
     assert best is not None
     x = start.copy()
-    x[own] = best.y * prior_sd
+    x[unknowns] = best.y * prior_sd
     return Fit(
         x=x,
-        own=setting.own,
+        free=setting.free,
         prior_sd=prior_sd,
         rows=best.rows,
         jacobian=best.jacobian / prior_sd,
         promise=best.promise / best.unit,
         steps=used,
-        idle=refused > REFUSED_STEPS or _idle(best, course),
+        idle=refused > REFUSED_STEPS or _idle(best, history),
     )
 
 
-def _at_its_end(best: _Seen, last: _Seen, course: Sequence[float], flat: float) -> bool:
+def _at_its_end(best: _Linearised, last: _Linearised, history: Sequence[float], flat: float) -> bool:
     """Return True where further steps would gain nothing."""
-    return (best is last and best.promise < flat * best.unit) or _idle(best, course)
+    return (best is last and best.promise < flat * best.unit) or _idle(best, history)
 
 
-def _idle(best: _Seen, course: Sequence[float]) -> bool:
-    return _gained_lately(course) < IDLE_GAIN * best.unit
+def _idle(best: _Linearised, history: Sequence[float]) -> bool:
+    return _gained_lately(history) < IDLE_GAIN * best.unit
 
 
-def _never_near(course: Sequence[float], rival: float) -> bool:
+def _never_near(history: Sequence[float], rival: float) -> bool:
     """Return True where a fit at its pace does not catch up with the rival."""
-    return _gained_lately(course) < (course[-1] - rival) / PACE - 1.0
+    return _gained_lately(history) < (history[-1] - rival) / PACE - 1.0
 
 
-def _gained_lately(course: Sequence[float]) -> float:
-    return course[-1 - IDLE_STEPS] - course[-1] if len(course) > IDLE_STEPS else np.inf
+def _gained_lately(history: Sequence[float]) -> float:
+    return history[-1 - IDLE_STEPS] - history[-1] if len(history) > IDLE_STEPS else np.inf
 
 
 def objectives(view: View, setting: Setting, weights: Weights, places: np.ndarray) -> np.ndarray:
     """Return what `fit` minimises at some places, shape (places, unknowns)."""
-    white = weights.whiten(errors_at(view, view.bench.problem(setting), setting, places))
-    own = list(setting.own)
-    return np.sum(white**2, axis=0) + np.sum((places[:, own] / setting.prior_sd[own]) ** 2, axis=1)
+    white = weights.whiten(errors_at(view, view.space.problem(setting), setting, places))
+    free = list(setting.free)
+    return np.sum(white**2, axis=0) + np.sum((places[:, free] / setting.prior_sd[free]) ** 2, axis=1)

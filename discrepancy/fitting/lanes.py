@@ -104,7 +104,7 @@ def _to_runs(lanes: Lane, runs: np.ndarray, part: Problem) -> Lane:
     To noisy inputs they all add something, if only zeros: lanes that move them need no program of their own.
     """
     runs = np.pad(runs, (0, part.times.shape[0] - runs.size), mode="edge")
-    steps = 1 + part.courses.duration_s.shape[1]
+    steps = 1 + part.tracks.duration_s.shape[1]
     added = {name: _nothing(LANES, runs.size, steps) for name in part.noisy}
     added |= {name: more[:, runs, :steps] for name, more in lanes.added.items()}
     return jax.device_put(dataclasses.replace(lanes, added=added))

@@ -67,7 +67,7 @@ class Layout:
                 found.setdefault(name, []).append(place)
         return tuple((name, tuple(places)) for name, places in found.items())
 
-    def own(self, labels: Sequence[str]) -> list[int]:
+    def places_of(self, labels: Sequence[str]) -> list[int]:
         """Return the places of the base model's unknowns, then of some candidates'."""
         return [*range(self.base), *(place for label in labels for place in self.of[label])]
 

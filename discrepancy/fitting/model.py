@@ -13,7 +13,7 @@ from discrepancy.fitting.candidates import Candidate, candidates, laws
 from discrepancy.fitting.lanes import at_places, predictions
 from discrepancy.fitting.laws import PORTS, no_laws
 from discrepancy.fitting.layout import Layout, make_layout
-from discrepancy.fitting.problem import Lane, Problem, courses_of, make_problem
+from discrepancy.fitting.problem import Lane, Problem, make_problem, tracks_of
 from discrepancy.fitting.readings import Readings
 from discrepancy.noise.contract import without_input_noise
 from discrepancy.noise.instrument import NoiseModel
@@ -35,7 +35,7 @@ class Setting:
 
     Attributes:
         labels: of what is added.
-        own: places of the free unknowns.
+        free: places of the free unknowns.
         prior_sd: (unknowns,) sd of the prior of each, in its coordinate; 1 but for curves.
         switches: of the effects behind switches.
         laws: what each law is a function of.
@@ -44,19 +44,19 @@ class Setting:
     """
 
     labels: Labels
-    own: tuple[int, ...]
+    free: tuple[int, ...]
     prior_sd: np.ndarray
     switches: np.ndarray
     laws: np.ndarray
     is_fine: bool
-    is_lawful: bool = False
+    has_laws: bool = False
 
     def lane(self, x: np.ndarray) -> Lane:
         """Return the lane of the model at coordinates x."""
         return Lane(x, self.switches, self.laws)
 
 
-class Bench:
+class ModelSpace:
     """A case with all that could be missing in it, in one program; a second one, finer, for what bends the armature."""
 
     def __init__(
@@ -85,17 +85,17 @@ class Bench:
         return self._made(True, False)
 
     @functools.cached_property
-    def lawful(self) -> Problem:
+    def with_laws(self) -> Problem:
         """Return the problem with unknown laws, at the steps of the base model."""
         return self._made(False, True)
 
     @functools.cached_property
-    def lawful_fine(self) -> Problem:
+    def fine_with_laws(self) -> Problem:
         """Return the problem with unknown laws, at finer steps."""
         return self._made(True, True)
 
-    def _made(self, is_fine: bool, is_lawful: bool) -> Problem:
-        some = [one for one in self.candidates.values() if is_lawful or one.group != "law"]
+    def _made(self, is_fine: bool, has_laws: bool) -> Problem:
+        some = [one for one in self.candidates.values() if has_laws or one.group != "law"]
         return make_problem(self.case, self.layout, some, self._bending if is_fine else ())
 
     @property
@@ -104,8 +104,8 @@ class Bench:
 
     def problem(self, setting: Setting) -> Problem:
         """Return the problem of a model."""
-        if setting.is_lawful:
-            return self.lawful_fine if setting.is_fine else self.lawful
+        if setting.has_laws:
+            return self.fine_with_laws if setting.is_fine else self.with_laws
         return self.fine if setting.is_fine else self.coarse
 
     def quiet(self, setting: Setting, noise: Mapping[str, NoiseModel]) -> Problem:
@@ -113,13 +113,13 @@ class Bench:
         problem = self.problem(setting)
         if not noisy_inputs(self.case):
             return problem
-        return eqx.tree_at(lambda p: p.courses, problem, self._quiet_courses(setting.is_fine, noise))
+        return eqx.tree_at(lambda p: p.tracks, problem, self._quiet_tracks(setting.is_fine, noise))
 
-    def _quiet_courses(self, is_fine: bool, noise: Mapping[str, NoiseModel]):
+    def _quiet_tracks(self, is_fine: bool, noise: Mapping[str, NoiseModel]):
         key = f"_quiet_{is_fine}"
         if key not in self.__dict__:
             quiet = without_input_noise(self.case, noise)
-            self.__dict__[key] = courses_of(quiet, self._bending if is_fine else ())
+            self.__dict__[key] = tracks_of(quiet, self._bending if is_fine else ())
         return self.__dict__[key]
 
     def setting(self, labels: Sequence[str], amplitudes: Mapping[str, float] | None = None) -> Setting:
@@ -140,8 +140,8 @@ class Bench:
             if candidate.law is not None:
                 settings[candidate.law[0]] = candidate.law[1]
         fine = any(self.candidates[label].bends for label in key if self.candidates[label].is_switched)
-        lawful = any(self.candidates[label].group == "law" for label in key)
-        return Setting(key, tuple(self.layout.own(key)), prior_sd, switches, settings, fine, lawful)
+        with_laws = any(self.candidates[label].group == "law" for label in key)
+        return Setting(key, tuple(self.layout.places_of(key)), prior_sd, switches, settings, fine, with_laws)
 
     def key(self, labels: Sequence[str]) -> Labels:
         """Return candidates in the order in which they act on a port they share."""
@@ -193,11 +193,11 @@ class Bench:
 class View:
     """The fitted readings of a bench, as any model predicts them."""
 
-    def __init__(self, bench: Bench, readings: Readings) -> None:
+    def __init__(self, space: ModelSpace, readings: Readings) -> None:
         """Choose the readings; their runs alone are simulated."""
-        self.bench, self.readings = bench, readings
+        self.space, self.readings = space, readings
         self.runs = np.unique(readings.run)
-        number = np.full(len(bench.case.runs), -1)
+        number = np.full(len(space.case.runs), -1)
         number[self.runs] = np.arange(self.runs.size)
         self.places = (number[readings.run], readings.row, readings.channel)
         self._parts: dict[int, tuple[Problem, Problem]] = {}

@@ -92,7 +92,7 @@ class Problem(eqx.Module):
     """
 
     models: Model
-    courses: Track
+    tracks: Track
     times: Array
     unknowns: Unknowns
     switched: tuple[str, ...] = eqx.field(static=True)
@@ -125,14 +125,14 @@ class Problem(eqx.Module):
         """
 
         def of_one(run: tuple[Model, Array, Track, Array], lane: Lane) -> Array:
-            model, own, course, time_s = run
-            inputs = course.inputs | {name: course.inputs.get(name, 0.0) + more for name, more in lane.added.items()}
-            course = dataclasses.replace(course, inputs=inputs)
-            readings = read_track(self._model_at(model, own, lane), course, time_s, needed)
+            model, own, steps, time_s = run
+            inputs = steps.inputs | {name: steps.inputs.get(name, 0.0) + more for name, more in lane.added.items()}
+            steps = dataclasses.replace(steps, inputs=inputs)
+            readings = read_track(self._model_at(model, own, lane), steps, time_s, needed)
             return jnp.stack([readings[name] for name in self.channels], axis=-1)
 
         runs, count, needed = self.times.shape[0], lanes.x.shape[0], self._needed(lanes)
-        of_runs = (self.models, self.unknowns.of_run, self.courses, self.times)
+        of_runs = (self.models, self.unknowns.of_run, self.tracks, self.times)
         of_each_run = jax.tree.map(lambda x: jnp.repeat(x, count, axis=0), of_runs)
         of_each_lane = Lane(
             jnp.tile(lanes.x, (runs, 1)),
@@ -147,10 +147,10 @@ class Problem(eqx.Module):
         on = [
             lanes.switches[:, self.switched.index(effect.label)] if effect.label in self.switched else effect.switch
             for effect in self.models.effects
-            if effect.has_memory
+            if effect.has_state
         ]
         memory = [jnp.asarray(True) if one is None else jnp.any(jnp.asarray(one) != 0.0) for one in on]
-        return Needed(jnp.max(self.courses.last_step) + 1, jnp.any(jnp.asarray(memory, dtype=bool)))
+        return Needed(jnp.max(self.tracks.last_step) + 1, jnp.any(jnp.asarray(memory, dtype=bool)))
 
     def of(self, runs: np.ndarray) -> Problem:
         """Return the problem of some runs; unknowns keep their places, and those of other runs move nothing."""
@@ -163,7 +163,7 @@ class Problem(eqx.Module):
 
         They are of one shape, and share a compiled program, where `shapes` has one and no run is longer.
         """
-        if ((*self.times.shape, self.courses.duration_s.shape[1]),) == self.shapes:
+        if ((*self.times.shape, self.tracks.duration_s.shape[1]),) == self.shapes:
             # A copy: what this property leaves on its owner would tell a program from one that is the same.
             return [(np.arange(self.times.shape[0]), dataclasses.replace(self))]
         everything = self._length(slice(None))
@@ -180,19 +180,19 @@ class Problem(eqx.Module):
 
     def _length(self, runs: np.ndarray | slice | int) -> tuple[int, int]:
         """Return the rows and steps of the longest of some runs, rounded up."""
-        return rounded_length(np.atleast_2d(np.asarray(self.courses.last_step)[runs]))
+        return rounded_length(np.atleast_2d(np.asarray(self.tracks.last_step)[runs]))
 
     def _of_runs(self, runs: np.ndarray, rows: int, steps: int) -> Problem:
         """Return the problem of some runs, cut to so many rows and steps."""
-        courses = Track(
-            duration_s=_part(self.courses.duration_s, runs, steps),
-            inputs={name: _part(values, runs, steps + 1) for name, values in self.courses.inputs.items()},
-            last_step=_part(self.courses.last_step, runs, rows - 1),
+        tracks = Track(
+            duration_s=_part(self.tracks.duration_s, runs, steps),
+            inputs={name: _part(values, runs, steps + 1) for name, values in self.tracks.inputs.items()},
+            last_step=_part(self.tracks.last_step, runs, rows - 1),
         )
         return dataclasses.replace(
             self,
             models=jax.tree.map(lambda leaf: _part(leaf, runs), self.models),
-            courses=courses,
+            tracks=tracks,
             times=_part(self.times, runs, rows),
             unknowns=dataclasses.replace(self.unknowns, of_run=_part(self.unknowns.of_run, runs)),
         )
@@ -239,7 +239,7 @@ def make_problem(
         fine_for: effects for which the steps are made as fine as they need.
     """
     bare = [case_model(case, run) for run in case.runs]
-    courses, times = _courses([_with_effects(model, tuple(fine_for)) for model in bare], case)
+    tracks, times = _tracks([_with_effects(model, tuple(fine_for)) for model in bare], case)
     effects, switched = [], []
     for candidate in candidates:
         if candidate.effect.label in [effect.label for effect in effects]:
@@ -258,7 +258,7 @@ def make_problem(
     }
     return Problem(
         models=_side_by_side([_with_effects(model, tuple(effects)) for model in bare]),
-        courses=courses,
+        tracks=tracks,
         times=times,
         unknowns=Unknowns(
             layout.targets,
@@ -270,35 +270,35 @@ def make_problem(
         switched=tuple(switched),
         channels=KINDS[case.kind].outputs,
         noisy=tuple(noisy_inputs(case)),
-        shapes=shapes_of([rounded_length(last_step[None]) for last_step in np.asarray(courses.last_step)], fit_runs),
+        shapes=shapes_of([rounded_length(last_step[None]) for last_step in np.asarray(tracks.last_step)], fit_runs),
     )
 
 
-def courses_of(case: Case, fine_for: Sequence[Effect]) -> Track:
+def tracks_of(case: Case, fine_for: Sequence[Effect]) -> Track:
     """Return the steps of a case whose inputs differ from those of a problem, and whose times do not."""
     bare = [_with_effects(case_model(case, run), tuple(fine_for)) for run in case.runs]
-    return _courses(bare, case)[0]
+    return _tracks(bare, case)[0]
 
 
 def _with_effects(model: Model, added: tuple[Effect, ...]) -> Model:
     return eqx.tree_at(lambda m: m.effects, model, (*model.effects, *added))
 
 
-def _courses(models: list[Model], case: Case) -> tuple[Track, Array]:
+def _tracks(models: list[Model], case: Case) -> tuple[Track, Array]:
     """Lay the runs out in steps of equal number, ends padded with steps of zero length."""
     profiles = [run_profile(run) for run in case.runs]
-    tracks = [track(model, profile) for model, profile in zip(models, profiles, strict=True)]
-    steps = rounded_steps(max(one.duration_s.shape[0] for one in tracks))
+    unpadded = [track(model, profile) for model, profile in zip(models, profiles, strict=True)]
+    steps = rounded_steps(max(one.duration_s.shape[0] for one in unpadded))
     rows = rounded_rows(max(profile.time_s.size for profile in profiles))
-    courses, times = [], []
+    tracks, times = [], []
     for model, profile in zip(models, profiles, strict=True):
-        course = track(model, profile, steps)
-        last = np.asarray(course.last_step)
-        courses.append(
-            dataclasses.replace(course, last_step=jax.device_put(np.pad(last, (0, rows - 1 - last.size), mode="edge")))
+        padded = track(model, profile, steps)
+        last = np.asarray(padded.last_step)
+        tracks.append(
+            dataclasses.replace(padded, last_step=jax.device_put(np.pad(last, (0, rows - 1 - last.size), mode="edge")))
         )
         times.append(np.pad(profile.time_s, (0, rows - profile.time_s.size), mode="edge"))
-    return _side_by_side(courses), jax.device_put(np.stack(times))
+    return _side_by_side(tracks), jax.device_put(np.stack(times))
 
 
 def _side_by_side(of_runs: Sequence[_OfRun]) -> _OfRun:

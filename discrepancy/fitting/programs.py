@@ -88,10 +88,10 @@ def _all_ours(classes: Sequence[type]) -> bool:
 
 def _file_of(key: object) -> Path | None:
     """Return where the program of these arguments is kept; None where none is."""
-    folder, told = jax.config.jax_compilation_cache_dir, repr(key)  # type: ignore[attr-defined]
-    if not folder or " at 0x" in told:  # told by where it stands in this process's memory
+    folder, described = jax.config.jax_compilation_cache_dir, repr(key)  # type: ignore[attr-defined]
+    if not folder or " at 0x" in described:  # told by where it stands in this process's memory
         return None
-    name = hashlib.sha256(f"{_made_from()} {told}".encode()).hexdigest()
+    name = hashlib.sha256(f"{_made_from()} {described}".encode()).hexdigest()
     return Path(folder) / f"jaxmodel-{name}.program"
 
 
@@ -103,14 +103,14 @@ def _made_from() -> str:
     for path in sorted(path for package in _OURS for path in (here / package).rglob("*.py")):
         digest.update(path.read_bytes())
     device = jax.devices()[0]
-    told = (
+    described = (
         [importlib.metadata.version(package) for package in _OTHERS],
         [device.platform, device.device_kind, device.client.platform_version],
         [platform.machine(), np.show_config(mode="dicts")["SIMD Extensions"]],  # type: ignore[index, call-overload]
         [jax.config.jax_enable_x64, os.environ.get("XLA_FLAGS")],  # type: ignore[attr-defined]
         _QUICKLY,
     )
-    digest.update(repr(told).encode())
+    digest.update(repr(described).encode())
     return digest.hexdigest()
 
 

@@ -29,8 +29,8 @@ def likeliest_of_some(view: View, setting: Setting, weights: Weights) -> np.ndar
     Where a case states a motor that stalls, nothing moves the readings, and no slope leads away from there.
     """
     places = np.zeros((LANES, setting.prior_sd.size))
-    own = list(setting.own)
-    places[:, own] = np.random.default_rng(SEED).normal(size=(LANES, len(own))) * setting.prior_sd[own]
+    free = list(setting.free)
+    places[:, free] = np.random.default_rng(SEED).normal(size=(LANES, len(free))) * setting.prior_sd[free]
     return places[np.argmin(objectives(view, setting, weights, places))]
 
 
@@ -51,7 +51,7 @@ def over_the_ridges(
         found: the fit.
         rival: objective of a model that this one must come near.
     """
-    amplitude, *shapes = view.bench.layout.of[candidate.label]
+    amplitude, *shapes = view.space.layout.of[candidate.label]
     ends = [np.array(each) for each in itertools.product(*candidate.shape_ends) if each]
 
     def within(x: np.ndarray) -> np.ndarray:
@@ -60,16 +60,18 @@ def over_the_ridges(
     others = [within(found.x), *ends]
     for reach in (candidate.reach, *_CLOSER):
         along = np.linspace(-reach, reach, _PLACES)
-        looks = np.repeat(found.x[None], _PLACES * len(others), axis=0)
-        looks[:, amplitude] += np.tile(along, len(others))
-        looks[:, shapes] = np.repeat(others, _PLACES, axis=0)
-        values = objectives(view, setting, weights, looks)
-        best, least = looks[np.argmin(values)], float(np.min(values))
+        points = np.repeat(found.x[None], _PLACES * len(others), axis=0)
+        points[:, amplitude] += np.tile(along, len(others))
+        points[:, shapes] = np.repeat(others, _PLACES, axis=0)
+        values = objectives(view, setting, weights, points)
+        best, least = points[np.argmin(values)], float(np.min(values))
         if least >= found.objective - 1.0 and len(others) > 1:
-            best, least = _down_the_valleys(view, setting, weights, looks[_PLACES:], values[_PLACES:], amplitude, rival)
+            best, least = _down_the_valleys(
+                view, setting, weights, points[_PLACES:], values[_PLACES:], amplitude, rival
+            )
         if least < found.objective - 1.0:
             if shapes:  # held at first: from ridge to ridge they make up for an amplitude a little off
-                free = [place for place in setting.own if place not in shapes]
+                free = [place for place in setting.free if place not in shapes]
                 best = fit(view, setting, weights, best, rival=rival, free=free).x
             led = fit(view, setting, weights, best, rival=rival)
             found = min(found, led, key=lambda one: one.objective)
@@ -81,7 +83,7 @@ def _down_the_valleys(
     view: View,
     setting: Setting,
     weights: Weights,
-    looks: np.ndarray,
+    points: np.ndarray,
     values: np.ndarray,
     amplitude: int,
     rival: float,
@@ -89,7 +91,7 @@ def _down_the_valleys(
     """Return the best place, and its objective, of fits of the amplitude alone from the best of each row of looks."""
     begins = [first + np.argmin(values[first : first + _PLACES]) for first in range(0, values.size, _PLACES)]
     ends = np.stack(
-        [fit(view, setting, weights, looks[begin], rival=rival, steps=_ALONG, free=[amplitude]).x for begin in begins]
+        [fit(view, setting, weights, points[begin], rival=rival, steps=_ALONG, free=[amplitude]).x for begin in begins]
     )
     reached = objectives(view, setting, weights, ends)
     return ends[np.argmin(reached)], float(np.min(reached))

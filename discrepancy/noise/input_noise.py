@@ -47,17 +47,17 @@ class InputNoise:
 class MovedInputs:
     """The readings of a model, and how they answer where its noisy inputs are moved."""
 
-    def __init__(self, predict: Predict, courses: Track, input_sd: Mapping[str, float]) -> None:
+    def __init__(self, predict: Predict, tracks: Track, input_sd: Mapping[str, float]) -> None:
         """Predict the readings at the inputs as they were read.
 
         Args:
             predict: the readings under the steps with something added to their inputs, for each of several moves.
-            courses: the steps of all runs, leaves with a leading axis of runs.
+            tracks: the steps of all runs, leaves with a leading axis of runs.
             input_sd: by input, the sd of one reading's noise.
         """
         self._predict, self._input_sd = predict, input_sd
-        self._inputs = {name: np.asarray(courses.inputs[name]) for name in input_sd}
-        self._row = row_of_step(courses)
+        self._inputs = {name: np.asarray(tracks.inputs[name]) for name in input_sd}
+        self._row = row_of_step(tracks)
         self._nothing = {name: np.zeros(self._row.shape) for name in input_sd}
         self._still = predict([self._nothing])[0]
 
@@ -130,9 +130,9 @@ def slow_directions(answers: np.ndarray, run: np.ndarray) -> np.ndarray:
     return np.concatenate(found, axis=1)
 
 
-def row_of_step(courses: Track) -> np.ndarray:
+def row_of_step(tracks: Track) -> np.ndarray:
     """Return the row at whose end each step lies, and the first row for the start, shape (runs, 1 + steps)."""
-    last_step = np.asarray(courses.last_step)
-    steps = np.arange(courses.duration_s.shape[1])
+    last_step = np.asarray(tracks.last_step)
+    steps = np.arange(tracks.duration_s.shape[1])
     rows = np.stack([np.append(0, 1 + np.searchsorted(one, steps)) for one in last_step])
     return np.minimum(rows, last_step.shape[1])

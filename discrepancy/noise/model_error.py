@@ -152,21 +152,21 @@ def estimate(
         owned = [chain for chain in chains if chain.series[0] == channel]
         scale = float(np.median(np.concatenate([chain.sd for chain in owned])))
         sizes = scale * _SIZES
-        memories = _memories(owned, settings)
-        tables = np.stack([_log_likelihoods(chain, errors[chain.rows], sizes, memories) for chain in owned])
-        prior = -0.5 * (np.log(memories / settings.memory_median_s) / settings.memory_spread) ** 2
+        taus = _correlation_times(owned, settings)
+        tables = np.stack([_log_likelihoods(chain, errors[chain.rows], sizes, taus) for chain in owned])
+        prior = -0.5 * (np.log(taus / settings.correlation_time_median_s) / settings.correlation_time_spread) ** 2
         spread = np.log(sizes[1:, None] / sizes[None, 1:]) / settings.error_from_run_to_run
         # For each common size, the best size of every run about it.
         near = tables[:, :, 1:, None] - 0.5 * spread**2
         together = near.max(axis=2).sum(axis=0) + prior[:, None]
-        memory, common = np.unravel_index(np.argmax(together), together.shape)
-        if together[memory, common] - tables[:, 0, 0].sum() < settings.least_error_gain:
+        number, common = np.unravel_index(np.argmax(together), together.shape)
+        if together[number, common] - tables[:, 0, 0].sum() < settings.least_error_gain:
             continue
-        tau_s[channel] = float(memories[memory])
+        tau_s[channel] = float(taus[number])
         most = max((tolerance or {}).get(channel, np.inf), scale)
-        for chain, table in zip(owned, near[:, memory, :, common], strict=True):
+        for chain, table in zip(owned, near[:, number, :, common], strict=True):
             probable = _peak(np.log(sizes[1:]), table)
-            raised = min(settings.least_error_share * most, settings.error_raised * probable) if tolerance else 0.0
+            raised = min(settings.least_error_share * most, settings.largest_raise * probable) if tolerance else 0.0
             sd[chain.series] = min(max(probable, _beyond(errors, chain), raised), most)
     return ModelError(sd, tau_s)
 
@@ -176,12 +176,12 @@ def _beyond(errors: np.ndarray, chain: Chain) -> float:
     return float(np.sqrt(max(np.mean(errors[chain.rows] ** 2 - chain.sd**2), 0.0)))
 
 
-def _memories(chains: Sequence[Chain], settings: Settings) -> np.ndarray:
+def _correlation_times(chains: Sequence[Chain], settings: Settings) -> np.ndarray:
     """Return the correlation times that these series can tell: longer than two readings, shorter than a run."""
     between = float(np.median(np.concatenate([np.diff(chain.time_s) for chain in chains])))
     longest = max(float(np.ptp(chain.time_s)) for chain in chains)
-    found = [tau for tau in settings.memory_s if 2.0 * between <= tau <= longest]
-    return np.array(found or [max(2.0 * between, min(longest, settings.memory_s[0]))])
+    found = [tau for tau in settings.correlation_times_s if 2.0 * between <= tau <= longest]
+    return np.array(found or [max(2.0 * between, min(longest, settings.correlation_times_s[0]))])
 
 
 def _peak(at: np.ndarray, values: np.ndarray) -> float:
@@ -193,9 +193,9 @@ def _peak(at: np.ndarray, values: np.ndarray) -> float:
     return float(np.exp(at[best] + np.clip(shift, -1.0, 1.0) * (at[1] - at[0])))
 
 
-def _log_likelihoods(chain: Chain, errors: np.ndarray, sizes: np.ndarray, memories: np.ndarray) -> np.ndarray:
+def _log_likelihoods(chain: Chain, errors: np.ndarray, sizes: np.ndarray, taus: np.ndarray) -> np.ndarray:
     """Return the log likelihood of a series at every correlation time and size, less a constant, (tau, s)."""
-    variance = np.broadcast_to(sizes[None, :] ** 2, (memories.size, sizes.size)).copy()
+    variance = np.broadcast_to(sizes[None, :] ** 2, (taus.size, sizes.size)).copy()
     mean, total = np.zeros_like(variance), np.zeros_like(variance)
     stationary = variance.copy()
     steps = np.append(np.diff(chain.time_s), 0.0)
@@ -206,7 +206,7 @@ def _log_likelihoods(chain: Chain, errors: np.ndarray, sizes: np.ndarray, memori
         total -= off * off / f + np.log(f)
         a = same.get(step)
         if a is None:
-            a = same[step] = np.exp(-step / memories)[:, None]
+            a = same[step] = np.exp(-step / taus)[:, None]
         k = variance * gain / f
         mean = a * (mean + k * off)
         variance = a * a * (variance * noise / f) + (1.0 - a * a) * stationary

@@ -17,10 +17,10 @@ def prepared(case: Case) -> tuple[Case, tuple[str, ...]]:
         FitError: two runs are driven in different ways.
         MeasurementError: a cell's current has the wrong sign.
     """
-    told: list[str] = []
+    remarks: list[str] = []
     for without in (without_stuck, without_saturated, without_outliers):
         case, more = without(case)
-        told += more
+        remarks += more
     case = with_held_inputs(with_like_inputs(case))
     check_sign_of_current(case)
-    return case, tuple(told)
+    return case, tuple(remarks)

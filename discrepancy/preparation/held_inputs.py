@@ -61,8 +61,8 @@ def _steady(readings: np.ndarray, sd: float) -> bool:
     """Return True where the scatter about the mean and the course of its sum are those of noise."""
     away = (readings - readings.mean()) / sd
     scatter = chi2.isf(_IMPROBABLE, away.size - 1)
-    course = kstwobign.isf(_IMPROBABLE) * np.sqrt(away.size)
-    return bool(np.sum(away**2) < scatter and np.max(np.abs(np.cumsum(away))) < course)
+    drift = kstwobign.isf(_IMPROBABLE) * np.sqrt(away.size)
+    return bool(np.sum(away**2) < scatter and np.max(np.abs(np.cumsum(away))) < drift)
 
 
 def rows_held(values: np.ndarray, row: np.ndarray) -> np.ndarray:

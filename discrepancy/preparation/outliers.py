@@ -34,7 +34,7 @@ MOST_OF_CHANNEL = 0.005
 
 def without_outliers(case: Case) -> tuple[Case, tuple[str, ...]]:
     """Return a case with outliers of its outputs as missing readings, and a sentence for each channel that had some."""
-    told, runs = [], {run.name: run for run in case.runs}
+    remarks, runs = [], {run.name: run for run in case.runs}
     channels = dict.fromkeys(name for run in case.runs for name in run.measured.outputs)
     for channel in channels:
         with_it = [run for run in case.runs if channel in run.measured.outputs]
@@ -45,14 +45,14 @@ def without_outliers(case: Case) -> tuple[Case, tuple[str, ...]]:
         first = next(run for run in with_it if found[run.name].any())
         row = int(np.argmax(found[first.name]))
         value = first.measured.outputs[channel][row]
-        told.append(
+        remarks.append(
             f"{count} reading{'s' * (count > 1)} of {channel} left out as outlier{'s' * (count > 1)}, far from those "
             f"before and after while no input changed: {value:.4g} at {first.measured.time_s[row]:g} s of {first.file}"
             f"{' and others' * (count > 1)}."
         )
         for name, rows in found.items():
             runs[name] = without_readings(runs[name], channel, rows)
-    return dataclasses.replace(case, runs=tuple(runs.values())), tuple(told)
+    return dataclasses.replace(case, runs=tuple(runs.values())), tuple(remarks)
 
 
 def outliers(run: Run, channel: str, stated_sd: float = 0.0) -> Rows:

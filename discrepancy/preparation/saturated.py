@@ -26,7 +26,7 @@ GOES_BACK = 0.15
 
 def without_saturated(case: Case) -> tuple[Case, tuple[str, ...]]:
     """Return a case with readings at a sensor's rail as missing, and a sentence for each channel that has one."""
-    told, runs = [], {run.name: run for run in case.runs}
+    remarks, runs = [], {run.name: run for run in case.runs}
     for channel in dict.fromkeys(name for run in case.runs for name in run.measured.outputs):
         for rail in rails(case, channel):
             count, names = 0, []
@@ -39,12 +39,12 @@ def without_saturated(case: Case) -> tuple[Case, tuple[str, ...]]:
                     count += sum(one.rows for one in found)
                     names.append(run.name)
                     runs[run.name] = without_readings(runs[run.name], channel, rows)
-            told.append(
+            remarks.append(
                 f"{channel} repeats {rail:g} {unit_of(channel)}".rstrip()
                 + f" in {count} readings of {', '.join(names)} and goes no further: the sensor is at the end of its "
                 "range; these readings are left out."
             )
-    return dataclasses.replace(case, runs=tuple(runs.values())), tuple(told)
+    return dataclasses.replace(case, runs=tuple(runs.values())), tuple(remarks)
 
 
 def rails(case: Case, channel: str) -> list[float]:

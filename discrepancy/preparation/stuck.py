@@ -87,7 +87,7 @@ class _Habit:
 
 def without_stuck(case: Case) -> tuple[Case, tuple[str, ...]]:
     """Return a case with the readings of sensors that stuck as missing, and a sentence for each find."""
-    told, runs = [], {run.name: run for run in case.runs}
+    remarks, runs = [], {run.name: run for run in case.runs}
     for channel in dict.fromkeys(name for run in case.runs for name in run.measured.outputs):
         found = stuck(case, channel)
         for name, stretch in found:
@@ -97,12 +97,12 @@ def without_stuck(case: Case) -> tuple[Case, tuple[str, ...]]:
             rows[stretch.first : stretch.last + 1] = True
             runs[name] = without_readings(run, channel, rows)
             until = "the end" if stretch.last == read[-1] else f"{run.measured.time_s[stretch.last]:g} s"
-            told.append(
+            remarks.append(
                 f"{channel} in {name} repeats {stretch.value:g} {unit_of(channel)}".rstrip()
                 + f" from {run.measured.time_s[stretch.first]:g} s to {until}, while the load goes on: the sensor "
                 "stuck; these readings are left out."
             )
-    return dataclasses.replace(case, runs=tuple(runs.values())), tuple(told)
+    return dataclasses.replace(case, runs=tuple(runs.values())), tuple(remarks)
 
 
 def stuck(case: Case, channel: str) -> list[tuple[str, Stretch]]:

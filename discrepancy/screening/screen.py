@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from discrepancy.fitting.candidates import Candidate
-from discrepancy.fitting.fit import raw_look
+from discrepancy.fitting.fit import errors_and_jacobian
 from discrepancy.fitting.lanes import LANES
 from discrepancy.fitting.model import Setting, View
 from discrepancy.fitting.problem import Lane
@@ -77,14 +77,14 @@ def screen(
             correlated with its residual, so that sensitivities are those to inputs without noise.
         groups: of candidates.
     """
-    bench = view.bench
+    space = view.space
     if "law" in groups:
-        setting = dataclasses.replace(setting, is_lawful=True)
-    problem, quiet = bench.problem(setting), bench.quiet(setting, noise)
+        setting = dataclasses.replace(setting, has_laws=True)
+    problem, quiet = space.problem(setting), space.quiet(setting, noise)
     errors = view.readings.value - view.at(problem, [setting.lane(x)])[0]
-    _, base = raw_look(view, quiet, setting, x)
-    absent = [one for label, one in bench.candidates.items() if one.group in groups and label not in setting.labels]
-    laws = [bench.candidates[label].law for label in setting.labels]
+    _, base = errors_and_jacobian(view, quiet, setting, x)
+    absent = [one for label, one in space.candidates.items() if one.group in groups and label not in setting.labels]
+    laws = [space.candidates[label].law for label in setting.labels]
     used_ports = {law[0] for law in laws if law is not None}
     absent = [one for one in absent if one.law is None or one.law[0] not in used_ports]
     lanes, made = [setting.lane(x)], []
@@ -102,7 +102,7 @@ def screen(
                 lanes.append(setting.lane(x))
             lane = lanes[together[key]]
             moved = np.array(lane.x)
-            moved[list(bench.layout.of[one.label])] = KNOT_STEP
+            moved[list(space.layout.of[one.label])] = KNOT_STEP
             lanes[together[key]] = dataclasses.replace(lane, x=moved)
             made.append((one, one.probes[0], 0, together[key], KNOT_STEP))
         else:
@@ -121,7 +121,7 @@ def screen(
 
 def _lane(view: View, setting: Setting, x: np.ndarray, candidate: Candidate, number: int) -> Lane:
     moved, laws = x.copy(), setting.laws
-    moved[view.bench.layout.of[candidate.label][number]] += KNOT_STEP
+    moved[view.space.layout.of[candidate.label][number]] += KNOT_STEP
     if candidate.law is not None:
         laws = laws.copy()
         laws[candidate.law[0]] = candidate.law[1]
@@ -132,8 +132,8 @@ def _switched_on(
     view: View, setting: Setting, x: np.ndarray, candidate: Candidate, probe: Sequence[float], step: float
 ) -> Lane:
     moved, on = x.copy(), setting.switches.copy()
-    moved[list(view.bench.layout.of[candidate.label])] = probe
-    on[view.bench.coarse.switched.index(candidate.effect.label)] = step
+    moved[list(view.space.layout.of[candidate.label])] = probe
+    on[view.space.coarse.switched.index(candidate.effect.label)] = step
     return Lane(moved, on, setting.laws)
 
 

@@ -314,7 +314,7 @@ class ResistanceAgeing(Effect):
     """R_cyc grows linearly too: + c n."""
 
     name: ClassVar[str] = "resistance_ageing"
-    told_by: ClassVar[str] = "cycles"
+    distinguished_by: ClassVar[str] = "cycles"
     kinds: ClassVar[tuple[str, ...]] = CELL
     equation: ClassVar[str] = "R_cyc += c n"
     c: Scalar = parameter(

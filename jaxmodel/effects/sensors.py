@@ -85,7 +85,7 @@ class TemperatureLag(SensorEffect):
     reads: ClassVar[str] = "temperature_degC"
     kinds: ClassVar[tuple[str, ...]] = ANY
     equation: ClassVar[str] = "tau dT_read/dt = T - T_read"
-    has_memory: ClassVar[bool] = True
+    has_state: ClassVar[bool] = True
     tau: Scalar = parameter(
         30.0,
         unit="s",
@@ -113,7 +113,7 @@ class ClockShift(SensorEffect):
     name: ClassVar[str] = "clock_shift"
     kinds: ClassVar[tuple[str, ...]] = ANY
     equation: ClassVar[str] = "y(t) -> y(t - d), of the true course or of the rows"
-    has_memory: ClassVar[bool] = True
+    has_state: ClassVar[bool] = True
     d: Scalar = parameter(
         1.0,
         unit="s",

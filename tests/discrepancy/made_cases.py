@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from discrepancy.fitting.model import Bench
+from discrepancy.fitting.model import ModelSpace
 from discrepancy.investigation import Investigation
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.case import Case, Run
@@ -101,12 +101,12 @@ def made_cell_with_unknown_law(folder: Path, ohm_per_soc: float, seed: int = 0) 
 
 def all_but(case: Case, *kept: str) -> list[str]:
     """Return everything that could be missing from a case, but for some names: ruled out, they need not be compiled."""
-    return [one.label for one in Bench(case).candidates.values() if not {one.label, one.name} & set(kept)]
+    return [one.label for one in ModelSpace(case).candidates.values() if not {one.label, one.name} & set(kept)]
 
 
-def bench_of(case: Case, *kept: str) -> Bench:
-    """Return a bench in which these candidates alone could be missing."""
-    return Bench(case, without=all_but(case, *kept))
+def space_of(case: Case, *kept: str) -> ModelSpace:
+    """Return the space of models in which only these candidates could be missing."""
+    return ModelSpace(case, without=all_but(case, *kept))
 
 
 def investigation_of(case: Case, *kept: str) -> Investigation:

@@ -36,8 +36,8 @@ def evidence(**changes) -> Evidence:
         (NOTHING, "adequate"),
     ],
 )
-def test_each_rule_gives_its_verdict(told: Evidence, rule: str):
-    found = decide(told)
+def test_each_rule_gives_its_verdict(result: Evidence, rule: str):
+    found = decide(result)
     assert found.rule == rule
     assert found.verdict == RULES[rule][0]
     assert (found.unexplained is not None) == (rule in ("unknown law", "most is left", "held out"))
@@ -96,13 +96,13 @@ def test_what_is_left_matters_where_it_is_far_above_noise_and_tolerance(changes:
     ],
 )
 def test_held_out_runs_fail_beyond_a_factor_and_a_stated_tolerance(changes: dict, fails: bool):
-    told = decide(evidence(channels={"voltage_V": dataclasses.replace(FAILING, **changes)}))
-    assert told.rule == ("held out" if fails else "adequate")
+    result = decide(evidence(channels={"voltage_V": dataclasses.replace(FAILING, **changes)}))
+    assert result.rule == ("held out" if fails else "adequate")
 
 
 def test_words_say_where_and_how_far():
-    told = decide(evidence(channels={"voltage_V": FAILING, "cell_temperature_degC": WELL}, extrapolates=True))
-    assert told.unexplained == (
+    result = decide(evidence(channels={"voltage_V": FAILING, "cell_temperature_degC": WELL}, extrapolates=True))
+    assert result.unexplained == (
         "on check runs the error of voltage_V is 3.0 times that on fit runs; a check run lies outside the conditions "
         "that were fitted"
     )

@@ -20,8 +20,8 @@ from discrepancy.advice.identifiability import (
     profile_likelihood,
 )
 from discrepancy.evidence.trial import Trial
-from discrepancy.fitting.fit import Fit, fit, look
-from discrepancy.fitting.model import Bench, View
+from discrepancy.fitting.fit import Fit, fit, whitened_errors_and_jacobian
+from discrepancy.fitting.model import ModelSpace, View
 from discrepancy.fitting.problem import Lane, Problem
 from discrepancy.fitting.readings import Readings, Weights
 from discrepancy.investigation import Investigation
@@ -38,7 +38,7 @@ CHECK_RUN = 3
 def investigated(case: Case) -> Investigation:
     """With two effects alone to choose from, of which the programs are those of other tests."""
     kept = ("capacity_temperature", "entropic_ocv")
-    return Investigation(case, without=[n for n, one in Bench(case).candidates.items() if one.name not in kept])
+    return Investigation(case, without=[n for n, one in ModelSpace(case).candidates.items() if one.name not in kept])
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def found(plain: Investigation, model: Trial) -> Identifiability:
 
 def asked(plain: Investigation) -> list[int]:
     """The unknowns that are told of: not the check run's, nor what starts a run and moves no reading."""
-    layout = plain.bench.layout
+    layout = plain.space.layout
     unstated = ("initial_hysteresis", "initial_temperature_rise_K")
     return [i for i in range(layout.base) if layout.runs[i] != CHECK_RUN and layout.names[i] not in unstated]
 
@@ -80,14 +80,14 @@ def test_estimates_scatter_as_the_data_alone_say(found: Identifiability, model: 
     """Readings made anew of one truth, fitted with priors 30 times as wide: what is left is the Cramer-Rao bound."""
     generator = np.random.default_rng(5)
     truth, view, weights = model.fitted.x, model.scale.view, model.scale.weights
-    problem = plain.bench.problem(model.setting)
+    problem = plain.space.problem(model.setting)
     clean = view.at(problem, [model.setting.lane(truth)])[0]
     wide = dataclasses.replace(model.setting, prior_sd=model.setting.prior_sd * WIDER)
     away = []
     for _ in range(DRAWS):
         readings = view.readings
         anew = dataclasses.replace(readings, value=clean + readings.sd * generator.standard_normal(clean.size))
-        refit = fit(View(plain.bench, anew), wide, weights, truth)
+        refit = fit(View(plain.space, anew), wide, weights, truth)
         assert refit.converged
         away.append(refit.x - truth)
     own = asked(plain)
@@ -128,10 +128,12 @@ def test_capacity_and_storage_are_told_only_together(plain_cell: MadeCell) -> No
     case, assumed = asking_for(plain_cell.case, ["storage_months", "R_0"])
     assert assumed == ("storage_months", "R_0")
     investigation = investigated(case)
-    scale, setting = investigation.first_scale, investigation.bench.setting(())
-    x = np.zeros(investigation.bench.layout.size)
-    rows, jacobian = look(scale.view, investigation.bench.problem(setting), setting, scale.weights, x)
-    as_stated = Fit(x, setting.own, np.ones(len(setting.own)), rows, jacobian, 0.0, 0)
+    scale, setting = investigation.first_scale, investigation.space.setting(())
+    x = np.zeros(investigation.space.layout.size)
+    rows, jacobian = whitened_errors_and_jacobian(
+        scale.view, investigation.space.problem(setting), setting, scale.weights, x
+    )
+    as_stated = Fit(x, setting.free, np.ones(len(setting.free)), rows, jacobian, 0.0, 0)
     found = identifiability(investigation, Trial(setting, {}, as_stated, scale), assumed=assumed)
     assert np.isinf(found.sd_of_data[[found.place("capacity_Ah"), found.place("storage_months")]]).all()
     assert np.isfinite(found.sd_of_data[found.place("rc_resistance_scale")])
@@ -168,9 +170,9 @@ def test_profile_is_the_quadratic_where_it_holds_and_tells_where_it_lies(plain: 
     readings = Readings(
         nothing, 0 * number, number, 0 * number, nothing, nothing + 1.0, nothing, chain, np.zeros((2, 0))
     )
-    view, weights = Curved(plain.bench, readings), Weights(readings, NONE)
+    view, weights = Curved(plain.space, readings), Weights(readings, NONE)
     scale = dataclasses.replace(model.scale, view=view, weights=weights)
-    size = plain.bench.layout.size
+    size = plain.space.layout.size
     toy = Trial(model.setting, {}, fit(view, model.setting, weights, np.zeros(size)), scale)
     first, second, third, *_ = names_of(plain)
     curved = profile_likelihood(plain, toy, first)
@@ -187,7 +189,7 @@ def test_profile_is_the_quadratic_where_it_holds_and_tells_where_it_lies(plain: 
     short = dataclasses.replace(toy, fitted=dataclasses.replace(toy.fitted, x=np.full(size, 0.5)))
     again = deeper(short, profile_likelihood(plain, short, second))
     assert again is not None
-    np.testing.assert_allclose(again.fitted.x[: plain.bench.layout.base], 0.0, atol=1e-3)
+    np.testing.assert_allclose(again.fitted.x[: plain.space.layout.base], 0.0, atol=1e-3)
 
 
 def test_what_the_model_gets_wrong_widens_the_bounds(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from discrepancy.advice.next_experiment import (
 )
 from discrepancy.evidence.trial import Trial
 from discrepancy.fitting.lanes import PROGRAMS
-from discrepancy.fitting.model import Bench
+from discrepancy.fitting.model import ModelSpace
 from discrepancy.investigation import Investigation
 from jaxmodel.case import Case
 from jaxmodel.known import Known
@@ -32,7 +32,7 @@ RIVALS = ("capacity_temperature", "entropic_ocv")
 
 def rivals_of(case: Case) -> tuple[Investigation, list[Trial]]:
     """Both effects fitted beside the base model, and nothing else to choose from."""
-    without = [label for label, one in Bench(case).candidates.items() if one.name not in RIVALS]
+    without = [label for label, one in ModelSpace(case).candidates.items() if one.name not in RIVALS]
     investigation = Investigation(case, without=without)
     gains = {gain.label: gain for gain in investigation.base_gains}
     return investigation, [investigation.trial((label,), investigation.base, gains[label]) for label in RIVALS]

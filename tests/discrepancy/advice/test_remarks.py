@@ -104,8 +104,8 @@ def test_a_motor_that_turns_when_its_file_begins_is_remarked_on() -> None:
         predicted = zip(case.runs, starts, strict=True)
         return starts_moving(case, noise, {run.name: {"speed_rad_s": start + 0.0 * rows} for run, start in predicted})
 
-    (told,) = said(0.0, 0.0)
-    assert told.endswith("if it did turn, give initial_speed_rad_s = -150 to run-02.")
+    (remark,) = said(0.0, 0.0)
+    assert remark.endswith("if it did turn, give initial_speed_rad_s = -150 to run-02.")
     assert said(0.0, -150.0) == ()
     assert starts_moving(case, {}, {}) == ()
 

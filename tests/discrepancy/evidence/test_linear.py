@@ -12,7 +12,7 @@ from discrepancy.evidence.linear import AMPLITUDES, AS_FAR, Linear
 from discrepancy.fitting.candidates import Candidate
 from discrepancy.fitting.coordinates import Coordinate
 from discrepancy.fitting.fit import fit
-from discrepancy.fitting.model import Bench, Setting, View
+from discrepancy.fitting.model import ModelSpace, Setting, View
 from discrepancy.fitting.readings import Weights
 from discrepancy.noise.contract import noise_of_case
 from discrepancy.noise.model_error import NONE, ModelError
@@ -183,21 +183,21 @@ class Fade(CapacityFade):
     """A user's effect that does not say what tells it from another capacity."""
 
     name: ClassVar[str] = "fade"
-    told_by: ClassVar[str] = ""
+    distinguished_by: ClassVar[str] = ""
 
 
 def test_an_effect_that_imitates_a_number_of_all_runs_is_none(small: Case, small_view: View) -> None:
     """A capacity that fades with cycles is another capacity where all runs have one cycle count."""
     small = dataclasses.replace(small, own_effects={"fade": Fade})
-    others = [label for label in Bench(small).candidates if label not in ("fade", "self_heating")]
-    bench = Bench(small, others)
-    view, setting = View(bench, small_view.readings), bench.setting([])
+    others = [label for label in ModelSpace(small).candidates if label not in ("fade", "self_heating")]
+    space = ModelSpace(small, others)
+    view, setting = View(space, small_view.readings), space.setting([])
     weights = Weights(view.readings, NONE)
-    fitted = fit(view, setting, weights, np.zeros(bench.layout.size))
+    fitted = fit(view, setting, weights, np.zeros(space.layout.size))
     screened = screen(view, setting, fitted.x, noise_of_case(small))
     assert {way.label for way in screened.directions} == {"fade", "self_heating"}
-    is_common = np.array([bench.layout.runs[place] < 0 for place in setting.own])
-    linear = Linear(screened, weights, bench.candidates, fitted.x[list(setting.own)], is_common)
+    is_common = np.array([space.layout.runs[place] < 0 for place in setting.free])
+    linear = Linear(screened, weights, space.candidates, fitted.x[list(setting.free)], is_common)
     gains = {gain.label: gain for gain in linear.gains()}
     assert gains.keys() == {"self_heating"}
     # Nothing is hidden, and nothing is promised that counts.

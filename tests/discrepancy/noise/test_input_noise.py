@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from discrepancy.fitting.lanes import predictions
-from discrepancy.fitting.passed_on import noise_passed_on
+from discrepancy.fitting.noise_propagation import propagated_noise
 from discrepancy.noise.contract import noise_of_case
 from discrepancy.noise.input_noise import MovedInputs, at_most, row_of_step, slow_directions
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.case import Case, Run
 from jaxmodel.known import Known
 from jaxmodel.simulation import run_track, simulate, track
-from tests.discrepancy.made_cases import bench_of, case_of, investigation_of, run_of, small_cell
+from tests.discrepancy.made_cases import case_of, investigation_of, run_of, small_cell, space_of
 
 CURRENT_SD = 0.02
 
@@ -31,9 +31,9 @@ def test_current_noise_reaches_the_voltage_through_resistance_and_relaxation() -
     inputs = {"current_A": current, "ambient_degC": np.full(rows, 20.0)}
     run = run_of(1, inputs, {"voltage_V": np.linspace(4.0, 3.9, rows)}, step_s=10.0)
     case = case_of("cell", {"capacity_Ah": Known(4.0, 0.1)}, [run], {"voltage_V": 1e-3, "current_A": CURRENT_SD})
-    bench = bench_of(case)
-    setting = bench.setting(())
-    found, _ = noise_passed_on(case, noise_of_case(case), bench, setting, np.zeros(bench.layout.size))
+    space = space_of(case)
+    setting = space.setting(())
+    found, _ = propagated_noise(case, noise_of_case(case), space, setting, np.zeros(space.layout.size))
     said = found["voltage_V"].from_inputs
 
     model, profile = case_model(case, run), run_profile(run)
@@ -68,16 +68,16 @@ def test_slow_noise_is_what_random_noise_moves_over_many_rows() -> None:
     run = run_of(1, inputs, {"voltage_V": np.linspace(4.0, 3.9, rows)}, step_s=10.0)
     case = case_of("cell", {"capacity_Ah": Known(4.0, 0.1)}, [run])
     model = case_model(case, run)
-    courses = jax.tree.map(lambda leaf: leaf[None], track(model, run_profile(run)))
+    tracks = jax.tree.map(lambda leaf: leaf[None], track(model, run_profile(run)))
     voltages = jax.jit(lambda course: run_track(model, course, jnp.asarray(run.measured.time_s)).readings["voltage_V"])
 
     def predict(moves: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:
-        course = jax.tree.map(lambda leaf: leaf[0], courses)
+        course = jax.tree.map(lambda leaf: leaf[0], tracks)
         moved = [course.inputs | {name: course.inputs[name] + more[0] for name, more in one.items()} for one in moves]
         return np.stack([np.asarray(voltages(dataclasses.replace(course, inputs=one)))[None] for one in moved])
 
-    answers = MovedInputs(predict, courses, {"current_A": CURRENT_SD}).to_slow_noise()[:, 0]
-    rng, row = np.random.default_rng(0), row_of_step(courses)
+    answers = MovedInputs(predict, tracks, {"current_A": CURRENT_SD}).to_slow_noise()[:, 0]
+    rng, row = np.random.default_rng(0), row_of_step(tracks)
     noise = CURRENT_SD * rng.standard_normal((300, rows))
     scatter = (predict([{"current_A": one[row]} for one in noise]) - predict([{}]))[:, 0]
     for slow in (np.ones(rows), np.linspace(-1.0, 1.0, rows)):
@@ -125,8 +125,8 @@ def test_numbers_are_as_sure_as_fits_to_other_draws_of_the_noise_would_scatter()
     noise = base.scale.noise
     assert noise["voltage_V"].from_inputs > 1e-3
     assert not base.scale.error.sd
-    readings, problem = base.scale.view.readings, inv.bench.problem(base.setting)
-    place, row = (readings.run, readings.row, readings.channel), row_of_step(problem.courses)
+    readings, problem = base.scale.view.readings, inv.space.problem(base.setting)
+    place, row = (readings.run, readings.row, readings.channel), row_of_step(problem.tracks)
     own_sd = np.array([noise[name].own_sd for name in problem.channels if name in noise])
     assert [problem.channels.index(name) for name in noise] == list(range(own_sd.size))
     still = base.setting.lane(base.fitted.x)

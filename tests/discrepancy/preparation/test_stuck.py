@@ -45,9 +45,9 @@ def hanging(run, first: int, last: int = ROWS):
 def test_a_thermometer_that_sticks_half_way_is_found_and_told(noise: float, quantum: float) -> None:
     runs = [cell(1, noise, quantum), hanging(cell(2, noise, quantum), 600), cell(3, noise, quantum)]
     case = case_of("cell", {}, runs)
-    cleaned, (told,) = without_stuck(case)
-    assert told.startswith("cell_temperature_degC in run-02 repeats ")
-    assert "degC from 1200 s to the end, while the load goes on: the sensor stuck" in told
+    cleaned, (remark,) = without_stuck(case)
+    assert remark.startswith("cell_temperature_degC in run-02 repeats ")
+    assert "degC from 1200 s to the end, while the load goes on: the sensor stuck" in remark
     left = cleaned.runs[1].measured.outputs["cell_temperature_degC"]
     assert np.isnan(left[602:]).all()
     assert np.isfinite(left[:599]).all()
@@ -58,8 +58,8 @@ def test_a_thermometer_that_sticks_half_way_is_found_and_told(noise: float, quan
 
 def test_one_that_comes_loose_again_is_told_until_then() -> None:
     runs = [cell(1), hanging(cell(2), 400, 900)]
-    _, (told,) = without_stuck(case_of("cell", {}, runs))
-    assert "from 800 s to 1798 s" in told
+    _, (remark,) = without_stuck(case_of("cell", {}, runs))
+    assert "from 800 s to 1798 s" in remark
 
 
 def test_a_sensor_that_only_dithers_by_one_step_sticks_too() -> None:
@@ -101,8 +101,8 @@ def test_one_that_stops_on_its_way_up_sticks_although_it_is_coarse() -> None:
     inputs = {"current_A": np.full(900, 3.0), "ambient_degC": np.full(900, 25.0)}
     hung = np.where(np.arange(900) < 400, warm, warm[400])
     runs = [run_of(k, inputs, {"cell_temperature_degC": one}) for k, one in ((1, warm), (2, hung))]
-    _, (told,) = without_stuck(case_of("cell", {}, runs))
-    assert told.startswith("cell_temperature_degC in run-02 repeats 33 degC from ")
+    _, (remark,) = without_stuck(case_of("cell", {}, runs))
+    assert remark.startswith("cell_temperature_degC in run-02 repeats 33 degC from ")
 
 
 def test_a_motor_that_stands_still_and_a_chamber_that_is_constant_are_not_stuck() -> None:

@@ -15,7 +15,7 @@ _SHARES = (1.0, 0.3)
 
 
 @dataclasses.dataclass(frozen=True)
-class Foretold:
+class CrossValidation:
     """What a model says of pieces of runs that were left out.
 
     Attributes:
@@ -31,7 +31,7 @@ class Foretold:
     errors: np.ndarray
 
 
-def foretold(trial: Trial, pieces: int) -> Foretold:
+def cross_validate(trial: Trial, pieces: int) -> CrossValidation:
     """Return what a model says of each piece of each run when the others alone are fitted.
 
     The unknowns move by a step of Newton's, or a shorter one where the others are fitted better there: at the steep end
@@ -41,19 +41,19 @@ def foretold(trial: Trial, pieces: int) -> Foretold:
         trial: the model.
         pieces: into how many pieces of time each run is cut.
     """
-    block, view, own = trial.scale.pieces(pieces), trial.scale.view, list(trial.setting.own)
+    block, view, free = trial.scale.pieces(pieces), trial.scale.view, list(trial.setting.free)
     blocks = Blocks.of(trial.fitted, block)
     numbers, moves = blocks.numbers, blocks.moves * blocks.scale
     steps = np.concatenate([share * moves for share in _SHARES])
     places = np.repeat(trial.fitted.x[None], len(steps), axis=0)
-    places[:, own] += steps
-    errors = errors_at(view, view.bench.problem(trial.setting), trial.setting, places)
+    places[:, free] += steps
+    errors = errors_at(view, view.space.problem(trial.setting), trial.setting, places)
     white = trial.scale.weights.whiten(errors)
-    pulls = np.sum((places[:, own] / trial.fitted.prior_sd) ** 2, axis=1)
+    pulls = np.sum((places[:, free] / trial.fitted.prior_sd) ** 2, axis=1)
     raw, rows = np.zeros(block.size), np.zeros(block.size)
     for place, number in enumerate(numbers):
         mine = block == number
         mine_of = range(place, len(steps), numbers.size)
         best = min(mine_of, key=lambda one: float(np.sum(white[~mine, one] ** 2)) + pulls[one])
         moves[place], raw[mine], rows[mine] = steps[best], errors[mine, best], white[mine, best]
-    return Foretold(trial, block, left_out(trial.fitted, block, moves, rows), raw)
+    return CrossValidation(trial, block, left_out(trial.fitted, block, moves, rows), raw)
