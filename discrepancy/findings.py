@@ -1,4 +1,4 @@
-"""What the final model says of tables, unknown laws and single runs."""
+"""Curves, unknown laws and shifts of single runs in the final model."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def _values(inv: Workings, trial: Trial, label: str) -> tuple[np.ndarray, np.nda
 
 
 def curve_found(inv: Workings, trial: Trial, label: str, removes: dict[str, Removed]) -> CurveFound:
-    """Return by how much a table or relation is off, at its knots."""
+    """Return the correction of a table or relation at its knots."""
     candidate = inv.space.candidates[label]
     effect = candidate.effect
     assert isinstance(effect, Curve)
@@ -56,9 +56,9 @@ def law_found(inv: Workings, trial: Trial, label: str, removes: dict[str, Remove
 
 
 def unknown_sentence(curve: CurveFound) -> str:
-    """Say where a law acts, and how it depends on state and input."""
+    """Say where a law acts, and how it depends on its variable."""
     equation = next((ports[curve.port][2] for ports in PORTS.values() if curve.port in ports), curve.port)
-    factor = f" in proportion to {curve.multiplier}" if curve.multiplier else ""
+    factor = f" proportional to {curve.multiplier}" if curve.multiplier else ""
     turns = np.diff(curve.value)
     unit = f" {curve.unit}" if curve.unit else ""
     if np.all(turns >= 0.0) or np.all(turns <= 0.0):
@@ -66,13 +66,13 @@ def unknown_sentence(curve: CurveFound) -> str:
     else:
         shape = f"between {curve.value.min():.3g} and {curve.value.max():.3g}{unit}"
     return (
-        f"what is left acts on {equation.replace('_', ' ')}{factor} as a function of {curve.over}, {shape} over "
+        f"the remaining error acts on {equation.replace('_', ' ')}{factor} as a function of {curve.over}, {shape} over "
         f"{curve.at.min():.3g} to {curve.at.max():.3g}"
     )
 
 
 def run_found(inv: Workings, trial: Trial, last: Rung, label: str, removes: dict[str, Removed]) -> RunFound:
-    """Return a number of one run that differs from that of the others."""
+    """Return the shift of a parameter in one run."""
     candidate = inv.space.candidates[label]
     run = inv.case.runs[candidate.run]
     coordinate = candidate.coordinates[0]

@@ -40,7 +40,7 @@ class Found:
     path: tuple[Settled, ...]
     refused: dict[str, Addition]
     laws: tuple[Addition, ...]
-    weighed: tuple[Trial, ...]
+    compared: tuple[Trial, ...]
 
 
 def run(investigation: Workings, start: Sequence[str] = (), seek: bool = True) -> Found:
@@ -72,7 +72,7 @@ def run(investigation: Workings, start: Sequence[str] = (), seek: bool = True) -
     if laws:
         path.append(model)
     refused = {label: one for label, one in refused.items() if label not in model.labels}
-    return Found(model, tuple(path), refused, laws, tuple(_weighed(inv, model, start)))
+    return Found(model, tuple(path), refused, laws, tuple(_rivals_of(inv, model, start)))
 
 
 def _additions(inv: Workings, model: Settled) -> tuple[list[Addition], list[Addition]]:
@@ -256,7 +256,7 @@ def _worth_a_law(inv: Workings, model: Settled) -> bool:
     return False
 
 
-def _weighed(inv: Workings, model: Settled, keep: Sequence[str]) -> list[Trial]:
+def _rivals_of(inv: Workings, model: Settled, keep: Sequence[str]) -> list[Trial]:
     """Return the models that rival the final one under its weights: without each addition, and with others for it."""
     found: list[Trial] = [model]
     for label in [one for one in model.labels if one not in keep]:

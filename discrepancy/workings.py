@@ -220,7 +220,7 @@ class Workings:
             doubtful = model.stated is None or model.contradicts
             if doubtful and 0.0 < fast < model.own_sd / self.settings.noise_contradiction:
                 floor = max(fast, model.quantum / np.sqrt(12.0))
-                source = f"{model.source}; a model leaves no more than {floor:.3g} from one reading to the next"
+                source = f"{model.source}; reduced to the scatter of the residual from reading to reading, {floor:.3g}"
                 if model.stated is not None and floor < self.settings.noise_contradiction * model.stated:
                     # It was a lively input, and not the sensor, that made the readings scatter.
                     floor = float(np.hypot(model.stated, model.quantum / np.sqrt(12.0)))
@@ -379,8 +379,8 @@ def _why_no_readings(case: Case) -> str:
     """Return why there is nothing to calibrate to, and what to do."""
     read = {name for run in case.runs if run.split == "fit" for name in run.measured.outputs}
     if not read:
-        return 'no reading of a run with split = "fit"; mark at least one such run, with a column that is measured'
+        return 'no fit run has a reading; set split = "fit" for at least one run with a measured column'
     return (
-        f"{' and '.join(sorted(read))} never change in the fit runs and their noise is not stated, so that nothing is "
-        "learnt from them; state it under [sensors], or measure something that moves"
+        f"{' and '.join(sorted(read))} never change in the fit runs and have no stated noise, so they carry no "
+        "information; state the noise under [sensors], or measure a quantity that changes"
     )

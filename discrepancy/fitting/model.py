@@ -159,8 +159,7 @@ class ModelSpace:
             meant = meant or [label for label in self.candidates if name == label]
             if not meant:
                 raise EffectError(
-                    f"{self.case.name}: no effect that could be added to this case is called '{name}'."
-                    f"{nearest(name, self.candidates)}"
+                    f"{self.case.name}: '{name}' is not a candidate of this case.{nearest(name, self.candidates)}"
                 )
             found.extend(meant)
         return tuple(dict.fromkeys(found))
@@ -171,7 +170,7 @@ class ModelSpace:
         for name in names:
             meant = self.labels_of([name])
             if len(meant) > 1:
-                raise EffectError(f"--add {name}: say of which column, as in --add {meant[0]}.")
+                raise EffectError(f"--add {name}: give its column too, as in --add {meant[0]}.")
             labels |= dict.fromkeys(meant)
         return self.key(tuple(labels))
 

@@ -123,7 +123,7 @@ def channel_noise(
     seen = max(free.sd, rounding) if np.isfinite(free.sd) else float("nan")
     if stated_sd is None:
         if not np.isfinite(seen):
-            return NoiseModel(rounding, 0.0, "nothing stated and too few or equal readings: rounding alone", quantum)
+            return NoiseModel(rounding, 0.0, "not stated, and too few or only equal readings: rounding only", quantum)
         rho = free.rho if free.is_coloured else 0.0
         return NoiseModel(seen, rho, f"estimated from {BETWEEN_JUMPS}", quantum)
     sd = float(np.sqrt(stated_sd**2 + rounding**2))
@@ -139,8 +139,8 @@ def channel_noise(
     # Given a sd that is wrong, white noise seems correlated: both estimates must say so.
     rho = given.rho if given.is_coloured and free.is_coloured else 0.0
     source = f"stated ({stated_sd:g})"
-    source += f", rounding to {quantum:g} added" if quantum else ""
-    source += f"; correlation from {BETWEEN_JUMPS}" if rho else ""
+    source += f", rounding to {quantum:g} included" if quantum else ""
+    source += f"; autocorrelation from {BETWEEN_JUMPS}" if rho else ""
     return NoiseModel(sd, rho, source, quantum, stated=stated_sd)
 
 

@@ -36,8 +36,8 @@ def with_like_inputs(case: Case) -> Case:
     for run in runs[1:]:
         if other := sorted(first.measured.inputs.keys() ^ run.measured.inputs.keys()):
             raise FitError(
-                f"{case.label}: {first.file} and {run.file} are driven in different ways ("
-                f"{', '.join(other)}); put runs that are driven alike into a case of their own."
+                f"{case.label}: {first.file} and {run.file} have different inputs ("
+                f"{', '.join(other)}); put runs with the same inputs into a case of their own."
             )
     return dataclasses.replace(case, runs=tuple(runs))
 

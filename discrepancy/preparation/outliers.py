@@ -46,9 +46,9 @@ def without_outliers(case: Case) -> tuple[Case, tuple[str, ...]]:
         row = int(np.argmax(found[first.name]))
         value = first.measured.outputs[channel][row]
         remarks.append(
-            f"{count} reading{'s' * (count > 1)} of {channel} left out as outlier{'s' * (count > 1)}, far from those "
-            f"before and after while no input changed: {value:.4g} at {first.measured.time_s[row]:g} s of {first.file}"
-            f"{' and others' * (count > 1)}."
+            f"{count} reading{'s' * (count > 1)} of {channel} excluded as outlier{'s' * (count > 1)}, far from the "
+            f"neighbouring readings although no input changed: {value:.4g} at {first.measured.time_s[row]:g} s of "
+            f"{first.file}{' and others' * (count > 1)}."
         )
         for name, rows in found.items():
             runs[name] = without_readings(runs[name], channel, rows)

@@ -41,8 +41,8 @@ def without_saturated(case: Case) -> tuple[Case, tuple[str, ...]]:
                     runs[run.name] = without_readings(runs[run.name], channel, rows)
             remarks.append(
                 f"{channel} repeats {rail:g} {unit_of(channel)}".rstrip()
-                + f" in {count} readings of {', '.join(names)} and goes no further: the sensor is at the end of its "
-                "range; these readings are left out."
+                + f" in {count} readings of {', '.join(names)} and never goes beyond: the sensor is saturated; these "
+                "readings are excluded."
             )
     return dataclasses.replace(case, runs=tuple(runs.values())), tuple(remarks)
 

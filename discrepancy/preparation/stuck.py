@@ -99,8 +99,8 @@ def without_stuck(case: Case) -> tuple[Case, tuple[str, ...]]:
             until = "the end" if stretch.last == read[-1] else f"{run.measured.time_s[stretch.last]:g} s"
             remarks.append(
                 f"{channel} in {name} repeats {stretch.value:g} {unit_of(channel)}".rstrip()
-                + f" from {run.measured.time_s[stretch.first]:g} s to {until}, while the load goes on: the sensor "
-                "stuck; these readings are left out."
+                + f" from {run.measured.time_s[stretch.first]:g} s to {until} under load: the sensor is stuck; these "
+                "readings are excluded."
             )
     return dataclasses.replace(case, runs=tuple(runs.values())), tuple(remarks)
 

@@ -178,7 +178,7 @@ def figure_9_section(data: xr.Dataset, together: Gradients) -> Section:
             Table("figure-9", head, rows),
             Picture(
                 "figure-9",
-                png(pictures.doubled_courses(time_s, base, moved)),
+                png(pictures.doubled_voltages(time_s, base, moved)),
                 "Voltage of one cell with one component doubled at a time.",
             ),
         ],

@@ -32,7 +32,7 @@ def test_the_policy_ends_at_what_is_hidden(warm_small: Investigation, found: Fou
     assert found.final.labels == ("self_heating",)
     assert [model.labels for model in found.path] == [(), ("self_heating",)]
     assert found.laws == ()
-    assert found.final.log_evidence > max(trial.log_evidence for trial in found.weighed[1:])
+    assert found.final.log_evidence > max(trial.log_evidence for trial in found.compared[1:])
     layout, fitted = warm_small.space.layout, found.final.fitted
     for place, true in zip(layout.of["self_heating"], HEATING["self_heating"].values(), strict=True):
         sd = layout.coordinates[place].slope(fitted.x[place]) * fitted.sd()[list(fitted.free).index(place)]
@@ -91,7 +91,7 @@ def test_verbs_tell_what_the_present_model_lacks_and_leaves():
 def test_what_cannot_be_done_is_said(plain_small: Investigation):
     with pytest.raises(EffectError, match="self_heating"):
         plain_small.add("self_heatin")
-    with pytest.raises(EffectError, match="no effect that could be added"):
+    with pytest.raises(EffectError, match="is not a candidate of this case"):
         Investigation(small_cell(), without=["what is not there"])
     case = small_cell()
     judged = dataclasses.replace(case, runs=tuple(dataclasses.replace(run, split="check") for run in case.runs))

@@ -269,7 +269,7 @@ def test_sweep_and_sensitivity_take_what_diagnose_wrote(run: Run, diagnosed: Pat
 def test_compare_calibrates_and_tries_no_effect(run: Run, made_case: Path, tmp_path: Path) -> None:
     result = run("compare", made_case, "--out", tmp_path)
     assert result.exit_code == 0, result.output
-    assert "no effects were tried" in result.stdout
+    assert "no effects were tested" in result.stdout
     assert not (tmp_path / "small" / "answer.json").exists()
     assert read_case(tmp_path / "small" / "calibrated.toml").effects == {}
     errors = json.loads((tmp_path / "small" / "errors.json").read_text())

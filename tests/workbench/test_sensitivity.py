@@ -97,7 +97,7 @@ def test_identify_leaves_a_glitch_out_and_says_so(run: Run, case_folder: Path, t
     table.to_csv(case_folder / "run-01.csv", index=False)
     told = run("identify", case_folder, "--out", tmp_path)
     assert told.exit_code == 0, told.output
-    glitch = "1 reading of voltage_V left out as outlier"
+    glitch = "1 reading of voltage_V excluded as outlier"
     assert glitch in told.stdout
     (remark,) = json.loads((tmp_path / "identify.json").read_text(encoding="utf-8"))["remarks"]
     assert remark.startswith(glitch)

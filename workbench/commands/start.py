@@ -1,4 +1,4 @@
-"""What every command does first: compiled programs are kept, effects of the user's own are known."""
+"""Common start of all commands: the cache of compiled programs, the user's own effects."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from workbench.terminal import complain
 
 
 def start(out: Path) -> None:
-    """Make the folder for the results, switch on the cache of compiled programs, and collect garbage seldom.
+    """Make the folder for the results, enable the cache of compiled programs, and collect garbage rarely.
 
     Raises:
         OSError: the folder cannot be made.
@@ -28,7 +28,7 @@ def start(out: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
     if problem := keep_compiled_programs():
         complain(problem)
-    # What is imported and traced stays: to look through it over and over took 15 % of a diagnosis.
+    # Imported and traced objects stay alive: checking them again and again took 15 % of a diagnosis.
     gc.freeze()
     gc.set_threshold(50_000)
 
@@ -43,7 +43,7 @@ def robots_of(paths: Sequence[Path]) -> dict[str, Model]:
     for path in paths:
         case = read_case(path)
         if case.kind != "robot":
-            raise MeasurementError(f"{path}: this needs a case of kind robot, and this one is of kind {case.kind}.")
+            raise MeasurementError(f"{path}: the command needs a case of kind robot; this one is of kind {case.kind}.")
         if case.name in models:
             raise MeasurementError(f"Two of the models are called '{case.name}'; rename the folder of one of them.")
         models[case.name] = case_model(case)
@@ -70,7 +70,7 @@ def read_case_with(path: Path, effects: Sequence[str]) -> Case:
 
 @contextlib.contextmanager
 def in_catalogue(classes: Sequence[type[Effect]]) -> Iterator[None]:
-    """Put effects of the user's own into the catalogue itself for a while: a study file looks them up there."""
+    """Add the user's own effects to the catalogue for a while, where study files look them up."""
     own = named(classes)
     CATALOGUE.update(own)
     try:

@@ -123,8 +123,8 @@ def test_answer_says_yes_with_the_source(found: Identifiability) -> None:
         found.answer("capacity")
 
 
-def test_capacity_and_storage_are_told_only_together(plain_cell: MadeCell) -> None:
-    """Eq. 8 multiplies eq. 1's capacity: no current, voltage or time can tell the two factors apart."""
+def test_capacity_and_storage_are_determined_only_together(plain_cell: MadeCell) -> None:
+    """Eq. 8 multiplies the capacity of eq. 1: no reading can distinguish the two factors."""
     case, assumed = asking_for(plain_cell.case, ["storage_months", "R_0"])
     assert assumed == ("storage_months", "R_0")
     investigation = investigated(case)
@@ -139,12 +139,12 @@ def test_capacity_and_storage_are_told_only_together(plain_cell: MadeCell) -> No
     assert np.isfinite(found.sd_of_data[found.place("rc_resistance_scale")])
     words = [words for _, words in found.sloppy()]
     assert "R_0 alone" in words
-    together = [told for told in words if "capacity_Ah" in told]
+    together = [one for one in words if "capacity_Ah" in one]
     assert len(together) == 1
     assert "storage_months" in together[0]
-    assert found.answer("R_0") == "No: nothing that was measured depends on R_0."
+    assert found.answer("R_0") == "No: no reading depends on R_0."
     assert found.answer("capacity_Ah").startswith("No: ")  # its own sd is far less than what storage could make up for
-    assert "they leave open storage_months, capacity_Ah up together" in found.answer("capacity_Ah")
+    assert "they do not determine storage_months, capacity_Ah up together" in found.answer("capacity_Ah")
 
 
 def test_what_is_stated_with_an_sd_is_left_as_it_is(plain_cell: MadeCell) -> None:
@@ -164,7 +164,7 @@ class Curved(View):
         return np.stack([-first, first - 3.0 * second], axis=1)
 
 
-def test_profile_is_the_quadratic_where_it_holds_and_tells_where_it_lies(plain: Investigation, model: Trial) -> None:
+def test_profile_agrees_with_the_quadratic_or_shows_that_it_is_wrong(plain: Investigation, model: Trial) -> None:
     nothing, number = np.zeros(2), np.arange(2)
     chain = ((("voltage_V", 0), slice(0, 2)),)
     readings = Readings(
@@ -180,12 +180,12 @@ def test_profile_is_the_quadratic_where_it_holds_and_tells_where_it_lies(plain: 
     s = np.sinh(2.0 * x)
     expected = s**2 + (s - 3.0 * (0.3 * s)) ** 2 + (0.3 * s) ** 2 + x**2  # at the best second unknown, 3 s / 10
     np.testing.assert_allclose(curved.rise, expected, rtol=1e-3, atol=1e-6)
-    assert curved.lies
+    assert curved.is_not_quadratic
     straight = profile_likelihood(plain, toy, third)
     np.testing.assert_allclose(straight.rise, straight.quadratic, atol=1e-6)
-    assert not straight.lies
+    assert not straight.is_not_quadratic
     assert deeper(toy, curved) is None
-    # A calibration that stopped short is found out, and begun again.
+    # A calibration that has not converged is detected, and started again.
     short = dataclasses.replace(toy, fitted=dataclasses.replace(toy.fitted, x=np.full(size, 0.5)))
     again = deeper(short, profile_likelihood(plain, short, second))
     assert again is not None
@@ -213,4 +213,4 @@ def _held_to_the_truth(case: Case) -> None:
     i = found.place("capacity_Ah")
     assert found.sd[i] > 2.0 * without.sd[i]
     assert abs(found.values[i] - TRUE["capacity_Ah"]) < 3.0 * found.sd[i]
-    assert "misses the data by" in found.answer("capacity_Ah")
+    assert "the RMS residual is" in found.answer("capacity_Ah")

@@ -185,7 +185,7 @@ def test_too_few_readings_leave_rounding_alone():
     assert "too few" in noise.source
 
 
-@pytest.mark.parametrize(("rho", "told"), [(0.0, {4, 6}), (0.6, {3, 7})])
+@pytest.mark.parametrize(("rho", "result"), [(0.0, {4, 6}), (0.6, {3, 7})])
 def test_an_input_freed_of_its_noise_says_nothing_of_its_own_row(rho: float, result: set[int]) -> None:
     """Nor, where whitening mixes rows, of those beside it: else a function of it would find its noise in a residual."""
     sd = 0.01

@@ -71,7 +71,7 @@ def test_a_case_tells_what_it_leaves_out_and_keeps_what_happens_often():
     clean = cell()
     case = case_of("cell", {}, [spoilt(clean, [250, 777], 0.0)], {"voltage_V": SD})
     cleaned, (remark,) = without_outliers(case)
-    assert remark.startswith("2 readings of voltage_V left out as outliers")
+    assert remark.startswith("2 readings of voltage_V excluded as outliers")
     assert "0 at" in remark
     assert list(np.flatnonzero(np.isnan(cleaned.runs[0].measured.outputs["voltage_V"]))) == [250, 777]
     assert np.isfinite(case.runs[0].measured.outputs["voltage_V"]).all(), "the case given is as it was"

@@ -21,7 +21,7 @@ def test_readings_at_the_rail_are_left_out_and_told() -> None:
     case = case_of("motor", {}, [motor(1, 5.0), motor(2, 5.0)])
     cleaned, (remark,) = without_saturated(case)
     assert remark.startswith("current_A repeats 5 A in ")
-    assert "of run-01, run-02 and goes no further" in remark
+    assert "of run-01, run-02 and never goes beyond" in remark
     for run, before in zip(cleaned.runs, case.runs, strict=True):
         left, given = run.measured.outputs["current_A"], before.measured.outputs["current_A"]
         assert np.isnan(left).sum() >= 0.95 * np.sum(given == 5.0)

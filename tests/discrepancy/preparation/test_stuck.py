@@ -47,7 +47,7 @@ def test_a_thermometer_that_sticks_half_way_is_found_and_told(noise: float, quan
     case = case_of("cell", {}, runs)
     cleaned, (remark,) = without_stuck(case)
     assert remark.startswith("cell_temperature_degC in run-02 repeats ")
-    assert "degC from 1200 s to the end, while the load goes on: the sensor stuck" in remark
+    assert "degC from 1200 s to the end under load: the sensor is stuck" in remark
     left = cleaned.runs[1].measured.outputs["cell_temperature_degC"]
     assert np.isnan(left[602:]).all()
     assert np.isfinite(left[:599]).all()
