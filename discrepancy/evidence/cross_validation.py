@@ -1,4 +1,4 @@
-"""What a model says of pieces of runs that were left out, by its own predictions there."""
+"""Cross-validation: each time block of each run is predicted by the model fitted to all others."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from discrepancy.evidence.left_out import Blocks, LeftOut, left_out
 from discrepancy.evidence.trial import Trial
 from discrepancy.fitting.fit import errors_at
 
-# Shares of a step that are tried where a piece of a run is left out.
+# Shares of a Newton step that are tried when a block is left out.
 _SHARES = (1.0, 0.3)
 
 
 @dataclasses.dataclass(frozen=True)
 class CrossValidation:
-    """What a model says of pieces of runs that were left out.
+    """Predictions of a model for time blocks that were left out.
 
     Attributes:
         trial: the model.
-        block: (readings,) the piece of each.
-        left_out: log probability of each piece.
-        errors: (readings,) measured less predicted, in the channels' units.
+        block: (readings,) block of each.
+        left_out: log probability of each block.
+        errors: (readings,) measured minus predicted, in the channels' units.
     """
 
     trial: Trial
@@ -32,14 +32,14 @@ class CrossValidation:
 
 
 def cross_validate(trial: Trial, pieces: int) -> CrossValidation:
-    """Return what a model says of each piece of each run when the others alone are fitted.
+    """Return the prediction of each time block of each run when only the others are fitted.
 
-    The unknowns move by a step of Newton's, or a shorter one where the others are fitted better there: at the steep end
-    of a discharge no straight line holds. The errors are those of the model itself.
+    The unknowns move by a Newton step, or by a part of it if that fits the other blocks better: at the steep end of a
+    discharge the linearisation fails. The errors are those of the nonlinear model.
 
     Args:
         trial: the model.
-        pieces: into how many pieces of time each run is cut.
+        pieces: number of time blocks per run.
     """
     block, view, free = trial.scale.pieces(pieces), trial.scale.view, list(trial.setting.free)
     blocks = Blocks.of(trial.fitted, block)

@@ -1,4 +1,4 @@
-"""Which of all models of a case is meant, and the programs that predict it."""
+"""The space of models of a case, and the programs that predict their readings."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ from jaxmodel.errors import EffectError, nearest
 from jaxmodel.ports import Effect
 
 Labels = tuple[str, ...]
-# A shot at what a law adds at a port, as a share of what is usual there.
+# Typical size of a law at a port, as a share of the usual value there.
 _SHARE = {"overpotential": 0.003, "counted_current": 0.02, "cell_heat": 0.1, "bridge_voltage": 0.03}
 _SHARE |= {"load_torque": 0.05, "torque_constant": 0.03, "motor_loss": 0.1, "onboard_current": 0.3}
 
 
 @dataclasses.dataclass(frozen=True)
 class Setting:
-    """One model of a case: which unknowns are free, how wide their priors are, and what is switched on.
+    """One model of a case: its free unknowns, their priors, and the effects that are switched on.
 
     Attributes:
-        labels: of what is added.
+        labels: of its additions.
         free: places of the free unknowns.
-        prior_sd: (unknowns,) sd of the prior of each, in its coordinate; 1 but for curves.
-        switches: of the effects behind switches.
-        laws: what each law is a function of.
-        is_fine: its steps are those of effects that bend the armature's equations.
-        is_lawful: an unknown law is in it, or may be.
+        prior_sd: (unknowns,) prior sd of each coordinate; 1 except for curves and laws.
+        switches: of the effects with a switch.
+        laws: settings of the laws.
+        is_fine: it needs the finer steps of effects that make the armature equations nonlinear.
+        is_lawful: it contains an unknown law, or may.
     """
 
     labels: Labels
@@ -57,7 +57,7 @@ class Setting:
 
 
 class ModelSpace:
-    """A case with all that could be missing in it, in one program; a second one, finer, for what bends the armature."""
+    """All models of a case in one compiled program; a second one has finer steps, for nonlinear armature equations."""
 
     def __init__(
         self,
@@ -65,7 +65,7 @@ class ModelSpace:
         without: Sequence[str] = (),
         settings: Settings = SETTINGS,
     ) -> None:
-        """Lay out the unknowns, without what the user rules out."""
+        """Lay out the unknowns, without the candidates that are ruled out."""
         self.case, self.settings = case, settings
         ranges, sizes = _ranges(case), _sizes(case)
         everything = [*candidates(case), *laws(case, ranges, sizes, settings)]
@@ -81,7 +81,7 @@ class ModelSpace:
 
     @functools.cached_property
     def fine(self) -> Problem:
-        """Return the problem at the steps that effects need which bend the armature's equations."""
+        """Return the problem at the finer steps for nonlinear armature equations."""
         return self._made(True, False)
 
     @functools.cached_property
@@ -109,7 +109,7 @@ class ModelSpace:
         return self.fine if setting.is_fine else self.coarse
 
     def quiet(self, setting: Setting, noise: Mapping[str, NoiseModel]) -> Problem:
-        """Return the problem with the noise taken out of its inputs, as they are where nothing is known of it."""
+        """Return the problem with the noise removed from its inputs, if it is stated."""
         problem = self.problem(setting)
         if not noisy_inputs(self.case):
             return problem
@@ -123,11 +123,11 @@ class ModelSpace:
         return self.__dict__[key]
 
     def setting(self, labels: Sequence[str], amplitudes: Mapping[str, float] | None = None) -> Setting:
-        """Return a model by what is added to the base model.
+        """Return the model with some additions to the base model.
 
         Args:
             labels: of candidates.
-            amplitudes: of curves and laws, the sd of their prior in units of their usual size; 1 where not named.
+            amplitudes: prior sd of curves and laws, in units of their usual size; 1 if not given.
         """
         key = self.key(labels)
         prior_sd = np.ones(self.layout.size)
@@ -144,14 +144,14 @@ class ModelSpace:
         return Setting(key, tuple(self.layout.places_of(key)), prior_sd, switches, settings, fine, with_laws)
 
     def key(self, labels: Sequence[str]) -> Labels:
-        """Return candidates in the order in which they act on a port they share."""
+        """Return candidates in the order in which they act on a shared port."""
         return tuple(label for label in self.candidates if label in labels)
 
     def labels_of(self, names: Sequence[str]) -> Labels:
-        """Return the candidates that a user's names mean: an effect, or a sensor's effect on one column as 'a:b'.
+        """Return the candidates with given names: an effect, or a sensor fault of one column as 'a:b'.
 
         Raises:
-            EffectError: no candidate of this case is called so.
+            EffectError: there is no such candidate.
         """
         found: list[str] = []
         for name in names:
@@ -165,7 +165,7 @@ class ModelSpace:
         return tuple(dict.fromkeys(found))
 
     def labels_to_add(self, names: Sequence[str]) -> Labels:
-        """Return the candidates that a user wants in the model; EffectError as `labels_of`, or for want of a column."""
+        """Return the candidates that a user adds; EffectError as `labels_of`, or if the column is missing."""
         labels: dict[str, None] = {}
         for name in names:
             meant = self.labels_of([name])
@@ -175,7 +175,7 @@ class ModelSpace:
         return self.key(tuple(labels))
 
     def predicted(self, setting: Setting, x: np.ndarray) -> np.ndarray:
-        """Return what a model predicts, shape (runs, rows, channels)."""
+        """Return the predictions of a model, shape (runs, rows, channels)."""
         return predictions(self.problem(setting), [setting.lane(x)])[0]
 
     def by_run(self, predicted: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
@@ -190,10 +190,10 @@ class ModelSpace:
 
 
 class View:
-    """The fitted readings of a bench, as any model predicts them."""
+    """The fitted readings of a case, and their prediction by any model."""
 
     def __init__(self, space: ModelSpace, readings: Readings) -> None:
-        """Choose the readings; their runs alone are simulated."""
+        """Choose the readings; only their runs are simulated."""
         self.space, self.readings = space, readings
         self.runs = np.unique(readings.run)
         number = np.full(len(space.case.runs), -1)
@@ -202,7 +202,7 @@ class View:
         self._parts: dict[int, tuple[Problem, Problem]] = {}
 
     def at(self, problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
-        """Return what lanes of a problem of all runs predict of the readings, shape (lanes, readings)."""
+        """Return the predictions of the readings by lanes of a problem, shape (lanes, readings)."""
         whole, part = self._parts.get(id(problem), (None, None))
         if whole is not problem:
             part = problem.of(self.runs)
@@ -212,7 +212,7 @@ class View:
 
 
 def _ranges(case: Case) -> dict[str, tuple[float, float]]:
-    """Return lowest and highest value of every quantity that was measured or counted in the fitted runs."""
+    """Return lowest and highest value of every measured or derived quantity in the fit runs."""
     found: dict[str, list[np.ndarray]] = {}
     for run in case.runs:
         if run.split != "fit":
@@ -238,7 +238,7 @@ def _ranges(case: Case) -> dict[str, tuple[float, float]]:
 
 
 def _sizes(case: Case) -> dict[str, float]:
-    """Return a small but real addition at every port, in its unit, and of every multiplier its largest value."""
+    """Return the typical size of a law at every port, in its unit, and the largest value of every multiplier."""
 
     def largest(*names: str) -> float:
         sizes = [

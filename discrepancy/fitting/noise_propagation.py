@@ -1,4 +1,4 @@
-"""What a calibrated model makes of the noise of measured inputs."""
+"""Propagation of the noise of measured inputs through a calibrated model."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from jaxmodel.case import Case
 def propagated_noise(
     case: Case, noise: Mapping[str, NoiseModel], space: ModelSpace, setting: Setting, x: np.ndarray
 ) -> tuple[dict[str, NoiseModel], InputNoise]:
-    """Return what a calibrated model makes of the noise of measured inputs: in each channel, and in each reading.
+    """Return the noise that measured inputs cause: added to the noise of each channel, and for each reading.
 
     Args:
         case: with its measurements.
         noise: of each output column to be used.
         space: the programs.
         setting: the model.
-        x: (unknowns,) where it is calibrated to.
+        x: (unknowns,) calibrated coordinates.
     """
     problem, still = space.problem(setting), setting.lane(x)
 

@@ -1,4 +1,4 @@
-"""A case as the diagnosis takes it: bad readings left out, inputs made alike, noisy ones held."""
+"""Preparation of a case: bad readings are excluded, inputs unified, and noisy held inputs averaged."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from jaxmodel.case import Case
 
 
 def prepared(case: Case) -> tuple[Case, tuple[str, ...]]:
-    """Return the case as it is diagnosed, and a sentence for everything that was left out of it.
+    """Return the prepared case, and a sentence for everything that was excluded.
 
     Raises:
-        FitError: two runs are driven in different ways.
+        FitError: two runs have different inputs.
         MeasurementError: a cell's current has the wrong sign.
     """
     remarks: list[str] = []

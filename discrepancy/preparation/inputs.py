@@ -1,4 +1,4 @@
-"""A case as a session takes it: every run driven by the same inputs, currents counted as the model counts them."""
+"""Unified inputs: every run has the same inputs, and the sign of currents is checked."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from jaxmodel.measurements import KINDS
 from jaxmodel.robot import duty_of_signal
 from jaxmodel.simulation import simulate
 
-# Reversing its current must leave a cell's voltage this much closer to the model's to be taken for right.
+# With reversed current, the voltage error of a cell must fall to this share to count as a wrong sign.
 _CLOSER = 0.5
-# What varies by less than this share of its largest value is constant.
+# A quantity that varies by less than this share of its largest value counts as constant.
 _CHANGING = 0.05
 
 
 def with_like_inputs(case: Case) -> Case:
-    """Return a case whose runs have the same inputs: a set voltage is its duty (eq. 22), an optional input 0 if absent.
+    """Return a case whose runs have the same inputs: a set voltage becomes a duty (eq. 22), missing optional inputs 0.
 
     Raises:
-        FitError: two runs are driven in different ways.
+        FitError: two runs have different inputs.
     """
     case = _with_duty(case)
     optional = KINDS[case.kind].optional_inputs
@@ -43,10 +43,10 @@ def with_like_inputs(case: Case) -> Case:
 
 
 def check_sign_of_current(case: Case) -> None:
-    """Refuse a cell whose current is counted as negative on discharge, which nothing else would show so plainly.
+    """Refuse a cell whose current is negative on discharge.
 
-    Its voltage then rises with the current and with the charge it takes, in every run, and the stated model, run
-    backwards, is far closer to it.
+    In that case the voltage rises with the current and with the removed charge in every run, and the stated model with
+    reversed current is far closer to it.
 
     Raises:
         MeasurementError: the sign is wrong.
@@ -63,7 +63,7 @@ def check_sign_of_current(case: Case) -> None:
 
 
 def _rises_with_current(run: Run) -> bool:
-    """Return whether the voltage rises with the current and the charge it has carried, as far as these change."""
+    """Return whether the voltage rises with the current and with its charge, if these vary."""
     current, voltage = run.measured.inputs["current_A"], run.measured.outputs["voltage_V"]
     charge = np.cumsum(current * np.diff(run.measured.time_s, prepend=run.measured.time_s[0]))
     there = np.isfinite(voltage)
@@ -77,7 +77,7 @@ def _rises_with_current(run: Run) -> bool:
 
 
 def _misfit(case: Case, runs: list[Run], sign: float) -> float:
-    """Return the RMS of measured less predicted voltage of the stated model, its currents times a sign."""
+    """Return the RMS voltage error of the stated model, with its currents multiplied by a sign."""
     errors = []
     for run in runs:
         turned = run.driven_by(run.measured.inputs | {"current_A": sign * run.measured.inputs["current_A"]})
@@ -89,7 +89,7 @@ def _misfit(case: Case, runs: list[Run], sign: float) -> float:
 
 
 def _with_duty(case: Case) -> Case:
-    """Return a robot's case with the operator's signal, and the noise stated of it, as duties (eq. 22)."""
+    """Return a robot's case with the operator's signal and its noise converted to duties (eq. 22)."""
     runs = []
     for run in case.runs:
         inputs = dict(run.measured.inputs)

@@ -43,7 +43,9 @@ def test_a_start_far_from_what_is_stated_hides_an_error() -> None:
     start = Strained("initial_soc", 0.87, 7.0, 0.8, 0.01, "run-04")
     own = Strained("capacity_Ah", 2.9, 3.5, 2.6, 0.078, "run-02")
     first, second = strained([own, start])
-    assert first.startswith("The stated start of run-04 was used to hide an error: initial_soc = 0.87 is 7.0 sd above")
+    assert first.startswith(
+        "The start of run-04 was moved to compensate for an error: initial_soc = 0.87 is 7.0 sd above"
+    )
     assert "of run-02" in second
     assert "lacks in that run." in second
 
@@ -112,8 +114,8 @@ def test_a_motor_that_turns_when_its_file_begins_is_remarked_on() -> None:
 
 def test_a_check_run_that_starts_elsewhere_than_stated_is_told() -> None:
     (said,) = badly_started({"run-03": 1.9, "run-04": -5.9})
-    assert said.startswith("run-04 is badly started: its first readings ask for a start 5.9 sd")
-    assert "held at 2;" in said
+    assert said.startswith("The start of run-04 is wrong: its first readings require a start 5.9 sd")
+    assert "limited to 2 sd;" in said
 
 
 def cell_run(number: int, current_A: float, ambient_degC: float, split: str = "fit", **own: Known) -> Run:
@@ -144,7 +146,7 @@ def test_what_lies_outside_is_named_with_both_spans() -> None:
     np.testing.assert_allclose(found["soc"].span_fitted, (0.5, 1.0))
     assert found["soc"].file == "run-03.csv"
     said = extrapolated_sentence(found["ambient_degC"])
-    assert said == "run-03.csv is foretold outside what was fitted: ambient_degC is -10, in the fit runs 10 to 25."
+    assert said == "run-03.csv is outside the fit runs: ambient_degC is -10; the fit runs cover 10 to 25."
 
 
 def test_a_run_of_an_older_cell_is_an_extrapolation() -> None:

@@ -11,7 +11,7 @@ from scipy.stats import chi2, multivariate_normal
 from discrepancy.fitting.fit import Fit, errors_at, fit, objectives, whitened_errors_and_jacobian
 from discrepancy.fitting.model import ModelSpace, Setting, View
 from discrepancy.fitting.readings import Weights
-from discrepancy.fitting.starts import likeliest_of_some
+from discrepancy.fitting.starts import best_random_start
 from discrepancy.noise.model_error import NONE
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.known import Known
@@ -157,7 +157,7 @@ def test_a_motor_stated_to_stall_is_calibrated_from_elsewhere() -> None:
     scale, setting = inv.first_scale, inv.space.setting([])
     stalled = inv.space.predicted(setting, np.zeros(inv.space.layout.size))
     assert np.max(np.abs(stalled[0, :, inv.space.coarse.channels.index("speed_rad_s")])) < 1e-3
-    start = likeliest_of_some(scale.view, setting, scale.weights)
+    start = best_random_start(scale.view, setting, scale.weights)
     assert objectives(scale.view, setting, scale.weights, start[None])[0] < 0.1 * np.sum(speed**2) / 0.05**2
     assert inv.base.fitted.converged
     assert inv.base.fitted.chi2 < 1.5 * speed.size

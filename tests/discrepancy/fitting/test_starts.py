@@ -11,7 +11,7 @@ from discrepancy.fitting import starts
 from discrepancy.fitting.candidates import make_candidate
 from discrepancy.fitting.fit import fit
 from discrepancy.fitting.layout import BASE
-from discrepancy.fitting.starts import faintest, over_the_ridges
+from discrepancy.fitting.starts import best_local_optimum, negligible
 from discrepancy.investigation import Investigation
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.effects.battery import ChargeTransfer, OcvHysteresis
@@ -38,7 +38,7 @@ def test_a_fit_between_the_wrong_ridges_is_led_over_them(late: Investigation):
     begin = {BASE: np.zeros(layout.base), "clock_shift": np.array([delay.at(DELAY_S - 4.0), resampled.at(0.0)])}
     stuck = fit(scale.view, setting, scale.weights, layout.at(begin))
     assert stuck.chi2 > 2.0 * scale.view.readings.count, "the fit is to be led out of a poor place, and is in none"
-    led = over_the_ridges(scale.view, setting, scale.weights, candidate, stuck)
+    led = best_local_optimum(scale.view, setting, scale.weights, candidate, stuck)
     assert led.chi2 < 1.1 * scale.view.readings.count
     place = layout.of["clock_shift"][0]
     sd = delay.slope(0.0) * led.sd()[led.free.index(place)]
@@ -65,7 +65,7 @@ def test_how_a_logger_reads_is_looked_at_within_its_range_and_held_while_its_clo
 
     monkeypatch.setattr(starts, "objectives", looked)
     monkeypatch.setattr(starts, "fit", fitted)
-    over_the_ridges(scale.view, setting, scale.weights, late.space.candidates["clock_shift"], stuck)
+    best_local_optimum(scale.view, setting, scale.weights, late.space.candidates["clock_shift"], stuck)
     assert all(looks[:, way].min() >= 0.0 and looks[:, way].max() <= 1.0 for looks in seen)
     own = list(setting.free)
     assert freed[:2] == [[number for number in own if number != way], own]
@@ -90,7 +90,7 @@ def test_an_offset_beyond_a_standstill_is_found():
     without = fit(scale.view, base, scale.weights, np.zeros(layout.size)).x[: layout.base]
     stuck = fit(scale.view, setting, scale.weights, layout.at({BASE: without, label: np.array([offset.at(0.0)])}))
     assert stuck.chi2 > 3.0 * scale.view.readings.count, "the fit is to be led out of a poor place, and is in none"
-    led = over_the_ridges(scale.view, setting, scale.weights, candidate, stuck)
+    led = best_local_optimum(scale.view, setting, scale.weights, candidate, stuck)
     assert led.chi2 < 1.2 * scale.view.readings.count
     place = layout.of[label][0]
     sd = offset.slope(0.0) * led.sd()[led.free.index(place)]
@@ -100,5 +100,5 @@ def test_an_offset_beyond_a_standstill_is_found():
 def test_an_effect_can_be_faint():
     """Far below its usual size, on whichever side its parameter fades."""
     small, large = make_candidate(OcvHysteresis()), make_candidate(ChargeTransfer())
-    assert small.coordinates[0].number(faintest(small)[0]) < 0.2 * small.coordinates[0].number(0.0)
-    assert large.coordinates[0].number(faintest(large)[0]) > 5.0 * large.coordinates[0].number(0.0)
+    assert small.coordinates[0].number(negligible(small)[0]) < 0.2 * small.coordinates[0].number(0.0)
+    assert large.coordinates[0].number(negligible(large)[0]) > 5.0 * large.coordinates[0].number(0.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from discrepancy.preparation.saturated import rails, without_saturated
+from discrepancy.preparation.saturated import limits, without_saturated
 from tests.discrepancy.made_cases import case_of, run_of
 
 ROWS = 1200
@@ -29,13 +29,13 @@ def test_readings_at_the_rail_are_left_out_and_told() -> None:
 
 
 def test_what_only_peaks_has_no_rail() -> None:
-    assert rails(case_of("motor", {}, [motor(1), motor(2)]), "current_A") == []
+    assert limits(case_of("motor", {}, [motor(1), motor(2)]), "current_A") == []
     assert without_saturated(case_of("motor", {}, [motor(1)]))[1] == ()
 
 
 def test_of_a_sensor_without_noise_nothing_is_said() -> None:
     """A drive that limits its current reads so as well."""
-    assert rails(case_of("motor", {}, [motor(1, 5.0, 0.0), motor(2, 5.0, 0.0)]), "current_A") == []
+    assert limits(case_of("motor", {}, [motor(1, 5.0, 0.0), motor(2, 5.0, 0.0)]), "current_A") == []
 
 
 def test_standing_still_is_no_rail() -> None:
@@ -47,4 +47,4 @@ def test_standing_still_is_no_rail() -> None:
         "load_torque_Nm": np.zeros(ROWS),
         "ambient_degC": np.full(ROWS, 20.0),
     }
-    assert rails(case_of("motor", {}, [run_of(1, inputs, {"speed_rad_s": speed})]), "speed_rad_s") == []
+    assert limits(case_of("motor", {}, [run_of(1, inputs, {"speed_rad_s": speed})]), "speed_rad_s") == []
