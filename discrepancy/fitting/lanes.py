@@ -23,8 +23,8 @@ LANES = 16
 # takes 200 ms.
 one_thread_of_blas = threadpool_limits.wrap(limits=1, user_api="blas")
 
-_Item = TypeVar("_One")
-_Result = TypeVar("_Made")
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
 
 
 def predictions(problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
