@@ -149,8 +149,8 @@ class Problem(eqx.Module):
             for effect in self.models.effects
             if effect.has_state
         ]
-        memory = [jnp.asarray(True) if one is None else jnp.any(jnp.asarray(one) != 0.0) for one in on]
-        return Needed(jnp.max(self.tracks.last_step) + 1, jnp.any(jnp.asarray(memory, dtype=bool)))
+        dynamic = [jnp.asarray(True) if one is None else jnp.any(jnp.asarray(one) != 0.0) for one in on]
+        return Needed(jnp.max(self.tracks.last_step) + 1, jnp.any(jnp.asarray(dynamic, dtype=bool)))
 
     def of(self, runs: np.ndarray) -> Problem:
         """Return the problem of some runs; unknowns keep their indices, and those of other runs have no effect."""

@@ -365,7 +365,7 @@ CELL = 'kind = "cell"\n'
         pytest.param(
             CELL + RUNS + "tolerance = { current_A = 0.1 }\n",
             MeasurementError,
-            ["run of run-02.csv", "runs[2].tolerance: a cell has no reading 'current_A'", "It has voltage_V"],
+            ["run of run-02.csv", "runs[2].tolerance: a cell has no reading 'current_A'", "Its readings: voltage_V"],
             id="tolerance of an input",
         ),
         pytest.param(

@@ -345,7 +345,7 @@ def test_a_cache_folder_that_cannot_be_written_is_told_in_one_sentence(tmp_path:
         check=True,
     )
     (line,) = said.stderr.splitlines()
-    assert line.startswith(f"Compiled programs cannot be kept in {cache}: not a directory;")
+    assert line.startswith(f"Compiled programs cannot be stored in {cache}: not a directory;")
 
 
 def test_compiled_programs_are_kept_where_the_user_says(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -118,7 +118,7 @@ def test_answer_says_yes_with_the_source(found: Identifiability) -> None:
     said = found.answer("capacity_Ah")
     i = found.place("capacity_Ah")
     assert said.startswith(f"Yes: capacity_Ah = {found.values[i]:.4g} ± {found.sd[i]:.2g} A h")
-    assert "voltage_V of run-0" in said
+    assert "voltage_V in run-0" in said
     with pytest.raises(ParameterError, match="Did you mean 'capacity_Ah'"):
         found.answer("capacity")
 
