@@ -14,7 +14,7 @@ from examples.paper.discharges import discharges  # isort: skip
 from discrepancy import diagnose
 from examples.paper import report, report_no_load
 from examples.paper.candidates import carried
-from examples.paper.no_load import course, doubled, experiment, gradients, no_load, pulsed
+from examples.paper.no_load import doubled, experiment, gradients, no_load, pulsed, trajectory
 from jaxmodel.cases import read_case
 from workbench import terminal
 from workbench.article import Table, write_article
@@ -48,7 +48,7 @@ def paper(
         fits = list(carried(lambda what: progress(f"fitting Table 1 with {what}")))
     answer, origin = _diagnosis(out) if diagnose_again else _recorded()
     held = experiment(still)
-    full = gradients(still["time_s"].to_numpy(), course(still, FULL_SPEED))
+    full = gradients(still["time_s"].to_numpy(), trajectory(still, FULL_SPEED))
     sections = [
         *report.fidelity_sections(data),
         report.table_1_section(fits, answer, origin),

@@ -1,7 +1,7 @@
 """Table 1 again, seven numbers: how much of it each effect that knows the temperature could carry, and at what value.
 
 A direct least-squares fit beside the diagnosis: an effect's parameters and those that the case calls uncertain, to six
-of the seven slopes; the seventh, at 40 degC, judges. The weight of a slope is that of its rounding.
+of the seven slopes; the seventh, at 40 degC, is the check. Slopes are weighted by their rounding.
 """
 
 from __future__ import annotations
@@ -72,10 +72,10 @@ class Carried:
         return min(self.onboard_A.values()) >= 0.0
 
 
-def carried(told: Callable[[str], None] = lambda what: None) -> Iterator[Carried]:
+def carried(progress: Callable[[str], None] = lambda what: None) -> Iterator[Carried]:
     """Fit each hypothesis in turn."""
     for effects in HYPOTHESES:
-        told(" + ".join(effects) or "base model")
+        progress(" + ".join(effects) or "base model")
         yield _fit(effects)
 
 
@@ -126,7 +126,7 @@ def _slopes(
 ) -> Callable[[np.ndarray], tuple[jax.Array, jax.Array]]:
     """Return the engine's slopes (1/s) and mean pack currents (A) at all temperatures as functions of named numbers."""
     inputs = {name: value for name, value in ASSUMED.items() if name != "onboard_current_A"}
-    course = lay_out(model, constant(DURATION_S, STEP_S, ambient_degC=20.0, **inputs), np.array([0]))
+    laid_out = lay_out(model, constant(DURATION_S, STEP_S, ambient_degC=20.0, **inputs), np.array([0]))
     shipped = metrics_of("robot")
     keep = Keep((shipped["soc_gradient"], shipped["delivered_charge_Ah"]))
 
@@ -135,7 +135,7 @@ def _slopes(
         own = dict(zip(names, values, strict=True))
 
         def run(ambient):
-            values = run_lane(keep, model, course, None, own | {"ambient_degC": ambient}).values
+            values = run_lane(keep, model, laid_out, None, own | {"ambient_degC": ambient}).values
             return values["soc_gradient"], values["delivered_charge_Ah"] * 3600.0 / DURATION_S
 
         return jax.vmap(run)(jnp.asarray(ambients))

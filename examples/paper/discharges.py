@@ -17,7 +17,7 @@ DURATION_S, STEP_S, STORED_EVERY = 1800.0, 1.0, 30
 
 
 def discharges() -> xr.Dataset:
-    """Return slope and course of the state of charge over fidelity, ambient and torque.
+    """Return slope and trajectory of the state of charge over fidelity, ambient and torque.
 
     The slope is the mean over half an hour, as a ruler on Figs. 6 and 7 would give it: they are straight.
     """

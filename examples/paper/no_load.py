@@ -47,7 +47,7 @@ class Gradients:
 
 
 def gradients(time_s: np.ndarray, cell_V: np.ndarray) -> Gradients:
-    """Return the slopes of a course, from its second row on: the first has no current in the motors yet."""
+    """Return the slopes of a trajectory from its second row on: in the first row the motors have no current yet."""
     time_s, cell_V = time_s[1:], cell_V[1:]
     cubic = np.polynomial.Polynomial.fit(time_s, cell_V, 3).convert().coef
     at = np.polynomial.polynomial.polyval(time_s[[0, -1]], cubic)
@@ -83,7 +83,7 @@ def no_load() -> xr.Dataset:
     return sweeps.run(study)
 
 
-def course(data: xr.Dataset, duty: float, ambient_degC: float = 20.0, full: bool = True) -> np.ndarray:
+def trajectory(data: xr.Dataset, duty: float, ambient_degC: float = 20.0, full: bool = True) -> np.ndarray:
     """Return the voltage of one cell over the stored times."""
     lane = data["pack_voltage_V"].sel(duty=duty, ambient_degC=ambient_degC).isel(initial_soc=0 if full else 1)
     return lane.to_numpy() / N_SERIES

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from examples.paper import printed
-from examples.paper.no_load import Gradients, Held, activation_energy, course, gradients
+from examples.paper.no_load import Gradients, Held, activation_energy, gradients, trajectory
 from examples.paper.printed import TESTS
 from plots import paper as pictures
 from plots.style import png
@@ -19,8 +19,8 @@ def figure_8_section(data: xr.Dataset, pulses: tuple[np.ndarray, np.ndarray]) ->
     """Return the voltage of a cell at 0 N m and 20 degC beside Fig. 8."""
     time_s = data["time_s"].to_numpy()
     runs = {
-        "duty 0.3": (time_s, course(data, 0.3)),
-        "duty 1": (time_s, course(data, 1.0)),
+        "duty 0.3": (time_s, trajectory(data, 0.3)),
+        "duty 1": (time_s, trajectory(data, 1.0)),
         "duty 1, alternating with 0": pulses,
     }
     found = {name: gradients(*run) for name, run in runs.items()}

@@ -1,4 +1,4 @@
-"""Small cells as a bench measures them, for the tests of the whole diagnosis: made by the referee, in folders.
+"""Small cells with realistic measurements, for tests of the whole diagnosis, from the independent simulator.
 
 One cell, driven in three fit runs at 10, 25 and 35 degC and a check run at 20 degC, seven hours of it in some 1,700
 rows. What is hidden differs from case to case; simulated once is what several cases share.
@@ -136,7 +136,7 @@ def _measured(which: str, uneven: bool = False) -> tuple[list[Run], list[dict[st
     """Return the drives and what perfect sensors read of them, simulated once."""
     effects = {"none": {}, "three": THREE, "four": FOUR, "diffusion": DIFFUSION, "arrhenius": ARRHENIUS}[which]
     made = drives(uneven_times()) if uneven else drives()
-    # `current_offset`: the profile is what truly acts, and the referee is told what is reported.
+    # `current_offset`: the profile is the true one, and the independent simulator is given the reported one.
     from tests.independent.effects import reported_inputs
 
     read = [simulate("cell", TRUE, reported_inputs(r.profile, effects), effects, r.initial_soc) for r in made]

@@ -1,4 +1,4 @@
-"""Cells measured by the referee: runs at four temperatures, true parameters off the stated ones, effects hidden.
+"""Cells from the independent simulator: runs at four temperatures, stated parameters that are wrong, hidden effects.
 
 All cases have the same layout, so that they share compiled programs.
 """
@@ -74,7 +74,7 @@ def drives() -> list[Drive]:
 
 
 def made_cell(folder: Path, effects: Mapping[str, Mapping[str, Any]], seed: int = 0, **options: Any) -> MadeCell:
-    """Write and read a cell with hidden effects; `options` are those of the referee's `write_case`."""
+    """Write and read a cell with hidden effects; `options` are those of the independent simulator's `write_case`."""
     options = {"sensors": {"voltage_V": NOISE_V}} | options
     clean = write_case(folder, "cell", TRUE, STATED, drives(), effects=effects, seed=seed, **options)
     case = read_case(folder)
@@ -88,7 +88,7 @@ def made_cell(folder: Path, effects: Mapping[str, Mapping[str, Any]], seed: int 
 def made_cell_with_unknown_law(folder: Path, ohm_per_soc: float, seed: int = 0) -> MadeCell:
     """Write and read a cell whose resistance grows below half charge, as under no effect of the catalogue.
 
-    Its drop is taken off the voltages that the referee made: in a cell driven by its current nothing feeds back.
+    Its drop is subtracted from the simulated voltages: in a cell driven by current there is no feedback.
     """
     made = made_cell(folder, {}, seed)
     for run, drive in zip(made.case.runs, drives(), strict=True):

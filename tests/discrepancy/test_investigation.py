@@ -94,9 +94,9 @@ def test_what_cannot_be_done_is_said(plain_small: Investigation):
     with pytest.raises(EffectError, match="is not a candidate of this case"):
         Investigation(small_cell(), without=["what is not there"])
     case = small_cell()
-    judged = dataclasses.replace(case, runs=tuple(dataclasses.replace(run, split="check") for run in case.runs))
+    check_only = dataclasses.replace(case, runs=tuple(dataclasses.replace(run, split="check") for run in case.runs))
     with pytest.raises(FitError, match='split = "fit"'):
-        Investigation(judged)
+        Investigation(check_only)
 
 
 def test_additions_are_gated_by_evidence_and_by_runs_left_out(warm_small: Investigation, found: Found):
@@ -108,7 +108,7 @@ def test_additions_are_gated_by_evidence_and_by_runs_left_out(warm_small: Invest
     assert result.obvious
     assert result.score_gain > 0.0
     assert result.gain == pytest.approx(result.trial.log_evidence - warm_small.base.log_evidence)
-    # To first order the screen foretold what the refit gained.
+    # The score predicts the gain of the refit to first order.
     assert result.gain > 0.5 * gains[0].log_evidence
     rest = {gain.label: gain for gain in warm_small.linear(found.final).gains()}
     assert max(gain.log_evidence for gain in rest.values()) < 6.0

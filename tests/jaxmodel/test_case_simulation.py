@@ -1,4 +1,4 @@
-"""Runs of a case laid out alike give what each run gives by itself."""
+"""Runs of a case padded to one shape give the same as each run by itself."""
 
 from __future__ import annotations
 

@@ -190,7 +190,7 @@ def test_purpose_is_silent_without_held_out_runs(diagnosis: Diagnosis) -> None:
 
 
 def test_what_a_user_writes_is_text_and_no_markup(page: Page) -> None:
-    """The case's title has an angle bracket in it; were it markup, the parser would have opened a tag `bench`."""
+    """The title of the case contains `<bench>`; as markup, the parser would have opened a tag."""
     assert "Small cell <bench> & load" in page.text
 
 

@@ -1,4 +1,4 @@
-"""What a case tells of its parameters, against the spread of estimates from readings made anew."""
+"""Identifiability against the spread of estimates from simulated readings."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def found(plain: Investigation, model: Trial) -> Identifiability:
 
 
 def asked(plain: Investigation) -> list[int]:
-    """The unknowns that are told of: not the check run's, nor what starts a run and moves no reading."""
+    """The reported unknowns: without those of check runs, and initial states that affect no reading."""
     layout = plain.space.layout
     unstated = ("initial_hysteresis", "initial_temperature_rise_K")
     return [i for i in range(layout.base) if layout.runs[i] != CHECK_RUN and layout.names[i] not in unstated]
@@ -105,7 +105,7 @@ def test_runs_and_sensors_bring_all_there_is(found: Identifiability) -> None:
     before = found.shares_known_before().sum(axis=0)
     np.testing.assert_allclose(found.shares_by_run().sum(axis=0) + before, 1.0, rtol=1e-9)
     np.testing.assert_allclose(found.shares_by_sensor(), found.shares_by_run().sum(axis=0)[None], rtol=1e-12)
-    # What a run begins with is told by the run itself alone; no bound falls when a run is left out.
+    # Only the run itself determines its initial state; no bound falls when a run is left out.
     for run, name in enumerate(("initial_soc[run-01]", "initial_soc[run-02]", "initial_soc[run-03]")):
         i = found.place(name)
         assert np.argmax(found.shares_by_run()[:, i]) == run

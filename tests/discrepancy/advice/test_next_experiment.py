@@ -39,7 +39,7 @@ def rivals_of(case: Case) -> tuple[Investigation, list[Trial]]:
 
 
 def with_run_done(case: Case, what: str) -> Case:
-    """The case with one of the bank's runs done on the true cell, as the referee knows it."""
+    """The case with one of the candidate runs done on the true cell, by the independent simulator."""
     run = next(one for one in candidate_runs(case) if one.label == what)
     profile = {"time_s": run.measured.time_s, **run.measured.inputs}
     made = simulate("cell", TRUE, profile, HIDDEN, FIRST_SOC)

@@ -134,9 +134,9 @@ def test_gains_of_a_channel_are_those_without_the_others(given: Given, small_vie
         screened = Screen(setting, given.pulls, given.errors * mine[:, 0], -given.base * mine, directions)
         alone = Linear(screened, weights, linear.candidates, given.pulls, np.array([True, True, False])).gains()
         expected = {gain.label: gain.log_evidence for gain in alone}
-        told = {gain.label: gain.log_evidence for gain in found}
+        by_label = {gain.label: gain.log_evidence for gain in found}
         for label in ("strong", "weak", "one run", "curve"):
-            assert told[label] == pytest.approx(expected[label], abs=1e-6), label
+            assert by_label[label] == pytest.approx(expected[label], abs=1e-6), label
 
 
 def test_what_the_base_model_can_do_is_no_effect(given: Given):
@@ -180,7 +180,7 @@ def test_what_would_have_been_seen_is_told(given: Given):
 
 
 class Fade(CapacityFade):
-    """A user's effect that does not say what tells it from another capacity."""
+    """A user's effect that declares no parameter to distinguish it from another capacity."""
 
     name: ClassVar[str] = "fade"
     distinguished_by: ClassVar[str] = ""

@@ -261,7 +261,7 @@ def test_short_runs_have_a_program_of_their_own_where_padding_takes_longer() -> 
         (1, 512, 1024),
         (1, 33_280, 33_792),
     )
-    # A run that only judges, and is little longer, shares the program of the others.
+    # A check run that is little longer shares the program of the others.
     assert shapes_of([(2048, 2048), (2560, 3072)], np.array([0])) == ((1, 2560, 3072),)
     assert shapes_of([(2048, 2048), (3584, 4096)], np.array([0])) == ((1, 2048, 2048),)
     long = [(71_680, 71_680)] * 3 + [(102_400, 102_400)]

@@ -34,7 +34,7 @@ def test_a_fit_between_the_wrong_ridges_is_led_over_them(late: Investigation):
     candidate, layout, scale = late.space.candidates["clock_shift"], late.space.layout, late.first_scale
     setting = late.space.setting(["clock_shift"])
     delay, resampled = candidate.coordinates
-    # As if the logger had sampled the true course, which it did not: it draws straight lines between rows.
+    # As if the logger had sampled the true trajectory; in fact it interpolates linearly between rows.
     begin = {BASE: np.zeros(layout.base), "clock_shift": np.array([delay.at(DELAY_S - 4.0), resampled.at(0.0)])}
     stuck = fit(scale.view, setting, scale.weights, layout.at(begin))
     assert stuck.chi2 > 2.0 * scale.view.readings.count, "the fit is to be led out of a poor place, and is in none"

@@ -56,9 +56,9 @@ def test_each_step_belongs_to_the_row_that_it_ends_in() -> None:
     inputs = {"current_A": np.linspace(0.0, 1.0, rows), "ambient_degC": np.full(rows, 20.0)}
     run = run_of(1, inputs, {"voltage_V": np.full(rows, 4.0)})
     case = case_of("cell", {"capacity_Ah": Known(4.0, 0.1)}, [run])
-    course = track(case_model(case, run), run_profile(run))
-    several = jax.tree.map(lambda leaf: leaf[None], course)
-    np.testing.assert_array_equal(row_of_step(several)[0][np.asarray(course.at_rows)], np.arange(rows))
+    run_steps = track(case_model(case, run), run_profile(run))
+    several = jax.tree.map(lambda leaf: leaf[None], run_steps)
+    np.testing.assert_array_equal(row_of_step(several)[0][np.asarray(run_steps.at_rows)], np.arange(rows))
 
 
 def test_slow_noise_is_what_random_noise_moves_over_many_rows() -> None:
@@ -69,12 +69,16 @@ def test_slow_noise_is_what_random_noise_moves_over_many_rows() -> None:
     case = case_of("cell", {"capacity_Ah": Known(4.0, 0.1)}, [run])
     model = case_model(case, run)
     tracks = jax.tree.map(lambda leaf: leaf[None], track(model, run_profile(run)))
-    voltages = jax.jit(lambda course: run_track(model, course, jnp.asarray(run.measured.time_s)).readings["voltage_V"])
+    voltages = jax.jit(
+        lambda run_steps: run_track(model, run_steps, jnp.asarray(run.measured.time_s)).readings["voltage_V"]
+    )
 
     def predict(moves: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:
-        course = jax.tree.map(lambda leaf: leaf[0], tracks)
-        moved = [course.inputs | {name: course.inputs[name] + more[0] for name, more in one.items()} for one in moves]
-        return np.stack([np.asarray(voltages(dataclasses.replace(course, inputs=one)))[None] for one in moved])
+        run_steps = jax.tree.map(lambda leaf: leaf[0], tracks)
+        moved = [
+            run_steps.inputs | {name: run_steps.inputs[name] + more[0] for name, more in one.items()} for one in moves
+        ]
+        return np.stack([np.asarray(voltages(dataclasses.replace(run_steps, inputs=one)))[None] for one in moved])
 
     answers = MovedInputs(predict, tracks, {"current_A": CURRENT_SD}).to_slow_noise()[:, 0]
     rng, row = np.random.default_rng(0), row_of_step(tracks)
@@ -93,7 +97,7 @@ def test_residuals_are_white_once_slow_noise_is_taken_out() -> None:
     covariance = np.eye(run.size) + together * (answers.T @ answers)
     white = np.eye(run.size) - slow @ slow.T
     np.testing.assert_allclose(white @ covariance @ white.T, np.eye(run.size), atol=1e-9)
-    # What hardly matters is left alone: a number more for each reading would tell nothing.
+    # Negligible directions are ignored.
     assert slow_directions(0.01 * answers, run).shape == (run.size, 0)
 
 

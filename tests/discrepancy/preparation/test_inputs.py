@@ -1,4 +1,4 @@
-"""Runs that were driven in different words are driven alike; a current counted backwards is refused, and only that."""
+"""Inputs with different names are unified; a current with the wrong sign is refused, and nothing else."""
 
 from __future__ import annotations
 

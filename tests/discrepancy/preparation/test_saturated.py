@@ -1,4 +1,4 @@
-"""A sensor at the end of its range is told; a quantity that is limited itself is not."""
+"""A saturated sensor is reported; a quantity that is itself limited is not."""
 
 from __future__ import annotations
 
