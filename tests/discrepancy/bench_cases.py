@@ -149,7 +149,7 @@ def make(
     *,
     seed: int,
     stated: Mapping[str, Any] | None = None,
-    told_noise: Mapping[str, float] | None = None,
+    stated_noise: Mapping[str, float] | None = None,
     contact_ohm: Mapping[int, float] | None = None,
     drift_ohm_per_h: float = 0.0,
     cold_check: bool = False,
@@ -163,7 +163,7 @@ def make(
         which: hidden effects are there: "none", "three", "four", "diffusion", "arrhenius".
         seed: of the noise.
         stated: in place of what the user states otherwise.
-        told_noise: sd that the user states in place of the true ones.
+        stated_noise: sd that the user states in place of the true ones.
         contact_ohm: in the leads, by place of the run.
         drift_ohm_per_h: that a contact gains while a run lasts.
         cold_check: whether the check run is at -10 degC, where all resistances are twice as large.
@@ -192,7 +192,7 @@ def make(
         runs,
         effects=effects,
         sensors={name: sd for name, sd in NOISE.items() if heated or name == "voltage_V"},
-        stated_sensors={**(told_noise or {}), **({"current_A": COARSE_A / np.sqrt(12.0)} if uneven else {})},
+        stated_sensors={**(stated_noise or {}), **({"current_A": COARSE_A / np.sqrt(12.0)} if uneven else {})},
         quantisation={"current_A": COARSE_A} if uneven else {},
         seed=seed,
         readings=readings,

@@ -1,7 +1,7 @@
-"""The ten tests of the redesign: the whole diagnosis on small cells as a bench measures them.
+"""Tests of the whole diagnosis on small cells with realistic measurements.
 
-A case is diagnosed once, whatever is asked of its answer, and the answer alone is read. Before that the made data are
-tested: with the truth put in nothing but the noise is left, and what is hidden stands far out of it.
+Each case is diagnosed once, and only its answer is read. The data are tested first: with the true model only noise
+remains, and what is hidden is far above it.
 """
 
 from __future__ import annotations
@@ -152,7 +152,7 @@ def test_four_effects_are_named_of_which_one_is_a_sensor_fault(said):
         ("wrong resistance", "series_resistance", made.R_INTS_OFF),
     ],
 )
-def test_a_wrong_table_is_told_as_that_table_over_soc(said, name: str, port: str, off: np.ndarray):
+def test_a_wrong_table_is_reported_as_that_table_over_soc(said, name: str, port: str, off: np.ndarray):
     answer = said(name)
     assert claimed(answer) == set()
     assert answer["verdict"] == "adequate"
@@ -165,7 +165,7 @@ def test_a_wrong_table_is_told_as_that_table_over_soc(said, name: str, port: str
     assert np.corrcoef(value[driven], true[driven])[0, 1] > 0.9
 
 
-def test_one_bad_run_is_told_as_that_run(said):
+def test_one_bad_run_is_reported_as_that_run(said):
     answer = said("bad run")
     assert [run["file"] for run in answer["runs"]] == [f"run-{made.BAD_RUN + 1:02d}.csv"]
     assert claimed(answer) == set()

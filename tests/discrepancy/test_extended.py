@@ -165,7 +165,7 @@ def test_sd_of_a_corrected_table_is_that_of_its_curve(diagnosis: Diagnosis, tmp_
     assert set(OCV.soc) | set(SOC) == set(written.tables["ocv"].soc)
 
 
-def test_what_a_case_file_cannot_hold_is_said(diagnosis: Diagnosis, tmp_path: Path) -> None:
+def test_what_a_case_file_cannot_hold_is_in_the_notes(diagnosis: Diagnosis, tmp_path: Path) -> None:
     entropy = dataclasses.replace(ocv_curve(), label="entropy_curve", port="entropy_coefficient", unit="V/K")
     written, notes = read_back(with_additions(diagnosis, curves=(entropy, law()), runs=(contact(),)), tmp_path)
     assert written.tables == {}

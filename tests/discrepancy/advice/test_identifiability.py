@@ -101,7 +101,7 @@ def test_estimates_scatter_as_the_data_alone_say(found: Identifiability, model: 
     assert low < whole < high
 
 
-def test_runs_and_sensors_bring_all_there_is(found: Identifiability) -> None:
+def test_shares_of_runs_and_sensors_add_up(found: Identifiability) -> None:
     before = found.shares_known_before().sum(axis=0)
     np.testing.assert_allclose(found.shares_by_run().sum(axis=0) + before, 1.0, rtol=1e-9)
     np.testing.assert_allclose(found.shares_by_sensor(), found.shares_by_run().sum(axis=0)[None], rtol=1e-12)
@@ -147,7 +147,7 @@ def test_capacity_and_storage_are_determined_only_together(plain_cell: MadeCell)
     assert "they do not determine storage_months, capacity_Ah up together" in found.answer("capacity_Ah")
 
 
-def test_what_is_stated_with_an_sd_is_left_as_it_is(plain_cell: MadeCell) -> None:
+def test_parameters_stated_with_an_sd_are_unchanged(plain_cell: MadeCell) -> None:
     case, assumed = asking_for(plain_cell.case, ["capacity_Ah", "initial_soc"])
     assert assumed == ()
     assert case.parameters == plain_cell.case.parameters
@@ -192,12 +192,12 @@ def test_profile_agrees_with_the_quadratic_or_shows_that_it_is_wrong(plain: Inve
     np.testing.assert_allclose(again.fitted.x[: plain.space.layout.base], 0.0, atol=1e-3)
 
 
-def test_what_the_model_gets_wrong_widens_the_bounds(tmp_path: Path) -> None:
+def test_a_model_error_widens_the_bounds(tmp_path: Path) -> None:
     """A law that is in no model: its error, shared by many readings, is not averaged away as noise would be."""
     _held_to_the_truth(made_cell_with_unknown_law(tmp_path, 0.05).case)
 
 
-def test_what_another_model_would_explain_widens_them_too(tmp_path: Path) -> None:
+def test_a_missing_effect_widens_them_too(tmp_path: Path) -> None:
     _held_to_the_truth(made_cell(tmp_path, {"capacity_temperature": {"a": 0.006}}).case)
 
 

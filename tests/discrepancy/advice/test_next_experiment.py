@@ -68,7 +68,7 @@ def evidence_gap(rivals: list[Trial]) -> float:
     return rivals[0].log_evidence - rivals[1].log_evidence
 
 
-def test_data_at_hand_cannot_tell(undecided) -> None:
+def test_the_data_do_not_decide(undecided) -> None:
     rivals, _ = undecided
     assert abs(evidence_gap(rivals)) < 3.0
 
@@ -84,7 +84,7 @@ def test_proposals_are_feasible_and_in_order(case: Case, undecided) -> None:
         assert np.abs(run.measured.inputs["current_A"]).max() <= largest
 
 
-def test_doing_the_proposed_run_tells_and_a_poor_one_does_not(case: Case, undecided) -> None:
+def test_the_proposed_run_decides_and_a_poor_one_does_not(case: Case, undecided) -> None:
     rivals, proposals = undecided
     runs = [one for one in proposals if not one.what.startswith("a measurement")]
     gaps = {}
@@ -111,7 +111,7 @@ def _robot(*spans_s: float) -> Case:
     return case_of("robot", {}, runs, {})
 
 
-def test_runs_of_the_bank_last_as_long_as_the_longest_and_a_slope_is_a_load() -> None:
+def test_candidate_runs_last_as_long_as_the_longest_and_a_slope_is_a_load() -> None:
     designs = {run.label: run.measured for run in candidate_runs(_robot(1800.0, 60.0))}
     assert all(one.time_s[-1] == 1800.0 for one in designs.values())
     flat = designs["full drive without load at 25 degC"].inputs

@@ -1,4 +1,4 @@
-"""What is remarked on beside a verdict."""
+"""Remarks of a diagnosis."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from jaxmodel.known import Known
 from tests.discrepancy.made_cases import case_of, run_of
 
 
-def test_a_number_far_from_what_is_stated_is_told_with_both() -> None:
+def test_a_parameter_far_from_its_stated_value_is_remarked_on_with_both() -> None:
     far = Strained("capacity_Ah", 2.21, -5.0, 2.6, 0.078)
     (said,) = strained([far, dataclasses.replace(far, pull=2.9)])
     assert said == (
@@ -39,7 +39,7 @@ def test_a_number_far_from_what_is_stated_is_told_with_both() -> None:
     assert strained([]) == ()
 
 
-def test_a_start_far_from_what_is_stated_hides_an_error() -> None:
+def test_a_start_far_from_its_stated_value_compensates_for_an_error() -> None:
     start = Strained("initial_soc", 0.87, 7.0, 0.8, 0.01, "run-04")
     own = Strained("capacity_Ah", 2.9, 3.5, 2.6, 0.078, "run-02")
     first, second = strained([own, start])
@@ -50,7 +50,7 @@ def test_a_start_far_from_what_is_stated_hides_an_error() -> None:
     assert "lacks in that run." in second
 
 
-def test_noise_that_is_contradicted_or_not_stated_is_told() -> None:
+def test_noise_that_is_contradicted_or_not_stated_is_remarked_on() -> None:
     wrong = NoiseModel(6e-3, 0.0, "the readings show 0.006: the stated sd is wrong (0.001)", stated=1e-3)
     good = NoiseModel(1e-3, 0.0, "stated (0.001)", stated=1e-3)
     untold = NoiseModel(0.2, 0.0, "estimated from the readings")
@@ -66,7 +66,7 @@ def fitted(promise: float, slope: float) -> Fit:
     return Fit(np.zeros(2), (0, 1), np.ones(2), np.zeros(3), np.full((3, 2), slope), promise, 5)
 
 
-def test_a_fit_that_did_not_end_or_moves_nothing_is_told() -> None:
+def test_a_fit_that_did_not_converge_or_has_no_sensitivity_is_remarked_on() -> None:
     assert not_converged(fitted(0.01, 1.0)) == ()
     (said,) = not_converged(fitted(30.0, 1.0))
     assert "promises 30 of chi-square" in said
@@ -112,7 +112,7 @@ def test_a_motor_that_turns_when_its_file_begins_is_remarked_on() -> None:
     assert starts_moving(case, {}, {}) == ()
 
 
-def test_a_check_run_that_starts_elsewhere_than_stated_is_told() -> None:
+def test_a_check_run_with_a_wrong_start_is_remarked_on() -> None:
     (said,) = badly_started({"run-03": 1.9, "run-04": -5.9})
     assert said.startswith("The start of run-04 is wrong: its first readings require a start 5.9 sd")
     assert "limited to 2 sd;" in said

@@ -1,4 +1,4 @@
-"""Calibration: the minimum is one, its standard deviations are those of repeated measurements."""
+"""Calibration: fits reach a minimum, and standard deviations are those of repeated measurements."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def test_linear_readings_have_their_known_solution_and_evidence(
     assert found.log_evidence == pytest.approx(marginal.logpdf(seen) + constant, abs=0.02)
 
 
-def test_model_out_of_its_range_looks_bad_and_breaks_nothing(
+def test_an_invalid_model_has_a_large_error_and_raises_nothing(
     small_view: View, small_weights: Weights, base: Setting, fitted: Fit
 ) -> None:
     largest_increase = fitted.x.copy()
@@ -142,7 +142,7 @@ def test_model_out_of_its_range_looks_bad_and_breaks_nothing(
     assert found.objective > fitted.objective
 
 
-def test_a_motor_stated_to_stall_is_calibrated_from_elsewhere() -> None:
+def test_a_motor_stated_to_stall_is_calibrated_from_another_start() -> None:
     """At the stated friction no torque starts the motor, and no unknown moves the readings."""
     voltage = np.repeat([0.0, 1.0, 0.6, 1.2, 0.8], 20)
     inputs = {"voltage_V": voltage, "load_torque_Nm": 0.0 * voltage, "ambient_degC": 20.0 + 0.0 * voltage}

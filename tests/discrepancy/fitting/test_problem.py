@@ -250,7 +250,7 @@ def test_too_many_readings_are_thinned_evenly(case: Case) -> None:
         np.testing.assert_array_equal(few.row[rows], whole.row[of_whole][:: -(-whole.count // 50)])
 
 
-def test_what_cannot_be_fitted_is_said(case: Case) -> None:
+def test_a_case_that_cannot_be_fitted_is_refused(case: Case) -> None:
     exact = dataclasses.replace(cell_run(1, 20), initial_soc=Known(0.9))
     with pytest.raises(FitError, match="nothing to calibrate"):
         make_layout(dataclasses.replace(case, parameters={"capacity_Ah": Known(2.0)}, runs=(exact,)), [])

@@ -1,4 +1,4 @@
-"""Starts of fits: over the ridges of an amplitude with many local optima, and beyond a standstill."""
+"""Starts of fits: an amplitude with many local optima, and the other side of a standstill."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def late(tmp_path_factory: pytest.TempPathFactory) -> Investigation:
     return investigation_of(made.case, "clock_shift")
 
 
-def test_a_fit_between_the_wrong_ridges_is_led_over_them(late: Investigation):
+def test_a_fit_at_a_wrong_local_optimum_reaches_the_best_one(late: Investigation):
     candidate, layout, scale = late.space.candidates["clock_shift"], late.space.layout, late.first_scale
     setting = late.space.setting(["clock_shift"])
     delay, resampled = candidate.coordinates
@@ -45,10 +45,10 @@ def test_a_fit_between_the_wrong_ridges_is_led_over_them(late: Investigation):
     assert abs(delay.number(led.x[place]) - DELAY_S) < 3.0 * sd
 
 
-def test_how_a_logger_reads_is_looked_at_within_its_range_and_held_while_its_clock_is_set(
+def test_shape_parameters_are_searched_within_their_range_and_held_at_first(
     late: Investigation, monkeypatch: pytest.MonkeyPatch
 ):
-    """A logger that goes five times beyond straight lines makes up for any delay, and leaves a fit in a long valley."""
+    """An extrapolating logger could compensate for any delay, and would leave the fit in a long valley."""
     layout, scale, setting = late.space.layout, late.first_scale, late.space.setting(["clock_shift"])
     _, way = layout.of["clock_shift"]
     stuck = fit(scale.view, setting, scale.weights, layout.at({"clock_shift": np.array([0.3, 4.8])}), steps=1)
@@ -72,7 +72,7 @@ def test_how_a_logger_reads_is_looked_at_within_its_range_and_held_while_its_clo
 
 
 def test_an_offset_beyond_a_standstill_is_found():
-    """A motor at rest whose voltage reads too much turns in the model: no slope there says that it stands still."""
+    """With a voltage reading that is too high the motor turns in the model: no gradient leads to standstill."""
     voltage = np.repeat([0.0, 9.0, 0.0, 12.0, 0.0], [100, 6, 100, 6, 100])
     acting = {"voltage_V": voltage, "load_torque_Nm": 0.0 * voltage, "ambient_degC": 20.0 + 0.0 * voltage}
     true = {"R_0": Known(0.118), "k_tau": Known(0.0387), "tau_0": Known(0.0105)}
@@ -97,7 +97,7 @@ def test_an_offset_beyond_a_standstill_is_found():
     assert abs(offset.number(led.x[place]) - OFFSET_V) < 3.0 * sd
 
 
-def test_an_effect_can_be_faint():
+def test_an_effect_can_be_negligible():
     """Far below its usual size, on whichever side its parameter fades."""
     small, large = make_candidate(OcvHysteresis()), make_candidate(ChargeTransfer())
     assert small.coordinates[0].number(negligible(small)[0]) < 0.2 * small.coordinates[0].number(0.0)

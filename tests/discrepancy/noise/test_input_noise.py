@@ -122,7 +122,7 @@ def with_noisy_current(sd: float, seed: int = 1) -> Case:
     return dataclasses.replace(noisy, runs=tuple(read(run) for run in noisy.runs))
 
 
-def test_numbers_are_as_sure_as_fits_to_other_draws_of_the_noise_would_scatter() -> None:
+def test_sd_is_the_scatter_of_fits_to_other_draws_of_the_noise() -> None:
     current_sd, draws = 0.03, 64
     inv = investigation_of(with_noisy_current(current_sd), "voltage_offset")
     base = inv.base

@@ -60,7 +60,7 @@ def test_local_noise_ignores_a_slow_misfit_ten_times_the_noise(rho, tolerance, s
     assert found.is_coloured == (rho > 0.0)
 
 
-def test_a_known_sd_makes_a_long_memory_measurable():
+def test_a_known_sd_makes_a_long_correlation_time_measurable():
     found = local_noise(ar1(0.9, seed=2), ONE_RUN, known_sd=1.0)
     assert found.rho == pytest.approx(0.9, abs=0.012)
     assert found.rho_se < 0.01
@@ -142,13 +142,13 @@ def test_a_stated_sd_that_the_readings_contradict_is_replaced(stated):
 
 
 @pytest.mark.parametrize("stated", [0.75, 1.0, 1.4])
-def test_a_stated_sd_within_a_factor_of_what_is_seen_is_believed(stated):
+def test_a_stated_sd_within_a_factor_of_the_scatter_is_used(stated):
     readings = ar1(0.0, seed=10)
     result = channel_noise(readings, lambda sd: local_noise(readings, ONE_RUN, known_sd=sd), stated_sd=stated)
     assert (result.sd, result.stated, result.contradicts) == (stated, stated, False)
 
 
-def test_few_readings_contradict_nothing():
+def test_few_readings_are_no_contradiction():
     readings = ar1(0.0, seed=12, rows=40)
     result = channel_noise(
         readings, lambda sd: local_noise(readings, chain_starts([range(40)]), known_sd=sd), stated_sd=0.2
@@ -156,7 +156,7 @@ def test_few_readings_contradict_nothing():
     assert result.sd == 0.2
 
 
-def test_coloured_noise_below_what_is_stated_contradicts_nothing():
+def test_coloured_noise_below_the_stated_sd_is_no_contradiction():
     """Its larger part may be slower than any window."""
     readings = ar1(0.9, seed=7)
     assert local_noise(readings, ONE_RUN).sd < 1.0 / 1.5
@@ -186,7 +186,7 @@ def test_too_few_readings_leave_rounding_alone():
 
 
 @pytest.mark.parametrize(("rho", "result"), [(0.0, {4, 6}), (0.6, {3, 7})])
-def test_an_input_freed_of_its_noise_says_nothing_of_its_own_row(rho: float, result: set[int]) -> None:
+def test_an_input_without_noise_does_not_depend_on_its_own_row(rho: float, result: set[int]) -> None:
     """Nor, where whitening mixes rows, of those beside it: else a function of it would find its noise in a residual."""
     sd = 0.01
 
@@ -202,6 +202,6 @@ def test_an_input_freed_of_its_noise_says_nothing_of_its_own_row(rho: float, res
     assert set(np.flatnonzero(quiet(moved) != quiet(current)).tolist()) == result
 
 
-def test_a_channel_that_never_changes_says_nothing():
+def test_a_constant_channel_is_left_out():
     run = run_of(1, {"current_A": np.zeros(60), "ambient_degC": np.zeros(60)}, {"voltage_V": np.full(60, 4.0)})
     assert noise_of_case(case_of("cell", {}, [run])) == {}

@@ -46,7 +46,7 @@ def test_optional_input_of_one_run_is_zero_in_the_others(tmp_path: Path) -> None
     assert np.all(with_them.measured.inputs["flipper_torque_Nm"] == 1.0)
 
 
-def test_runs_driven_in_different_ways_are_named(tmp_path: Path) -> None:
+def test_runs_with_different_inputs_are_named(tmp_path: Path) -> None:
     case = robot(tmp_path, {"duty": 0.5, "load_torque_Nm": 0.1}, {"duty": 0.5, "incline_deg": 5.0})
     with pytest.raises(FitError, match=r"0\.csv and 1\.csv .*incline_deg, load_torque_Nm"):
         with_like_inputs(case)
@@ -60,13 +60,13 @@ def with_current(case: Case, change) -> Case:
     return dataclasses.replace(case, runs=tuple(runs))
 
 
-def test_current_counted_backwards_is_refused(plain_cell: MadeCell) -> None:
+def test_a_current_of_wrong_sign_is_refused(plain_cell: MadeCell) -> None:
     check_sign_of_current(plain_cell.case)
     with pytest.raises(MeasurementError, match="multiply the column current_A by -1"):
         check_sign_of_current(with_current(plain_cell.case, lambda current: -current))
 
 
-def test_current_that_says_nothing_of_the_voltage_is_let_pass(plain_cell: MadeCell) -> None:
+def test_a_current_without_effect_on_the_voltage_is_accepted(plain_cell: MadeCell) -> None:
     rng = np.random.default_rng(0)
     check_sign_of_current(with_current(plain_cell.case, np.zeros_like))
     check_sign_of_current(with_current(plain_cell.case, lambda current: rng.permutation(current)))

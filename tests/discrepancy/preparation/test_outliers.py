@@ -1,4 +1,4 @@
-"""Outliers: left out where nothing in the inputs explains them, and what the hardware does is left in."""
+"""Outliers are excluded if no input explains them; changes of the hardware are kept."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_a_pulse_of_the_input_beside_noise_of_its_sensor_explains_a_reading():
     assert not outliers(run, "voltage_V").any()
 
 
-def test_a_case_tells_what_it_leaves_out_and_keeps_what_happens_often():
+def test_exclusions_are_reported_and_frequent_events_are_kept():
     clean = cell()
     case = case_of("cell", {}, [spoilt(clean, [250, 777], 0.0)], {"voltage_V": SD})
     cleaned, (remark,) = without_outliers(case)
