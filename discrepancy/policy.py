@@ -97,11 +97,11 @@ def _additions(inv: Workings, model: Settled) -> tuple[list[Addition], list[Addi
     most = max((gain.log_evidence for gain in others), default=0.0)
     if first and first[0].gain > settings.preference * most:
         return first, tried
-    beside = _refitted(inv, model, others)
-    second = passing(beside)
+    more = _refitted(inv, model, others)
+    second = passing(more)
     if first and second and first[0].gain > settings.preference * second[0].gain:
-        return first + second, tried + beside
-    return sorted(first + second, key=lambda one: -one.merit), tried + beside
+        return first + second, tried + more
+    return sorted(first + second, key=lambda one: -one.merit), tried + more
 
 
 def _leading(inv: Workings, model: Settled, linear: Linear, gains: Sequence[Gain]) -> list[Gain]:

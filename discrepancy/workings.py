@@ -138,7 +138,7 @@ class Workings:
         """Alternate between estimating the model error from the richest model and refitting, until both are stable."""
         for number in range(_MOST_REWEIGHTINGS):
             screened = screen(trial.scale.view, trial.setting, trial.fitted.x, trial.scale.noise)
-            scale = self._scale_beside(trial, screened)
+            scale = self._scale_of_richest(trial, screened)
             if number and scale.error.is_near(trial.scale.error):
                 break
             trial = self._refitted(trial, scale)
@@ -154,7 +154,7 @@ class Workings:
         fitted = fit(trial.scale.view, trial.setting, trial.scale.weights, trial.fitted.x, flat=flat)
         return Settled(trial.setting, trial.amplitudes, fitted, trial.scale, screened)
 
-    def _scale_beside(self, trial: Trial, screened: Screen) -> Scale:
+    def _scale_of_richest(self, trial: Trial, screened: Screen) -> Scale:
         """Return the scale estimated from the residual of the richest model that contains a trial.
 
         Repeated while the model error falls: under a large model error few additions are worthwhile, under a smaller
@@ -163,7 +163,7 @@ class Workings:
         least, scale = self.settings.least_odds + np.log(max(1, len(self.space.candidates))), trial.scale
         for _ in range(_MOST_FALLS):
             left = self._linear(dataclasses.replace(trial, scale=scale), screened).richest(least)
-            before, scale = scale.error, self._beside(scale, left)
+            before, scale = scale.error, self._reestimated(scale, left)
             if not any(scale.error.sd.get(series, 0.0) < _FALLS * sd for series, sd in before.sd.items()):
                 break
         return scale
@@ -213,7 +213,7 @@ class Workings:
         """Return a fit at the stated values of all parameters."""
         return dataclasses.replace(trial.fitted, x=np.zeros_like(trial.fitted.x))
 
-    def _beside(self, scale: Scale, left: np.ndarray) -> Scale:
+    def _reestimated(self, scale: Scale, left: np.ndarray) -> Scale:
         """Return the scale with noise and model error estimated from the residual of the richest model."""
         readings = scale.view.readings
         noise = dict(scale.noise)
@@ -257,7 +257,7 @@ class Workings:
     def trial(
         self,
         labels: Sequence[str],
-        beside: Trial,
+        other: Trial,
         gain: Gain | None = None,
         amplitudes: Mapping[str, float] | None = None,
     ) -> Trial:
@@ -265,20 +265,20 @@ class Workings:
 
         Args:
             labels: of the model.
-            beside: the other model.
+            other: the other model.
             gain: expected gain of the addition, with its start.
             amplitudes: prior sd of curves and laws.
         """
         key = self.space.key(labels)
-        scale = beside.scale
-        own = {label: a for label, a in {**beside.amplitudes, **(amplitudes or {})}.items() if label in key}
+        scale = other.scale
+        own = {label: a for label, a in {**other.amplitudes, **(amplitudes or {})}.items() if label in key}
         if gain is not None and self.space.candidates[gain.label].is_vector:
             own[gain.label] = gain.amplitude
         known = (id(scale.weights), key, tuple(sorted(own.items())))
         if known in self._trials:
             return self._trials[known]
         setting = self.space.setting(key, own)
-        begin = {name: x for name, x in beside.start(self.space).items() if name == BASE or name in key}
+        begin = {name: x for name, x in other.start(self.space).items() if name == BASE or name in key}
         new = [label for label in key if label not in begin]
         for label in new:
             candidate = self.space.candidates[label]
@@ -288,9 +288,9 @@ class Workings:
                 begin[label] = np.zeros(len(candidate.coordinates)) if candidate.is_vector else self._first_start(label)
         first = self.space.layout.at(begin)
         if gain is not None:
-            first[list(beside.setting.free)] += gain.base_step
+            first[list(other.setting.free)] += gain.base_step
         best = self._calibrated(setting, scale, first, bool(new) and gain is None)
-        reference = beside.fitted.objective if set(beside.labels) <= set(key) else np.inf
+        reference = other.fitted.objective if set(other.labels) <= set(key) else np.inf
         promised = REACHED * gain.chi2 if gain is not None else 0.0
         if best.objective > reference - promised:
             # The first amplitude was wrong, or the base parameters had moved far to compensate: start them again.

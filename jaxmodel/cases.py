@@ -233,7 +233,7 @@ def _files(runs: list[RunEntry], toml: Path, where: str) -> list[Path]:
         if not file.is_file():
             hint = nearest(run.file, (other.name for other in toml.parent.glob("*.csv")))
             raise MeasurementError(
-                f"{where}: runs[{number}].file: there is no '{run.file}' beside {toml.name};"
+                f"{where}: runs[{number}].file: there is no '{run.file}' next to {toml.name};"
                 f" correct the name or add the file.{hint}"
             )
         for earlier, other in enumerate(files, start=1):

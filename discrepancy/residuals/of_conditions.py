@@ -86,8 +86,8 @@ def _made(
         what += f", {'rising' if values[2] > 0.0 else 'falling'} by {wording.with_unit(abs(values[2]), r.unit)} per K"
     where = wording.sentence(wording.within(bins, segment.first, segment.last), what)
     text = f"{where}{meaning} ({in_runs(*seen, len(r.runs))})."
-    if view.beside:
-        text = f"{view.beside}{text if text.startswith('SOC') else text[0].lower() + text[1:]}"
+    if view.prefix:
+        text = f"{view.prefix}{text if text.startswith('SOC') else text[0].lower() + text[1:]}"
     words: dict[str, Any] = dict(
         condition=bins.name,
         lower=float(bins.lower[segment.first]),

@@ -89,7 +89,7 @@ def _odd(view: View, lines: RunLines) -> Explanation | None:
     what, off, unit = _difference(view, lines, line, explained[rows], rows)
     name = r.run_names[odd.run]
     text = (
-        f"{view.beside}{name}: {what}, relative to the other {len(r.runs) - 1} runs, in this run only"
+        f"{view.prefix}{name}: {what}, relative to the other {len(r.runs) - 1} runs, in this run only"
         f"{_why(view, odd.run)}."
     )
     words: dict[str, Any] = dict(
@@ -153,7 +153,7 @@ def outlying_run(view: View) -> Statement | None:
         sign = f"{texts[3]} {unit} {'above' if mean > 0.0 else 'below'} the model on average"
     between = texts[1] if texts[1] == texts[2] else f"{texts[1]} to {texts[2]}"
     text = (
-        f"{view.beside}{r.run_names[run]}: the RMS error is {texts[0]} {unit}, {sign}; in the other {len(others)} runs "
+        f"{view.prefix}{r.run_names[run]}: the RMS error is {texts[0]} {unit}, {sign}; in the other {len(others)} runs "
         f"it is {between} {unit}{_why(view, run)}."
     )
     return Statement(
@@ -207,7 +207,7 @@ def _in_order(view: View, lines: RunLines, found: Order) -> Explanation:
         tail += f": resistance {_off(slope, 'ohm')}"
     of_temperature = unit_of(found.condition) == "degC"
     per_unit = wording.ratio(unit, "K" if of_temperature else unit_of(found.condition) or "1")
-    text = f"{view.beside}{what} at {name} {at}: {tail} ({in_runs(len(lines.runs), len(lines.runs), len(lines.runs))})."
+    text = f"{view.prefix}{what} at {name} {at}: {tail} ({in_runs(len(lines.runs), len(lines.runs), len(lines.runs))})."
     words: dict[str, Any] = dict(
         condition=found.condition,
         lower=float(found.at.min()),

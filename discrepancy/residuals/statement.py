@@ -80,7 +80,7 @@ class View:
         return next((name for name in DRIVES if name in self.conditions), None)
 
     @property
-    def beside(self) -> str:
+    def prefix(self) -> str:
         """Return how a sentence begins: a later one is about what the statements before it left unexplained."""
         return "In addition, " if self.given else ""
 
@@ -94,7 +94,7 @@ class View:
         return dataclasses.replace(self, residuals=self.residuals.less(explained), given=self.total)
 
     def without_run(self, run: int) -> View:
-        """Return the view of the other runs, with its conditions chosen anew."""
+        """Return the view of the other runs, with its conditions chosen again."""
         rest = self.residuals.rows(self.residuals.run != run)
         counted = float(np.sum(rest.weight_s * rest.error**2))
         return dataclasses.replace(view_of(rest, self.capacity_Ah, self.most_p), given=self.total, counted=counted)

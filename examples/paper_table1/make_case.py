@@ -1,4 +1,4 @@
-"""Write the paper's Table 1 as seven measured runs: what is left of the charge after half an hour at each temperature.
+"""Write the paper's Table 1 as seven measured runs: the state of charge after half an hour at each temperature.
 
 The table prints a slope in steps of 0.1e-4 per s, and nothing else of its seven runs. So a run has one reading, the
 state of charge at its end; its sd is that of the rounding of the slope, 0.1e-4 / sqrt(12) * 1800 s.

@@ -40,7 +40,7 @@ class ArrheniusPolarisation(Effect):
 
 
 class CapacityFade(Effect):
-    """Capacity is lost with every cycle, beside what storage takes: Q (1 - f n/100)."""
+    """Capacity is lost with every cycle, in addition to storage: Q (1 - f n/100)."""
 
     name: ClassVar[str] = "capacity_fade"
     distinguished_by: ClassVar[str] = "cycles"

@@ -263,7 +263,7 @@ CELL = 'kind = "cell"\n'
         pytest.param(
             CELL + RUNS.replace("run-02.csv", "run-03.csv"),
             MeasurementError,
-            ["runs[2].file", "no 'run-03.csv' beside case.toml", "Did you mean 'run-0"],
+            ["runs[2].file", "no 'run-03.csv' next to case.toml", "Did you mean 'run-0"],
             id="no such CSV",
         ),
         pytest.param(
