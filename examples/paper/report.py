@@ -55,10 +55,9 @@ def fidelity_sections(data: xr.Dataset) -> list[Section]:
                 "the range of eq. 9; this does not affect the slope.",
                 _slope_table("table-1", "ambient [°C]", TABLE_1, by, "ambient_degC", 1.0),
                 "Four of the printed equations contain a temperature. Eq. 9 (R_ints) and eq. 17 (winding) affect "
-                "voltages "
-                "and speed, not the draw. Eq. 2 changes the initial charge, by at most 1 % for the 4 K that the "
-                "paper mentions. Eq. 8 calls its temperature T_amb; if it were the ambient of the run instead of the "
-                "storage, the slope would be "
+                "voltages and speed, not the draw. Eq. 2 changes the initial charge, by at most 1 % for the 4 K "
+                "that the paper mentions. Eq. 8 calls its temperature T_amb; if it were the ambient of the run "
+                "instead of the storage, the slope would be "
                 + ", ".join(f"{power(v, -4)} at {t:g} °C" for t, v in stored.items() if np.isfinite(v))
                 + " (1e-4 /s) and no charge would be left at 60 °C and above: the opposite of the table.",
                 Picture(
@@ -77,10 +76,9 @@ def fidelity_sections(data: xr.Dataset) -> list[Section]:
         Section(
             "Table 2 and Fig. 7: slope of the state of charge over torque",
             [
-                f"Reproduced within {100 * misfit(two, TABLE_2)[1]:.1f} % (RMS {100 * misfit(two, TABLE_2)[0]:.1f} %) "
-                "with duty and on-board current chosen for this: two parameters for four slopes. The paper's 0.1e-4 is "
-                "a "
-                "rounding of up to 2.5 %.",
+                f"Reproduced within {100 * misfit(two, TABLE_2)[1]:.1f} % (RMS {100 * misfit(two, TABLE_2)[0]:.1f} "
+                "%) with duty and on-board current chosen for this: two parameters for four slopes. The paper's "
+                "0.1e-4 is a rounding of up to 2.5 %.",
                 _slope_table("table-2", "torque [mN m]", TABLE_2, by, "load_torque_Nm", 1e3),
                 Picture(
                     "figure-7",
@@ -151,8 +149,8 @@ def _headlines(one: dict[float, float], two: dict[float, float]) -> Section:
                 rows,
             ),
             "The simulation reproduces the headline for torque but not that for temperature. The text demands a "
-            "reduction "
-            "when the ambient temperature rises; by Table 1, and the sentence before it, it is needed when it falls.",
+            "reduction when the ambient temperature rises; by Table 1, and the sentence before it, it is needed "
+            "when it falls.",
         ],
     )
 
@@ -198,16 +196,14 @@ def table_1_section(fits: Sequence[Carried], answer: Mapping[str, Any], origin: 
         "Table 1 as a measurement: which physics could explain it",
         [
             "The case examples/paper_table1 contains the seven slopes as seven readings of the charge after half an "
-            "hour, "
-            f"with their rounding as noise; 40 °C is the check run. {origin} Verdict: "
+            f"hour, with their rounding as noise; 40 °C is the check run. {origin} Verdict: "
             f"{answer['verdict'].replace('_', ' ')}"
             + (f", {' and '.join(named)}." if named else ".")
             + f" Error on the six fit runs {error['before']['fit']:.3f} before and {error['after']['fit']:.4f} "
             f"after, on the check run {error['before']['check']:.4f} and {error['after']['check']:.4f} "
             f"(rounding {error['noise_floor']:.4f}).",
             "Direct fits to the slopes, each with capacity, torque constant, friction and I_ob free within their "
-            "assumed "
-            "sd:",
+            "assumed sd:",
             Table("table-1-candidates", head, rows, words=3),
             Picture(
                 "table-1-candidates",
@@ -216,31 +212,24 @@ def table_1_section(fits: Sequence[Carried], answer: Mapping[str, Any], origin: 
             ),
             "What it shows: the table is linear in temperature within its rounding (-0.91 % of the 20 °C slope per "
             "kelvin), and reaches zero near 126 °C. Only a large term of the draw that is linear in the ambient "
-            "temperature "
-            "follows it. In the catalogue that is the on-board draw with temperature, but its value is not plausible "
-            "for "
-            "electronics: "
+            "temperature follows it. In the catalogue that is the on-board draw with temperature, but its value is "
+            "not plausible for electronics: "
             + (
                 f"with {' and '.join(impossible)} the electronics would supply the pack at 100 °C. "
                 if impossible
                 else ""
             )
             + "So the diagnosis names the shape that fits, not a plausible cause. A capacity that grows with "
-            "temperature is "
-            "the only cause with a usual value, but its curvature has the wrong sign "
-            f"(error of {capacity.rms / rounding:.0f} roundings).",
+            "temperature is the only cause with a usual value, but its curvature has the wrong sign (error of "
+            f"{capacity.rms / rounding:.0f} roundings).",
             "What it cannot show: with one number per run, a falling current and a growing capacity give the same "
-            "slope. "
-            "Resistances, OCV, self-heating, hysteresis and all losses in the motor's voltage have no effect: at a "
-            "given "
-            "torque and duty they do not affect the draw. The cause need not be physical: a block of the Simulink "
-            "model "
-            "through which voltage or resistance affects the draw would give the same seven numbers.",
+            "slope. Resistances, OCV, self-heating, hysteresis and all losses in the motor's voltage have no "
+            "effect: at a given torque and duty they do not affect the draw. The cause need not be physical: a "
+            "block of the Simulink model through which voltage or resistance affects the draw would give the same "
+            "seven numbers.",
             "What would distinguish them: the pack current at each temperature (last column: a capacity does not "
-            "change "
-            "it, a draw does), the same with the motors off (on-board draw alone), and one full discharge at -20 °C "
-            "and "
-            "at 40 °C with constant current (capacity alone). A shunt accurate to 0.1 A is sufficient.",
+            "change it, a draw does), the same with the motors off (on-board draw alone), and one full discharge at "
+            "-20 °C and at 40 °C with constant current (capacity alone). A shunt accurate to 0.1 A is sufficient.",
         ],
     )
 
@@ -263,8 +252,7 @@ def findings(data: xr.Dataset, held: Sequence[Held], full: Gradients) -> list[st
         f"Fig. 8: gradient {power(full.cubic_mean, -5)}e-5 V/s (paper {power(printed.CUBIC_GRADIENT, -5)}e-5); its "
         "voltage level is 0.6 V below the open-circuit voltage of its own source.",
         f"The experiment: {sum(h.consistent for h in held)} of 4 gradients of the model are within the resolution of "
-        f"the "
-        "voltmeter; the effect of its 15 % compensation is "
+        "the voltmeter; the effect of its 15 % compensation is "
         f"{100 * (held[1].from_rest - held[0].from_rest) / (held[0].greatest - held[0].over_test):.0f} % of this "
         "resolution.",
     ]  # fmt: skip

@@ -100,10 +100,9 @@ def experiment_section(held: Sequence[Held]) -> Section:
             "less duty (eq. 14). A full pack of the model rests at 24.6 V; the measured 22.6 V is its rest at "
             "a state of charge of 0.38, so the runs start there. Gradients are of one cell.",
             Table("tables-3-and-5", head, volts),
-            "Table 5 is Table 3 divided by 833 and 980 s, the times at which the voltmeter's last digit fell (750 to "
-            "1000 s in "
-            "the text), not by the 1800 s of the test. The two tests at 20 °C have the same voltages; the "
-            "gradient in Table 5 that is 15 % smaller is one digit that fell 150 s later.",
+            "Table 5 is Table 3 divided by 833 and 980 s, the times at which the voltmeter's last digit fell (750 "
+            "to 1000 s in the text), not by the 1800 s of the test. The two tests at 20 °C have the same voltages; "
+            "the gradient in Table 5 that is 15 % smaller is one digit that fell 150 s later.",
             Picture(
                 "experiment",
                 png(
@@ -120,12 +119,10 @@ def experiment_section(held: Sequence[Held]) -> Section:
             f"Conclusion: two readings accurate to 0.1 V give a resolution of ± {1e5 * open_by:.2f}e-5 V/s. The "
             f"effect of the compensation in the model is {power(saved[0], -5)}e-5 V/s at 20 °C and "
             f"{power(saved[1], -5)}e-5 at 30 °C, {100 * saved[0] / open_by:.0f} % of that: these tests can neither "
-            "confirm nor exclude it. "
-            "The gradients of the model compared with the range that the readings allow: "
+            "confirm nor exclude it. The gradients of the model compared with the range that the readings allow: "
             + "; ".join(f"{h.test.name} {'inside' if h.consistent else 'outside'}" for h in held)
             + ". It falls too fast, even with the 30 % smaller no-load current that the paper measured, which reduces "
-            "the "
-            "draw of 0.82 A by 0.16 A. The measured pack drops 0.2 V where the model drops "
+            "the draw of 0.82 A by 0.16 A. The measured pack drops 0.2 V where the model drops "
             f"{held[0].test.initial_V - held[0].final_V:.1f} V, most of it resistance.",
             Table(
                 "table-4",
@@ -138,13 +135,12 @@ def experiment_section(held: Sequence[Held]) -> Section:
                 ),
                 ohms,
             ),
-            "Resistances are not reproduced. Printed and computed values differ by up to a factor of ten at the start "
-            "and by "
-            "half at the end, if the printed ones are of one cell; for a pack of six the factor would be 10 to 65. The "
-            "model cannot triple a resistance in half an hour at nearly constant charge. From 20 to 30 °C both columns "
-            f"fall by a similar factor, which corresponds to activation energies of {first:.0f} and {last:.0f} kJ/mol; "
-            "with eq. 9 they fall by 14 % only. That is arrhenius_resistance beyond its usual range of 5 to 40 kJ/mol, "
-            "from a meter of unknown resolution.",
+            "Resistances are not reproduced. Printed and computed values differ by up to a factor of ten at the "
+            "start and by half at the end, if the printed ones are of one cell; for a pack of six the factor would "
+            "be 10 to 65. The model cannot triple a resistance in half an hour at nearly constant charge. From 20 "
+            "to 30 °C both columns fall by a similar factor, which corresponds to activation energies of "
+            f"{first:.0f} and {last:.0f} kJ/mol; with eq. 9 they fall by 14 % only. That is arrhenius_resistance "
+            "beyond its usual range of 5 to 40 kJ/mol, from a meter of unknown resolution.",
         ],
     )
 
@@ -179,13 +175,12 @@ def figure_9_section(data: xr.Dataset, together: Gradients) -> Section:
         "Fig. 9: components doubled",
         [
             "Each component of the equivalent circuits is doubled alone, by the package `sensitivity`, and all "
-            "together; "
-            "full speed, 0 N m, 20 °C. The paper doubles them together and prints one slope, "
+            "together; full speed, 0 N m, 20 °C. The paper doubles them together and prints one slope, "
             f"{power(printed.DOUBLED_GRADIENT, -5)}e-5 V/s, over an unstated span: twice its "
-            f"{power(printed.LINEAR_GRADIENT, -5)}e-5. The simulation gives {power(together.linear, -5)}e-5 over 30 to "
-            "1080 s. The direction agrees with the paper (steeper by doubling), the level does not. The RC pairs cause "
-            "the steeper slope; the series resistance changes only the level; the motor's winding has no effect at no "
-            "load.",
+            f"{power(printed.LINEAR_GRADIENT, -5)}e-5. The simulation gives {power(together.linear, -5)}e-5 over 30 "
+            "to 1080 s. The direction agrees with the paper (steeper by doubling), the level does not. The RC pairs "
+            "cause the steeper slope; the series resistance changes only the level; the motor's winding has no "
+            "effect at no load.",
             Table("figure-9", head, rows),
             Picture(
                 "figure-9",
