@@ -41,8 +41,16 @@ CASES: dict[str, dict[str, Any]] = {
         "stated": {"R_ints": made.TRUE["R_ints"] | {"ohm": (made.R_INTS * np.exp(made.R_INTS_OFF)).tolist()}},
     },
     "bad run": {"seed": 5, "contact_ohm": {made.BAD_RUN: made.CONTACT_OHM}},
-    "noise stated too small": {"which": "diffusion", "seed": 6, "stated_noise": {"voltage_V": 0.2 * NOISE["voltage_V"]}},
-    "noise stated too large": {"which": "diffusion", "seed": 6, "stated_noise": {"voltage_V": 5.0 * NOISE["voltage_V"]}},
+    "noise stated too small": {
+        "which": "diffusion",
+        "seed": 6,
+        "stated_noise": {"voltage_V": 0.2 * NOISE["voltage_V"]},
+    },
+    "noise stated too large": {
+        "which": "diffusion",
+        "seed": 6,
+        "stated_noise": {"voltage_V": 5.0 * NOISE["voltage_V"]},
+    },
     "capacity far off": {"seed": 7, "stated": {"capacity_Ah": (made.TRUE["capacity_Ah"] + 0.2, 0.04)}},
     "drifting contact": {"which": "arrhenius", "seed": 8, "drift_ohm_per_h": made.DRIFT_OHM_PER_H},
     "cold check run": {"seed": 9, "cold_check": True},
@@ -180,28 +188,28 @@ def test_a_noise_that_is_stated_wrong_changes_no_name(said, name: str):
     assert remarked(answer, r"\b(noise|sd|scatter)\b")
 
 
-def test_a_capacity_far_from_what_is_stated_is_adequate_and_told(said):
+def test_a_capacity_far_from_its_stated_value_is_adequate_with_a_remark(said):
     answer = said("capacity far off")
     assert answer["verdict"] == "adequate"
     assert claimed(answer) == set()
     assert remarked(answer, "capacity[_ ]Ah")
 
 
-def test_a_contact_that_drifts_is_told_beside_what_is_in_the_catalogue(said):
+def test_a_drifting_contact_is_reported_with_the_other_effects(said):
     answer = said("drifting contact")
     assert set(made.ARRHENIUS) <= claimed(answer) <= {*made.ARRHENIUS, "contact_drift"}
     over_time = any("time" in str(curve["over"]) for curve in answer.get("curves") or ())
     assert "contact_drift" in claimed(answer) or answer["verdict"] == "unknown_effect" or over_time
 
 
-def test_what_only_a_check_run_goes_through_is_not_called_adequate(said):
+def test_a_condition_of_a_check_run_alone_is_not_called_adequate(said):
     answer = said("cold check run")
     assert answer["verdict"] in ("undecided", "unknown_effect", "missing_effect")
     beyond = [each for each in answer["extrapolated"] if each["condition"] == "ambient_degC"]
     assert [each["file"] for each in beyond] == ["run-04.csv"]
 
 
-def test_a_thermometer_that_sticks_is_told_and_changes_no_name(said):
+def test_a_stuck_thermometer_is_reported_and_changes_no_name(said):
     answer = said("stuck thermometer")
     of_thermometer = {e["name"] for e in answer["effects"] if e["parameters"].get("column") == "cell_temperature_degC"}
     assert claimed(answer) - of_thermometer == set(made.THREE)
