@@ -1,11 +1,11 @@
-"""Model against measurement: where it fails, what it is missing, which tables are off, and what remains.
+"""Compare a model with measurements: where it fails, what it lacks, which tables are wrong, and what remains.
 
     from discrepancy import Investigation, diagnose
 
-    diagnosis = diagnose(case)  # the verdict, and what it rests on
+    diagnosis = diagnose(case)  # the verdict and its reasons
     diagnosis.plot.ladder()
 
-    investigation = Investigation(case)  # the same by hand: compare, see, add, watch the error fall
+    investigation = Investigation(case)  # the same step by step
     investigation.candidates()
     investigation.add("self_heating")
     investigation.ladder()

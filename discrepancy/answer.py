@@ -13,7 +13,7 @@ from discrepancy.result import ChannelError, Diagnosis, Removed
 
 
 def number(value: float) -> float | None:
-    """Return a number to six digits, ready for JSON; None where it does not exist."""
+    """Return a number with six digits, ready for JSON; None if it is not finite."""
     return float(f"{value:.6g}") if np.isfinite(value) else None
 
 
@@ -22,7 +22,7 @@ def _split(error: ChannelError | Removed) -> dict[str, float | None]:
 
 
 def answer(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Return the answer in the form of the case contract, ready for JSON; numbers that do not exist are null."""
+    """Return the answer in the form of the case contract, ready for JSON; undefined numbers are null."""
     before, after = diagnosis.base.errors, diagnosis.final.errors
     return {
         "verdict": diagnosis.verdict,

@@ -1,4 +1,4 @@
-"""From a table of evidence to a verdict: one pure function, its rules in order, each of which the docs repeat."""
+"""From a table of evidence to a verdict: one pure function, with its rules in order; docs/discrepancy.md lists them."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from discrepancy.settings import SETTINGS, Settings
 
 @dataclasses.dataclass(frozen=True)
 class ChannelEvidence:
-    """How far a channel is from where it should be.
+    """The errors of a channel.
 
     Attributes:
         noise: sd of its sensor.
-        before: RMS of the calibrated base model on fitted runs.
-        fit: RMS of the final model on fitted runs.
-        check: RMS on held-out runs; NaN where there are none.
-        tolerance: stated; None where none is.
-        model_error: s of what the final model gets wrong, in the channel's unit; 0 where nothing shows.
+        before: RMS error of the calibrated base model on fit runs.
+        fit: RMS error of the final model on fit runs.
+        check: RMS error of the final model on check runs; NaN without check runs.
+        tolerance: stated; None if not stated.
+        model_error: s of the model error, in the channel's unit; 0 without one.
     """
 
     noise: float
@@ -30,14 +30,14 @@ class ChannelEvidence:
 
 @dataclasses.dataclass(frozen=True)
 class Evidence:
-    """All that the verdict rests on.
+    """Everything that decides the verdict.
 
     Attributes:
         effects: probability of every effect in the final model, by label.
-        sensors: which of them are faults of sensors.
-        unknown: laws and relations in no catalogue and no table that passed the gates, in words.
+        sensors: those of them that are sensor faults.
+        unknown: accepted laws and curves that belong to no effect and no table, in words.
         channels: by name.
-        extrapolates: a held-out run lies outside the conditions that were fitted.
+        extrapolates: a check run is outside the conditions of the fit runs.
     """
 
     effects: dict[str, float]
@@ -49,41 +49,43 @@ class Evidence:
 
 @dataclasses.dataclass(frozen=True)
 class Decision:
-    """The verdict, and in words what nothing explains."""
+    """The verdict, what remains unexplained in words, and the rule that gave the verdict."""
 
     verdict: str
     unexplained: str | None
     rule: str
 
 
-# In this order; the first that holds gives the verdict.
+# In this order; the first that applies gives the verdict.
 RULES = {
-    "unknown law": ("unknown_effect", "a law in no catalogue passes the gates beside what is named"),
-    "most is left": (
+    "unknown law": ("unknown_effect", "an unknown law is accepted"),
+    "large remaining error": (
         "unknown_effect",
-        "what is left is several times the noise, beyond a stated tolerance, and more than a share of what the base "
-        "model left",
+        "the remaining error is several times the noise, above a stated tolerance, and more than a share of the base "
+        "model's error",
     ),
-    "named": ("missing_effect", "an effect is in the final model and more probable than not"),
-    "fault": ("sensor_fault", "only faults of sensors are"),
-    "open": ("undecided", "an effect is in the final model and no more probable than not"),
-    "held out": ("undecided", "no effect is named, and the error on held-out runs is far above that on fitted ones"),
-    "adequate": ("adequate", "none of these"),
+    "named": ("missing_effect", "an effect other than a sensor fault has a probability of at least 0.5"),
+    "fault": ("sensor_fault", "a sensor fault has a probability of at least 0.5"),
+    "open": ("undecided", "the final model contains effects, all with a probability below 0.5"),
+    "held out": ("undecided", "the error on check runs is far above that on fit runs"),
+    "adequate": ("adequate", "none of the rules above applies"),
 }
 
 
 def decide(evidence: Evidence, settings: Settings = SETTINGS) -> Decision:
-    """Return the verdict on a table of evidence, by the first of RULES that holds."""
+    """Return the verdict on a table of evidence, by the first of RULES that applies."""
     if evidence.unknown:
         return _decision("unknown law", "; ".join(evidence.unknown))
     left = [name for name, one in evidence.channels.items() if _mostly_left(one, settings)]
     if left:
-        told = [f"{name} is left at {evidence.channels[name].fit:.3g}" for name in left]
-        noise = [f"{evidence.channels[name].noise:.2g}" for name in left]
+        described = [
+            f"the error of {name} remains at {one.fit:.3g} (noise {one.noise:.2g})"
+            for name, one in evidence.channels.items()
+            if name in left
+        ]
         return _decision(
-            "most is left",
-            f"{' and '.join(told)} where the noise is {' and '.join(noise)}, and no effect, curve or law that was "
-            "tried explains it on runs left out",
+            "large remaining error",
+            f"{' and '.join(described)}; no effect, curve or law that was tried explains it on left-out data",
         )
     named = [label for label, probability in evidence.effects.items() if probability >= settings.named]
     if named:
@@ -92,12 +94,12 @@ def decide(evidence: Evidence, settings: Settings = SETTINGS) -> Decision:
         return _decision("open", None)
     failing = [name for name, one in evidence.channels.items() if _fails_held_out(one, settings)]
     if failing:
-        told = [
+        described = [
             f"on check runs the error of {name} is {_ratio(evidence.channels[name]):.1f} times that on fit runs"
             for name in failing
         ]
-        where = "; a check run lies outside the conditions that were fitted" if evidence.extrapolates else ""
-        return _decision("held out", "; ".join(told) + where)
+        where = "; a check run is outside the conditions of the fit runs" if evidence.extrapolates else ""
+        return _decision("held out", "; ".join(described) + where)
     return _decision("adequate", None)
 
 
@@ -106,7 +108,7 @@ def _decision(rule: str, unexplained: str | None) -> Decision:
 
 
 def _mostly_left(one: ChannelEvidence, settings: Settings) -> bool:
-    """Return True where most of a channel's error is left and matters."""
+    """Return True if most of a channel's error remains and is material."""
     if one.model_error <= 0.0 or (one.tolerance is not None and one.fit <= one.tolerance):
         return False
     return one.fit > settings.far_above_noise * one.noise and one.fit > settings.unexplained_share * one.before
@@ -117,7 +119,7 @@ def _ratio(one: ChannelEvidence) -> float:
 
 
 def _fails_held_out(one: ChannelEvidence, settings: Settings) -> bool:
-    """Return True where held-out runs are foretold far worse than fitted ones, and beyond a stated tolerance."""
+    """Return True if the error on check runs is far above that on fit runs, and above a stated tolerance."""
     if one.tolerance is not None and one.check <= one.tolerance:
         return False
     return _ratio(one) > settings.held_out_factor

@@ -1,4 +1,4 @@
-"""`compare` and `diagnose`: a case through the investigation and the policy to everything that is said of it."""
+"""`compare` and `diagnose`: from a case to its diagnosis."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 from scipy.special import logsumexp
 
 from discrepancy import policy
-from discrepancy.advice import remarks as told
+from discrepancy.advice import remarks as remarks
 from discrepancy.advice.law_file import law_file
 from discrepancy.advice.next_experiment import best_of_each, propose
 from discrepancy.decision import ChannelEvidence, Evidence, decide
 from discrepancy.evidence.trial import Trial
 from discrepancy.findings import curve_found, law_found, run_found, unknown_sentence
-from discrepancy.fitting.candidates import is_told
+from discrepancy.fitting.candidates import is_distinguishable
 from discrepancy.fitting.lanes import one_thread_of_blas
 from discrepancy.fitting.model import Labels
 from discrepancy.gates import Addition, odds_of
@@ -33,35 +33,35 @@ from discrepancy.result import (
     ScoreEntry,
     Sensor,
 )
-from discrepancy.rungs import Started, errors_by_run, nominal, residuals_of, rung, started
+from discrepancy.rungs import AdjustedStarts, errors_by_run, nominal, residuals_of, rung, with_adjusted_starts
 from discrepancy.tolerances import fit_for_purpose, tolerances
 from discrepancy.workings import Progress, Workings
 from jaxmodel.case import Case
 from jaxmodel.errors import EffectError
 
 SOMETHING_ELSE = "something_else"
-# Log evidence within which two models are told apart by nothing: 20 to 1.
-TOLD_APART = 3.0
-# Share of belief in something that nobody tried, where all looks well and where a model error is left. Assumed.
-UNTRIED, UNTRIED_BESIDE_ERROR = 0.01, 0.05
-# A model more probable than this is not ruled out; of so many an experiment is asked to decide between all.
+# Two models are indistinguishable if their log evidence differs by less than this (20 to 1).
+DISTINGUISHABLE = 3.0
+# Probability of a cause that was not tested, without and with a remaining model error. Assumed.
+UNTESTED, UNTESTED_WITH_MODEL_ERROR = 0.01, 0.05
+# A model more probable than this is a rival; an experiment is proposed for at most so many.
 RIVAL, MOST_RIVALS = 0.05, 3
 
 
 @one_thread_of_blas
 def compare(case: Case, *, progress: Progress | None = None) -> Diagnosis:
-    """Calibrate a case's model and hold it against the measurements, without asking what is missing.
+    """Calibrate a case's model and compare it with the measurements, without testing any candidate.
 
     Args:
         case: with at least one fit run.
-        progress: told what is being done.
+        progress: called with a description of each step.
 
     Raises:
         FitError: nothing is uncertain, or no run may be used to calibrate.
     """
     inv = Workings(case, progress=progress)
-    begun = started(inv, inv.base)
-    ladder = (nominal(inv), rung(inv, "calibrated", inv.base, begun))
+    adjusted = with_adjusted_starts(inv, inv.base)
+    ladder = (nominal(inv), rung(inv, "calibrated", inv.base, adjusted))
     left = residuals_of(inv, ladder[-1])
     remaining = _remaining(inv, inv.base, ladder[-1], left)
     return Diagnosis(
@@ -75,9 +75,9 @@ def compare(case: Case, *, progress: Progress | None = None) -> Diagnosis:
         ladder=ladder,
         scores=(),
         critical_z=float("nan"),
-        remarks=_remarks(inv, inv.base, begun, ladder[-1], ()),
+        remarks=_remarks(inv, inv.base, adjusted, ladder[-1], ()),
         remaining=remaining,
-        extrapolated=told.extrapolated(inv.case),
+        extrapolated=remarks.extrapolated(inv.case),
         tolerance=tolerances(inv),
         where_base={name: one.where for name, one in remaining.items()},
         errors=errors_by_run(inv, {"base": left}),
@@ -93,14 +93,14 @@ def diagnose(
     without: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Diagnosis:
-    """Find which physical effect or sensor fault a case's model is missing, which tables are off, and what remains.
+    """Find which physical effect or sensor fault a case's model lacks, which tables are wrong, and what error remains.
 
     Args:
         case: with at least one fit run.
-        add: names of effects that the user wants in the model, whatever the data say; nothing else is then sought.
-        with_effects: the same, and what else is missing is sought beside them.
-        without: names of effects that the user rules out.
-        progress: told what is being done.
+        add: names of effects that are added whatever the data show; no other candidate is tested.
+        with_effects: the same, but other candidates are tested too.
+        without: names of effects that are ruled out.
+        progress: called with a description of each step.
 
     Raises:
         FitError: nothing is uncertain, or no run may be used to calibrate.
@@ -108,8 +108,8 @@ def diagnose(
     """
     inv = Workings(case, without=without, progress=progress)
     if add and with_effects:
-        raise EffectError("--add seeks nothing else and --with does; give all effects by one of the two.")
-    wanted = inv.bench.labels_to_add([*add, *with_effects])
+        raise EffectError("--add tests no other candidate and --with does; give all effects with one of the two.")
+    wanted = inv.space.labels_to_add([*add, *with_effects])
     found = policy.run(inv, wanted, seek=not add)
     return conclude(
         inv,
@@ -120,23 +120,23 @@ def diagnose(
 
 
 def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ordered: Sequence[str] = ()) -> Diagnosis:
-    """Return everything that is said of an investigation that has come to its end."""
-    inv.tell("weighing")
+    """Return the diagnosis of a finished investigation."""
+    inv.report("comparing models")
     final = found.final
-    begun = started(inv, final)
+    adjusted = with_adjusted_starts(inv, final)
     ladder = [nominal(inv), rung(inv, "calibrated", inv.base)]
     ladder += [rung(inv, "with " + " + ".join(m.labels), m) for m in found.path[1:] if m is not final]
     if final.labels:
-        ladder.append(rung(inv, "with " + " + ".join(final.labels), final, begun))
+        ladder.append(rung(inv, "with " + " + ".join(final.labels), final, adjusted))
     last = ladder[-1]
     left = {"base": residuals_of(inv, ladder[1])}
     left["final"] = residuals_of(inv, last) if final.labels else left["base"]
-    groups = {label: inv.bench.candidates[label].group for label in final.labels}
-    lacking = {label: _lacking(inv, found.weighed, final, label) for label in final.labels}
+    groups = {label: inv.space.candidates[label].group for label in final.labels}
+    lacking = {label: _lacking(inv, found.compared, final, label) for label in final.labels}
     removes = {label: _removes(rung(inv, "", trial), last) for label, trial in lacking.items()}
-    weighed, alike = _weighed(inv, found)
+    probabilities, indistinguishable = _probabilities(inv, found)
     holding = {
-        label: sum(p for labels, p in weighed.items() if label in labels)
+        label: sum(p for labels, p in probabilities.items() if label in labels)
         for label in final.labels
         if groups[label] in ("effect", "sensor")
     }
@@ -144,7 +144,7 @@ def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ord
     laws = [law_found(inv, final, label, removes[label]) for label in final.labels if groups[label] == "law"]
     curves = tuple(curve_found(inv, final, label, removes[label]) for label in final.labels if groups[label] == "curve")
     unstated = [curve for curve in (*curves, *laws) if not curve.stated]
-    extrapolated = told.extrapolated(inv.case)
+    extrapolated = remarks.extrapolated(inv.case)
     channels = {name: _channel_evidence(inv, found, name, ladder[1], last) for name in inv.noise}
     explained = bool(holding) and all(_small(one) for one in channels.values())
     evidence = Evidence(
@@ -159,31 +159,31 @@ def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ord
     named = tuple(
         NamedEffect(
             label=label,
-            name=inv.bench.candidates[label].effect.name,
-            column=inv.bench.candidates[label].effect.column,
+            name=inv.space.candidates[label].effect.name,
+            column=inv.space.candidates[label].effect.column,
             probability=float(min(most, holding[label])),
             parameters={n.removeprefix(f"{label}."): e for n, e in last.estimates.items() if n.startswith(f"{label}.")},
-            cannot_tell_apart_from=alike.get(label, ()),
+            cannot_tell_apart_from=indistinguishable.get(label, ()),
             removes=removes[label],
         )
         for label in order
         if holding[label] >= inv.settings.named or label in wanted
     )
-    else_p = UNTRIED_BESIDE_ERROR if final.scale.error.sd else UNTRIED
+    else_p = UNTESTED_WITH_MODEL_ERROR if final.scale.error.sd else UNTESTED
     if decision.verdict == "unknown_effect":
         else_p = 0.9
     candidates: dict[str, float] = {}
-    for labels, p in weighed.items():
+    for labels, p in probabilities.items():
         candidates[_name(inv, labels)] = candidates.get(_name(inv, labels), 0.0) + p * (1.0 - else_p)
     candidates[SOMETHING_ELSE] = else_p
     candidates = dict(sorted(((n, min(p, most)) for n, p in candidates.items()), key=lambda pair: -pair[1]))
     gains = inv.base_gains
     critical = inv.linear(inv.base).critical_z()
     blind = _blind(inv)
-    rivals = _rivals(found.weighed, weighed)
+    rivals = _rivals(found.compared, probabilities)
     proposals = ()
     if rivals:
-        inv.tell("looking for the experiment that would decide")
+        inv.report("searching for an experiment that decides")
         proposals = best_of_each(propose(inv, rivals))
     return Diagnosis(
         case=inv.case,
@@ -195,12 +195,12 @@ def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ord
         noise=_sensors(final),
         ladder=tuple(ladder),
         scores=tuple(
-            ScoreEntry(gain.label, gain.z, bool(abs(gain.z) > critical), inv.bench.candidates[gain.label].name in blind)
+            ScoreEntry(gain.label, gain.z, bool(abs(gain.z) > critical), inv.space.candidates[gain.label].name in blind)
             for gain in gains
-            if inv.bench.candidates[gain.label].group in ("effect", "sensor")
+            if inv.space.candidates[gain.label].group in ("effect", "sensor")
         ),
         critical_z=critical,
-        remarks=_remarks(inv, final, begun, ladder[1], extrapolated),
+        remarks=_remarks(inv, final, adjusted, ladder[1], extrapolated),
         curves=(*curves, *laws),
         runs=tuple(
             run_found(inv, final, last, label, removes[label]) for label in final.labels if groups[label] == "run"
@@ -219,49 +219,51 @@ def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ord
     )
 
 
-def _lacking(inv: Workings, weighed: Sequence[Trial], final: Trial, label: str) -> Trial:
+def _lacking(inv: Workings, compared: Sequence[Trial], final: Trial, label: str) -> Trial:
     rest = tuple(one for one in final.labels if one != label)
-    return next((one for one in weighed if one.labels == rest), None) or inv.trial(rest, final)
+    return next((one for one in compared if one.labels == rest), None) or inv.trial(rest, final)
 
 
-def _weighed(inv: Workings, found: policy.Found) -> tuple[dict[Labels, float], dict[str, Labels]]:
-    """Return the probability of every model weighed, and what cannot be told apart from each effect."""
+def _probabilities(inv: Workings, found: policy.Found) -> tuple[dict[Labels, float], dict[str, Labels]]:
+    """Return the probability of every model compared, and what is indistinguishable from each effect."""
     final = found.final
     logs: dict[tuple[str, ...], float] = {}
-    for trial in found.weighed:
-        prior = -sum(odds_of(inv, inv.bench.candidates[one], trial) - inv.settings.least_odds for one in trial.labels)
+    for trial in found.compared:
+        prior = -sum(odds_of(inv, inv.space.candidates[one], trial) - inv.settings.least_odds for one in trial.labels)
         logs[trial.labels] = max(logs.get(trial.labels, -np.inf), trial.log_evidence + prior)
     values = np.array(list(logs.values()))
     shares = dict(zip(logs, np.exp(values - logsumexp(values)).tolist(), strict=True))
-    alike: dict[str, tuple[str, ...]] = {}
+    indistinguishable: dict[str, tuple[str, ...]] = {}
     for label in final.labels:
         rest = set(final.labels) - {label}
         others = [
             next(iter(set(trial.labels) - rest))
-            for trial in found.weighed
+            for trial in found.compared
             if rest < set(trial.labels)
             and label not in trial.labels
             and len(trial.labels) == len(final.labels)
-            and trial.log_evidence > final.log_evidence - TOLD_APART
+            and trial.log_evidence > final.log_evidence - DISTINGUISHABLE
         ]
-        alike[label] = tuple(dict.fromkeys(inv.bench.candidates[one].name for one in others))
-    return shares, alike
+        indistinguishable[label] = tuple(dict.fromkeys(inv.space.candidates[one].name for one in others))
+    return shares, indistinguishable
 
 
 def _name(inv: Workings, labels: Sequence[str]) -> str:
     """Return the name of a model in the answer, without columns."""
-    return "+".join(inv.bench.candidates[label].name for label in labels) or "base"
+    return "+".join(inv.space.candidates[label].name for label in labels) or "base"
 
 
-def _rivals(trials: Sequence[Trial], weighed: Mapping[tuple[str, ...], float]) -> list[Trial]:
-    """Return the models between which the data have not decided, the most probable first; none where they have."""
-    likely = sorted((labels for labels, p in weighed.items() if p > RIVAL), key=lambda labels: -weighed[labels])
+def _rivals(trials: Sequence[Trial], probabilities: Mapping[tuple[str, ...], float]) -> list[Trial]:
+    """Return the models between which the data do not decide, the most probable first; none if they do."""
+    likely = sorted(
+        (labels for labels, p in probabilities.items() if p > RIVAL), key=lambda labels: -probabilities[labels]
+    )
     found = [next(one for one in trials if one.labels == labels) for labels in likely][:MOST_RIVALS]
     return found if len(found) > 1 else []
 
 
 def _removes(lacking: Rung, final: Rung) -> dict[str, Removed]:
-    """Return what the final model takes off each channel's error over one that lacks something."""
+    """Return by how much the final model reduces each channel's error relative to one that lacks something."""
 
     def removed(before: float, after: float) -> float:
         squared = before**2 - after**2
@@ -288,28 +290,28 @@ def _channel_evidence(inv: Workings, found: policy.Found, name: str, base: Rung,
 
 
 def _small(one: ChannelEvidence) -> bool:
-    """Return True where what a model with its laws took off is little of what the base model left."""
+    """Return True if the base model's error is hardly above the noise."""
     return one.before**2 - one.noise**2 < 0.1 * one.noise**2
 
 
 def _immaterial(inv: Workings, refused: Addition, last: Rung) -> Immaterial:
-    name = inv.bench.candidates[refused.label].name
+    name = inv.space.candidates[refused.label].name
     if not refused.plausible:
-        reason = f"it would be more than {inv.settings.implausible:g} sd from its usual size"
-    elif not refused.foretells(inv.settings.should_pay):
-        score = f"log score {refused.paid:+.1f}, {refused.expected:.1f} expected"
-        reason = f"pieces of runs left out are predicted no better ({score})"
+        reason = f"its size would be more than {inv.settings.implausible:g} sd from the usual one"
+    elif not refused.predicts_better(inv.settings.least_expected_score):
+        score = f"log score {refused.score_gain:+.1f}, expected {refused.expected_score_gain:+.1f}"
+        reason = f"it does not improve the prediction of left-out data ({score})"
     elif refused.harmful:
-        reason = "the error on pieces of runs left out rises with it"
+        reason = "it increases the error on left-out data"
     elif not refused.material:
-        reason = "it takes too little off any error to matter"
+        reason = "it reduces no error by a material amount"
     else:
         reason = (
-            "once the model error is estimated anew its size is unusual, or the error on pieces of runs left out rises"
+            "with the model error estimated again, its size is implausible or it increases the error on left-out data"
         )
     removes = _removes(last, rung(inv, "", refused.trial))
     return Immaterial(
-        name, removes, f"{name}: the fitted runs show it (log evidence {refused.gain:+.1f}), and {reason}"
+        name, removes, f"{name}: it is significant on the fit runs (log evidence {refused.gain:+.1f}), but {reason}"
     )
 
 
@@ -318,7 +320,7 @@ def _sensors(trial: Trial) -> dict[str, Sensor]:
 
 
 def _where(inv: Workings, left: Sequence[ChannelResiduals]) -> dict[str, tuple[str, ...]]:
-    """Return, by channel, sentences on where a model fails that leaves this."""
+    """Return, by channel, sentences on where a model with these residuals fails."""
     capacity = inv.case.parameters.get("capacity_Ah")
     return {
         residuals.channel: tuple(
@@ -335,51 +337,53 @@ def _remaining(inv: Workings, trial: Trial, last: Rung, left: Sequence[ChannelRe
 
 
 def _blind(inv: Workings) -> tuple[str, ...]:
-    """Return what this data could not have shown beside the base model, by name; on every column that it could have."""
+    """Return the names of effects that the data could not show at their usual size, on any of their columns."""
     seen = inv.linear(inv.base).visible()
     labels: dict[str, list[str]] = {}
-    for label, candidate in inv.bench.candidates.items():
+    for label, candidate in inv.space.candidates.items():
         if candidate.group in ("effect", "sensor"):
             labels.setdefault(candidate.name, []).append(label)
     unseen = [name for name, own in labels.items() if not any(label in seen for label in own)]
     untold = [
         name
         for name, cls in inv.case.catalogue.items()
-        if inv.case.kind in cls.kinds and name not in inv.case.effects and not is_told(inv.case, cls)
+        if inv.case.kind in cls.kinds and name not in inv.case.effects and not is_distinguishable(inv.case, cls)
     ]
     return (*unseen, *untold)
 
 
 def _remarks(
-    inv: Workings, trial: Trial, begun: Started, base: Rung, extrapolated: Sequence[Extrapolated]
+    inv: Workings, trial: Trial, adjusted: AdjustedStarts, base: Rung, extrapolated: Sequence[Extrapolated]
 ) -> tuple[str, ...]:
-    layout, fitted = inv.bench.layout, trial.fitted
+    layout, fitted = inv.space.layout, trial.fitted
     common, of_runs = [], []
-    for place, pull in zip(trial.setting.own, fitted.pulls, strict=True):
+    for place, pull in zip(trial.setting.free, fitted.pulls, strict=True):
         if place >= layout.base or abs(pull) <= inv.settings.strained:
             continue
         coordinate, run = layout.coordinates[place], layout.runs[place]
         number, stated = coordinate.number(fitted.x[place]), coordinate.number(0.0)
-        known = told.Strained(coordinate.name, number, coordinate.off(float(pull)), stated, abs(coordinate.slope(0.0)))
+        known = remarks.Strained(
+            coordinate.name, number, coordinate.off(float(pull)), stated, abs(coordinate.slope(0.0))
+        )
         if run < 0:
             common.append(known)
         else:
             of_runs.append(dataclasses.replace(known, run=inv.case.runs[run].name))
     return (
         *inv.preparation,
-        *told.nothing_held_out(inv.case),
-        *told.noise_remarks(trial.scale.noise),
-        *told.starts_moving(inv.case, trial.scale.noise, base.predictions),
-        *told.nothing_moves(fitted),
-        *told.strained([*common, *of_runs]),
-        *told.out_of_range(inv.bench, trial),
-        *told.not_converged(fitted),
-        *told.badly_started(begun.pulls, inv.settings.start_reach),
-        *(told.extrapolated_sentence(one) for one in extrapolated),
+        *remarks.nothing_held_out(inv.case),
+        *remarks.noise_remarks(trial.scale.noise),
+        *remarks.starts_moving(inv.case, trial.scale.noise, base.predictions),
+        *remarks.nothing_moves(fitted),
+        *remarks.strained([*common, *of_runs]),
+        *remarks.out_of_range(inv.space, trial),
+        *remarks.not_converged(fitted),
+        *remarks.badly_started(adjusted.pulls, inv.settings.start_reach),
+        *(remarks.extrapolated_sentence(one) for one in extrapolated),
     )
 
 
 def _law_source(inv: Workings, laws: Sequence[CurveFound]) -> str | None:
     if not laws:
         return None
-    return law_file(inv.bench.candidates[laws[0].label], laws[0].value, laws[0].at, inv.case.kind, inv.case.name)
+    return law_file(inv.space.candidates[laws[0].label], laws[0].value, laws[0].at, inv.case.kind, inv.case.name)

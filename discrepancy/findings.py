@@ -1,4 +1,4 @@
-"""What the final model says of tables, unknown laws and single runs."""
+"""Curves, unknown laws and shifts of single runs in the final model."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from jaxmodel.effects.curves import Curve
 
 def _values(inv: Workings, trial: Trial, label: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the values of a curve or law at its knots, and their sd."""
-    layout, candidate = inv.bench.layout, inv.bench.candidates[label]
+    layout, candidate = inv.space.layout, inv.space.candidates[label]
     places = list(layout.of[label])
     columns = slice(candidate.offset, candidate.offset + len(candidate.coordinates))
     mix = candidate.mix[:, columns]
     if candidate.law is not None:
         knots = inv.settings.law_knots
         mix = mix[candidate.law[0] * knots : (candidate.law[0] + 1) * knots]
-    own = list(trial.setting.own)
-    mine = [own.index(place) for place in places]
+    free = list(trial.setting.free)
+    mine = [free.index(place) for place in places]
     covariance = trial.fitted.covariance[np.ix_(mine, mine)]
     return mix @ trial.fitted.x[places], np.sqrt(np.maximum(np.diag(mix @ covariance @ mix.T), 0.0))
 
 
 def curve_found(inv: Workings, trial: Trial, label: str, removes: dict[str, Removed]) -> CurveFound:
-    """Return by how much a table or relation is off, at its knots."""
-    candidate = inv.bench.candidates[label]
+    """Return the correction of a table or relation at its knots."""
+    candidate = inv.space.candidates[label]
     effect = candidate.effect
     assert isinstance(effect, Curve)
     values, sd = _values(inv, trial, label)
@@ -40,7 +40,7 @@ def curve_found(inv: Workings, trial: Trial, label: str, removes: dict[str, Remo
 
 def law_found(inv: Workings, trial: Trial, label: str, removes: dict[str, Removed]) -> CurveFound:
     """Return a fitted unknown law at its knots."""
-    candidate = inv.bench.candidates[label]
+    candidate = inv.space.candidates[label]
     assert candidate.law is not None
     low, high = candidate.law[1][-4], candidate.law[1][-3]
     values, sd = _values(inv, trial, label)
@@ -56,9 +56,9 @@ def law_found(inv: Workings, trial: Trial, label: str, removes: dict[str, Remove
 
 
 def unknown_sentence(curve: CurveFound) -> str:
-    """Say where a law acts, and how it depends on state and input."""
+    """Say where a law acts, and how it depends on its variable."""
     equation = next((ports[curve.port][2] for ports in PORTS.values() if curve.port in ports), curve.port)
-    factor = f" in proportion to {curve.multiplier}" if curve.multiplier else ""
+    factor = f" proportional to {curve.multiplier}" if curve.multiplier else ""
     turns = np.diff(curve.value)
     unit = f" {curve.unit}" if curve.unit else ""
     if np.all(turns >= 0.0) or np.all(turns <= 0.0):
@@ -66,14 +66,14 @@ def unknown_sentence(curve: CurveFound) -> str:
     else:
         shape = f"between {curve.value.min():.3g} and {curve.value.max():.3g}{unit}"
     return (
-        f"what is left acts on {equation.replace('_', ' ')}{factor} as a function of {curve.over}, {shape} over "
+        f"the remaining error acts on {equation.replace('_', ' ')}{factor} as a function of {curve.over}, {shape} over "
         f"{curve.at.min():.3g} to {curve.at.max():.3g}"
     )
 
 
 def run_found(inv: Workings, trial: Trial, last: Rung, label: str, removes: dict[str, Removed]) -> RunFound:
-    """Return a number of one run that differs from that of the others."""
-    candidate = inv.bench.candidates[label]
+    """Return the shift of a parameter in one run."""
+    candidate = inv.space.candidates[label]
     run = inv.case.runs[candidate.run]
     coordinate = candidate.coordinates[0]
     estimate = last.estimates.get(f"{coordinate.name}[{run.name}]", Estimate(np.nan, np.nan, ""))

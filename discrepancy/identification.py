@@ -1,4 +1,4 @@
-"""What the fit runs of a case tell of its parameters: one call to a result that a notebook shows."""
+"""`identify`: how well the fit runs of a case determine its parameters."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ _MOST_RESTARTS = 3
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Identification:
-    """What the fit runs of a case tell of its unknowns.
+    """How well the fit runs of a case determine its unknowns.
 
     Attributes:
-        found: values, bounds, and who brings the information.
-        profiles: likelihoods along the unknowns that were asked for.
-        remarks: what was left out of the readings.
+        found: values, bounds, and the sources of information.
+        profiles: likelihood profiles of the requested unknowns.
+        remarks: on excluded readings.
     """
 
     found: Identifiability
@@ -45,7 +45,7 @@ class Identification:
     remarks: tuple[str, ...]
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return a line for each unknown: value, unit, sd before and after, and the share of each run and sensor."""
+        """Return a row for each unknown: value, unit, prior and posterior sd, and the share of each run and sensor."""
         found = self.found
         own, others = found.shares_known_before()
         columns: dict[str, Any] = {
@@ -80,7 +80,7 @@ class Identification:
         return pd.DataFrame(self.found.information.covariance * scale, self.found.names, self.found.names)
 
     def answer(self, name: str) -> str:
-        """Say in one sentence whether the data can tell a parameter.
+        """Say in one sentence whether the data determine a parameter.
 
         Raises:
             ParameterError: it is not among the unknowns.
@@ -88,26 +88,26 @@ class Identification:
         return self.found.answer(name)
 
     def summary(self) -> str:
-        """Return a sentence for each unknown, the directions that stay open, and the profiles."""
+        """Return a sentence for each unknown, the undetermined directions, and the profiles."""
         lines = []
         if self.found.misfit > MISFIT:
             lines.append(
-                f"The model misses the data by {self.found.misfit:.3g} times the noise: what it misses was counted as "
-                "an autocorrelated error beside it. `diagnose` looks for what is missing."
+                f"The RMS residual is {self.found.misfit:.3g} times the noise; it was treated as model error. Run "
+                "`diagnose` to find what the model lacks."
             )
         lines += [self.answer(name) for name in self.found.names]
         return "\n".join([*lines, *self.sentences()])
 
     def sentences(self) -> list[str]:
-        """Return what is said beside the table: directions that stay open, profiles, and what was left out."""
+        """Return the undetermined directions, the profiles, and remarks on excluded readings, as sentences."""
         lines = [
-            f"Told less than was known before: {words} (information {strength:.2g})."
+            f"The data contain less information than the prior: {words} (information {strength:.2g})."
             for strength, words in self.found.sloppy()
         ]
         for one in self.profiles:
             low, high = (f"{end:.5g}" if np.isfinite(end) else "open" for end in one.interval)
-            verdict = "the quadratic lies" if one.lies else "the quadratic holds"
-            lines.append(f"Profile of {one.name}: {low} to {high} at one sd; {verdict}.")
+            verdict = "wrong" if one.is_not_quadratic else "accurate"
+            lines.append(f"Profile of {one.name}: {low} to {high} at one sd; the quadratic approximation is {verdict}.")
         return lines + [f"Note: {remark}" for remark in self.remarks]
 
     @property
@@ -145,7 +145,7 @@ class Identification:
                     "rise_of_chi2": one.rise.tolist(),
                     "quadratic": one.quadratic.tolist(),
                     "interval": [end if np.isfinite(end) else None for end in one.interval],
-                    "quadratic_lies": one.lies,
+                    "quadratic_lies": one.is_not_quadratic,
                 }
                 for one in self.profiles
             ],
@@ -172,14 +172,14 @@ def identify(
     add: Sequence[str] = (),
     progress: Callable[[str], None] | None = None,
 ) -> Identification:
-    """Calibrate a case's model and return what its fit runs tell of every unknown.
+    """Calibrate a case's model and return how well its fit runs determine every unknown.
 
     Args:
         case: with at least one fit run.
-        parameters: asked for: made uncertain where the case states them as exact, and their likelihood profiled.
+        parameters: made uncertain if the case states them as exact; their likelihood is profiled.
         profiles: further unknowns whose likelihood is profiled.
         add: effects added to the model, their parameters unknown.
-        progress: called with what is being done.
+        progress: called with a description of each step.
 
     Raises:
         ParameterError: a name is unknown.
@@ -189,7 +189,7 @@ def identify(
     say = progress or (lambda what: None)
     asked_case, assumed = asking_for(case, parameters)
     workings = Workings(asked_case)
-    labels = workings.bench.labels_to_add(add)
+    labels = workings.space.labels_to_add(add)
     say("calibrating")
     model, misfit = calibrated(workings, labels)
     found = identifiability(workings, model, misfit, assumed)

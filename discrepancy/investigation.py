@@ -1,9 +1,9 @@
-"""A case under investigation, by the user's verbs; the automatic policy calls nothing else of it than its workings.
+"""`Investigation`: a diagnosis step by step.
 
 investigation = Investigation(case)
 investigation.errors()            # by run and channel, against noise and tolerance
 investigation.where()             # where the present model fails, in sentences
-investigation.candidates()        # ranked: effects, faults, curves, single runs
+investigation.candidates()        # ranked effects, sensor faults, curves and shifts
 investigation.add("self_heating")
 investigation.drop("self_heating")
 investigation.ladder()            # every model so far
@@ -28,10 +28,10 @@ from jaxmodel.case import Case
 
 
 class Investigation(Workings):
-    """One case and the model of it that is looked at; begins at the calibrated base model.
+    """One case and its present model, at first the calibrated base model.
 
-    Arguments as `discrepancy.workings.Workings`. Models are kept: to come back to one costs nothing, and gives the same
-    numbers whichever way one came there.
+    Arguments as `discrepancy.workings.Workings`. Fitted models are kept, and their numbers do not depend on the order
+    of additions.
     """
 
     _present: tuple[str, ...] = ()
@@ -44,7 +44,7 @@ class Investigation(Workings):
 
     @property
     def added(self) -> tuple[str, ...]:
-        """Return what is in the present model beside the base model."""
+        """Return the additions of the present model to the base model."""
         return self._present
 
     @property
@@ -53,7 +53,7 @@ class Investigation(Workings):
         return InvestigationPlots(self)
 
     def present(self) -> Rung:
-        """Return the present model's numbers, errors and predictions."""
+        """Return the present model's parameters, errors and predictions."""
         return rung(self, "present", self.model)
 
     def models(self) -> list[Rung]:
@@ -61,9 +61,9 @@ class Investigation(Workings):
         return [rung(self, "", self.settled(labels)) for labels in dict.fromkeys(self._path)]
 
     def extended_case(self) -> Case:
-        """Return the case with the present model's numbers, effects and tables: it simulates and sweeps."""
+        """Return the case with the parameters, effects and tables of the present model."""
         last, model = self.present(), self.model
-        group = {label: self.bench.candidates[label].group for label in model.labels}
+        group = {label: self.space.candidates[label].group for label in model.labels}
         curves = [curve_found(self, model, label, {}) for label in model.labels if group[label] == "curve"]
         runs = [run_found(self, model, last, label, {}) for label in model.labels if group[label] == "run"]
         return extended_case(self.case, last, curves, runs)[0]
@@ -93,16 +93,16 @@ class Investigation(Workings):
 
     @one_thread_of_blas
     def candidates(self) -> pd.DataFrame:
-        """Return what could be added to the present model, by the log evidence that it promises to first order."""
+        """Return the candidates for the present model, ranked by their expected gain of log evidence."""
         rows = [
-            (gain.label, self.bench.candidates[gain.label].group, gain.log_evidence, gain.chi2, gain.z)
+            (gain.label, self.space.candidates[gain.label].group, gain.log_evidence, gain.chi2, gain.z)
             for gain in self.linear(self.model).gains()
         ]
         return pd.DataFrame(rows, columns=["name", "group", "log_evidence", "chi2", "z"])
 
     @one_thread_of_blas
     def add(self, *names: str) -> Settled:
-        """Put effects, faults, curves or numbers of single runs into the model, refit it, and return it.
+        """Add effects, sensor faults, curves or shifts of single runs to the model, refit it, and return it.
 
         Args:
             names: as `candidates` lists them.
@@ -110,16 +110,16 @@ class Investigation(Workings):
         Raises:
             EffectError: a name is no candidate of this case, or a sensor's effect without its column.
         """
-        return self._go_to((*self._present, *self.bench.labels_to_add(names)))
+        return self._go_to((*self._present, *self.space.labels_to_add(names)))
 
     @one_thread_of_blas
     def drop(self, *names: str) -> Settled:
-        """Take additions out of the model again, and return it.
+        """Remove additions from the model, and return it.
 
         Raises:
             EffectError: a name is no candidate of this case.
         """
-        gone = self.bench.labels_of(names)
+        gone = self.space.labels_of(names)
         return self._go_to(tuple(label for label in self._present if label not in gone))
 
     def _go_to(self, labels: tuple[str, ...]) -> Settled:
@@ -130,7 +130,7 @@ class Investigation(Workings):
 
     @one_thread_of_blas
     def ladder(self) -> pd.DataFrame:
-        """Return every model so far: what was added, and the RMS of each channel on fitted and on held-out runs."""
+        """Return every model so far: its additions, and the RMS error of each channel on fit runs and on check runs."""
         rows = []
         for one in self.models():
             row: dict[str, object] = {"added": " + ".join(one.added) or "base"}

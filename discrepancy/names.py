@@ -1,4 +1,4 @@
-"""Names of what can be added to a model, from what a user wants to say."""
+"""Names of curves by port and quantity."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from jaxmodel.errors import EffectError, nearest
 def curve(relation: str, over: str = "soc") -> str:
     """Return the name of the curve that corrects a relation of the model as a function of one quantity.
 
-    `investigation.add(curve("open_circuit_voltage", over="soc"))` adds the curve that says where your OCV is off.
+    `investigation.add(curve("open_circuit_voltage", over="soc"))` adds a correction of the OCV table.
 
     Args:
         relation: "open_circuit_voltage", "series_resistance", "entropic_coefficient", "friction_torque" and others.
         over: the quantity: "soc", "temperature_degC", "speed_rad_s", "current_A".
 
     Raises:
-        EffectError: there is no such curve; the message lists those there are.
+        EffectError: there is no such curve; the message lists all curves.
     """
     known = {(cls.relation or cls.port, cls.over): name for name, cls in CURVES.items()}
     if (relation, over) in known:
         return known[relation, over]
     hint = nearest(relation, {name for name, _ in known})
     listed = ", ".join(f"{one} over {quantity}" for one, quantity in known)
-    raise EffectError(f"no curve corrects '{relation}' over '{over}'.{hint} There are {listed}.")
+    raise EffectError(f"no curve corrects '{relation}' over '{over}'.{hint} Available: {listed}.")

@@ -1,4 +1,4 @@
-"""Pictures of this package's results, drawn by `plots` when they are asked for: matplotlib is not loaded before."""
+"""Pictures of the results of this package; `plots` and matplotlib are imported only when one is drawn."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
 
 
 def _run(name: str | None, names: Iterable[str]) -> str:
-    """Return a run's name, the first where none is given; raise MeasurementError where no run is called so."""
+    """Return the name of a run, the first by default; raise MeasurementError if there is no such run."""
     names = list(names)
     chosen = names[0] if name is None else name
     if chosen not in names:
-        hint = nearest(chosen, names) or f" There are {', '.join(names)}."
+        hint = nearest(chosen, names) or f" The runs are {', '.join(names)}."
         raise MeasurementError(f"plot: no run is called '{chosen}'.{hint}")
     return chosen
 
@@ -27,7 +27,7 @@ class _Saved:
     """Pictures that can be written to a folder together."""
 
     def all(self) -> dict[str, Figure]:
-        """Return every picture that there is something for, by name."""
+        """Return every picture for which there are data, by name."""
         raise NotImplementedError
 
     def save(self, folder: str | Path) -> list[Path]:
@@ -48,7 +48,7 @@ class DiagnosisPlots(_Saved):
     diagnosis: Any
 
     def ladder(self) -> Figure:
-        """Draw each channel's error of each model, fitted and held out, against the noise."""
+        """Draw each channel's error of each model, on fit and check runs, against the noise."""
         from plots import evidence
 
         return evidence.ladder(self.diagnosis)
@@ -57,7 +57,7 @@ class DiagnosisPlots(_Saved):
         """Draw measurement, models and residuals of a run by its name, of the first by default.
 
         Raises:
-            MeasurementError: no run is called so.
+            MeasurementError: there is no such run.
         """
         from plots import diagnosis
 
@@ -82,25 +82,25 @@ class DiagnosisPlots(_Saved):
         return evidence.scores(self.diagnosis)
 
     def candidates(self) -> Figure:
-        """Draw the probability of each model that was weighed."""
+        """Draw the probability of each compared model."""
         from plots import evidence
 
         return evidence.candidates(self.diagnosis)
 
     def curves(self) -> Figure:
-        """Draw by how much each table or relation is off.
+        """Draw the correction of each table or relation.
 
         Raises:
-            MeasurementError: none was found to be off.
+            MeasurementError: there is none.
         """
         from plots import evidence
 
         if not self.diagnosis.curves:
-            raise MeasurementError("plot.curves: no table or relation was found to be off.")
+            raise MeasurementError("plot.curves: the diagnosis corrects no table or relation.")
         return evidence.curves(self.diagnosis.curves)
 
     def all(self) -> dict[str, Figure]:
-        """Return every picture that there is something for, by name."""
+        """Return every picture for which there are data, by name."""
         from plots import diagnosis
 
         return diagnosis.pictures_of(self.diagnosis)
@@ -113,7 +113,7 @@ class InvestigationPlots:
     investigation: Any
 
     def ladder(self) -> Figure:
-        """Draw each channel's error of every model so far, fitted and held out, against the noise."""
+        """Draw each channel's error of every model so far, on fit and check runs, against the noise."""
         from discrepancy.wording import step_names
         from plots import evidence
 
@@ -125,7 +125,7 @@ class InvestigationPlots:
         """Draw measurement, base model, present model and residuals of a run, of the first by default.
 
         Raises:
-            MeasurementError: no run is called so.
+            MeasurementError: there is no such run.
         """
         from plots import runs
 
@@ -145,7 +145,7 @@ class InvestigationPlots:
         return errors_by_run(self.investigation.errors().assign(model="final" if self.investigation.added else "base"))
 
     def candidates(self, most: int = 16) -> Figure:
-        """Draw the log evidence that each candidate promises, the best first.
+        """Draw the expected gain of log evidence of each candidate, the best first.
 
         Args:
             most: candidates to draw.
@@ -162,13 +162,13 @@ class IdentificationPlots(_Saved):
     identification: Any
 
     def information(self) -> Figure:
-        """Draw which run and which sensor tell each parameter, and what was stated before."""
+        """Draw the shares of runs, sensors and priors in the information on each parameter."""
         from plots import identifiability
 
         return identifiability.information_bars(self.identification.found)
 
     def correlations(self) -> Figure:
-        """Draw the correlation of every two estimates."""
+        """Draw the correlations of the estimates."""
         from plots import identifiability
 
         return identifiability.correlations(self.identification.found)
@@ -185,24 +185,24 @@ class IdentificationPlots(_Saved):
         return identifiability.ellipse(found, *(found.names[found.place(name)] for name in (first, second)))
 
     def profile(self, name: str | None = None) -> Figure:
-        """Draw the likelihood along a parameter that was asked for, the first by default, beside its quadratic.
+        """Draw the profile likelihood of a requested parameter, the first by default, and its quadratic approximation.
 
         Raises:
-            MeasurementError: no profile was computed of it.
+            MeasurementError: it was not profiled.
         """
         from plots import identifiability
 
         profiles = {one.name: one for one in self.identification.profiles}
         if not profiles:
-            raise MeasurementError("plot.profile: no profile was asked for; give identify(case, profiles=[...]).")
+            raise MeasurementError("plot.profile: no profile was requested; use identify(case, profiles=[...]).")
         chosen = next(iter(profiles)) if name is None else name
         if chosen not in profiles:
-            raise MeasurementError(f"plot.profile: there is none of '{chosen}'.{nearest(chosen, profiles)}")
+            raise MeasurementError(f"plot.profile: '{chosen}' was not profiled.{nearest(chosen, profiles)}")
         found = self.identification.found
         return identifiability.profile_beside_quadratic(profiles[chosen], found.units[found.place(chosen)])
 
     def all(self) -> dict[str, Figure]:
-        """Return every picture that there is something for, by name."""
+        """Return every picture for which there are data, by name."""
         from plots import identifiability
 
         return identifiability.pictures_of(self.identification)

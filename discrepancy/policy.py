@@ -1,7 +1,4 @@
-"""The automatic loop: score everything, refit the best, take what passes the gates, then try to drop and to swap.
-
-It calls nothing but the investigation, so that a person can take over at any model.
-"""
+"""The automatic diagnosis: score candidates, refit the best, add what meets the criteria, drop and exchange."""
 
 from __future__ import annotations
 
@@ -18,38 +15,38 @@ from discrepancy.gates import Addition, addition, harms, is_plausible, odds_of, 
 from discrepancy.workings import Workings
 
 CLOCK = "time_s"
-# A refit that gained so many times what others promise to first order makes it needless to refit them.
-CLEARLY = 2.0
-# What an addition is worth, in log evidence, that need not be asked again before the end.
+# If a refit gained so many times the expected gain of the others, these are not refitted.
+FAR_MORE = 2.0
+# Log evidence lost without an addition above which it is not tested for removal again.
 MUCH_NEEDED = 50.0
 
 
 @dataclasses.dataclass(frozen=True)
 class Found:
-    """What the loop ends with.
+    """The result of the automatic diagnosis.
 
     Attributes:
-        final: the model.
-        path: every model on the way, the base model first.
-        refused: additions that were significant and did not pay, by label.
-        laws: unknown laws that passed, in order.
-        weighed: every model fitted under the final model's weights, itself among them.
+        final: the final model.
+        path: all models on the way, the base model first.
+        refused: significant candidates that were not added, by label.
+        laws: accepted unknown laws, in order.
+        compared: all models fitted under the final model's weights, itself included.
     """
 
     final: Settled
     path: tuple[Settled, ...]
     refused: dict[str, Addition]
     laws: tuple[Addition, ...]
-    weighed: tuple[Trial, ...]
+    compared: tuple[Trial, ...]
 
 
 def run(investigation: Workings, start: Sequence[str] = (), seek: bool = True) -> Found:
-    """Investigate a case by the policy.
+    """Diagnose a case automatically.
 
     Args:
         investigation: of the case.
-        start: candidates that are in the model from the beginning, and stay.
-        seek: False where nothing else is sought.
+        start: candidates that are in the model from the start, and stay.
+        seek: False to test no other candidate.
     """
     inv, settings = investigation, investigation.settings
     model = inv.settled(start)
@@ -60,10 +57,10 @@ def run(investigation: Workings, start: Sequence[str] = (), seek: bool = True) -
         passing, tried = _additions(inv, model)
         best, added = _first_that_holds(inv, model, passing)
         if best is not None and added is not None:
-            model = _without_what_is_idle(inv, added, (*start, best.label), needed)
+            model = _without_unneeded(inv, added, (*start, best.label), needed)
         else:
             refused = {one.label: one for one in tried if one.significant}
-            model = _without_what_is_idle(inv, _swapped(inv, model, start), start)
+            model = _without_unneeded(inv, _swapped(inv, model, start), start)
         if model.labels in seen:
             break
         path.append(model)
@@ -72,21 +69,21 @@ def run(investigation: Workings, start: Sequence[str] = (), seek: bool = True) -
     if laws:
         path.append(model)
     refused = {label: one for label, one in refused.items() if label not in model.labels}
-    return Found(model, tuple(path), refused, laws, tuple(_weighed(inv, model, start)))
+    return Found(model, tuple(path), refused, laws, tuple(_rivals_of(inv, model, start)))
 
 
 def _additions(inv: Workings, model: Settled) -> tuple[list[Addition], list[Addition]]:
-    """Return the additions that pass the gates, in the order in which to take them, and all that were tried.
+    """Return the additions that meet the criteria, in order of preference, and all that were refitted.
 
-    An effect goes before a curve that gains not much more: a curve is no new physics.
+    An effect is preferred to a curve that gains not much more: a curve is no new physics.
     """
     settings = inv.settings
     linear = inv.linear(model)
     gains = [gain for gain in linear.gains() if _may_enter(inv, model, gain.label)]
 
     def promising(groups: Sequence[str], count: int) -> list[Gain]:
-        own = [gain for gain in gains if inv.bench.candidates[gain.label].group in groups]
-        return [g for g in own if g.log_evidence > 0.5 * odds_of(inv, inv.bench.candidates[g.label], model)][:count]
+        some = [gain for gain in gains if inv.space.candidates[gain.label].group in groups]
+        return [g for g in some if g.log_evidence > 0.5 * odds_of(inv, inv.space.candidates[g.label], model)][:count]
 
     def passing(some: Sequence[Addition]) -> list[Addition]:
         return sorted([one for one in some if passes(inv, one)], key=lambda one: (not one.obvious, -one.merit))
@@ -100,25 +97,25 @@ def _additions(inv: Workings, model: Settled) -> tuple[list[Addition], list[Addi
     most = max((gain.log_evidence for gain in others), default=0.0)
     if first and first[0].gain > settings.preference * most:
         return first, tried
-    beside = _refitted(inv, model, others)
-    second = passing(beside)
+    more = _refitted(inv, model, others)
+    second = passing(more)
     if first and second and first[0].gain > settings.preference * second[0].gain:
-        return first + second, tried + beside
-    return sorted(first + second, key=lambda one: -one.merit), tried + beside
+        return first + second, tried + more
+    return sorted(first + second, key=lambda one: -one.merit), tried + more
 
 
 def _leading(inv: Workings, model: Settled, linear: Linear, gains: Sequence[Gain]) -> list[Gain]:
-    """Return the effects, and the faults, that promise most in each channel by itself, as they are in all together.
+    """Return the effects, and the sensor faults, with the best score in each single channel.
 
-    Each kind for itself: a thermometer may be off in three ways that all look like a cell that warms.
+    They are counted separately: three faults of a thermometer may look like a cell that warms.
     """
     together = {gain.label: gain for gain in gains}
     most = {"effect": inv.settings.leading_effects, "sensor": inv.settings.leading_faults}
     found: dict[str, Gain] = {}
-    for own in linear.gains_by_channel():
-        likely = [one for one in own if one.log_evidence > odds_of(inv, inv.bench.candidates[one.label], model)]
+    for of_channel in linear.gains_by_channel():
+        likely = [one for one in of_channel if one.log_evidence > odds_of(inv, inv.space.candidates[one.label], model)]
         for group, count in most.items():
-            mine = [one.label for one in likely if inv.bench.candidates[one.label].group == group]
+            mine = [one.label for one in likely if inv.space.candidates[one.label].group == group]
             found |= {label: together[label] for label in [one for one in mine if one in together][:count]}
     return list(found.values())
 
@@ -126,9 +123,9 @@ def _leading(inv: Workings, model: Settled, linear: Linear, gains: Sequence[Gain
 def _first_that_holds(
     inv: Workings, model: Settled, passing: Sequence[Addition]
 ) -> tuple[Addition, Settled] | tuple[None, None]:
-    """Return the first addition that passes under weights of its own too, as large as it then is, and its model."""
+    """Return the first addition that also meets the criteria under its own weights, and the model with it."""
     for one in passing:
-        inv.tell(f"adding {one.label}")
+        inv.report(f"adding {one.label}")
         added = inv.settled(one.trial.labels, one.trial)
         if is_plausible(inv, added, one.label) and not harms(inv, added, model):
             return one, added
@@ -136,38 +133,39 @@ def _first_that_holds(
 
 
 def _refitted(inv: Workings, model: Settled, gains: Sequence[Gain]) -> list[Addition]:
-    """Return what the gates say of some additions; once one has gained most of what any promises, the rest is left."""
+    """Refit some candidates, and stop when one has gained far more than the others are expected to."""
     found: list[Addition] = []
     for place in range(0, len(gains), 2):
         some = gains[place : place + 2]
         best = max((one.gain for one in found if passes(inv, one)), default=0.0)
-        if best > CLEARLY * max(0.0, *(gain.log_evidence for gain in gains[place:])):
+        if best > FAR_MORE * max(0.0, *(gain.log_evidence for gain in gains[place:])):
             break
-        inv.tell(f"refitting with {', '.join(gain.label for gain in some)}")
+        inv.report(f"refitting with {', '.join(gain.label for gain in some)}")
         found += at_once(lambda gain: addition(inv, model, gain), some)
     return found
 
 
 def _may_enter(inv: Workings, model: Settled, label: str) -> bool:
-    """Return True where a candidate may be tried: of a temperature's curve only beside the law that it departs from."""
-    candidate = inv.bench.candidates[label]
+    """Return True if a candidate may be tested: a curve over temperature only with the Arrhenius law it corrects."""
+    candidate = inv.space.candidates[label]
     if candidate.group == "curve" and candidate.over == "cell_temperature_degC":
-        return "arrhenius_resistance" in model.labels or "arrhenius_resistance" not in inv.bench.candidates
-    if label == "arrhenius_polarisation":  # it tells apart two energies of which the first is that of all resistances
-        return "arrhenius_resistance" in model.labels or "arrhenius_resistance" not in inv.bench.candidates
+        return "arrhenius_resistance" in model.labels or "arrhenius_resistance" not in inv.space.candidates
+    if label == "arrhenius_polarisation":  # its activation energy differs from that of all resistances
+        return "arrhenius_resistance" in model.labels or "arrhenius_resistance" not in inv.space.candidates
     return True
 
 
-def _without_what_is_idle(
+def _without_unneeded(
     inv: Workings, model: Settled, keep: Sequence[str], needed: dict[str, float] | None = None
 ) -> Settled:
-    """Return the model without additions of before that are needed no longer, the least needed first.
+    """Return the model without earlier additions that are no longer needed, the least needed first.
 
     Args:
         inv: the investigation.
         model: the model.
-        keep: what is not asked for.
-        needed: what each addition was worth when it was last asked; those that were worth a lot are not asked again.
+        keep: additions that stay.
+        needed: log evidence lost without each addition when last tested; additions with a large loss are not tested
+            again.
     """
     needed = {} if needed is None else needed
     while True:
@@ -177,11 +175,11 @@ def _without_what_is_idle(
         without = at_once(partial(_lacking, inv, model), others)
         lost = {label: model.log_evidence - one.log_evidence for label, one in zip(others, without, strict=True)}
         needed |= lost
-        label = min(others, key=lambda one: lost[one] - odds_of(inv, inv.bench.candidates[one], model))
+        label = min(others, key=lambda one: lost[one] - odds_of(inv, inv.space.candidates[one], model))
         alone = inv.settings.least_odds if len(model.labels) == 1 else 0.0
-        if lost[label] > odds_of(inv, inv.bench.candidates[label], model) - alone:
+        if lost[label] > odds_of(inv, inv.space.candidates[label], model) - alone:
             return model
-        inv.tell(f"dropping {label}")
+        inv.report(f"dropping {label}")
         model = inv.settled(without[others.index(label)].labels, without[others.index(label)])
 
 
@@ -194,7 +192,7 @@ def _with(inv: Workings, model: Trial, gain: Gain) -> Trial:
 
 
 def _swapped(inv: Workings, model: Settled, keep: Sequence[str]) -> Settled:
-    """Return the model with one addition exchanged for another where that gains evidence: a stand-in goes."""
+    """Return the model with one addition exchanged for another if that gains evidence."""
     for label in [one for one in model.labels if one not in keep]:
         lacking = _lacking(inv, model, label)
         gains = inv.gains_at(lacking)
@@ -207,30 +205,30 @@ def _swapped(inv: Workings, model: Settled, keep: Sequence[str]) -> Settled:
         better = [one for one in better if passes(inv, one) and not harms(inv, one.trial, model)]
         if better:
             best = max(better, key=lambda one: one.gain)
-            inv.tell(f"taking {best.label} in place of {label}")
+            inv.report(f"replacing {label} by {best.label}")
             model = inv.settled(best.trial.labels, best.trial)
     return model
 
 
 def _swap_price(inv: Workings, label: str, other: Addition) -> float:
-    """Return what another must gain over what is there: little, but for a curve or a run in an effect's place."""
-    groups = [inv.bench.candidates[one].group for one in (label, other.label)]
+    """Return the gain required of an exchange: small, but larger if a curve or shift replaces an effect."""
+    groups = [inv.space.candidates[one].group for one in (label, other.label)]
     new = groups[1] not in ("effect", "sensor") and groups[0] in ("effect", "sensor")
     return inv.settings.least_odds + (0.3 * max(other.gain, 0.0) if new else 0.0)
 
 
 def _laws(inv: Workings, model: Settled) -> tuple[tuple[Addition, ...], Settled]:
-    """Return the unknown laws that pass the gates beside a model, and the model with them; clock time comes last."""
-    if not model.scale.error.sd or not _worth_a_law(inv, model):
+    """Return the unknown laws that meet the criteria, and the model with them; laws over time come last."""
+    if not model.scale.error.sd or not _may_be_a_law(inv, model):
         return (), model
     linear = inv.linear_at(model, groups=("law",))
-    gains = [one for one in linear.gains() if one.log_evidence > odds_of(inv, inv.bench.candidates[one.label], model)]
-    of_clock = [one for one in gains if inv.bench.candidates[one.label].over == CLOCK]
+    gains = [one for one in linear.gains() if one.log_evidence > odds_of(inv, inv.space.candidates[one.label], model)]
+    of_clock = [one for one in gains if inv.space.candidates[one.label].over == CLOCK]
     for some in ([one for one in gains if one not in of_clock], of_clock):
         if not some:
             continue
         chosen = some[: inv.settings.refitted_laws]
-        inv.tell(f"refitting the law {', '.join(one.label for one in chosen)}")
+        inv.report(f"refitting the law {', '.join(one.label for one in chosen)}")
         tried = at_once(lambda gain: addition(inv, model, gain), chosen)
         passing = sorted([one for one in tried if passes(inv, one)], key=lambda one: -one.gain)
         if passing:
@@ -238,10 +236,10 @@ def _laws(inv: Workings, model: Settled) -> tuple[tuple[Addition, ...], Settled]
     return (), model
 
 
-def _worth_a_law(inv: Workings, model: Settled) -> bool:
-    """Return True where an unknown law may be what is left: much of the error, or some of it near the noise.
+def _may_be_a_law(inv: Workings, model: Settled) -> bool:
+    """Return True if an unknown law may explain the remaining error: it is a large share, or close to the noise.
 
-    Far above the noise, where most is explained, what is left of a real bench is many small things and no law.
+    If most of the error is explained and the rest is far above the noise, the rest of a real case is usually no law.
     """
     settings = inv.settings
     before, after = inv.errors_of(inv.base), inv.errors_of(model)
@@ -256,20 +254,20 @@ def _worth_a_law(inv: Workings, model: Settled) -> bool:
     return False
 
 
-def _weighed(inv: Workings, model: Settled, keep: Sequence[str]) -> list[Trial]:
-    """Return the models that rival the final one under its weights: without each addition, and with others for it."""
+def _rivals_of(inv: Workings, model: Settled, keep: Sequence[str]) -> list[Trial]:
+    """Return the rivals of the final model under its weights: without each addition, and with others in its place."""
     found: list[Trial] = [model]
     for label in [one for one in model.labels if one not in keep]:
         lacking = _lacking(inv, model, label)
         found.append(lacking)
         near = [gain for gain in inv.gains_at(lacking) if gain.label not in model.labels]
-        near = [gain for gain in near if inv.bench.candidates[gain.label].group in ("effect", "sensor")]
+        near = [gain for gain in near if inv.space.candidates[gain.label].group in ("effect", "sensor")]
         needed = model.log_evidence - lacking.log_evidence
         near = [gain for gain in near if gain.log_evidence > needed - 20.0][:3]
         found += at_once(partial(_with, inv, lacking), near) if near else []
     if not model.labels:
         gains = [
-            one for one in inv.linear(model).gains() if inv.bench.candidates[one.label].group in ("effect", "sensor")
+            one for one in inv.linear(model).gains() if inv.space.candidates[one.label].group in ("effect", "sensor")
         ]
         near = [gain for gain in gains if gain.log_evidence > -3.0][:3]
         found += at_once(lambda gain: inv.trial((gain.label,), model, gain), near) if near else []

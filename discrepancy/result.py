@@ -1,4 +1,4 @@
-"""What an investigation says: models and their errors, effects, curves, single runs, and the answer file."""
+"""Results of a diagnosis: models and their errors, effects, curves, shifts of single runs."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ class Estimate:
 
 @dataclasses.dataclass(frozen=True)
 class ChannelError:
-    """RMS of measured less predicted of one channel, in its unit, by split; NaN where there is none.
+    """RMS error (measured minus predicted) of one channel, in its unit; NaN without readings.
 
     Attributes:
-        fit: on fitted runs.
-        check: on held-out runs, their start adjusted on their first readings within what is stated of it.
-        stated: on held-out runs, their start exactly as stated.
-        worst: largest error on held-out runs.
+        fit: on fit runs.
+        check: on check runs, their start adjusted on their first readings.
+        stated: on check runs, their start exactly as stated.
+        worst: largest error on check runs.
     """
 
     fit: float
@@ -50,14 +50,14 @@ class Rung:
     """One model of the ladder.
 
     Attributes:
-        name: how the ladder calls it.
-        added: labels of what is in it beside the base model.
-        estimates: calibrated numbers by name; per-run ones as 'initial_soc[run-01]'.
-        at_bound: names of the estimates further than three of their prior's sd from it.
+        name: in the ladder.
+        added: labels of its additions to the base model.
+        estimates: calibrated parameters by name; those of one run as 'initial_soc[run-01]'.
+        at_bound: names of the estimates more than three prior sd from their stated value.
         errors: by channel.
         predictions: by run, then channel, at the rows of the run.
         chi2: of the whitened residuals of the fit runs.
-        readings: how many these are.
+        readings: number of residuals.
     """
 
     name: str
@@ -72,7 +72,7 @@ class Rung:
 
 @dataclasses.dataclass(frozen=True)
 class Removed:
-    """What something takes off a channel's error, as the root of the mean square removed, in the channel's unit."""
+    """Reduction of a channel's error: the root of the removed mean square, in the channel's unit."""
 
     fit: float
     check: float
@@ -85,12 +85,12 @@ class NamedEffect:
     Attributes:
         label: its name, with its column where it has one.
         name: its name.
-        column: of a sensor's fault, "" for others.
-        probability: of all models that were weighed, the share of those with it.
-        parameters: its fitted numbers by name.
-        cannot_tell_apart_from: effects that, put in its place, explain the readings as well.
-        removes: by channel.
-        rests_on: the only run that could show it; "" where several do.
+        column: of a sensor fault, "" for others.
+        probability: total probability of the compared models that contain it.
+        parameters: its fitted parameters by name.
+        cannot_tell_apart_from: effects that explain the readings equally well in its place.
+        removes: reduction of the error by channel.
+        rests_on: the only run that shows it; "" if several do.
     """
 
     label: str
@@ -105,19 +105,19 @@ class NamedEffect:
 
 @dataclasses.dataclass(frozen=True)
 class CurveFound:
-    """A table or relation that is off as a function of one quantity.
+    """A correction of a table or relation as a function of one quantity.
 
     Attributes:
         label: of the candidate.
-        port: what is off.
-        over: as a function of what.
-        at: values of that.
-        value: by how much it is off there; of a factor its logarithm.
-        sd: of it.
-        unit: of the value; "" is the logarithm of a factor.
-        removes: by channel.
-        stated: the case states the table that is off.
-        multiplier: what the value multiplies; "" is 1.
+        port: the corrected relation.
+        over: the quantity.
+        at: knots, values of the quantity.
+        value: correction at the knots; the logarithm if it is a factor.
+        sd: of the correction.
+        unit: of the correction; "" for the logarithm of a factor.
+        removes: reduction of the error by channel.
+        stated: the case states the corrected table.
+        multiplier: quantity that the value multiplies; "" for 1.
     """
 
     label: str
@@ -132,7 +132,7 @@ class CurveFound:
     multiplier: str = ""
 
     def sentence(self) -> str:
-        """Say where it is off by most, and by how much."""
+        """Say where the correction is most significant, and how large it is there."""
         worst = int(np.argmax(np.abs(self.value) / np.maximum(self.sd, 1e-300)))
         place = f"{self.over} {self.at[worst]:.3g}"
         name = self.port.replace("_", " ")
@@ -149,7 +149,7 @@ class CurveFound:
 
 @dataclasses.dataclass(frozen=True)
 class RunFound:
-    """A number of one run that differs from that of the others."""
+    """A parameter that differs in one run."""
 
     label: str
     run: str
@@ -163,7 +163,7 @@ class RunFound:
 
 @dataclasses.dataclass(frozen=True)
 class Immaterial:
-    """Something that the fitted runs show and that was not added; the sentence says why."""
+    """A significant candidate that was not added; the sentence says why."""
 
     name: str
     removes: dict[str, Removed]
@@ -172,7 +172,7 @@ class Immaterial:
 
 @dataclasses.dataclass(frozen=True)
 class Remaining:
-    """What the final model leaves of one channel: its RMS on fitted runs, how long it hangs together, and where."""
+    """The remaining error of one channel: RMS on fit runs, correlation time, and sentences on where it occurs."""
 
     rms: float
     tau_s: float
@@ -181,7 +181,7 @@ class Remaining:
 
 @dataclasses.dataclass(frozen=True)
 class Extrapolated:
-    """A condition of a held-out run that lies outside those that were fitted."""
+    """A condition of a check run that is outside the fit runs."""
 
     file: str
     condition: str
@@ -191,7 +191,7 @@ class Extrapolated:
 
 @dataclasses.dataclass(frozen=True)
 class Sensor:
-    """The noise of one channel: its sd, its correlation from reading to reading, and where both come from."""
+    """The noise of one channel: sd, autocorrelation from reading to reading, source of both, rounding step."""
 
     sd: float
     rho: float
@@ -201,13 +201,13 @@ class Sensor:
 
 @dataclasses.dataclass(frozen=True)
 class ScoreEntry:
-    """One line of the score test of everything at the calibrated base model.
+    """One row of the score test at the calibrated base model.
 
     Attributes:
         label: the candidate.
-        z: standard score of its amplitude; squared, the drop in chi-square that adding it promises.
-        significant: beyond the critical value for all candidates together.
-        blind: this data could not have shown an effect of its usual size.
+        z: standard score of its amplitude; its square is the expected drop in chi-square.
+        significant: above the critical value for all candidates together.
+        blind: the data could not show an effect of its usual size.
     """
 
     label: str
@@ -218,7 +218,7 @@ class ScoreEntry:
 
 @dataclasses.dataclass(frozen=True)
 class ToleranceUsed:
-    """The error on held-out runs that a channel may have, stated by the case or assumed."""
+    """The acceptable error of a channel on check runs, stated by the case or assumed."""
 
     rms: float
     largest: float | None
@@ -231,23 +231,23 @@ class Diagnosis:
 
     Attributes:
         case: as it was diagnosed.
-        verdict: one of VERDICTS; "" where nothing was asked.
-        effects: what is named, the one that explains most first.
-        candidates: models that were weighed, with their probability.
-        unexplained: in words, what nothing explains; None where nothing is left.
-        blind_to: effects that this data could not have shown.
+        verdict: one of VERDICTS; "" for a comparison.
+        effects: the named effects, the one that explains most first.
+        candidates: the compared models, with their probability.
+        unexplained: what remains unexplained, in words; None if nothing does.
+        blind_to: effects that the data could not show.
         noise: by channel.
         ladder: nominal, calibrated, and every model on the way to the final one.
-        scores: of everything, beside the calibrated base model.
-        critical_z: the score that chance exceeds in one of twenty cases without any effect, over all candidates.
-        remarks: what a reader should know beside the verdict.
-        curves, runs, immaterial, remaining, extrapolated, tolerance: see there.
+        scores: of all candidates at the calibrated base model.
+        critical_z: the score that the largest of all candidates exceeds by chance in one of twenty cases.
+        remarks: on the data and the fit.
+        curves, runs, immaterial, remaining, extrapolated, tolerance: see their classes.
         fit_for_purpose: by channel and check run, whether the error is within tolerance.
         where_base: sentences on where the calibrated base model fails, by channel.
         errors: a row for each channel of each run.
-        rivals, proposals: models between which the data have not decided, and what to measure to decide.
-        law_source: the file of an unknown law as an effect.
-        ordered: what the user had added or ruled out.
+        rivals, proposals: models between which the data do not decide, and what to measure to decide.
+        law_source: source code of an unknown law as an effect.
+        ordered: options with which effects were added or ruled out.
     """
 
     case: Case
@@ -282,7 +282,7 @@ class Diagnosis:
 
     @property
     def final(self) -> Rung:
-        """Return the model that the diagnosis ends with."""
+        """Return the final model."""
         return self.ladder[-1]
 
     def to_dataframe(self) -> pd.DataFrame:
@@ -290,7 +290,7 @@ class Diagnosis:
         return self.errors
 
     def summary(self) -> str:
-        """Return the verdict and what it rests on in a few lines."""
+        """Return the verdict and its reasons in a few lines."""
         from discrepancy.summary import summary
         from discrepancy.wording import verdict_sentence
 
@@ -303,7 +303,7 @@ class Diagnosis:
         return answer(self)
 
     def extended_case(self) -> Case:
-        """Return the case with the final model's numbers, effects and tables: it simulates, sweeps, is investigated."""
+        """Return the case with the parameters, effects and tables of the final model."""
         return self._extended[0]
 
     @functools.cached_property
@@ -314,7 +314,7 @@ class Diagnosis:
 
     @functools.cached_property
     def simulation(self) -> CaseSimulation:
-        """Return the runs of the extended case as its model gives them."""
+        """Return the simulated runs of the extended case."""
         return simulate_case(self.extended_case())
 
     @property

@@ -1,4 +1,4 @@
-"""The models of an investigation as rungs of a ladder: their numbers, predictions and errors, by run and channel."""
+"""The models of an investigation as rungs of a ladder: parameters, predictions and errors, by run and channel."""
 
 from __future__ import annotations
 
@@ -23,41 +23,41 @@ from jaxmodel.declaration import describe
 from jaxmodel.names import parameter_table
 from jaxmodel.units import unit_of
 
-# Readings of a run that are looked at when it is said where a model fails.
+# Readings of a run that are used for the statements on where a model fails.
 _MOST_OF_A_RUN = 2000
-# What starts a run, and may be adjusted on the first readings of a check run.
+# Initial states that may be adjusted on the first readings of a check run.
 _STARTS = ("initial_soc", "initial_temperature_rise_K", "initial_hysteresis")
 
 
 @dataclasses.dataclass(frozen=True)
-class Started:
+class AdjustedStarts:
     """A model with the starts of check runs adjusted on their first readings.
 
     Attributes:
         x: (unknowns,) coordinates.
-        pulls: by run, the largest distance of a start from what is stated, in sd, before it was held within reach.
+        pulls: by run, the largest adjustment of an initial state in sd, before it was limited.
     """
 
     x: np.ndarray
     pulls: dict[str, float]
 
 
-def started(inv: Workings, trial: Trial) -> Started:
-    """Return a model whose check runs start as their first readings tell, within what is stated of their start.
+def with_adjusted_starts(inv: Workings, trial: Trial) -> AdjustedStarts:
+    """Return a model with the initial states of check runs adjusted on their first readings, within a few stated sd.
 
-    The readings that they judge have no part in it: those first ones are left out of the errors.
+    These first readings are left out of the errors.
     """
-    layout, settings = inv.bench.layout, inv.settings
+    layout, settings = inv.space.layout, inv.settings
     checks = [number for number, run in enumerate(inv.case.runs) if run.split == "check"]
     own = [p for p in range(layout.base) if layout.runs[p] in checks and layout.coordinates[p].name in _STARTS]
     if not own:
-        return Started(trial.fitted.x, {})
+        return AdjustedStarts(trial.fitted.x, {})
     rows = {number: first_rows(inv, number) for number in checks}
-    channels = inv.bench.coarse.channels
+    channels = inv.space.coarse.channels
     readings = collect(inv.case, trial.scale.noise, channels, checks, None, settings, rows)
     if not readings.count:
-        return Started(trial.fitted.x, {})
-    view = View(inv.bench, readings)
+        return AdjustedStarts(trial.fitted.x, {})
+    view = View(inv.space, readings)
     x = fit(view, trial.setting, Weights(readings, NONE), trial.fitted.x, free=own).x
     pulls = {
         inv.case.runs[number].name: float(
@@ -67,30 +67,30 @@ def started(inv: Workings, trial: Trial) -> Started:
         if any(layout.runs[p] == number for p in own)
     }
     x[own] = np.clip(x[own], -settings.start_reach, settings.start_reach)
-    return Started(x, pulls)
+    return AdjustedStarts(x, pulls)
 
 
 def first_rows(inv: Workings, number: int) -> slice:
-    """Return the rows at the start of a run that may adjust it."""
+    """Return the rows at the start of a run on which it is adjusted."""
     rows = inv.case.runs[number].measured.time_s.size
     return slice(0, max(inv.settings.start_readings, int(inv.settings.start_share * rows)))
 
 
 def nominal(inv: Workings) -> Rung:
-    """Return the base model at its nominal parameters."""
+    """Return the base model with its stated parameters."""
     base = inv.base
     x = np.zeros_like(base.fitted.x)
-    predicted = inv.bench.predicted(base.setting, x)
-    by_run = inv.bench.by_run(predicted)
+    predicted = inv.space.predicted(base.setting, x)
+    by_run = inv.space.by_run(predicted)
     errors = {name: _errors(inv, name, by_run, by_run) for name in inv.noise}
     return Rung("nominal", (), {}, (), errors, by_run, float("nan"), base.fitted.rows.size)
 
 
-def rung(inv: Workings, name: str, trial: Trial, begun: Started | None = None) -> Rung:
-    """Return one model of the ladder, with its errors on fitted and on held-out runs."""
-    begun = begun or started(inv, trial)
-    by_run = inv.bench.by_run(inv.bench.predicted(trial.setting, begun.x))
-    as_stated = inv.bench.by_run(inv.bench.predicted(trial.setting, trial.fitted.x))
+def rung(inv: Workings, name: str, trial: Trial, adjusted: AdjustedStarts | None = None) -> Rung:
+    """Return one model of the ladder, with its errors on fit runs and on check runs."""
+    adjusted = adjusted or with_adjusted_starts(inv, trial)
+    by_run = inv.space.by_run(inv.space.predicted(trial.setting, adjusted.x))
+    as_stated = inv.space.by_run(inv.space.predicted(trial.setting, trial.fitted.x))
     estimates, far = estimates_of(inv, trial)
     return Rung(
         name=name,
@@ -133,20 +133,20 @@ def _errors(
 
 
 def estimates_of(inv: Workings, trial: Trial) -> tuple[dict[str, Estimate], tuple[str, ...]]:
-    """Return a model's calibrated numbers by name, and those that are far from what is known of them."""
-    units = {name: info.unit for name, info in parameter_table(inv.bench.coarse.models).items()}
-    for candidate in inv.bench.candidates.values():
+    """Return a model's calibrated parameters by name, and the names of those far from their stated values."""
+    units = {name: info.unit for name, info in parameter_table(inv.space.coarse.models).items()}
+    for candidate in inv.space.candidates.values():
         label = candidate.effect.label
         units |= {f"{label}.{name}": info.unit for name, info in describe(candidate.effect).items()}
-    layout, fitted = inv.bench.layout, trial.fitted
+    layout, fitted = inv.space.layout, trial.fitted
     estimates, far = {}, []
     knots = {place for _, first, last, _ in layout.vectors for place in range(first, last)}
-    for place, sd, pull in zip(trial.setting.own, trial.sd, fitted.pulls, strict=True):
+    for place, sd, pull in zip(trial.setting.free, trial.sd, fitted.pulls, strict=True):
         coordinate, run = layout.coordinates[place], layout.runs[place]
         if place in knots:
             continue
-        untold = coordinate.name in _STARTS[1:] and sd > 0.98 and abs(pull) < 0.05
-        if untold:  # a start that moves nothing is no number of this model
+        is_undetermined = coordinate.name in _STARTS[1:] and sd > 0.98 and abs(pull) < 0.05
+        if is_undetermined:  # an initial state that affects no reading
             continue
         name = coordinate.name + (f"[{inv.case.runs[run].name}]" if run >= 0 else "")
         x = fitted.x[place]
@@ -157,7 +157,7 @@ def estimates_of(inv: Workings, trial: Trial) -> tuple[dict[str, Estimate], tupl
 
 
 def residuals_of(inv: Workings, one: Rung) -> list[ChannelResiduals]:
-    """Return what a model leaves of every channel, thinned, with the conditions of each reading."""
+    """Return the residuals of every channel, thinned, with the conditions of each reading."""
     found = []
     names = tuple(run.name for run in inv.case.runs)
     for channel in inv.noise:
@@ -218,7 +218,7 @@ _CONDITIONS = ("soc", "speed", "cell", "winding", "case", "current", "motor", "p
 
 
 def errors_by_run(inv: Workings, left: Mapping[str, Sequence[ChannelResiduals]]) -> pd.DataFrame:
-    """Return a row for each channel of each run, for what each of some models leaves, by the model's name."""
+    """Return a row for each channel of each run and model, given the residuals by model name."""
     splits: dict[str, Literal["fit", "check"]] = {run.name: run.split for run in inv.case.runs}
     tables = []
     for name, channels in left.items():

@@ -1,4 +1,4 @@
-"""The errors that held-out runs may have, stated by the case or assumed, and whether the final model keeps them."""
+"""Tolerances on check runs, stated by the case or assumed, and whether the final model is within them."""
 
 from __future__ import annotations
 

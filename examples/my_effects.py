@@ -51,12 +51,12 @@ class HotContact(Effect):
         return self.R_c * (1.0 + COPPER * state["hot_contact.x_K"])
 
     def initial_state(self, parameters, ambient_degC: Scalar) -> State:
-        """Start cold."""
+        """Start at the ambient temperature."""
         return {"hot_contact.x_K": jnp.zeros(())}
 
     def flows(self, cell: CellContext | None, motor: MotorContext | None, heat_W: Scalar) -> dict[str, Flow]:
-        """Relax towards the rise that the contact's own loss keeps up."""
-        if cell is None:  # kind robot asks a second time, for the motor
+        """Relax towards the temperature rise of the contact's loss."""
+        if cell is None:  # kind robot calls it again, for the motor
             return {}
         target = self.R_th * cell.current_A**2 * self._resistance(cell.state)
         return {"hot_contact.x_K": relaxation(target, self.tau_c)}
@@ -66,5 +66,5 @@ class HotContact(Effect):
         return value + context.current_A * self._resistance(context.state)
 
     def cell_heat(self, value: Scalar, context: CellContext) -> Scalar:
-        """Take off what i (V_oc - V_cell) counts of the contact: it is made outside the can."""
+        """Subtract the contact's part of i (V_oc - V_cell), which is generated outside the can."""
         return value - context.current_A**2 * self._resistance(context.state)

@@ -1,10 +1,10 @@
-"""The armature and rotor: stiff, coupled, and solved exactly over a step as a linear pair with dry friction.
+"""Armature and rotor: a stiff coupled pair, solved exactly over a step as a linear system with dry friction.
 
 The pair dx/dt = f(x), x = (i_a, w), is linear in the base model. Here it is linearised at the start of the step (the
 exponential Rosenbrock method; exact where the pair is linear), so that a step may be far shorter or far longer than its
 time constants (0.7 ms and 4 ms). Coulomb friction enters as in the time stepping of contact mechanics (Moreau): its
-torque over the step is the one within [-level, +level] that lets the rotor slide, or that holds it at standstill. There
-is no event to find, standstill is exact, and a reversal inside a step is right to first order in that step.
+torque over the step is the one within [-level, +level] that lets the rotor slide, or that holds it at standstill. No
+event detection is needed, standstill is exact, and a reversal within a step is accurate to first order in that step.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from jaxmodel.root import rising_root
 
 
 class Pair(NamedTuple):
-    """A current (A) and a speed (rad/s), or what changes with them; scalars, which a compiler keeps in registers."""
+    """A current (A) and a speed (rad/s), or their rates; scalars, which a compiler keeps in registers."""
 
     current: Scalar
     speed: Scalar
@@ -80,7 +80,7 @@ class ArmatureStep(eqx.Module):
 
 
 def matrix_exponential(matrix: Matrix, duration: Scalar) -> Matrix:
-    """Return exp(A h) of a stable 2 x 2 matrix: over- and underdamped, and smooth where the two meet."""
+    """Return exp(A h) of a stable 2 x 2 matrix: overdamped or underdamped, and smooth between the two."""
     mean = 0.5 * matrix.trace
     determinant = matrix.determinant
     discriminant = mean * mean - determinant
@@ -117,14 +117,14 @@ def _integral_of_square(matrix: Matrix, start: Pair, end: Pair) -> Scalar:
 
 
 def stable(jacobian: Matrix, torque_slope: Scalar, duration: Scalar) -> Matrix:
-    """Bound a Jacobian where an effect would make the pair unstable or singular: deep saturation, falling friction.
+    """Bound a Jacobian if an effect would make the pair unstable or singular: deep saturation, falling friction.
 
-    The method stays consistent with an inexact Jacobian; only its order falls, and only there.
+    The method stays consistent with an inexact Jacobian, at lower order.
 
     Args:
         jacobian: of the rates by (i_a, w).
-        torque_slope: k_tau / J of a motor that does not saturate; against a slope far smaller the inverse is lost.
-        duration: of the step, s; a growth that is slow beside it is followed, a faster one is not.
+        torque_slope: k_tau / J of a motor without saturation; with a far smaller slope the inverse loses precision.
+        duration: of the step, s; growth that is slow compared with it is kept, faster growth is not.
     """
     a, b, c, d = jacobian
     a = jnp.minimum(a, -1e-9)
@@ -144,7 +144,7 @@ def _hold_or_slide(free_speed: Scalar, speed_per_torque: Scalar, level: Scalar, 
 
 
 class Bend(NamedTuple):
-    """A law of the current that is not the line it is linearised to.
+    """The part of a law of the current that its linearisation leaves out.
 
     Attributes:
         off_the_line: what di/dt (A/s) at a pair is less than on the line, rising with the current but for the line.
@@ -175,8 +175,8 @@ def solve_pair(
         level: size of the Coulomb friction in N m, holding and sliding.
         inertia: J in kg m^2.
         duration: s; zero leaves the pair as it is.
-        bend: what the linearisation leaves out. Like friction it is the one, held over the step, that fits the pair at
-            the step's end: a step far longer than the time constants ends in the equilibrium of the law itself.
+        bend: the nonlinear remainder. Like friction it is held over the step at the value that fits the end of the
+            step: a step far longer than the time constants ends in the exact equilibrium.
     """
     inverse = jacobian.inverse()
     decay = matrix_exponential(jacobian, duration)

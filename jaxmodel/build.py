@@ -1,4 +1,4 @@
-"""From what a user brings (a case, a preset) to models and profiles."""
+"""From a case or preset to models and profiles."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FIDELITIES = ("formula", "lut")
 def make_effect(
     name: str, values: Mapping[str, Any], where: str, catalogue: Mapping[str, type[Effect]] = CATALOGUE
 ) -> Effect:
-    """Return an effect of the catalogue with parameter values, checked against its table.
+    """Return an effect of the catalogue with parameter values, checked against its parameter table.
 
     Args:
         name: the effect's name.
@@ -102,7 +102,7 @@ def case_model(
     *,
     fidelity: str = "formula",
 ) -> Model:
-    """Return the model that a case describes: preset, parameters, tables and effects; of one run, with its overrides.
+    """Return the model of a case: preset, parameters, tables and effects; for one run with its overrides.
 
     Raises:
         ParameterError: the preset is unknown or serves other kinds.
@@ -135,13 +135,13 @@ def case_model(
             )
         columns = [column for column in KINDS[case.kind].columns if column.endswith(effect.reads)]
         if effect.column and effect.column not in columns:
-            hint = nearest(effect.column, columns) or f" It may sit on {', '.join(columns)}."
-            raise EffectError(f"{where}: effect '{effect.name}' has no column '{effect.column}' to sit on.{hint}")
+            hint = nearest(effect.column, columns) or f" Possible columns: {', '.join(columns)}."
+            raise EffectError(f"{where}: effect '{effect.name}' cannot act on the column '{effect.column}'.{hint}")
     return Model(kind=case.kind, parameters=Parameters(**known), curves=CellCurves(**chosen), effects=effects)
 
 
 def preset_model(name: str, kind: Kind) -> Model:
-    """Return the model of a preset alone; what it does not state is the paper's.
+    """Return the model of a preset; other values are those of the paper.
 
     Raises:
         ParameterError: the preset is unknown or serves other kinds.

@@ -1,7 +1,7 @@
-"""A measurement case: what is stated of the hardware, and its runs.
+"""A measurement case: stated hardware and its runs.
 
-Everything here is plain numbers in the units of their names. `jaxmodel.cases` makes a case of files or DataFrames,
-`jaxmodel.build` a model of a case.
+All values are plain numbers in the units of their names. `jaxmodel.cases` makes a case from files or DataFrames,
+`jaxmodel.build` a model from a case.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ class Run:
     Attributes:
         name: the file's name without its ending.
         file: the CSV as case.toml names it.
-        split: "fit" may be used to calibrate, "check" only to judge.
+        split: "fit" for runs that may be fitted, "check" for runs that are never fitted.
         label: free text.
         initial_soc: state of charge at the first row.
         overrides: parameters of the case that are different in this run.
         measured: times, inputs and outputs.
-        source: the CSV's path; None for a run made of a DataFrame.
-        initial_cell_temperature: of the cell at the first row, degC, where the run states it.
-        tolerance: by column, the error that the user can live with in this run; of columns not here, the case's.
-        ambient_degC: the constant ambient temperature that the case states for this run; None where it is a column.
+        source: the CSV's path; None for a run from a DataFrame.
+        initial_cell_temperature: at the first row, degC; None if not stated.
+        tolerance: by column, the acceptable error in this run; that of the case for other columns.
+        ambient_degC: the stated constant ambient temperature of this run; None if it is a column.
     """
 
     name: str
@@ -52,7 +52,7 @@ class Run:
     ambient_degC: float | None = None
 
     def driven_by(self, inputs: Mapping[str, np.ndarray]) -> Run:
-        """Return the run with other inputs, its readings as they are."""
+        """Return the run with other inputs and unchanged readings."""
         return dataclasses.replace(self, measured=dataclasses.replace(self.measured, inputs=dict(inputs)))
 
     def to_dataframe(self) -> pd.DataFrame:
@@ -65,25 +65,25 @@ class Run:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Case:
-    """What a user brings: hardware as far as it is known, sensors, and runs.
+    """Hardware as far as it is known, its sensors, and its runs.
 
-    `read_case` makes one of files, `Case.from_dataframes` of tables in memory.
+    `read_case` makes a case from files, `Case.from_dataframes` from tables in memory.
 
     Attributes:
         name: the folder's name.
-        path: the TOML file; None for a case made of DataFrames.
-        title: free text, the name where the file has none.
+        path: the TOML file; None for a case from DataFrames.
+        title: free text, by default the name.
         kind: a key of `KINDS`.
-        preset: where every parameter not named here comes from.
-        parameters: scalar parameters by name. `initial_soc` is not among them: it is each run's own.
+        preset: source of every parameter that is not stated here.
+        parameters: scalar parameters by name, without `initial_soc`, which belongs to each run.
         tables: curves by name (`ocv`, `R_ints`, `R_TS`, `R_TL`, `C_TS`, `C_TL`).
         effects: effects turned on: their parameters by name, and the `column` of a sensor effect.
         sensors: by column, the sd of its white noise before rounding, in the column's unit.
         runs: in the order of the file; at least one.
         cutoff: end of a discharge: `soc`, `voltage_V`, both or neither.
-        tolerance: by column of a reading, the error that the user can live with, in the column's unit.
-        effect_sd: by effect and parameter, the sd of the value in `effects`; what is not here is known exactly.
-        own_effects: classes of effects of the user's own by name; they take part like those of the catalogue.
+        tolerance: by column of a reading, the acceptable error, in the column's unit.
+        effect_sd: by effect and parameter, the sd of the value in `effects`; others are exact.
+        own_effects: the user's own effect classes by name; they are used like those of the catalogue.
     """
 
     name: str
@@ -120,30 +120,30 @@ class Case:
         runs: Mapping[str, Mapping[str, Any]] | None = None,
         own_effects: Iterable[type[Effect]] = (),
     ) -> Case:
-        """Make a case of one DataFrame per run; everything else is as the tables of case.toml (docs/cases.md).
+        """Make a case from one DataFrame per run; all other arguments correspond to case.toml (docs/cases.md).
 
         Args:
             frames: by name of the run, a table with the columns of a run's CSV: `time_s` [s] (or as the index), inputs
                 and readings with their units in their names. Currents are positive on discharge.
             kind: "cell", "motor" or "robot".
-            name: of the case, which its results are called after.
+            name: of the case and its results.
             title: free text.
-            preset: where every parameter not named here comes from, a key of `jaxmodel.presets.PRESETS`.
-            parameters: scalar parameters by name: a number is known exactly, `(value, sd)` to a standard deviation.
+            preset: source of every parameter that is not stated here, a key of `jaxmodel.presets.PRESETS`.
+            parameters: scalar parameters by name: a number is exact, `(value, sd)` has a standard deviation.
             tables: curves by name: `{"ocv": {"soc": [...], "voltage_V": [...]}}`.
             effects: effects turned on, with their parameters: `{"self_heating": {}}`.
             sensors: by column, the sd of its noise.
-            tolerance: by column, the error that you can live with: an rms, or `{"rms": , "max": }`.
+            tolerance: by column, the acceptable error: an rms, or `{"rms": , "max": }`.
             cutoff: end of a discharge: `soc`, `voltage_V`.
-            check: names of the runs that only judge the model; all others may be used to fit it.
-            runs: by name of a run, what a [[runs]] block of case.toml states of it: `initial_soc`, `label`,
+            check: names of the check runs; all others are fit runs.
+            runs: by name of a run, the entries of its [[runs]] block in case.toml: `initial_soc`, `label`,
                 `ambient_degC`, `initial_cell_temperature_degC`, and parameters that are different in it.
-            own_effects: classes of effects of your own, which take part like those of the catalogue.
+            own_effects: your own effect classes, used like those of the catalogue.
 
         Raises:
             MeasurementError: a table or entry cannot be used; the message says where and what to do.
             ParameterError: a parameter is unknown, out of its bounds or of the wrong form.
-            EffectError: an effect of your own lacks something, or has the name of another.
+            EffectError: one of your own effects is incomplete, or has the name of another.
         """
         from jaxmodel.cases import case_of_frames
 
@@ -154,7 +154,7 @@ class Case:
 
     @property
     def label(self) -> str:
-        """Return how messages name the case: its file, or its name where it has none."""
+        """Return the name of the case in messages: its file, or its name if it has none."""
         return f"case '{self.name}'" if self.path is None else file_label(self.path)
 
     @property
@@ -172,7 +172,7 @@ class Case:
         return {run.name: run.to_dataframe() for run in self.runs}
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return a line for each run: split, rows, duration, initial SOC, and what it reads."""
+        """Return a row for each run: split, rows, duration, initial SOC, and its readings."""
         return pd.DataFrame(
             {
                 "run": run.name,
@@ -188,8 +188,8 @@ class Case:
         )
 
     def summary(self) -> str:
-        """Return the case in a few lines: what it is, what is uncertain, its runs."""
-        uncertain = [f"{name} = {k.value:g} +- {k.sd:g}" for name, k in self.parameters.items() if k.sd is not None]
+        """Return the case in a few lines: hardware, uncertain parameters, runs."""
+        uncertain = [f"{name} = {k.value:g} ± {k.sd:g}" for name, k in self.parameters.items() if k.sd is not None]
         lines = [
             f"{self.title} ({self.kind}, preset {self.preset})",
             f"uncertain: {', '.join(uncertain) or 'nothing'}",

@@ -1,4 +1,4 @@
-"""What a user states in Python, as the form of case.toml: one set of checks and messages serves both."""
+"""Arguments of Python calls in the form of case.toml, so that both share checks and messages."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def entry_of(
     """Return the checked form of a case.
 
     Args:
-        where: how messages name the case.
+        where: name of the case in messages.
         names: of the runs.
-        check: names of those that only judge.
-        runs: by name, what else is stated of a run.
+        check: names of the check runs.
+        runs: further entries by run.
         stated: the other tables of case.toml by name.
 
     Raises:
@@ -33,15 +33,15 @@ def entry_of(
     for option, given in (("check", [check] if isinstance(check, str) else check), ("runs", runs)):
         for name in given:
             if name not in names:
-                hint = nearest(str(name), names) or f" There are {', '.join(names)}."
-                raise MeasurementError(f"{where}: {option} names the run '{name}', and no table is called so.{hint}")
+                hint = nearest(str(name), names) or f" The runs are {', '.join(names)}."
+                raise MeasurementError(f"{where}: {option} names the run '{name}', but there is no such table.{hint}")
     check = [check] if isinstance(check, str) else check
     blocks = [{**runs.get(name, {}), "file": name, "split": "check" if name in check else "fit"} for name in names]
     return check_case(_plain({**stated, "runs": blocks}), where)
 
 
 def _plain(value: Any) -> Any:
-    """Return what TOML would hold: NumPy's numbers and arrays as Python's, `(value, sd)` as a table."""
+    """Return values as TOML would hold them: NumPy numbers and arrays as Python's, `(value, sd)` as a table."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
         value = {name: entry for name, entry in value.items() if entry is not None}

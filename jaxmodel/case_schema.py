@@ -1,6 +1,6 @@
-"""The form of case.toml: what may stand where, and one sentence for what does not.
+"""The schema of case.toml, and one sentence for each violation.
 
-Pydantic checks the form; what a value means (parameter bounds, column names, files) is checked in `cases`.
+Pydantic checks the schema; the meaning of values (parameter bounds, column names, files) is checked in `cases`.
 """
 
 import itertools
@@ -21,7 +21,7 @@ def _wrong(sentence: str, **details: Any) -> PydanticCustomError:
 
 
 class _Entry(BaseModel):
-    """A table of the file. A key that it does not know is an error that names the nearest one."""
+    """A table of the file. An unknown key is an error that names the nearest known one."""
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
     further_keys: ClassVar[Collection[str]] = ()
@@ -41,7 +41,7 @@ SD = Annotated[float | None, Field(gt=0)]
 
 
 class KnownEntry(_Entry):
-    """A number, known exactly (`5.2`) or to a standard deviation (`{ value = 5.2, sd = 0.15 }`)."""
+    """A number, exact (`5.2`) or with a standard deviation (`{ value = 5.2, sd = 0.15 }`)."""
 
     value: float
     sd: SD = None
@@ -86,7 +86,7 @@ class TableEntry(_Entry):
 
     @property
     def sd(self) -> float | None:
-        """How well the values are known: V of an open-circuit voltage, a share of the value of all others."""
+        """Sd of the values: V of an open-circuit voltage, a share of the value of all others."""
         return getattr(self, self.sd_key)
 
     @model_validator(mode="after")
@@ -122,7 +122,7 @@ class TableEntry(_Entry):
                         lower=lower,
                         upper=upper,
                     )
-        # A little beyond 0 and 1 is what a fit to data brings; far beyond is percent.
+        # A fit to data may be slightly outside 0 to 1; values far outside are percent.
         if self.soc[0] < -0.05 or self.soc[-1] > 1.05:
             raise _wrong(
                 "has soc from {lower} to {upper}; it is a fraction, 0 to 1", lower=self.soc[0], upper=self.soc[-1]
@@ -183,11 +183,11 @@ class EffectEntry(_Entry):
     @model_validator(mode="before")
     @classmethod
     def _reject_unknown_keys(cls, raw: Any) -> Any:
-        return raw  # which parameters an effect has is known to the catalogue, not here
+        return raw  # parameters of effects are checked against the catalogue
 
 
 class ToleranceEntry(_Entry):
-    """The error that the user can live with: its rms (`0.01`), or that and its largest (`{ rms = , max = }`)."""
+    """The acceptable error: its rms (`0.01`), or rms and maximum (`{ rms = , max = }`)."""
 
     rms: float = Field(gt=0)
     max: float | None = Field(default=None, gt=0)
@@ -204,7 +204,9 @@ class ToleranceEntry(_Entry):
     @model_validator(mode="after")
     def _consistent(self) -> "ToleranceEntry":
         if self.max is not None and self.max < self.rms:
-            raise _wrong("has max {max} below rms {rms}; no error has that, correct one", max=self.max, rms=self.rms)
+            raise _wrong(
+                "has max {max} below rms {rms}, which is impossible; correct one of them", max=self.max, rms=self.rms
+            )
         return self
 
 
@@ -256,7 +258,7 @@ def parse_case(text: str, where: str) -> CaseEntry:
 
     Args:
         text: the TOML.
-        where: how messages name the file.
+        where: name of the file in messages.
 
     Raises:
         MeasurementError: the text is not TOML, or a part of it is missing, unknown or of the wrong form.
@@ -271,7 +273,7 @@ def parse_case(text: str, where: str) -> CaseEntry:
 
 
 def check_case(raw: dict[str, Any], where: str) -> CaseEntry:
-    """Return the checked form of what a case file holds.
+    """Return the checked form of the content of a case file.
 
     Raises:
         MeasurementError: a part is missing, unknown or of the wrong form.
@@ -284,11 +286,11 @@ def check_case(raw: dict[str, Any], where: str) -> CaseEntry:
 
 
 def _user_error(error: ValidationError, raw: dict[str, Any], where: str) -> UserError:
-    """Return the first of pydantic's findings as our sentence, with the count of the others."""
+    """Return the first error of pydantic as a sentence, with the number of others."""
     first, *others = error.errors(include_url=False)
     place = ""
     for step in first["loc"]:
-        place += f"[{step + 1}]" if isinstance(step, int) else f".{step}"  # a person counts from 1
+        place += f"[{step + 1}]" if isinstance(step, int) else f".{step}"  # counted from 1
     match first["loc"]:
         case ("runs", int(index), *_) if isinstance(raw["runs"][index], dict) and "file" in raw["runs"][index]:
             where += f", the run of {raw['runs'][index]['file']}"
@@ -331,7 +333,7 @@ def _complaint(error: ErrorDetails) -> str:
 
 
 def _toml(value: Any) -> str:
-    """Return a value as a person wrote it in the file, cut short."""
+    """Return a value as written in the file, shortened."""
     text = {True: "true", False: "false"}[value] if isinstance(value, bool) else str(value)
     text = text if len(text) <= 60 else f"{text[:60]}..."
     return f'"{text}"' if isinstance(value, str) else text

@@ -1,4 +1,4 @@
-"""Running the model of a case over every run, with one compiled program for all of them."""
+"""Simulation of all runs of a case, with one compiled program."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from jaxmodel.simulation import Cutoff, Status, Trajectory, run_track, track
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SimulatedRun:
-    """What the model gives for one run.
+    """The simulation of one run.
 
     Attributes:
         run: the run, as measured.
-        table: time_s, every reading, and `valid`: False where the equations left the range in which they make sense.
+        table: time_s, every reading, and `valid`: False where the equations are outside their valid range.
             Rows after the end are empty.
         status: how it ended.
         end_s: time of the last row that was reached.
@@ -37,25 +37,25 @@ class SimulatedRun:
     end_s: float
 
     def sentence(self) -> str:
-        """Say how the run ended, '' where there is nothing to say."""
+        """Say how the run ended, '' for a normal end."""
         said = []
         if self.status == Status.REACHED_CUTOFF:
             said.append(f"{self.run.name} reached its cut-off at {self.end_s:g} s; the rows after it are empty.")
         if self.status == Status.NOT_FINITE:
-            said.append(f"{self.run.name} ran into numbers that are not finite; look at its parameters and inputs.")
+            said.append(f"{self.run.name} produced numbers that are not finite; check its parameters and inputs.")
         invalid = np.flatnonzero(~self.table["valid"].to_numpy(dtype=bool))
         if invalid.size:
             first = float(self.table["time_s"].iloc[invalid[0]])
             said.append(
-                f"{self.run.name} leaves the range in which the cell's equations make sense in {invalid.size} of its "
-                f"{len(self.table)} rows, the first at {first:g} s."
+                f"{self.run.name} is outside the valid range of the cell's equations in {invalid.size} of its "
+                f"{len(self.table)} rows, first at {first:g} s."
             )
         return " ".join(said)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CaseSimulation:
-    """The runs of a case as its model gives them, in the order of the case.
+    """The simulated runs of a case, in the order of the case.
 
     Attributes:
         case: whose model was run.
@@ -66,7 +66,7 @@ class CaseSimulation:
     runs: tuple[SimulatedRun, ...]
 
     def __getitem__(self, place: int) -> SimulatedRun:
-        """Return a run by its place."""
+        """Return a run by its index."""
         return self.runs[place]
 
     def __iter__(self) -> Iterator[SimulatedRun]:
@@ -84,7 +84,7 @@ class CaseSimulation:
         return table
 
     def summary(self) -> str:
-        """Return how each run ended, a line each."""
+        """Return a line for each run: how it ended."""
         lines = [
             f"{one.run.name}: {len(one.table)} rows, {one.status.name.lower().replace('_', ' ')} at {one.end_s:g} s"
             for one in self.runs
@@ -111,7 +111,7 @@ def simulate_case(
 ) -> CaseSimulation:
     """Run the model of a case over each of its runs.
 
-    All runs are laid out with the same number of steps and rows, so that JAX compiles once for the whole case.
+    All runs are padded to the same number of steps and rows, so that JAX compiles once for the whole case.
 
     Args:
         case: with its effects and cut-off.
@@ -119,7 +119,7 @@ def simulate_case(
         progress: called with the name of each run before it starts.
 
     Returns:
-        The simulated runs, in the order of the case; nothing is raised for what happens in a run.
+        The simulated runs, in the order of the case; a failure in a run raises no error.
 
     Raises:
         ParameterError: as `case_model`.
@@ -134,17 +134,17 @@ def simulate_case(
     for run, model, profile in zip(case.runs, models, profiles, strict=True):
         if progress:
             progress(run.name)
-        course = track(model, profile, steps)
+        padded = track(model, profile, steps)
         missing = rows - profile.time_s.size
-        last_step = jnp.asarray(np.pad(course.last_step, (0, missing), mode="edge"))
-        course = eqx.tree_at(lambda c: c.last_step, course, last_step)
-        ran = run_track(model, course, jnp.asarray(np.pad(profile.time_s, (0, missing), mode="edge")), cutoff)
+        last_step = jnp.asarray(np.pad(padded.last_step, (0, missing), mode="edge"))
+        padded = eqx.tree_at(lambda c: c.last_step, padded, last_step)
+        ran = run_track(model, padded, jnp.asarray(np.pad(profile.time_s, (0, missing), mode="edge")), cutoff)
         outcomes.append(_outcome(case.kind, run, ran, profile.time_s.size))
     return CaseSimulation(case, tuple(outcomes))
 
 
 def _outcome(kind: str, run: Run, ran: Trajectory, rows: int) -> SimulatedRun:
-    ran = jax.tree.map(np.asarray, ran)  # cut by JAX, each column would compile a program
+    ran = jax.tree.map(np.asarray, ran)  # slicing by JAX would compile a program for each column
     time_s = np.asarray(ran.time_s)[:rows]
     status = Status(int(ran.status))
     end = min(int(ran.end_row), rows - 1)

@@ -18,12 +18,12 @@ _VALUE_KEYS = {"ocv": "voltage_V", "R_ints": "ohm", "R_TS": "ohm", "R_TL": "ohm"
 
 
 def write_case(case: Case, path: Path, comments: list[str] | None = None) -> None:
-    """Write a case as a TOML file that `read_case` takes; its runs' files are named from the new file's folder.
+    """Write a case as a TOML file that `read_case` takes; paths of its runs are relative to the new file's folder.
 
     Args:
-        case: of files or of DataFrames; of a run without a file, a CSV is written beside the TOML file.
+        case: from files or DataFrames; for a run without a file, a CSV is written next to the TOML file.
         path: the new file.
-        comments: lines to stand on top.
+        comments: lines at the top.
     """
     files = [run.source or _write_csv(run, path.parent / f"{_file_name(run.name)}.csv") for run in case.runs]
     content: dict[str, Any] = {"title": case.title, "kind": case.kind, "preset": case.preset}
@@ -45,14 +45,14 @@ def write_case(case: Case, path: Path, comments: list[str] | None = None) -> Non
 
 
 def write_folder(case: Case, folder: Path) -> Path:
-    """Write a case as a folder of its own: `case.toml` and a CSV for each run; return the TOML file.
+    """Write a case as a folder: `case.toml` and a CSV for each run; return the TOML file.
 
     Raises:
         MeasurementError: the folder is the one that the case was read from.
     """
     toml_file = folder / "case.toml"
     if any(file.resolve().parent == folder.resolve() for file in case.files):
-        raise MeasurementError(f"{folder}: the case was read from there; name another folder.")
+        raise MeasurementError(f"{folder}: the case was read from this folder; give another one.")
     folder.mkdir(parents=True, exist_ok=True)
     write_case(dataclasses.replace(case, runs=tuple(dataclasses.replace(r, source=None) for r in case.runs)), toml_file)
     return toml_file
@@ -65,7 +65,7 @@ def _write_csv(run: Run, file: Path) -> Path:
 
 
 def _file_name(name: str) -> str:
-    """Return a run's name as a file can have it."""
+    """Return a run's name as a valid file name."""
     return re.sub(r"[^\w.+-]+", "_", name).strip(".") or "run"
 
 
@@ -99,7 +99,7 @@ def _table(name: str, table: Table) -> dict[str, Any]:
 
 
 def _from(path: Path, file: Path) -> str:
-    """Return a file as seen from another's folder; as it is where there is no way between them (another drive)."""
+    """Return a path relative to another file's folder; unchanged if there is none (another drive)."""
     try:
         return Path(os.path.relpath(file, path.resolve().parent)).as_posix()
     except ValueError:

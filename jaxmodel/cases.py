@@ -33,7 +33,7 @@ def read_case(path: str | Path, *, own_effects: Iterable[type[Effect]] = ()) -> 
 
     Args:
         path: a folder with a `case.toml`, or a TOML file of that form; CSV paths are relative to the TOML file.
-        own_effects: classes of effects of your own, which take part like those of the catalogue.
+        own_effects: your own effect classes, used like those of the catalogue.
 
     Raises:
         MeasurementError: a file is missing or cannot be used as it is, or a column is in another unit; the message
@@ -92,10 +92,10 @@ def _case(
         entry: the form.
         name: of the case.
         path: of its file.
-        where: how messages name it.
+        where: its name in messages.
         sources: the CSV of each run.
         measured: returns the readings of a run.
-        own: classes of effects of the user's own.
+        own: the user's own effect classes.
     """
     numbers = scalars(entry.parameters.__pydantic_extra__, f"{where}: [parameters]")
     default_soc = numbers.pop("initial_soc", Known(1.0))
@@ -120,14 +120,14 @@ def _case(
         effect_sd={name: sd for name, effect in entry.effects.items() if (sd := _effect_sd(effect))},
         own_effects=effects.own_effects(own),
     )
-    # A preset of unknown name is for the model to refuse: who only reads the measurements needs none.
+    # An unknown preset is refused when a model is built; reading the measurements needs none.
     case = with_preset(case) if case.preset in PRESETS else case
     plausible.check(case)
     return case
 
 
 def with_preset(case: Case) -> Case:
-    """Return a case with what its preset states, uncertainty included; the case's own entries win over the preset's.
+    """Return a case with the values and sd of its preset; entries of the case take precedence.
 
     Raises:
         ParameterError: the preset is unknown or serves other kinds.
@@ -140,7 +140,7 @@ def with_preset(case: Case) -> Case:
 
 
 def _toml_file(path: Path) -> Path:
-    """Return the TOML file that a user means by a folder or a file."""
+    """Return the TOML file of a path to a folder or file."""
     path = path.resolve()
     toml = path / "case.toml" if path.is_dir() else path
     if not toml.is_file():
@@ -178,15 +178,17 @@ def _run(
 
 
 def _initial_cell_temperature(entry: RunEntry, kind: str, where: str) -> Known | None:
-    """Return the cell's temperature at the first row, in degC; raise ParameterError where it cannot be that."""
+    """Return the cell's temperature at the first row, in degC; raise ParameterError if it is invalid."""
     stated = entry.initial_cell_temperature_degC
     if stated is None:
         return None
     name = f"'initial_cell_temperature_degC' = {stated.value:g}"
     if kind == "motor":
-        raise ParameterError(f"{where}: {name}, and a motor has no cell; remove it, or state 'initial_case_rise_K'.")
+        raise ParameterError(f"{where}: {name}, but a motor has no cell; remove it, or state 'initial_case_rise_K'.")
     if "initial_temperature_rise_K" in (entry.__pydantic_extra__ or {}):
-        raise ParameterError(f"{where}: {name}, and 'initial_temperature_rise_K' says the same; keep one of them.")
+        raise ParameterError(
+            f"{where}: {name}, but 'initial_temperature_rise_K' states the same quantity; keep one of them."
+        )
     coldest, warmest = AMBIENT_RANGE_DEGC
     if not coldest <= stated.value <= warmest:
         raise ParameterError(
@@ -197,13 +199,13 @@ def _initial_cell_temperature(entry: RunEntry, kind: str, where: str) -> Known |
 
 
 def _effect_values(entry: EffectEntry) -> dict[str, float | str]:
-    """Return an effect's parameters by name, and its column where it has one."""
+    """Return an effect's parameters by name, and its column if it has one."""
     column: dict[str, float | str] = {} if entry.column is None else {"column": entry.column}
     return column | {name: known.value for name, known in entry.__pydantic_extra__.items()}
 
 
 def _effect_sd(entry: EffectEntry) -> dict[str, float]:
-    """Return the sd of those parameters of an effect that are not known exactly."""
+    """Return the sd of those parameters of an effect that are not exact."""
     return {name: known.sd for name, known in entry.__pydantic_extra__.items() if known.sd is not None}
 
 
@@ -212,7 +214,7 @@ def _tolerance(entries: Mapping[str, ToleranceEntry], kind: str, where: str) -> 
     readings = KINDS[kind].outputs
     for name in entries:
         if name not in readings:
-            hint = nearest(name, readings) or f" It has {', '.join(readings)}."
+            hint = nearest(name, readings) or f" Its readings: {', '.join(readings)}."
             raise MeasurementError(f"{where}: a {kind} has no reading '{name}'.{hint}")
     return {name: Tolerance(entry.rms, entry.max) for name, entry in entries.items()}
 
@@ -222,7 +224,7 @@ def _check_sensors(sensors: Mapping[str, float], kind: str, where: str) -> None:
     columns = KINDS[kind].columns
     for name in sensors:
         if name not in columns:
-            hint = nearest(name, columns) or f" It has {', '.join(columns)}."
+            hint = nearest(name, columns) or f" Its columns: {', '.join(columns)}."
             raise MeasurementError(f"{where}: [sensors]: a {kind} has no column '{name}'.{hint}")
 
 
@@ -234,14 +236,14 @@ def _files(runs: list[RunEntry], toml: Path, where: str) -> list[Path]:
         if not file.is_file():
             hint = nearest(run.file, (other.name for other in toml.parent.glob("*.csv")))
             raise MeasurementError(
-                f"{where}: runs[{number}].file: there is no '{run.file}' beside {toml.name};"
+                f"{where}: runs[{number}].file: there is no '{run.file}' next to {toml.name};"
                 f" correct the name or add the file.{hint}"
             )
         for earlier, other in enumerate(files, start=1):
             if other.stem == file.stem:
                 raise MeasurementError(
                     f"{where}: runs[{earlier}].file and runs[{number}].file are both '{file.stem}'; "
-                    "a run is named by its file, so list each file once, under a name of its own."
+                    "a run is named after its file, so list each file once, and give files different names."
                 )
         files.append(file)
     return files

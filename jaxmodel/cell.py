@@ -20,7 +20,7 @@ _LATER = (*_ELEMENTS, "current_A", "voltage_V", "counted_current_A")
 
 
 class Cell(eqx.Module):
-    """The quantities of one cell that do not depend on the present current; its resistances are in the context."""
+    """The quantities of one cell that do not depend on the current; its resistances are in the context."""
 
     context: CellContext
     effects: tuple[Effect, ...]
@@ -117,14 +117,14 @@ def voltage(cell: Cell, current_A: Scalar) -> Scalar:
 
 
 def surface_temperature(cell: Cell) -> Scalar:
-    """Return what a thermometer on the cell sees, in degC: the cell's temperature, unless an effect parts the two."""
+    """Return the temperature at a thermometer on the cell, in degC: that of the cell, unless an effect changes it."""
     return fold(cell.effects, "surface_temperature", cell.context.temperature_degC, cell.context)
 
 
 def heat(cell: Cell, current_A: Scalar, current_variance_A2: Scalar) -> Scalar:
-    """Return the mean heat made in one cell in W: i (V_oc - V_cell), and what effects add.
+    """Return the mean heat generated in one cell in W: i (V_oc - V_cell), plus that of effects.
 
-    The variance of the current over the step (A^2) adds its ohmic heat: a start draws ten times the mean.
+    The variance of the current over the step (A^2) adds ohmic heat: a motor start draws ten times the mean current.
     """
     polarisation = current_A * (cell.open_circuit_voltage_V - voltage(cell, current_A))
     ohmic = current_variance_A2 * cell.context.series_resistance_ohm

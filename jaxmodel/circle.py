@@ -1,4 +1,4 @@
-"""Sine and cosine in plain arithmetic, which a compiler turns into vector instructions."""
+"""Sine and cosine in basic arithmetic, which a compiler vectorises."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from jaxmodel.declaration import Scalar
 
 # pi / 2 in three parts; products of the first two with whole numbers up to 2^20 are exact.
 _QUARTER = tuple(map(float.fromhex, ("0x1.921fb544p+0", "0x1.0b4611a6p-34", "0x1.3198a2e037073p-69")))
-# Taylor's: at pi / 4 the first terms left out are below 1e-16, those of the derivatives too.
+# Taylor series: at pi / 4 the first omitted terms, and those of the derivatives, are below 1e-16.
 _SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(9))
 _COSINE = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(9))
 
@@ -19,7 +19,7 @@ _COSINE = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(9))
 def sine_and_cosine(angle: Scalar) -> tuple[Scalar, Scalar]:
     """Return sin and cos of an angle >= 0 in rad, exact to the rounding of the angle up to 1e6.
 
-    For `jnp.sin` and `jnp.cos` a processor calls the C library lane by lane: a fifth of the time of a robot's step.
+    `jnp.sin` and `jnp.cos` call the C library lane by lane on CPUs: a fifth of the time of a robot's step.
     """
     quarters = lax.round(angle * (2.0 / math.pi), lax.RoundingMethod.TO_NEAREST_EVEN)
     rest = angle

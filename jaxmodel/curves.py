@@ -29,7 +29,7 @@ class Curve(eqx.Module):
 
     @abc.abstractmethod
     def inside(self, soc: Scalar, temperature_degC: Scalar) -> Array:
-        """Return True where the curve is defined rather than held or meaningless."""
+        """Return True where the curve is within its defined range."""
 
 
 class OpenCircuitVoltage(Curve):
@@ -52,7 +52,7 @@ class Exponential(Curve):
     offset: float = eqx.field(static=True)
 
     def __call__(self, soc: Scalar, temperature_degC: Scalar) -> Scalar:
-        """Return the value at one state of charge; the temperature has no part in it."""
+        """Return the value at one state of charge; it does not depend on temperature."""
         return self.amplitude * jnp.exp(-self.rate * jnp.maximum(soc, SOC_FORMULA_FLOOR)) + self.offset
 
     def inside(self, soc: Scalar, temperature_degC: Scalar) -> Array:
@@ -118,7 +118,7 @@ def interpolate(x: Scalar, knots: Float[Array, " knots"], values: Float[Array, "
     """
     if knots.shape[0] == 1:
         return values[0]
-    # The ends are held here, not by the clipping of their segments: at an end the slope is then the inner one.
+    # x is clipped here, not in the segments, so that at an end the slope is that of the inner side.
     held = jnp.where(x < knots[0], knots[0], jnp.where(x > knots[-1], knots[-1], x))
     share = (held - knots[:-1]) / jnp.diff(knots)
     inner = jnp.concatenate([share[:1], jnp.maximum(share[1:], 0.0)])
@@ -129,8 +129,8 @@ def interpolate(x: Scalar, knots: Float[Array, " knots"], values: Float[Array, "
 def between_knots(x: Scalar, knots: tuple[float, ...], values: Float[Array, " knots"]) -> Scalar:
     """Return values at fixed knots, linear between them and held at the ends.
 
-    The weights of the values are each one minimum of two straight lines, cut at 0 and 1: far less work in a compiled
-    step than a table whose knots are data.
+    Each weight is the minimum of two lines, clipped to 0 and 1, which is far cheaper in a compiled step than a table
+    with variable knots.
     """
     at = np.asarray(knots, dtype=float)
     rise = np.concatenate([[0.0], 1.0 / np.diff(at)])
@@ -156,7 +156,7 @@ CURVE_NAMES = ("ocv", "R_ints", "R_TS", "C_TS", "R_TL", "C_TL")
 
 
 def look_up(curve: Curve, soc=LUT_SOC, temperature_degC=LUT_TEMPERATURE_DEGC) -> Table:
-    """Return the table that the paper's `lut` fidelity would hold for a curve.
+    """Return the table of a curve at the paper's `lut` fidelity.
 
     The paper used 6 SOC breakpoints and 7 temperatures (-20 to 100 in steps of 20) and prints neither the breakpoints
     nor the values; the breakpoints here are assumed, denser where the curves bend.

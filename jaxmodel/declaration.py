@@ -1,7 +1,7 @@
-"""How a parameter is declared: as a field of a module, with its unit, meaning, bounds and source beside it.
+"""Declaration of parameters: fields of a module with unit, meaning, bounds and source.
 
-The base model's table and every effect declare theirs in this one way. From the declarations come the validation
-messages, the vocabulary of case files, the transforms and priors of the fits and the pages of the docs.
+The base model and all effects declare their parameters in this way. The declarations define validation messages, the
+keys of case files, the transforms and priors of fits, and tables of the docs.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _IN_MILLI = ("A h", "V", "A", "ohm", "N m", "N m/A", "H")
 
 @dataclasses.dataclass(frozen=True)
 class ParameterInfo:
-    """What is known of one parameter, beside its value."""
+    """The declaration of one parameter, without its value."""
 
     name: str
     unit: str
@@ -43,7 +43,7 @@ class ParameterInfo:
     scales: str = ""
 
     def check(self, value: Any, where: str) -> float:
-        """Return `value` as a float; raise ParameterError where it is not a number within the bounds."""
+        """Return `value` as a float; raise ParameterError if it is not a number within the bounds."""
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ParameterError(f"{where}: '{self.name}' must be a number, not {value!r}; write it without quotes.")
         if not math.isfinite(value) or not self.lower <= value <= self.upper:
@@ -52,7 +52,7 @@ class ParameterInfo:
                 f"{' ' + self.unit if self.unit else ''}; {self._mend(value)}."
             )
         if self.whole and value != round(value):
-            raise ParameterError(f"{where}: '{self.name}' = {value:g} counts things; give a whole number.")
+            raise ParameterError(f"{where}: '{self.name}' = {value:g} is a count; give a whole number.")
         return float(value)
 
     def _mend(self, value: float) -> str:
@@ -83,23 +83,23 @@ def parameter(
     whole: bool = False,
     scales: str = "",
 ) -> Any:
-    """Declare a parameter as a field of a module, with what the table says of it.
+    """Declare a parameter as a field of a module.
 
     Args:
-        default: the value where nobody gives one; of an effect, a middling one.
-        unit: SI, or degC, A h and months where the name says so; "" is a pure number.
+        default: the default value; for an effect, a typical one.
+        unit: SI, or degC, A h and months according to the name; "" for a pure number.
         meaning: one line for the table.
         symbol: the paper's symbol.
         equation: the paper's equation number.
-        lower: smallest value that makes sense.
-        upper: largest value that makes sense.
-        transform: "log" where only positive values make sense and fits run on the logarithm.
-        source: where the default comes from, or "assumed".
-        null: of an effect's amplitude, the value at which the model is the base model, to the bit.
-        typical: of an effect's parameter, the range that a designer meets often.
-        shape_grid: of a parameter that has no derivative at the effect's null, the values to be tried.
-        whole: True of a number of things.
-        scales: how `typical` and `shape_grid` grow with the cell or motor, as in "1/capacity"; "" where they do not.
+        lower: smallest valid value.
+        upper: largest valid value.
+        transform: "log" for positive parameters that are fitted on the logarithm.
+        source: of the default, or "assumed".
+        null: value of an effect's amplitude at which the model is exactly the base model.
+        typical: usual range of an effect's parameter.
+        shape_grid: values to be tried for a parameter without derivative at the effect's null.
+        whole: True for a count.
+        scales: how `typical` and `shape_grid` scale with the cell or motor, as in "1/capacity"; "" if they do not.
     """
     info = {
         "unit": unit,
@@ -121,7 +121,7 @@ def parameter(
 
 
 def _as_array(value: Any) -> Any:
-    """Make numbers float64 arrays; leave alone what a transformation put there (tracers, None, axes)."""
+    """Convert numbers to float64 arrays; leave tracers, None and axes unchanged."""
     return jnp.asarray(value, dtype=float) if isinstance(value, int | float) else value
 
 

@@ -1,4 +1,4 @@
-"""Errors a user can cause: each says what is wrong, where, and what to do."""
+"""Errors caused by user input: each states what is wrong, where, and what to do."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 
 class UserError(ValueError):
-    """A mistake in what the user brought; its text is one sentence meant for the terminal."""
+    """An error in user input; its text is one sentence for the terminal."""
 
 
 class ParameterError(UserError):
@@ -15,19 +15,19 @@ class ParameterError(UserError):
 
 
 class MeasurementError(UserError):
-    """A case folder, its TOML or one of its CSV files cannot be used as it is."""
+    """A case folder, its TOML file or one of its CSV files cannot be used."""
 
 
 class SweepError(UserError):
-    """A sweep study asks for something that cannot be run."""
+    """A study cannot be run."""
 
 
 class FitError(UserError):
-    """A calibration cannot be set up from what the case declares."""
+    """A case cannot be calibrated."""
 
 
 class EffectError(UserError):
-    """An effect is unknown, does not apply to this kind of model or is wrongly written."""
+    """An effect is unknown, does not apply to this kind of model, or is not valid."""
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -1,4 +1,4 @@
-"""The one form that every slow state has, and the one place where it is integrated."""
+"""The common form of all slow states, and its integration."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ State = dict[str, Array]
 class Flow(eqx.Module):
     """dx/dt = source - decay x: an integral where decay is zero, else a relaxation to source / decay.
 
-    Written with the decay rather than the time constant, so that a relaxation may stop altogether (hysteresis at zero
-    current) without an infinity, and with finite derivatives. Where the target is known it is kept beside: with it the
-    solution takes one exponential and no division.
+    It uses the decay instead of the time constant, so that a relaxation may stop (hysteresis at zero current) with
+    finite values and derivatives. A known target is kept too: with it the solution needs one exponential and no
+    division.
     """
 
     source: Float[Array, ""]
@@ -48,7 +48,7 @@ def advance(state: State, flows: dict[str, Flow], duration) -> State:
     moved = dict(state)
     for name, flow in flows.items():
         if flow.target is not None:
-            # What rounds off in 1 - e^-z is a rounding of the target; `expm1` would cost as much as three of these.
+            # Rounding in 1 - e^-z only rounds the target; `expm1` would cost three times as much.
             moved[name] = state[name] + (flow.target - state[name]) * (1.0 - jnp.exp(-flow.decay * duration))
             continue
         # x + h (source - d x) mean(e^-ds) is the same solution, and exact for an integral.

@@ -1,4 +1,4 @@
-"""Every setting of JAX and its compiler that this project makes, and the switch that leaves them alone.
+"""All settings of JAX and its compiler that this project makes, and the variable that disables them.
 
 Importing `jaxmodel` calls `apply`. The environment variable JAXMODEL_JAX_SETTINGS=off, set before the import, leaves
 JAX as it is: float32 unless the user asks for float64, one device for all cores.
@@ -17,18 +17,18 @@ import jax
 
 SWITCH = "JAXMODEL_JAX_SETTINGS"
 CACHE_VARIABLE = "JAXMODEL_CACHE"
-# Of a sweep's program. Vectors of 512 bits halve the time of a step where the processor has them, and change nothing
-# where it has not.
+# Compiler options of a sweep. Vectors of 512 bits halve the time of a step on processors that have them, and change
+# nothing on others.
 SWEEP_OPTIONS: dict[str, str | bool] = {"xla_cpu_prefer_vector_width": "512"}
 
 _SUMS_TO_A_LIBRARY = "xla_cpu_experimental_ynn_fusion_type"
 
 
 def apply() -> None:
-    """Switch on float64, one device per core, and kernels that hold their sums; nothing where the user says so.
+    """Enable float64, one device per core, and reductions inside kernels, unless the user disables this.
 
-    The model's accuracy (SOC to 1e-6 over hours) is out of reach of float32, and JAX counts its devices once, at the
-    first array: there is no later moment to ask.
+    The accuracy of the model (SOC to 1e-6 over hours) needs float64. JAX determines its devices once, at the first
+    array, so that this must happen on import.
     """
     if os.environ.get(SWITCH, "").lower() in ("off", "0", "no", "false"):
         return
@@ -38,25 +38,25 @@ def apply() -> None:
 
 
 def use_all_cores() -> None:
-    """Let JAX see one device per core of the processor, unless it is too late or the user chose a number.
+    """Give JAX one device per CPU core, unless it is too late or the user chose a number.
 
-    Accelerators stay what they are.
+    Accelerators are unaffected.
     """
     chosen = jax.config.jax_num_cpu_devices >= 0  # type: ignore[attr-defined]
     if chosen or "xla_force_host_platform_device_count" in os.environ.get("XLA_FLAGS", ""):
         return
     try:
         jax.config.update("jax_num_cpu_devices", _cores())
-    except RuntimeError:  # another program of the user's has made arrays before
+    except RuntimeError:  # JAX is already initialised
         return
 
 
 def _keep_sums_in_kernels() -> None:
-    """Keep XLA from handing sums to a library, which it cannot call from within a kernel (see `jaxmodel.kernel`).
+    """Prevent XLA from using a library for sums, which it cannot call inside a kernel (see `jaxmodel.kernel`).
 
-    With a cell's tables in a step over many lanes, jaxlib 0.10 else ends a compilation with "Fusion kind not
-    implemented on CPU". XLA reads the flag when it first compiles, and aborts on one that it does not know: it is set
-    for the versions that have been seen to know it.
+    Otherwise, with the tables of a cell in a step over many lanes, jaxlib 0.10 ends compilation with "Fusion kind not
+    implemented on CPU". XLA reads the flag when it first compiles, and aborts on unknown flags: it is set only for
+    versions that are known to have it.
     """
     flags = os.environ.get("XLA_FLAGS", "")
     if version("jaxlib").startswith("0.10.") and _SUMS_TO_A_LIBRARY not in flags:
@@ -69,7 +69,7 @@ def _cores() -> int:
 
 
 def cache_folder() -> Path:
-    """Return where compiled programs are kept: JAXMODEL_CACHE, or `jaxmodel` in the platform's folder for caches."""
+    """Return the folder of compiled programs: JAXMODEL_CACHE, or `jaxmodel` in the cache folder of the platform."""
     if chosen := os.environ.get(CACHE_VARIABLE):
         return Path(chosen).expanduser()
     if sys.platform == "win32":
@@ -82,21 +82,21 @@ def cache_folder() -> Path:
 
 
 def keep_compiled_programs() -> str:
-    """Keep compiled programs on disk, so that the next process reads them back in a tenth of the time.
+    """Store compiled programs on disk, so that the next process loads them in a tenth of the time.
 
-    The command line does this at the start of every command; a notebook may. The smallest programs are kept too: a
-    hundred of a few milliseconds each would take a second and a half every time. A folder that the user chose by JAX's
-    own variable, JAX_COMPILATION_CACHE_DIR, is left alone.
+    The command line does this at the start of every command; a notebook may. Small programs are stored too: about a
+    hundred of a few milliseconds each would take a second and a half every time. A folder set by JAX's own variable,
+    JAX_COMPILATION_CACHE_DIR, is respected.
 
     Returns:
-        Why the folder cannot be used, as a sentence; "" where it can. Nothing is lost then but time.
+        A sentence on why the folder cannot be used, "" if it can; without it programs are compiled again.
     """
     if "JAX_COMPILATION_CACHE_DIR" in os.environ:
         return ""
     problem = ""
     if reason := _not_writable(cache_folder()):
         problem = (
-            f"Compiled programs cannot be kept in {cache_folder()}: {reason}; the next run will compile again. Set "
+            f"Compiled programs cannot be stored in {cache_folder()}: {reason}; the next run will compile again. Set "
             f"{CACHE_VARIABLE} to a folder that can be written."
         )
         warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache")  # once is enough
@@ -107,7 +107,7 @@ def keep_compiled_programs() -> str:
 
 
 def _not_writable(folder: Path) -> str:
-    """Return why no file can be written into a folder, which is made if need be; "" where one can."""
+    """Return why a folder is not writable, '' if it is; it is created if necessary."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

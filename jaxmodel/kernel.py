@@ -1,4 +1,4 @@
-"""A scan as one compiled kernel on a processor, where XLA would else dispatch one for each operation of a step."""
+"""A scan as one compiled CPU kernel; otherwise XLA would dispatch a kernel for each operation of a step."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from jax.core import Tracer, eval_jaxpr
 from jax.experimental.xla_metadata import set_xla_metadata
 from jax.extend.core import ClosedJaxpr, Jaxpr
 
-# What XLA cannot emit inside another kernel on a processor: sorting, scattering, linear algebra, callbacks, FFTs.
+# Operations that XLA cannot emit inside another CPU kernel: sorting, scattering, linear algebra, callbacks, FFTs.
 _NEEDS_A_KERNEL = (
     "sort", "top_k", "scatter", "dot_general", "conv_general", "fft", "cholesky", "lu", "qr", "svd", "eig", "schur",
     "triangular", "tridiagonal", "householder", "callback", "custom_call", "ffi", "threefry", "rng", "cumsum",
@@ -19,14 +19,14 @@ _NEEDS_A_KERNEL = (
 
 
 def as_one_kernel(function: Callable, *arguments):
-    """Return function(*arguments), compiled as one kernel where the backend is a processor and its operations allow it.
+    """Return function(*arguments), compiled as one kernel if the backend is a CPU and its operations allow it.
 
-    A scan over a step of some hundred scalar operations then costs arithmetic instead of dispatches: measured 4 to 20
-    times as fast, its derivatives too. Values are the same to rounding. Pure; may be vmapped and differentiated.
+    A scan over a step of some hundred scalar operations then runs without dispatch overhead: 4 to 20 times as fast,
+    also for derivatives. Values are the same to rounding. Pure; may be vmapped and differentiated.
 
-    Put no loop of a program around it (`lax.map`, `scan`, `while_loop`): loop on the host, or put the loop inside. Such
-    a loop, over 90,000 readings of 6 runs, ended elsewhere in 3 of 112 fits on a busy machine (jaxlib 0.10.2); the same
-    program without the loop gave the same bits in all of 600 evaluations.
+    Do not put a compiled loop around it (`lax.map`, `scan`, `while_loop`): loop on the host, or put the loop inside.
+    With such a loop over 90,000 readings of 6 runs, 3 of 112 fits gave a different result on a busy machine (jaxlib
+    0.10.2); without the loop all of 600 evaluations were identical.
     """
     if jax.default_backend() != "cpu":
         return function(*arguments)
@@ -41,10 +41,9 @@ def as_one_kernel(function: Callable, *arguments):
 
 
 def holds_constants(values: object) -> bool:
-    """Return True where a program that is being traced would hold some of these arrays as constants.
+    """Return True if a traced program would contain some of these arrays as constants.
 
-    XLA's compiler for processors aborts on a kernel that is given a constant array. What a caller under `jax.jit` wants
-    fast, it passes to its function as an argument.
+    The CPU compiler of XLA aborts on kernels with constant arrays. Under `jax.jit`, pass such arrays as arguments.
     """
     staged = isinstance(jnp.zeros(()), Tracer)
     arrays = [leaf for leaf in jax.tree.leaves(values) if isinstance(leaf, jax.Array) and leaf.ndim > 0]
@@ -52,7 +51,7 @@ def holds_constants(values: object) -> bool:
 
 
 def _fits_one_kernel(jaxpr: Jaxpr) -> bool:
-    """Return True where every operation can be part of one kernel."""
+    """Return True if all operations can be part of one kernel."""
     names = _primitives(jaxpr)
     return not any(name.startswith(_NEEDS_A_KERNEL) or name.endswith("callback") for name in names)
 

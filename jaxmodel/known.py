@@ -1,4 +1,4 @@
-"""What a file states of a piece of hardware, checked: numbers with their uncertainty, and curves."""
+"""Stated values of hardware, checked: numbers with their sd, and curves."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from jaxmodel.parameters import info
 
 @dataclasses.dataclass(frozen=True)
 class Known:
-    """What is known of a number: its value, and its standard deviation (None: known exactly)."""
+    """A stated number: its value and standard deviation (None: exact)."""
 
     value: float
     sd: float | None = None
@@ -28,7 +28,7 @@ class Table:
         values: V of `ocv`, ohm of `R_ints`, `R_TS` and `R_TL`, F of `C_TS` and `C_TL`; shape (soc,), or
             (temperature, soc) where `temperature_degC` is given.
         temperature_degC: strictly increasing temperatures, shape (temperature,), or None.
-        sd: how well the values are known: V of `ocv`, a share of the value of the others; None: known exactly.
+        sd: of the values: V of `ocv`, a share of the value of the others; None: exact.
     """
 
     soc: np.ndarray
@@ -39,14 +39,14 @@ class Table:
 
 @dataclasses.dataclass(frozen=True)
 class Tolerance:
-    """The error of a reading that the user can live with, in its unit: its rms, and its largest (None: any)."""
+    """The acceptable error of a reading, in its unit: rms, and maximum (None: any)."""
 
     rms: float
     max: float | None = None
 
 
 def scalars(entries: Mapping[str, KnownEntry], where: str) -> dict[str, Known]:
-    """Return scalar parameters after a look at their bounds.
+    """Return scalar parameters, checked against their bounds.
 
     Raises:
         ParameterError: one is unknown or outside its bounds.

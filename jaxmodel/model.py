@@ -1,4 +1,4 @@
-"""The model: which kind, which parameters, curves and effects; its pure step and what its sensors would read."""
+"""The model: kind, parameters, curves and effects; its pure step and its ideal readings."""
 
 from __future__ import annotations
 
@@ -78,13 +78,13 @@ def step(model: Model, state: State, inputs: Inputs, duration: Scalar) -> State:
 
 
 def _once(values):
-    """Keep the compiler from computing these anew in every kernel that uses them."""
+    """Prevent the compiler from recomputing these in every kernel that uses them."""
     arrays, rest = eqx.partition(values, eqx.is_array)
     return eqx.combine(jax.lax.optimization_barrier(arrays), rest)
 
 
 def read(model: Model, state: State, inputs: Inputs) -> Readings:
-    """Return what ideal sensors read in a state under inputs, by the names of case files; temperatures in degC."""
+    """Return ideal readings in a state under inputs, by the names of case files; temperatures in degC."""
     inputs = true_inputs(model, inputs)
     cell, motor = _parts(model, state, inputs)
     readings: Readings = {}
@@ -112,7 +112,7 @@ def read(model: Model, state: State, inputs: Inputs) -> Readings:
 
 
 def valid(model: Model, state: State, inputs: Inputs) -> Any:
-    """Return True where the cell's equations make sense: within tables and formulas, with resistance and capacity."""
+    """Return True where the cell's equations are valid: within tables and formulas, with positive resistances."""
     if model.kind == "motor":
         return jnp.asarray(True)
     cell, _ = _parts(model, state, true_inputs(model, inputs))
@@ -125,7 +125,7 @@ def valid(model: Model, state: State, inputs: Inputs) -> Any:
 
 
 def true_inputs(model: Model, inputs: Inputs) -> Inputs:
-    """Return the inputs as they truly were, where an effect says that their sensor is wrong."""
+    """Return the true inputs, if effects say that their sensors are wrong."""
     for effect in model.effects:
         correct = getattr(effect, "true_input", None)
         if correct is not None and effect.column in inputs:
@@ -137,7 +137,7 @@ def true_inputs(model: Model, inputs: Inputs) -> Inputs:
 
 
 def _parts(model: Model, state: State, inputs: Inputs) -> tuple[Cell | None, Motor | None]:
-    """Evaluate everything that depends on the slow state alone; an effect's own inputs, 'effect.input', show there."""
+    """Evaluate everything that depends only on the slow state; includes an effect's own inputs, 'effect.input'."""
     state = state | {name: value for name, value in inputs.items() if "." in name}
     ambient = inputs["ambient_degC"]
     cell = motor = None

@@ -14,18 +14,18 @@ from jaxmodel.parameters import Parameters
 from jaxmodel.ports import Effect, MotorContext, fold, touches
 
 TerminalVoltage = Callable[[Scalar], Scalar]
-# A secant is never shorter than this share of its variable (and of 1 A or 1 rad/s): short enough to be a tangent, long
-# enough to lose but 1e-13 of it to rounding.
+# Shortest secant, as a share of its variable (and of 1 A or 1 rad/s): short enough to be a tangent, long enough to lose
+# only 1e-13 to rounding.
 SMALLEST_SECANT = 1e-3
-# In a long step the torque follows the current by at least this share of its chord to zero current: its tangent does
-# while the current is below a third of that which halves it.
+# In a long step the slope of torque over current is at least this share of its chord to zero current: that of its
+# tangent at a third of the current that halves the torque.
 CHORD_SHARE = 0.8
-# Below this speed in rad/s a rotor that friction holds is at rest: its sign is that of a rounding error.
+# Speed in rad/s below which a rotor held by friction is at rest: its sign is a rounding error.
 STANDSTILL = 1e-9
 
 
 class Motor(eqx.Module):
-    """The quantities of one motor that do not depend on its present current and speed."""
+    """The quantities of one motor that do not depend on its current and speed."""
 
     context: MotorContext
     effects: tuple[Effect, ...]
@@ -106,7 +106,7 @@ def _driving_torque(motor: Motor, pair: Pair) -> Scalar:
 
 
 def _secant_end(start: Scalar, expected: Scalar, rate: Scalar) -> Scalar:
-    """Return where a secant from `start` ends: at what is expected; too near for that, just ahead, as a tangent."""
+    """Return the end of a secant from `start`: the expected value, or a point just ahead if that is too close."""
     ahead = SMALLEST_SECANT * (1.0 + jnp.abs(start))
     change = expected - start
     return start + jnp.where(jnp.abs(change) > ahead, change, jnp.where(rate < 0.0, -ahead, ahead))
@@ -130,14 +130,13 @@ def run(
 
     Args:
         now: the motor at the start of the step.
-        later: the motor at the state that stands for the step; its coefficients are those linearised.
+        later: the motor at the state that represents the step; its coefficients are linearised.
         voltage_now: terminal voltage (V) as a function of i_a (A), at the start.
         voltage_later: the same, at the later state.
         duration: of the step, s.
         lead: seconds from the start to the later state; 0 where it is the same.
-        expected: i_a and w towards which the step goes, as far as is known; zeros where it is not. The linearisation is
-            the secant up to there: exact where the pair is linear, and a tangent would step over the bend of an effect
-            (brush drop, saturation).
+        expected: expected i_a and w at the end, zeros if unknown. The linearisation is the secant up to there: exact
+            for a linear pair, while a tangent would miss the nonlinearity of an effect (brush drop, saturation).
     """
     pair = Pair(now.context.current_A, now.context.speed_rad_s)
     inertia = now.context.parameters.J
@@ -146,7 +145,7 @@ def run(
     rate_now = at_start if now is later else rates(now, voltage_now(pair.current), pair)
     level = _coulomb_torque(later, pair.speed)
     if now is not later and touches(later.effects, "coulomb_torque"):
-        # The level below is that of the later state; what it has yet to grow until then is missing from the start.
+        # The friction level below is that of the later state; its growth until then is missing at the start.
         direction = jnp.where(jnp.abs(pair.speed) > STANDSTILL, jnp.sign(pair.speed), 0.0)
         growth = direction * (level - _coulomb_torque(now, pair.speed)) / inertia
         rate_now = Pair(rate_now.current, rate_now.speed + growth)
@@ -169,17 +168,16 @@ def run(
 
 
 def _following_the_torque(jacobian: Matrix, motor: Motor, start: Pair, end: Pair, duration: Scalar) -> Matrix:
-    """Bound d(dw/dt)/di from below in a step that is long beside the rotor's time constant.
+    """Bound d(dw/dt)/di from below in a step that is long compared with the rotor's time constant.
 
-    Where saturation makes the torque fall as the current grows, the secant of a long step would keep the torque up
-    while the current falls, and the rotor would run far past its equilibrium. There the torque follows nearly its chord
-    to zero current, that of the end which saturates more. Steps shorter than that constant keep their secant: it is
-    what makes the start, and the heat of its inrush, right.
+    If saturation makes the torque fall as the current grows, the secant of a long step would keep the torque up while
+    the current falls, and the rotor would overshoot its equilibrium. There the torque follows approximately its chord
+    to zero current. Shorter steps keep their secant, which gives a correct start and a correct heat of the inrush.
     """
     inertia = motor.context.parameters.J
 
     def chord(pair: Pair) -> Scalar:
-        none = jnp.abs(pair.current) < SMALLEST_SECANT  # of a motor that has come to rest, 1e-250 A
+        none = jnp.abs(pair.current) < SMALLEST_SECANT  # of a motor at rest, 1e-250 A
         torque = _driving_torque(motor, pair)
         return jnp.where(none, motor.torque_constant, torque / jnp.where(none, 1.0, pair.current)) / inertia
 
@@ -190,7 +188,7 @@ def _following_the_torque(jacobian: Matrix, motor: Motor, start: Pair, end: Pair
 
 
 def _bend_of_the_drop(motor: Motor, start: Pair, secant_end: Pair) -> Bend:
-    """Return what a voltage drop is beyond its secant in the current: near zero current it bends sharply."""
+    """Return the deviation of a voltage drop from its secant in the current; it is large near zero current."""
     at_start = _voltage_drop(motor, start)
     at_end = _voltage_drop(motor, Pair(secant_end.current, start.speed))
     slope = (at_end - at_start) / (secant_end.current - start.current)
@@ -216,7 +214,7 @@ def run_at_current(motor: Motor, current_A: Scalar, duration: Scalar) -> Armatur
 
 
 def loss(motor: Motor, step: ArmatureStep) -> Scalar:
-    """Return the mean power in W that heats the winding over a step, eq. 16 as the design reads it.
+    """Return the mean power in W that heats the winding over a step, eq. 16.
 
     P_M = i_a^2 R + |w| (sum of the motor's friction torques), the first with the variance of i_a over the step.
     """

@@ -14,7 +14,7 @@ from jaxmodel.parameters import TABLE
 
 
 def parameter_table(model: Model) -> dict[str, ParameterInfo]:
-    """Return what is known of every named number of a model: the base parameters, then those of its effects."""
+    """Return the declarations of all named numbers of a model: base parameters, then those of its effects."""
     table = dict(TABLE)
     for effect in model.effects:
         table |= {f"{effect.label}.{name}": info for name, info in describe(effect).items()}
@@ -22,7 +22,7 @@ def parameter_table(model: Model) -> dict[str, ParameterInfo]:
 
 
 def value(model: Model, name: str) -> Any:
-    """Return the number called `name`; raise ParameterError with the nearest name where there is none."""
+    """Return the number called `name`; raise ParameterError with the nearest name if there is none."""
     owner, field = _find(model, name)
     return getattr(owner, field)
 
@@ -50,7 +50,7 @@ def _find(model: Model, name: str) -> tuple[Any, str]:
     label, _, field = name.rpartition(".")
     owners = {"": model.parameters} | {effect.label: effect for effect in model.effects}
     owner = owners.get(label)
-    # A curve's knots are one number of many values; the switch is no number of the physics.
+    # Curves are vectors, and the switch is no physical parameter.
     known_field = owner is not None and (field in describe(owner) or (label and field in ("switch", "values")))
     if owner is None or not known_field or not hasattr(owner, field):
         known = [*TABLE, *(f"{effect.label}.{f}" for effect in model.effects for f in describe(effect))]

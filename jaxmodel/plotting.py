@@ -1,4 +1,4 @@
-"""Pictures of simulated cases, drawn by `plots` when they are asked for: matplotlib is not loaded before."""
+"""Pictures of simulated cases; `plots` and matplotlib are imported only when one is drawn."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ class SimulationPlots:
     simulation: Any
 
     def __call__(self, run: str | None = None) -> Figure:
-        """Draw a run by its name, the first by default: its inputs, and every reading beside what was measured.
+        """Draw a run by its name, the first by default: inputs, simulated readings and measurements.
 
         Raises:
-            MeasurementError: no run is called so.
+            MeasurementError: there is no such run.
         """
         from plots import runs
 

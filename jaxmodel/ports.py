@@ -1,9 +1,8 @@
 """Ports: the named constitutive relations of the model, and how an effect enters through them.
 
-An effect is one small class. It declares its parameters, names the kinds it applies to, and has a method of the port's
-name for each port it touches, which takes the port's value and the context and returns the new value. The model folds
-its effects over each port, in their order. An effect that has states of its own also gives their initial values and
-their flows.
+An effect is a class that declares its parameters and the kinds it applies to. For each port that it changes it has a
+method with the name of the port, which takes the port's value and the context and returns the new value. The model
+applies its effects to each port in order. An effect with states also gives their initial values and flows.
 """
 
 from __future__ import annotations
@@ -21,10 +20,10 @@ from jaxmodel.parameters import Parameters
 
 
 class CellContext(eqx.Module):
-    """What an effect on a port of the cell may know: all of one cell, SI, temperatures in degC.
+    """The quantities available to an effect on a port of the cell: for one cell, SI, temperatures in degC.
 
-    The ports come in order: temperature, usable charge, open-circuit voltage and resistances, then what the current
-    does. What a port's order has not reached yet is zero in its context.
+    Ports are evaluated in order: temperature, usable charge, open-circuit voltage and resistances, then quantities that
+    depend on the current. Quantities of later ports are zero in the context.
     """
 
     parameters: Parameters
@@ -46,9 +45,9 @@ class CellContext(eqx.Module):
 
 
 class MotorContext(eqx.Module):
-    """What an effect on a port of the motor, its bridge or the on-board electronics may know.
+    """The quantities available to an effect on a port of the motor, its bridge or the on-board electronics.
 
-    Kind motor has neither duty nor pack: there the duty is 1 and the pack voltage that of the terminals.
+    Kind motor has no duty and no pack: there the duty is 1 and the pack voltage is the terminal voltage.
     """
 
     parameters: Parameters
@@ -71,18 +70,18 @@ CELL_PORTS = {
     "series_resistance": "ohm; R_ints + R_cyc, eqs. 7, 9 and 10",
     "rc_resistance": "ohm; R_TS and R_TL in turn, eqs. 3 and 5",
     "rc_capacitance": "F; C_TS and C_TL in turn, eqs. 4 and 6",
-    "heat_transfer": "factor on the heat that one cell passes to the ambient, 1 where nothing changes it",
-    "overpotential": "V lost beside i R, V_TS and V_TL",
+    "heat_transfer": "factor on the heat transfer of one cell to the ambient, 1 without effects",
+    "overpotential": "V lost in addition to i R, V_TS and V_TL",
     "cell_heat": "W made in one cell",
-    "weakest_cell_voltage": "V that the weakest cell of the pack falls short of the others",
+    "weakest_cell_voltage": "V by which the weakest cell of the pack is below the others",
     "surface_temperature": "degC at a thermometer on the cell; that of the cell in the base model",
 }
 MOTOR_PORTS = {
     "torque_constant": "N m/A and V s/rad; eqs. 11 and 12",
     "motor_torque": "N m; eq. 12",
     "winding_resistance": "ohm; eq. 17",
-    "armature_voltage_drop": "V lost beside i R and the back-EMF",
-    "coulomb_torque": "N m; friction of constant size against the motion, which holds at standstill",
+    "armature_voltage_drop": "V lost in addition to i R and the back-EMF",
+    "coulomb_torque": "N m; friction of constant size against the motion, also at standstill",
     "friction_torque": "N m; friction that grows smoothly with speed, signed as the speed",
     "load_torque": "N m; signed, active",
     "motor_loss": "W that heat the winding; eq. 16",
@@ -90,7 +89,7 @@ MOTOR_PORTS = {
     "onboard_current": "A; eq. 20",
 }
 SENSOR_PORTS = {
-    "true_input": "a measured input, as it truly was",
+    "true_input": "the true value of a measured input",
     "reading": "a sensor's reading of an output over the whole run",
 }
 PORTS = CELL_PORTS | MOTOR_PORTS | SENSOR_PORTS
@@ -100,26 +99,26 @@ _HOOKS = {"initial_state", "flows"}
 class Effect(eqx.Module):
     """A candidate effect: parameters as fields, one method for each port it touches.
 
-    `column` is that of a sensor effect, "" for others, and `reads` the ending of the columns that it may sit on ("" is
-    one for all outputs). `told_by` is the parameter that must differ between runs for them to tell the effect from a
-    calibration. `switch` is for those who test many effects at once: at 0 the effect is absent to the bit, at 1
-    present, and the derivative by it at 0 is the direction in which the effect moves the model. None, the default, is a
-    plain 1.
+    `column` is the column of a sensor effect, "" for others; `reads` is the ending of its possible columns ("" for one
+    effect on all outputs). `distinguished_by` is the parameter that must differ between runs to distinguish the effect
+    from a calibration. `has_state` marks sensor effects with internal state or delay. `switch` serves to test many
+    effects at once: at 0 the effect is absent, exactly; at 1 it is present; the derivative at 0 is the direction in
+    which it moves the model. None, the default, means 1.
     """
 
     name: ClassVar[str]
     kinds: ClassVar[tuple[str, ...]]
     equation: ClassVar[str]
     is_sensor: ClassVar[bool] = False
-    has_memory: ClassVar[bool] = False
+    has_state: ClassVar[bool] = False
     reads: ClassVar[str] = ""
-    told_by: ClassVar[str] = ""
+    distinguished_by: ClassVar[str] = ""
 
     column: str = eqx.field(static=True, default="")
     switch: Scalar | None = None
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
-        """Refuse a class whose methods are not ports: a misspelt one would silently do nothing."""
+        """Refuse a class whose methods are not ports: a misspelt method would have no effect."""
         super().__init_subclass__(**kwargs)
         for method, value in vars(cls).items():
             if inspect.isfunction(value) and not method.startswith("_") and method not in PORTS.keys() | _HOOKS:
@@ -130,7 +129,7 @@ class Effect(eqx.Module):
 
     @property
     def label(self) -> str:
-        """Return the name that tells this effect from others of the same model."""
+        """Return the name of this effect, unique in a model."""
         return self.name
 
     def initial_state(self, parameters: Parameters, ambient_degC: Scalar) -> State:
@@ -143,7 +142,7 @@ class Effect(eqx.Module):
 
 
 def fold(effects: tuple[Effect, ...], port: str, value: Any, context: Any) -> Any:
-    """Pass a port's value through every effect that touches the port, in order."""
+    """Apply every effect that acts on a port to its value, in order."""
     for effect in effects:
         method = getattr(effect, port, None)
         if method is None:

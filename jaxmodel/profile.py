@@ -1,4 +1,4 @@
-"""Profiles: inputs over time, and the grid of steps on which a run is integrated."""
+"""Input profiles, and the grid of steps on which a run is integrated."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from jaxtyping import Array
 from jaxmodel.errors import MeasurementError
 from jaxmodel.robot import duty_of_signal
 
-# The armature is solved exactly where it is linear; the steps after a jump grow from a fraction of its electrical time
-# constant so that what is nonlinear (friction, saturation, brushes) and the heat of the inrush are resolved.
+# The linear armature is solved exactly; steps after a jump grow from a fraction of the electrical time constant, to
+# resolve nonlinear effects (friction, saturation, brushes) and the heat of the inrush.
 FIRST_STEP_SHARE = 0.25
 GROWTH = 2.0
-# Iron that saturates prolongs the inrush, and its heat tells how strongly. Of 25 motors of low resistance, each started
-# and braked a dozen times, three quarters have that heat right to 0.006 K then; to 0.16 K where steps double.
+# Growth of steps with saturation, which prolongs the inrush. For 25 motors of low resistance, each started and braked a
+# dozen times, the heat of the inrush is then correct to 0.006 K in three quarters of them; to 0.16 K if steps double.
 GROWTH_SATURATING = 1.2
-# A bend that is crossed within a step costs the speed some share^2 / 8 of the acceleration there; a motor has settled
-# to 1 part in 150 after five time constants.
+# A kink within a step changes the speed by some share^2 / 8 of the acceleration there; a motor has settled to 1 part in
+# 150 after five time constants.
 BENDING_STEP_SHARE = 0.25
 SETTLED = 5.0
 
@@ -38,7 +38,7 @@ class Profile:
     inputs: dict[str, np.ndarray]
 
     def __post_init__(self) -> None:
-        """Check shapes and order, and turn the operator's signal into a duty (eq. 22)."""
+        """Check shapes and order, and convert the operator's signal to a duty (eq. 22)."""
         time = np.asarray(self.time_s, dtype=float)
         inputs = {name: np.broadcast_to(np.asarray(v, dtype=float), time.shape) for name, v in self.inputs.items()}
         if time.size < 2 or np.any(np.diff(time) <= 0.0):
@@ -57,10 +57,10 @@ def constant(duration_s: float, step_s: float, **inputs: float) -> Profile:
 
 @dataclasses.dataclass(frozen=True)
 class Grid:
-    """The steps of a run: their durations, the profile row each belongs to, and where each row ends.
+    """The steps of a run: durations, profile row of each step, and last step of each row.
 
     Attributes:
-        duration_s: shape (steps,); a padded grid ends in steps of zero length, which change nothing.
+        duration_s: shape (steps,); padding steps at the end have zero length and no effect.
         row: shape (steps,), the row of the profile whose inputs hold over the step.
         last_step: shape (rows - 1,), the step that ends at each row after the first.
     """
@@ -80,7 +80,7 @@ class Grid:
 
 
 class Track(eqx.Module):
-    """A run on the device: steps, inputs of the first row and of each step, and the step that ends at each later row.
+    """A run as arrays on the device: steps, inputs of the first row and of each step, and last step of each later row.
 
     Steps are counted from 0 in `last_step`, shape (rows - 1,); `inputs` have shape (1 + steps,).
     """
@@ -91,7 +91,7 @@ class Track(eqx.Module):
 
     @property
     def at_rows(self) -> Array:
-        """Return where the rows are among the start and the ends of all steps, shape (rows,)."""
+        """Return the indices of the rows among the start and the ends of all steps, shape (rows,)."""
         return jnp.concatenate([jnp.zeros(1, dtype=self.last_step.dtype), self.last_step + 1])
 
 
@@ -105,10 +105,10 @@ def make_grid(
 
     Args:
         profile: inputs over time.
-        electrical_time_constant_s: L_a / R of the motor, or None where there is no motor to start.
-        bending_time_constants_s: R J / k^2 of a motor whose law bends as its current passes zero: while its speed
-            settles after a jump, steps stay a small share of it. The shortest and the longest of motors in many lanes.
-        growth: how many times as long as the step before it each one after a jump is.
+        electrical_time_constant_s: L_a / R of the motor, or None without a motor.
+        bending_time_constants_s: R J / k^2 of a motor with a kink at zero current: while its speed settles after a
+            jump, steps stay a small share of it. The shortest and the longest of motors in many lanes.
+        growth: ratio of each step after a jump to the previous one.
     """
     rows = np.diff(profile.time_s)
     if electrical_time_constant_s is None:
@@ -130,9 +130,9 @@ def make_grid(
 
 
 def _fine_while_settling(parts: list[float], since_jump: float, shortest: float, longest: float) -> list[float]:
-    """Cut the steps that begin while a motor settles so that none is longer than a share of its time constant.
+    """Divide steps that begin while a motor settles, so that none is longer than a share of its time constant.
 
-    Of many motors those with shorter constants have settled before; the others say how long a step may be.
+    Motors with shorter time constants have settled before; the others determine the step.
     """
     fine = []
     for part in parts:
@@ -152,7 +152,7 @@ def growing_steps(span: float, first: float, growth: float = GROWTH) -> list[flo
 
 
 def _jumps(profile: Profile) -> np.ndarray:
-    """Tell after which rows an input that moves the motor changed; the first interval starts the motor."""
+    """Return after which rows an input of the motor changed; the first interval starts the motor."""
     moving = [values for name, values in profile.inputs.items() if name != "ambient_degC"]
     changed = np.any([np.diff(values) != 0.0 for values in moving], axis=0)
     changed[0] = True

@@ -1,4 +1,4 @@
-"""The robot around the motors: duty, slope, flippers, on-board draw and the pack that feeds all (eqs. 14, 18-22)."""
+"""The robot: duty, slope, flippers, on-board electronics and the pack that supplies all (eqs. 14, 18-22)."""
 
 from __future__ import annotations
 
@@ -65,9 +65,9 @@ def accessory_draw(p: Parameters, inputs: Inputs) -> Scalar:
 def pack(cell: Cell, motor: Motor, accessories_A: Scalar, motor_current_A: Scalar) -> tuple[Scalar, Scalar]:
     """Return the pack's voltage (V) and current (A) for a current in each track motor, eqs. 14 and 21.
 
-    i_draw = n rho i_a + I_Mf + I_Ma + I_ob and V_pack = n_series V_cell. Where an effect lets the on-board draw depend
-    on the pack's voltage, the loop is closed by repetition on the secant of the pack's voltage over its current: the
-    draw changes the voltage by some 1e-3 of itself, so that three rounds reach rounding.
+    i_draw = n rho i_a + I_Mf + I_Ma + I_ob and V_pack = n_series V_cell. If an effect makes the on-board draw depend on
+    the pack's voltage, the loop is solved by iteration on the secant of the pack's voltage over its current: the draw
+    changes the voltage by some 1e-3 of itself, so that three iterations reach rounding.
     """
     p = cell.context.parameters
     motors_A = p.n_motors * motor.context.duty * motor_current_A + accessories_A

@@ -1,4 +1,4 @@
-"""The root of a rising scalar function, as part of a compiled step."""
+"""The root of an increasing scalar function, as part of a compiled step."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ import jax.numpy as jnp
 
 from jaxmodel.declaration import Scalar
 
-# The bracket is narrowed until it, or the function, is this share of what it was: one more step of Newton's from there
-# meets the root to rounding, wherever in the bracket a bend of 1 to 1e-3 of it lies.
+# The bracket is narrowed until it, or the function, is this share of its initial size; one Newton step from there is
+# exact to rounding, wherever a kink lies in the bracket.
 NARROW = 1e-10
-# Of 400,000 brush drops all are met within these.
+# Enough for all of 400,000 brush drops.
 MOST_ROUNDS = 24
 
 
 def rising_root(function: Callable[[Scalar], Scalar], near: Scalar, least_slope: Scalar) -> Scalar:
-    """Return the x where a rising function is zero: Chandrupatla's method in a bracket, and one step of Newton's.
+    """Return the root of an increasing function: Chandrupatla's method in a bracket, then one Newton step.
 
-    Newton's method alone goes to and fro for ever between the straight sides of a bend. This one begins where a line
-    through both ends is zero, then halves the bracket unless the inverse quadratic through its last three points can be
-    trusted (Chandrupatla 1997). What is not a number, as of a law past its range, lies beyond the root.
+    Newton's method alone may oscillate between the sides of a kink. This method starts at the secant through both ends,
+    then bisects unless inverse quadratic interpolation is reliable (Chandrupatla 1997). Values that are not finite,
+    such as those of a law beyond its range, count as beyond the root.
 
     Args:
         function: of one scalar; its slope is at least `least_slope` everywhere.
-        near: where to begin; one end of the bracket.
+        near: start; one end of the bracket.
         least_slope: above zero; it bounds how far away the root can be.
     """
     value = function(near)
@@ -59,15 +59,15 @@ def rising_root(function: Callable[[Scalar], Scalar], near: Scalar, least_slope:
         share = jnp.where(trusted, jnp.clip(quadratic, 1e-9, 1.0 - 1e-9), 0.5)
         return rounds + 1, share, (a, b, c), (at_a, at_b, at_c)
 
-    straight = _ratio(at_a, at_a - at_b)  # where a line through both ends is zero
+    straight = _ratio(at_a, at_a - at_b)  # root of the secant
     points = jnp.asarray(0), straight, (a, b, a), (at_a, at_b, at_a)
     _, _, (a, b, _), (at_a, at_b, _) = jax.lax.while_loop(goes_on, narrow, points)
     found = jax.lax.stop_gradient(jnp.where(jnp.abs(at_a) < jnp.abs(at_b), a, b))
-    # One more step from the root, now with derivatives: those of the root by whatever the function depends on.
+    # One more step with derivatives, which gives those of the root with respect to the function's parameters.
     slope = jax.lax.stop_gradient(jax.jvp(function, (found,), (jnp.ones(()),))[1])
     return found - function(found) / jnp.maximum(slope, least_slope)
 
 
 def _ratio(numerator: Scalar, denominator: Scalar) -> Scalar:
-    """Return the quotient, or the numerator where the denominator is zero and no quotient is asked for."""
+    """Return the quotient, or the numerator if the denominator is zero."""
     return numerator / jnp.where(denominator == 0.0, 1.0, denominator)

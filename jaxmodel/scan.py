@@ -1,4 +1,4 @@
-"""The loop over the steps of a run: all of them, or as many as the longest of some runs needs."""
+"""The loop over the steps of a run: all of them, or only those needed by the longest of some runs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from jaxtyping import Array
 
 from jaxmodel.kernel import as_one_kernel
 
-# Steps between two questions whether there are more.
+# Steps between two checks whether more are needed.
 ROUND = 128
 
 
@@ -21,9 +21,9 @@ def states_after(advance: Callable, begin, given, steps: Array | None, one_kerne
     Args:
         advance: from a state and what is given for one step to the next state.
         begin: the state before; arrays without axes.
-        given: for every step, along a first axis, a multiple of `ROUND` long where not all are needed.
-        steps: how many are needed, the same for all lanes; all where None. Those past them take no time, and what
-            stands for them is the last state. There is no reverse mode through them.
+        given: inputs of every step along a first axis; its length is a multiple of `ROUND` if not all are needed.
+        steps: number of needed steps, the same for all lanes; None for all. Later ones are skipped, with the last state
+            as their result. Reverse mode is not available with them.
         one_kernel: see `jaxmodel.kernel`.
     """
     run = as_one_kernel if one_kernel else _plainly
@@ -35,11 +35,11 @@ def states_after(advance: Callable, begin, given, steps: Array | None, one_kerne
 
 
 def observed_after(advance: Callable, observe: Callable, begin, given, steps: Array, one_kernel: bool):
-    """Return what is observed after every step, stacked along a first axis; past the steps needed it means nothing.
+    """Return observations after every step, stacked along a first axis; undefined after the needed steps.
 
     Args:
         advance: as of `states_after`.
-        observe: from the state after a step, and what was given for it, to numbers.
+        observe: from the state after a step, and its inputs, to numbers.
         begin: as of `states_after`.
         given: the same.
         steps: the same.
@@ -50,7 +50,7 @@ def observed_after(advance: Callable, observe: Callable, begin, given, steps: Ar
 
 
 def _count(given) -> int:
-    """Return how many steps are given."""
+    """Return the number of given steps."""
     return jax.tree.leaves(given)[0].shape[0]
 
 
@@ -63,7 +63,7 @@ def _follow(advance: Callable, observe: Callable, state, given):
 
 
 def _in_rounds(run: Callable, advance: Callable, observe: Callable, begin, given, steps: Array):
-    """Return the last state, and what is kept of every step; no round is begun that is not needed."""
+    """Return the last state, and the outputs of every step; rounds that are not needed are skipped."""
 
     def follow_rounds(begin, given, rounds, kept):
         def follow_one(number, carried):

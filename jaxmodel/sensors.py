@@ -1,4 +1,4 @@
-"""From what ideal sensors would read to what those at hand read: offset, gain, lag and clock."""
+"""From ideal readings to those of real sensors: offset, gain, lag and clock."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from jaxmodel.profile import Track
 
 
 class Signal(eqx.Module):
-    """The true course of one reading through the steps of a run, for sensors with a memory or a clock of their own.
+    """The true trajectory of one reading over the steps of a run, for sensors with lag or delay.
 
     `rows` are its values at the rows of the profile. Within step j it goes from `start[j]` to `end[j]`; it jumps
     between steps where an input jumps.
@@ -28,23 +28,23 @@ class Signal(eqx.Module):
 
 
 def distort(
-    model: Model, readings: dict[str, Array], states: State, course: Track, memory: Array | None = None
+    model: Model, readings: dict[str, Array], states: State, track: Track, dynamic: Array | None = None
 ) -> dict[str, Array]:
     """Pass each reading, over its rows, through the sensor effects of its column; `states` are after every step.
 
-    Effects with a memory are skipped where no lane needs their `memory`: to look back takes as long as the run.
+    Effects with state or delay are skipped if no lane has one (`dynamic` is False): they take as long as the run.
     """
     sensors = _sensors(model)
     if not sensors:
         return readings
-    if memory is None or not any(effect.has_memory for effect in sensors):
-        return _distort(sensors, model, readings, states, course)
-    return _distort_if_needed(memory, model, readings, states, course)
+    if dynamic is None or not any(effect.has_state for effect in sensors):
+        return _distort(sensors, model, readings, states, track)
+    return _distort_if_needed(dynamic, model, readings, states, track)
 
 
-def looks_back(model: Model) -> bool:
-    """Return True where a sensor of the model has a memory, which asks for the states of the whole run."""
-    return any(effect.has_memory for effect in _sensors(model))
+def has_dynamic_sensors(model: Model) -> bool:
+    """Return True if a sensor effect has state or delay, which needs the states of the whole run."""
+    return any(effect.has_state for effect in _sensors(model))
 
 
 def _sensors(model: Model) -> tuple[Effect, ...]:
@@ -52,34 +52,34 @@ def _sensors(model: Model) -> tuple[Effect, ...]:
 
 
 @eqx.filter_custom_jvp
-def _distort_if_needed(memory: Array, model: Model, *given) -> dict[str, Array]:
+def _distort_if_needed(dynamic: Array, model: Model, *given) -> dict[str, Array]:
     sensors = _sensors(model)
-    forgetful = tuple(effect for effect in sensors if not effect.has_memory)
-    return jax.lax.cond(memory, lambda: _distort(sensors, model, *given), lambda: _distort(forgetful, model, *given))
+    static = tuple(effect for effect in sensors if not effect.has_state)
+    return jax.lax.cond(dynamic, lambda: _distort(sensors, model, *given), lambda: _distort(static, model, *given))
 
 
 @_distort_if_needed.def_jvp
 def _distort_if_needed_jvp(primals, tangents):
-    """Look back always: what is off may have a slope."""
+    """Include all sensor effects: an effect that is off may have a derivative."""
     (_, model, *given), (_, *along) = primals, tangents
     return eqx.filter_jvp(lambda model, *given: _distort(_sensors(model), model, *given), (model, *given), tuple(along))
 
 
 @eqx.filter_jit
 def _distort(
-    sensors: tuple[Effect, ...], model: Model, readings: dict[str, Array], states: State, course: Track
+    sensors: tuple[Effect, ...], model: Model, readings: dict[str, Array], states: State, track: Track
 ) -> dict[str, Array]:
     signals = {}
-    if any(effect.has_memory for effect in sensors):
+    if any(effect.has_state for effect in sensors):
         before = {name: values[:-1] for name, values in states.items()}
         after = {name: values[1:] for name, values in states.items()}
-        during = {name: values[1:] for name, values in course.inputs.items()}
+        during = {name: values[1:] for name, values in track.inputs.items()}
         read_all = jax.vmap(lambda s, u: read(model, s, u))
         starts, ends = read_all(before, during), read_all(after, during)
         signals = {
-            # Where a row ends the signal is its reading to the bit, so that a sensor without delay changes none.
+            # At the end of a row the signal equals its reading exactly, so that a sensor without delay changes nothing.
             name: Signal(
-                course.duration_s, starts[name], ends[name].at[course.last_step].set(values[1:]), values, course.at_rows
+                track.duration_s, starts[name], ends[name].at[track.last_step].set(values[1:]), values, track.at_rows
             )
             for name, values in readings.items()
         }
@@ -118,6 +118,6 @@ def shifted(signal: Signal, delay_s) -> Array:
 
 
 def shifted_rows(signal: Signal, delay_s) -> Array:
-    """Return the rows of a signal as straight lines between them show them `delay_s` later; its ends are held."""
+    """Return the rows of a signal, interpolated linearly between rows, `delay_s` later; its ends are held."""
     times = jnp.concatenate([jnp.zeros(1), jnp.cumsum(signal.duration_s)])[signal.at_rows]
     return jnp.interp(times - delay_s, times, signal.rows)

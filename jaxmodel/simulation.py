@@ -1,4 +1,4 @@
-"""Running a model over a profile: the scan, the readings, and a status for what went wrong."""
+"""Simulation of a model over a profile: the scan, the readings, and a status."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from jaxmodel.model import Model, initial_state, read, step, valid
 from jaxmodel.ports import touches
 from jaxmodel.profile import GROWTH, GROWTH_SATURATING, Grid, Profile, Track, make_grid
 from jaxmodel.scan import observed_after, states_after
-from jaxmodel.sensors import distort, looks_back
+from jaxmodel.sensors import distort, has_dynamic_sensors
 
 
 class Status(enum.IntEnum):
@@ -29,7 +29,7 @@ class Status(enum.IntEnum):
 
 
 def _as_array(value) -> Array:
-    """Make a limit data of the compiled run, not a constant of it: another limit then compiles nothing."""
+    """Convert a limit to an array, so that another limit needs no compilation."""
     return jnp.asarray(value, dtype=float)
 
 
@@ -41,27 +41,27 @@ class Cutoff(eqx.Module):
 
 
 class Needed(eqx.Module):
-    """What many lanes need at most, all of them together: what none needs then takes no time.
+    """What the lanes of a batch need at most; everything else is skipped.
 
     Attributes:
-        steps: how many; those past them end no row. Derivatives of such a run are those of forward mode alone.
-        memory: whether any sensor of theirs has a memory.
+        steps: number of steps; later ones are not computed. Such a run has forward-mode derivatives only.
+        dynamic_sensors: whether any lane has a sensor effect with internal state or delay.
     """
 
     steps: Array
-    memory: Array
+    dynamic_sensors: Array
 
 
 class Trajectory(eqx.Module):
-    """What came of a run, over the rows of its profile (axis 0; lanes, if any, before it).
+    """The result of a run, over the rows of its profile (axis 0; lanes, if any, before it).
 
     Attributes:
         time_s: time of each row.
-        readings: what the sensors read, by column name.
+        readings: sensor readings by column name.
         states: all states of the model.
-        valid: False where the equations left the range in which they make sense.
+        valid: False where the equations are outside their valid range.
         status: a `Status`.
-        end_row: the row at which the cut-off was reached, from where the state is held; else the last.
+        end_row: the row at which the cut-off was reached, after which the state is held; else the last.
     """
 
     time_s: Array
@@ -73,13 +73,13 @@ class Trajectory(eqx.Module):
 
 
 def track(model: Model, profile: Profile, steps: int | None = None) -> Track:
-    """Lay a profile out in steps for a model, padded to a number of steps if one is given."""
+    """Return the steps of a profile for a model, padded to a number of steps if one is given."""
     grid = _grid(model, profile)
     if steps is not None:
         grid = grid.padded(steps)
     rows = np.concatenate([[0], grid.row])
     inputs = {name: values[rows] for name, values in profile.inputs.items()}
-    # In one transfer: one by one, each shape would compile a program of its own.
+    # In one transfer: separately, each shape would compile its own program.
     return Track(*jax.device_put((grid.duration_s, inputs, grid.last_step)))
 
 
@@ -103,28 +103,28 @@ def simulate(model: Model, profile: Profile, cutoff: Cutoff | None = None) -> Tr
         cutoff: where the run ends, if before the end of the profile.
 
     Returns:
-        The trajectory at the rows of the profile, with a status; nothing is raised for what happens in a run.
+        The trajectory at the rows of the profile, with a status; a failure in the run raises no error.
     """
     return run_track(model, track(model, profile), jnp.asarray(profile.time_s), cutoff)
 
 
-def read_track(model: Model, course: Track, time_s: Array, needed: Needed) -> dict[str, Array]:
-    """Return the readings at the rows of a run alone; pure, and faster than `run_track` where nothing else is asked.
+def read_track(model: Model, track: Track, time_s: Array, needed: Needed) -> dict[str, Array]:
+    """Return only the readings at the rows of a run; pure, and faster than `run_track`.
 
-    Readings are taken as the run goes, not of its states afterwards. Arguments as `run_track`.
+    Readings are computed in the scan, not from stored states. Arguments as `run_track`.
     """
-    one_kernel = not holds_constants((model, course, needed))
-    readings, states = _read_true(model, course, needed.steps, one_kernel, looks_back(model))
-    return distort(model, readings, states, course, needed.memory)
+    one_kernel = not holds_constants((model, track, needed))
+    readings, states = _read_true(model, track, needed.steps, one_kernel, has_dynamic_sensors(model))
+    return distort(model, readings, states, track, needed.dynamic_sensors)
 
 
 @eqx.filter_jit
 def _read_true(
-    model: Model, course: Track, steps: Array, one_kernel: bool, with_states: bool
+    model: Model, track: Track, steps: Array, one_kernel: bool, with_states: bool
 ) -> tuple[dict[str, Array], State]:
-    """Return what ideal sensors read at the rows, and the states at the start and after every step if asked for."""
-    start = _start(model, course)
-    later_inputs = {name: values[1:] for name, values in course.inputs.items()}
+    """Return ideal readings at the rows, and the states at the start and after every step if requested."""
+    start = _start(model, track)
+    later_inputs = {name: values[1:] for name, values in track.inputs.items()}
 
     def advance_one(state, given):
         return step(model, state, *given)
@@ -132,61 +132,61 @@ def _read_true(
     def observe(state, given):
         return read(model, state, given[0]), (state if with_states else {})
 
-    given = (later_inputs, course.duration_s)
+    given = (later_inputs, track.duration_s)
     readings, states = observed_after(advance_one, observe, start, given, steps, one_kernel)
-    at_start = read(model, start, {name: values[0] for name, values in course.inputs.items()})
+    at_start = read(model, start, {name: values[0] for name, values in track.inputs.items()})
 
     def with_start(first, later):
         return jnp.concatenate([first[None], later])
 
-    at_rows = {name: with_start(at_start[name], values)[course.at_rows] for name, values in readings.items()}
+    at_rows = {name: with_start(at_start[name], values)[track.at_rows] for name, values in readings.items()}
     return at_rows, (jax.tree.map(with_start, start, states) if with_states else {})
 
 
 def run_track(
-    model: Model, course: Track, time_s: Array, cutoff: Cutoff | None = None, needed: Needed | None = None
+    model: Model, track: Track, time_s: Array, cutoff: Cutoff | None = None, needed: Needed | None = None
 ) -> Trajectory:
-    """Run a model over steps already laid out; pure, so that it may be vmapped and differentiated.
+    """Run a model over given steps; pure, so that it may be vmapped and differentiated.
 
-    The run and its sensors are two programs: a sensor without fault then changes no bit of the run.
+    The run and its sensors are two programs, so that a sensor without fault does not change the run at all.
 
     Args:
         model: of any kind; its leaves are scalars.
-        course: its steps; a multiple of `jaxmodel.scan.ROUND` of them where not all are needed.
+        track: its steps; their number is a multiple of `jaxmodel.scan.ROUND` if not all are needed.
         time_s: (rows,) times of the readings.
         cutoff: where the run ends, if before its last row.
-        needed: by all lanes of a batch, without lanes of its own; everything where None.
+        needed: by all lanes of a batch, itself without lanes; None for everything.
     """
-    one_kernel = not holds_constants((model, course, cutoff, needed))
-    truth, states = _run_true(model, course, time_s, cutoff, None if needed is None else needed.steps, one_kernel)
-    memory = None if needed is None else needed.memory
-    return eqx.tree_at(lambda t: t.readings, truth, distort(model, truth.readings, states, course, memory))
+    one_kernel = not holds_constants((model, track, cutoff, needed))
+    truth, states = _run_true(model, track, time_s, cutoff, None if needed is None else needed.steps, one_kernel)
+    dynamic = None if needed is None else needed.dynamic_sensors
+    return eqx.tree_at(lambda t: t.readings, truth, distort(model, truth.readings, states, track, dynamic))
 
 
-def _start(model: Model, course: Track) -> State:
+def _start(model: Model, track: Track) -> State:
     """Return the state at the start of a run.
 
-    Of many lanes each has a start of its own, to begin with: JAX would else trace the step once more for every state in
-    which they come to differ.
+    Every state gets the axis of lanes at once; otherwise JAX would trace the step again for each state in which lanes
+    begin to differ.
     """
-    first_inputs = {name: values[0] for name, values in course.inputs.items()}
-    always = jnp.isfinite(course.duration_s[0])
+    first_inputs = {name: values[0] for name, values in track.inputs.items()}
+    always = jnp.isfinite(track.duration_s[0])
     return jax.tree.map(lambda x: jnp.where(always, x, x), initial_state(model, first_inputs))
 
 
 @eqx.filter_jit
 def _run_true(
-    model: Model, course: Track, time_s: Array, cutoff: Cutoff | None, steps: Array | None, one_kernel: bool
+    model: Model, track: Track, time_s: Array, cutoff: Cutoff | None, steps: Array | None, one_kernel: bool
 ) -> tuple[Trajectory, State]:
-    """Return what ideal sensors read, and the states at the start and after every step."""
-    later_inputs = {name: values[1:] for name, values in course.inputs.items()}
-    start = _start(model, course)
+    """Return ideal readings, and the states at the start and after every step."""
+    later_inputs = {name: values[1:] for name, values in track.inputs.items()}
+    start = _start(model, track)
 
     def advance_one(state, given):
         return step(model, state, *given)
 
     if cutoff is None:
-        states = states_after(advance_one, start, (later_inputs, course.duration_s), steps, one_kernel)
+        states = states_after(advance_one, start, (later_inputs, track.duration_s), steps, one_kernel)
         running = jnp.asarray(True)
     else:
 
@@ -197,21 +197,21 @@ def _run_true(
             running &= ~(ends_row & _below(model, state, inputs, cutoff))
             return state, running
 
-        # Only where a row ends: the inrush of a start pulls the voltage below any cut-off for some milliseconds.
-        ends_row = jnp.zeros(course.duration_s.shape, dtype=bool).at[course.last_step].set(True)
-        given = (later_inputs, course.duration_s, ends_row)
+        # Only at the end of a row: the inrush current pulls the voltage below any cut-off for some milliseconds.
+        ends_row = jnp.zeros(track.duration_s.shape, dtype=bool).at[track.last_step].set(True)
+        given = (later_inputs, track.duration_s, ends_row)
         begin = (start, jnp.asarray(True))
         states, running = states_after(advance_until_cutoff, begin, given, steps, one_kernel)
-    running = jnp.broadcast_to(running, course.duration_s.shape)
+    running = jnp.broadcast_to(running, track.duration_s.shape)
 
     def with_start(first, later):
         return jnp.concatenate([first[None], later])
 
     fine_states = jax.tree.map(with_start, start, states)
-    row_states, row_inputs = jax.tree.map(lambda x: x[course.at_rows], (fine_states, course.inputs))
+    row_states, row_inputs = jax.tree.map(lambda x: x[track.at_rows], (fine_states, track.inputs))
     readings = jax.vmap(lambda s, u: read(model, s, u))(row_states, row_inputs)
     finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(v)) for v in (*row_states.values(), *readings.values())]))
-    completed = jnp.sum(running[course.last_step])
+    completed = jnp.sum(running[track.last_step])
     ended = completed < time_s.shape[0] - 1
     status = jnp.where(finite, jnp.where(ended, Status.REACHED_CUTOFF, Status.COMPLETE), Status.NOT_FINITE)
     truth = Trajectory(

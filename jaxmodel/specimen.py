@@ -1,8 +1,8 @@
-"""How usual ranges grow with the specimen: a cell of 33 A h is no cell of 5.2 A h with odd numbers.
+"""Scaling of usual ranges with the size of the specimen.
 
-The ranges of the catalogue were written for the paper's cell of 5.2 A h and its motor, a maxon RE50 at 24 V. A
-parameter of an effect says by `scales` how they carry over, as a quotient of the sizes below: "capacity", "1/capacity",
-"torque/speed2". For the paper's own hardware every factor is 1.
+The ranges of the catalogue were written for the paper's cell of 5.2 A h and its motor, a maxon RE50 at 24 V. `scales`
+of an effect's parameter states how its range scales, as a quotient of the sizes below: "capacity", "1/capacity",
+"torque/speed2". For the hardware of the paper every factor is 1.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Numbers = Mapping[str, float]
 
 
 def _capacity(given: Numbers) -> float:
-    """Charge that a cell holds: cells of one chemistry are so many A h per kg, whatever their size."""
+    """Capacity of the cell: cells of one chemistry have equal A h per kg, whatever their size."""
     return _ratio(given, "capacity_Ah")
 
 
@@ -29,7 +29,7 @@ def _surface(given: Numbers) -> float:
 
 
 def _supply(given: Numbers) -> float:
-    """Voltage that feeds the motor: its pack's, or `supply_V` of those who know; else 24 V as the RE50's."""
+    """Supply voltage of the motor: that of its pack, or `supply_V`; else 24 V as for the RE50."""
     reference = TABLE["n_series"].default * TABLE["nominal_cell_voltage_V"].default
     if "supply_V" in given:
         return given["supply_V"] / reference
@@ -42,9 +42,9 @@ def _speed(given: Numbers) -> float:
 
 
 def _motor_current(given: Numbers) -> float:
-    """Continuous current: that whose copper loss i^2 R_0 warms the winding by a set amount, over R_wc + R_ca.
+    """Continuous current: its copper loss i^2 R_0 warms the winding by a fixed amount, over R_wc + R_ca.
 
-    Assumed: the set amount is that of the RE50. The same for a motor alone and behind a gear.
+    The amount is assumed to be that of the RE50, for a motor with and without gear.
     """
     thermal = (_value(given, "R_wc") + _value(given, "R_ca")) / (TABLE["R_wc"].default + TABLE["R_ca"].default)
     return 1.0 / math.sqrt(_ratio(given, "R_0") * thermal)
@@ -70,8 +70,8 @@ def scale_of(scales: str, parameters: Numbers) -> float:
 
     Args:
         scales: "" (a factor of 1), or sizes of `SIZES` with whole powers: "torque", "1/capacity", "torque/speed2".
-        parameters: what is known of the specimen, by names of the parameter table, the defaults where it says nothing;
-            and `supply_V`, the voltage at a motor's terminals, from those who have seen its runs.
+        parameters: of the specimen, by names of the parameter table, with defaults for missing ones; and `supply_V`,
+            the voltage at a motor's terminals, if known.
 
     Raises:
         EffectError: a size is unknown.
@@ -93,7 +93,7 @@ def usual_range(info: ParameterInfo, parameters: Numbers) -> tuple[float, float]
 
 
 def shape_grid(info: ParameterInfo, parameters: Numbers) -> tuple[float, ...]:
-    """Return the values at which an effect's shape is tried, for a specimen."""
+    """Return the values at which an effect's shape is tested, for a specimen."""
     return tuple(_within(info, value * scale_of(info.scales, parameters)) for value in info.shape_grid)
 
 

@@ -1,4 +1,4 @@
-"""Writing TOML: only what case files need, in the compact form in which people write them."""
+"""Writing TOML: the subset that case files need, in compact form."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 def document(content: Mapping[str, Any]) -> str:
     """Return a document: plain values, a [table] for each mapping, a [[block]] for each entry of a list of mappings.
 
-    A table's own mappings stand inline, `{ a = 1 }`, or under a heading of their own where that line would be long.
+    Nested mappings are written inline, `{ a = 1 }`, or as a table of their own if the line would be long.
     """
     lines: list[str] = []
     tables: list[tuple[str, Mapping[str, Any]]] = []
@@ -41,7 +41,7 @@ def _is_blocks(entry: Any) -> bool:
 
 
 def key(name: str) -> str:
-    """Return a key, in quotes where it needs them."""
+    """Return a key, in quotes if necessary."""
     return name if _BARE.fullmatch(name) else value(name)
 
 
@@ -49,7 +49,7 @@ def value(entry: Any) -> str:
     """Return a value as TOML.
 
     Raises:
-        TypeError: TOML has no such value.
+        TypeError: TOML has no such type.
     """
     match entry:
         case bool():

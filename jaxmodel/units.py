@@ -1,4 +1,4 @@
-"""Units by the names of columns: each name ends with its own."""
+"""Units from the names of columns, which end with their unit."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def difference_unit(unit: str) -> str:
 
 
 def readable(values: Iterable[float], unit: str) -> tuple[float, str]:
-    """Return the factor and unit (V, mV, µV) in which the largest of some values is read best."""
+    """Return the factor and unit (V, mV, µV) that are most readable for the largest of some values."""
     if unit not in ("V", "A", "s", "ohm", "K"):
         return 1.0, unit
     finite = [abs(v) for v in values if np.isfinite(v) and v != 0.0]

@@ -1,4 +1,4 @@
-"""All pictures of a diagnosis: its ladder, residuals, curves, errors, candidates, scores and runs."""
+"""All pictures of a diagnosis: ladder, residuals, curves, errors, candidates, scores and runs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _CONDITIONS = {
 
 
 def pictures_of(diagnosis: Diagnosis) -> dict[str, Figure]:
-    """Return every picture that a diagnosis has something for, by name."""
+    """Return every picture that a diagnosis has data for, by name."""
     pictures = {"ladder": evidence.ladder(diagnosis), "residuals-by-condition": residuals_by_condition(diagnosis)}
     if diagnosis.curves:
         pictures["curves"] = evidence.curves(diagnosis.curves)
@@ -67,7 +67,7 @@ def _models(diagnosis: Diagnosis) -> Mapping[str, Mapping[str, Mapping[str, np.n
 
 
 def _residuals(diagnosis: Diagnosis, predictions: Mapping[str, Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """Return measured less predicted of every channel, run after run; NaN where a run has no such reading."""
+    """Return measured minus predicted of every channel, run after run; NaN without a reading."""
     runs = diagnosis.case.runs
     return {
         channel: np.concatenate(

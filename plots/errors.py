@@ -1,4 +1,4 @@
-"""Errors run by run: the calibrated base model beside the final one, against the noise and the tolerance."""
+"""Errors by run of the calibrated base model and the final model, with noise and tolerance."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from plots.style import BASE, BLACK, FINAL, FLOOR, GREY, PAGE_CM, axis_label, ne
 
 _Row = Mapping[Any, Any]
 _MODELS = {"base": ("calibrated base model", BASE), "final": ("final model", FINAL)}
-_MOST_RUNS = 40  # on a page: of more, those with the largest errors
+_MOST_RUNS = 40  # on a page: if there are more, those with the largest errors
 
 
 @styled
@@ -24,7 +24,7 @@ def errors_by_run(errors: pd.DataFrame, assumed: tuple[str, ...] = ()) -> Figure
 
     Args:
         errors: rows with model, run, split, channel, rms, noise_sd and tolerance, as a diagnosis has them.
-        assumed: channels whose tolerance nobody stated: no line is drawn for it.
+        assumed: channels with an assumed tolerance, which is not drawn.
     """
     every = errors.to_dict("records")
     channels = list(dict.fromkeys(row["channel"] for row in every))
@@ -42,13 +42,13 @@ def errors_by_run(errors: pd.DataFrame, assumed: tuple[str, ...] = ()) -> Figure
     for axes in grid.flat[len(channels) :]:
         axes.set_visible(False)
     grid[0, 0].set_ylim(len(runs) - 0.4, -0.6)
-    grid[0, 0].set_yticks(range(len(runs)), [f"{run}{'' if s == 'fit' else ' (held out)'}" for run, s in runs.items()])
+    grid[0, 0].set_yticks(range(len(runs)), [f"{run}{'' if s == 'fit' else ' (check)'}" for run, s in runs.items()])
     figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=4)
     return figure
 
 
 def _runs(rows: Sequence[_Row]) -> dict[str, str]:
-    """Return the split of each run that is drawn, those fitted first."""
+    """Return the split of each run that is drawn, fit runs first."""
     splits: dict[str, str] = {row["run"]: row["split"] for row in rows}
     if len(splits) > _MOST_RUNS:
         largest: dict[str, float] = {}
@@ -76,7 +76,7 @@ def _one_channel(axes: Axes, rows: Sequence[_Row], runs: list[str], channel: str
     noise = float(rows[0]["noise_sd"]) * scale
     lines = [noise] if np.isfinite(noise) and noise > 0.0 else []
     if lines:
-        axes.axvline(noise, color=FLOOR, lw=2.0, label="noise of the sensor")
+        axes.axvline(noise, color=FLOOR, lw=2.0, label="sensor noise")
     tolerance = scale * _of_runs(rows, models[0], "tolerance", runs)
     if has_tolerance and np.any(np.isfinite(tolerance)):
         lines += [value for value in tolerance if np.isfinite(value)]
@@ -93,6 +93,6 @@ def _one_channel(axes: Axes, rows: Sequence[_Row], runs: list[str], channel: str
 
 
 def _of_runs(rows: Sequence[_Row], model: str, column: str, runs: Sequence[str]) -> np.ndarray:
-    """Return what a column holds of a model, in the order of some runs; NaN where one has no row."""
+    """Return a column of one model in the order of some runs; NaN for a run without a row."""
     found = {row["run"]: row[column] for row in rows if row["model"] == model}
     return np.array([found.get(run, np.nan) for run in runs], dtype=float)

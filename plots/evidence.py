@@ -1,4 +1,4 @@
-"""The evidence of a diagnosis: errors along the ladder, what is off in tables, scores of effects, candidates."""
+"""The evidence of a diagnosis: errors of the models, corrections of tables, scores of effects, candidates."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from plots.style import (
 )
 
 # Knots with an sd of more than this times the median do not set the scale.
-_UNTOLD = 4.0
+_UNCERTAIN = 4.0
 _RUNG_WIDTH, _RUNG_LINES = 38, 3  # letters of a rung's name on one line, and its lines
 _MODEL_WIDTH = 46
 
@@ -46,10 +46,9 @@ def ladder(diagnosis: Diagnosis) -> Figure:
 def errors_of_models(
     models: Sequence[Mapping[str, ChannelError]], names: Sequence[str], noise_sd: Mapping[str, float]
 ) -> Figure:
-    """Draw each channel's error of each model, on the runs fitted and on those held out, as bars from the noise floor.
+    """Draw each channel's error of each model, on fit runs and on check runs, as bars from the noise floor.
 
-    A bar's length is on a logarithmic scale how many times the noise floor the error is; one that ends left of the
-    floor is better than the sensor.
+    On the logarithmic scale the length of a bar is the ratio of error to noise.
 
     Args:
         models: errors by channel, model after model.
@@ -80,7 +79,7 @@ def _errors_of_channel(
     scale, shown_unit = readable([*positive, floor], difference_unit(unit))
     places = np.arange(len(errors))
     lowest = floor if floor > 0.0 else 0.5 * min(positive, default=1.0)
-    styles = (("runs fitted", BASE, -0.19), ("runs held out", FINAL, 0.19))
+    styles = (("fit runs", BASE, -0.19), ("check runs", FINAL, 0.19))
     for number, (label, colour, offset) in enumerate(styles):
         values = np.array([pair[number] for pair in errors]) * scale
         shown = np.isfinite(values) & (values > 0.0)
@@ -102,10 +101,10 @@ def _errors_of_channel(
                 fontsize=8.0,
             )
     if floor > 0.0:
-        axes.axvline(floor * scale, color=FLOOR, lw=2.0, label="noise floor of the sensor")
+        axes.axvline(floor * scale, color=FLOOR, lw=2.0, label="sensor noise")
     axes.set_xscale("log")
     low, high = min([lowest, *positive]) * scale, max([lowest, *positive]) * scale
-    high = max(high, 3.0 * low)  # a channel that every model fits: its bars stay as short as they are
+    high = max(high, 3.0 * low)  # bars of a channel that every model fits stay short
     axes.set_xlim(low / (high / low) ** 0.06 / 1.05, high * (high / low) ** 0.18 * 1.3)
     plain_log(axes.xaxis)
     axes.grid(visible=False, axis="y")
@@ -177,13 +176,13 @@ def _score_style(entry: ScoreEntry) -> tuple[str, str, str]:
     if entry.significant:
         return FINAL, FINAL, "significant"
     if entry.blind:
-        return GREY, "white", "blind: this data could not have shown it"
+        return GREY, "white", "not detectable with these data"
     return SKY, SKY, "not significant"
 
 
 @styled
 def candidates(diagnosis: Diagnosis) -> Figure:
-    """Draw the probability of each hypothesis that has a hundredth of it."""
+    """Draw the probability of each model with at least half a percent."""
     shown = [one for one in diagnosis.candidates if one[1] >= 0.005] or diagnosis.candidates[:1]
     names = [textwrap.fill(candidate_name(name), _MODEL_WIDTH) for name, _ in shown]
     values = np.array([probability for _, probability in shown])
@@ -206,7 +205,7 @@ def candidates(diagnosis: Diagnosis) -> Figure:
 
 @styled
 def promises(table: pd.DataFrame, most: int = 16) -> Figure:
-    """Draw the log evidence that each candidate promises over the present model, the best on top.
+    """Draw the expected gain of log evidence of each candidate over the present model, the best on top.
 
     Args:
         table: name, group and log_evidence, as an investigation ranks its candidates.
@@ -224,14 +223,14 @@ def promises(table: pd.DataFrame, most: int = 16) -> Figure:
     axes.set_yticks(places, [effect_name(name) for name in shown["name"]])
     axes.set_ylim(len(shown) - 0.4, -0.6)
     axes.grid(visible=False, axis="y")
-    axes.set_xlabel("log evidence promised (first order)")
+    axes.set_xlabel("score: expected gain of log evidence")
     figure.legend(loc="outside lower center", ncols=5)
     return figure
 
 
 @styled
 def curves(found: Sequence[CurveFound]) -> Figure:
-    """Draw by how much each table or relation is off, with one and two standard deviations about it.
+    """Draw the correction of each table or relation, with one and two standard deviations.
 
     Args:
         found: one curve at least.
@@ -267,14 +266,14 @@ def _curve(axes: Axes, curve: CurveFound) -> None:
     for times, alpha, label in ((2.0, 0.13, "2 sd"), (1.0, 0.25, "1 sd")):
         low, high = shown(curve.value - times * curve.sd), shown(curve.value + times * curve.sd)
         axes.fill_between(curve.at, low, high, color=FINAL, alpha=alpha, lw=0, label=label)
-    axes.plot(curve.at, shown(curve.value), "o-", color=FINAL, markersize=3.5, label="off by")
-    # A knot of which nothing is known must not flatten what is.
-    told = curve.sd <= _UNTOLD * float(np.median(curve.sd))
-    reach = np.concatenate([shown(curve.value + side * curve.sd)[told] for side in (-2.0, 2.0)] + [np.zeros(1)])
+    axes.plot(curve.at, shown(curve.value), "o-", color=FINAL, markersize=3.5, label="correction")
+    # A knot that the data hardly determine must not flatten the others.
+    certain = curve.sd <= _UNCERTAIN * float(np.median(curve.sd))
+    reach = np.concatenate([shown(curve.value + side * curve.sd)[certain] for side in (-2.0, 2.0)] + [np.zeros(1)])
     margin = 0.06 * max(float(np.ptp(reach)), 1e-12)
     axes.set_ylim(float(reach.min()) - margin, float(reach.max()) + margin)
     axes.set_xlabel(column_label(curve.over))
     factor = f" per {column_label(curve.multiplier)}" if curve.multiplier else ""
-    axes.set_ylabel(axis_label("off by", f"{unit}{factor}" if unit else factor.strip()))
-    kind = "a law in no catalogue" if is_law(curve.label) else "your table" if curve.stated else "the model's formula"
+    axes.set_ylabel(axis_label("correction", f"{unit}{factor}" if unit else factor.strip()))
+    kind = "unknown law" if is_law(curve.label) else "your table" if curve.stated else "the model's formula"
     axes.set_title(textwrap.fill(f"{curve.port.replace('_', ' ')}: {kind}", 46))

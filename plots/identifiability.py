@@ -1,4 +1,4 @@
-"""What readings tell of parameters: who brings the information, how two are told apart, where the quadratic lies."""
+"""Identifiability: sources of information, correlations, joint confidence regions, profile likelihoods."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from plots.style import (
     styled,
 )
 
-_KNOWN_BEFORE, _OF_OTHERS = "#b5b5b5", "#dddddd"
+_PRIOR, _PRIORS_OF_OTHERS = "#b5b5b5", "#dddddd"
 
 
 def pictures_of(identification: Identification) -> dict[str, Figure]:
-    """Return every picture that an identification has something for, by name."""
+    """Return every picture that an identification has data for, by name."""
     found, asked = identification.found, [one.name for one in identification.profiles]
     pictures = {"information": information_bars(found)}
     if len(found.names) > 1:
@@ -40,7 +40,7 @@ def pictures_of(identification: Identification) -> dict[str, Figure]:
 
 
 def _pairs(found: Identifiability, asked: Sequence[str]) -> list[tuple[str, str]]:
-    """Return each parameter asked for with the one most correlated with it; where none was, the most correlated two."""
+    """Return each requested parameter with the one most correlated with it, or the most correlated pair."""
     size = np.abs(found.information.correlation() - np.eye(len(found.names)))
     if not asked:
         first, second = np.unravel_index(int(np.argmax(size)), size.shape)
@@ -50,7 +50,7 @@ def _pairs(found: Identifiability, asked: Sequence[str]) -> list[tuple[str, str]
 
 @styled
 def information_bars(found: Identifiability) -> Figure:
-    """Draw for each parameter the share of what is known at last that each run, and each sensor, brings."""
+    """Draw for each parameter the shares of runs and of sensors in the final information."""
     figure = new_figure(PAGE_CM, 4.6 + 0.62 * len(found.names))
     left, right = figure.subplots(1, 2, sharey=True)
     _stacked(left, found, found.runs, found.shares_by_run())
@@ -59,7 +59,7 @@ def information_bars(found: Identifiability) -> Figure:
     right.set_title("by sensor")
     for axes in (left, right):
         axes.set_xlim(0.0, 100.0)
-        axes.set_xlabel("share of what is known [%]")
+        axes.set_xlabel("share of the information [%]")
         axes.grid(visible=False, axis="y")
         axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.16 - 0.35 / len(found.names)), ncols=1, handlelength=1.2)
     gain = found.prior_sd / found.sd
@@ -75,7 +75,7 @@ def _stacked(axes: Axes, found: Identifiability, names: tuple[str, ...], shares:
     places, begin = np.arange(len(found.names)), np.zeros(len(found.names))
     own, others = found.shares_known_before()
     bars = [(name, part, LINES[i % len(LINES)]) for i, (name, part) in enumerate(zip(names, shares, strict=True))]
-    bars += [("known before, of itself", own, _KNOWN_BEFORE), ("known before, of the others", others, _OF_OTHERS)]
+    bars += [("prior", own, _PRIOR), ("priors of other parameters", others, _PRIORS_OF_OTHERS)]
     for name, part, colour in bars:
         axes.barh(places, 100.0 * part, left=begin, height=0.68, color=colour, label=name, edgecolor="white", lw=0.4)
         begin = begin + 100.0 * part
@@ -83,7 +83,7 @@ def _stacked(axes: Axes, found: Identifiability, names: tuple[str, ...], shares:
 
 @styled
 def ellipse(found: Identifiability, first: str, second: str) -> Figure:
-    """Draw where two parameters may lie: before, after, and by each run alone with what was known before."""
+    """Draw the confidence regions of two parameters: prior, posterior, and each run alone with the prior."""
     i, j = found.names.index(first), found.names.index(second)
     centre, scale = found.values[[i, j]], found.prior_sd[[i, j]]
 
@@ -103,10 +103,10 @@ def ellipse(found: Identifiability, first: str, second: str) -> Figure:
     axes.fill(*outline(after, 2.0), color=BLUE, alpha=0.15, lw=0.0)
     axes.fill(*outline(after, 1.0), color=BLUE, alpha=0.45, lw=0.0, label="all runs, one and two sd")
     axes.plot(*centre, "+", color="black", markersize=6)
-    # What was known before may be hundreds of times as wide: then it would leave a dot of all the others.
+    # A prior that is far wider would shrink all others to a dot.
     low, high = axes.get_xlim(), axes.get_ylim()
     if np.all(scale < 6.0 * np.array([low[1] - low[0], high[1] - high[0]])):
-        axes.plot(*outline(unit, 1.0), color=GREY, lw=1.2, label="known before, one sd")
+        axes.plot(*outline(unit, 1.0), color=GREY, lw=1.2, label="prior, one sd")
     axes.locator_params(nbins=6)
     axes.set_xlabel(axis_label(first, found.units[i]))
     axes.set_ylabel(axis_label(second, found.units[j]))
@@ -116,7 +116,7 @@ def ellipse(found: Identifiability, first: str, second: str) -> Figure:
 
 @styled
 def correlations(found: Identifiability) -> Figure:
-    """Draw the correlations of the estimates as a table of colours."""
+    """Draw the correlations of the estimates as a heat map."""
     table = found.information.correlation()
     count = len(found.names)
     figure = new_figure(min(PAGE_CM, 6.5 + 1.05 * count), 4.5 + 0.75 * count)
@@ -136,17 +136,17 @@ def correlations(found: Identifiability) -> Figure:
 
 @styled
 def profile_beside_quadratic(profiled: Profiled, unit: str) -> Figure:
-    """Draw the rise of chi-square with one parameter held, beside the quadratic of its information."""
+    """Draw the profile likelihood of one parameter and the quadratic approximation from its information."""
     figure = new_figure(0.8 * PAGE_CM, 7.5)
     axes = figure.subplots()
     extra, power = power_of_ten(np.abs(profiled.values))
     values = profiled.values * extra
     fine = np.linspace(values[0], values[-1], 201)
-    # In the coordinate of the fit, which may be a logarithm, the root of the quadratic is straight.
+    # In the coordinate of the fit, which may be a logarithm, the root of the quadratic is linear.
     sides = np.sign(np.arange(values.size) - values.size // 2)
     root = PchipInterpolator(values, sides * np.sqrt(profiled.quadratic))(fine)
-    axes.plot(fine, root**2, color=BLUE, label="quadratic, by the information")
-    axes.plot(values, profiled.rise, "o-", color=ORANGE, markersize=4, label="profile, all others fitted again")
+    axes.plot(fine, root**2, color=BLUE, label="quadratic approximation")
+    axes.plot(values, profiled.rise, "o-", color=ORANGE, markersize=4, label="profile: all others fitted again")
     for level, words in ((1.0, "one sd"), (4.0, "two sd")):
         axes.axhline(level, color=GREY, lw=0.7, ls=":")
         axes.text(values[-1], level, f" {words}", va="bottom", ha="right", fontsize=7.5, color=GREY)

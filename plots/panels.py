@@ -1,4 +1,4 @@
-"""Panels at places set by hand: an engine that measures every label takes as long again as the drawing itself."""
+"""Panels at fixed positions: an automatic layout would take as long as the drawing itself."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LEGEND_LINE_CM, _LEGEND_CM = 0.47, 0.2
 
 
 class Row(NamedTuple):
-    """The height of a row of panels, and the room below it, in cm."""
+    """The height of a row of panels, and the space below it, in cm."""
 
     height_cm: float
     below_cm: float = 0.35
@@ -36,12 +36,12 @@ class Panels(NamedTuple):
     width_cm: float
 
     def label_y(self, axes: Axes, label: str, away_cm: float) -> None:
-        """Label a panel's y axis so far left of it: labels above each other are in line."""
+        """Label a panel's y axis at a fixed distance, so that the labels of a column are aligned."""
         axes.set_ylabel(label)
         axes.yaxis.set_label_coords(-away_cm / self.width_cm, 0.5)
 
     def legend(self, handles: Iterable, labels: Sequence[str], markerscale: float = 1.0) -> None:
-        """Put a legend below all panels, in the room that `legend_cm` says."""
+        """Put a legend below all panels, in the space given by `legend_cm`."""
         self.figure.legend(
             list(handles),
             labels,
@@ -65,12 +65,12 @@ def panels(
     """Return panels in rows and columns over the width of a page.
 
     Args:
-        rows: from the top; the room below the last is the bottom's.
-        columns: how many.
-        left_cm: room left of the first column.
-        between_cm: room between two columns.
-        top_cm: room above the first row.
-        bottom_cm: room below the last row.
+        rows: from the top; `bottom_cm` replaces the space below the last.
+        columns: number of columns.
+        left_cm: space left of the first column.
+        between_cm: space between two columns.
+        top_cm: space above the first row.
+        bottom_cm: space below the last row.
         share_y: whether the panels of a row share the y axis, and label it once.
     """
     height = top_cm + sum(row.height_cm + row.below_cm for row in rows) - rows[-1].below_cm + bottom_cm
@@ -93,10 +93,10 @@ def panels(
 
 
 def legend_columns(labels: Sequence[str]) -> int:
-    """Return how many entries of a legend stand side by side on a page."""
+    """Return the number of legend entries in a row."""
     return len(labels) if sum(len(label) + 6 for label in labels) < 90 else 2
 
 
 def legend_cm(labels: Sequence[str]) -> float:
-    """Return the room that a legend below the panels takes, in cm."""
+    """Return the height of a legend below the panels, in cm."""
     return _LEGEND_CM + _LEGEND_LINE_CM * -(-len(labels) // legend_columns(labels))

@@ -1,4 +1,4 @@
-"""Pictures of the paper beside the engine: candidates for Table 1, the voltage of Fig. 8, the tests, the doubling."""
+"""Comparisons with the paper: candidates for Table 1, the voltage of Fig. 8, the tests, the doubling."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DASHES = ("-", (0, (5, 2)), (0, (1, 1.4)), (0, (5, 1.5, 1, 1.5)))
 def carried_slopes(
     printed: Mapping[float, float], half_step: float, fits: Mapping[str, Mapping[float, float]]
 ) -> Figure:
-    """Draw the slopes of Table 1 with their rounding, and what each hypothesis makes of them.
+    """Draw the slopes of Table 1 with their rounding, and those of each hypothesis.
 
     Args:
         printed: slope [1/s] by ambient [degC].
@@ -41,21 +41,21 @@ def carried_slopes(
 
 @styled
 def cell_voltage(
-    courses: Mapping[str, tuple[np.ndarray, np.ndarray, Sequence[float]]], printed: Sequence[tuple[float, float]]
+    discharges: Mapping[str, tuple[np.ndarray, np.ndarray, Sequence[float]]], printed: Sequence[tuple[float, float]]
 ) -> Figure:
-    """Draw the voltage of a cell over time with its third-order polynomial, and the points that the paper names.
+    """Draw the voltage of a cell over time with its third-order polynomial, and the points given in the paper.
 
     Args:
-        courses: by name, time [s], voltage [V] and the polynomial's coefficients, highest power first.
+        discharges: by name, time [s], voltage [V] and the polynomial's coefficients, highest power first.
         printed: points of time [s] and voltage [V].
     """
     figure = new_figure(PAGE_CM, 9.0)
     axes = figure.subplots()
-    for (name, (time_s, volts, cubic)), colour in zip(courses.items(), LINES, strict=False):
+    for (name, (time_s, volts, cubic)), colour in zip(discharges.items(), LINES, strict=False):
         axes.plot(time_s[1:], volts[1:], color=colour, lw=1.0 if "alternating" in name else 1.5, alpha=0.8, label=name)
         axes.plot(time_s[1:], np.polyval(cubic, time_s[1:]), color=colour, lw=1.2, ls=(0, (2, 1.5)))
     axes.plot([], [], color=BLACK, lw=1.2, ls=(0, (2, 1.5)), label="third-order polynomial of each")
-    axes.plot(*np.array(printed).T, "s", color=BLACK, markerfacecolor="white", label="levels that the paper names")
+    axes.plot(*np.array(printed).T, "s", color=BLACK, markerfacecolor="white", label="levels given in the paper")
     axes.set_xlabel("time [s]")
     axes.set_ylabel("voltage of one cell [V]")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
@@ -70,20 +70,20 @@ def tests(
     allowed: np.ndarray,
     model: np.ndarray,
 ) -> Figure:
-    """Draw the gradients of the four tests: printed, what the voltmeter allows, and the model's.
+    """Draw the gradients of the four tests: printed, allowed by the voltmeter, and of the model.
 
     Args:
         names: of the tests.
         printed: Table 5, V/s, shape (tests,).
         over_test: drop of Table 3 over the half hour, V/s, shape (tests,).
-        allowed: steepest and flattest that the readings allow, V/s, shape (2, tests).
+        allowed: steepest and flattest consistent with the readings, V/s, shape (2, tests).
         model: the model's, V/s, shape (tests,).
     """
     figure = new_figure(PAGE_CM, 7.0)
     axes = figure.subplots()
     place = np.arange(len(names))
-    said = "what readings good to 0.1 V allow over 1800 s"
-    axes.bar(place, 1e5 * (allowed[1] - allowed[0]), 0.5, 1e5 * allowed[0], color="#d9d9d9", label=said)
+    allowed_label = "range allowed by readings to 0.1 V over 1800 s"
+    axes.bar(place, 1e5 * (allowed[1] - allowed[0]), 0.5, 1e5 * allowed[0], color="#d9d9d9", label=allowed_label)
     axes.hlines(1e5 * over_test, place - 0.25, place + 0.25, color=GREY, lw=2.0, label="drop of Table 3 over 1800 s")
     axes.plot(place - 0.08, 1e5 * printed, "s", color=ORANGE, label="Table 5, as printed")
     axes.plot(place + 0.08, 1e5 * model, "o", color=BLUE, label="model, from the charge that rests at 22.6 V")
@@ -96,11 +96,11 @@ def tests(
 
 
 @styled
-def doubled_courses(time_s: np.ndarray, base: np.ndarray, moved: Mapping[str, np.ndarray]) -> Figure:
-    """Draw the voltage of a cell as it is and with components doubled, over time [s]; voltages in V."""
+def doubled_voltages(time_s: np.ndarray, base: np.ndarray, moved: Mapping[str, np.ndarray]) -> Figure:
+    """Draw the voltage of a cell, unchanged and with components doubled, over time [s]; voltages in V."""
     figure = new_figure(PAGE_CM, 8.5)
     axes = figure.subplots()
-    axes.plot(time_s[1:], base[1:], color=BLACK, lw=2.0, label="as it is")
+    axes.plot(time_s[1:], base[1:], color=BLACK, lw=2.0, label="unchanged")
     for number, (name, volts) in enumerate(moved.items()):
         axes.plot(time_s[1:], volts[1:], color=LINES[number % 6], ls=DASHES[1 + number // 6], label=name)
     axes.set_xlabel("time [s]")

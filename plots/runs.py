@@ -1,4 +1,4 @@
-"""One run: what was measured, what the models predict, and what is left."""
+"""One run: measurements, predictions and residuals."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from plots.style import (
 
 Predictions = Mapping[str, np.ndarray]
 _SIDE_BY_SIDE = 3  # channels on a page
-# Room left of a panel, from its edge to the bottom of its label, and below the last for times.
+# Space left of a panel, from its edge to the bottom of its label, and below the last for times.
 _LEFT_CM, _LABEL_CM, _TIME_CM = 2.0, 1.1, 1.05
 _NOISE, _INVALID = "noise, ±2 sd", "equations out of range"
 _WHITE_EDGE: dict[str, Any] = {"markeredgecolor": "white", "markeredgewidth": 0.5}
@@ -51,7 +51,7 @@ def fit_and_residuals(
         run: the run, with readings of one channel at least.
         models: predictions by channel of one or two models, by the name in the legend; the better one last.
         noise_sd: the noise floor of each channel to draw, in the channel's unit.
-        valid: by row, False where the equations leave the range in which they make sense; those spans are shaded.
+        valid: by row, False where the equations are outside their valid range; those spans are shaded.
     """
     channels = channels_read(run, noise_sd)
     factor, unit = minutes_or_seconds(run.measured.time_s)
@@ -108,7 +108,7 @@ def _in_two_lines(column: str) -> str:
 
 
 def draw_residuals(axes: Axes, x: np.ndarray, residuals: Mapping[str, np.ndarray], noise_sd: float, unit: str) -> str:
-    """Draw residuals of some models over x, with the band in which noise alone would leave them; return the unit."""
+    """Draw residuals of some models over x, with the band of the noise; return the unit."""
     everything = np.concatenate(list(residuals.values()))
     scale, shown_unit = readable(everything, difference_unit(unit))
     axes.axhspan(-2 * noise_sd * scale, 2 * noise_sd * scale, color=FLOOR, alpha=0.25, lw=0, label=_NOISE)
@@ -129,7 +129,7 @@ def residuals_by_condition(
     conditions: Mapping[str, np.ndarray],
     noise_sd: Mapping[str, float],
 ) -> Figure:
-    """Draw residuals against the conditions under which they arose, with the mean in each of twelve equal parts.
+    """Draw residuals over the conditions of the readings, with the mean in each of twelve equal parts.
 
     Args:
         residuals: by model, then by channel, all runs one after the other, shape (n,); NaN where nothing was read.
@@ -231,7 +231,7 @@ def simulation(name: str, table: pd.DataFrame, run: Run, shown_inputs: Sequence[
 
 
 def _shade(axes: Axes, time: np.ndarray, invalid: np.ndarray) -> None:
-    """Shade the rows in which the equations left the range in which they make sense."""
+    """Shade the rows in which the equations are outside their valid range."""
     if not invalid.any():
         return
     edges = np.flatnonzero(np.diff(np.concatenate([[0], invalid.astype(int), [0]])))

@@ -1,4 +1,4 @@
-"""What every picture shares: fonts, a palette for all eyes, labels with units, and scales that suit the numbers."""
+"""Common style of all pictures: fonts, a palette for any colour vision, labels with units, scales."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PAGE_CM = 17.0  # text width of an A4 report
 DOTS_PER_INCH = 170
 CSS_DOTS_PER_INCH = 96  # of a browser
 
-# Okabe and Ito's colours, told apart by people with any kind of colour vision and in grey.
+# Colours of Okabe and Ito, distinguishable with any kind of colour vision and in grey.
 GREY, BLACK = "#8c8c8c", "#1a1a1a"
 BLUE, ORANGE, GREEN, SKY, PURPLE = "#0072b2", "#d55e00", "#009e73", "#56b4e9", "#cc79a7"
 LINES = (BLUE, ORANGE, GREEN, PURPLE, SKY, "#e69f00", BLACK)
@@ -62,7 +62,7 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Give a picture's function the project's fonts and lines; matplotlib's global settings stay as they are."""
+    """Apply this style within a plotting function, without changing the global matplotlib settings."""
 
     @functools.wraps(draw)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> Figure:
@@ -81,14 +81,14 @@ class Picture(Figure):
 
 
 def new_figure(width_cm: float, height_cm: float, layout: Literal["constrained", "none"] = "constrained") -> Figure:
-    """Return an empty figure of a size in cm; it belongs to nobody's list of open figures."""
+    """Return an empty figure of a size in cm, which pyplot does not keep open."""
     figure = Picture(figsize=(width_cm / 2.54, height_cm / 2.54), dpi=DOTS_PER_INCH, layout=layout)  # type: ignore[arg-type]
     FigureCanvasAgg(figure)
     return figure
 
 
 def png(figure: Figure) -> bytes:
-    """Return a figure as a PNG, by its canvas: `savefig` would lay it out, draw it for nothing, and draw it again."""
+    """Return a figure as a PNG, through its canvas: `savefig` would draw it twice."""
     buffer = io.BytesIO()
     with matplotlib.rc_context(_RC), warnings.catch_warnings():
         # A figure too full for its layout is drawn as it is: nothing that who reads the terminal could mend.
@@ -108,7 +108,7 @@ def column_label(column: str) -> str:
 
 
 def power_of_ten(values: np.ndarray) -> tuple[float, str]:
-    """Return a factor, and how an axis label says it, for numbers too small or large to be read as they are."""
+    """Return a factor and its text for an axis label, for numbers too small or large to be read."""
     finite = np.abs(values[np.isfinite(values)])
     largest = float(finite.max()) if finite.size else 0.0
     if largest == 0.0 or 1e-2 <= largest < 1e5:
@@ -118,9 +118,9 @@ def power_of_ten(values: np.ndarray) -> tuple[float, str]:
 
 
 def residual_scale(axes: Axes, models: Sequence[np.ndarray], floor: float) -> None:
-    """Scale the y axis for residuals of some models: linear, unless the best would vanish beside the worst.
+    """Scale the y axis for residuals of some models: linear, unless the worst would hide the best.
 
-    Then it is linear as far as the best model's residuals or the noise reach, and logarithmic beyond.
+    Then it is linear up to the best model's residuals or the noise, and logarithmic beyond.
     """
     sizes = [float(np.percentile(size, 98.0)) for r in models if (size := np.abs(r[np.isfinite(r)])).size]
     if not sizes:
@@ -139,7 +139,7 @@ def residual_scale(axes: Axes, models: Sequence[np.ndarray], floor: float) -> No
 
 
 def plain_log(axis: Any) -> None:
-    """Label a logarithmic axis with plain numbers, at 1, 2 and 5 where there is room for them."""
+    """Label a logarithmic axis with plain numbers, at 1, 2 and 5 if there is space."""
     low, high = sorted(axis.get_view_interval())
     decades = np.log10(high / low)
     subs = (1.0, 2.0, 5.0) if decades < 2.2 else (1.0, 3.0) if decades < 3.2 else (1.0,)
@@ -150,6 +150,6 @@ def plain_log(axis: Any) -> None:
 
 
 def minutes_or_seconds(time_s: np.ndarray) -> tuple[float, str]:
-    """Return the factor and unit in which a course of this length is read best."""
+    """Return the factor and unit for a time axis of this length."""
     span = float(time_s[-1] - time_s[0])
     return (1.0, "s") if span <= 600.0 else (1.0 / 60.0, "min") if span <= 6 * 3600.0 else (1.0 / 3600.0, "h")

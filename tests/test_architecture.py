@@ -1,4 +1,4 @@
-"""The house rules that a machine can hold: who may import whom, how large a module is, what no file may contain."""
+"""Project rules that are tested: which package imports which, module size, and forbidden text."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MAY_IMPORT = {
     "plots": {"jaxmodel", "sweeps", "sensitivity", "discrepancy", "operation"},
     "workbench": {"jaxmodel", "sweeps", "sensitivity", "discrepancy", "operation", "plots"},
 }
-# The parts of `discrepancy`, low to high: each may import those of lower levels, and none beside it.
+# The parts of `discrepancy`, from low to high: each may import only parts of lower levels.
 DISCREPANCY = [
     {"settings", "plotting"},
     {"result", "residuals"},
@@ -57,12 +57,12 @@ FORBIDDEN_TEXT = {
 }
 
 
-def modules_of(room: str) -> list[Path]:
-    return sorted((REPOSITORY / room).rglob("*.py"))
+def modules_of(package: str) -> list[Path]:
+    return sorted((REPOSITORY / package).rglob("*.py"))
 
 
 def imports_of(path: Path, within: type | None = None) -> Iterator[tuple[str, int]]:
-    """The top-level package of every absolute import, wherever in the module it stands or only at its top, its line."""
+    """The top-level package and line of every absolute import, anywhere in a module or only at its top level."""
     module = ast.parse(path.read_text(encoding="utf-8"), str(path))
     for node in module.body if within is ast.Module else ast.walk(module):
         if isinstance(node, ast.Import):
@@ -71,21 +71,21 @@ def imports_of(path: Path, within: type | None = None) -> Iterator[tuple[str, in
             yield node.module.split(".")[0], node.lineno
 
 
-def imports_into(room: str) -> Iterator[tuple[str, str]]:
-    """Each top-level package that the room imports, with the place of the import.
+def imports_into(package: str) -> Iterator[tuple[str, str]]:
+    """Each top-level package that a package imports, with the place of the import.
 
-    `plotting.py` alone may reach for `plots`, inside its functions: a result draws itself when it is asked to.
+    Only `plotting.py` may import `plots`, inside its functions: a result draws itself on request.
     """
-    for path in modules_of(room):
+    for path in modules_of(package):
         at_top = {line for _, line in imports_of(path, ast.Module)}
-        for package, line in imports_of(path):
-            if package in ("plots", "matplotlib") and path.name == "plotting.py" and line not in at_top:
+        for imported, line in imports_of(path):
+            if imported in ("plots", "matplotlib") and path.name == "plotting.py" and line not in at_top:
                 continue
-            yield package, f"{path.relative_to(REPOSITORY)}:{line}: import of {package}"
+            yield imported, f"{path.relative_to(REPOSITORY)}:{line}: import of {imported}"
 
 
 def texts_of_project() -> Iterator[tuple[Path, str]]:
-    """Every text file that .gitignore does not name; the list is read here because git may be absent."""
+    """Every text file that .gitignore does not name; read here because git may be absent."""
     entries = (REPOSITORY / ".gitignore").read_text(encoding="utf-8").splitlines()
     ignored = [".git", *(entry.rstrip("/") for entry in entries if entry and not entry.startswith("#"))]
 
@@ -101,10 +101,10 @@ def texts_of_project() -> Iterator[tuple[Path, str]]:
                 continue
 
 
-@pytest.mark.parametrize("room", MAY_IMPORT)
-def test_room_imports_only_the_rooms_it_may(room: str) -> None:
-    others = MAY_IMPORT.keys() - MAY_IMPORT[room] - {room}
-    assert [place for package, place in imports_into(room) if package in others] == []
+@pytest.mark.parametrize("package", MAY_IMPORT)
+def test_package_imports_only_the_packages_it_may(package: str) -> None:
+    others = MAY_IMPORT.keys() - MAY_IMPORT[package] - {package}
+    assert [place for imported, place in imports_into(package) if imported in others] == []
 
 
 def test_parts_of_the_diagnosis_import_only_lower_ones() -> None:
@@ -113,7 +113,7 @@ def test_parts_of_the_diagnosis_import_only_lower_ones() -> None:
     for path in modules_of("discrepancy"):
         own = path.relative_to(REPOSITORY / "discrepancy").with_suffix("").parts[0]
         module = ast.parse(path.read_text(encoding="utf-8"), str(path))
-        # What a result can do for its user (summary, write, plot) is imported when it is called.
+        # Methods of results (summary, write, plot) import what they need when called.
         for node in module.body if own in ("result", "plotting") else ast.walk(module):
             if not isinstance(node, ast.ImportFrom) or (node.module or "").split(".")[0] != "discrepancy":
                 continue
@@ -122,20 +122,20 @@ def test_parts_of_the_diagnosis_import_only_lower_ones() -> None:
                 if other != own and level[other] >= level[own]:
                     upward.append(f"{path.relative_to(REPOSITORY)}:{node.lineno}: {own} imports {other}")
     assert upward == []
-    # Those named are all there are.
+    # The list is complete.
     assert set(level) == {path.stem for path in (REPOSITORY / "discrepancy").iterdir() if path.stem != "__pycache__"}
 
 
-@pytest.mark.parametrize("room", WITHOUT_FRONT_END)
-def test_room_imports_no_plotting_web_or_command_line(room: str) -> None:
+@pytest.mark.parametrize("package", WITHOUT_FRONT_END)
+def test_package_imports_no_plotting_web_or_command_line(package: str) -> None:
     front_end = FRONT_END | FRONT_END_OF_PYTHON
-    assert [place for package, place in imports_into(room) if package in front_end] == []
+    assert [place for imported, place in imports_into(package) if imported in front_end] == []
 
 
-@pytest.mark.parametrize("room", WITHOUT_FRONT_END)
-def test_importing_every_module_of_room_loads_no_front_end(room: str) -> None:
-    """The other packages we use could load one behind our back."""
-    modules = [path.relative_to(REPOSITORY).with_suffix("") for path in modules_of(room)]
+@pytest.mark.parametrize("package", WITHOUT_FRONT_END)
+def test_importing_every_module_of_package_loads_no_front_end(package: str) -> None:
+    """Other dependencies could load a front end indirectly."""
+    modules = [path.relative_to(REPOSITORY).with_suffix("") for path in modules_of(package)]
     names = [".".join(module.parts).removesuffix(".__init__") for module in modules]
     program = f"import importlib, sys; [importlib.import_module(name) for name in {names}]; print(*sys.modules)"
     result = subprocess.run(
@@ -143,43 +143,43 @@ def test_importing_every_module_of_room_loads_no_front_end(room: str) -> None:
     )
     assert result.returncode == 0, result.stderr
     loaded = set(result.stdout.split())
-    assert room in loaded
+    assert package in loaded
     assert loaded & FRONT_END == set()
 
 
-@pytest.mark.parametrize("room", MAY_IMPORT)
-def test_room_imports_only_declared_dependencies(room: str) -> None:
-    """A room that leans on a package of the test extra would work here and fail for a user."""
+@pytest.mark.parametrize("package", MAY_IMPORT)
+def test_package_imports_only_declared_dependencies(package: str) -> None:
+    """A package that needs a dependency of the test extra would work here and fail for a user."""
     project = PROJECT["project"]
     declared = project["dependencies"] + project["optional-dependencies"]["cluster"]
     known = {re.split(r"\W", requirement)[0] for requirement in declared} | {"pydantic_core"}  # half of pydantic
     known |= sys.stdlib_module_names | MAY_IMPORT.keys()
-    assert [place for package, place in imports_into(room) if package not in known] == []
+    assert [place for imported, place in imports_into(package) if imported not in known] == []
 
 
-@pytest.mark.parametrize("room", MAY_IMPORT)
-def test_room_says_in_one_docstring_what_it_is(room: str) -> None:
-    module = ast.parse((REPOSITORY / room / "__init__.py").read_text(encoding="utf-8"))
+@pytest.mark.parametrize("package", MAY_IMPORT)
+def test_package_says_in_one_docstring_what_it_is(package: str) -> None:
+    module = ast.parse((REPOSITORY / package / "__init__.py").read_text(encoding="utf-8"))
     assert ast.get_docstring(module)
 
 
-@pytest.mark.parametrize("room", MAY_IMPORT)
-def test_every_package_of_room_is_installed(room: str) -> None:
-    packages = {".".join(path.parent.relative_to(REPOSITORY).parts) for path in modules_of(room)}
-    listed = {name for name in PROJECT["tool"]["setuptools"]["packages"] if name.split(".")[0] == room}
+@pytest.mark.parametrize("package", MAY_IMPORT)
+def test_every_package_of_package_is_installed(package: str) -> None:
+    packages = {".".join(path.parent.relative_to(REPOSITORY).parts) for path in modules_of(package)}
+    listed = {name for name in PROJECT["tool"]["setuptools"]["packages"] if name.split(".")[0] == package}
     assert packages == listed
 
 
-@pytest.mark.parametrize("room", MAY_IMPORT)
-def test_module_is_read_in_one_sitting(room: str) -> None:
-    lengths = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in modules_of(room)}
+@pytest.mark.parametrize("package", MAY_IMPORT)
+def test_module_is_short(package: str) -> None:
+    lengths = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in modules_of(package)}
     assert {str(path.relative_to(REPOSITORY)): lines for path, lines in lengths.items() if lines > MOST_LINES} == {}
 
 
-def test_tests_mirror_the_rooms() -> None:
+def test_tests_mirror_the_packages() -> None:
     tested = {path.parent.relative_to(REPOSITORY / "tests").parts[:1] for path in REPOSITORY.glob("tests/**/test_*.py")}
-    with_code = {(room,) for room in MAY_IMPORT if len(modules_of(room)) > 1}
-    # tests/independent is the referee: a second simulator, tested like the product.
+    with_code = {(package,) for package in MAY_IMPORT if len(modules_of(package)) > 1}
+    # tests/independent is the independent simulator, tested like the product.
     assert tested - {(), ("independent",), ("examples",)} == with_code
 
 
@@ -192,7 +192,7 @@ def test_constraints_pin_exact_versions() -> None:
 
 @pytest.mark.parametrize("what", FORBIDDEN_TEXT)
 def test_no_file_contains(what: str) -> None:
-    """The project is the same wherever it lies and wherever its packages come from."""
+    """The project does not depend on its folder or on a package registry."""
     assert [
         f"{path}:{number}: {line.strip()[:100]}"
         for path, text in texts_of_project()

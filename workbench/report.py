@@ -1,7 +1,6 @@
 """The report of one diagnosis: a single HTML page that opens offline and prints well.
 
-It answers in the order in which a user asks: what is missing, which of my numbers and tables are off, what remains and
-does it matter to me.
+Its sections: what is missing, which stated values and tables are wrong, which error remains and whether it is material.
 """
 
 from __future__ import annotations
@@ -54,9 +53,9 @@ def write_report(diagnosis: Diagnosis, folder: str | Path) -> dict[str, bytes]:
 
 
 def report_content(diagnosis: Diagnosis, pictures: Mapping[str, bytes]) -> dict[str, Any]:
-    """Return what the templates of a diagnosis show; arguments as `write_report`."""
+    """Return the content for the templates of a diagnosis; arguments as `write_report`."""
     case, parameters = diagnosis.case, parameter_rows(diagnosis)
-    told_of_them = set(map(remark_on_extrapolation, diagnosis.extrapolated))
+    on_extrapolation = set(map(remark_on_extrapolation, diagnosis.extrapolated))
     return {
         "diagnosis": diagnosis,
         "case": case,
@@ -86,10 +85,10 @@ def report_content(diagnosis: Diagnosis, pictures: Mapping[str, bytes]) -> dict[
         "where": _by_channel({channel: one.where for channel, one in diagnosis.remaining.items()}),
         "immaterial": [_immaterial(one.sentence, removed(one.removes)) for one in diagnosis.immaterial],
         "extrapolated": [extrapolated_sentence(one) for one in diagnosis.extrapolated],
-        # What is extrapolated is a remark too: here it has a heading of its own.
-        "remarks": [remark for remark in diagnosis.remarks if remark not in told_of_them],
+        # Extrapolation has its own heading in the report.
+        "remarks": [remark for remark in diagnosis.remarks if remark not in on_extrapolation],
         "blind": join([effect_name(label) for label in diagnosis.blind_to]),
-        "alike": [
+        "indistinguishable": [
             f"{effect_name(effect.label)}: {join([effect_name(label) for label in effect.cannot_tell_apart_from])}"
             for effect in diagnosis.effects
             if effect.cannot_tell_apart_from
@@ -103,8 +102,8 @@ def report_content(diagnosis: Diagnosis, pictures: Mapping[str, bytes]) -> dict[
 
 
 def _by_channel(sentences: Mapping[str, tuple[str, ...]]) -> list[tuple[str, list[str]]]:
-    """Return the channels of which something is said, and what."""
-    return [(split_unit(channel)[0], [_sentence(one) for one in said]) for channel, said in sentences.items() if said]
+    """Return the channels that have statements, with these."""
+    return [(split_unit(channel)[0], [_sentence(one) for one in some]) for channel, some in sentences.items() if some]
 
 
 def _sentence(text: str) -> str:
@@ -112,17 +111,18 @@ def _sentence(text: str) -> str:
     return f"{text[:1].upper()}{text[1:].rstrip('.')}."
 
 
-def _immaterial(sentence: str, takes: str) -> str:
-    return _sentence(f"{sentence.rstrip('.')}{takes and f'; it takes off {takes}'}")
+def _immaterial(sentence: str, reduced: str) -> str:
+    reduces = reduced and f"; it reduces the error of {reduced}"
+    return _sentence(f"{sentence.rstrip('.')}{reduces}")
 
 
 def _files(diagnosis: Diagnosis) -> list[Path]:
-    """Return the files of the case, and those of effects of the user's own."""
+    """Return the files of the case and of the user's own effects."""
     case = diagnosis.case
     own = dict.fromkeys(inspect.getfile(effect) for effect in case.own_effects.values())
     return [*case.files, *(Path(file) for file in own)]
 
 
 def _settings(diagnosis: Diagnosis) -> list[str]:
-    ordered = [f"ordered: {' '.join(diagnosis.ordered)}"] if diagnosis.ordered else []
-    return [f"random numbers from seed {SEED}", *ordered]
+    ordered = [f"options: {' '.join(diagnosis.ordered)}"] if diagnosis.ordered else []
+    return [f"random seed {SEED}", *ordered]

@@ -23,7 +23,7 @@ _LARGE_PULL = 2.0
 
 @dataclasses.dataclass(frozen=True)
 class _Unit:
-    """How the errors of a channel are shown: its label, the factor on them, the unit with a blank before it."""
+    """How the errors of a channel are shown: label, factor, and unit with a leading blank."""
 
     label: str
     scale: float
@@ -35,7 +35,7 @@ class _Unit:
 
 
 def _unit(diagnosis: Diagnosis, channel: str) -> _Unit:
-    """Return how the errors of a channel are shown, alike for all models."""
+    """Return how the errors of a channel are shown, the same for all models."""
     errors = [e for rung in diagnosis.ladder for e in (rung.errors[channel].fit, rung.errors[channel].check)]
     quantity, unit = split_unit(channel)
     scale, unit = readable(errors, difference_unit(unit))
@@ -63,7 +63,7 @@ def ladder_rows(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def channel_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """Return a row for each channel: errors before and after, noise, tolerance, and what the final model leaves."""
+    """Return a row for each channel: errors before and after, noise, tolerance, and remaining error."""
     rows = []
     for channel, noise in diagnosis.noise.items():
         unit, tolerance = _unit(diagnosis, channel), diagnosis.tolerance.get(channel)
@@ -102,7 +102,7 @@ def _tolerance(diagnosis: Diagnosis, channel: str, unit: _Unit) -> str:
 
 
 def noise_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
-    """Return a row for each channel: the noise of its sensor and where it comes from."""
+    """Return a row for each channel: the noise of its sensor and its source."""
     rows = []
     for channel, noise in diagnosis.noise.items():
         unit = difference_unit(split_unit(channel)[1])
@@ -120,7 +120,7 @@ def noise_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
 
 
 def parameter_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """Return one row for each number that was calibrated, in the order of the final model."""
+    """Return one row for each calibrated parameter, in the order of the final model."""
     base, final = diagnosis.base.estimates, diagnosis.final.estimates
     stated = _stated(diagnosis)
     rows = []
@@ -151,7 +151,7 @@ def _of(estimate: Estimate | None, with_unit: Estimate | None) -> str:
 
 
 def _stated(diagnosis: Diagnosis) -> dict[str, Known]:
-    """Return what the case states, under the names of the estimates."""
+    """Return the stated values under the names of the estimates."""
     case = diagnosis.case
     stated = dict(case.parameters)
     for name, sds in case.effect_sd.items():

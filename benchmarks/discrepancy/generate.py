@@ -1,4 +1,4 @@
-"""Blind cases: hardware, profiles, noise and hidden effect drawn from a seed, simulated by the independent referee."""
+"""Blind cases: hardware, profiles, noise and hidden effect drawn from a seed, by the independent simulator."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ DECOY_SD = 3.0
 # temperature, never reversed, and at nearly one load.
 CONFUSABLE_FROM = 4000
 NEARLY_ONE_LOAD = 0.8
-# Of the referee; far below any sensor.
+# Of the independent simulator; far below any sensor.
 TOLERANCE = 1e-7
 PATTERNS = ("load steps", "varying load", "pulse train", "rests with pulses", "constant load")
 
@@ -101,7 +101,7 @@ def make(folder: Path, seed: int) -> Blind:
     """Write the blind case of a seed and return what is hidden in it.
 
     Raises:
-        RuntimeError: the referee cannot integrate it; its cell is discharged beyond empty, where no voltage means
+        RuntimeError: the simulator cannot integrate it; its cell is discharged beyond empty, where no voltage means
             anything; or what is hidden moves no reading, as a law of temperature in runs at its reference.
     """
     drawn = fitting(draw(seed))

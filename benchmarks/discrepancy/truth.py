@@ -16,8 +16,8 @@ from jaxmodel.cases import read_case
 from jaxmodel.known import Table
 from tests.independent.make_case import in_toml
 
-# What a perfect model leaves may be so much more than the noise that was added. Else the referee and the engine do not
-# mean the same by what is hidden.
+# What a perfect model leaves may be so much more than the noise that was added. Else the independent simulator and the
+# engine do not mean the same by what is hidden.
 MOST_OVER_NOISE = 1.5
 USUAL_OHM = 0.15  # of a cell, from one reading to the next
 # What stands out less cannot be asked to be named beside other things.
@@ -91,7 +91,7 @@ def as_it_is(case: Case, drawn: Drawn) -> Case:
     A contact of a run is no part of the model: its drop is added to the run's voltages.
     """
     effects = {name: dict(numbers) for name, numbers in drawn.blind.effects.items()}
-    if "clock_shift" in effects:  # the referee's logger interpolates between rows
+    if "clock_shift" in effects:  # the independent simulator's logger interpolates between rows
         effects["clock_shift"]["resampled"] = 1.0
     tables = {
         name: Table(np.array(drawn.true[name]["soc"]), np.array(drawn.true[name][VALUES[name]]))

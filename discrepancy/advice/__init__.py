@@ -1,1 +1,1 @@
-"""What a user may do next: experiments that decide, what the data tell of parameters, remarks, a law as an effect."""
+"""Experiments that decide between models, identifiability of parameters, remarks, and a law as an effect."""

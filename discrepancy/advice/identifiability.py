@@ -1,4 +1,4 @@
-"""What a case can tell of its parameters: information of its readings at the calibrated model, run by run."""
+"""How well a case determines its parameters: Fisher information of its readings at the calibrated model, by run."""
 
 from __future__ import annotations
 
@@ -22,35 +22,34 @@ from jaxmodel.names import parameter_table, value
 from jaxmodel.parameters import TABLE, info
 from sensitivity.information import Floats, Information, direction_in_words
 
-# What is asked for and stated as exact is taken as known to this share of its value, for want of anything better.
+# Prior sd assumed for a requested parameter that the case states as exact, as a share of its value,
 ASSUMED_SHARE = 0.3
-_ASSUMED_RANGE_SHARE = 0.1  # and a number that may be zero to this share of its range
-# Below this the data know less of a direction than was known before.
+_ASSUMED_RANGE_SHARE = 0.1  # or as a share of its range if the value is zero
+# Information of a direction, relative to the prior, below which it is reported as undetermined.
 SLOPPY = 1.0
-# An sd of this share of what was known before is an answer, of that one part of one.
-_TOLD, _PARTLY = 0.5, 0.9
-# By how much less chi-square a profile must find for the calibration to begin anew.
+# Ratio of posterior to prior sd up to which the answer is "Yes", and "In part".
+_DETERMINED, _PARTLY = 0.5, 0.9
+# Decrease of chi-square along a profile from which the calibration is started again.
 _DEEPER = 0.2
-# A model that leaves more than this times the noise misses more than noise.
+# RMS residual, in sd of the noise, above which a model error is estimated,
 MISFIT = 1.5
-# Its error is then estimated so many times, from so many readings of a series, and the model fitted under it.
+# so many times, from so many readings of a series, each time with a new fit.
 _REWEIGHTINGS, _MOST_OF_A_SERIES = 3, 1500
-# Starts of a run that no case need state; where readings tell less of them than this share of the prior, they are no
-# unknowns of it.
+# Initial states that a case need not state; left out if their information is below this share of the prior's.
 _UNSTATED_STARTS, _NOTHING = ("initial_hysteresis", "initial_temperature_rise_K"), 1e-6
 
 
 @dataclasses.dataclass(frozen=True)
 class Profiled:
-    """The likelihood with one parameter held, all others fitted again, beside what the quadratic says.
+    """The profile likelihood of one parameter and its quadratic approximation.
 
     Attributes:
         name: of the parameter.
-        values: where it was held, in its unit.
-        rise: of chi-square (readings and priors) over its least.
+        values: at which it was held, in its unit.
+        rise: of chi-square (readings and priors) above its minimum.
         quadratic: the rise that the information predicts.
-        interval: where the rise is 1, in the parameter's unit; nan where the profile ends before.
-        lowest: coordinates of all unknowns where the rise is least: below zero, calibration had stopped short.
+        interval: where the rise is 1, in the parameter's unit; nan if the profile ends before.
+        lowest: coordinates of all unknowns at the smallest rise; if it is negative, the calibration had not converged.
     """
 
     name: str
@@ -61,29 +60,29 @@ class Profiled:
     lowest: Floats
 
     @property
-    def lies(self) -> bool:
-        """Return True where the quadratic is off by more than a quarter of a standard deviation within two of them."""
+    def is_not_quadratic(self) -> bool:
+        """Return True if the quadratic approximation is wrong by more than 0.25 sd within two sd."""
         near = self.quadratic <= 4.0 + 1e-9
         return bool(np.max(np.abs(np.sqrt(np.maximum(self.rise, 0.0)) - np.sqrt(self.quadratic))[near]) > 0.25)
 
 
 @dataclasses.dataclass(frozen=True)
 class Identifiability:
-    """What the fit runs of a case tell of its unknowns.
+    """How well the fit runs of a case determine its unknowns.
 
     Attributes:
         case: its name.
-        information: in prior sd, its parts the cells of (run, sensor), in order.
+        information: in units of prior sd; its parts are the pairs (run, sensor), in order.
         runs: names of the fit runs.
         sensors: names of the channels.
         values: of the unknowns at the calibrated model, in their units.
         units: of the unknowns.
         prior_sd: in units, at the calibrated model.
-        logarithmic: True where the unknown moves in proportion.
-        relative: d ln p / dx, or 1 where a relative change means nothing.
+        logarithmic: True if changes of the unknown are relative.
+        relative: d ln p / dx, or 1 if a relative change has no meaning.
         assumed: unknowns whose prior is assumed, not stated in the case.
-        misfit: root mean square of what is left, in sd of the noise: 1 where the model fits. Where it does not, the
-            bounds count what it leaves as an error with a memory, which many readings share.
+        misfit: RMS residual in sd of the noise, 1 if the model fits. If it does not, the bounds treat the residual as
+            an autocorrelated model error.
     """
 
     case: str
@@ -105,12 +104,12 @@ class Identifiability:
 
     @property
     def sd(self) -> Floats:
-        """Return the Cramer-Rao bounds with what was known before, in units."""
+        """Return the Cramer-Rao bounds with the priors, in units."""
         return self.information.sd() * self.prior_sd
 
     @property
     def sd_of_data(self) -> Floats:
-        """Return the Cramer-Rao bounds of the data alone, in units; inf where they leave an unknown open."""
+        """Return the Cramer-Rao bounds of the data alone, in units; inf if they do not determine an unknown."""
         return self.information.sd_of_data() * self.prior_sd
 
     @functools.cached_property
@@ -118,15 +117,15 @@ class Identifiability:
         return self.information.shares()
 
     def shares_by_run(self) -> Floats:
-        """Return the runs' shares in what is known at last, shape (runs, unknowns); see `Information.shares`."""
+        """Return the runs' shares in the final information, shape (runs, unknowns); see `Information.shares`."""
         return self._shares[:-2].reshape(len(self.runs), len(self.sensors), -1).sum(axis=1)
 
     def shares_by_sensor(self) -> Floats:
-        """Return the sensors' shares in what is known at last, shape (sensors, unknowns)."""
+        """Return the sensors' shares in the final information, shape (sensors, unknowns)."""
         return self._shares[:-2].reshape(len(self.runs), len(self.sensors), -1).sum(axis=0)
 
     def shares_known_before(self) -> Floats:
-        """Return the shares of what was known before, of the parameter itself and of the others, (2, unknowns)."""
+        """Return the shares of the parameter's own prior and of the priors of the others, (2, unknowns)."""
         return self._shares[-2:]
 
     def sd_without_run(self) -> Floats:
@@ -142,7 +141,7 @@ class Identifiability:
         return np.array([self.information.without(one).sd() * self.prior_sd for one in cells])
 
     def sloppy(self) -> list[tuple[float, str]]:
-        """Return the directions of which the data tell less than was known before: information, and words for it."""
+        """Return the directions with less information from the data than from the prior, with a description."""
         proportional = {n: bool(log) for n, log in zip(self.names, self.logarithmic, strict=True)}
         return [
             (float(strength), direction_in_words(self.names, way * self.relative, proportional))
@@ -151,7 +150,7 @@ class Identifiability:
         ]
 
     def place(self, name: str) -> int:
-        """Return the number of an unknown; of one that each run has for its own, the name alone is the first run's.
+        """Return the index of an unknown; a name without run means the first run's.
 
         Raises:
             ParameterError: it is not among the unknowns.
@@ -162,7 +161,7 @@ class Identifiability:
         return meant[0]
 
     def answer(self, name: str) -> str:
-        """Say in one sentence whether the data can tell a parameter.
+        """Say in one sentence whether the data determine a parameter.
 
         Raises:
             ParameterError: it is not among the unknowns.
@@ -170,23 +169,23 @@ class Identifiability:
         i = self.place(name)
         unit = f" {self.units[i]}" if self.units[i] else ""
         before, after, alone = (float(part[i]) for part in (self.prior_sd, self.sd, self.sd_of_data))
-        known = f"{_rounded(before)}{unit} {'assumed' if name in self.assumed else 'known'} before"
+        prior = f"{'assumed' if name in self.assumed else 'stated'} sd of {_rounded(before)}{unit}"
         if self.information.total[i, i] < 1e-8:
-            return f"No: nothing that was measured depends on {name}."
+            return f"No: no reading depends on {name}."
         found = f"{name} = {self.values[i]:.4g} ± {_rounded(after)}{unit}"
         if after > _PARTLY * before:
             why = self._why_not(i)
-            return f"No: the data leave {name} at ± {_rounded(after)}{unit}, against ± {known}; {why}."
-        verdict = "Yes" if after <= _TOLD * before and alone <= 2.0 * after else "In part"
-        gain = f"{_rounded(before / after)} times as well as the ± {known}"
+            return f"No: with the data the sd of {name} is {_rounded(after)}{unit}, against the {prior}; {why}."
+        verdict = "Yes" if after <= _DETERMINED * before and alone <= 2.0 * after else "In part"
+        gain = f"{_rounded(before / after)} times more accurate than the {prior}"
         if alone <= 2.0 * after:
             how = f"{self._best_source(i)}"
         else:
-            open_ = f"± {_rounded(alone)}{unit}" if np.isfinite(alone) else "nothing certain"
-            how = f"only with what was known of the others: the data alone would give {open_}"
+            of_data = f"give an sd of {_rounded(alone)}{unit}" if np.isfinite(alone) else "do not determine it"
+            how = f"this needs the stated values of other parameters: the data alone {of_data}"
         but = (
-            f"; the model misses the data by {_rounded(self.misfit)} times the noise, and the ± holds only as far as "
-            f"what it misses comes and goes like noise"
+            f"; the RMS residual is {_rounded(self.misfit)} times the noise, and the sd is valid only if "
+            f"the model error averages out like noise"
             if self.misfit > MISFIT
             else ""
         )
@@ -196,17 +195,17 @@ class Identifiability:
         cells = self._shares[:-2, i]
         best = int(np.argmax(cells))
         run, sensor = self.runs[best // len(self.sensors)], self.sensors[best % len(self.sensors)]
-        return f"{100.0 * cells[best]:.0f} % of it from {sensor} of {run}"
+        return f"{100.0 * cells[best]:.0f} % of the information comes from {sensor} in {run}"
 
     def _why_not(self, i: int) -> str:
         if self.information.total[i, i] < 1.0:
-            return "the readings hardly move with it"
+            return "the readings hardly depend on it"
         strength, axes = self.information.directions()
         weights = axes[i] ** 2 / (1.0 + strength)
         way = axes[:, int(np.argmax(weights))] * self.relative
         proportional = {n: bool(log) for n, log in zip(self.names, self.logarithmic, strict=True)}
         words = direction_in_words(self.names, way, proportional)
-        return f"they tell {words}" if "only as" in words else f"they leave open {words}"
+        return f"they determine {words}" if "only as" in words else f"they do not determine {words}"
 
 
 def _rounded(number: float) -> str:
@@ -214,10 +213,9 @@ def _rounded(number: float) -> str:
 
 
 def asking_for(case: Case, names: Sequence[str]) -> tuple[Case, tuple[str, ...]]:
-    """Return the case with parameters made uncertain that it states as exact, and which these are.
+    """Return the case with an sd for requested parameters that it states as exact, and the names of these.
 
-    A number without an uncertainty is taken as known to 30 % of its value, one that may be zero to a tenth of its
-    range.
+    The assumed sd is 30 % of the value, or a tenth of the range if the value is zero.
 
     Raises:
         ParameterError: a name is unknown.
@@ -226,7 +224,7 @@ def asking_for(case: Case, names: Sequence[str]) -> tuple[Case, tuple[str, ...]]
     for name in names:
         if name not in TABLE:
             known = parameter_table(case_model(case, case.runs[0]))
-            raise ParameterError(f"--parameter {name}: no parameter is called so.{nearest(name, [*known])}")
+            raise ParameterError(f"--parameter {name}: there is no such parameter.{nearest(name, [*known])}")
         stated = case.parameters.get(name)
         in_runs = name == "initial_soc" or any(name in run.overrides and run.overrides[name].sd for run in case.runs)
         if in_runs or (stated is not None and stated.sd is not None):
@@ -241,14 +239,14 @@ def asking_for(case: Case, names: Sequence[str]) -> tuple[Case, tuple[str, ...]]
 
 @one_thread_of_blas
 def calibrated(investigation: Workings, labels: Sequence[str] = ()) -> tuple[Trial, float]:
-    """Return a calibrated model, and the root mean square of what it leaves in sd of the noise.
+    """Return a calibrated model, and its RMS residual in sd of the noise.
 
-    Where that is not near 1 the noise's bounds mean nothing. What the model leaves is then weighed as its error, as
-    large and with as long a memory as it is; the investigation's own weights know only what the richest model leaves.
+    If that is not close to 1, the residual is treated as model error, with the size and correlation time of this
+    model's residual; the weights of the investigation come from the residual of the richest model.
     """
     found: Trial = investigation.settled(labels)
     readings, setting = found.scale.view.readings, found.setting
-    problem, weights = investigation.bench.problem(setting), Weights(readings, NONE)
+    problem, weights = investigation.space.problem(setting), Weights(readings, NONE)
     left = errors_at(found.scale.view, problem, setting, found.fitted.x[None])[:, 0]
     misfit = float(np.sqrt(np.mean(weights.whiten(left) ** 2)))
     for _ in range(_REWEIGHTINGS if misfit > MISFIT else 0):
@@ -262,7 +260,7 @@ def calibrated(investigation: Workings, labels: Sequence[str] = ()) -> tuple[Tri
 
 @one_thread_of_blas
 def deeper(trial: Trial, profiled: Profiled) -> Trial | None:
-    """Return the model calibrated anew from where a profile was lower than its minimum, None where it nowhere was."""
+    """Return the model calibrated again from where a profile was below its minimum; None if it was not."""
     if np.min(profiled.rise) > -_DEEPER:
         return None
     found = fit(trial.scale.view, trial.setting, trial.scale.weights, profiled.lowest)
@@ -272,34 +270,34 @@ def deeper(trial: Trial, profiled: Profiled) -> Trial | None:
 def identifiability(
     investigation: Workings, trial: Trial, misfit: float = 1.0, assumed: Sequence[str] = ()
 ) -> Identifiability:
-    """Return what the fit runs of a case tell of the unknowns of a calibrated model.
+    """Return how well the fit runs of a case determine the unknowns of a calibrated model.
 
     Args:
         investigation: of the case.
         trial: a calibrated model.
-        misfit: how far it misses the data, in sd of the noise.
-        assumed: names of unknowns whose prior is none of the case's.
+        misfit: its RMS residual, in sd of the noise.
+        assumed: names of unknowns whose prior is assumed.
     """
-    case, bench, fitted, own = investigation.case, investigation.bench, trial.fitted, trial.setting.own
-    layout, fit_runs, sensors = bench.layout, investigation.fit_runs, tuple(investigation.noise)
+    case, space, fitted, free = investigation.case, investigation.space, trial.fitted, trial.setting.free
+    layout, fit_runs, sensors = space.layout, investigation.fit_runs, tuple(investigation.noise)
     parts = _parts(trial, fit_runs, sensors)
-    told = np.diag(parts.sum(axis=0))
-    # What belongs to a check run is not asked of the fit runs.
+    information = np.diag(parts.sum(axis=0))
+    # Unknowns of check runs are left out.
     kept = [
         i
-        for i, place in enumerate(own)
+        for i, place in enumerate(free)
         if (layout.runs[place] < 0 or layout.runs[place] in fit_runs)
-        and not (layout.coordinates[place].name in _UNSTATED_STARTS and told[i] < _NOTHING)
+        and not (layout.coordinates[place].name in _UNSTATED_STARTS and information[i] < _NOTHING)
     ]
-    coordinates, x = [layout.coordinates[own[i]] for i in kept], [fitted.x[own[i]] for i in kept]
+    coordinates, x = [layout.coordinates[free[i]] for i in kept], [fitted.x[free[i]] for i in kept]
     values = np.array([one.number(at) for one, at in zip(coordinates, x, strict=True)])
     prior_sd = np.array([one.slope(at) for one, at in zip(coordinates, x, strict=True)]) * fitted.prior_sd[kept]
     proportional = tuple(_is_proportional(one.name, value) for one, value in zip(coordinates, values, strict=True))
-    units = {name: known.unit for name, known in parameter_table(bench.coarse.models).items()}
+    units = {name: known.unit for name, known in parameter_table(space.coarse.models).items()}
     names = names_of(investigation)
     return Identifiability(
         case=case.name,
-        information=Information(tuple(names[own[i]] for i in kept), parts[:, kept][:, :, kept]),
+        information=Information(tuple(names[free[i]] for i in kept), parts[:, kept][:, :, kept]),
         runs=tuple(case.runs[number].name for number in fit_runs),
         sensors=sensors,
         values=values,
@@ -318,14 +316,14 @@ def _is_proportional(name: str, number: float) -> bool:
 
 def names_of(investigation: Workings) -> tuple[str, ...]:
     """Return the names of all unknowns, those of one run with its name in brackets."""
-    layout, runs = investigation.bench.layout, investigation.case.runs
+    layout, runs = investigation.space.layout, investigation.case.runs
     return tuple(
         name + (f"[{runs[run].name}]" if run >= 0 else "") for name, run in zip(layout.names, layout.runs, strict=True)
     )
 
 
 def _parts(trial: Trial, runs: Sequence[int], sensors: Sequence[str]) -> np.ndarray:
-    """Return J'J of the readings of each run and sensor, in prior sd, shape (runs * sensors, own, own)."""
+    """Return J'J of the readings of each run and sensor, in prior sd, shape (runs * sensors, k, k)."""
     slopes = trial.fitted.jacobian * trial.fitted.prior_sd
     parts = np.zeros((len(runs), len(sensors), slopes.shape[1], slopes.shape[1]))
     for (sensor, run), rows in trial.scale.view.readings.chains:
@@ -337,32 +335,32 @@ def _parts(trial: Trial, runs: Sequence[int], sensors: Sequence[str]) -> np.ndar
 def profile_likelihood(
     investigation: Workings, trial: Trial, name: str, reach: float = 3.0, places: int = 9
 ) -> Profiled:
-    """Return the likelihood along one unknown, all others fitted anew at each place.
+    """Return the profile likelihood of one unknown: all others are fitted again at each of its values.
 
     Args:
         investigation: of the case.
         trial: a calibrated model.
         name: of the unknown, one of `names_of`.
-        reach: to how many sd on either side.
-        places: how many, an odd number.
+        reach: sd on either side.
+        places: number of values, odd.
     """
-    best, own, number = trial.fitted, list(trial.setting.own), names_of(investigation).index(name)
+    best, free, number = trial.fitted, list(trial.setting.free), names_of(investigation).index(name)
     view, weights = trial.scale.view, trial.scale.weights
-    others = [place for place in own if place != number]
+    others = [place for place in free if place != number]
     offsets = np.linspace(-reach, reach, places)
-    sd = float(best.sd()[own.index(number)])
+    sd = float(best.sd()[free.index(number)])
     xs = best.x[number] + offsets * sd
     middle = places // 2
     fits = [best] * places
     for side in (range(middle + 1, places), range(middle - 1, -1, -1)):
         at: Fit = best
-        for place in side:  # outwards, each fit begun from its neighbour's
+        for place in side:  # outwards, each fit starts at its neighbour's
             start = at.x.copy()
             start[number] = xs[place]
             at = fits[place] = fit(view, trial.setting, weights, start, free=others)
-    coordinate = investigation.bench.layout.coordinates[number]
-    # Its own prior counts, though a fit with the unknown held does not count it.
-    chi2 = np.array([one.chi2 + float(np.sum((one.x[own] / best.prior_sd) ** 2)) for one in fits])
+    coordinate = investigation.space.layout.coordinates[number]
+    # The prior of the held unknown counts too, which a fit with it held leaves out.
+    chi2 = np.array([one.chi2 + float(np.sum((one.x[free] / best.prior_sd) ** 2)) for one in fits])
     rise = chi2 - chi2[middle]
     return Profiled(
         name=name,
@@ -378,7 +376,7 @@ def profile_likelihood(
 
 
 def _crossing(xs: np.ndarray, rise: np.ndarray) -> float:
-    """Return where the rise reaches 1, nan where it does not: the root of the rise is nearly straight there."""
+    """Return where the rise reaches 1, by linear interpolation of its root; nan if it does not."""
     root = np.sqrt(np.maximum(rise, 0.0))
     beyond = np.flatnonzero(root >= 1.0)
     if not beyond.size:

@@ -1,4 +1,4 @@
-"""A fitted law as a file with an effect class, ready to be edited, refitted and swept."""
+"""Source code of an effect class for a fitted law, to be edited, refitted and swept."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from discrepancy.fitting.candidates import Candidate
 from discrepancy.fitting.laws import PORTS
 
-# Where an effect finds a quantity on a port of the cell, and on one of the motor.
+# Expressions for the quantities at a port of the cell, and at one of the motor.
 _IN_CELL = {
     "soc": "context.soc",
     "current_A": "context.current_A",
@@ -29,7 +29,7 @@ _TEMPLATE = '''"""A law found by `jaxmodel diagnose` in the case '{case}':
 
 {sentence}.
 
-Give it the form that physics has for it, a name and better parameters, then fit it:
+Replace the table by a physical formula with a name and parameters, then fit it:
 
     jaxmodel diagnose CASE --effect found_law.py:FoundLaw --add found_law
 """
@@ -62,22 +62,22 @@ class FoundLaw(Effect):
 '''
 _OWN_CLOCK = '''
     def initial_state(self, parameters, ambient_degC):
-        """Start a clock: a port does not know the time."""
+        """Start a clock, because ports do not receive the time."""
         return {"found_law.time_s": jnp.zeros(())}
 
     def flows(self, cell, motor, heat_W):
-        """Let it run."""
+        """Advance the clock."""
         return {"found_law.time_s": integral(1.0)}
 '''
 
 
 def law_file(candidate: Candidate, values: np.ndarray, knots: np.ndarray, kind: str, case: str) -> str | None:
-    """Return the source of an effect class that adds a fitted law to its port; None where there is nothing to add.
+    """Return the source of an effect class that adds a fitted law to its port; None if a port cannot express the law.
 
     Args:
         candidate: the law.
-        values: what it adds at its knots, per unit of what multiplies it, in the port's unit.
-        knots: where, in the unit of what it is a function of.
+        values: at its knots, in the port's unit, per unit of its multiplier.
+        knots: in the unit of its variable.
         kind: of the case.
         case: its name.
     """
@@ -90,9 +90,9 @@ def law_file(candidate: Candidate, values: np.ndarray, knots: np.ndarray, kind: 
         if name not in sources or name not in known:
             return None
     timed = candidate.over == "time_s"
-    proportional = f" in proportion to {candidate.multiplier}" if candidate.multiplier else ""
+    proportional = f" proportional to {candidate.multiplier}" if candidate.multiplier else ""
     sentence = (
-        f"Something is added to {equation}{proportional}, as a function of {candidate.over}: from "
+        f"A term is added to {equation}{proportional}, as a function of {candidate.over}: from "
         f"{values.min():.3g} to {values.max():.3g} over {knots[0]:.3g} to {knots[-1]:.3g}"
     )
 

@@ -1,4 +1,4 @@
-"""The experiment that would decide between models which this data cannot tell apart.
+"""The experiment that decides between models that the data do not distinguish.
 
 With D the whitened difference of what two calibrated models predict for a run, J the second one's sensitivities there
 and S the covariance of its unknowns after the data at hand, the run would raise the second one's chi-square, refitted
@@ -14,10 +14,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from discrepancy.evidence.trial import Scale, Trial
-from discrepancy.fitting.fit import raw_look
+from discrepancy.fitting.fit import errors_and_jacobian
 from discrepancy.fitting.lanes import predictions
 from discrepancy.fitting.layout import Layout
-from discrepancy.fitting.model import Bench, Setting, View
+from discrepancy.fitting.model import ModelSpace, Setting, View
 from discrepancy.fitting.problem import Problem, make_problem
 from discrepancy.fitting.readings import Readings, Weights, collect
 from discrepancy.noise.model_error import NONE
@@ -26,27 +26,27 @@ from jaxmodel.case import Case, Run
 from jaxmodel.known import Known
 from jaxmodel.measurements import KINDS, Measured
 
-# Inputs that drive; all others load.
+# Inputs that drive; all others are loads.
 DRIVES = ("current_A", "voltage_V", "duty")
 AMBIENTS_degC = (-10.0, 0.0, 10.0, 25.0, 40.0)
 FIRST_SOC = 0.95
 EMPTY_SOC = 0.1
 REST_S = 60.0
-# How well a quantity can be measured by itself, of its value (an ohmmeter, a hung weight, a calibrated shunt).
-ANCHORED_TO = 0.005
-# Multipliers of a whole table, which no single instrument reads.
-NOT_BY_ITSELF = ("_scale", "_offset_V")
-# What tells two models apart for good.
+# Relative accuracy of a separate measurement of a parameter (ohmmeter, weight, calibrated shunt).
+SEPARATE_ACCURACY = 0.005
+# Factors and offsets of whole tables, which cannot be measured separately.
+NOT_MEASURABLE = ("_scale", "_offset_V")
+# Separation that counts as a decision.
 ENOUGH_SIGMA = 5.0
 
 
 @dataclasses.dataclass(frozen=True)
 class Proposal:
-    """One thing that could be done, and what it would tell.
+    """A proposed run or measurement.
 
     Attributes:
         what: in words.
-        sigma: the least separation that it would bring between any two of the models.
+        sigma: the smallest expected separation between any two of the models.
         repeats: how often it must be done to reach five sigma.
     """
 
@@ -55,12 +55,12 @@ class Proposal:
 
     @property
     def repeats(self) -> int:
-        """Return how many such runs it takes to reach five sigma."""
+        """Return how many such runs are needed for five sigma."""
         return int(np.ceil((ENOUGH_SIGMA / max(self.sigma, 1e-3)) ** 2))
 
 
 def propose(investigation: Workings, rivals: Sequence[Trial]) -> tuple[Proposal, ...]:
-    """Return runs and measurements that would tell calibrated models apart, the one that tells most first.
+    """Return runs and measurements that would distinguish calibrated models, the best first.
 
     Args:
         investigation: of the case.
@@ -68,23 +68,23 @@ def propose(investigation: Workings, rivals: Sequence[Trial]) -> tuple[Proposal,
     """
     if len(rivals) < 2:
         return ()
-    bench = investigation.bench
-    designs = list(bank(bench.case))
-    seen = _foreseen(bench, rivals, designs)
+    space = investigation.space
+    designs = list(candidate_runs(space.case))
+    seen = _predicted_runs(space, rivals, designs)
     pairs = list(itertools.permutations(range(len(rivals)), 2))
     found = [
         Proposal(design.label, min(_separation(seen[a][number], seen[b][number]) for a, b in pairs))
         for number, design in enumerate(designs)
     ]
-    found += _anchors(bench.layout, rivals)
+    found += _separate_measurements(space.layout, rivals)
     return tuple(sorted(found, key=lambda one: -one.sigma))
 
 
-def bank(case: Case) -> Iterator[Run]:
-    """Return the runs that the bench can do: loads no larger than it has driven, at five temperatures.
+def candidate_runs(case: Case) -> Iterator[Run]:
+    """Return the candidate runs: loads up to the largest of the case, at five temperatures.
 
-    They last as long, and are read as often, as the longest run of the case. Where runs state exact numbers of their
-    own (a cell of another age), each run is proposed for either of the specimens that differ most.
+    They have the duration and sampling of the longest run of the case. If runs state exact parameters of their own
+    (such as the age of a cell), each run is proposed for the two specimens that differ most.
     """
     longest = max(case.runs, key=lambda run: np.ptp(run.measured.time_s))
     times = longest.measured.time_s
@@ -112,9 +112,9 @@ def bank(case: Case) -> Iterator[Run]:
 
 
 def _specimens(case: Case) -> dict[str, dict[str, Known]]:
-    """Return the exact numbers of the two most different specimens among the runs, of a single one if all are alike.
+    """Return the exact parameters of the two most different specimens among the runs; of one if all are equal.
 
-    How a run started is no matter of the specimen.
+    Initial states do not count.
     """
     stated = [
         {name: known for name, known in run.overrides.items() if known.sd is None and not name.startswith("initial_")}
@@ -129,12 +129,12 @@ def _specimens(case: Case) -> dict[str, dict[str, Known]]:
     ends = {values(own): own for own in (ordered[0], ordered[-1])}
     if len(ends) == 1:
         return {"": ordered[0]}
-    told = {key: ", ".join(f"{name} = {value:g}" for name, value in zip(names, key, strict=True)) for key in ends}
-    return {f" with {told[key]}": own for key, own in ends.items()}
+    described = {key: ", ".join(f"{name} = {value:g}" for name, value in zip(names, key, strict=True)) for key in ends}
+    return {f" with {described[key]}": own for key, own in ends.items()}
 
 
 def _patterns(time_s: np.ndarray, kind: str):
-    """Return what is done to the drive (current, voltage or duty) and to the load, as shares of the largest."""
+    """Return drive (current, voltage or duty) and load over time, as shares of the largest."""
     span = time_s[-1]
     rested = time_s > min(REST_S, 0.05 * span)
     part = time_s / span
@@ -150,96 +150,96 @@ def _patterns(time_s: np.ndarray, kind: str):
     alternating = np.where((part * 8.0).astype(int) % 2 == 0, 0.8, -0.4)
     if kind == "cell":
         return {
-            "full load to the end": both(one, one),
+            "full load until empty": both(one, one),
             "pulses with rests": both(pulses, one),
-            "steps of load": both(stepped, one),
+            "load steps": both(stepped, one),
             "slow discharge": both(slow, one),
-            "discharge and charge in turn": both(alternating, one),
+            "alternating discharge and charge": both(alternating, one),
         }
     return {
         "full drive and load": both(one, one),
         "full drive without load": both(one, 0.0 * one),
-        "steps of drive without load": both(stepped, 0.0 * one),
-        "steps of drive and load": both(stepped, stepped[::-1]),
+        "drive steps without load": both(stepped, 0.0 * one),
+        "drive and load steps": both(stepped, stepped[::-1]),
         "starts with rests": both(pulses, pulses),
         "slow drive under load": both(np.full(time_s.size, 0.35), 0.8 * one),
     }
 
 
 @dataclasses.dataclass(frozen=True)
-class _Foreseen:
-    """What one model foresees for one run: whitened rows, sensitivities, and its knowledge before the run."""
+class _Predicted:
+    """What one model predicts for one run: whitened readings, sensitivities, and information before the run."""
 
     rows: np.ndarray
     jacobian: np.ndarray
-    possible: np.ndarray  # of the rows: before the cell is empty
-    known: np.ndarray  # inverse covariance of the unknowns
+    possible: np.ndarray  # rows before the cell is empty
+    known: np.ndarray  # information (inverse covariance) of the unknowns
 
 
 @dataclasses.dataclass(frozen=True)
 class _Batch:
-    """Runs of the bank in the places of fit runs of the case, so that programs of these are used again."""
+    """Candidate runs in place of fit runs of the case, so that the compiled programs are used again."""
 
     case: Case
     slots: tuple[int, ...]
     scale: Scale
 
-    def problem(self, bench: Bench, setting: Setting) -> Problem:
-        """Return the problem of the runs, in the shapes of the bench's."""
-        fine = [one.effect for one in bench.candidates.values() if one.bends and one.group == "effect"]
-        everything = list(bench.candidates.values())
-        layout = _of_the_bank(bench.layout)
+    def problem(self, space: ModelSpace, setting: Setting) -> Problem:
+        """Return the problem of the runs, in the shapes of the case's."""
+        fine = [one.effect for one in space.candidates.values() if one.bends and one.group == "effect"]
+        everything = list(space.candidates.values())
+        layout = _with_initial_states(space.layout)
         made = make_problem(self.case, layout, everything, fine if setting.is_fine else ())
-        return dataclasses.replace(made, shapes=bench.problem(setting).shapes)
+        return dataclasses.replace(made, shapes=space.problem(setting).shapes)
 
-    def readings(self, bench: Bench) -> Readings:
-        """Return the readings to be made, all zero."""
+    def readings(self, space: ModelSpace) -> Readings:
+        """Return the future readings, all zero."""
         outputs = KINDS[self.case.kind].outputs
-        return collect(self.case, self.scale.noise, outputs, self.slots, None, bench.settings)
+        return collect(self.case, self.scale.noise, outputs, self.slots, None, space.settings)
 
 
-def _foreseen(bench: Bench, rivals: Sequence[Trial], designs: Sequence[Run]) -> list[list[_Foreseen]]:
-    """Return what each model foresees for every run of the bank, as many at a time as the case has fit runs."""
-    slots = [number for number, run in enumerate(bench.case.runs) if run.split == "fit"]
-    driven_by_current = bench.case.kind == "motor" and "current_A" in designs[0].measured.inputs
-    fastest = [_fastest(bench, one) if driven_by_current else np.inf for one in rivals]
-    found: list[list[_Foreseen]] = [[] for _ in rivals]
+def _predicted_runs(space: ModelSpace, rivals: Sequence[Trial], designs: Sequence[Run]) -> list[list[_Predicted]]:
+    """Return the predictions of each model for every candidate run, as many at a time as the case has fit runs."""
+    slots = [number for number, run in enumerate(space.case.runs) if run.split == "fit"]
+    driven_by_current = space.case.kind == "motor" and "current_A" in designs[0].measured.inputs
+    fastest = [_fastest(space, one) if driven_by_current else np.inf for one in rivals]
+    found: list[list[_Predicted]] = [[] for _ in rivals]
     for first in range(0, len(designs), len(slots)):
         some = list(designs[first : first + len(slots)])
         own = tuple(slots[: len(some)])
-        runs = list(bench.case.runs)
+        runs = list(space.case.runs)
         for slot, new in zip(slots, some + [some[-1]] * (len(slots) - len(some)), strict=True):
-            runs[slot] = _in_the_place_of(runs[slot], new, tuple(rivals[0].scale.noise))
-        batch = _Batch(dataclasses.replace(bench.case, runs=tuple(runs)), own, rivals[0].scale)
+            runs[slot] = _replacing(runs[slot], new, tuple(rivals[0].scale.noise))
+        batch = _Batch(dataclasses.replace(space.case, runs=tuple(runs)), own, rivals[0].scale)
         problems: dict[bool, Problem] = {}
         for number, one in enumerate(rivals):
             if one.setting.is_fine not in problems:
-                problems[one.setting.is_fine] = batch.problem(bench, one.setting)
-            found[number] += _of_batch(bench, batch, problems[one.setting.is_fine], one, fastest[number])
+                problems[one.setting.is_fine] = batch.problem(space, one.setting)
+            found[number] += _of_batch(space, batch, problems[one.setting.is_fine], one, fastest[number])
     return found
 
 
-def _of_batch(bench: Bench, batch: _Batch, problem: Problem, trial: Trial, fastest: float) -> list[_Foreseen]:
-    """Return what a model foresees for the runs of a batch."""
-    layout, readings = bench.layout, batch.readings(bench)
-    # A number by which one run was off says nothing of another run.
-    own = tuple(p for p in trial.setting.own if p < layout.base or layout.runs[p] < 0)
-    setting = dataclasses.replace(trial.setting, own=own)
+def _of_batch(space: ModelSpace, batch: _Batch, problem: Problem, trial: Trial, fastest: float) -> list[_Predicted]:
+    """Return the predictions of a model for the runs of a batch."""
+    layout, readings = space.layout, batch.readings(space)
+    # A shift of one run does not apply to other runs.
+    free = tuple(p for p in trial.setting.free if p < layout.base or layout.runs[p] < 0)
+    setting = dataclasses.replace(trial.setting, free=free)
     x = _at_the_start(layout, trial)
-    errors, jacobian = raw_look(View(bench, readings), problem, setting, x)
+    errors, jacobian = errors_and_jacobian(View(space, readings), problem, setting, x)
     white = Weights(readings, NONE).whiten(np.column_stack([errors, jacobian]))
     predicted = predictions(problem.of(np.array(batch.slots)), [setting.lane(x)])[0]
     place = np.searchsorted(batch.slots, readings.run)
     possible = _possible(problem.channels, predicted, fastest)[place, readings.row]
-    known = _known(layout, trial, own)
+    known = _known(layout, trial, free)
     return [
-        _Foreseen(white[mine, 0], white[mine, 1:], possible[mine], known)
+        _Predicted(white[mine, 0], white[mine, 1:], possible[mine], known)
         for mine in (np.flatnonzero(place == number) for number in range(len(batch.slots)))
     ]
 
 
-def _of_the_bank(layout: Layout) -> Layout:
-    """Return the unknowns with each run's start stated as the bank has it."""
+def _with_initial_states(layout: Layout) -> Layout:
+    """Return the layout with the initial states of the candidate runs."""
     begins = {"initial_soc": FIRST_SOC, "initial_temperature_rise_K": 0.0, "initial_hysteresis": 0.0}
     coordinates = tuple(
         dataclasses.replace(one, centre=begins[one.name]) if run >= 0 and one.name in begins else one
@@ -249,31 +249,31 @@ def _of_the_bank(layout: Layout) -> Layout:
 
 
 def _at_the_start(layout: Layout, trial: Trial) -> np.ndarray:
-    """Return the unknowns of a model in new runs: each starts as the bank says, its own numbers as they are stated."""
+    """Return the unknowns of a model in candidate runs: their initial states, and run parameters as stated."""
     x = np.where(np.asarray(layout.runs) < 0, trial.fitted.x, 0.0)
-    for place, coordinate in enumerate(_of_the_bank(layout).coordinates[: layout.base]):
+    for place, coordinate in enumerate(_with_initial_states(layout).coordinates[: layout.base]):
         if layout.runs[place] >= 0 and coordinate.name == "initial_soc":
             x[place] = coordinate.at(FIRST_SOC)
     return x
 
 
-def _known(layout: Layout, trial: Trial, own: Sequence[int]) -> np.ndarray:
-    """Return the inverse covariance of unknowns before a new run: what the data told of those that all runs share."""
-    shared = np.array([layout.runs[place] < 0 for place in own])
-    fitted_at = [trial.setting.own.index(place) for place, is_shared in zip(own, shared, strict=True) if is_shared]
-    known = np.diag(trial.setting.prior_sd[list(own)] ** -2.0)
+def _known(layout: Layout, trial: Trial, free: Sequence[int]) -> np.ndarray:
+    """Return the information on the unknowns before a new run: posterior for those of all runs, prior for others."""
+    shared = np.array([layout.runs[place] < 0 for place in free])
+    fitted_at = [trial.setting.free.index(place) for place, is_shared in zip(free, shared, strict=True) if is_shared]
+    known = np.diag(trial.setting.prior_sd[list(free)] ** -2.0)
     known[np.ix_(shared, shared)] = np.linalg.inv(trial.fitted.covariance[np.ix_(fitted_at, fitted_at)])
     return known
 
 
-def _fastest(bench: Bench, trial: Trial) -> float:
-    """Return the greatest speed of a motor in the runs at hand: one driven by its current has no other limit."""
-    speed = bench.predicted(trial.setting, trial.fitted.x)[..., bench.coarse.channels.index("speed_rad_s")]
+def _fastest(space: ModelSpace, trial: Trial) -> float:
+    """Return the highest speed of a motor in the present runs: driven by current, it has no other limit."""
+    speed = space.predicted(trial.setting, trial.fitted.x)[..., space.coarse.channels.index("speed_rad_s")]
     return float(np.max(np.abs(speed)))
 
 
 def _possible(channels: Sequence[str], predicted: np.ndarray, fastest: float) -> np.ndarray:
-    """Return, by run and row, whether the cell still has charge to go on, and no motor has run away."""
+    """Return, by run and row, whether the cell is not yet empty and the speed is within its limit."""
     goes_on = np.ones(predicted.shape[:2], dtype=bool)
     if "soc" in channels:
         goes_on &= predicted[:, :, channels.index("soc")] > EMPTY_SOC
@@ -282,8 +282,8 @@ def _possible(channels: Sequence[str], predicted: np.ndarray, fastest: float) ->
     return np.logical_and.accumulate(goes_on, axis=1)
 
 
-def _in_the_place_of(old: Run, new: Run, channels: Sequence[str]) -> Run:
-    """Return a run of the bank in the place of a run of the case: its unknowns, the readings still to be made."""
+def _replacing(old: Run, new: Run, channels: Sequence[str]) -> Run:
+    """Return a candidate run in place of a run of the case, with the unknowns of that run and blank readings."""
     blank = {name: np.zeros(new.measured.time_s.size) for name in channels}
     unknown = {name: known for name, known in old.overrides.items() if known.sd is not None}
     return dataclasses.replace(
@@ -296,8 +296,8 @@ def _in_the_place_of(old: Run, new: Run, channels: Sequence[str]) -> Run:
     )
 
 
-def _separation(true: _Foreseen, other: _Foreseen) -> float:
-    """Return the sigma by which a run would speak against another model, refitted, if one is true."""
+def _separation(true: _Predicted, other: _Predicted) -> float:
+    """Return the expected separation in sigma from another model, refitted, if one is true."""
     both = true.possible & other.possible
     difference, jacobian = (true.rows - other.rows)[both], other.jacobian[both]
     taken = jacobian.T @ difference
@@ -305,39 +305,39 @@ def _separation(true: _Foreseen, other: _Foreseen) -> float:
     return float(np.sqrt(max(left, 0.0)))
 
 
-def _anchors(layout: Layout, rivals: Sequence[Trial]) -> list[Proposal]:
-    """Return what measuring a parameter by itself would tell: the models want different values of it."""
+def _separate_measurements(layout: Layout, rivals: Sequence[Trial]) -> list[Proposal]:
+    """Return proposals to measure a parameter separately, for which the models have different values."""
     found = []
     for place, coordinate in enumerate(layout.coordinates[: layout.base]):
-        if layout.runs[place] >= 0 or coordinate.name.endswith(NOT_BY_ITSELF):
+        if layout.runs[place] >= 0 or coordinate.name.endswith(NOT_MEASURABLE):
             continue
         at = [one.fitted.x[place] for one in rivals]
-        sds = [one.fitted.sd()[one.setting.own.index(place)] for one in rivals]
+        sds = [one.fitted.sd()[one.setting.free.index(place)] for one in rivals]
         values = [coordinate.number(x) for x in at]
         spreads = [coordinate.slope(x) * sd for x, sd in zip(at, sds, strict=True)]
         sigmas = []
         for a, b in itertools.combinations(range(len(rivals)), 2):
-            anchor = ANCHORED_TO * max(abs(values[a]), abs(values[b]))
-            sigmas.append(abs(values[a] - values[b]) / np.hypot(max(spreads[a], spreads[b]), anchor))
-        what = f"a measurement of {coordinate.name} by itself, to {100 * ANCHORED_TO:g} %"
+            accuracy = SEPARATE_ACCURACY * max(abs(values[a]), abs(values[b]))
+            sigmas.append(abs(values[a] - values[b]) / np.hypot(max(spreads[a], spreads[b]), accuracy))
+        what = f"a separate measurement of {coordinate.name} to {100 * SEPARATE_ACCURACY:g} %"
         found.append(Proposal(what, float(min(sigmas))))
     return found
 
 
 def in_words(proposals: Sequence[Proposal], names: Sequence[str]) -> str:
-    """Say what to do next to tell models apart, or that nothing of the bank would."""
+    """Say what to do next to distinguish models, or that no candidate would."""
     if not proposals:
         return ""
-    between = f"{', '.join(names[:-1])} from {names[-1]}"
+    between = f"{', '.join(names[:-1])} and {names[-1]}"
     best = proposals[0]
     if best.sigma < 1.0:
-        return f"To tell {between}: no run or measurement that was tried would (at most {best.sigma:.1f} sigma)."
-    again = "" if best.repeats == 1 else f"; {best.repeats} times for {ENOUGH_SIGMA:g}"
-    return f"To tell {between}: {best.what} (expected to separate them by {best.sigma:.1f} sigma{again})."
+        return f"To distinguish {between}: no tested run or measurement is sufficient (at most {best.sigma:.1f} sigma)."
+    again = "" if best.repeats == 1 else f"; {ENOUGH_SIGMA:g} sigma after {best.repeats} repetitions"
+    return f"To distinguish {between}: {best.what} (expected separation {best.sigma:.1f} sigma{again})."
 
 
 def best_of_each(proposals: Sequence[Proposal]) -> tuple[Proposal, ...]:
-    """Return the temperature that tells most for each pattern of load, and every measurement."""
+    """Return the best temperature for each load pattern, and every measurement."""
     kept: dict[str, Proposal] = {}
     for one in proposals:
         kept.setdefault(one.what.rpartition(" at ")[0] or one.what, one)

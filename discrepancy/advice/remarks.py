@@ -10,7 +10,7 @@ import numpy as np
 from discrepancy.evidence.trial import Trial
 from discrepancy.fitting.candidates import Candidate, specimen_ranges
 from discrepancy.fitting.fit import NEAR, Fit
-from discrepancy.fitting.model import Bench
+from discrepancy.fitting.model import ModelSpace
 from discrepancy.noise.instrument import NoiseModel
 from discrepancy.result import Extrapolated
 from discrepancy.settings import SETTINGS
@@ -65,14 +65,14 @@ class Strained:
         off = f"{self.name} = {self.value:.4g} is {abs(self.pull):.1f} sd {side}"
         known = f"({self.stated:.4g} ± {self.sd:.2g})"
         if self.run and self.name in STARTS:
-            return f"The stated start of {self.run} was used to hide an error: {off} what is known of it {known}."
+            return f"The start of {self.run} was moved to compensate for an error: {off} its stated value {known}."
         where = f" of {self.run}" if self.run else ""
         lacks = f"something that the model lacks{' in that run' if self.run else ''}"
         return f"{off} what the case states{where} {known}: correct it, or it stands in for {lacks}."
 
 
 def strained(numbers: Sequence[Strained], least: float = SETTINGS.strained) -> tuple[str, ...]:
-    """Say which numbers were fitted further from what the case states than so many sd, the furthest first."""
+    """Say which parameters were fitted more than so many sd from their stated value, the furthest first."""
     far = [one for one in numbers if abs(one.pull) > least]
     return tuple(one.sentence() for one in sorted(far, key=lambda one: -abs(one.pull)))
 
@@ -117,15 +117,15 @@ def nothing_moves(fitted: Fit) -> tuple[str, ...]:
     )
 
 
-def out_of_range(bench: Bench, trial: Trial) -> tuple[str, ...]:
+def out_of_range(space: ModelSpace, trial: Trial) -> tuple[str, ...]:
     """Say which numbers of a model's effects are outside their usual range, that of the specimen where it has one."""
     told: list[str] = []
     for label in trial.labels:
-        candidate = bench.candidates[label]
+        candidate = space.candidates[label]
         if candidate.is_switched:
-            places = list(bench.layout.of[label])
+            places = list(space.layout.of[label])
             values = [c.number(x) for c, x in zip(candidate.coordinates, trial.fitted.x[places], strict=True)]
-            told.extend(unusual(candidate, values, specimen_ranges(bench.case, type(candidate.effect))))
+            told.extend(unusual(candidate, values, specimen_ranges(space.case, type(candidate.effect))))
     return tuple(told)
 
 
@@ -220,9 +220,9 @@ def badly_started(pulls: Mapping[str, float], reach: float = SETTINGS.start_reac
         reach: the sd within which it may.
     """
     return tuple(
-        f"{run} is badly started: its first readings ask for a start {abs(pull):.1f} sd from what is stated, and it "
-        f"was held at {reach:g}; its errors are partly those of its start. Correct initial_soc or the temperature "
-        "it began at, or widen their sd."
+        f"The start of {run} is wrong: its first readings require a start {abs(pull):.1f} sd from the stated one, but "
+        f"it was limited to {reach:g} sd; part of its error comes from the start. Correct initial_soc or the initial "
+        "temperature, or increase their sd."
         for run, pull in pulls.items()
         if abs(pull) > reach
     )
@@ -249,8 +249,8 @@ def extrapolated_sentence(one: Extrapolated) -> str:
     """Say where a held-out run lies outside the conditions that were fitted."""
     (low, high), (from_, to) = one.span_fitted, one.span
     fitted = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
-    own = f"is {to:.3g}" if from_ == to else f"runs from {from_:.3g} to {to:.3g}"
-    return f"{one.file} is foretold outside what was fitted: {one.condition} {own}, in the fit runs {fitted}."
+    own = f"is {to:.3g}" if from_ == to else f"is {from_:.3g} to {to:.3g}"
+    return f"{one.file} is outside the fit runs: {one.condition} {own}; the fit runs cover {fitted}."
 
 
 def _outside(name: str, fitted: tuple[float, float], span: tuple[float, float]) -> bool:

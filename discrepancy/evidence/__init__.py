@@ -1,1 +1,1 @@
-"""What speaks for an addition: evidence, and readings left out."""
+"""Evidence for an addition: expected gains, fits, and cross-validation."""

@@ -1,11 +1,11 @@
-"""How well a model foretells what it was not fitted to: each block of readings given all others, to first order.
+"""Log score of each block of readings given all others, to first order.
 
-With B and g = J'e the information and score of a block at the fit, I the information of everything and C = I - B that
-of the others, the fit without the block is C^-1 g away, leaves e + J C^-1 g there, and gives it the log probability
+B and g = J'e are the information and score of a block at the fit, I the total information, and C = I - B that of the
+others. The fit without the block is C^-1 g away, has the errors e + J C^-1 g in the block, and the log probability
 
     -(e'e - (J'e)' (C + B)^-1 J'e + log det(C + B) - log det C) / 2      (e as the others leave it)
 
-less a constant common to all models. What is a block's own (a run's initial charge) is known from its prior alone.
+minus a constant common to all models. For an unknown of a single block (a run's initial charge) only the prior counts.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from discrepancy.fitting.fit import Fit
 
 @dataclasses.dataclass(frozen=True)
 class LeftOut:
-    """What a model says of each block when the others alone were fitted.
+    """Predictions of each block when only the others are fitted.
 
     Attributes:
         log_score: (blocks,) log probability of each block given the others.
         errors: (readings,) whitened errors there.
-        moves: (blocks, k) how far the free unknowns move without the block.
+        moves: (blocks, k) change of the free unknowns without the block.
         blocks: the numbers of the blocks, in order.
     """
 
@@ -37,14 +37,14 @@ class LeftOut:
 
 @dataclasses.dataclass(frozen=True)
 class Blocks:
-    """The sums of squares and products of a fit's rows and Jacobian, block by block, unknowns in sd of their priors.
+    """Sums of squares and products of a fit's residuals and Jacobian by block, with unknowns in prior sd.
 
     Attributes:
         numbers: of the blocks, in order.
         gram: (blocks, k, k) J'J.
         slope: (blocks, k) J'e.
         square: (blocks,) e'e.
-        pulls: (k,) unknowns.
+        pulls: (k,) distances from the prior means, in prior sd.
         scale: (k,) sd of the priors.
     """
 
@@ -77,24 +77,24 @@ class Blocks:
 
     @functools.cached_property
     def others(self) -> np.ndarray:
-        """Return the information of all other blocks and the priors, (blocks, k, k): sums alone, no difference."""
+        """Return the information of all other blocks and the priors, (blocks, k, k), without subtraction."""
         first, last = np.cumsum(self.gram, axis=0), np.cumsum(self.gram[::-1], axis=0)[::-1]
         nothing = np.zeros((1, *self.gram.shape[1:]))
         return np.concatenate([nothing, first[:-1]]) + np.concatenate([last[1:], nothing]) + np.eye(self.pulls.size)
 
     @functools.cached_property
     def moves(self) -> np.ndarray:
-        """Return how far the unknowns move without each block, to first order, (blocks, k)."""
+        """Return the change of the unknowns without each block, to first order, (blocks, k)."""
         return np.linalg.solve(self.others, self.slope[..., None])[..., 0]
 
     def log_score(self, square: np.ndarray, slope: np.ndarray) -> np.ndarray:
-        """Return the log probability of each block given the others, (blocks,), by e'e and J'e as they leave it."""
+        """Return the log probability of each block given the others, (blocks,), from e'e and J'e of its prediction."""
         whole = self.others + self.gram
         taken = np.sum(slope * np.linalg.solve(whole, slope[..., None])[..., 0], axis=1)
         return -0.5 * (square - taken + np.linalg.slogdet(whole)[1] - np.linalg.slogdet(self.others)[1])
 
     def left(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the log probability of each block given the others and the squares that they leave, to first order."""
+        """Return the log probability of each block given the others, and its sum of squares, to first order."""
         along = np.einsum("bij,bj->bi", self.gram, self.moves)
         square = self.square + np.sum(self.moves * (2.0 * self.slope + along), axis=1)
         return self.log_score(square, self.slope + along), square
@@ -103,13 +103,13 @@ class Blocks:
 def left_out(
     fitted: Fit, block: np.ndarray, moves: np.ndarray | None = None, rows: np.ndarray | None = None
 ) -> LeftOut:
-    """Return what a fitted model says of every block.
+    """Return the predictions of a fitted model for every block.
 
     Args:
         fitted: with its whitened rows and Jacobian.
         block: (readings,) number of each reading's block.
-        moves: (blocks, k) how far the free unknowns move without the block; to first order where None.
-        rows: (readings,) whitened errors of each block there; to first order where None.
+        moves: (blocks, k) change of the free unknowns without the block; to first order if None.
+        rows: (readings,) whitened errors of each block after that change; to first order if None.
     """
     blocks = Blocks.of(fitted, block)
     moves = blocks.moves * blocks.scale if moves is None else moves
@@ -127,10 +127,10 @@ def left_out(
 
 
 def expected_gain(richer: Fit, other: LeftOut, own: LeftOut, block: np.ndarray) -> np.ndarray:
-    """Return what a richer model should gain of each block's log score if it is true, (blocks,).
+    """Return the expected gain in each block's log score if the richer model is true, (blocks,).
 
-    Half the square of the difference between what both foretell, in units of the noise and of what the richer model
-    does not know of the block without having seen it.
+    Half the squared difference of the two predictions, in units of the noise and of the prediction uncertainty of the
+    richer model.
     """
     found = []
     for place, number in enumerate(own.blocks):

@@ -1,7 +1,7 @@
-"""What every candidate would gain, to first order, from one set of inner products; no model is refitted.
+"""Expected gain of every candidate to first order, from one set of inner products; no model is refitted.
 
-With A the whitened sensitivities of a calibrated model, L the precision of its priors, S those of a candidate and r the
-whitened errors, all that is needed is the Gram matrix of [A | S ... | r]. Projected off A,
+A are the whitened sensitivities of a calibrated model, L the precision of its priors, S the sensitivities of a
+candidate and r the whitened errors; the Gram matrix of [A | S ... | r] is sufficient. After projection off A,
 
     H = S'S - S'A (A'A + L)^-1 A'S,   u = S'r - S'A (A'A + L)^-1 (A'r - L x),
 
@@ -21,30 +21,30 @@ from discrepancy.fitting.readings import Weights
 from discrepancy.fitting.starts import SEED
 from discrepancy.screening.screen import Direction, Screen
 
-# A direction of which less than this survives the projection is not told from the error of its differences.
+# A direction of which less than this remains after projection is within the error of finite differences.
 ABSORBED = 3e-3
-# Nor is one an effect of which less than this survives where numbers of all runs may be so many times as far off as is
-# stated: a number that is stated wrongly is that.
+# A candidate is no effect if less than this remains when parameters of all runs may be so many times further from their
+# stated values: it is then a wrongly stated parameter.
 IMITATED, AS_FAR = 0.03, 30.0
-# Of a curve or law, the sd of its prior in units of its usual size, the best of which is taken.
+# Prior sd of a curve or law, in units of its usual size; the best is used.
 AMPLITUDES = (0.1, 0.3, 1.0, 3.0)
-# Places of a standard normal, and the logs of its shares there.
+# Grid of a standard normal, and the logarithms of its weights.
 _PLACES = np.linspace(-4.0, 4.0, 161)
 _LOG_SHARES = -0.5 * _PLACES**2 - np.log(np.sum(np.exp(-0.5 * _PLACES**2)))
 
 
 @dataclasses.dataclass(frozen=True)
 class Gain:
-    """What one candidate promises.
+    """The expected gain of one candidate.
 
     Attributes:
-        label: of it.
-        log_evidence: gained, to first order.
-        chi2: drop in chi-square.
-        start: coordinates at which to begin to fit it.
-        amplitude: of a curve or law, the sd of its prior in units of its usual size.
-        z: signed score of a single amplitude, the root of the drop of several.
-        base_step: (k,) how the model's own unknowns move with it.
+        label: of the candidate.
+        log_evidence: expected gain, to first order.
+        chi2: expected drop in chi-square.
+        start: coordinates at which its fit starts.
+        amplitude: prior sd of a curve or law, in units of its usual size.
+        z: signed score of a single amplitude; the root of the drop in chi-square for several.
+        base_step: (k,) change of the model's free unknowns with it.
     """
 
     label: str
@@ -57,7 +57,7 @@ class Gain:
 
 
 class Linear:
-    """A calibrated model and all that could be added to it, under given weights."""
+    """A calibrated model and all candidates, linearised, under given weights."""
 
     def __init__(
         self,
@@ -67,18 +67,18 @@ class Linear:
         pulls: np.ndarray,
         is_common: np.ndarray,
     ) -> None:
-        """Whiten all columns once and take their inner products.
+        """Whiten all columns and compute their inner products.
 
         Args:
             screened: the model's sensitivities and directions.
             weights: what makes errors white.
             candidates: by label.
-            pulls: (k,) coordinates of the model's own unknowns.
-            is_common: (k,) True for numbers of all runs.
+            pulls: (k,) coordinates of the model's free unknowns.
+            is_common: (k,) True for parameters of all runs.
         """
         self.candidates, self.directions = candidates, screened.directions
-        own = list(screened.setting.own)
-        self.count = len(own)
+        free = list(screened.setting.free)
+        self.count = len(free)
         columns = [-screened.base, *(way.columns for way in self.directions), screened.errors[:, None]]
         white = weights.whiten(np.concatenate(columns, axis=1))
         channel = weights.readings.channel
@@ -86,7 +86,7 @@ class Linear:
         self.gram = np.sum(self._grams, axis=0)
         self.white_errors = white[:, -1]
         self._raw = columns
-        self.precision = screened.setting.prior_sd[own] ** -2.0
+        self.precision = screened.setting.prior_sd[free] ** -2.0
         self.prior_slope = self.precision * pulls
         edges = np.cumsum([self.count, *(way.columns.shape[1] for way in self.directions)])
         self.places = [slice(first, last) for first, last in itertools.pairwise(edges)]
@@ -95,14 +95,14 @@ class Linear:
         self._free = np.diag(self._off(self.gram, slice(0, self.count), loose))
 
     def _off_own(self, gram: np.ndarray) -> np.ndarray:
-        """Return the inner products of what the model's own unknowns cannot do."""
+        """Return the inner products after projection off the model's free unknowns."""
         projected = gram.copy()
         projected[: self.count, -1] -= self.prior_slope
         projected[-1, : self.count] -= self.prior_slope
         return self._off(projected, slice(0, self.count), self.precision)
 
     def _off(self, gram: np.ndarray, place: slice, precision: np.ndarray) -> np.ndarray:
-        """Return the inner products once the columns of a place, with a prior, have taken what they can."""
+        """Return the inner products after projection off some columns with a prior."""
         inner = gram[place, place] + np.diag(precision)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(inner), 1e-300))
         scaled = inner * scale[:, None] * scale
@@ -110,7 +110,7 @@ class Linear:
         return gram - (gram[:, place] * scale) @ taken
 
     def gains(self, projected: np.ndarray | None = None) -> list[Gain]:
-        """Return what each candidate promises at its best shape, the largest first."""
+        """Return the expected gain of each candidate at its best shape, the largest first."""
         found: dict[str, Gain] = {}
         for way, place in zip(self.directions, self.places, strict=True):
             gain = self._gain(way, place, self.projected if projected is None else projected)
@@ -119,9 +119,10 @@ class Linear:
         return sorted(found.values(), key=lambda gain: -gain.log_evidence)
 
     def gains_by_channel(self) -> list[list[Gain]]:
-        """Return, for each channel, what each candidate promises there as if no other were read.
+        """Return the expected gains from each channel alone.
 
-        Where one channel is far off, what is missing in another may look like a loss in both together.
+        If one channel has a large error, an effect that is visible in another may seem to lose evidence in all
+        together.
         """
         return [self.gains(self._off_own(gram)) for gram in self._grams]
 
@@ -151,9 +152,9 @@ class Linear:
 
     def _base_step(self, place: slice, amplitudes: np.ndarray) -> np.ndarray:
         """Return how the model's own unknowns move where a candidate has these amplitudes, (k,)."""
-        own = slice(0, self.count)
-        inner = self.gram[own, own] + np.diag(self.precision)
-        slope = self.gram[own, -1] - self.prior_slope - self.gram[own, place] @ amplitudes
+        free = slice(0, self.count)
+        inner = self.gram[free, free] + np.diag(self.precision)
+        slope = self.gram[free, -1] - self.prior_slope - self.gram[free, place] @ amplitudes
         scale = 1.0 / np.sqrt(np.maximum(np.diag(inner), 1e-300))
         return scale * np.linalg.solve(inner * scale[:, None] * scale + 1e-12 * np.eye(scale.size), scale * slope)
 
@@ -205,7 +206,7 @@ class Linear:
             smallest = float(np.exp(-first.spread)) if first.logarithmic else 0.2
             squared = max(float(self.projected[place.start, place.start]), 0.0)
             lengths.setdefault(way.label, []).append(smallest * np.sqrt(squared))
-        return seen | {label for label, own in lengths.items() if float(np.median(own)) >= sigma}
+        return seen | {label for label, free in lengths.items() if float(np.median(free)) >= sigma}
 
     def richest(self, least: float, most: int = 8) -> np.ndarray:
         """Return the raw errors (readings,) that the model leaves with the best additions, one after the other.

@@ -1,4 +1,4 @@
-"""A model fitted under given weights, and what it says of readings that were left out."""
+"""A model fitted under given weights."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ import numpy as np
 
 from discrepancy.fitting.fit import Fit
 from discrepancy.fitting.layout import BASE, Start
-from discrepancy.fitting.model import Bench, Labels, Setting, View
+from discrepancy.fitting.model import Labels, ModelSpace, Setting, View
 from discrepancy.fitting.readings import Weights
 from discrepancy.noise.instrument import NoiseModel
 from discrepancy.noise.model_error import ModelError
 from discrepancy.screening.screen import Screen
 
-# Blocks of a run whose scores are taken for independent.
+# Time blocks per run for the sandwich estimate.
 SANDWICH_PIECES = 4
 
 
 @dataclasses.dataclass(frozen=True)
 class Scale:
-    """What errors are held against: the noise of sensors, and the error of the model.
+    """The noise and model error by which errors are weighted.
 
     Attributes:
         noise: of every output.
-        view: the readings that are fitted, with the noise of each.
-        weights: noise and model error together.
+        view: the fitted readings, with the noise of each.
+        weights: from noise and model error.
     """
 
     noise: Mapping[str, NoiseModel]
@@ -45,11 +45,11 @@ class Scale:
 
     @functools.cached_property
     def runs(self) -> np.ndarray:
-        """Return the run of each reading: the blocks that are left out."""
+        """Return the run of each reading."""
         return self.view.readings.run
 
     def pieces(self, count: int) -> np.ndarray:
-        """Return each reading's piece of its run."""
+        """Return the time block of each reading."""
         return self.view.readings.blocks(count)
 
 
@@ -59,9 +59,9 @@ class Trial:
 
     Attributes:
         setting: the model.
-        amplitudes: of its curves and laws.
-        fitted: the calibration.
-        scale: that it was fitted under.
+        amplitudes: prior sd of its curves and laws.
+        fitted: the fit.
+        scale: its noise and model error.
     """
 
     setting: Setting
@@ -71,20 +71,20 @@ class Trial:
 
     @property
     def labels(self) -> Labels:
-        """Return what is added to the base model."""
+        """Return the additions to the base model."""
         return self.setting.labels
 
     @property
     def log_evidence(self) -> float:
-        """Return the log evidence, less a constant common to all models under one scale."""
+        """Return the log evidence, minus a constant common to all models under one scale."""
         return self.fitted.log_evidence
 
     @functools.cached_property
     def sd(self) -> np.ndarray:
-        """Return the sd of the free unknowns' coordinates, (k,): the larger of the posterior's and of the sandwich's.
+        """Return the sd of the free unknowns' coordinates, (k,): the larger of the posterior and the sandwich estimate.
 
-        The sandwich I^-1 (sum g g') I^-1 takes the scatter of the scores g of blocks of time, a few to a run, as it is:
-        where what the model gets wrong is not what its weights say, blocks disagree by more than these.
+        The sandwich estimate I^-1 (sum g g') I^-1 uses the actual scatter of the scores g of time blocks, which exceeds
+        the posterior if the model error differs from the assumed process.
         """
         block = self.scale.pieces(SANDWICH_PIECES)
         scores = np.stack(
@@ -95,18 +95,18 @@ class Trial:
         moved = scores @ self.fitted.covariance
         return np.sqrt(np.maximum(np.diag(self.fitted.covariance), np.sum(moved**2, axis=0) * count / (count - 1.0)))
 
-    def start(self, bench: Bench) -> Start:
-        """Return where it ended, as a start for another."""
-        layout, x = bench.layout, self.fitted.x
+    def start(self, space: ModelSpace) -> Start:
+        """Return its fitted coordinates, as a start for another fit."""
+        layout, x = space.layout, self.fitted.x
         return {BASE: x[: layout.base]} | {label: x[list(layout.of[label])] for label in self.labels}
 
 
 @dataclasses.dataclass(frozen=True)
 class Settled(Trial):
-    """A model fitted under weights of its own: those beside the richest model about it.
+    """A model fitted under its own weights, which come from the residual of the richest model that contains it.
 
     Attributes:
-        screened: how the readings answer to its unknowns and to all that is not in it.
+        screened: sensitivities of the readings to its unknowns and to all candidates.
     """
 
     screened: Screen

@@ -1,4 +1,4 @@
-"""The case that a diagnosis ends with: calibrated numbers, effects and tables, ready for every other command."""
+"""The extended case of a diagnosis: calibrated parameters, effects and corrected tables."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from jaxmodel.parameters import info
 from jaxmodel.ports import Effect
 
 _STARTS = ("initial_temperature_rise_K", "initial_hysteresis")
-# What differs in a single run, and the parameter of the model that can say so.
+# Shifts of single runs that a case file can hold, and the parameter that holds them.
 _HELD_BY_A_RUN = {"friction_shift": "tau_0"}
 
 
 def extended_case(
     case: Case, final: Rung, curves: Sequence[CurveFound] = (), found_runs: Sequence[RunFound] = ()
 ) -> tuple[Case, list[str]]:
-    """Return the case with the final model's numbers, effects and tables, each with its sd; and what it cannot hold.
+    """Return the case with the final model's parameters, effects and tables, each with its sd; and notes on the rest.
 
-    A wrong model may fit numbers beyond the bounds of their table: these are moved to the bound. Two faults of one kind
-    on two columns have one name in a case file: the first is kept. A law in no catalogue and most numbers of single
-    runs have no place in a case file. All of this is said in the second result.
+    Parameters fitted outside their bounds are moved to the bound. A case file holds one effect of each name, so that of
+    two faults of one kind on two columns the first is kept. It can hold no unknown law and few shifts of single runs.
+    The notes state every such change.
 
     Args:
         case: as it was diagnosed.
         final: the model.
-        curves: the tables and relations that it corrects.
-        found_runs: what single runs have for themselves in it.
+        curves: its corrections of tables and relations.
+        found_runs: its shifts of single runs.
     """
     fitted = _Fitted(final.estimates)
     catalogue = case.catalogue
@@ -52,7 +52,7 @@ def extended_case(
         if name not in catalogue:
             fitted.notes.append(_left_out(label, curves))
         elif name in values:
-            fitted.notes.append(f"{label} is left out: a case file holds one effect of a name.")
+            fitted.notes.append(f"{label} is left out: a case file holds one effect of each name.")
         else:
             fitted.put_effect(label, list(describe(catalogue[name])), catalogue, values, effect_sd)
     parameters = {name: fitted.known(name, before, info(name)) for name, before in case.parameters.items()}
@@ -61,13 +61,15 @@ def extended_case(
         if label in shifted and label.partition("@")[0] in _HELD_BY_A_RUN:
             runs = [_shifted(run, shifted[label], parameters, fitted) for run in runs]
         else:
-            told = run_sentence(shifted[label]) if label in shifted else f"{effect_name(label)}."
-            fitted.notes.append(f"A case file has no place for what one run has for itself: {told}")
+            described = run_sentence(shifted[label]) if label in shifted else f"{effect_name(label)}."
+            fitted.notes.append(f"A case file cannot hold this shift of a single run: {described}")
     extended = dataclasses.replace(case, parameters=parameters, effects=values, effect_sd=effect_sd, runs=tuple(runs))
     tables, notes = corrected_tables(case_model(extended, runs[0]), curves)
     cycles = {run.overrides["cycles"].value if "cycles" in run.overrides else None for run in runs}
     if "R_ints" in tables and len(cycles) > 1:
-        notes.append("R_ints holds its curve for the cycles of the first run; runs of other cycles are a little off.")
+        notes.append(
+            "The curve in R_ints is exact for the cycles of the first run and approximate for runs with other cycles."
+        )
     notes += [
         f"{effect_name(label)} is left out: it is an effect in found_law.py; give --effect found_law.py:FoundLaw."
         for label in final.added
@@ -77,12 +79,12 @@ def extended_case(
 
 
 def _left_out(label: str, curves: Sequence[CurveFound]) -> str:
-    told = [curve_sentence(curve) for curve in curves if curve.label == label]
-    return f"{label} is left out: a case file has no table for it{f': {told[0]}' if told else '.'}"
+    described = [curve_sentence(curve) for curve in curves if curve.label == label]
+    return f"{label} is left out: a case file has no table for it{f': {described[0]}' if described else '.'}"
 
 
 class _Fitted:
-    """Fitted numbers as a case takes them, within their bounds, and what had to be changed for that."""
+    """Fitted parameters within their bounds, and notes on those that were changed."""
 
     def __init__(self, estimates: Mapping[str, Estimate]) -> None:
         """Take the estimates by name."""
@@ -90,25 +92,25 @@ class _Fitted:
         self.notes: list[str] = []
 
     def number(self, name: str, before: float, entry: ParameterInfo) -> float:
-        """Return a number as it was fitted, or as it was before."""
+        """Return the fitted value of a parameter, or its previous value."""
         return self.bounded(name, self._estimates[name].value if name in self._estimates else before, entry)
 
     def bounded(self, name: str, value: float, entry: ParameterInfo) -> float:
-        """Return a number within the bounds of its table."""
+        """Return a value within the bounds of its table."""
         bounded = min(max(value, entry.lower), entry.upper)
         if bounded != value:
-            self.notes.append(f"{name} was fitted as {value:g}, which is outside its range; here it is {bounded:g}.")
+            self.notes.append(f"{name} was fitted as {value:g}, outside its range; it is set to {bounded:g} here.")
         return bounded
 
     def sd(self, name: str, before: float | None) -> float | None:
-        """Return the sd that the fit left of a number; of one that was not fitted, that which it had."""
+        """Return the posterior sd of a parameter, or its previous sd if it was not fitted."""
         if name not in self._estimates:
             return before
         sd = float(self._estimates[name].sd)
         return sd if np.isfinite(sd) and sd > 0.0 else None
 
     def known(self, name: str, before: Known, entry: ParameterInfo) -> Known:
-        """Return a number with its sd."""
+        """Return a parameter with its sd."""
         return Known(self.number(name, before.value, entry), self.sd(name, before.sd))
 
     def put_effect(
@@ -119,7 +121,7 @@ class _Fitted:
         values: dict[str, dict[str, float | str]],
         effect_sd: dict[str, dict[str, float]],
     ) -> None:
-        """Put the numbers of an effect, as far as they were fitted, among the values and sd of a case's effects."""
+        """Put the fitted parameters of an effect among the values and sd of a case's effects."""
         name, _, column = label.partition(":")
         table = describe(catalogue[name])
         own = values.setdefault(name, {})
@@ -137,20 +139,20 @@ class _Fitted:
             effect_sd.pop(name, None)
 
     def run(self, run: Run) -> Run:
-        """Return a run with its own numbers as they were fitted, those of its start among them."""
+        """Return a run with its own fitted parameters, including those of its start."""
         known = run.overrides | {"initial_soc": run.initial_soc}
         known |= {
             name: Known(0.0) for name in _STARTS if f"{name}[{run.name}]" in self._estimates and name not in known
         }
         values = {name: self.known(f"{name}[{run.name}]", before, info(name)) for name, before in known.items()}
-        # A stated temperature and a fitted rise say the same; a case file takes one of them.
+        # A stated temperature and a fitted rise are the same quantity; a case file holds one of them.
         stated = None if _STARTS[0] in values else run.initial_cell_temperature
         soc = values.pop("initial_soc")
         return dataclasses.replace(run, initial_soc=soc, overrides=values, initial_cell_temperature=stated)
 
 
 def _shifted(run: Run, found: RunFound, parameters: Mapping[str, Known], fitted: _Fitted) -> Run:
-    """Return a run with what it has for itself, where it is the run that was found."""
+    """Return the run with its shift, if it is the run that was found."""
     if run.name != found.run or not np.isfinite(found.value):
         return run
     name = _HELD_BY_A_RUN[found.label.partition("@")[0]]

@@ -1,4 +1,4 @@
-"""The files of a diagnosis: the answer, the extended case, and an unknown law as an effect to be edited."""
+"""The files of a diagnosis: the answer, the extended case, and an unknown law as an effect."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def write_result(diagnosis: Diagnosis, folder: Path) -> None:
 
 
 def _comments(diagnosis: Diagnosis, notes: list[str]) -> list[str]:
-    """Return what stands on top of the extended case."""
+    """Return the comments at the top of the extended case."""
     model = final_name(diagnosis) if diagnosis.final.added else "without any effect"
     lines = [f"The case '{diagnosis.case.name}', calibrated {model}.", *notes]
     if diagnosis.final.estimates:
         lines.append(
-            "An sd is what its runs left of it: give it other runs before it is diagnosed, or they count twice."
+            "Each sd is the posterior of these runs. Replace the runs before a new diagnosis, or they count twice."
         )
     if needed := [label for label in diagnosis.final.added if label in diagnosis.case.own_effects]:
         lines.append(f"Give --effect FILE.py:CLASS again for {', '.join(needed)}.")

@@ -1,4 +1,4 @@
-"""A case's tables as a diagnosis would have them: what they or the formulas hold, and the curves that were found."""
+"""Corrected tables of a case: its tables or formulas plus the curves of the final model."""
 
 from __future__ import annotations
 
@@ -27,27 +27,27 @@ _TABLES_OF = {
     "rc_capacitance_curve": ("C_TS", "C_TL"),
     "rc_capacitance_temperature_curve": ("C_TS", "C_TL"),
 }
-# Between the points of a table, V of a voltage and a share of everything else.
+# Largest error of linear interpolation between points of a table: V of a voltage, a share of everything else.
 _TOLERANCE_V, _TOLERANCE = 5e-5, 3e-4
-# Where a formula is sampled: it is given as far as a table may go, and bends at the second.
+# States of charge at which a formula is sampled first: the ends of a table, and the kink of the formula.
 _FORMULA_SOC = (-0.01, formulas.SOC_FORMULA_FLOOR, 1.05)
 _HALVINGS = 7
 _DIGITS = 7
-# What is written where a formula has left the range in which a resistance is positive, ohm.
+# Smallest resistance that is written, where a formula gives none above zero, ohm.
 _LEAST = 1e-6
 
 
 def is_held_by_tables(label: str) -> bool:
-    """Return True where a case file can hold a curve, as a table."""
+    """Return True if a case file can hold a curve as a table."""
     return label in _TABLES_OF
 
 
 def corrected_tables(model: Model, found: Sequence[CurveFound]) -> tuple[dict[str, Table], list[str]]:
-    """Return the tables that some curves change, by name, and what of the curves the tables cannot hold.
+    """Return the tables that some curves change, by name, and notes on what they cannot hold.
 
     Args:
-        model: with the parameters, tables and effects of the final model, and without its curves.
-        found: the curves; those that no table holds are passed over.
+        model: the final model without its curves.
+        found: the curves; those that no table holds are skipped.
     """
     by_table: dict[str, list[CurveFound]] = {}
     for curve in found:
@@ -63,7 +63,7 @@ def _corrected(name: str, model: Model, found: Sequence[CurveFound]) -> Table:
     sample = _sampler(base)
 
     def values(soc: np.ndarray, temperature_degC: np.ndarray) -> np.ndarray:
-        """Return what the table must hold, shape (temperature, soc)."""
+        """Return the values of the table, shape (temperature, soc)."""
         off = sum(_off(curve, soc, temperature_degC) for curve in found)
         before = sample(soc, temperature_degC)
         if name == "ocv":
@@ -93,14 +93,14 @@ def _is_over_temperature(curve: CurveFound) -> bool:
 
 
 def _off(curve: CurveFound, soc: np.ndarray, temperature_degC: np.ndarray) -> np.ndarray:
-    """Return by how much a curve is off, straight between its knots and held at its ends, to be spread over a table."""
+    """Return a curve, linear between knots and constant beyond its ends, in a shape to be added to a table."""
     if _is_over_temperature(curve):
         return np.interp(temperature_degC, curve.at, curve.value)[:, None]
     return np.interp(soc, curve.at, curve.value)[None, :]
 
 
 def _cycle_resistance(model: Model) -> jax.Array:
-    """Return R_cyc, which a curve of the series resistance scales too, in ohm."""
+    """Return R_cyc in ohm; a curve of the series resistance scales it too."""
     context = SimpleNamespace(parameters=model.parameters)
     return jnp.asarray(fold(model.effects, "cycle_resistance", cycle_resistance(model.parameters.cycles), context))
 
@@ -117,7 +117,7 @@ def _start_of_soc(base: formulas.Curve, found: Sequence[CurveFound]) -> np.ndarr
 
 
 def _start_of_temperature(base: formulas.Curve, sample: Callable, found: Sequence[CurveFound]) -> np.ndarray:
-    """Return temperatures to begin with; a single one where nothing depends on it."""
+    """Return initial temperatures; a single one if nothing depends on temperature."""
     if isinstance(base, formulas.Table):
         own = np.asarray(base.temperature_degC) if base.values.shape[0] > 1 else np.zeros(0)
     else:
@@ -128,12 +128,12 @@ def _start_of_temperature(base: formulas.Curve, sample: Callable, found: Sequenc
 
 
 def _refined(knots: np.ndarray, values: Callable[[np.ndarray], np.ndarray], limit: float | None) -> np.ndarray:
-    """Return knots between which straight lines are as near as they need be, the given ones among them.
+    """Return knots, including those given, between which linear interpolation is accurate enough.
 
     Args:
-        knots: to begin with, increasing.
+        knots: initial ones, increasing.
         values: at knots, shape (knots, columns).
-        limit: how far a straight line may be off; None is a share of the value.
+        limit: largest error; None for a share of the value.
     """
     for _ in range(_HALVINGS):
         middle, at = 0.5 * (knots[1:] + knots[:-1]), values(knots)
@@ -151,9 +151,9 @@ def _rounded(values: np.ndarray) -> np.ndarray:
 
 
 def _notes(model: Model, by_table: Mapping[str, Sequence[CurveFound]]) -> list[str]:
-    """Return where tables are not quite what curves were."""
+    """Return notes on tables that differ from their curves."""
     notes = []
     adding = [effect.label for effect in model.effects if effect.name in ("contact_heating", "contact_drift")]
     if "R_ints" in by_table and adding and touches(model.effects, "series_resistance"):
-        notes.append(f"R_ints holds its curve; what {' and '.join(adding)} adds is here not scaled by it.")
+        notes.append(f"R_ints contains its curve, which here does not scale what {' and '.join(adding)} adds.")
     return notes

@@ -1,1 +1,1 @@
-"""A case as one program for all its models: unknowns, readings, candidates, and the fit."""
+"""One compiled program for all models of a case: unknowns, readings, candidates, and the fit."""

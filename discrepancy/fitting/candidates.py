@@ -1,4 +1,4 @@
-"""What could be missing or off in a case, and the coordinates in which it is tried and fitted."""
+"""The candidates of a case, and the coordinates in which they are scored and fitted."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from jaxmodel.specimen import usual_range
 
 Floats = NDArray[np.float64]
 
-# How far, in prior sd, better optima of an amplitude may be: between the ridges that jumps of an input make, and on the
-# other side of a standstill.
+# Distance, in prior sd, within which an amplitude may have a better optimum: between local optima caused by jumps of an
+# input, and on the other side of a standstill.
 _ACROSS_RIDGES = 0.4
 _ACROSS_STANDSTILL = 1.0
-# No fit begins further from the middle of an amplitude's usual range, in prior sd.
+# Largest distance of a start from the middle of an amplitude's usual range, in prior sd.
 _FURTHEST_START = 2.5
-# A law over fewer different values than this, or over so small a share of the largest, is none.
+# A quantity that varies by less than this share of its largest value is no variable of a law.
 _LEAST_SPAN = 0.02
-# Of a curve's prior, modes of which the variance is less than this share of the first one's.
+# Modes of a curve's prior with less than this share of the first mode's variance are dropped.
 _FAINT_MODE = 0.01
-# Curves that a table of the case could hold, by the table; without one they are laws that nobody stated.
+# Tables of a case that curves correct; without such a table a curve corrects an unstated relation.
 _TABLE_OF = {
     "ocv_curve": "ocv",
     "series_resistance_curve": "R_ints",
@@ -48,26 +48,27 @@ Group = Literal["effect", "sensor", "curve", "run", "law"]
 
 @dataclasses.dataclass(frozen=True)
 class Candidate:
-    """One thing that could be missing or off, and how it is tried.
+    """One candidate, and how it is scored and fitted.
 
     Attributes:
-        label: its name; with a column 'a:b', of one run 'a@run', of an unknown law 'port(variable)'.
-        group: an effect, a fault of a sensor, a curve, one number of one run, or an unknown law.
-        effect: what stands for it in the model; candidates may share one.
-        coordinates: its own unknowns; the first is its amplitude.
-        probes: for each variant of its shape, the coordinates x at which its direction is taken.
-        one_sided: physics allows one sign of the amplitude only.
-        null_at_infinity: the amplitude fades as its parameter grows (an exchange current, a leakage resistance).
-        amplitude_on_grid: the amplitude has probes on either side; the readings depend on it with many local optima.
-        reach: how far about a fit, in prior sd, its amplitude may have a better optimum; 0 where it has but one.
-        has_amplitude: False where no value of the first parameter makes the effect vanish.
-        run: the run whose number it is, -1 for all.
-        is_vector: its unknowns are the knots of a curve or a law.
-        mix: of a vector, from all its coordinates to its values.
-        offset: where its own unknowns begin among those of the vector.
-        shared: all unknowns of the vector, where it has only some of them.
-        law: settings of its law, and the number of the port; None where it is none.
-        port, over: of a curve or law, what it adds to and as a function of what; the same words as in the answer.
+        label: its name; 'a:b' with a column, 'a@run' for one run, 'port(variable)' for an unknown law.
+        group: effect, sensor fault, curve, shift of one run, or unknown law.
+        effect: its effect in the model; candidates may share one.
+        coordinates: its unknowns; the first is its amplitude.
+        probes: for each variant of its shape, the coordinates at which its direction is computed.
+        one_sided: physics allows only one sign of the amplitude.
+        null_at_infinity: the effect vanishes as its parameter grows (an exchange current, a leakage resistance).
+        amplitude_on_grid: the amplitude has probes on either side, because of many local optima.
+        reach: distance from a fit, in prior sd, within which its amplitude may have a better optimum; 0 for one
+            optimum.
+        has_amplitude: False if no value of the first parameter makes the effect vanish.
+        run: index of its run, -1 for all.
+        is_vector: its unknowns are the coordinates of a curve or a law.
+        mix: matrix from all coordinates of the vector to its values.
+        offset: index of its first unknown among those of the vector.
+        shared: all unknowns of the vector, if it has only some of them.
+        law: index of the port and settings of its law; None if it is no law.
+        port, over: relation and variable of a curve or law, as in the answer.
         multiplier: of a law.
         stated: the case states the table that this curve corrects.
     """
@@ -95,7 +96,7 @@ class Candidate:
 
     @property
     def unknowns(self) -> tuple[Coordinate, ...]:
-        """Return the coordinates that the vector of unknowns gets for it."""
+        """Return the coordinates that it adds to the vector of unknowns."""
         return self.shared or self.coordinates
 
     @property
@@ -105,7 +106,7 @@ class Candidate:
 
     @property
     def is_switched(self) -> bool:
-        """Return True where its effect stands behind a switch; a curve or a run's number vanishes at zero."""
+        """Return True if its effect has a switch; curves and shifts vanish at zero instead."""
         return self.group in ("effect", "sensor")
 
     @property
@@ -115,17 +116,17 @@ class Candidate:
 
     @property
     def bends(self) -> bool:
-        """Return True where it bends the armature's equations, which asks for finer steps."""
+        """Return True if it makes the armature equations nonlinear, which needs finer steps."""
         return any(touches((self.effect,), port) for port in ("armature_voltage_drop", "motor_torque"))
 
     @property
     def shape_ends(self) -> list[tuple[float, ...]]:
-        """Return the coordinates of the ends of the usual range of each parameter but the amplitude."""
+        """Return the coordinates of the ends of the usual range of each parameter except the amplitude."""
         shapes = list(zip(self.coordinates, describe(self.effect).values(), strict=True))[1:]
         return [tuple(coordinate.at(end) for end in info.typical or ()) for coordinate, info in shapes]
 
     def times_as_strong(self, x: Floats, probe: float) -> Floats:
-        """Return how many times as strong as at a probe an effect is at x of its amplitude; 1 where it has none."""
+        """Return the strength of an effect at amplitude x relative to a probe; 1 without an amplitude."""
         first = self.coordinates[0]
         if not self.has_amplitude:
             return np.ones(np.shape(x))
@@ -135,7 +136,7 @@ class Candidate:
         return np.exp(-away if self.null_at_infinity else away)
 
     def at(self, probe: np.ndarray, amplitude: float) -> np.ndarray:
-        """Return the coordinates of an effect so many times as strong as at a probe, within its usual range."""
+        """Return the coordinates of an effect of a given strength relative to a probe, within its usual range."""
         suggested, first = probe.copy(), self.coordinates[0]
         if first.logarithmic:
             stronger = math.log(max(amplitude, 1e-3)) / first.spread
@@ -147,11 +148,11 @@ class Candidate:
 
 
 def make_candidate(effect: Effect, usual: Mapping[str, tuple[float, float]] | None = None) -> Candidate:
-    """Return the candidate that an effect of any origin makes, from its own table.
+    """Return the candidate for an effect, from its parameter table.
 
     Args:
         effect: of the catalogue, or the user's own.
-        usual: ranges of its parameters that fit the specimen, in place of the table's.
+        usual: usual ranges for this specimen, in place of the table's.
     """
     table = describe(effect)
     usual = usual or {}
@@ -185,16 +186,16 @@ def make_candidate(effect: Effect, usual: Mapping[str, tuple[float, float]] | No
 
 
 def candidates(case: Case) -> list[Candidate]:
-    """Return everything that could act in a case and is not in its model already, unknown laws apart."""
+    """Return all candidates of a case except unknown laws."""
     return [*_effects(case), *_curves(case), *_of_runs(case)]
 
 
 def _effects(case: Case) -> Iterator[Candidate]:
-    """Yield every effect of the catalogue, those of a sensor on every column that they could sit on."""
+    """Yield every effect of the catalogue that is not in the model; sensor faults for every possible column."""
     present = {f"{name}:{values['column']}" if values.get("column") else name for name, values in case.effects.items()}
     columns = _columns(case)
     for name, cls in case.catalogue.items():
-        if case.kind not in cls.kinds or name in present or not is_told(case, cls):
+        if case.kind not in cls.kinds or name in present or not is_distinguishable(case, cls):
             continue
         if not cls.is_sensor:
             yield make_candidate(cls(), specimen_ranges(case, cls))
@@ -203,29 +204,29 @@ def _effects(case: Case) -> Iterator[Candidate]:
             if f"{name}:{column}" in present:
                 continue
             fault = make_candidate(cls(column=column), specimen_ranges(case, cls))
-            # With a drive's input a little off, a rotor that stands still turns in the model, or does not start.
+            # A small error of the input decides whether a rotor at rest starts to turn in the model.
             sticks = case.kind != "cell" and column in case.runs[0].measured.inputs
             yield dataclasses.replace(fault, reach=_ACROSS_STANDSTILL) if sticks else fault
 
 
-def is_told(case: Case, cls: type[Effect]) -> bool:
-    """Return True where runs differ in what tells an effect: one age for all is but another calibration."""
-    if not cls.told_by:
+def is_distinguishable(case: Case, cls: type[Effect]) -> bool:
+    """Return True if runs differ in the parameter that an effect needs to be distinguished from a calibration."""
+    if not cls.distinguished_by:
         return True
-    common = case.parameters.get(cls.told_by)
-    values = {(run.overrides.get(cls.told_by) or common) for run in case.runs if run.split == "fit"}
+    common = case.parameters.get(cls.distinguished_by)
+    values = {(run.overrides.get(cls.distinguished_by) or common) for run in case.runs if run.split == "fit"}
     return len({None if one is None else one.value for one in values}) > 1
 
 
 def specimen_ranges(case: Case, cls: type[Effect]) -> dict[str, tuple[float, float]]:
-    """Return the usual ranges of an effect's parameters that grow with the specimen."""
+    """Return the usual ranges of those parameters of an effect that scale with the specimen."""
     model = case_model(dataclasses.replace(case, effects={}, effect_sd={}))
     numbers = {name: float(np.asarray(getattr(model.parameters, name))) for name in describe(model.parameters)}
     return {name: usual_range(info, numbers) for name, info in describe(cls).items() if info.scales and info.typical}
 
 
 def _curves(case: Case) -> Iterator[Candidate]:
-    """Yield the curves of a kind: tables of the user's that may be off, and what the model's own formulas lack."""
+    """Yield the curves of a kind: corrections of stated tables and of the model's formulas."""
     for name, cls in CURVES.items():
         if case.kind not in cls.kinds or (case.kind != "cell" and "motor" in cls.kinds):
             continue
@@ -247,10 +248,9 @@ def _curves(case: Case) -> Iterator[Candidate]:
 
 
 def _smooth(knots: np.ndarray, relative: bool, correlation: float = SETTINGS.curve_correlation) -> np.ndarray:
-    """Return a root of the prior covariance of a curve's values of unit size, (knots, modes): a Matern process (3/2).
+    """Return a root of the prior covariance of a curve's values at unit size, (knots, modes): a Matern process (3/2).
 
-    Modes that are faint beside the first are left out: a curve so wild is none that the prior knows. Of a factor the
-    mean is left out: it is that of the scale that is free beside it.
+    Modes of small variance are dropped. For a factor the mean is dropped too: a scale parameter already represents it.
     """
     apart = np.abs(knots[:, None] - knots[None, :]) / (correlation * np.ptp(knots))
     covariance = (1.0 + np.sqrt(3.0) * apart) * np.exp(-np.sqrt(3.0) * apart)
@@ -263,7 +263,7 @@ def _smooth(knots: np.ndarray, relative: bool, correlation: float = SETTINGS.cur
 
 
 def _of_runs(case: Case) -> Iterator[Candidate]:
-    """Yield what may differ in a single fitted run: its contact, friction, draught or zero points."""
+    """Yield the shifts of single fit runs: contact resistance, friction, cooling or zero points."""
     fit_runs = [number for number, run in enumerate(case.runs) if run.split == "fit"]
     if len(fit_runs) < 2:
         return
@@ -271,7 +271,7 @@ def _of_runs(case: Case) -> Iterator[Candidate]:
     for cls in SHIFTS.values():
         if case.kind not in cls.kinds:
             continue
-        # In runs that have no number of their own it is absent.
+        # In other runs the shift is at its null.
         absent: dict[str, Any] = {name: info.null for name, info in describe(cls).items()}
         if cls.is_sensor and cls.column == "":
             effects = [cls(column=column, **absent) for column in columns if column.endswith(cls.reads)]
@@ -292,12 +292,12 @@ def _of_runs(case: Case) -> Iterator[Candidate]:
 def laws(
     case: Case, ranges: Mapping[str, tuple[float, float]], sizes: Mapping[str, float], settings: Settings = SETTINGS
 ) -> list[Candidate]:
-    """Return every unknown law that could act in a case: each port over each quantity that varies.
+    """Return every unknown law of a case: each port over each quantity that varies.
 
     Args:
         case: of a kind.
         ranges: lowest and highest value of every quantity.
-        sizes: a small but real addition at every port, in its unit, and of every multiplier its largest value.
+        sizes: typical size of a law at every port, in its unit, and the largest value of every multiplier.
         settings: the constants.
     """
     effect = law_effect(case.kind, settings.law_knots)

@@ -1,4 +1,4 @@
-"""Unknown numbers as coordinates that a standard normal is the prior of."""
+"""Unknowns as coordinates with a standard normal prior."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ import numpy as np
 
 from jaxmodel.declaration import ParameterInfo
 
-# Over which share of its spread a number bends into its ceiling.
+# Share of its spread over which a value approaches its ceiling.
 _BEND = 0.25
-# A number at the end of its reach, or beyond it, has the coordinate of one at so much of it.
+# A value at or beyond its reach gets the coordinate of this share of the reach.
 _ALL_BUT_ONE = 1.0 - 1e-12
-# How many sd from what is stated a number can be at all (assumed): further off it hides an error. Of one run's numbers,
-# and of those of all runs, which a data sheet may state with too small an sd.
+# Largest distance from the stated value, in sd (assumed), for parameters of one run, and of all runs: a data sheet may
+# state too small an sd.
 REACH_OF_A_RUN, REACH_OF_ALL = 5.0, 10.0
 
 
 @dataclasses.dataclass(frozen=True)
 class Coordinate:
-    """One unknown number as a standard normal: number = centre + spread x, or origin + sign exp(centre + spread x).
+    """One unknown as a standard normal: value = centre + spread x, or origin + sign exp(centre + spread x).
 
-    The standard normal is the prior: what the case states of a parameter, or the usual range of an effect's (its ends
-    at one standard deviation). Below a ceiling the straight line bends smoothly into it within a quarter of the spread:
-    above the last point of its table a state of charge moves nothing, and a fit would stumble over that edge.
+    The prior comes from the stated value and sd of a parameter, or from the usual range of an effect's parameter (its
+    ends are at one sd). Values approach a ceiling smoothly within a quarter of the spread: a state of charge above the
+    last point of its table has no effect, and this edge would disturb a fit.
 
-    What is stated has a reach, r: x stands for r tanh(x / r) sd. Within 2 sd that is all but x. A model far off
-    would let its numbers run away to hide what it lacks, where so many readings outweigh any normal prior.
+    A stated parameter has a reach r: x stands for r tanh(x / r) sd, which is close to x up to 2 sd. Without it, a poor
+    model would move its parameters far away to compensate, because many readings outweigh a normal prior.
     """
 
     name: str
@@ -41,11 +41,11 @@ class Coordinate:
 
     @property
     def bend(self) -> float:
-        """Return over how much of the number the line bends into the ceiling."""
+        """Return the range of values over which the ceiling is approached."""
         return _BEND * self.spread
 
     def off(self, x: float) -> float:
-        """Return how many sd from the centre the number at the coordinate x is."""
+        """Return the distance from the centre at the coordinate x, in sd."""
         return x if self.reach == math.inf else self.reach * math.tanh(x / self.reach)
 
     def number(self, x: float) -> float:
@@ -59,7 +59,7 @@ class Coordinate:
         return self.ceiling - self.bend * float(np.logaddexp(0.0, (self.ceiling - straight) / self.bend))
 
     def at(self, number: float) -> float:
-        """Return the coordinate of a number, of one beyond its reach that of the end."""
+        """Return the coordinate of a value; beyond its reach, that of the end of the reach."""
         if self.logarithmic:
             return self._at_off((math.log((number - self.origin) / self.sign) - self.centre) / self.spread)
         if self.ceiling != math.inf:
@@ -73,7 +73,7 @@ class Coordinate:
         return self.reach * math.atanh(min(max(off / self.reach, -_ALL_BUT_ONE), _ALL_BUT_ONE))
 
     def slope(self, x: float) -> float:
-        """Return d(number)/dx, to carry a standard deviation over."""
+        """Return d(value)/dx, to convert a standard deviation."""
         off = self.off(x)
         bent = 1.0 if self.reach == math.inf else 1.0 - (off / self.reach) ** 2
         if self.logarithmic:
@@ -85,14 +85,14 @@ class Coordinate:
 
 
 def known_coordinate(name: str, value: float, sd: float, info: ParameterInfo, run: int = -1) -> Coordinate:
-    """Return the coordinate of a base parameter known to +- sd, on the logarithm where its table says so.
+    """Return the coordinate of a base parameter with a stated sd, logarithmic if its table says so.
 
     Args:
         name: of the parameter.
         value: as stated.
         sd: as stated.
         info: its row of the table.
-        run: the run whose number it is, -1 for all.
+        run: index of its run, -1 for all.
     """
     reach = REACH_OF_ALL if run < 0 else REACH_OF_A_RUN
     if info.transform == "log" and value > 0.0:
@@ -101,10 +101,10 @@ def known_coordinate(name: str, value: float, sd: float, info: ParameterInfo, ru
 
 
 def effect_coordinate(name: str, info: ParameterInfo, usual: tuple[float, float] | None = None) -> Coordinate:
-    """Return the coordinate of an effect's parameter, from its usual range, or that of the specimen where one is given.
+    """Return the coordinate of an effect's parameter, from its usual range or that of the specimen.
 
-    A range on one side of the null is taken on the logarithm of the distance from it, so that the sign is kept; a range
-    that spans the null is taken as it is.
+    It is logarithmic in the distance from the null if the range is on one side of the null, so that the sign is kept;
+    otherwise it is linear.
     """
     assert info.typical is not None, f"{name} declares no usual range"
     low, high = usual or info.typical

@@ -18,54 +18,54 @@ from discrepancy.fitting.problem import Problem
 from discrepancy.fitting.readings import Weights
 
 MAX_STEPS = 20
-# A step that gains three quarters of what it promised is followed by a longer one. Optimistix asks for 0.99, and then
-# creeps along curved valleys: one of a robot took 63 steps and was not at its end, in place of 20.
+# The trust region grows after a step that gains three quarters of its prediction. With the 0.99 of optimistix, one fit
+# of a robot in a curved valley had not converged after 63 steps instead of 20.
 SOLVER = eqx.tree_at(
     lambda solver: solver.search,
     optx.Dogleg(rtol=1e-4, atol=1e-4),
     optx.ClassicalTrustRegion(high_cutoff=0.75),
 )
-# In a prior's standard deviations. Of five cells, motors and robots derivatives are within 2e-5 of exact tangents, and
-# a base model's scores within 2e-4; a longer step bends, a shorter one meets the rounding of kinks.
+# Step of finite differences, in prior sd. For five cells, motors and robots, derivatives are within 2e-5 of exact
+# tangents and scores within 2e-4; a longer step adds curvature, a shorter one rounding errors at kinks.
 DIFFERENCE_STEP = 1e-4
-# A fit is at its minimum where a Newton step would gain less of chi-square than this: a seventh of an sd of whatever.
+# A fit has converged if a Newton step would gain less of chi-square than this: a seventh of an sd.
 FLAT = 0.02
-# Further steps are not worth their time after so many in a row that gain less than this: what is left is a kink of the
-# model, as where a table bends.
+# A fit ends after so many steps in a row that gain less than this: it is at a kink of the model, such as a point of a
+# table.
 IDLE_STEPS = 3
 IDLE_GAIN = 0.1
-# Nor after so many in a row that were refused, each a quarter as long as the one before: at the steep end of a
+# It also ends after so many rejected steps in a row, each a quarter as long as the previous one: at the steep end of a
 # discharge the first few are too long.
 REFUSED_STEPS = 6
-# Of a model that is only compared with others, the gain that is not worth another step.
+# The same limit for a model that is only compared with others,
 COMPARED = 0.3
-# Of a model that explains all but the noise: the same numbers to a thousandth of an sd whichever way one came to it.
+# and for a model that explains all but noise: its parameters are reproducible to a thousandth of an sd.
 SETTLED = 1e-6
-# A fit that stopped where a Newton step promises less than this has come to its end all the same.
+# A fit that stopped where a Newton step would gain less than this counts as converged.
 NEAR = 2.0
-# A model that would need this many times as many steps, each as good as its last few, never catches up with a rival.
+# A fit ends if, at its recent pace, it would need this many times as many steps to reach a rival.
 PACE = 10.0
-# Unknowns that the solver sees come in so many, those that are not there at rest: its step is compiled once for most.
+# The number of unknowns is padded to a multiple of this, so that the solver step is compiled once for most fits.
 _SIZE = 32
 
 
 @dataclasses.dataclass(frozen=True)
 class Fit:
-    """What came of one fit.
+    """The result of one fit.
 
     Attributes:
-        x: (unknowns,) coordinates where it ended.
-        own: places of the k free unknowns.
+        x: (unknowns,) fitted coordinates.
+        free: places of the k free unknowns.
         prior_sd: (k,) of their coordinates.
-        rows: (n,) whitened residuals, measured less predicted.
-        jacobian: (n, k) their derivatives by the free unknowns.
-        promise: of chi-square, what another Newton step would gain; zero at a minimum.
+        rows: (n,) whitened residuals, measured minus predicted.
+        jacobian: (n, k) their derivatives with respect to the free unknowns.
+        promise: expected gain of chi-square by another Newton step; zero at a minimum.
         steps: iterations used.
-        idle: it ended where steps gained nothing, at the rounding of a kink in the model.
+        idle: it ended because steps gained nothing, at a kink of the model.
     """
 
     x: np.ndarray
-    own: tuple[int, ...]
+    free: tuple[int, ...]
     prior_sd: np.ndarray
     rows: np.ndarray
     jacobian: np.ndarray
@@ -80,12 +80,12 @@ class Fit:
 
     @property
     def pulls(self) -> np.ndarray:
-        """Return how many sd of its prior each free unknown is away from it, (k,)."""
-        return self.x[list(self.own)] / self.prior_sd
+        """Return the distance of each free unknown from its prior mean, in prior sd, (k,)."""
+        return self.x[list(self.free)] / self.prior_sd
 
     @property
     def objective(self) -> float:
-        """Return what was minimised: chi-square of readings and priors."""
+        """Return the objective: chi-square of readings and priors."""
         return self.chi2 + float(self.pulls @ self.pulls)
 
     @property
@@ -105,7 +105,7 @@ class Fit:
 
     @functools.cached_property
     def log_evidence(self) -> float:
-        """Return the log of the model's probability of the readings (Laplace), less a constant common to all models.
+        """Return the log evidence (Laplace approximation), minus a constant common to all models.
 
         -(chi2 + |x / sd|^2) / 2 - log det(S J'J S + I) / 2, with S the sd of the priors.
         """
@@ -118,7 +118,7 @@ class Fit:
 
 
 class Given(eqx.Module):
-    """The objective's rows at one place, and their Jacobian there."""
+    """Residuals and Jacobian at one point."""
 
     rows: Array
     jacobian: Array
@@ -126,7 +126,7 @@ class Given(eqx.Module):
 
 @eqx.filter_custom_jvp
 def _given(y: Array, given: Given) -> tuple[Array, None]:
-    """Return rows computed beforehand, with their derivatives, in the form in which optimistix asks for them."""
+    """Return precomputed residuals with their derivatives, in the form that optimistix needs."""
     return given.rows, None
 
 
@@ -138,9 +138,9 @@ def _given_jvp(primals, tangents):
 
 
 def errors_at(view: View, problem: Problem, setting: Setting, places: np.ndarray) -> np.ndarray:
-    """Return measured less predicted at some places (places, unknowns), shape (readings, places).
+    """Return measured minus predicted at some points (places, unknowns), shape (readings, places).
 
-    A model driven out of its range looks bad there; it does not break the solver.
+    Predictions that are not finite count as a large error, so that the solver can continue.
     """
     predicted = view.at(problem, [setting.lane(x) for x in places])
     worst = 1e3 * view.readings.sd
@@ -149,50 +149,50 @@ def errors_at(view: View, problem: Problem, setting: Setting, places: np.ndarray
 
 
 def steps_of(view: View, setting: Setting) -> list[list[int]]:
-    """Return which unknowns are moved together: those of different runs move different readings."""
-    layout = view.bench.layout
-    alone = [[place] for place in setting.own if layout.runs[place] < 0]
+    """Return groups of unknowns that share a finite difference: those of different runs affect different readings."""
+    layout = view.space.layout
+    alone = [[place] for place in setting.free if layout.runs[place] < 0]
     of_runs: dict[int, list[int]] = {}
-    for place in setting.own:
+    for place in setting.free:
         if layout.runs[place] in view.runs:
             of_runs.setdefault(layout.runs[place], []).append(place)
     most = max(map(len, of_runs.values()), default=0)
-    return alone + [[own[number] for own in of_runs.values() if number < len(own)] for number in range(most)]
+    return alone + [[places[number] for places in of_runs.values() if number < len(places)] for number in range(most)]
 
 
-def raw_look(view: View, problem: Problem, setting: Setting, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the errors (readings,) at a place, and their derivatives (readings, k) by the model's own unknowns.
+def errors_and_jacobian(view: View, problem: Problem, setting: Setting, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the errors (readings,) at a point, and their derivatives (readings, k) by the model's free unknowns.
 
-    By differences between lanes of the forward program, not by tangents: forward mode compiles four times as long. One
-    side is enough: central differences take twice as many lanes. Unknowns of different runs share a lane.
+    One-sided finite differences between lanes: forward mode takes four times as long to compile, and central
+    differences need twice as many lanes. Unknowns of different runs share a lane.
     """
     together = steps_of(view, setting)
     places = np.repeat(x[None], len(together) + 1, axis=0)
     for number, moved in enumerate(together, start=1):
         places[number, moved] += DIFFERENCE_STEP
     errors = errors_at(view, problem, setting, places)
-    jacobian = np.zeros((errors.shape[0], len(setting.own)))
-    column = {place: number for number, place in enumerate(setting.own)}
+    jacobian = np.zeros((errors.shape[0], len(setting.free)))
+    column = {place: number for number, place in enumerate(setting.free)}
     for number, moved in enumerate(together, start=1):
         slope = (errors[:, number] - errors[:, 0]) / DIFFERENCE_STEP
         for place in moved:
-            run = view.bench.layout.runs[place]
+            run = view.space.layout.runs[place]
             jacobian[:, column[place]] = slope if run < 0 else np.where(view.readings.run == run, slope, 0.0)
     return errors[:, 0], jacobian
 
 
-def look(
+def whitened_errors_and_jacobian(
     view: View, problem: Problem, setting: Setting, weights: Weights, x: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the whitened residuals (readings,) at a place, and their derivatives (readings, k)."""
-    errors, jacobian = raw_look(view, problem, setting, x)
+    """Return the whitened residuals (readings,) at a point, and their derivatives (readings, k)."""
+    errors, jacobian = errors_and_jacobian(view, problem, setting, x)
     white = weights.whiten(np.column_stack([errors, jacobian]))
     return white[:, 0], white[:, 1:]
 
 
 @functools.lru_cache(maxsize=64)
 def _blank(unknowns: int):
-    """Return the solver's state before any step; one for all fits of a size, so that its steps are compiled once."""
+    """Return the initial state of the solver for a number of unknowns; its step is then compiled once."""
     rows = unknowns + 1
     struct = jax.ShapeDtypeStruct((rows,), float)
     return SOLVER.init(
@@ -207,8 +207,8 @@ def _step(y: Array, given: Given, state):
 
 
 @dataclasses.dataclass(frozen=True)
-class _Seen:
-    """The objective about one place: residuals and their Jacobian by y, the free unknowns in sd of their priors."""
+class _Linearised:
+    """The linearised objective at one point: residuals and Jacobian by y, the free unknowns in prior sd."""
 
     y: np.ndarray
     rows: np.ndarray
@@ -229,37 +229,37 @@ class _Seen:
 
     @functools.cached_property
     def axes(self) -> np.ndarray:
-        """A square root of the information: its eigenvectors by the roots of their eigenvalues, none below a prior's.
+        """A square root of the information from its eigenvalues, none below that of a prior.
 
-        Unlike Cholesky's it is there where a model out of its range gives derivatives without bounds.
+        Unlike a Cholesky factor it exists for unbounded derivatives of an invalid model too.
         """
         values, vectors = np.linalg.eigh(self.information)
         return np.sqrt(np.maximum(values, 1.0))[:, None] * vectors.T
 
     @functools.cached_property
     def along(self) -> np.ndarray:
-        """The slope along those axes."""
+        """The slope along these axes."""
         return (self.axes @ self.slope) / np.sum(self.axes**2, axis=1)
 
     @property
     def unit(self) -> float:
-        """What a reading adds to chi-square: 1 at the noise; a model far from it knows its numbers that much worse."""
+        """Chi-square per reading, at least 1: the scale of changes that matter for a poor model."""
         return max(1.0, float(self.rows @ self.rows) / max(1, self.rows.size))
 
     @property
     def promise(self) -> float:
-        """What a Newton step would gain."""
+        """Expected gain of a Newton step."""
         return float(self.along @ self.along)
 
     def few(self, size: int) -> Given:
-        """Return the objective in few rows, the same sums of squares and products, one for each unknown and one more.
+        """Return an equivalent objective with one row per unknown and one more.
 
-        Unknowns beyond its own, up to `size`, are at their minimum.
+        It is padded with unknowns at their minimum up to `size`.
         """
-        own = self.y.size
+        count = self.y.size
         rows, jacobian = np.zeros(size + 1), np.eye(size + 1, size)
-        rows[:own], rows[-1] = self.along, np.sqrt(max(self.objective - self.promise, 0.0))
-        jacobian[:own, :own] = self.axes
+        rows[:count], rows[-1] = self.along, np.sqrt(max(self.objective - self.promise, 0.0))
+        jacobian[:count, :count] = self.axes
         return Given(jax.device_put(rows), jax.device_put(jacobian))
 
 
@@ -276,45 +276,45 @@ def fit(
 ) -> Fit:
     """Calibrate from one start.
 
-    The trust-region steps are optimistix's, one at a time: the model's program stays one forward program, which is all
-    that has to be compiled anew for another model. And a loop around a kernel is not safe: see `jaxmodel.kernel`.
+    Optimistix computes one trust-region step at a time, so that only the forward program is compiled for another model.
+    A loop around a kernel would also be unsafe: see `jaxmodel.kernel`.
 
     Args:
         view: the readings.
         setting: the model.
-        weights: what makes its errors white.
-        start: (unknowns,) coordinates to begin at; those not free stay there.
-        rival: objective of a model that this one must come near; the fit ends where at its pace it never will.
-        steps: at most so many.
-        free: places of the unknowns to calibrate; the model's own where None.
-        flat: of chi-square, the gain that is not worth another step.
+        weights: that whiten its errors.
+        start: (unknowns,) initial coordinates; those that are not free stay.
+        rival: objective of a competing model; the fit ends if at its pace it will not come close.
+        steps: largest number of steps.
+        free: indices of the unknowns to calibrate; those of the model if None.
+        flat: gain of chi-square below which the fit has converged.
     """
     if free is not None:
-        setting = dataclasses.replace(setting, own=tuple(free))
-    own, prior_sd = list(setting.own), setting.prior_sd[list(setting.own)]
-    problem = view.bench.problem(setting)
+        setting = dataclasses.replace(setting, free=tuple(free))
+    unknowns, prior_sd = list(setting.free), setting.prior_sd[list(setting.free)]
+    problem = view.space.problem(setting)
 
-    def see(y: np.ndarray) -> _Seen:
+    def linearised(y: np.ndarray) -> _Linearised:
         x = start.copy()
-        x[own] = y * prior_sd
-        rows, jacobian = look(view, problem, setting, weights, x)
-        return _Seen(y, rows, jacobian * prior_sd)
+        x[unknowns] = y * prior_sd
+        rows, jacobian = whitened_errors_and_jacobian(view, problem, setting, weights, x)
+        return _Linearised(y, rows, jacobian * prior_sd)
 
-    size = -(-len(own) // _SIZE) * _SIZE
-    first = start[own] / prior_sd
+    size = -(-len(unknowns) // _SIZE) * _SIZE
+    first = start[unknowns] / prior_sd
     y = jax.device_put(np.append(first, np.zeros(size - first.size)))
     state = eqx.tree_at(lambda blank: blank.y_eval, _blank(size), y)
-    best, course, used, refused = None, [], 0, 0
+    best, history, used, refused = None, [], 0, 0
     while used < steps:
         used += 1
-        seen = see(np.asarray(state.y_eval)[: first.size])
+        latest = linearised(np.asarray(state.y_eval)[: first.size])
         accepted = int(state.num_accepted_steps)
-        y, state = _step(y, seen.few(size), state)
+        y, state = _step(y, latest.few(size), state)
         refused += 1
         if best is None or int(state.num_accepted_steps) > accepted:
-            best, refused = seen, 0
-            course.append(best.objective)
-        if _at_its_end(best, seen, course, flat) or _never_near(course, rival) or bool(state.terminate):
+            best, refused = latest, 0
+            history.append(best.objective)
+        if _has_converged(best, latest, history, flat) or _is_too_slow(history, rival) or bool(state.terminate):
             break
         if refused > REFUSED_STEPS:
             break
@@ -322,39 +322,39 @@ def fit(
             break
     assert best is not None
     x = start.copy()
-    x[own] = best.y * prior_sd
+    x[unknowns] = best.y * prior_sd
     return Fit(
         x=x,
-        own=setting.own,
+        free=setting.free,
         prior_sd=prior_sd,
         rows=best.rows,
         jacobian=best.jacobian / prior_sd,
         promise=best.promise / best.unit,
         steps=used,
-        idle=refused > REFUSED_STEPS or _idle(best, course),
+        idle=refused > REFUSED_STEPS or _idle(best, history),
     )
 
 
-def _at_its_end(best: _Seen, last: _Seen, course: Sequence[float], flat: float) -> bool:
-    """Return True where further steps would gain nothing."""
-    return (best is last and best.promise < flat * best.unit) or _idle(best, course)
+def _has_converged(best: _Linearised, last: _Linearised, history: Sequence[float], flat: float) -> bool:
+    """Return True if further steps would gain nothing."""
+    return (best is last and best.promise < flat * best.unit) or _idle(best, history)
 
 
-def _idle(best: _Seen, course: Sequence[float]) -> bool:
-    return _gained_lately(course) < IDLE_GAIN * best.unit
+def _idle(best: _Linearised, history: Sequence[float]) -> bool:
+    return _recent_gain(history) < IDLE_GAIN * best.unit
 
 
-def _never_near(course: Sequence[float], rival: float) -> bool:
-    """Return True where a fit at its pace does not catch up with the rival."""
-    return _gained_lately(course) < (course[-1] - rival) / PACE - 1.0
+def _is_too_slow(history: Sequence[float], rival: float) -> bool:
+    """Return True if a fit at its pace will not reach the rival."""
+    return _recent_gain(history) < (history[-1] - rival) / PACE - 1.0
 
 
-def _gained_lately(course: Sequence[float]) -> float:
-    return course[-1 - IDLE_STEPS] - course[-1] if len(course) > IDLE_STEPS else np.inf
+def _recent_gain(history: Sequence[float]) -> float:
+    return history[-1 - IDLE_STEPS] - history[-1] if len(history) > IDLE_STEPS else np.inf
 
 
 def objectives(view: View, setting: Setting, weights: Weights, places: np.ndarray) -> np.ndarray:
-    """Return what `fit` minimises at some places, shape (places, unknowns)."""
-    white = weights.whiten(errors_at(view, view.bench.problem(setting), setting, places))
-    own = list(setting.own)
-    return np.sum(white**2, axis=0) + np.sum((places[:, own] / setting.prior_sd[own]) ** 2, axis=1)
+    """Return the objective of `fit` at some points, shape (places, unknowns)."""
+    white = weights.whiten(errors_at(view, view.space.problem(setting), setting, places))
+    free = list(setting.free)
+    return np.sum(white**2, axis=0) + np.sum((places[:, free] / setting.prior_sd[free]) ** 2, axis=1)

@@ -1,4 +1,4 @@
-"""Many settings of a case's unknowns at once: one compiled program, so many lanes at a time on each core."""
+"""Predictions for many settings of the unknowns: one compiled program, batches of lanes on each core."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from threadpoolctl import threadpool_limits
 from discrepancy.fitting.problem import Lane, Problem
 from discrepancy.fitting.programs import Programs
 
-# A kernel of 16 lanes takes half as long as one of 32; of 8, more than half.
+# A kernel of 16 lanes takes half as long as one of 32; one of 8 more than half as long as one of 16.
 LANES = 16
-# Batches and fits run on a thread of each core. Threads of BLAS beside them wait for a core, and for each other: a
-# product that takes 1 ms on a machine with nothing else to do takes 200 then.
+# Batches and fits run on one thread per core. Additional BLAS threads would compete with them: a product of 1 ms then
+# takes 200 ms.
 one_thread_of_blas = threadpool_limits.wrap(limits=1, user_api="blas")
 
-_One = TypeVar("_One")
-_Made = TypeVar("_Made")
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
 
 
 def predictions(problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
@@ -41,14 +41,14 @@ def predictions(problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
         for (runs, _), part in zip(blocks, predicted, strict=True):
             rows = part.shape[2]
             found[:, runs, :rows] = part[:, : len(runs)]
-            found[:, runs, rows:] = found[:, runs, rows - 1 : rows]  # past a run's end its last reading stands
+            found[:, runs, rows:] = found[:, runs, rows - 1 : rows]  # the last row of a run is repeated
         return found
 
     return _of_batches(blocks, lanes, together)
 
 
 def at_places(problem: Problem, places: tuple[np.ndarray, np.ndarray, np.ndarray], lanes: Sequence[Lane]) -> np.ndarray:
-    """Return what lanes predict at some readings, shape (lanes, readings).
+    """Return the predictions of lanes for some readings, shape (lanes, readings).
 
     Args:
         problem: a case.
@@ -76,7 +76,7 @@ def at_places(problem: Problem, places: tuple[np.ndarray, np.ndarray, np.ndarray
 def _of_batches(
     blocks: Sequence[tuple[np.ndarray, Problem]], lanes: Sequence[Lane], use: Callable[[Sequence[Array]], np.ndarray]
 ) -> np.ndarray:
-    """Return what is made of the predictions (lanes, runs, rows, channels) of all blocks, batch after batch.
+    """Apply a function to the predictions (lanes, runs, rows, channels) of all blocks, batch after batch.
 
     A batch of a block is one kernel on one core.
     """
@@ -90,8 +90,8 @@ def _of_batches(
     return np.concatenate(at_once(of_batch, range(0, len(lanes), LANES)))
 
 
-def at_once(use: Callable[[_One], _Made], items: Sequence[_One]) -> list[_Made]:
-    """Return what is made of each item, on a thread of each core."""
+def at_once(use: Callable[[_Item], _Result], items: Sequence[_Item]) -> list[_Result]:
+    """Apply a function to each item, on one thread per core."""
     if len(items) == 1:
         return [use(items[0])]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -99,19 +99,19 @@ def at_once(use: Callable[[_One], _Made], items: Sequence[_One]) -> list[_Made]:
 
 
 def _to_runs(lanes: Lane, runs: np.ndarray, part: Problem) -> Lane:
-    """Return lanes with what they add to the inputs of some runs, those of one block.
+    """Return lanes with their additions to the inputs of the runs of one block.
 
-    To noisy inputs they all add something, if only zeros: lanes that move them need no program of their own.
+    All lanes have an addition to noisy inputs, possibly zero, so that they share one program.
     """
     runs = np.pad(runs, (0, part.times.shape[0] - runs.size), mode="edge")
-    steps = 1 + part.courses.duration_s.shape[1]
-    added = {name: _nothing(LANES, runs.size, steps) for name in part.noisy}
+    steps = 1 + part.tracks.duration_s.shape[1]
+    added = {name: _zeros(LANES, runs.size, steps) for name in part.noisy}
     added |= {name: more[:, runs, :steps] for name, more in lanes.added.items()}
     return jax.device_put(dataclasses.replace(lanes, added=added))
 
 
 @functools.lru_cache(maxsize=16)
-def _nothing(*shape: int) -> Array:
+def _zeros(*shape: int) -> Array:
     return jax.device_put(np.zeros(shape))
 
 

@@ -1,7 +1,7 @@
-"""A law in no catalogue: something added at a port, as a smooth function of one quantity, whatever that is.
+"""Unknown laws: a smooth function of one quantity that is added at a port.
 
-One effect carries a law at every port of a kind, all zero until they are fitted. What each is a function of, and what
-multiplies it, are data and not program: a law that nobody foresaw is fitted in the simulator without compiling it.
+One effect contains a law at every port of a kind, all zero until fitted. The variable and the multiplier of each law
+are data, so that any law is fitted without compiling a new program.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from jaxmodel.flow import Flow, integral
 from jaxmodel.ports import Effect
 
 CLOCK = "law.time_s"
-# What a law at a port may be a function of: name, as the conditions of a run are called, and how the port sees it.
+# Possible variables of a law at a port, and their expressions there.
 _CELL: dict[str, Callable[[Any, Any], Any]] = {
     "soc": lambda value, c: c.soc,
     "current_A": lambda value, c: c.current_A,
@@ -39,7 +39,7 @@ _MOTOR: dict[str, Callable[[Any, Any], Any]] = {
     "time_s": lambda value, c: c.state[CLOCK],
 }
 _LOAD: dict[str, Callable[[Any, Any], Any]] = _MOTOR | {"load_torque_Nm": lambda value, c: value}
-# By kind and port: what the law may be a function of, what may multiply it beside 1, how the equation is called.
+# By kind and port: possible variables, possible multiplier besides 1, name of the equation.
 PORTS: dict[str, dict[str, tuple[dict[str, Callable], str, str]]] = {
     "cell": {
         "overpotential": (_CELL, "current_A", "the cell's overpotential (V)"),
@@ -58,24 +58,24 @@ PORTS["robot"] = {
     "counted_current": PORTS["cell"]["counted_current"],
     "onboard_current": (_MOTOR, "", "the on-board draw (eq. 20)"),
 }
-# Lowest and highest value of the quantity stand behind the weights, then the weights of 1 and of the multiplier.
+# Settings after the weights of the variables: lowest and highest value, weights of 1 and of the multiplier.
 _BEHIND = 4
 
 
 def quantities(kind: str) -> tuple[str, ...]:
-    """Return everything that laws of a kind may be a function of, in the order of their weights."""
+    """Return all possible variables of laws of a kind, in the order of their weights."""
     return tuple(dict.fromkeys(name for sources, _, _ in PORTS[kind].values() for name in sources))
 
 
 def no_laws(kind: str) -> np.ndarray:
-    """Return the settings under which every law multiplies nothing, (ports, settings)."""
+    """Return the settings without any law, (ports, settings)."""
     settings = np.zeros((len(PORTS[kind]), len(quantities(kind)) + _BEHIND))
     settings[:, -3] = 1.0
     return settings
 
 
 def setting(kind: str, port: str, variable: str, multiplier: str, bounds: tuple[float, float]) -> np.ndarray:
-    """Return the settings of one law: what it is a function of, between which bounds, and what multiplies it."""
+    """Return the settings of one law: its variable, the bounds of this, and its multiplier."""
     names = quantities(kind)
     found = np.zeros(len(names) + _BEHIND)
     found[names.index(variable)] = 1.0
@@ -86,7 +86,7 @@ def setting(kind: str, port: str, variable: str, multiplier: str, bounds: tuple[
 
 @functools.lru_cache
 def law_effect(kind: str, knots: int = SETTINGS.law_knots) -> Effect:
-    """Return the effect that carries the laws of a kind; one class for all, as programs are told by it."""
+    """Return the effect that contains the laws of a kind; one class, because compiled programs are identified by it."""
     ports = list(PORTS[kind])
     names = quantities(kind)
     places = tuple(np.linspace(0.0, 1.0, knots).tolist())

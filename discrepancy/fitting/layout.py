@@ -1,4 +1,4 @@
-"""Where each unknown number of a case stands in one vector: the base model's, then those of all that could be added."""
+"""The vector of unknowns of a case: those of the base model, then those of all candidates."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ from jaxmodel.errors import FitError
 from jaxmodel.known import Known
 from jaxmodel.parameters import info
 
-# Where a model stands: coordinates of effects by label, and of the base model.
+# Initial coordinates of a fit: by label of the candidate, and of the base model.
 Start = Mapping[str, np.ndarray]
 BASE = ""
-# A thermometer's first reading is that of the cell to so much, and the ambient temperature that of a cell of which
-# nothing is read (K, assumed).
+# Sd of the initial cell temperature from the first reading, or from the ambient temperature if none is read (K,
+# assumed).
 FIRST_READING_K, AMBIENT_K = 0.5, 0.5
-# A cell's hysteresis at the start of a run is anything between the branches: a standard deviation of the loop's width.
+# Sd of a cell's initial hysteresis, which may be anything between the branches, relative to the loop.
 HYSTERESIS = 0.5
 
 
 @dataclasses.dataclass(frozen=True)
 class Layout:
-    """Where everything stands in the vector of unknowns.
+    """The order of the vector of unknowns.
 
     Attributes:
         coordinates: one for each unknown.
-        runs: for each unknown the run it belongs to, or -1 for all runs.
-        fixed_in: for each unknown the runs that state a value of their own.
-        base: how many unknowns the base model has; those of candidates follow.
-        of: places of each candidate's unknowns, by label.
-        vectors: numbers that are one vector of the model: (name, first, one past the last, mix).
+        runs: for each unknown its run, or -1 for all runs.
+        fixed_in: for each unknown the runs that state an exact value of their own.
+        base: number of unknowns of the base model; those of candidates follow.
+        of: indices of each candidate's unknowns, by label.
+        vectors: unknowns that form one vector of the model: (name, first, one past the last, mix).
     """
 
     coordinates: tuple[Coordinate, ...]
@@ -59,7 +59,7 @@ class Layout:
 
     @property
     def targets(self) -> tuple[tuple[str, tuple[int, ...]], ...]:
-        """Return the numbers of the model and their places, those of vectors left out."""
+        """Return the parameters of the model and the indices of their unknowns, without vectors."""
         inside = {place for _, first, last, _ in self.vectors for place in range(first, last)}
         found: dict[str, list[int]] = {}
         for place, name in enumerate(self.names):
@@ -67,19 +67,19 @@ class Layout:
                 found.setdefault(name, []).append(place)
         return tuple((name, tuple(places)) for name, places in found.items())
 
-    def own(self, labels: Sequence[str]) -> list[int]:
-        """Return the places of the base model's unknowns, then of some candidates'."""
+    def places_of(self, labels: Sequence[str]) -> list[int]:
+        """Return the indices of the base model's unknowns and of some candidates'."""
         return [*range(self.base), *(place for label in labels for place in self.of[label])]
 
     def of_runs(self, count: int) -> Array:
-        """Return which unknowns are of which of so many runs, shape (runs, unknowns)."""
+        """Return which unknowns apply to which runs, shape (runs, unknowns)."""
         places = list(zip(self.runs, self.fixed_in, strict=True))
         return jax.device_put(
             np.array([[(own < 0 and i not in fixed) or own == i for own, fixed in places] for i in range(count)])
         )
 
     def at(self, start: Start) -> np.ndarray:
-        """Return the vector of unknowns at a start, zero where it says nothing."""
+        """Return the vector of unknowns at a start, zero if not given."""
         x = np.zeros(self.size)
         x[: self.base] = start.get(BASE, 0.0)
         for label, values in start.items():
@@ -89,7 +89,7 @@ class Layout:
 
 
 def make_layout(case: Case, candidates: Sequence[Candidate]) -> Layout:
-    """Lay out the unknowns: declared parameters, what runs declare of their own, then those of candidates.
+    """Lay out the unknowns: parameters of the case, of runs, initial states, then those of candidates.
 
     Raises:
         FitError: the case declares nothing uncertain.
@@ -150,9 +150,9 @@ def make_layout(case: Case, candidates: Sequence[Candidate]) -> Layout:
 
 
 def _starts(case: Case, number: int) -> dict[str, Known]:
-    """Return what is uncertain of a run's start whether the case says so or not: temperature and hysteresis.
+    """Return the initial states that are always uncertain: temperature and hysteresis of a cell.
 
-    The temperature is what the run states, else the first reading of a thermometer, else the ambient one.
+    The temperature is the stated one, else the first reading, else the ambient temperature.
     """
     if case.kind == "motor":
         return {}

@@ -1,4 +1,4 @@
-"""Which of all models of a case is meant, and the programs that predict it."""
+"""The space of models of a case, and the programs that predict their readings."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from discrepancy.fitting.candidates import Candidate, candidates, laws
 from discrepancy.fitting.lanes import at_places, predictions
 from discrepancy.fitting.laws import PORTS, no_laws
 from discrepancy.fitting.layout import Layout, make_layout
-from discrepancy.fitting.problem import Lane, Problem, courses_of, make_problem
+from discrepancy.fitting.problem import Lane, Problem, make_problem, tracks_of
 from discrepancy.fitting.readings import Readings
 from discrepancy.noise.contract import without_input_noise
 from discrepancy.noise.instrument import NoiseModel
@@ -25,42 +25,42 @@ from jaxmodel.errors import EffectError, nearest
 from jaxmodel.ports import Effect
 
 Labels = tuple[str, ...]
-# Steps of all fitted runs above which a model has a program of its own.
+# Steps of all fit runs above which a model has a program of its own.
 _WORTH_A_PROGRAM = 30_000
-# A shot at what a law adds at a port, as a share of what is usual there.
+# Typical size of a law at a port, as a share of the usual value there.
 _SHARE = {"overpotential": 0.003, "counted_current": 0.02, "cell_heat": 0.1, "bridge_voltage": 0.03}
 _SHARE |= {"load_torque": 0.05, "torque_constant": 0.03, "motor_loss": 0.1, "onboard_current": 0.3}
 
 
 @dataclasses.dataclass(frozen=True)
 class Setting:
-    """One model of a case: which unknowns are free, how wide their priors are, and what is switched on.
+    """One model of a case: its free unknowns, their priors, and the effects that are switched on.
 
     Attributes:
-        labels: of what is added.
-        own: places of the free unknowns.
-        prior_sd: (unknowns,) sd of the prior of each, in its coordinate; 1 but for curves.
-        switches: of the effects behind switches.
-        laws: what each law is a function of.
-        is_fine: its steps are those of effects that bend the armature's equations.
-        is_lawful: an unknown law is in it, or may be.
+        labels: of its additions.
+        free: places of the free unknowns.
+        prior_sd: (unknowns,) prior sd of each coordinate; 1 except for curves and laws.
+        switches: of the effects with a switch.
+        laws: settings of the laws.
+        is_fine: it needs the finer steps of effects that make the armature equations nonlinear.
+        is_lawful: it contains an unknown law, or may.
     """
 
     labels: Labels
-    own: tuple[int, ...]
+    free: tuple[int, ...]
     prior_sd: np.ndarray
     switches: np.ndarray
     laws: np.ndarray
     is_fine: bool
-    is_lawful: bool = False
+    has_laws: bool = False
 
     def lane(self, x: np.ndarray) -> Lane:
         """Return the lane of the model at coordinates x."""
         return Lane(x, self.switches, self.laws)
 
 
-class Bench:
-    """A case with all that could be missing in it, in one program; a second one, finer, for what bends the armature."""
+class ModelSpace:
+    """All models of a case in one compiled program; a second one has finer steps, for nonlinear armature equations."""
 
     def __init__(
         self,
@@ -68,7 +68,7 @@ class Bench:
         without: Sequence[str] = (),
         settings: Settings = SETTINGS,
     ) -> None:
-        """Lay out the unknowns, without what the user rules out."""
+        """Lay out the unknowns, without the candidates that are ruled out."""
         self.case, self.settings = case, settings
         self._own: dict[tuple[tuple[str, ...], bool, bool], Problem] = {}
         self._quieted: dict[int, tuple[Problem, Problem]] = {}
@@ -86,21 +86,21 @@ class Bench:
 
     @functools.cached_property
     def fine(self) -> Problem:
-        """Return the problem at the steps that effects need which bend the armature's equations."""
+        """Return the problem at the finer steps for nonlinear armature equations."""
         return self._made(True, False)
 
     @functools.cached_property
-    def lawful(self) -> Problem:
+    def with_laws(self) -> Problem:
         """Return the problem with unknown laws, at the steps of the base model."""
         return self._made(False, True)
 
     @functools.cached_property
-    def lawful_fine(self) -> Problem:
+    def fine_with_laws(self) -> Problem:
         """Return the problem with unknown laws, at finer steps."""
         return self._made(True, True)
 
-    def _made(self, is_fine: bool, is_lawful: bool) -> Problem:
-        some = [one for one in self.candidates.values() if is_lawful or one.group != "law"]
+    def _made(self, is_fine: bool, has_laws: bool) -> Problem:
+        some = [one for one in self.candidates.values() if has_laws or one.group != "law"]
         return make_problem(self.case, self.layout, some, self._bending if is_fine else ())
 
     @property
@@ -117,7 +117,7 @@ class Bench:
         if not self.is_large:
             return whole
         effects = tuple(sorted({self.candidates[label].effect.label for label in setting.labels}))
-        key = (effects, setting.is_fine, setting.is_lawful)
+        key = (effects, setting.is_fine, setting.has_laws)
         if key not in self._own:
             candidates = {one.effect.label for one in self.candidates.values()}
             self._own[key] = whole.without(candidates - set(effects))
@@ -130,32 +130,32 @@ class Bench:
 
     def problem_of_all(self, setting: Setting) -> Problem:
         """Return the problem in which every candidate can be switched on beside a model."""
-        if setting.is_lawful:
-            return self.lawful_fine if setting.is_fine else self.lawful
+        if setting.has_laws:
+            return self.fine_with_laws if setting.is_fine else self.with_laws
         return self.fine if setting.is_fine else self.coarse
 
     def quiet(self, problem: Problem, setting: Setting, noise: Mapping[str, NoiseModel]) -> Problem:
-        """Return a problem with the noise taken out of its inputs, as they are where nothing is known of it."""
+        """Return a problem with the noise removed from its inputs, if it is stated."""
         if not noisy_inputs(self.case):
             return problem
         if id(problem) not in self._quieted:
-            quiet = eqx.tree_at(lambda p: p.courses, problem, self._quiet_courses(setting.is_fine, noise))
+            quiet = eqx.tree_at(lambda p: p.tracks, problem, self._quiet_tracks(setting.is_fine, noise))
             self._quieted[id(problem)] = (problem, quiet)
         return self._quieted[id(problem)][1]
 
-    def _quiet_courses(self, is_fine: bool, noise: Mapping[str, NoiseModel]):
+    def _quiet_tracks(self, is_fine: bool, noise: Mapping[str, NoiseModel]):
         key = f"_quiet_{is_fine}"
         if key not in self.__dict__:
             quiet = without_input_noise(self.case, noise)
-            self.__dict__[key] = courses_of(quiet, self._bending if is_fine else ())
+            self.__dict__[key] = tracks_of(quiet, self._bending if is_fine else ())
         return self.__dict__[key]
 
     def setting(self, labels: Sequence[str], amplitudes: Mapping[str, float] | None = None) -> Setting:
-        """Return a model by what is added to the base model.
+        """Return the model with some additions to the base model.
 
         Args:
             labels: of candidates.
-            amplitudes: of curves and laws, the sd of their prior in units of their usual size; 1 where not named.
+            amplitudes: prior sd of curves and laws, in units of their usual size; 1 if not given.
         """
         key = self.key(labels)
         prior_sd = np.ones(self.layout.size)
@@ -168,18 +168,18 @@ class Bench:
             if candidate.law is not None:
                 settings[candidate.law[0]] = candidate.law[1]
         fine = any(self.candidates[label].bends for label in key if self.candidates[label].is_switched)
-        lawful = any(self.candidates[label].group == "law" for label in key)
-        return Setting(key, tuple(self.layout.own(key)), prior_sd, switches, settings, fine, lawful)
+        with_laws = any(self.candidates[label].group == "law" for label in key)
+        return Setting(key, tuple(self.layout.places_of(key)), prior_sd, switches, settings, fine, with_laws)
 
     def key(self, labels: Sequence[str]) -> Labels:
-        """Return candidates in the order in which they act on a port they share."""
+        """Return candidates in the order in which they act on a shared port."""
         return tuple(label for label in self.candidates if label in labels)
 
     def labels_of(self, names: Sequence[str]) -> Labels:
-        """Return the candidates that a user's names mean: an effect, or a sensor's effect on one column as 'a:b'.
+        """Return the candidates with given names: an effect, or a sensor fault of one column as 'a:b'.
 
         Raises:
-            EffectError: no candidate of this case is called so.
+            EffectError: there is no such candidate.
         """
         found: list[str] = []
         for name in names:
@@ -187,24 +187,24 @@ class Bench:
             meant = meant or [label for label in self.candidates if name == label]
             if not meant:
                 raise EffectError(
-                    f"{self.case.name}: no effect that could be added to this case is called '{name}'."
-                    f"{nearest(name, self.candidates)} {own_effect_hint(name)}"
+                    f"{self.case.name}: '{name}' is not a candidate of this case.{nearest(name, self.candidates)} "
+                    f"{own_effect_hint(name)}"
                 )
             found.extend(meant)
         return tuple(dict.fromkeys(found))
 
     def labels_to_add(self, names: Sequence[str]) -> Labels:
-        """Return the candidates that a user wants in the model; EffectError as `labels_of`, or for want of a column."""
+        """Return the candidates that a user adds; EffectError as `labels_of`, or if the column is missing."""
         labels: dict[str, None] = {}
         for name in names:
             meant = self.labels_of([name])
             if len(meant) > 1:
-                raise EffectError(f"--add {name}: say of which column, as in --add {meant[0]}.")
+                raise EffectError(f"--add {name}: give its column too, as in --add {meant[0]}.")
             labels |= dict.fromkeys(meant)
         return self.key(tuple(labels))
 
     def predicted(self, setting: Setting, x: np.ndarray) -> np.ndarray:
-        """Return what a model predicts, shape (runs, rows, channels)."""
+        """Return the predictions of a model, shape (runs, rows, channels)."""
         return predictions(self.problem(setting), [setting.lane(x)])[0]
 
     def by_run(self, predicted: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
@@ -219,19 +219,19 @@ class Bench:
 
 
 class View:
-    """The fitted readings of a bench, as any model predicts them."""
+    """The fitted readings of a case, and their prediction by any model."""
 
-    def __init__(self, bench: Bench, readings: Readings) -> None:
-        """Choose the readings; their runs alone are simulated."""
-        self.bench, self.readings = bench, readings
+    def __init__(self, space: ModelSpace, readings: Readings) -> None:
+        """Choose the readings; only their runs are simulated."""
+        self.space, self.readings = space, readings
         self.runs = np.unique(readings.run)
-        number = np.full(len(bench.case.runs), -1)
+        number = np.full(len(space.case.runs), -1)
         number[self.runs] = np.arange(self.runs.size)
         self.places = (number[readings.run], readings.row, readings.channel)
         self._parts: dict[int, tuple[Problem, Problem]] = {}
 
     def at(self, problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
-        """Return what lanes of a problem of all runs predict of the readings, shape (lanes, readings)."""
+        """Return the predictions of the readings by lanes of a problem, shape (lanes, readings)."""
         whole, part = self._parts.get(id(problem), (None, None))
         if whole is not problem:
             part = problem.of(self.runs)
@@ -241,7 +241,7 @@ class View:
 
 
 def _ranges(case: Case) -> dict[str, tuple[float, float]]:
-    """Return lowest and highest value of every quantity that was measured or counted in the fitted runs."""
+    """Return lowest and highest value of every measured or derived quantity in the fit runs."""
     found: dict[str, list[np.ndarray]] = {}
     for run in case.runs:
         if run.split != "fit":
@@ -267,7 +267,7 @@ def _ranges(case: Case) -> dict[str, tuple[float, float]]:
 
 
 def _sizes(case: Case) -> dict[str, float]:
-    """Return a small but real addition at every port, in its unit, and of every multiplier its largest value."""
+    """Return the typical size of a law at every port, in its unit, and the largest value of every multiplier."""
 
     def largest(*names: str) -> float:
         sizes = [

@@ -1,4 +1,4 @@
-"""A case under all models at once: one program that predicts every run for any setting of unknowns and switches."""
+"""One program that predicts every run of a case for any setting of unknowns and switches."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ _OfRun = TypeVar("_OfRun")
 
 
 class Lane(eqx.Module):
-    """Where all unknowns stand, which effects are on, what the laws depend on, and what is added to inputs.
+    """Values of all unknowns, switches of effects, settings of laws, and additions to inputs.
 
     Attributes:
         x: (unknowns,) coordinates.
-        switches: (effects behind switches,) 0 to 1.
-        laws: (ports, settings) what multiplies each law, and what it is a function of; see `screening.laws`.
-        added: by input (runs, 1 + steps).
+        switches: (effects with a switch,) 0 to 1.
+        laws: (ports, settings) variable and multiplier of each law; see `fitting.laws`.
+        added: additions by input, (runs, 1 + steps).
     """
 
     x: Array | np.ndarray
@@ -44,12 +44,12 @@ class Lane(eqx.Module):
 
 
 class Unknowns(eqx.Module):
-    """The unknown numbers as coordinates; see `Coordinate` for the transform.
+    """The unknowns as coordinates; see `Coordinate` for the transform.
 
     Attributes:
-        targets: what they are in the model, as (name, places); several places are one number of several runs.
-        vectors: vectors of the model, as (name, first place, one past the last); values are mix @ numbers.
-        of_run: (runs, unknowns) True where a number is one of that run.
+        targets: parameters of the model as (name, indices); several indices are the values of several runs.
+        vectors: vectors of the model as (name, first index, one past the last); values are mix @ numbers.
+        of_run: (runs, unknowns) True if an unknown applies to the run.
         mixes: of each vector.
     """
 
@@ -78,21 +78,21 @@ class Unknowns(eqx.Module):
 
 
 class Problem(eqx.Module):
-    """Predictions of all runs for any setting of the unknowns; a pytree, so that cases of one shape share programs.
+    """Predictions of all runs for any setting of the unknowns; a pytree, so that cases of equal shape share programs.
 
     Attributes:
-        models: of each run, with every effect that could be in it.
-        courses: the steps of each run.
+        models: of each run, with all candidates.
+        tracks: steps and inputs of each run.
         times: (runs, rows) times of the readings.
-        unknowns: the numbers that are free.
-        switched: effects behind a switch.
+        unknowns: of all candidates and the base model.
+        switched: effects with a switch.
         channels: all outputs of the kind, measured or not.
-        noisy: inputs whose noise is known, to which every lane may add something.
-        shapes: how many runs are simulated at a time, and their rows and steps.
+        noisy: inputs with stated noise, to which every lane may add something.
+        shapes: number of runs that are simulated together, with rows and steps.
     """
 
     models: Model
-    courses: Track
+    tracks: Track
     times: Array
     unknowns: Unknowns
     switched: tuple[str, ...] = eqx.field(static=True)
@@ -101,7 +101,7 @@ class Problem(eqx.Module):
     shapes: tuple[tuple[int, int, int], ...] = eqx.field(static=True)
 
     def _model_at(self, model: Model, own: Array, lane: Lane) -> Model:
-        """Return a run's model; `own` (unknowns,) is True where an unknown is one of that run."""
+        """Return a run's model; `own` (unknowns,) is True for unknowns that apply to the run."""
         found = self.unknowns.numbers(lane.x)
         values: dict[str, Any] = {}
         for name, places in self.unknowns.targets:
@@ -120,19 +120,19 @@ class Problem(eqx.Module):
     def predictions(self, lanes: Lane) -> Array:
         """Return the predicted readings of many lanes, shape (lanes, runs, rows, channels).
 
-        Every lane of every run is one of the innermost axis of all arithmetic, which fills a processor's vectors: runs
-        by themselves are few, and an axis more takes twice as long to trace and to compile.
+        Lanes and runs form one axis, the innermost of all arithmetic, to fill the vector registers; a second axis would
+        take twice as long to trace and compile.
         """
 
         def of_one(run: tuple[Model, Array, Track, Array], lane: Lane) -> Array:
-            model, own, course, time_s = run
-            inputs = course.inputs | {name: course.inputs.get(name, 0.0) + more for name, more in lane.added.items()}
-            course = dataclasses.replace(course, inputs=inputs)
-            readings = read_track(self._model_at(model, own, lane), course, time_s, needed)
+            model, own, steps, time_s = run
+            inputs = steps.inputs | {name: steps.inputs.get(name, 0.0) + more for name, more in lane.added.items()}
+            steps = dataclasses.replace(steps, inputs=inputs)
+            readings = read_track(self._model_at(model, own, lane), steps, time_s, needed)
             return jnp.stack([readings[name] for name in self.channels], axis=-1)
 
         runs, count, needed = self.times.shape[0], lanes.x.shape[0], self._needed(lanes)
-        of_runs = (self.models, self.unknowns.of_run, self.courses, self.times)
+        of_runs = (self.models, self.unknowns.of_run, self.tracks, self.times)
         of_each_run = jax.tree.map(lambda x: jnp.repeat(x, count, axis=0), of_runs)
         of_each_lane = Lane(
             jnp.tile(lanes.x, (runs, 1)),
@@ -147,10 +147,10 @@ class Problem(eqx.Module):
         on = [
             lanes.switches[:, self.switched.index(effect.label)] if effect.label in self.switched else effect.switch
             for effect in self.models.effects
-            if effect.has_memory
+            if effect.has_state
         ]
-        memory = [jnp.asarray(True) if one is None else jnp.any(jnp.asarray(one) != 0.0) for one in on]
-        return Needed(jnp.max(self.courses.last_step) + 1, jnp.any(jnp.asarray(memory, dtype=bool)))
+        dynamic = [jnp.asarray(True) if one is None else jnp.any(jnp.asarray(one) != 0.0) for one in on]
+        return Needed(jnp.max(self.tracks.last_step) + 1, jnp.any(jnp.asarray(dynamic, dtype=bool)))
 
     def without(self, absent: Collection[str]) -> Problem:
         """Return the problem without some effects, all others always on: a program that takes a fraction of the time.
@@ -184,18 +184,18 @@ class Problem(eqx.Module):
         )
 
     def of(self, runs: np.ndarray) -> Problem:
-        """Return the problem of some runs; unknowns keep their places, and those of other runs move nothing."""
+        """Return the problem of some runs; unknowns keep their indices, and those of other runs have no effect."""
         rows, steps = np.max([self._length(runs), *(shape[1:] for shape in self.shapes)], axis=0).tolist()
         return self._of_runs(runs, rows, steps)
 
     @functools.cached_property
     def blocks(self) -> list[tuple[np.ndarray, Problem]]:
-        """Return the problems of a few runs at a time, as many as may calibrate, and the numbers of these runs.
+        """Return the problems of blocks of runs, and the indices of these runs.
 
-        They are of one shape, and share a compiled program, where `shapes` has one and no run is longer.
+        Blocks of equal shape share a compiled program.
         """
-        if ((*self.times.shape, self.courses.duration_s.shape[1]),) == self.shapes:
-            # A copy: what this property leaves on its owner would tell a program from one that is the same.
+        if ((*self.times.shape, self.tracks.duration_s.shape[1]),) == self.shapes:
+            # A copy, because the cached property would change the identity of the program.
             return [(np.arange(self.times.shape[0]), dataclasses.replace(self))]
         everything = self._length(slice(None))
         shapes = [*self.shapes, (self.shapes[-1][0], *everything)]
@@ -211,26 +211,26 @@ class Problem(eqx.Module):
 
     def _length(self, runs: np.ndarray | slice | int) -> tuple[int, int]:
         """Return the rows and steps of the longest of some runs, rounded up."""
-        return rounded_length(np.atleast_2d(np.asarray(self.courses.last_step)[runs]))
+        return rounded_length(np.atleast_2d(np.asarray(self.tracks.last_step)[runs]))
 
     def _of_runs(self, runs: np.ndarray, rows: int, steps: int) -> Problem:
         """Return the problem of some runs, cut to so many rows and steps."""
-        courses = Track(
-            duration_s=_part(self.courses.duration_s, runs, steps),
-            inputs={name: _part(values, runs, steps + 1) for name, values in self.courses.inputs.items()},
-            last_step=_part(self.courses.last_step, runs, rows - 1),
+        tracks = Track(
+            duration_s=_part(self.tracks.duration_s, runs, steps),
+            inputs={name: _part(values, runs, steps + 1) for name, values in self.tracks.inputs.items()},
+            last_step=_part(self.tracks.last_step, runs, rows - 1),
         )
         return dataclasses.replace(
             self,
             models=jax.tree.map(lambda leaf: _part(leaf, runs), self.models),
-            courses=courses,
+            tracks=tracks,
             times=_part(self.times, runs, rows),
             unknowns=dataclasses.replace(self.unknowns, of_run=_part(self.unknowns.of_run, runs)),
         )
 
 
 def _part(values: Array, runs: np.ndarray, size: int | None = None) -> Array:
-    """Return some runs, and the first so many columns; on the host, where each shape does not compile a program."""
+    """Return some runs and the first columns; on the host, where a new shape compiles no program."""
     kept = np.asarray(values)[runs]
     return jax.device_put(kept if size is None else kept[:, :size])
 
@@ -246,7 +246,7 @@ def _get(model: Model, name: str) -> Any:
 
 
 def _with(model: Model, values: Mapping[str, Any]) -> Model:
-    """Return the model with numbers and vectors replaced by name."""
+    """Return the model with parameters and vectors replaced by name."""
     owners = [(*_owner(model, name), value) for name, value in values.items()]
 
     def leaves(m: Model) -> list[Any]:
@@ -261,16 +261,16 @@ def make_problem(
     candidates: Sequence[Candidate],
     fine_for: Sequence[Effect] = (),
 ) -> Problem:
-    """Lay a case out for fitting, with every candidate in it: at its null, or behind a switch.
+    """Prepare a case for fitting with every candidate, at its null or behind a switch.
 
     Args:
         case: with its runs.
         layout: of the unknowns.
-        candidates: all that could be missing.
-        fine_for: effects for which the steps are made as fine as they need.
+        candidates: of the case.
+        fine_for: effects that determine the step size too.
     """
     bare = [case_model(case, run) for run in case.runs]
-    courses, times = _courses([_with_effects(model, tuple(fine_for)) for model in bare], case)
+    tracks, times = _tracks([_with_effects(model, tuple(fine_for)) for model in bare], case)
     effects, switched = [], []
     for candidate in candidates:
         if candidate.effect.label in [effect.label for effect in effects]:
@@ -288,8 +288,8 @@ def make_problem(
         for field in ("logarithmic", "centre", "spread", "origin", "sign", "ceiling", "bend", "reach")
     }
     return Problem(
-        models=_side_by_side([_with_effects(model, tuple(effects)) for model in bare]),
-        courses=courses,
+        models=_stacked([_with_effects(model, tuple(effects)) for model in bare]),
+        tracks=tracks,
         times=times,
         unknowns=Unknowns(
             layout.targets,
@@ -301,37 +301,37 @@ def make_problem(
         switched=tuple(switched),
         channels=KINDS[case.kind].outputs,
         noisy=tuple(noisy_inputs(case)),
-        shapes=shapes_of([rounded_length(last_step[None]) for last_step in np.asarray(courses.last_step)], fit_runs),
+        shapes=shapes_of([rounded_length(last_step[None]) for last_step in np.asarray(tracks.last_step)], fit_runs),
     )
 
 
-def courses_of(case: Case, fine_for: Sequence[Effect]) -> Track:
-    """Return the steps of a case whose inputs differ from those of a problem, and whose times do not."""
+def tracks_of(case: Case, fine_for: Sequence[Effect]) -> Track:
+    """Return the steps of a case with other inputs and the same times as a problem."""
     bare = [_with_effects(case_model(case, run), tuple(fine_for)) for run in case.runs]
-    return _courses(bare, case)[0]
+    return _tracks(bare, case)[0]
 
 
 def _with_effects(model: Model, added: tuple[Effect, ...]) -> Model:
     return eqx.tree_at(lambda m: m.effects, model, (*model.effects, *added))
 
 
-def _courses(models: list[Model], case: Case) -> tuple[Track, Array]:
-    """Lay the runs out in steps of equal number, ends padded with steps of zero length."""
+def _tracks(models: list[Model], case: Case) -> tuple[Track, Array]:
+    """Return the steps of all runs, padded to equal number with steps of zero length."""
     profiles = [run_profile(run) for run in case.runs]
-    tracks = [track(model, profile) for model, profile in zip(models, profiles, strict=True)]
-    steps = rounded_steps(max(one.duration_s.shape[0] for one in tracks))
+    unpadded = [track(model, profile) for model, profile in zip(models, profiles, strict=True)]
+    steps = rounded_steps(max(one.duration_s.shape[0] for one in unpadded))
     rows = rounded_rows(max(profile.time_s.size for profile in profiles))
-    courses, times = [], []
+    tracks, times = [], []
     for model, profile in zip(models, profiles, strict=True):
-        course = track(model, profile, steps)
-        last = np.asarray(course.last_step)
-        courses.append(
-            dataclasses.replace(course, last_step=jax.device_put(np.pad(last, (0, rows - 1 - last.size), mode="edge")))
+        padded = track(model, profile, steps)
+        last = np.asarray(padded.last_step)
+        tracks.append(
+            dataclasses.replace(padded, last_step=jax.device_put(np.pad(last, (0, rows - 1 - last.size), mode="edge")))
         )
         times.append(np.pad(profile.time_s, (0, rows - profile.time_s.size), mode="edge"))
-    return _side_by_side(courses), jax.device_put(np.stack(times))
+    return _stacked(tracks), jax.device_put(np.stack(times))
 
 
-def _side_by_side(of_runs: Sequence[_OfRun]) -> _OfRun:
-    """Return what is of each run in arrays of all; stacked on the host, where no shape compiles a program."""
+def _stacked(of_runs: Sequence[_OfRun]) -> _OfRun:
+    """Stack the arrays of all runs; on the host, where a new shape compiles no program."""
     return jax.device_put(jax.tree.map(lambda *leaves: np.stack(leaves), *of_runs))

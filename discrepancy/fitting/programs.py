@@ -1,7 +1,7 @@
-"""Programs compiled once: for each shape of their arguments, by one thread, and kept whole where JAX keeps a cache.
+"""Programs compiled once for each shape of their arguments, and stored as executables in the folder of JAX's cache.
 
-JAX's own cache saves compiling alone: it tells programs by what they are once they are traced and lowered, which takes
-most of a second each. Here a program is told by its arguments and by the source that would be traced.
+The cache of JAX saves only compilation: it identifies a program after tracing and lowering, which takes most of a
+second each. Here a program is identified by its arguments and by the source code that would be traced.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ import numpy as np
 from jax.experimental import serialize_executable
 from jaxtyping import Array
 
-# Of a processor's code: bit for bit what XLA makes by itself. This level is compiled in 50 to 60 % of the time, and
-# runs as fast; long vectors take 10 to 20 % off both.
+# Compiler options for CPUs; results are identical bit for bit. This level takes 50 to 60 % of the compile time at the
+# same speed; wide vectors reduce both by 10 to 20 %.
 _QUICKLY: dict[str, Any] = {"xla_backend_optimization_level": 1, "xla_cpu_prefer_vector_width": "512"}
-# What is traced is written in these packages, our own and others.
-_OURS = ("jaxmodel", "discrepancy")
+# Packages whose source is traced: those of the project, and others.
+_PROJECT = ("jaxmodel", "discrepancy")
 _OTHERS = ("jax", "jaxlib", "equinox", "numpy")
 
 _Compiled = Callable[..., Array]
 
 
 class Programs:
-    """A function of pytrees, compiled for each shape of its arguments; what is no array in them is part of the program.
+    """A function of pytrees, compiled for each shape of its arguments; non-arrays are part of the program.
 
-    Many threads may call it: the first to ask for a program compiles it while others wait.
+    It is thread-safe: the first thread compiles a program while others wait.
     """
 
     def __init__(self, function: Callable[..., Array]) -> None:
@@ -53,7 +53,7 @@ class Programs:
 
         Args:
             arguments: pytrees.
-            classes: of the arguments; a program with one of the user's is not kept, for its source may change.
+            classes: of the arguments; a program with a class of the user is not stored, because its source may change.
         """
         arrays, rest = eqx.partition(arguments, eqx.is_array)
         leaves, tree = jax.tree.flatten(arrays)
@@ -62,74 +62,74 @@ class Programs:
         if key not in self.compiled:
             with self._compiling[key]:
                 if key not in self.compiled:
-                    kept = _file_of(key) if _all_ours(classes) else None
-                    self.compiled[key], value = _read(kept, leaves) or self._made(leaves, tree, rest, kept)
+                    file = _file_of(key) if _are_of_project(classes) else None
+                    self.compiled[key], value = _read(file, leaves) or self._made(leaves, tree, rest, file)
                     return value
         return self.compiled[key](*leaves)
 
-    def _made(self, leaves: Sequence[Array], tree: Any, rest: Any, kept: Path | None) -> tuple[_Compiled, Array]:
+    def _made(self, leaves: Sequence[Array], tree: Any, rest: Any, file: Path | None) -> tuple[_Compiled, Array]:
         def of_leaves(*leaves: Array) -> Array:
             return self._function(*eqx.combine(jax.tree.unflatten(tree, leaves), rest))
 
-        if kept is not None:
-            # By this name JAX's cache takes it for another program than one of like code that it may hold: what is read
-            # from that cache cannot be kept whole.
-            of_leaves.__name__ = kept.stem.replace("-", "_")
+        if file is not None:
+            # The name makes the program unique in the cache of JAX: an executable read from there cannot be stored
+            # here.
+            of_leaves.__name__ = file.stem.replace("-", "_")
         options = _QUICKLY if jax.default_backend() == "cpu" else None
         made = jax.jit(of_leaves, compiler_options=options).lower(*leaves).compile()
-        if kept is not None:
-            _write(kept, made)
+        if file is not None:
+            _write(file, made)
         return made, made(*leaves)
 
 
-def _all_ours(classes: Sequence[type]) -> bool:
-    return all(one.__module__.partition(".")[0] in _OURS for one in classes)
+def _are_of_project(classes: Sequence[type]) -> bool:
+    return all(one.__module__.partition(".")[0] in _PROJECT for one in classes)
 
 
 def _file_of(key: object) -> Path | None:
-    """Return where the program of these arguments is kept; None where none is."""
-    folder, told = jax.config.jax_compilation_cache_dir, repr(key)  # type: ignore[attr-defined]
-    if not folder or " at 0x" in told:  # told by where it stands in this process's memory
+    """Return the file of the program for these arguments; None if it is not stored."""
+    folder, described = jax.config.jax_compilation_cache_dir, repr(key)  # type: ignore[attr-defined]
+    if not folder or " at 0x" in described:  # the key contains a memory address
         return None
-    name = hashlib.sha256(f"{_made_from()} {told}".encode()).hexdigest()
+    name = hashlib.sha256(f"{_made_from()} {described}".encode()).hexdigest()
     return Path(folder) / f"jaxmodel-{name}.program"
 
 
 @functools.cache
 def _made_from() -> str:
-    """Return a digest of the source that is traced, of what compiles it, and of the machine that it is compiled for."""
+    """Return a digest of the traced source, the compiler, and the machine."""
     digest = hashlib.sha256()
     here = Path(__file__).resolve().parents[2]
-    for path in sorted(path for package in _OURS for path in (here / package).rglob("*.py")):
+    for path in sorted(path for package in _PROJECT for path in (here / package).rglob("*.py")):
         digest.update(path.read_bytes())
     device = jax.devices()[0]
-    told = (
+    described = (
         [importlib.metadata.version(package) for package in _OTHERS],
         [device.platform, device.device_kind, device.client.platform_version],
         [platform.machine(), np.show_config(mode="dicts")["SIMD Extensions"]],  # type: ignore[index, call-overload]
         [jax.config.jax_enable_x64, os.environ.get("XLA_FLAGS")],  # type: ignore[attr-defined]
         _QUICKLY,
     )
-    digest.update(repr(told).encode())
+    digest.update(repr(described).encode())
     return digest.hexdigest()
 
 
 def _read(path: Path | None, arguments: Sequence[Array]) -> tuple[_Compiled, Array] | None:
-    """Return a program that was kept, and its value; None where there is none, or none that runs."""
+    """Return a stored program and its value; None if there is none that runs."""
     if path is None or not path.exists():
         return None
     try:
-        kept = pickle.loads(zlib.decompress(path.read_bytes()))
-        found = serialize_executable.deserialize_and_load(*kept, execution_devices=jax.devices()[:1])
+        stored = pickle.loads(zlib.decompress(path.read_bytes()))
+        found = serialize_executable.deserialize_and_load(*stored, execution_devices=jax.devices()[:1])
         return found, jax.block_until_ready(found(*arguments))
-    except Exception:  # cut short, or of a jaxlib that reads another form: it is made anew
-        with contextlib.suppress(OSError):  # of a folder that may only be read
+    except Exception:  # truncated, or from another jaxlib: it is compiled again
+        with contextlib.suppress(OSError):  # read-only folder
             path.unlink()
         return None
 
 
 def _write(path: Path, made: jax.stages.Compiled) -> None:
-    """Keep a program, whole or not at all; where it cannot be, it is made again the next time."""
+    """Store a program atomically; if that fails, it is compiled again next time."""
     try:
         whole = zlib.compress(pickle.dumps(serialize_executable.serialize(made)), level=1)  # to a sixth, in 10 ms
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""The readings that are fitted, in one flat list, and what makes their errors white."""
+"""The fitted readings in one flat list, and the whitening of their errors."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ class Readings:
     """Readings of some runs, channel by channel, run by run, in order of time.
 
     Attributes:
-        value: (n,) what was read.
-        run: (n,) number of the run, among those of the case.
+        value: (n,) the readings.
+        run: (n,) index of the run in the case.
         row: (n,) its row.
-        channel: (n,) number of the channel among all outputs of the kind.
+        channel: (n,) index of the channel among all outputs of the kind.
         time_s: (n,) time of each.
         sd: (n,) noise of one reading, in its unit.
-        weight: (n,) correlation of its noise with that of the reading before it; 0 at the start of a chain.
+        weight: (n,) correlation of its noise with that of the previous reading; 0 at the start of a chain.
         chains: rows of each channel in each run.
-        shared: (n, noises) answers to independent noises of measured inputs that many readings share.
+        shared: (n, noises) responses to independent slow noises of measured inputs.
     """
 
     value: np.ndarray
@@ -47,13 +47,13 @@ class Readings:
         return self.value.size
 
     def differenced(self, errors: np.ndarray) -> np.ndarray:
-        """Return errors (n, ...) less what the noise of each has of the one before it, at unchanged sd."""
+        """Return errors (n, ...) without the autocorrelated part of their noise, at unchanged sd."""
         if not self.weight.any():
             return errors
         return (innovations(errors.T / self.sd, self.weight) * self.sd).T
 
     def pieces(self, most: int | None = None) -> list[Chain]:
-        """Return the chains as the model error sees them, thinned to so many readings each if asked for."""
+        """Return the chains for the model error, thinned to at most so many readings each."""
         found = []
         for series, rows in self.chains:
             step = 1 if most is None else max(1, -(-(rows.stop - rows.start) // most))
@@ -74,7 +74,7 @@ class Readings:
 
 
 class Weights:
-    """How errors of readings are made white: noise, model error, and slow noise of inputs."""
+    """Whitening of errors: noise, model error, and slow noise of inputs."""
 
     def __init__(self, readings: Readings, error: ModelError) -> None:
         """Prepare the filter of every chain."""
@@ -104,8 +104,8 @@ def collect(
 ) -> Readings:
     """Return the readings of some runs.
 
-    More than `settings.most_readings` are thinned: of each channel of each run every k-th reading is kept, k the same
-    for all, so that the longest are not cut off and none is favoured.
+    More than `settings.most_readings` are thinned: every k-th reading of each channel and run is kept, with the same k
+    for all.
 
     Args:
         case: with its measurements.
@@ -114,7 +114,7 @@ def collect(
         runs: numbers of the runs.
         input_noise: of each reading, in place of its average over a channel.
         settings: the constants.
-        rows_of: by number of the run, the rows that count; all where it is not named.
+        rows_of: by index of the run, the rows that count; all if not given.
     """
     present: dict[tuple[str, int], np.ndarray] = {}
     for name in noise:

@@ -1,4 +1,4 @@
-"""In which shapes runs are simulated: each shape is a program to be compiled, and short runs are padded to it."""
+"""Shapes in which runs are simulated: each shape is one compiled program, and short runs are padded to it."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-# Shapes are rounded up to these, so that cases of like size share a compiled program.
+# Shapes are rounded up to multiples of these, so that cases of similar size share a compiled program.
 _ROWS, _STEPS = 512, 1024
-# Steps that short runs would be padded with, above which a program of their own is worth the time to compile it.
+# Padding steps of short runs above which a second program is worth its compile time.
 _WORTH_A_PROGRAM = 30_000
-# Runs that only judge, and are no more than so many times as long as those that calibrate, share their program. That
-# takes longer then, in a robot's diagnosis some 4 s; to compile another takes 20 s, and to trace it 3 s.
+# Check runs up to so many times as long as the fit runs share their program. For a robot this costs some 4 s per
+# diagnosis; another program takes 20 s to compile and 3 s to trace.
 _LITTLE_LONGER = 1.5
 
 
 def shapes_of(lengths: Sequence[tuple[int, int]], fit_runs: np.ndarray) -> tuple[tuple[int, int, int], ...]:
-    """Return in which blocks runs of such lengths are simulated, shorter first: their number, rows and steps.
+    """Return the blocks in which runs are simulated, shorter first: number of runs, rows and steps.
 
-    Those of the runs that may calibrate; longer ones fit in too where that saves a program.
+    They are sized for the fit runs, and for longer runs too if that saves a program.
     """
     ordered = sorted((lengths[run] for run in fit_runs), key=lambda length: length[1])
 
@@ -37,7 +37,7 @@ def shapes_of(lengths: Sequence[tuple[int, int]], fit_runs: np.ndarray) -> tuple
 
 
 def rounded_length(last_step: np.ndarray) -> tuple[int, int]:
-    """Return the rows and steps of the longest of some runs, rounded up, from the step that ends at each later row."""
+    """Return the rows and steps of the longest of some runs, rounded up, from the last step of each later row."""
     rows = int(np.max(np.argmax(last_step == last_step[:, -1:], axis=1))) + 2
     return rounded_rows(rows), rounded_steps(int(last_step.max()) + 1)
 

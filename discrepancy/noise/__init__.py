@@ -1,1 +1,1 @@
-"""Noise of instruments, noise passed on from measured inputs, and the error of the model beside them."""
+"""Sensor noise, noise caused by measured inputs, and the model error."""

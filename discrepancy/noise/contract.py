@@ -1,4 +1,4 @@
-"""The noise of every output of a case: what its sensor adds, and who says so."""
+"""The noise of every output of a case, and its source."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from discrepancy.preparation.held_inputs import LONG, noisy_inputs, rows_held
 from jaxmodel.case import Case, Run
 from jaxmodel.measurements import KINDS
 
-# Rows of the windows in which noise is looked at: short, so that nothing slow looks like it.
+# Rows of the windows in which noise is estimated; short, to exclude slow signals.
 _WINDOW = 12
 
 
 def noise_of_case(case: Case) -> dict[str, NoiseModel]:
     """Return the noise of every output that the case measured, in the order of the kind's outputs.
 
-    A stated sd is believed unless the scatter of the readings contradicts it, and quantisation is added; where none is
-    stated it is estimated from the readings between the jumps of the inputs. Channels whose readings never change, and
-    of whose noise nothing is known, say nothing and are left out.
+    A stated sd is used unless the scatter of the readings contradicts it, and quantisation is added. Without a stated
+    sd it is estimated from the readings between jumps of the inputs. Channels with constant readings and unknown noise
+    are left out.
     """
     noise = {}
     for name in KINDS[case.kind].outputs:
@@ -49,13 +49,14 @@ def noise_of_case(case: Case) -> dict[str, NoiseModel]:
 
 
 def without_input_noise(case: Case, noise: Mapping[str, NoiseModel]) -> Case:
-    """Return the case with its noisy inputs, where they were not held, as the neighbours of each row read them.
+    """Return the case with noisy inputs replaced by the mean of neighbouring rows, unless they were held constant.
 
-    The noise of a measured input is in the residual of its own row too; as a function of the row's own reading that
-    would look like a law of nature.
+    The noise of a measured input is also in the residual of its row; as a function of that input it would look like a
+    physical law.
     """
     noisy = noisy_inputs(case)
-    # Whitening coloured noise mixes a row with the one before: then the nearest neighbours are no strangers either.
+    # Whitening autocorrelated noise mixes a row with the previous one, so that the nearest neighbours are not
+    # independent.
     apart = 2 if any(model.rho != 0.0 for model in noise.values()) else 1
 
     def quiet(run: Run) -> Run:
@@ -69,7 +70,7 @@ def without_input_noise(case: Case, noise: Mapping[str, NoiseModel]) -> Case:
 
 
 def _of_neighbours(values: np.ndarray, sd: float, apart: int) -> np.ndarray:
-    """Return a measured input at each row as the rows so far before and after it read it, where on the same level."""
+    """Return a measured input at each row as the mean of rows before and after it on the same level."""
     before, after = np.roll(values, apart), np.roll(values, -apart)
     before[:apart], after[-apart:] = np.nan, np.nan
     near = [np.where(np.abs(other - values) < 8.0 * sd, other, np.nan) for other in (before, after)]

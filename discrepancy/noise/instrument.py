@@ -1,8 +1,7 @@
-"""How large an instrument's noise is, how correlated, and who says so.
+"""Size and autocorrelation of sensor noise, and their source.
 
-Noise is AR(1): corr(e_t, e_{t+k}) = rho^k, white at rho = 0. Only short windows are looked at, and a parabola is taken
-out of each, so that whatever is slow (the signal itself between two jumps of the inputs, or the misfit of a wrong
-model) is not taken for noise.
+Noise is AR(1): corr(e_t, e_{t+k}) = rho^k, white at rho = 0. It is estimated in short windows after subtraction of a
+fitted parabola, so that slow changes (the signal between jumps of the inputs, or the error of a model) do not count.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from discrepancy.noise.whitening import Bools, Floats, Integers, innovations
 from discrepancy.preparation.signals import MAD_OF_NORMAL, detect_quantum
 from discrepancy.settings import SETTINGS, Settings
 
-# The series that tells noise which nobody states.
+# Source of noise that is not stated.
 BETWEEN_JUMPS = "the readings between jumps of the inputs"
 
 _SHORTEST_WINDOW = 8
@@ -40,10 +39,10 @@ class NoiseModel:
     Attributes:
         sd: standard deviation of one reading, quantisation included, in the reading's unit.
         rho: correlation between two consecutive readings, 0 for white noise.
-        source: where the two numbers come from, in words for a report.
-        quantum: step to which the readings are rounded, 0 if none was seen.
-        from_inputs: the part of `sd` that noise of measured inputs makes, on average over the runs.
-        stated: what the case states, None where it states nothing.
+        source: of sd and rho, in words.
+        quantum: step to which the readings are rounded, 0 if none was found.
+        from_inputs: part of `sd` that is due to noise of measured inputs, averaged over the runs.
+        stated: sd that the case states; None if it states none.
     """
 
     sd: float
@@ -55,7 +54,7 @@ class NoiseModel:
 
     @property
     def own_sd(self) -> float:
-        """Return the sd without the part from the inputs; where that was overestimated, a tenth of the whole."""
+        """Return the sd without the part from the inputs, at least a tenth of the whole."""
         return float(np.sqrt(max(self.sd**2 - self.from_inputs**2, 0.01 * self.sd**2)))
 
     def with_from_inputs(self, sd: float) -> NoiseModel:
@@ -64,21 +63,21 @@ class NoiseModel:
 
     @property
     def contradicts(self) -> bool:
-        """Return True where the readings scatter otherwise than is stated."""
+        """Return True if the scatter of the readings contradicts the stated sd."""
         return self.stated is not None and "stated sd is wrong" in self.source
 
 
 @dataclass(frozen=True)
 class NoiseEstimate:
-    """What a series says of its noise.
+    """Noise estimated from a series.
 
     Attributes:
-        sd: standard deviation of one value; NaN where there was too little to go by.
+        sd: standard deviation of one value; NaN if there are too few values.
         rho: correlation between two consecutive values.
         rho_se: standard error of rho.
         coloured_chi2: twice the log-likelihood ratio of rho against white noise; chi-square with 1 degree of freedom
-            where the noise is white.
-        count: number of values that it rests on.
+            for white noise.
+        count: number of values used.
     """
 
     sd: float
@@ -103,60 +102,58 @@ def channel_noise(
     stated_sd: float | None = None,
     settings: Settings = SETTINGS,
 ) -> NoiseModel:
-    """Settle one sensor's noise from what is stated and from the fast scatter of what was read.
+    """Return one sensor's noise from the stated sd and the fast scatter of its readings.
 
-    A stated sd (of the noise before rounding: q^2/12 is added) is believed unless the scatter contradicts it; rho is
-    then that which the scatter shows given that sd, so that the total stays what is stated. Without a stated sd both
-    are taken from the scatter. What is slow is no instrument's: it is the model's error until a better model is there.
+    A stated sd (before rounding: q^2/12 is added) is used unless the scatter contradicts it; rho is then estimated
+    given this sd. Without a stated sd both come from the scatter. Slow deviations count as model error, not as noise.
 
     Args:
         readings: (n,) readings of this sensor, for their quantum.
-        estimate: from a known sd, or None, to what the scatter shows.
-        stated_sd: the sensor's white noise before rounding, if anyone states it.
+        estimate: function from a known sd, or None, to the noise estimated from the scatter.
+        stated_sd: stated sd of the white noise before rounding, if any.
         settings: the constants.
 
     Returns:
-        The noise model; its sd is that of rounding alone where the data shows nothing, and 0 where every reading is the
-        same: such a channel says nothing and cannot be whitened.
+        The noise model. Its sd is that of rounding if the data show no noise, and 0 if all readings are equal: such a
+        channel cannot be used.
     """
     quantum = detect_quantum(np.asarray(readings, dtype=float))
     rounding = quantum / np.sqrt(12.0)
     free = estimate(None)
-    # Rounding to a step far above the noise leaves stretches of equal readings, which are not free of noise.
+    # If the rounding step is far above the noise, equal readings do not mean absence of noise.
     seen = max(free.sd, rounding) if np.isfinite(free.sd) else float("nan")
     if stated_sd is None:
         if not np.isfinite(seen):
-            return NoiseModel(rounding, 0.0, "nothing stated and too few or equal readings: rounding alone", quantum)
+            return NoiseModel(rounding, 0.0, "not stated, and too few or only equal readings: rounding only", quantum)
         rho = free.rho if free.is_coloured else 0.0
         return NoiseModel(seen, rho, f"estimated from {BETWEEN_JUMPS}", quantum)
     sd = float(np.sqrt(stated_sd**2 + rounding**2))
     ratio = seen / sd if free.count >= settings.fewest_for_noise else 1.0
-    # Of coloured noise windows tell the sd within a factor of two only.
+    # For autocorrelated noise, windows give the sd only within a factor of two.
     too_small = ratio > settings.noise_contradiction * (2.0 if free.is_coloured else 1.0)
-    # White noise below what is stated contradicts it; coloured noise may have its larger part where no window sees it.
+    # A smaller scatter contradicts the stated sd only if it is white: windows do not see slow autocorrelated noise.
     too_large = ratio < 1.0 / settings.noise_contradiction and not free.is_coloured
     if too_small or too_large:
         source = f"{BETWEEN_JUMPS} show {seen:.3g}: the stated sd is wrong ({stated_sd:g})"
         return NoiseModel(seen, free.rho if free.is_coloured else 0.0, source, quantum, stated=stated_sd)
     given = estimate(sd)
-    # Given a sd that is wrong, white noise seems correlated: both estimates must say so.
+    # Given a wrong sd, white noise seems autocorrelated: both estimates must agree.
     rho = given.rho if given.is_coloured and free.is_coloured else 0.0
     source = f"stated ({stated_sd:g})"
-    source += f", rounding to {quantum:g} added" if quantum else ""
-    source += f"; correlation from {BETWEEN_JUMPS}" if rho else ""
+    source += f", rounding to {quantum:g} included" if quantum else ""
+    source += f"; autocorrelation from {BETWEEN_JUMPS}" if rho else ""
     return NoiseModel(sd, rho, source, quantum, stated=stated_sd)
 
 
 def break_at_jumps(starts: ArrayLike, inputs: ArrayLike, settling_rows: int = 1) -> Bools:
-    """Begin a new chain wherever an input jumps, so that no window of readings spans a jump.
+    """Start a new chain wherever an input jumps, so that no window spans a jump.
 
-    A jump is a step of more than 8 robust sd of the input's own noise (a measured input has some) and of more than 2 %
-    of its range.
+    A jump is a step of more than 8 robust sd of the input's noise and of more than 2 % of its range.
 
     Args:
         starts: (n,) booleans, True where a chain begins.
         inputs: (n,) or (n, m) inputs; row k holds over the step that ends at row k. NaN is a missing value.
-        settling_rows: rows from a jump on that are left alone, each as a chain of its own.
+        settling_rows: rows after a jump, each of which becomes its own chain.
 
     Returns:
         (n,) booleans, True where a chain begins.
@@ -186,27 +183,26 @@ def local_noise(
 ) -> NoiseEstimate:
     """Estimate sd and AR(1) correlation of noise from the fast content of a series alone.
 
-    Restricted maximum likelihood over windows of about `window` rows, with a parabola in time free in each; windows
-    that fit badly (they hold a jump) are rejected at the 99 % point, for which the variance is corrected. It works on
-    readings cut at the jumps of the inputs (`break_at_jumps`), with no model at all, and on residuals of a wrong model.
+    Restricted maximum likelihood over windows of about `window` rows, each with a free parabola in time. Windows that
+    fit badly (they contain a jump) are rejected at the 99 % point, and the variance is corrected for this. It works for
+    readings cut at jumps of the inputs (`break_at_jumps`) without any model, and for residuals of a wrong model.
 
-    Simulated, 2,000 rows, rho 0, 0.3, 0.6, 0.9. Windows of 12: rho comes out without bias and with sd 0.03, 0.04, 0.06,
-    0.09; the sd within 2, 3, 7 % and, at 0.9, only within a factor of 2, since a window is then no longer than the
-    noise's memory. Windows of 24: sd of rho 0.03, 0.03, 0.03, 0.05. With the sd known, rho comes within 0.03, 0.025,
-    0.015, 0.003. A misfit of ten noise sd with a period of 300 rows changes none of that. Relaxations over 20 rows of
-    five noise sd add nothing with windows of 12; with windows of 24 they add 0.08 to rho at 0 unless chains break at
-    their jumps.
+    Simulations with 2,000 rows and rho 0, 0.3, 0.6, 0.9: with windows of 12, rho has no bias and an sd of 0.03, 0.04,
+    0.06, 0.09; the sd is correct within 2, 3, 7 % and, at 0.9, only within a factor of 2, because a window is then no
+    longer than the correlation length. With windows of 24 the sd of rho is 0.03, 0.03, 0.03, 0.05. If the sd is known,
+    rho is correct within 0.03, 0.025, 0.015, 0.003. A model error of ten noise sd with a period of 300 rows changes
+    nothing. Relaxations over 20 rows of five noise sd have no effect with windows of 12; with windows of 24 they add
+    0.08 to rho at 0 unless chains break at the jumps.
 
     Args:
         values: (n,) readings or residuals; NaN is a missing one.
         starts: (n,) booleans, True where a chain begins: no window crosses one.
-        time_s: (n,) times in seconds, for the parabola where steps are unequal. The correlation counts rows, not
-            seconds.
-        known_sd: the sd, where it is known; rho is then estimated given it.
+        time_s: (n,) times in seconds, for the parabola with unequal steps. The correlation counts rows, not seconds.
+        known_sd: the sd, if known; rho is then estimated given it.
         window: rows in a window.
 
     Returns:
-        The estimate; its sd is NaN where no chain is as long as eight rows, or most windows hold equal readings.
+        The estimate; its sd is NaN if no chain has eight rows, or most windows have equal readings.
     """
     windows = _windows(np.asarray(values, dtype=float), np.asarray(starts, dtype=bool), time_s, window)
     if windows is None:
@@ -243,7 +239,7 @@ def local_noise(
 def _maximise(
     likelihood: Callable[[float], tuple[float, float]], bounds: tuple[float, float], count: int
 ) -> NoiseEstimate:
-    """Minimise a deviance (-2 log-likelihood) over rho; it comes with the variance that goes with that rho."""
+    """Minimise a deviance (-2 log-likelihood) over rho, together with its variance at each rho."""
     rho = float(np.asarray(fminbound(lambda at: likelihood(at)[0], *bounds, xtol=1e-4)))
     deviance, variance = likelihood(rho)
     white_deviance, white_variance = likelihood(0.0)
@@ -265,9 +261,9 @@ class _Windows:
     """Windows of a series, one after another: n readings in w windows.
 
     Attributes:
-        columns: (4, n) the three of a parabola in time, orthonormal within each window, then the readings less it.
-        lag: (n,) rows since the reading before; infinite at the first of a window.
-        first: (w,) numbers of the first readings.
+        columns: (4, n) three columns of a parabola in time, orthonormal in each window, then the readings without it.
+        lag: (n,) rows since the previous reading; infinite at the first of a window.
+        first: (w,) indices of the first readings.
         length: (w,) numbers of readings.
     """
 
@@ -294,7 +290,7 @@ def _windows(values: Floats, starts: Bools, time_s: ArrayLike | None, window: in
     centred = since / np.repeat(since[first + length - 1], length) - 0.5
     columns = [np.ones_like(centred), centred, centred**2, values[index]]
     for number, column in enumerate(columns):
-        for before in [*columns[:number]] * 2:  # once more for what rounding left
+        for before in [*columns[:number]] * 2:  # twice, against rounding errors
             column -= before * np.repeat(np.add.reduceat(before * column, first), length)
         if number < _PARABOLA:
             column /= np.repeat(np.sqrt(np.add.reduceat(column**2, first)), length)
@@ -302,9 +298,9 @@ def _windows(values: Floats, starts: Bools, time_s: ArrayLike | None, window: in
 
 
 def _distances(windows: _Windows, rho: float) -> tuple[Floats, Floats]:
-    """Squared Mahalanobis length of each window's readings free of any parabola, at unit variance; its log-determinant.
+    """Return the squared Mahalanobis length of each window's readings without a parabola, and the log-determinant.
 
-    The restricted likelihood: what whitened readings leave beside a whitened parabola, and the determinants of both.
+    These are the terms of the restricted likelihood at unit variance.
     """
     weight = np.float64(rho) ** windows.lag
     white = innovations(windows.columns, weight)

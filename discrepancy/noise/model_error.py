@@ -1,14 +1,14 @@
-"""What a model gets wrong, as a process beside the noise: s^2 exp(-dt / tau) for each channel and run, dt in seconds.
+"""The model error as a process beside the noise: covariance s^2 exp(-dt / tau) for each channel and run, dt in s.
 
-measured = model + delta + epsilon. epsilon is the instrument's (`instrument`), delta an Ornstein-Uhlenbeck process, so
-that whitening is a scalar Kalman filter: with the predicted mean m and variance P of delta before a reading y,
+measured = model + delta + epsilon. epsilon is sensor noise (`instrument`), delta an Ornstein-Uhlenbeck process, so that
+whitening is a scalar Kalman filter: with the predicted mean m and variance P of delta before a reading y,
 
     F = h^2 P + R,  K = P h / F,  e = (y - h m) / sqrt(F),
     m' = a (m + K (y - h m)),  P' = a^2 (1 - K h) P + (1 - a^2) s^2
 
-with a = exp(-dt / tau). It is linear in y: the means of all columns come from one bidiagonal solve. Where the
-instrument's noise is AR(1) with correlation w from reading to reading, y is (e_t - w e_s) / sqrt(1 - w^2), which
-scales what is slow by h = sqrt((1 - w) / (1 + w)).
+with a = exp(-dt / tau). It is linear in y: the means of all columns come from one bidiagonal solve. If the sensor
+noise is AR(1) with correlation w from reading to reading, y is (e_t - w e_s) / sqrt(1 - w^2), which scales slow
+deviations by h = sqrt((1 - w) / (1 + w)).
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from scipy.linalg.lapack import dtbtrs  # pyright: ignore[reportAttributeAccessI
 
 from discrepancy.settings import SETTINGS, Settings
 
-# One channel of one run: a chain that delta does not cross.
+# One channel of one run; delta is independent between series.
 Series = tuple[str, int]
-# A model error that changes by less than this share is the same.
+# Model errors that differ by less than this share count as equal.
 _NEAR = 0.1
 _SIZES = np.concatenate([[0.0], np.geomspace(0.1, 3e4, 23)])
 
@@ -34,7 +34,7 @@ class ModelError:
     """The model error of every series.
 
     Attributes:
-        sd: s of each series, in the channel's unit; series not named have none.
+        sd: s of each series, in the channel's unit; other series have none.
         tau_s: correlation time of each channel that has one.
     """
 
@@ -42,12 +42,12 @@ class ModelError:
     tau_s: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     def of_channel(self, channel: str) -> float:
-        """Return the root mean square of s over the runs of a channel, 0 where there is no model error."""
+        """Return the root mean square of s over the runs of a channel, 0 without model error."""
         own = [sd for (name, _), sd in self.sd.items() if name == channel]
         return float(np.sqrt(np.mean(np.square(own)))) if own else 0.0
 
     def is_near(self, other: ModelError) -> bool:
-        """Return True where another differs by so little that it is not worth another fit."""
+        """Return True if another model error differs so little that no further fit is needed."""
         if self.sd.keys() != other.sd.keys() or self.tau_s != other.tau_s:
             return False
         return all(abs(np.log(sd / other.sd[series])) < _NEAR for series, sd in self.sd.items())
@@ -61,11 +61,11 @@ class Chain:
     """The readings of one series in order of time, their noise already made white by differences.
 
     Attributes:
-        series: channel, and number of the run.
-        rows: places in the flat list of readings.
+        series: channel, and index of the run.
+        rows: indices in the flat list of readings.
         time_s: of each.
         sd: noise of each, in the channel's unit.
-        gain: h of each, how much of what is slow the differences left.
+        gain: h of each, the remaining share of slow deviations.
     """
 
     series: Series
@@ -76,10 +76,10 @@ class Chain:
 
 
 class Whitener:
-    """Makes columns of errors white, given the noise and the model error of every series."""
+    """Whitens columns of errors, given the noise and the model error of every series."""
 
     def __init__(self, chains: Sequence[Chain], error: ModelError, count: int) -> None:
-        """Run the filter's variances once; the means are linear in what is whitened."""
+        """Compute the variances of the filter; its means are linear in the values."""
         self._root = np.ones(count)
         self._gain = np.zeros(count)
         self._band = np.zeros((2, count))
@@ -101,7 +101,7 @@ class Whitener:
             self._carried[chain.rows[:-1]] = (a * k)[:-1]
 
     def __call__(self, values: Float[np.ndarray, "n columns"]) -> Float[np.ndarray, "n columns"]:
-        """Return the columns as innovations in units of their sd; rows of a series follow each other."""
+        """Return the columns as innovations in units of their sd; rows of a series must be adjacent."""
         if not self._filtered:
             return values / self._root[:, None]
         pushed = np.zeros_like(values, order="F")
@@ -112,7 +112,7 @@ class Whitener:
 
 
 def _decay(time_s: np.ndarray, tau: float) -> np.ndarray:
-    """Return exp(-dt / tau) to the next reading; the last stands for nothing."""
+    """Return exp(-dt / tau) to the next reading; the last has no meaning."""
     return np.exp(-np.append(np.diff(time_s), 0.0) / tau)
 
 
@@ -132,18 +132,17 @@ def estimate(
     tolerance: Mapping[str, float] | None = None,
     settings: Settings = SETTINGS,
 ) -> ModelError:
-    """Return the most probable model error of every series, given the errors that a model leaves.
+    """Return the most probable model error of every series, given the residuals of a model.
 
-    Each channel has one correlation time; each run has a size of its own about that of all runs. A channel has none
-    where the likelihood gains less than `settings.least_error_gain`. What a model gets wrong is no true
-    Ornstein-Uhlenbeck process but a smooth function of what the model leaves out: small from reading to reading and
-    large in the end. So s is not less than the root mean square that is left, and is raised towards a share of the
-    tolerance; without a fine sensor beside it, and slow errors that cost nothing, would decide alone.
+    Each channel has one correlation time; each run has its own size, distributed about that of all runs. A channel has
+    no model error if the likelihood gains less than `settings.least_error_gain`. A real model error is not an
+    Ornstein-Uhlenbeck process but a smooth function of the missing physics. Therefore s is at least the RMS residual,
+    and is raised towards a share of the tolerance; otherwise a very precise sensor would decide alone.
 
     Args:
         chains: all series.
-        errors: what the richest model of the round leaves, noise differenced as in `Chain`.
-        tolerance: by channel, the largest s that is believed of the richest model, in the channel's unit.
+        errors: residuals of the richest model of the round, noise differenced as in `Chain`.
+        tolerance: by channel, the largest s, in the channel's unit.
         settings: the constants.
     """
     sd: dict[Series, float] = {}
@@ -152,40 +151,40 @@ def estimate(
         owned = [chain for chain in chains if chain.series[0] == channel]
         scale = float(np.median(np.concatenate([chain.sd for chain in owned])))
         sizes = scale * _SIZES
-        memories = _memories(owned, settings)
-        tables = np.stack([_log_likelihoods(chain, errors[chain.rows], sizes, memories) for chain in owned])
-        prior = -0.5 * (np.log(memories / settings.memory_median_s) / settings.memory_spread) ** 2
+        taus = _correlation_times(owned, settings)
+        tables = np.stack([_log_likelihoods(chain, errors[chain.rows], sizes, taus) for chain in owned])
+        prior = -0.5 * (np.log(taus / settings.correlation_time_median_s) / settings.correlation_time_spread) ** 2
         spread = np.log(sizes[1:, None] / sizes[None, 1:]) / settings.error_from_run_to_run
         # For each common size, the best size of every run about it.
         near = tables[:, :, 1:, None] - 0.5 * spread**2
         together = near.max(axis=2).sum(axis=0) + prior[:, None]
-        memory, common = np.unravel_index(np.argmax(together), together.shape)
-        if together[memory, common] - tables[:, 0, 0].sum() < settings.least_error_gain:
+        number, common = np.unravel_index(np.argmax(together), together.shape)
+        if together[number, common] - tables[:, 0, 0].sum() < settings.least_error_gain:
             continue
-        tau_s[channel] = float(memories[memory])
+        tau_s[channel] = float(taus[number])
         most = max((tolerance or {}).get(channel, np.inf), scale)
-        for chain, table in zip(owned, near[:, memory, :, common], strict=True):
+        for chain, table in zip(owned, near[:, number, :, common], strict=True):
             probable = _peak(np.log(sizes[1:]), table)
-            raised = min(settings.least_error_share * most, settings.error_raised * probable) if tolerance else 0.0
+            raised = min(settings.least_error_share * most, settings.largest_raise * probable) if tolerance else 0.0
             sd[chain.series] = min(max(probable, _beyond(errors, chain), raised), most)
     return ModelError(sd, tau_s)
 
 
 def _beyond(errors: np.ndarray, chain: Chain) -> float:
-    """Return the root mean square of a series beyond its noise."""
+    """Return the root mean square of a series above its noise."""
     return float(np.sqrt(max(np.mean(errors[chain.rows] ** 2 - chain.sd**2), 0.0)))
 
 
-def _memories(chains: Sequence[Chain], settings: Settings) -> np.ndarray:
-    """Return the correlation times that these series can tell: longer than two readings, shorter than a run."""
+def _correlation_times(chains: Sequence[Chain], settings: Settings) -> np.ndarray:
+    """Return the correlation times that these series can show: longer than two readings, shorter than a run."""
     between = float(np.median(np.concatenate([np.diff(chain.time_s) for chain in chains])))
     longest = max(float(np.ptp(chain.time_s)) for chain in chains)
-    found = [tau for tau in settings.memory_s if 2.0 * between <= tau <= longest]
-    return np.array(found or [max(2.0 * between, min(longest, settings.memory_s[0]))])
+    found = [tau for tau in settings.correlation_times_s if 2.0 * between <= tau <= longest]
+    return np.array(found or [max(2.0 * between, min(longest, settings.correlation_times_s[0]))])
 
 
 def _peak(at: np.ndarray, values: np.ndarray) -> float:
-    """Return exp of where values on an even grid are largest, a parabola laid through the largest three."""
+    """Return exp of the position of the maximum of values on a uniform grid, by a parabola through three points."""
     best = int(np.clip(np.argmax(values), 1, values.size - 2))
     low, middle, high = values[best - 1 : best + 2]
     bend = low - 2.0 * middle + high
@@ -193,9 +192,9 @@ def _peak(at: np.ndarray, values: np.ndarray) -> float:
     return float(np.exp(at[best] + np.clip(shift, -1.0, 1.0) * (at[1] - at[0])))
 
 
-def _log_likelihoods(chain: Chain, errors: np.ndarray, sizes: np.ndarray, memories: np.ndarray) -> np.ndarray:
-    """Return the log likelihood of a series at every correlation time and size, less a constant, (tau, s)."""
-    variance = np.broadcast_to(sizes[None, :] ** 2, (memories.size, sizes.size)).copy()
+def _log_likelihoods(chain: Chain, errors: np.ndarray, sizes: np.ndarray, taus: np.ndarray) -> np.ndarray:
+    """Return the log likelihood of a series at every correlation time and size, minus a constant, (tau, s)."""
+    variance = np.broadcast_to(sizes[None, :] ** 2, (taus.size, sizes.size)).copy()
     mean, total = np.zeros_like(variance), np.zeros_like(variance)
     stationary = variance.copy()
     steps = np.append(np.diff(chain.time_s), 0.0)
@@ -206,7 +205,7 @@ def _log_likelihoods(chain: Chain, errors: np.ndarray, sizes: np.ndarray, memori
         total -= off * off / f + np.log(f)
         a = same.get(step)
         if a is None:
-            a = same[step] = np.exp(-step / memories)[:, None]
+            a = same[step] = np.exp(-step / taus)[:, None]
         k = variance * gain / f
         mean = a * (mean + k * off)
         variance = a * a * (variance * noise / f) + (1.0 - a * a) * stationary

@@ -1,8 +1,8 @@
-"""Turning coloured noise into white noise, one chain of readings at a time.
+"""Whitening of AR(1) noise, chain by chain.
 
 A *chain* is a stretch of consecutive rows of one run over which the noise is one AR(1) process. Rows of all runs are
-stacked, and a boolean array `starts` is True where a new chain begins: at the first row of every run, and after every
-pause of it. Without whitening a nominal 5 % false-alarm rate becomes nearly 100 % at rho = 0.9.
+stacked; a boolean array `starts` is True where a new chain begins: at the first row of every run and after every pause.
+Without whitening a nominal 5 % false-alarm rate becomes nearly 100 % at rho = 0.9.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ def chain_starts(times: Iterable[ArrayLike]) -> Bools:
         times: of each run, (rows,) times in seconds, increasing.
 
     Returns:
-        (n,) booleans, n the sum of the rows: True at the first row of a run and at the first after a pause, a row that
-        is many times as long as those on both sides of it. A logger that reads slower for a while makes none.
+        (n,) booleans, n the sum of the rows: True at the first row of a run and at the first after a pause. A pause is
+        an interval many times as long as those on both sides; a slower sampling rate is none.
     """
     return np.concatenate(
         [np.zeros(0, dtype=bool), *(after_pauses(np.asarray(time_s, dtype=float)) for time_s in times)]
@@ -35,7 +35,7 @@ def chain_starts(times: Iterable[ArrayLike]) -> Bools:
 
 
 def chain_weights(starts: ArrayLike, rho: float, present: ArrayLike) -> tuple[Integers, Floats]:
-    """Return the rows that were read, and the correlation of each one's noise with that of the one read before it.
+    """Return the rows that were read, and the correlation of the noise of each with that of the previous one.
 
     Args:
         starts: (n,) booleans, True where a chain begins.
@@ -69,16 +69,16 @@ def whiten(
 
     With u = e / sd and w the correlation with the last reading present in the chain, a row becomes (u_t - w u_s) /
     sqrt(1 - w^2), and u_t at the start of a chain. This is the exact inverse square root of the noise covariance, also
-    across missing readings, which are bridged (w = rho^(t-s)) rather than taken for a fresh start.
+    across missing readings, with w = rho^(t-s).
 
     Args:
-        values: (n,) or (n, m); columns are whitened alike (a residual, or sensitivities to m parameters). Rows that are
-            not present may hold anything, NaN included.
+        values: (n,) or (n, m); all columns are whitened in the same way (residuals, sensitivities). Missing rows may
+            have any value, including NaN.
         starts: (n,) booleans, True where a chain begins.
         rho: correlation of the noise between consecutive rows; |rho| < 1.
         sd: standard deviation of one reading's noise in the unit of the readings: one number, or (n,) where it varies.
-        present: (n,) booleans, False for a missing reading; all present when not given. Give the residual's for the
-            sensitivities too, so that both are whitened alike.
+        present: (n,) booleans, False for a missing reading; all present by default. Use that of the residual for the
+            sensitivities too.
 
     Returns:
         The whitened values, same shape; missing rows are 0 (weight 0).
@@ -98,11 +98,11 @@ def whiten(
 
 
 def innovations(values: Floats, weight: Floats) -> Floats:
-    """Return what is new in each of (..., n) values, in its sd: (u_t - w u_s) / sqrt(1 - w^2).
+    """Return the innovations of (..., n) values, in their sd: (u_t - w u_s) / sqrt(1 - w^2).
 
     Args:
-        values: in units of their sd, each with the one before it in its chain just before it.
-        weight: (n,) w, the correlation of each with the one before; 0 at the first of a chain.
+        values: in units of their sd, in the order of their chains.
+        weight: (n,) w, the correlation of each with the previous one; 0 at the first of a chain.
     """
     new = values.copy()
     new[..., 1:] -= weight[1:] * values[..., :-1]

@@ -1,4 +1,4 @@
-"""A case as the diagnosis takes it: bad readings left out, inputs made alike, noisy ones held."""
+"""Preparation of a case: bad readings are excluded, inputs unified, and noisy held inputs averaged."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from jaxmodel.plausible import doubts
 
 
 def prepared(case: Case) -> tuple[Case, tuple[str, ...]]:
-    """Return the case as it is diagnosed, and a sentence for everything that is doubtful or was left out of it.
+    """Return the prepared case, and a sentence for everything that is doubtful or was excluded.
 
     Raises:
-        FitError: two runs are driven in different ways.
+        FitError: two runs have different inputs.
     """
-    told = list(doubts(case))
+    remarks = list(doubts(case))
     for without in (without_stuck, without_saturated, without_outliers):
         case, more = without(case)
-        told += more
-    return with_held_inputs(with_like_inputs(case)), tuple(told)
+        remarks += more
+    return with_held_inputs(with_like_inputs(case)), tuple(remarks)

@@ -1,10 +1,10 @@
-"""Noisy inputs that a bench held: what it held is nearer to the mean of the readings than to each.
+"""Noisy inputs that were held constant: their mean is more accurate than each reading.
 
-A pulse, a rest, a constant load: the readings of an input differ by its sensor's noise alone, which the model would
-carry through its resistances, count as charge, and turn into currents where there are none (hysteresis and rate laws
-ask for their size). What is averaged is a stretch between two jumps that noise of the stated sd explains, by its
-scatter and by its course. Where such stretches are not most of a run (a drive cycle, a ramp) all stays as it was read:
-the mean of what moves a little is wrong in a way that no noise is.
+During a pulse, a rest or a constant load, the readings of an input differ only by sensor noise. The model would pass
+this noise on through its resistances, count it as charge, and see currents at rest (hysteresis depends on the size of
+the current). Each stretch between two jumps is averaged if noise of the stated sd explains its scatter and its drift.
+If such stretches are not most of a run (a drive cycle, a ramp), all readings stay as they are: averaging a changing
+input would cause a systematic error.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from scipy.stats import chi2, kstwobign
 
 from jaxmodel.case import Case
 
-# A difference of neighbours of so many sd is a jump.
+# Difference of neighbours, in sd, that counts as a jump.
 _JUMP = 6.0
-# How improbable the scatter, or the course, of the readings of a held input may be.
+# Smallest probability of the scatter, and of the drift, of the readings of a held input.
 _IMPROBABLE = 1e-3
-# Held is what stays for so many rows; a run is one of held inputs where that is this share of it.
+# An input is held if it is constant for so many rows; it is averaged if that is at least this share of the run.
 LONG, _MOST = 8, 0.8
 
 
 def noisy_inputs(case: Case) -> dict[str, float]:
-    """Return the sd of every measured input that the case states one for."""
+    """Return the stated sd of every measured input that has one."""
     return {name: sd for name, sd in case.sensors.items() if name in case.runs[0].measured.inputs}
 
 
 def with_held_inputs(case: Case) -> Case:
-    """Return a case with its noisy inputs, where they were held, as the means of what was read meanwhile."""
+    """Return a case with noisy inputs replaced by their means where they were held."""
     noisy = noisy_inputs(case)
     runs = []
     for run in case.runs:
@@ -41,7 +41,7 @@ def with_held_inputs(case: Case) -> Case:
 
 
 def held(values: np.ndarray, sd: float) -> np.ndarray:
-    """Return readings (rows,) of an input, those of each stretch in which it was held replaced by their mean."""
+    """Return readings (rows,) of an input, with each stretch in which it was held replaced by its mean."""
     jumps = np.flatnonzero(np.abs(np.diff(values)) > _JUMP * sd) + 1
     edges = np.concatenate([[0], jumps, [values.size]])
     steady = [
@@ -58,28 +58,28 @@ def held(values: np.ndarray, sd: float) -> np.ndarray:
 
 
 def _steady(readings: np.ndarray, sd: float) -> bool:
-    """Return True where the scatter about the mean and the course of its sum are those of noise."""
+    """Return True if noise explains the scatter about the mean and the drift of the cumulative sum."""
     away = (readings - readings.mean()) / sd
     scatter = chi2.isf(_IMPROBABLE, away.size - 1)
-    course = kstwobign.isf(_IMPROBABLE) * np.sqrt(away.size)
-    return bool(np.sum(away**2) < scatter and np.max(np.abs(np.cumsum(away))) < course)
+    drift = kstwobign.isf(_IMPROBABLE) * np.sqrt(away.size)
+    return bool(np.sum(away**2) < scatter and np.max(np.abs(np.cumsum(away))) < drift)
 
 
 def rows_held(values: np.ndarray, row: np.ndarray) -> np.ndarray:
-    """Return, for each of some steps (steps,), for how many rows the input is held there, its own included.
+    """Return, for each step (steps,), the number of rows for which the input is held there.
 
     Args:
         values: (steps,) the input.
-        row: (steps,) the row that each step belongs to, rising.
+        row: (steps,) row of each step, increasing.
     """
     level, rows = _levels(values, row)
     return rows[level]
 
 
 def stretches(values: np.ndarray, row: np.ndarray, most: int) -> np.ndarray:
-    """Return the number of the stretch of each step (steps,): of one hold or of none, and of so many rows at most.
+    """Return the index of the stretch of each step (steps,): within one hold or none, with at most so many rows.
 
-    A long hold is several: where it drifted, by less than shows, its mean is not as near as its many rows say.
+    A long hold is divided, because an invisible drift makes its mean less accurate than its number of rows implies.
     """
     level, rows = _levels(values, row)
     is_held = rows[level] >= LONG
@@ -90,7 +90,7 @@ def stretches(values: np.ndarray, row: np.ndarray, most: int) -> np.ndarray:
 
 
 def _levels(values: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the number of each step's level, and the rows of each level."""
+    """Return the index of each step's level, and the rows of each level."""
     level = np.cumsum(np.append(0, np.diff(values) != 0.0))
     new_row = np.append(1, (np.diff(row) > 0) | (np.diff(level) > 0))
     return level, np.bincount(level, weights=new_row).astype(int)

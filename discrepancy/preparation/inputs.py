@@ -13,10 +13,10 @@ from jaxmodel.robot import duty_of_signal
 
 
 def with_like_inputs(case: Case) -> Case:
-    """Return a case whose runs have the same inputs: a set voltage is its duty (eq. 22), an optional input 0 if absent.
+    """Return a case whose runs have the same inputs: a set voltage becomes a duty (eq. 22), missing optional inputs 0.
 
     Raises:
-        FitError: two runs are driven in different ways.
+        FitError: two runs have different inputs.
     """
     case = _with_duty(case)
     optional = KINDS[case.kind].optional_inputs
@@ -29,14 +29,14 @@ def with_like_inputs(case: Case) -> Case:
     for run in runs[1:]:
         if other := sorted(first.measured.inputs.keys() ^ run.measured.inputs.keys()):
             raise FitError(
-                f"{case.label}: {first.file} and {run.file} are driven in different ways ("
-                f"{', '.join(other)}); put runs that are driven alike into a case of their own."
+                f"{case.label}: {first.file} and {run.file} have different inputs ("
+                f"{', '.join(other)}); put runs with the same inputs into a case of their own."
             )
     return dataclasses.replace(case, runs=tuple(runs))
 
 
 def _with_duty(case: Case) -> Case:
-    """Return a robot's case with the operator's signal, and the noise stated of it, as duties (eq. 22)."""
+    """Return a robot's case with the operator's signal and its noise converted to duties (eq. 22)."""
     runs = []
     for run in case.runs:
         inputs = dict(run.measured.inputs)

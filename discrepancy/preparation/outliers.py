@@ -1,8 +1,7 @@
-"""Outliers: readings that for a row or three stand far off, and come back, while no input does a thing.
+"""Outliers: one to three readings far from their neighbours while no input changes.
 
-A loose contact, a lost telegram, a converter that read nothing: one such reading of thousands, at 0 V, weighs more in a
-sum of squares than all others. No course of the hardware explains it and it tells nothing of the physics, so it is left
-out, and told.
+Causes are a loose contact, a lost message, or a converter without a reading. One such reading at 0 V can outweigh
+thousands of others in a sum of squares. It has no physical cause, so it is excluded, and a remark says so.
 """
 
 from __future__ import annotations
@@ -24,17 +23,17 @@ from discrepancy.preparation.signals import (
 )
 from jaxmodel.case import Case, Run
 
-# An outlier stands this many sd off the readings before and after it, which differ by less than half of that; it is
-# over after so many rows. White noise has none in 1e20 readings.
+# Distance of an outlier from the readings before and after it, in sd; these differ by less than half of that. It has at
+# most so many rows. White noise has none in 1e20 readings.
 FAR = 10.0
 MOST_ROWS = 3
-# More than this share of a channel's readings, and more than one, is something that happens.
+# If more than this share of a channel's readings, and more than one, qualifies, they are not outliers.
 MOST_OF_CHANNEL = 0.005
 
 
 def without_outliers(case: Case) -> tuple[Case, tuple[str, ...]]:
-    """Return a case with outliers of its outputs as missing readings, and a sentence for each channel that had some."""
-    told, runs = [], {run.name: run for run in case.runs}
+    """Return a case with outliers of its outputs as missing readings, and a sentence for each channel with some."""
+    remarks, runs = [], {run.name: run for run in case.runs}
     channels = dict.fromkeys(name for run in case.runs for name in run.measured.outputs)
     for channel in channels:
         with_it = [run for run in case.runs if channel in run.measured.outputs]
@@ -45,18 +44,18 @@ def without_outliers(case: Case) -> tuple[Case, tuple[str, ...]]:
         first = next(run for run in with_it if found[run.name].any())
         row = int(np.argmax(found[first.name]))
         value = first.measured.outputs[channel][row]
-        told.append(
-            f"{count} reading{'s' * (count > 1)} of {channel} left out as outlier{'s' * (count > 1)}, far from those "
-            f"before and after while no input changed: {value:.4g} at {first.measured.time_s[row]:g} s of {first.file}"
-            f"{' and others' * (count > 1)}."
+        remarks.append(
+            f"{count} reading{'s' * (count > 1)} of {channel} excluded as outlier{'s' * (count > 1)}, far from the "
+            f"neighbouring readings although no input changed: {value:.4g} at {first.measured.time_s[row]:g} s of "
+            f"{first.file}{' and others' * (count > 1)}."
         )
         for name, rows in found.items():
             runs[name] = without_readings(runs[name], channel, rows)
-    return dataclasses.replace(case, runs=tuple(runs.values())), tuple(told)
+    return dataclasses.replace(case, runs=tuple(runs.values())), tuple(remarks)
 
 
 def outliers(run: Run, channel: str, stated_sd: float = 0.0) -> Rows:
-    """Return which rows of a run are outliers of a channel, (rows,) booleans; a missing reading is none."""
+    """Return which rows of a run are outliers of a channel, (rows,) booleans."""
     values, time_s = run.measured.outputs[channel], run.measured.time_s
     there = np.flatnonzero(np.isfinite(values))
     found = np.zeros(values.size, dtype=bool)
@@ -64,7 +63,7 @@ def outliers(run: Run, channel: str, stated_sd: float = 0.0) -> Rows:
         return found
     read, quiet = values[there], calm(run)[there]
     off = off_the_neighbours(read)
-    off = off[off != 0.0]  # a sensor that is coarse, or stuck half of the time, tells its noise when it moves
+    off = off[off != 0.0]  # a coarse sensor shows its noise only when it changes
     scale = max(stated_sd, robust_sd(off) / np.sqrt(1.5), detect_quantum(read))
     if not scale:
         return found
@@ -80,7 +79,7 @@ def outliers(run: Run, channel: str, stated_sd: float = 0.0) -> Rows:
 
 
 def _spans(read: Values, far: float) -> Iterator[tuple[int, int]]:
-    """Give the first row and the one after the last of all short spans that begin with a leap."""
+    """Give the first row and the one after the last of all short spans that begin with a jump."""
     for first in np.flatnonzero(np.abs(np.diff(read)) > far) + 1:
         for last in range(first + 1, min(first + MOST_ROWS, read.size - 1) + 1):
             yield int(first), last

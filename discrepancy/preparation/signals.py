@@ -1,4 +1,4 @@
-"""What a series of readings shows by itself: its step, its fast scatter, its pauses, and where inputs rest or step."""
+"""Properties of a series of readings: rounding step, fast scatter, pauses, and rows without input changes."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from jaxtyping import Bool, Float
 from jaxmodel.case import Run
 
 MAD_OF_NORMAL = 0.6745
-# A row so many times as long as those on both sides is a pause: nothing that was before it says anything of after it.
+# An interval so many times as long as those on both sides is a pause, across which readings are independent.
 PAUSE = 10.0
-# Rows about a step of an input that may show it.
+# Rows around a step of an input that may be affected by it.
 _CALM = 2
-# An input steps where it changes by so many robust sd of what its noise makes of a change.
+# Change of an input, in robust sd of its noise, that counts as a step.
 _INPUT_MOVES = 4.0
-# Of the largest value that an input has in the case: above it the hardware is loaded.
+# Share of the largest value of an input in the case above which the hardware is loaded.
 _LOADED = 0.03
 
 Rows = Bool[np.ndarray, " rows"]
@@ -24,27 +24,27 @@ Values = Float[np.ndarray, " rows"]
 
 
 def after_pauses(time_s: Values) -> Rows:
-    """Return which rows come after a pause, the first among them."""
+    """Return which rows come after a pause, including the first row."""
     rows = np.diff(time_s)
     beside = np.pad(rows, 1, constant_values=np.inf) if rows.size < 2 else np.pad(rows, 1, mode="reflect")
     return np.append(True, rows > PAUSE * np.maximum(beside[:-2], beside[2:]))[: time_s.size]
 
 
 def off_the_neighbours(values: np.ndarray) -> np.ndarray:
-    """Return by how much each value is off the mean of the one before and the one after."""
+    """Return the difference of each value from the mean of its two neighbours."""
     return values[1:-1] - 0.5 * (values[:-2] + values[2:])
 
 
 def robust_sd(values: np.ndarray) -> float:
-    """Return a standard deviation that a few outliers do not change, missing values left aside; 0 without values."""
+    """Return a robust sd, missing values ignored; 0 without values."""
     values = values[np.isfinite(values)]
     return float(np.median(np.abs(values))) / MAD_OF_NORMAL if values.size else 0.0
 
 
 def calm(run: Run) -> Rows:
-    """Return at which rows no input steps, nor shortly before or after.
+    """Return the rows without a step of any input shortly before or after.
 
-    Small steps count, 2 % of an input's range: they show in a fine sensor too.
+    Small steps count too, because a fine sensor shows them.
     """
     moves = np.zeros(run.measured.time_s.size, dtype=bool)
     for values in run.measured.inputs.values():
@@ -55,12 +55,12 @@ def calm(run: Run) -> Rows:
 
 
 def loads(run: Run) -> dict[str, Values]:
-    """Return the inputs that load the hardware: all but the temperature of what is around it."""
+    """Return the inputs that load the hardware: all except ambient temperatures."""
     return {name: values for name, values in run.measured.inputs.items() if not name.endswith("degC")}
 
 
 def loaded(run: Run, largest: dict[str, float]) -> Rows:
-    """Return at which rows the hardware is loaded, held against the largest value of each input in the case."""
+    """Return the rows in which the hardware is loaded, relative to the largest value of each input in the case."""
     found = np.zeros(run.measured.time_s.size, dtype=bool)
     for name, values in loads(run).items():
         if largest.get(name, 0.0) > 0.0:
@@ -71,8 +71,8 @@ def loaded(run: Run, largest: dict[str, float]) -> Rows:
 def detect_quantum(readings: np.ndarray) -> float:
     """Find the step to which readings are rounded.
 
-    The coarsest of 5, 2 and 1 x 10^k of which all readings are multiples; where they are also, within that rounding,
-    whole multiples of a coarser step that is no round number (a converter's bit), that step.
+    It is the coarsest of 5, 2 and 1 x 10^k of which all readings are multiples. If they are also, within that rounding,
+    multiples of a coarser step that is no round number (a converter's bit), it is that step.
 
     Args:
         readings: (n,) readings; NaN is a missing one.
@@ -90,7 +90,7 @@ def detect_quantum(readings: np.ndarray) -> float:
     bit = gaps.min()
     if decimal == 0.0 or bit < 4.0 * decimal:
         return decimal
-    # The shortest gaps fix the bit well enough to count the bits in longer ones, which then fix it better.
+    # The shortest gaps determine the bit well enough to count bits in longer gaps, which determine it better.
     for reach in (1.5, 5.0, 20.0, np.inf):
         short = gaps[gaps <= reach * bit]
         bit = short.sum() / np.round(short / bit).sum()

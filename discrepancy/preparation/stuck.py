@@ -1,9 +1,9 @@
-"""Sensors that stick: an output that repeats one reading for long while the load goes on, as it does nowhere else.
+"""Stuck sensors: an output that repeats one reading for a long time under load, as it does nowhere else.
 
-A thermometer that hangs half-way through a run says of the rest of it that the cell neither warms nor cools, and the
-calibration believes it. A sensor that is coarse at rest, a motor that stands still, a voltage that a charger holds and
-a body that has come to its temperature repeat a reading too; they are told from a sensor that sticks by how it reads
-elsewhere under load, and by how abruptly it ceased to move.
+If a thermometer is stuck for the rest of a run, the calibration would conclude that the temperature is constant. Coarse
+sensors at rest, a motor at standstill, a voltage held by a charger and a body in thermal equilibrium repeat a reading
+too. They are distinguished from stuck sensors by their readings elsewhere under load, and by how abruptly the readings
+stop changing.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ from discrepancy.preparation.signals import (
 from jaxmodel.case import Case, Run
 from jaxmodel.units import unit_of
 
-# A stretch of one reading is suspicious from so many rows, and so great a share of the run's time, on.
+# Smallest number of rows, and share of the run's time, of a suspicious stretch of one reading.
 LEAST_ROWS, LEAST_SHARE = 30, 0.05
-# How many times as long it must be, in rows and in time, as any under load elsewhere.
+# Factor by which it must be longer, in rows and in time, than any other under load.
 LONGER = 8.0
-# Share of a stretch in which the hardware must be loaded.
+# Share of the stretch in which the hardware must be loaded.
 WHILE_LOADED = 0.1
-# Share of a sensor's movements that go back at once, while no input steps: from here on its noise is seen, and a
-# reading that does not move is no reading.
+# Share of a sensor's changes that reverse at once while no input steps, from which its noise is visible: a constant
+# reading is then suspicious.
 GOES_BACK = 0.15
-# Of a sensor's readings under load, how many must differ from the one before for its noise to reach its steps anywhere.
+# Share of readings under load that must differ from the previous one if noise always reaches the rounding step.
 MOVES = 0.3
-# A body that comes to its temperature slows down: of its last steps the last takes 4 times as long as the fourth last.
+# A body that approaches equilibrium slows down: ratio of the durations of its last and earlier steps.
 SLOWER = 2.5
-# Steps over which a sensor must scatter elsewhere for readings within one step to be suspicious.
+# Scatter elsewhere, in rounding steps, from which readings within one step are suspicious.
 FINE = 2.0
-# More than this share of a channel's readings would be no fault of one run.
+# If more than this share of a channel's readings is suspicious, it is not stuck.
 MOST_OF_CHANNEL = 0.5
-# What stands still reads exactly zero.
+# Quantities that read exactly zero at standstill.
 _MAY_REST = ("rad/s", "A")
 
 
@@ -69,14 +69,14 @@ class Stretch:
 
 
 @dataclass(frozen=True)
-class _Habit:
-    """How a sensor reads elsewhere under load.
+class _Behaviour:
+    """Behaviour of a sensor elsewhere under load.
 
     Attributes:
         rows: of its longest stretch of one reading.
         seconds: of its longest.
-        shows_noise: whether its noise is seen, and reaches its steps wherever it stands.
-        readings: how many there are.
+        shows_noise: whether its noise is visible, and always reaches the rounding step.
+        readings: number of readings.
     """
 
     rows: float
@@ -86,8 +86,8 @@ class _Habit:
 
 
 def without_stuck(case: Case) -> tuple[Case, tuple[str, ...]]:
-    """Return a case with the readings of sensors that stuck as missing, and a sentence for each find."""
-    told, runs = [], {run.name: run for run in case.runs}
+    """Return a case with the readings of stuck sensors as missing, and a sentence for each stretch."""
+    remarks, runs = [], {run.name: run for run in case.runs}
     for channel in dict.fromkeys(name for run in case.runs for name in run.measured.outputs):
         found = stuck(case, channel)
         for name, stretch in found:
@@ -97,18 +97,19 @@ def without_stuck(case: Case) -> tuple[Case, tuple[str, ...]]:
             rows[stretch.first : stretch.last + 1] = True
             runs[name] = without_readings(run, channel, rows)
             until = "the end" if stretch.last == read[-1] else f"{run.measured.time_s[stretch.last]:g} s"
-            told.append(
+            remarks.append(
                 f"{channel} in {name} repeats {stretch.value:g} {unit_of(channel)}".rstrip()
-                + f" from {run.measured.time_s[stretch.first]:g} s to {until}, while the load goes on: the sensor "
-                "stuck; these readings are left out."
+                + f" from {run.measured.time_s[stretch.first]:g} s to {until} under load: the sensor is stuck; these "
+                "readings are excluded."
             )
-    return dataclasses.replace(case, runs=tuple(runs.values())), tuple(told)
+    return dataclasses.replace(case, runs=tuple(runs.values())), tuple(remarks)
 
 
 def stuck(case: Case, channel: str) -> list[tuple[str, Stretch]]:
-    """Return the stretches over which a channel's sensor stuck, each with the name of its run.
+    """Return the stretches over which a channel's sensor is stuck, each with the name of its run.
 
-    One value repeated; or, of a sensor that scatters over several of its steps elsewhere, readings within one step.
+    One value is repeated or, for a sensor that scatters over several rounding steps elsewhere, readings stay within
+    one.
     """
     runs = [run for run in case.runs if channel in run.measured.outputs]
     readings = np.concatenate([run.measured.outputs[channel] for run in runs] or [np.zeros(0)])
@@ -116,7 +117,7 @@ def stuck(case: Case, channel: str) -> list[tuple[str, Stretch]]:
     if np.unique(readings).size < 3:
         return []
     quantum = detect_quantum(readings)
-    # The run with the sensor that sticks may scatter least.
+    # The run with the stuck sensor may scatter least.
     scatter = max(robust_sd(off_the_neighbours(run.measured.outputs[channel])[calm(run)[1:-1]]) for run in runs)
     found = _stuck_within(case, channel, 0.0, quantum)
     if 0.0 < FINE * quantum <= scatter / np.sqrt(1.5):
@@ -126,7 +127,7 @@ def stuck(case: Case, channel: str) -> list[tuple[str, Stretch]]:
 
 
 def _stuck_within(case: Case, channel: str, within: float, quantum: float) -> list[tuple[str, Stretch]]:
-    """Return the stretches over which a channel's readings stay within a width, as it does nowhere else under load."""
+    """Return the stretches over which a channel's readings stay within a width for unusually long under load."""
     runs = [run for run in case.runs if channel in run.measured.outputs]
     readings = np.concatenate([run.measured.outputs[channel] for run in runs])
     held = [float(np.nanmin(readings)), float(np.nanmax(readings))] if unit_of(channel) == "V" else []
@@ -141,15 +142,15 @@ def _stuck_within(case: Case, channel: str, within: float, quantum: float) -> li
         and np.mean(loaded(run, largest)[stretch.first : stretch.last + 1]) >= WHILE_LOADED
     ]
     by_run = {run.name: [one for other, one in suspects if other is run] for run in runs}
-    habit = _habit(runs, channel, by_run, within, largest)
-    if habit.readings < LEAST_ROWS or sum(one.rows for _, one in suspects) > MOST_OF_CHANNEL * readings.size:
+    behaviour = _behaviour(runs, channel, by_run, within, largest)
+    if behaviour.readings < LEAST_ROWS or sum(one.rows for _, one in suspects) > MOST_OF_CHANNEL * readings.size:
         return []
     return [
         (run.name, one)
         for run, one in suspects
-        if one.rows > LONGER * habit.rows
-        and one.seconds > LONGER * habit.seconds
-        and (habit.shows_noise or _ends_abruptly(run, channel, one))
+        if one.rows > LONGER * behaviour.rows
+        and one.seconds > LONGER * behaviour.seconds
+        and (behaviour.shows_noise or _ends_abruptly(run, channel, one))
     ]
 
 
@@ -163,7 +164,7 @@ def _largest(case: Case) -> dict[str, float]:
 
 
 def stretches(run: Run, channel: str, within: float = 0.0, least_rows: int = 1) -> list[Stretch]:
-    """Return the stretches of a run in which a channel's readings stay within a width, missing ones left aside.
+    """Return the stretches of a run in which a channel's readings stay within a width, missing readings ignored.
 
     Args:
         run: the run.
@@ -187,7 +188,7 @@ def stretches(run: Run, channel: str, within: float = 0.0, least_rows: int = 1) 
 
 
 def _bounds(values: Values, within: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the rows that were read, and of each stretch within a width the first and the last of them."""
+    """Return the rows with readings, and the first and last of these for each stretch within a width."""
     there = np.flatnonzero(np.isfinite(values))
     read = values[there]
     first = np.flatnonzero(np.append(True, np.diff(read) != 0.0)[: read.size])
@@ -207,10 +208,10 @@ def _is_long(run: Run, stretch: Stretch) -> bool:
     return bool(stretch.rows >= LEAST_ROWS and stretch.seconds >= LEAST_SHARE * length)
 
 
-def _habit(
+def _behaviour(
     runs: list[Run], channel: str, suspects: Mapping[str, list[Stretch]], within: float, largest: dict[str, float]
-) -> _Habit:
-    """Return how a channel reads under load, stretches under suspicion left out."""
+) -> _Behaviour:
+    """Return the behaviour of a channel under load, without suspicious stretches."""
     rows, seconds, back, pairs, moves, readings = 0.0, 0.0, 0, 0, 0, 0
     for run in runs:
         values, on, quiet = run.measured.outputs[channel], loaded(run, largest), calm(run)
@@ -236,11 +237,11 @@ def _habit(
         pairs += int(counted.sum())
         back += int(np.sum((step[beside] * step[before] < 0.0) & counted))
     shows_noise = pairs >= LEAST_ROWS and back > GOES_BACK * pairs and moves > MOVES * readings
-    return _Habit(rows, seconds, shows_noise, readings)
+    return _Behaviour(rows, seconds, shows_noise, readings)
 
 
 def _ends_abruptly(run: Run, channel: str, stretch: Stretch) -> bool:
-    """Return whether a sensor moved at an even pace until it stuck, and the load did not fall then."""
+    """Return whether a sensor changed at a steady rate until it was stuck, while the load did not fall."""
     before = [one for one in stretches(run, channel) if one.last < stretch.first]
     if len(before) < 5:
         return False

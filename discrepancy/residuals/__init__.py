@@ -1,4 +1,4 @@
-"""What a model leaves of the readings: where it fails and by how much, in words and tables; plain arrays."""
+"""Residuals of a model: where it fails and by how much, as sentences and tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Conditions under which readings were taken that no sensor shows."""
+"""Conditions of a run that no sensor measures."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxmodel.case import Run
 
-# A step of an input by this share of its range in the run is a change of load.
+# A step of an input by more than this share of its range in the run is a change of load.
 _CHANGE = 0.1
 
 

@@ -1,7 +1,7 @@
-"""Heat that a model lacks or has too much of, seen by a thermometer: an error that follows the square of the drive.
+"""Missing or excess heat of a model: a temperature error that follows the square of the drive.
 
-A body with the time constant tau that is given the power c drive^2 beyond what its model gives it is off by c times
-q(t) = integral of drive^2 exp(-(t - t') / tau) dt' / tau. One time constant, sought over a grid, serves all runs.
+If a body with the time constant tau receives the power c drive^2 more than its model states, its temperature error is c
+times q(t) = integral of drive^2 exp(-(t - t') / tau) dt' / tau. One time constant, found on a grid, serves all runs.
 """
 
 from __future__ import annotations
@@ -16,70 +16,70 @@ from discrepancy.residuals.runs import BLOCKS
 from discrepancy.residuals.table import ChannelResiduals, Floats
 
 TIME_CONSTANTS_S = tuple(float(x) for x in np.geomspace(30.0, 30_000.0, 13))
-# Of the channel's mean square: less is not told as heat, which is a strong word for a slow error.
+# Share of the channel's mean square from which a slow error is called heat.
 LEAST_SHARE = 0.3
 SURE = 1e-3
-# Of a run, by time, from its end: over which "the end" is averaged.
+# Share of a run, by time, over which its end is averaged.
 END = 0.05
-_STEPS = 2000  # of an even grid over a run
+_STEPS = 2000  # of a uniform grid over a run
 
 
 @dataclass(frozen=True, eq=False)
 class Heat:
-    """A thermometer's error that follows what heats.
+    """A temperature error that follows the square of the drive.
 
     Attributes:
-        told: (n,) what heat explains of each reading's error.
-        rise: by run number, measured above modelled at the run's end, beyond what it was at the beginning.
+        explained: (n,) part of each reading's error that heat explains.
+        rise: by run number, measured minus modelled at the end of the run, minus the same at its beginning.
         share: part of the mean square that it explains.
     """
 
-    told: Floats
+    explained: Floats
     rise: dict[int, float]
     share: float
 
 
 def heat(residuals: ChannelResiduals, drive: str) -> Heat | None:
-    """Return the heat that a thermometer's channel tells of, None where it tells of none.
+    """Return the missing or excess heat that a temperature channel shows; None if it shows none.
 
-    Most of its error must follow what heats, in all runs of a size, and at the end of one it must be well above what
-    the instrument's noise does to a single reading.
+    Most of the error must follow the square of the drive, with one sign in nearly all runs, and the largest error at
+    the end of a run must be at least three times the sensor noise.
     """
     square = residuals.conditions[drive] ** 2
     if residuals.error.size == 0 or not np.any(square > 0.0):
         return None
     weight, total = residuals.weight_s, np.sum(residuals.weight_s * residuals.error**2)
-    best, courses = 0.0, None
+    best, strongest = 0.0, None
     for tau in TIME_CONSTANTS_S:
-        course = _smoothed(residuals, square / square.mean(), tau)
-        own = np.sum(weight * course**2)
-        explained = np.sum(weight * course * residuals.error) ** 2 / (own * total) if own * total > 0.0 else 0.0
+        response = _smoothed(residuals, square / square.mean(), tau)
+        own = np.sum(weight * response**2)
+        explained = np.sum(weight * response * residuals.error) ** 2 / (own * total) if own * total > 0.0 else 0.0
         if explained > best:
-            best, courses = float(explained), course
-    if courses is None or best < LEAST_SHARE:
+            best, strongest = float(explained), response
+    if strongest is None or best < LEAST_SHARE:
         return None
-    amplitude = np.sum(weight * courses * residuals.error) / np.sum(weight * courses**2)
+    amplitude = np.sum(weight * strongest * residuals.error) / np.sum(weight * strongest**2)
     rise = {number: _rise(residuals, number) for number in residuals.runs}
     largest = max(rise.values(), key=abs)
     noise = residuals.noise_sd if np.isfinite(residuals.noise_sd) else 0.0
-    if largest * amplitude <= 0.0 or abs(largest) < 3.0 * noise or not _is_sure(residuals, courses, float(amplitude)):
+    if largest * amplitude <= 0.0 or abs(largest) < 3.0 * noise or not _is_sure(residuals, strongest, float(amplitude)):
         return None
-    return Heat(amplitude * courses, rise, best)
+    return Heat(amplitude * strongest, rise, best)
 
 
 def _smoothed(residuals: ChannelResiduals, power: Floats, tau_s: float) -> Floats:
-    """Return power as a body of one time constant averages it, from 0 at the beginning of every run."""
+    """Return the power filtered by a first-order lag, from 0 at the beginning of every run."""
     found = np.zeros(power.size)
     for number in residuals.runs:
         mine = residuals.run == number
         time_s = residuals.time_s[mine]
         even = np.linspace(0.0, max(float(time_s[-1]), 1e-9), _STEPS)
         kept = np.exp(-(even[1] - even[0]) / tau_s)
-        # Of readings closer than the grid the mean counts.
+        # Readings closer than the grid are averaged.
         until = np.append(0.0, np.cumsum(power[mine] * np.diff(time_s, prepend=0.0)))
         given = np.diff(np.interp(even, np.append(0.0, time_s), until), prepend=0.0) / (even[1] - even[0])
-        course = lfilter([1.0 - kept], [1.0, -kept], given)
-        found[mine] = np.interp(time_s, even, course)
+        response = lfilter([1.0 - kept], [1.0, -kept], given)
+        found[mine] = np.interp(time_s, even, response)
     return found
 
 
@@ -91,18 +91,18 @@ def _rise(residuals: ChannelResiduals, run: int) -> float:
     return late - early
 
 
-def _is_sure(residuals: ChannelResiduals, course: Floats, amplitude: float) -> bool:
-    """Return whether the amplitude is beyond the scatter of blocks, and of one sign in nearly all runs."""
-    weight, left = residuals.weight_s, residuals.error - amplitude * course
-    own = np.array([np.sum((weight * course * residuals.error)[residuals.run == n]) for n in residuals.runs])
-    size = np.array([np.sum((weight * course**2)[residuals.run == n]) for n in residuals.runs])
+def _is_sure(residuals: ChannelResiduals, response: Floats, amplitude: float) -> bool:
+    """Return whether the amplitude is significant against the scatter of blocks and of one sign in nearly all runs."""
+    weight, left = residuals.weight_s, residuals.error - amplitude * response
+    own = np.array([np.sum((weight * response * residuals.error)[residuals.run == n]) for n in residuals.runs])
+    size = np.array([np.sum((weight * response**2)[residuals.run == n]) for n in residuals.runs])
     counted = size > 0.02 * size.sum()
-    alike = np.sum((own * amplitude > 0.0) & counted)
-    if alike < 0.75 * counted.sum() or alike == 0:
+    same_sign = np.sum((own * amplitude > 0.0) & counted)
+    if same_sign < 0.75 * counted.sum() or same_sign == 0:
         return False
-    scores = np.bincount(residuals.time_blocks(BLOCKS), weight * course * left)
-    # What is left of the course of a warm body hangs together over a good part of a run.
+    scores = np.bincount(residuals.time_blocks(BLOCKS), weight * response * left)
+    # Residuals of a temperature are correlated over a large part of a run.
     blocks = scores.size // 3
     scores = np.add.reduceat(scores, np.arange(0, scores.size, 3))
-    sd = np.sqrt(np.sum(scores**2) * blocks / max(blocks - 1, 1)) / np.sum(weight * course**2)
+    sd = np.sqrt(np.sum(scores**2) * blocks / max(blocks - 1, 1)) / np.sum(weight * response**2)
     return bool(sd == 0.0 or 2.0 * student.sf(abs(amplitude) / sd, max(blocks - 1, 1)) < SURE)

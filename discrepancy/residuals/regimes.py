@@ -1,7 +1,7 @@
-"""Which conditions can tell where a model fails, and into which ranges a person would cut them.
+"""Which conditions can locate the errors of a model, and into which ranges they are cut.
 
-A condition takes part only if it spans something material in at least two runs or between two, and says something that
-none before it says: with one temperature in the room nothing is to be said of temperature.
+A condition takes part only if it varies materially within two runs or between runs, and is not a function of a
+condition before it: with one ambient temperature nothing can be said about temperature.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from discrepancy.residuals.table import Bools, ChannelResiduals, Floats, Integers
 from jaxmodel.units import unit_of
 
-# What stands first is told first; the clock takes no part: what depends on time alone is told by what changed in it.
+# Conditions in order of preference. Time takes no part: an error over time is described by what changed with it.
 PREFERENCE = (
     "soc",
     "current",
@@ -32,14 +32,14 @@ _CLOCK = ("time_s", "run")
 
 @dataclass(frozen=True)
 class MaterialSpan:
-    """How far a condition must span before anything is said of it, and how it is cut.
+    """How far a condition must vary before it is used, and how it is cut.
 
     Attributes:
         span: the least, in its unit, or as a share of the largest value seen.
         of_range: whether it is such a share.
         edges: fixed edges of its ranges; None for levels, where it has few, or ranges of a round width.
         width: width of its ranges where it has no levels; 0 for a sixth of its range, rounded.
-        source: who says so.
+        source: of these numbers.
     """
 
     span: float
@@ -61,14 +61,14 @@ MATERIAL_SPANS: dict[str, MaterialSpan] = {
     "cycles": MaterialSpan(30.0, False, None, 0.0, "assumed: resistance and capacity change by some percent"),
     "s": MaterialSpan(60.0, False, (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0), 0.0, "assumed: minutes of relaxation"),
 }
-SAME = 0.98  # correlation, or share of the variance that is a function of another, from which on two say the same
+SAME = 0.98  # correlation, or share of variance explained by another, from which two conditions are equivalent
 MOST_LEVELS = 6
-LEAST_TIME = 0.01  # share of the time that makes a level of its own
+LEAST_TIME = 0.01  # share of the time from which a value is a level
 _LEVEL = 0.05  # of the range (K: in 10 K): values nearer than this are one level
-_RESTS = 0.03  # share of the time at zero that makes rest one of the states of a condition
+_RESTS = 0.03  # share of the time at zero from which rest is a level
 
 
-# Ranges in which a function of another condition is sought, and the share of them in which it must be one.
+# Ranges in which dependence on another condition is tested, and the share of them that counts.
 _FINE, _MOST_FINE = 30, 0.85
 
 
@@ -106,8 +106,8 @@ class Regimes:
 
     Attributes:
         names: in order of preference.
-        alias_of: a condition that was left out because it says the same, and the one that says it.
-        idle: conditions that span nothing material.
+        alias_of: conditions left out as equivalent, each with the one that is kept.
+        idle: conditions that do not vary materially.
     """
 
     names: tuple[str, ...]
@@ -138,7 +138,7 @@ def span_of(name: str) -> MaterialSpan:
 
 
 def is_of_runs(residuals: ChannelResiduals, name: str) -> bool:
-    """Return whether a condition is the run's own: what changes within a run is little beside what differs between."""
+    """Return whether a condition varies between runs and hardly within them."""
     values, weight = residuals.conditions[name], residuals.weight_s
     labels = np.searchsorted(residuals.runs, residuals.run)
     means = _group_means(values, weight, labels)
@@ -163,7 +163,7 @@ def least_span(residuals: ChannelResiduals, name: str) -> float:
 
 
 def _is_spanned(residuals: ChannelResiduals, name: str) -> bool:
-    """Return whether a condition spans something material within two runs, or from one run to another."""
+    """Return whether a condition varies materially within two runs, or from one run to another."""
     least = least_span(residuals, name)
     if residuals.error.size == 0 or least <= 0.0 or len(residuals.runs) < 2:
         return False
@@ -184,10 +184,10 @@ def weighted_quantiles(values: Floats, weight: Floats, shares: Sequence[float] |
 
 
 def _says_the_same(residuals: ChannelResiduals, first: str, other: str) -> bool:
-    """Return whether one condition is known where another is: a line, or any function of it.
+    """Return whether one condition is a line in, or any function of, another.
 
-    Of two that are each a run's own, any is a function of the other as soon as all runs differ: they are held apart by
-    their order, as far as more than two runs tell one.
+    Two conditions that vary only between runs are functions of each other as soon as all runs differ; of these only the
+    correlation counts.
     """
     x, y, weight = residuals.conditions[first], residuals.conditions[other], residuals.weight_s
     both_of_runs = is_of_runs(residuals, first) and is_of_runs(residuals, other)
@@ -197,7 +197,7 @@ def _says_the_same(residuals: ChannelResiduals, first: str, other: str) -> bool:
         return False
     code = np.searchsorted(np.unique(weighted_quantiles(x, weight, np.arange(1, _FINE) / _FINE)), x, side="right")
     left = np.sort(_group_means((y - _group_means(y, weight, code)[code]) ** 2, weight, code))
-    # Few fine ranges reach from one level of a condition to the next, and say nothing of a function.
+    # The few fine ranges that span two levels of a condition are ignored.
     left = left[: max(1, round(_MOST_FINE * left.size))].mean()
     return bool(left <= (1.0 - SAME) * np.average((y - np.average(y, weights=weight)) ** 2, weights=weight))
 
@@ -214,7 +214,7 @@ def _group_means(values: Floats, weight: Floats, label: Integers) -> Floats:
 
 
 def cut(residuals: ChannelResiduals, name: str) -> Bins:
-    """Cut a condition as a person would: tenths of SOC, levels where it has few, else ranges of a round width."""
+    """Cut a condition: tenths of SOC, levels if it has few, else ranges of a round width."""
     values, weight, material = residuals.conditions[name], residuals.weight_s, span_of(name)
     near = 0.3 * material.span if unit_of(name) == "degC" else _LEVEL * float(np.ptp(values))
     levels = None if material.edges else _levels(values, weight, near, MOST_LEVELS)
@@ -225,7 +225,7 @@ def cut(residuals: ChannelResiduals, name: str) -> Bins:
 
 
 def _of_code(residuals: ChannelResiduals, name: str, code: Integers, edges: Floats | None) -> Bins:
-    """Return the ranges in which anything was read."""
+    """Return the ranges that contain readings."""
     values, weight = residuals.conditions[name], residuals.weight_s
     used, code = np.unique(code, return_inverse=True)
     middle = _group_means(values, weight, code)
@@ -239,9 +239,9 @@ def _of_code(residuals: ChannelResiduals, name: str, code: Integers, edges: Floa
 
 
 def _levels(values: Floats, weight: Floats, near: float, most: int) -> tuple[Integers, Floats] | None:
-    """Return the level of each value, and the levels, where there are few: values with gaps between; else None.
+    """Return the level of each value, and the levels, if there are few, separated by gaps; else None.
 
-    A level where hardly any time was spent, as on the way from one to another, belongs to the nearest.
+    A level with hardly any time, as during a transition, is merged into the nearest.
     """
     order = np.argsort(values)
     ordered, time = values[order], weight[order]
@@ -263,9 +263,9 @@ def _levels(values: Floats, weight: Floats, near: float, most: int) -> tuple[Int
 
 
 def _round_edges(values: Floats, weight: Floats, width: float) -> list[float]:
-    """Return edges a round width apart: that given, or near a sixth of the range.
+    """Return edges a round width apart: the given width, or about a sixth of the range.
 
-    They are whole multiples of it, but for what rests at zero for a while: then zero is the middle of a range.
+    They are multiples of the width; if the condition rests at zero for a while, zero is the middle of a range.
     """
     low, high = weighted_quantiles(values, weight, (0.005, 0.995))
     if not width:
@@ -276,5 +276,5 @@ def _round_edges(values: Floats, weight: Floats, width: float) -> list[float]:
     offset = 0.5 if at_rest else 0.0
     first, last = int(np.floor(low / width - offset)) + 1, int(np.ceil(high / width - offset))
     edges = [round((k + offset) * width, 12) for k in itertools.islice(range(first, last), 60)]
-    # A sliver of a range at either end is no range.
+    # Very narrow ranges at either end are dropped.
     return [edge for edge in edges if low + 0.1 * width < edge < high - 0.1 * width]

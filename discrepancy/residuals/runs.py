@@ -1,8 +1,8 @@
-"""What each run has all through: a constant and a line in the drive; one run that is off, and an order among all.
+"""A constant and a line in the drive for each run; a run that differs from all others; dependence on a condition.
 
-A run's line comes with the scatter of its blocks of time. One run is off where it differs from the others by far more
-than these differ among themselves; a condition of the runs (an ambient temperature, an age) tells where all of them
-stand in its order.
+The sd of a run's line comes from the scatter of its blocks of time. A run is odd if it differs from the others by far
+more than these differ among themselves. Runs are in order if their lines follow a condition of the runs (an ambient
+temperature, an age).
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from scipy.stats import t as student
 from discrepancy.residuals.regimes import least_span, weighted_quantiles
 from discrepancy.residuals.table import Bools, ChannelResiduals, Floats, Integers
 
-BLOCKS = 12  # of a run: errors hang together within
-# How far off a run must be, in sd of the others, by how many others there are; more for few, whose sd is a poor one.
+BLOCKS = 12  # of a run: errors are correlated within each
+# How far a run must be from the others, in their sd, by their number; more for few, whose sd is uncertain.
 FAR_OFF = {2: 12.0, 3: 7.0, 4: 5.0}
 FAR_OFF_OF_MANY = 4.0
 SURE = 1e-3
 ODD = 0.01
 BY_CHANCE = 1e-3
-# Share of the differences between runs that a line over a condition must explain.
-# Part of a line's slope that must be left without any one of the runs.
+# Part of a line's slope that must remain if any one run is left out.
 STANDS = 0.3
+# Share of the differences between runs that a line over a condition must explain.
 IN_ORDER, IN_ORDER_OF_THREE = 0.8, 0.95
 
 
@@ -36,7 +36,7 @@ class RunLines:
     Attributes:
         runs: their numbers.
         middle: mean drive of all readings; 0 where no line has a slope.
-        value: (runs, terms); one term where the runs do not span the drive each.
+        value: (runs, terms); one term unless the drive varies in every run.
         sd: (runs, terms) by the scatter of a run's blocks.
         freedom: (runs,) degrees of freedom of those.
     """
@@ -50,12 +50,12 @@ class RunLines:
 
 @dataclass(frozen=True)
 class OddRun:
-    """One run that is off, in one term.
+    """One run that differs from all others in one term.
 
     Attributes:
         run: its number.
-        term: 0 for a constant, 1 in proportion to the drive.
-        value: by how much it is off the others.
+        term: 0 for a constant, 1 for a slope over the drive.
+        value: difference from the mean of the others.
         others: mean of the others.
     """
 
@@ -67,11 +67,11 @@ class OddRun:
 
 @dataclass(frozen=True, eq=False)
 class Order:
-    """Runs that stand in the order of a condition.
+    """Runs that follow a condition.
 
     Attributes:
         condition: its name.
-        terms: which terms do.
+        terms: which terms follow it.
         at: (runs,) the condition in each run.
         intercept: by term, of the line over the condition.
         slope: by term.
@@ -85,7 +85,7 @@ class Order:
 
 
 def run_lines(residuals: ChannelResiduals, drive: str | None) -> RunLines:
-    """Return each run's line; with a slope where all runs span the drive materially."""
+    """Return each run's line; with a slope if the drive varies materially in every run."""
     columns: list[Floats] = [np.ones(residuals.error.size)]
     middle = 0.0
     if drive and all(_spans(residuals, drive, number) for number in residuals.runs):
@@ -100,14 +100,14 @@ def run_lines(residuals: ChannelResiduals, drive: str | None) -> RunLines:
 
 
 def _spans(residuals: ChannelResiduals, name: str, run: int) -> bool:
-    """Return whether a run spans a condition materially, but for moments."""
+    """Return whether a condition varies materially in a run, short moments excluded."""
     mine = residuals.run == run
     low, high = weighted_quantiles(residuals.conditions[name][mine], residuals.weight_s[mine], (0.02, 0.98))
     return bool(high - low >= least_span(residuals, name))
 
 
 def _line(residuals: ChannelResiduals, design: Floats, label: Integers, mine: Bools) -> tuple[Floats, Floats, float]:
-    """Return one run's line, its sd by blocks, widened for what neighbouring blocks share, and their freedom."""
+    """Return one run's line, its sd from blocks, corrected for their correlation, and the degrees of freedom."""
     x, e, weight = design[mine], residuals.error[mine], residuals.weight_s[mine]
     bread = np.linalg.pinv(x.T @ (weight[:, None] * x))
     value = bread @ (x.T @ (weight * e))
@@ -116,7 +116,7 @@ def _line(residuals: ChannelResiduals, design: Floats, label: Integers, mine: Bo
     count = scores.shape[0]
     if count < 4:
         return value, np.full(value.size, np.inf), 1.0
-    # The correlation of neighbours, mended for the bias of so short a series.
+    # The correlation of neighbours, corrected for the bias of a short series.
     square = np.sum(scores[:, 0] ** 2)
     shared = np.sum(scores[1:, 0] * scores[:-1, 0]) / square if square > 0.0 else 0.0
     shared = float(np.clip(shared + (1.0 + 3.0 * shared) / count, 0.0, 0.9))
@@ -126,10 +126,10 @@ def _line(residuals: ChannelResiduals, design: Floats, label: Integers, mine: Bo
 
 
 def odd_run(lines: RunLines) -> OddRun | None:
-    """Return the run that is off the others by most, where one alone is.
+    """Return the run that differs most from the others, if exactly one does.
 
-    Off by far more than the others differ, by a t-test of one value against theirs for every run and term; or by a
-    good deal more, and beyond the scatter of its own blocks too.
+    It must be significant in a t-test of its value against theirs, corrected for all runs and terms; or differ by a
+    multiple of their sd and be significant against the scatter of its own blocks.
     """
     best, size = None, 0.0
     count = len(lines.runs)
@@ -141,7 +141,8 @@ def odd_run(lines: RunLines) -> OddRun | None:
         for term in range(lines.value.shape[1]):
             rest, scatter = lines.value[others, term], lines.sd[others, term]
             off = float(lines.value[place, term] - rest.mean())
-            # Others that agree by chance better than their blocks let them do not agree so well.
+            # The sd of the others is at least half of what the scatter of their blocks implies: they may agree by
+            # chance.
             spread = np.hypot(rest.std(ddof=1), 0.5 * np.sqrt(np.mean(scatter**2))) * np.sqrt(count / (count - 1.0))
             own = np.hypot(lines.sd[place, term], np.sqrt(np.sum(scatter**2)) / (count - 1))
             if not (np.isfinite(own) and spread > 0.0 and own > 0.0):
@@ -155,7 +156,7 @@ def odd_run(lines: RunLines) -> OddRun | None:
 
 
 def standing_out(residuals: ChannelResiduals, run: int, names: list[str]) -> list[str]:
-    """Return the conditions in which a run's mean lies outside those of all others by a material span."""
+    """Return the conditions in which a run's mean is outside those of all others by a material span."""
     found = []
     for name in names:
         means = {number: _mean(residuals, name, number) for number in residuals.runs}
@@ -172,10 +173,10 @@ def _mean(residuals: ChannelResiduals, name: str, run: int) -> float:
 
 
 def order(residuals: ChannelResiduals, lines: RunLines, names: list[str]) -> Order | None:
-    """Return the condition of runs in whose order they stand, the first of those that explain as much; None where none.
+    """Return the condition that the runs follow, the first of those that explain as much; None if there is none.
 
-    At least three levels of the condition, differences beyond the scatter of the runs' blocks, and a line over the
-    condition that explains most of them.
+    It needs at least three levels of the condition, significant differences between runs, and a line over the condition
+    that explains most of them.
     """
     best, most = None, 0.0
     for name in names:
@@ -205,14 +206,14 @@ def mostly_of_runs(residuals: ChannelResiduals, name: str) -> bool:
 
 
 def _terms_in_order(lines: RunLines, at: Floats) -> tuple[tuple[int, ...], float]:
-    """Return the terms of runs that follow a condition, and how well the best does."""
+    """Return the terms of runs that follow a condition, and the share that the best explains."""
     found, shares = [], [0.0]
     for term in range(lines.value.shape[1]):
         value, sd = lines.value[:, term], lines.sd[:, term]
         if not np.all(np.isfinite(sd)) or not np.all(sd > 0.0):
             continue
         weight = 1.0 / sd**2
-        # Differences beyond the scatter of blocks, or an order that chance would hardly make.
+        # The differences are significant against the scatter of blocks, or the correlation is.
         differ = np.sum(weight * (value - np.average(value, weights=weight)) ** 2)
         slope, intercept = np.polyfit(at, value, 1)
         total = np.sum((value - value.mean()) ** 2)

@@ -1,4 +1,4 @@
-"""The table of errors by run and channel, against the instrument's noise and the user's tolerance."""
+"""The table of errors by run and channel, with sensor noise and tolerance."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ def error_table(
     """Return one row for each channel in each run.
 
     Args:
-        channels: residuals of the channels, of fit and check runs alike.
-        splits: by run name, whether it was fitted; "" in the table where it is not given.
+        channels: residuals of the channels, on fit and check runs.
+        splits: by run name; "" in the table if not given.
 
     Returns:
         Columns `COLUMNS`: rms and mean weighted by time, max the largest size, all in the channel's unit;

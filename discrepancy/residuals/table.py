@@ -1,4 +1,4 @@
-"""What a model leaves of one channel's readings, with the conditions under which each was taken: plain arrays."""
+"""Residuals of one channel with the conditions of each reading, as plain arrays."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ Integers = NDArray[np.integer]
 
 @dataclass(frozen=True, eq=False)
 class ChannelResiduals:
-    """Measured minus modelled readings of one channel, of all runs one after another, each run in order of time.
+    """Measured minus modelled readings of one channel, run after run, each in order of time.
 
     Attributes:
         channel: name of the column, as `voltage_V`.
         unit: unit of the errors.
-        noise_sd: standard deviation of the instrument's noise in one reading; NaN where nobody knows.
-        tolerance: error that the user can live with, as root of the mean square; None where none is stated.
+        noise_sd: sd of the sensor noise in one reading; NaN if unknown.
+        tolerance: acceptable RMS error; None if not stated.
         run: (n,) number of each reading's run, an index into `run_names`.
         run_names: names of the runs.
-        time_s: (n,) times since the run's beginning.
-        weight_s: (n,) seconds that each reading stands for, positive.
+        time_s: (n,) times since the start of the run.
+        weight_s: (n,) seconds that each reading represents, positive.
         error: (n,) measured minus modelled.
-        conditions: by name, (n,) what reigned at each reading.
+        conditions: by name, (n,) values at each reading.
     """
 
     channel: str
@@ -42,7 +42,7 @@ class ChannelResiduals:
     conditions: Mapping[str, Floats]
 
     def __post_init__(self) -> None:
-        """Refuse columns of unequal length and readings that are missing: those are left out, not NaN."""
+        """Refuse columns of unequal length and missing readings: these are left out, not NaN."""
         columns = {"run": self.run, "time_s": self.time_s, "weight_s": self.weight_s, "error": self.error}
         for name, values in {**columns, **self.conditions}.items():
             if values.shape != self.error.shape:
@@ -57,7 +57,7 @@ class ChannelResiduals:
 
     @property
     def mean_square(self) -> float:
-        """Return the mean square of the errors, each counted by the time it stands for; 0 without readings."""
+        """Return the mean square of the errors, weighted by time; 0 without readings."""
         return float(np.average(self.error**2, weights=self.weight_s)) if self.error.size else 0.0
 
     def rows(self, chosen: Bools) -> ChannelResiduals:
@@ -71,12 +71,12 @@ class ChannelResiduals:
             conditions={name: values[chosen] for name, values in self.conditions.items()},
         )
 
-    def less(self, told: Floats) -> ChannelResiduals:
-        """Return the residuals without what has been told of them, (n,) in their unit."""
-        return replace(self, error=self.error - told)
+    def less(self, explained: Floats) -> ChannelResiduals:
+        """Return the residuals minus an explained part, (n,) in their unit."""
+        return replace(self, error=self.error - explained)
 
     def time_blocks(self, per_run: int) -> Integers:
-        """Cut every run into so many stretches of equal time; (n,) labels that grow from run to run."""
+        """Cut every run into so many stretches of equal time; (n,) labels that increase from run to run."""
         labels = np.zeros(self.error.size, dtype=int)
         for place, number in enumerate(self.runs):
             mine = self.run == number

@@ -1,4 +1,4 @@
-"""Numbers, ranges and signs as an engineer writes them: 12, 13, 16 mV below the model; SOC 0.3 to 0.4."""
+"""Numbers, ranges and signs in words: 12, 13, 16 mV below the model; SOC 0.3 to 0.4."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from jaxmodel.units import ending_of, unit_of
 _SMALLER = {"V": "mV", "A": "mA", "ohm": "mohm", "N m": "mN m"}
 _NAMES = {"soc": "SOC", "V_set": "set voltage"}
 _RATIOS = {("V", "A"): "ohm"}
-_ZERO = 0.05  # of the largest of some numbers: smaller ones have no sign worth telling
+_ZERO = 0.05  # of the largest of some numbers: the sign of smaller ones does not count
 
 
 def numbers(values: Sequence[float], unit: str) -> tuple[list[str], str]:
-    """Return numbers in the digits that tell them, and their unit: [0.0123, 0.2] V is ['12', '200'] mV."""
+    """Return numbers with sensible digits, and their unit: [0.0123, 0.2] V is ['12', '200'] mV."""
     largest = max((abs(v) for v in values), default=0.0)
     scale = 1.0
     if unit in _SMALLER and largest < 0.995:
@@ -42,19 +42,19 @@ def listed(texts: Sequence[str]) -> str:
     return ", ".join(texts) if len(texts) < 2 else f"{', '.join(texts[:-1])} and {texts[-1]}"
 
 
-def lies(values: Sequence[float], unit: str) -> str:
-    """Say where measured lies: '12, 13, 16 mV below the model', or as differences where the sign changes."""
+def difference(values: Sequence[float], unit: str) -> str:
+    """Say how far the measurement is above or below the model, or give differences where the sign changes."""
     largest = max(abs(v) for v in values)
     signs = {np.sign(v) for v in values if abs(v) > _ZERO * largest}
     if len(signs) == 1 and all(np.sign(v) in signs or abs(v) <= _ZERO * largest for v in values):
         texts, unit = numbers([abs(v) for v in values], unit)
         side = "above" if signs == {1.0} else "below"
-        return f"measured lies {', '.join(texts)} {unit} {side} the model".replace("  ", " ")
+        return f"the measurement is {', '.join(texts)} {unit} {side} the model".replace("  ", " ")
     texts, unit = numbers(values, unit)
-    return f"measured minus model is {', '.join(texts)} {unit}".rstrip()
+    return f"measurement minus model is {', '.join(texts)} {unit}".rstrip()
 
 
-def spoken(name: str) -> str:
+def plain_name(name: str) -> str:
     """Return a condition's name without its unit: 'cell_temperature_degC' is 'cell temperature'."""
     if name in _NAMES:
         return _NAMES[name]
@@ -62,7 +62,7 @@ def spoken(name: str) -> str:
     return (name.removesuffix(f"_{ending}") if ending else name).replace("_", " ")
 
 
-def places(values: Sequence[float], name: str, capacity_Ah: float | None = None) -> str:
+def values_of(values: Sequence[float], name: str, capacity_Ah: float | None = None) -> str:
     """Return values of a condition: '3, 6, 9 A', or '1, 2, 3C' where the cell's capacity is known."""
     unit = unit_of(name)
     if unit == "A" and capacity_Ah:
@@ -72,7 +72,7 @@ def places(values: Sequence[float], name: str, capacity_Ah: float | None = None)
 
 
 def _short(values: Sequence[float]) -> list[str]:
-    """Return numbers in as few digits as tell them apart, at least two."""
+    """Return numbers with as few digits as keep them distinct, at least two."""
     largest = max((abs(v) for v in values), default=0.0)
     texts: list[str] = []
     for digits in range(2, 6):
@@ -92,7 +92,7 @@ def within(bins: Bins, first: int, last: int) -> str:
     if first == 0 and last == bins.count - 1:
         return ""
     low, high = float(bins.lower[first]), float(bins.upper[last])
-    name, unit = spoken(bins.name), f" {bins.unit}".rstrip()
+    name, unit = plain_name(bins.name), f" {bins.unit}".rstrip()
     if bins.name == "time_since_load_changed_s":
         if not np.isfinite(low):
             return f"within {high:g} s of a change of load"
@@ -108,6 +108,6 @@ def within(bins: Bins, first: int, last: int) -> str:
 
 
 def sentence(where: str, what: str) -> str:
-    """Return 'SOC 0.3 to 0.4: measured lies ...', and 'Everywhere: ...' without a where."""
+    """Return 'SOC 0.3 to 0.4: the measurement is ...', or 'Everywhere: ...' for the whole range."""
     where = where or "everywhere"
     return f"{where[0].upper()}{where[1:]}: {what}"

@@ -1,1 +1,1 @@
-"""How the readings answer to everything that is not in a model."""
+"""Sensitivities of the readings to all candidates."""

@@ -1,8 +1,8 @@
-"""How the readings answer to everything that could be added to a calibrated model, all in one batch of lanes.
+"""Sensitivities of the readings to every candidate at a calibrated model, in one batch of lanes.
 
-All are differences of one compiled, purely forward program that holds every candidate. Differences, not tangents: the
-forward-mode program of a robot with 31 effects took four times as long to compile, and a switch moves the model so
-linearly that the step of the difference costs 1e-3 of a score.
+They are finite differences of one compiled program that contains every candidate. The forward-mode program of a robot
+with 31 effects took four times as long to compile, and the model is so linear in a switch that finite differences
+change a score by only 1e-3.
 """
 
 from __future__ import annotations
@@ -13,27 +13,27 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from discrepancy.fitting.candidates import Candidate
-from discrepancy.fitting.fit import raw_look
+from discrepancy.fitting.fit import errors_and_jacobian
 from discrepancy.fitting.lanes import LANES
 from discrepancy.fitting.model import Setting, View
 from discrepancy.fitting.problem import Lane
 from discrepancy.noise.instrument import NoiseModel
 
 SWITCH_STEP = 1e-3
-# Of a curve's knot, in sd of its usual size.
+# Step of a curve's knot, in sd of its usual size.
 KNOT_STEP = 1e-3
-# Where the effect at full size points elsewhere than its derivative (a cosine below this), both are tried.
+# If the cosine between an effect at full size and its derivative is below this, both directions are tried.
 STRAIGHT = 0.98
 
 
 @dataclasses.dataclass(frozen=True)
 class Direction:
-    """How the readings answer to one candidate at one shape.
+    """Sensitivity of the readings to one candidate at one shape.
 
     Attributes:
         label: of the candidate.
-        probe: coordinates at which it was tried; empty for a curve.
-        columns: (readings, amplitudes) in the channels' units, for each unit of the amplitude.
+        probe: coordinates at which it was computed; empty for a curve.
+        columns: (readings, amplitudes) in the channels' units, per unit of amplitude.
     """
 
     label: str
@@ -43,14 +43,15 @@ class Direction:
 
 @dataclasses.dataclass(frozen=True)
 class Screen:
-    """A calibrated model and the answers of the readings to its unknowns and to all that is not in it.
+    """A calibrated model and the sensitivities of the readings to its unknowns and to all candidates.
 
     Attributes:
         setting: the model.
-        x: (unknowns,) where it is calibrated to.
-        errors: (readings,) measured less predicted.
-        base: (readings, k) derivatives of the errors by the model's own unknowns, on inputs without noise.
-        directions: of the candidates, derivatives of the predictions.
+        x: (unknowns,) calibrated coordinates.
+        errors: (readings,) measured minus predicted.
+        base: (readings, k) derivatives of the errors with respect to the model's free unknowns, with inputs without
+            noise.
+        directions: derivatives of the predictions with respect to the candidates.
     """
 
     setting: Setting
@@ -67,25 +68,25 @@ def screen(
     noise: Mapping[str, NoiseModel],
     groups: Sequence[str] = ("effect", "sensor", "curve", "run"),
 ) -> Screen:
-    """Return how the readings answer, at a calibrated model, to every candidate of some groups that is not in it.
+    """Return the sensitivities, at a calibrated model, to every candidate of some groups that is not in it.
 
     Args:
         view: the readings.
         setting: the model.
-        x: where it is calibrated to.
-        noise: of the inputs among others: a sensitivity to resistance made with the noise of a row's own current is
-            correlated with its residual, so that sensitivities are those to inputs without noise.
+        x: calibrated coordinates.
+        noise: of all channels. Sensitivities are computed with inputs without noise: with the noisy current of a row,
+            the sensitivity to a resistance would be correlated with the residual of that row.
         groups: of candidates.
     """
-    bench = view.bench
+    space = view.space
     if "law" in groups:
-        setting = dataclasses.replace(setting, is_lawful=True)
-    problem, everything = bench.problem(setting), bench.problem_of_all(setting)
+        setting = dataclasses.replace(setting, has_laws=True)
+    problem, everything = space.problem(setting), space.problem_of_all(setting)
     errors = view.readings.value - view.at(problem, [setting.lane(x)])[0]
-    _, base = raw_look(view, bench.quiet(problem, setting, noise), setting, x)
-    quiet = bench.quiet(everything, setting, noise)
-    absent = [one for label, one in bench.candidates.items() if one.group in groups and label not in setting.labels]
-    laws = [bench.candidates[label].law for label in setting.labels]
+    _, base = errors_and_jacobian(view, space.quiet(problem, setting, noise), setting, x)
+    quiet = space.quiet(everything, setting, noise)
+    absent = [one for label, one in space.candidates.items() if one.group in groups and label not in setting.labels]
+    laws = [space.candidates[label].law for label in setting.labels]
     used_ports = {law[0] for law in laws if law is not None}
     absent = [one for one in absent if one.law is None or one.law[0] not in used_ports]
     lanes, made = [setting.lane(x)], []
@@ -96,14 +97,14 @@ def screen(
                 made.append((one, (), number, len(lanes), KNOT_STEP))
                 lanes.append(_lane(view, setting, x, one, number))
         elif one.group == "run":
-            # One lane for all runs: each moves its own readings alone.
+            # One lane for all runs: each shift moves the readings of its run only.
             key = ("run", one.effect.label)
             if key not in together:
                 together[key] = len(lanes)
                 lanes.append(setting.lane(x))
             lane = lanes[together[key]]
             moved = np.array(lane.x)
-            moved[list(bench.layout.of[one.label])] = KNOT_STEP
+            moved[list(space.layout.of[one.label])] = KNOT_STEP
             lanes[together[key]] = dataclasses.replace(lane, x=moved)
             made.append((one, one.probes[0], 0, together[key], KNOT_STEP))
         else:
@@ -122,7 +123,7 @@ def screen(
 
 def _lane(view: View, setting: Setting, x: np.ndarray, candidate: Candidate, number: int) -> Lane:
     moved, laws = x.copy(), setting.laws
-    moved[view.bench.layout.of[candidate.label][number]] += KNOT_STEP
+    moved[view.space.layout.of[candidate.label][number]] += KNOT_STEP
     if candidate.law is not None:
         laws = laws.copy()
         laws[candidate.law[0]] = candidate.law[1]
@@ -133,13 +134,13 @@ def _switched_on(
     view: View, setting: Setting, x: np.ndarray, candidate: Candidate, probe: Sequence[float], step: float
 ) -> Lane:
     moved, on = x.copy(), setting.switches.copy()
-    moved[list(view.bench.layout.of[candidate.label])] = probe
-    on[view.bench.coarse.switched.index(candidate.effect.label)] = step
+    moved[list(view.space.layout.of[candidate.label])] = probe
+    on[view.space.coarse.switched.index(candidate.effect.label)] = step
     return Lane(moved, on, setting.laws)
 
 
 def _directions(view: View, made: Sequence[tuple], answers: np.ndarray):
-    """Yield the directions of candidates from the answers of their lanes; those that move nothing are left out."""
+    """Yield the directions of candidates from the differences of their lanes, without those that are zero."""
     number = 0
     while number < len(made):
         one, probe, _, lane, step = made[number]
@@ -166,7 +167,7 @@ def _directions(view: View, made: Sequence[tuple], answers: np.ndarray):
 
 
 def _between_the_best(view, setting, x, one, problem, still, errors, directions) -> list[Direction]:
-    """Return directions at amplitudes between the neighbours of the best one: the law has many local optima."""
+    """Return directions at amplitudes around the best one, for effects with many local optima."""
     own = [way for way in directions if way.label == one.label]
     if not own:
         return []

@@ -1,1 +1,1 @@
-"""The paper, beside what the engine gives: its printed numbers, the simulations of each, and the report of both."""
+"""The paper: its printed numbers, their simulation, and a report that compares both."""

@@ -1,4 +1,4 @@
-"""`python -m examples.paper`: every table and figure of the paper from the engine, beside what it prints."""
+"""`python -m examples.paper`: every table and figure of the paper, simulated and as printed."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Annotated, Any
 
 import typer
 
-# First of ours: sweeps gives JAX every core, which must happen before the first array.
+# Imported first: sweeps configures JAX for all cores, which must happen before the first array.
 from examples.paper.discharges import discharges  # isort: skip
 from discrepancy import diagnose
 from examples.paper import report, report_no_load
 from examples.paper.candidates import carried
-from examples.paper.no_load import course, doubled, experiment, gradients, no_load, pulsed
+from examples.paper.no_load import doubled, experiment, gradients, no_load, pulsed, trajectory
 from jaxmodel.cases import read_case
 from workbench import terminal
 from workbench.article import Table, write_article
@@ -32,10 +32,13 @@ app = typer.Typer(add_completion=False)
 def paper(
     out: Annotated[Path, typer.Option(help="Folder for the results; made if need be.")] = Path("results"),
     diagnose_again: Annotated[
-        bool, typer.Option("--diagnose", help="Diagnose Table 1 anew instead of showing the recorded answer: minutes.")
+        bool,
+        typer.Option(
+            "--diagnose", help="Diagnose Table 1 again instead of showing the recorded answer (takes minutes)."
+        ),
     ] = False,
 ) -> None:
-    """Repeat every table and figure of the paper from the engine, beside what it prints: one page."""
+    """Repeat every table and figure of the paper, simulated and as printed, on one page."""
     began = time.perf_counter()
     start(out)
     with terminal.told("paper") as progress:
@@ -48,7 +51,7 @@ def paper(
         fits = list(carried(lambda what: progress(f"fitting Table 1 with {what}")))
     answer, origin = _diagnosis(out) if diagnose_again else _recorded()
     held = experiment(still)
-    full = gradients(still["time_s"].to_numpy(), course(still, FULL_SPEED))
+    full = gradients(still["time_s"].to_numpy(), trajectory(still, FULL_SPEED))
     sections = [
         *report.fidelity_sections(data),
         report.table_1_section(fits, answer, origin),
@@ -74,13 +77,13 @@ def paper(
 
 
 def _recorded() -> tuple[dict[str, Any], str]:
-    """Return the answer that an earlier diagnosis left in the example, and what to say of it."""
+    """Return the recorded answer of an earlier diagnosis, and a sentence on its origin."""
     text = (EXAMPLE / "recorded" / "answer.json").read_text(encoding="utf-8")
     return json.loads(text), "The diagnosis was recorded in examples/paper_table1/recorded; --diagnose repeats it."
 
 
 def _diagnosis(out: Path) -> tuple[dict[str, Any], str]:
-    """Diagnose the example now and leave the answer, and the model extended by it, in `out`."""
+    """Diagnose the example and write the answer and the extended model to `out`."""
     with terminal.told("Table 1", DONE_BY) as progress:
         diagnosis = diagnose(read_case(EXAMPLE), progress=progress)
     diagnosis.write(out, pictures=False)

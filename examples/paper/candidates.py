@@ -1,7 +1,7 @@
-"""Table 1 again, seven numbers: how much of it each effect that knows the temperature could carry, and at what value.
+"""Table 1, seven numbers: how much of it each temperature-dependent effect could explain, and with which value.
 
-A direct least-squares fit beside the diagnosis: an effect's parameters and those that the case calls uncertain, to six
-of the seven slopes; the seventh, at 40 degC, judges. The weight of a slope is that of its rounding.
+A direct least-squares fit, in addition to the diagnosis: parameters of an effect and uncertain parameters of the case
+are fitted to six of the seven slopes; the seventh, at 40 degC, is the check. Slopes are weighted by their rounding.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from sweeps.metrics import metrics_of
 HELD_OUT_DEGC = 40.0
 # Standard deviations as in examples/paper_table1: assumed.
 UNCERTAIN = {"capacity_Ah": 0.15, "k_tau": 0.001, "R_0": 0.003, "tau_0": 0.002, "onboard_current_A": 0.1}
-# The effects of the catalogue that let the temperature reach resistance, charge, torque or draw, and two pairs.
+# The effects of the catalogue by which temperature affects resistance, charge, torque or draw, and two pairs.
 HYPOTHESES = (
     (),
     ("capacity_temperature",),
@@ -44,17 +44,17 @@ STEP_S = 60.0
 
 @dataclasses.dataclass(frozen=True)
 class Carried:
-    """What a hypothesis leaves of Table 1.
+    """The fit of one hypothesis to Table 1.
 
     Attributes:
         effects: names; none is the calibrated base model.
         values: of their parameters, fitted.
-        usual: whether all are within the range that a designer meets often.
+        usual: whether all are within their usual ranges.
         slopes: fitted, by ambient, 1/s.
         rms: over the fitted six, 1/s.
-        held_out: printed less fitted at 40 degC, 1/s.
+        held_out: printed minus fitted at 40 degC, 1/s.
         onboard_A: draw of the electronics by ambient, A.
-        pack_A: mean current of the pack by ambient, A: what a shunt would have shown.
+        pack_A: mean current of the pack by ambient, A, as a shunt would measure it.
     """
 
     effects: tuple[str, ...]
@@ -68,14 +68,14 @@ class Carried:
 
     @property
     def physical(self) -> bool:
-        """Whether the electronics draw current at every temperature of the table, rather than feed the pack."""
+        """Whether the electronics draw current at every temperature of the table, instead of supplying the pack."""
         return min(self.onboard_A.values()) >= 0.0
 
 
-def carried(told: Callable[[str], None] = lambda what: None) -> Iterator[Carried]:
+def carried(progress: Callable[[str], None] = lambda what: None) -> Iterator[Carried]:
     """Fit each hypothesis in turn."""
     for effects in HYPOTHESES:
-        told(" + ".join(effects) or "base model")
+        progress(" + ".join(effects) or "base model")
         yield _fit(effects)
 
 
@@ -116,7 +116,7 @@ def _fit(effects: Sequence[str]) -> Carried:
 
 
 def _mild(info) -> float:
-    """Return a value to begin a fit with: small, and on the side where the effect is usual."""
+    """Return a start value for a fit: small, and on the usual side of the effect."""
     null = 0.0 if info.null is None else float(info.null)
     return null + 0.3 * (float(info.default) - null)
 
@@ -126,7 +126,7 @@ def _slopes(
 ) -> Callable[[np.ndarray], tuple[jax.Array, jax.Array]]:
     """Return the engine's slopes (1/s) and mean pack currents (A) at all temperatures as functions of named numbers."""
     inputs = {name: value for name, value in ASSUMED.items() if name != "onboard_current_A"}
-    course = lay_out(model, constant(DURATION_S, STEP_S, ambient_degC=20.0, **inputs), np.array([0]))
+    laid_out = lay_out(model, constant(DURATION_S, STEP_S, ambient_degC=20.0, **inputs), np.array([0]))
     shipped = metrics_of("robot")
     keep = Keep((shipped["soc_gradient"], shipped["delivered_charge_Ah"]))
 
@@ -135,7 +135,7 @@ def _slopes(
         own = dict(zip(names, values, strict=True))
 
         def run(ambient):
-            values = run_lane(keep, model, course, None, own | {"ambient_degC": ambient}).values
+            values = run_lane(keep, model, laid_out, None, own | {"ambient_degC": ambient}).values
             return values["soc_gradient"], values["delivered_charge_Ah"] * 3600.0 / DURATION_S
 
         return jax.vmap(run)(jnp.asarray(ambients))

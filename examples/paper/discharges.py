@@ -10,16 +10,16 @@ import sweeps
 from examples.paper.printed import TABLE_1, TABLE_2
 from jaxmodel.cell import storage_factor
 
-# What the paper does not state, chosen so that Table 2 comes out; see `docs/paper.md`.
+# Values that the paper does not state, chosen to reproduce Table 2; see `docs/paper.md`.
 ASSUMED = {"duty": 0.3, "load_torque_Nm": 0.175, "onboard_current_A": 0.3}
 FIDELITIES = ("formula", "lut")
 DURATION_S, STEP_S, STORED_EVERY = 1800.0, 1.0, 30
 
 
 def discharges() -> xr.Dataset:
-    """Return slope and course of the state of charge over fidelity, ambient and torque.
+    """Return slope and trajectory of the state of charge over fidelity, ambient and torque.
 
-    The slope is the mean over half an hour, as a ruler on Figs. 6 and 7 would give it: they are straight.
+    The slope is the mean over half an hour, as read from Figs. 6 and 7, which are straight.
     """
     runs = []
     for fidelity in FIDELITIES:
@@ -46,7 +46,7 @@ def slopes(data: xr.Dataset, fidelity: str, axis: str) -> dict[float, float]:
 
 
 def misfit(ours: dict[float, float], printed: dict[float, float]) -> tuple[float, float]:
-    """Return the RMS and the largest relative difference of our slopes from those printed."""
+    """Return the RMS and the largest relative difference of simulated and printed slopes."""
     off = np.array([ours[at] / printed[at] - 1.0 for at in printed])
     return float(np.sqrt(np.mean(off**2))), float(np.abs(off).max())
 
@@ -57,9 +57,9 @@ def share_left(months: float, storage_degC: float) -> float:
 
 
 def with_storage_at_ambient(ours: dict[float, float], months: float) -> dict[float, float]:
-    """Return the slopes if eq. 8's T_amb were the ambient of the run; NaN where no charge at all would be left.
+    """Return the slopes if eq. 8's T_amb were the ambient of the run; NaN if no charge would be left.
 
-    The slope is the draw by the usable charge, and eq. 8 enters it in no other way.
+    The slope is the draw divided by the usable charge, and eq. 8 affects only the latter.
     """
     at_20, left = share_left(months, 20.0), {at: share_left(months, at) for at in ours}
     return {at: slope * at_20 / left[at] if left[at] > 0.0 else np.nan for at, slope in ours.items()}

@@ -1,4 +1,4 @@
-"""Figs. 8 and 9 and the experiment of section 4: motors turning without load at 20 and 30 degC."""
+"""Figs. 8 and 9 and the experiment of section 4: motors without load at 20 and 30 degC."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ GAS_CONSTANT = 8.314
 
 @dataclasses.dataclass(frozen=True)
 class Gradients:
-    """Slopes of a cell's voltage in V/s, each read off Fig. 8 in a manner that the paper names.
+    """Slopes of a cell's voltage in V/s, each by a method that the paper names for Fig. 8.
 
     Attributes:
         cubic_mean: of the third-order polynomial, from its start to its end.
@@ -47,7 +47,7 @@ class Gradients:
 
 
 def gradients(time_s: np.ndarray, cell_V: np.ndarray) -> Gradients:
-    """Return the slopes of a course, from its second row on: the first has no current in the motors yet."""
+    """Return the slopes of a trajectory from its second row on: in the first row the motors have no current yet."""
     time_s, cell_V = time_s[1:], cell_V[1:]
     cubic = np.polynomial.Polynomial.fit(time_s, cell_V, 3).convert().coef
     at = np.polynomial.polynomial.polyval(time_s[[0, -1]], cubic)
@@ -83,7 +83,7 @@ def no_load() -> xr.Dataset:
     return sweeps.run(study)
 
 
-def course(data: xr.Dataset, duty: float, ambient_degC: float = 20.0, full: bool = True) -> np.ndarray:
+def trajectory(data: xr.Dataset, duty: float, ambient_degC: float = 20.0, full: bool = True) -> np.ndarray:
     """Return the voltage of one cell over the stored times."""
     lane = data["pack_voltage_V"].sel(duty=duty, ambient_degC=ambient_degC).isel(initial_soc=0 if full else 1)
     return lane.to_numpy() / N_SERIES
@@ -100,7 +100,7 @@ def pulsed() -> tuple[np.ndarray, np.ndarray]:
 
 
 def doubled(duty: float) -> tuple[xr.Dataset, Gradients]:
-    """Return the paper's parametric test through the sensitivity room, and the slopes with all components doubled.
+    """Return the paper's parametric test by the package `sensitivity`, and the slopes with all components doubled.
 
     The data set is that of `sensitivity.doubling_test` for each component alone, at 0 N m and 20 degC over Fig. 8's
     time; the slopes are those of a cell whose whole equivalent circuit is doubled at once, motors' included.
@@ -119,7 +119,7 @@ def _doubled(model: Model) -> Model:
 
 @dataclasses.dataclass(frozen=True)
 class Held:
-    """One test of section 4 beside the model; gradients in V/s of one cell, resistances in ohm.
+    """One test of section 4 and its simulation; gradients in V/s of one cell, resistances in ohm.
 
     Attributes:
         test: as printed.
@@ -150,7 +150,7 @@ class Held:
 
 
 def experiment(data: xr.Dataset) -> list[Held]:
-    """Hold the four tests against the model: 15 % less motor current is 15 % less duty, as i_Mx = rho i_a."""
+    """Compare the four tests with the model: 15 % less motor current is 15 % less duty, as i_Mx = rho i_a."""
     held = []
     for test in TESTS:
         duty = 1.0 - REDUCTION if test.compensated else 1.0

@@ -1,4 +1,4 @@
-"""Every number that the paper prints about results, each with the place where it stands.
+"""Every result that the paper prints, each with its place.
 
 Specht et al., A Dynamic Model of the Effect of Ambient Temperature Variations on Lithium Battery Life when Powering
 Brushed Permanent-Magnet Direct Current Motors (ES410, University of Warwick).
@@ -50,7 +50,7 @@ class Test:
 
     @property
     def name(self) -> str:
-        """How Table 5 calls it."""
+        """Its name in Table 5."""
         return f"{'c' if self.compensated else 'nc'} {self.ambient_degC:g} °C"
 
 

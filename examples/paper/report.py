@@ -1,4 +1,4 @@
-"""The paper beside the engine, as sections of a page: what is reproduced, what is not, what an explanation needs."""
+"""Comparison of the paper with the simulation, as sections of a page: what is reproduced and what is not."""
 
 from __future__ import annotations
 
@@ -33,33 +33,33 @@ NOT_STATED = (
 
 
 def fidelity_sections(data: xr.Dataset) -> list[Section]:
-    """Return Tables 1 and 2 with both fidelities, and the headlines as the paper derives them."""
+    """Return Tables 1 and 2 with both fidelities, and the headline numbers as the paper derives them."""
     by = {(f, axis): slopes(data, f, axis) for f in ("formula", "lut") for axis in ("ambient_degC", "load_torque_Nm")}
     one, two = by["formula", "ambient_degC"], by["formula", "load_torque_Nm"]
     outside = data["valid_share"].sel(fidelity="formula", load_torque_Nm=0.175)
-    said = [f"{t:g}" for t in TABLE_1 if float(outside.sel(ambient_degC=t)) < 1.0]
+    outside_at = [f"{t:g}" for t in TABLE_1 if float(outside.sel(ambient_degC=t)) < 1.0]
     stored = with_storage_at_ambient(one, 18.0)
     return [
         Section(
-            "What the paper does not print, and what was taken instead",
-            [Table("assumed", ("number", "taken here", "what it moves"), NOT_STATED, words=3)],
+            "Values that the paper does not state, and those used instead",
+            [Table("assumed", ("quantity", "value used", "what it affects"), NOT_STATED, words=3)],
         ),
         Section(
             "Table 1 and Fig. 6: slope of the state of charge over ambient temperature",
             [
                 f"Not reproduced. The equations as printed give {power(one[20.0], -4)}e-4 /s at every temperature, by "
-                f"formula and by look-up table alike: at a given torque eq. 12 fixes the motor's current, the bridge "
-                f"(eq. 14) fixes the draw, and neither knows the temperature. The table falls by a factor of 5.6. RMS "
+                f"formula and by look-up table: at a given torque eq. 12 determines the motor's current, the bridge "
+                f"(eq. 14) the draw, and neither depends on temperature. The table falls by a factor of 5.6. RMS "
                 f"difference {100 * misfit(one, TABLE_1)[0]:.0f} %, largest {100 * misfit(one, TABLE_1)[1]:.0f} % at "
-                f"100 °C. At {' and '.join(said)} °C the printed R_ints is negative, so those runs are outside "
-                "the range of eq. 9; the slope does not notice.",
+                f"100 °C. At {' and '.join(outside_at)} °C the printed R_ints is negative, so those runs are outside "
+                "the range of eq. 9; this does not affect the slope.",
                 _slope_table("table-1", "ambient [°C]", TABLE_1, by, "ambient_degC", 1.0),
-                "Of the printed equations four hold a temperature. Eq. 9 (R_ints) and eq. 17 (winding) move voltages "
-                "and speed, not the draw. Eq. 2 moves the charge at the start, by at most 1 % for the 4 K that the "
-                "paper mentions. Eq. 8 calls its temperature T_amb; if it were the ambient of the run instead of the "
-                "storage, the slope would be "
+                "Four of the printed equations contain a temperature. Eq. 9 (R_ints) and eq. 17 (winding) affect "
+                "voltages and speed, not the draw. Eq. 2 changes the initial charge, by at most 1 % for the 4 K "
+                "that the paper mentions. Eq. 8 calls its temperature T_amb; if it were the ambient of the run "
+                "instead of the storage, the slope would be "
                 + ", ".join(f"{power(v, -4)} at {t:g} °C" for t, v in stored.items() if np.isfinite(v))
-                + " (1e-4 /s) and no charge would be left at 60 °C and above: the wrong way round.",
+                + " (1e-4 /s) and no charge would be left at 60 °C and above: the opposite of the table.",
                 Picture(
                     "figure-6",
                     png(
@@ -68,17 +68,17 @@ def fidelity_sections(data: xr.Dataset) -> list[Section]:
                             TABLE_1,
                         )
                     ),
-                    "Fig. 6: state of charge at seven ambient temperatures; solid the engine (all seven on one line), "
-                    "dashed the slopes of Table 1.",
+                    "Fig. 6: state of charge at seven ambient temperatures; solid: simulation (all seven coincide), "
+                    "dashed: slopes of Table 1.",
                 ),
             ],
         ),
         Section(
             "Table 2 and Fig. 7: slope of the state of charge over torque",
             [
-                f"Reproduced within {100 * misfit(two, TABLE_2)[1]:.1f} % (RMS {100 * misfit(two, TABLE_2)[0]:.1f} %) "
-                "with duty and on-board current chosen for it: two numbers for four slopes. The paper's 0.1e-4 is a "
-                "rounding of up to 2.5 %.",
+                f"Reproduced within {100 * misfit(two, TABLE_2)[1]:.1f} % (RMS {100 * misfit(two, TABLE_2)[0]:.1f} "
+                "%) with duty and on-board current chosen for this: two parameters for four slopes. The paper's "
+                "0.1e-4 is a rounding of up to 2.5 %.",
                 _slope_table("table-2", "torque [mN m]", TABLE_2, by, "load_torque_Nm", 1e3),
                 Picture(
                     "figure-7",
@@ -87,7 +87,7 @@ def fidelity_sections(data: xr.Dataset) -> list[Section]:
                             data.sel(fidelity="formula", ambient_degC=20.0), "soc", "load_torque_Nm", "20 °C", TABLE_2
                         )
                     ),
-                    "Fig. 7: state of charge at seven torques; solid the engine, dashed the slopes of Table 2.",
+                    "Fig. 7: state of charge at seven torques; solid: simulation, dashed: slopes of Table 2.",
                 ),
                 Picture(
                     "tables-1-and-2",
@@ -99,7 +99,7 @@ def fidelity_sections(data: xr.Dataset) -> list[Section]:
                             ]
                         )
                     ),
-                    "Both tables beside the engine.",
+                    "Both tables and the simulation.",
                 ),
             ],
         ),
@@ -114,7 +114,7 @@ def _slope_table(name: str, axis: str, table: Mapping[float, float], by: Mapping
          percent(formula[at] / value - 1.0))
         for at, value in table.items()
     ]  # fmt: skip
-    head = (axis, "printed [1e-4 /s]", "formula", "look-up tables", "formula by printed")
+    head = (axis, "printed [1e-4 /s]", "formula", "look-up tables", "formula / printed - 1")
     return Table(name, head, rows)
 
 
@@ -138,24 +138,25 @@ def _headlines(one: dict[float, float], two: dict[float, float]) -> Section:
         "The headlines: 15.7 % per 20 K and 14.7 % per 50 mN m",
         [
             "The paper prints 0.33e-4 /s per 20 K and 15.7 %: 0.33 / 2.1, the slope at 20 °C. But Table 1 changes by "
-            f"2.3e-4 over six intervals, which is 0.383e-4 per 20 K and {100 * p1.share:.1f} %; 0.33e-4 comes out "
+            f"2.3e-4 over six intervals, which is 0.383e-4 per 20 K and {100 * p1.share:.1f} %; 0.33e-4 results "
             "if the change is divided by the seven rows. It prints 0.5e-4 /s per 50 mN m and 14.7 %: 0.5 / 3.4, the "
             f"slope at 300 mN m, the change rounded first; unrounded it is {100 * p2.share:.1f} %. By the slope at "
             f"175 mN m it would be {100 * abs(p2.per_interval / TABLE_2[0.175]):.0f} %: a share per step has no "
-            "meaning without its reference, and the paper names none.",
+            "meaning without its reference, which the paper does not name.",
             Table(
                 "headlines",
-                ("how derived", "from the printed table [1e-4 /s]", "share", "from the engine [1e-4 /s]", "share"),
+                ("derivation", "from the printed table [1e-4 /s]", "share", "from the simulation [1e-4 /s]", "share"),
                 rows,
             ),
-            "The engine gives the torque's headline and none of the temperature's. The text asks for a reduction where "
-            "the ambient temperature rises; by Table 1, and by the sentence before it, it is needed where it falls.",
+            "The simulation reproduces the headline for torque but not that for temperature. The text demands a "
+            "reduction when the ambient temperature rises; by Table 1, and the sentence before it, it is needed "
+            "when it falls.",
         ],
     )
 
 
 def table_1_section(fits: Sequence[Carried], answer: Mapping[str, Any], origin: str) -> Section:
-    """Return what Table 1, taken as a measurement, can and cannot say.
+    """Return what Table 1, taken as a measurement, can and cannot show.
 
     Args:
         fits: direct fits of each hypothesis.
@@ -186,43 +187,49 @@ def table_1_section(fits: Sequence[Carried], answer: Mapping[str, Any], origin: 
         )
     head = (
         "hypothesis", "fitted", "usual values", "RMS of six [1e-4 /s]", "in roundings",
-        f"left at {HELD_OUT_DEGC:g} °C", "I_ob at -20 / 100 °C [A]", "pack current there [A]",
+        f"error at {HELD_OUT_DEGC:g} °C", "I_ob at -20 / 100 °C [A]", "pack current there [A]",
     )  # fmt: skip
     capacity = next(fit for fit in fits if fit.effects == ("capacity_temperature",))
     impossible = [_name(fit) for fit in fits if not fit.physical]
     error = answer["error"]["soc"]
     return Section(
-        "Table 1 as a measurement: which physics could carry it",
+        "Table 1 as a measurement: which physics could explain it",
         [
-            "The case examples/paper_table1 holds the seven slopes as seven readings of the charge after half an hour, "
-            f"good to their rounding, 40 °C held out. {origin} Verdict: {answer['verdict'].replace('_', ' ')}"
+            "The case examples/paper_table1 contains the seven slopes as seven readings of the charge after half an "
+            f"hour, with their rounding as noise; 40 °C is the check run. {origin} Verdict: "
+            f"{answer['verdict'].replace('_', ' ')}"
             + (f", {' and '.join(named)}." if named else ".")
-            + f" Error on the six fitted runs {error['before']['fit']:.3f} before and {error['after']['fit']:.4f} "
-            f"after, on the one held out {error['before']['check']:.4f} and {error['after']['check']:.4f} "
+            + f" Error on the six fit runs {error['before']['fit']:.3f} before and {error['after']['fit']:.4f} "
+            f"after, on the check run {error['before']['check']:.4f} and {error['after']['check']:.4f} "
             f"(rounding {error['noise_floor']:.4f}).",
-            "Direct fits beside it, to the slopes themselves, each with capacity, torque constant, friction and I_ob "
-            "free within what is assumed of them:",
+            "Direct fits to the slopes, each with capacity, torque constant, friction and I_ob free within their "
+            "assumed sd:",
             Table("table-1-candidates", head, rows, words=3),
             Picture(
                 "table-1-candidates",
                 png(pictures.carried_slopes(TABLE_1, TABLE_STEP / 2.0, {_name(f): f.slopes for f in fits})),
-                "Table 1 with its rounding, and what each hypothesis makes of it.",
+                "Table 1 with its rounding, and the fit of each hypothesis.",
             ),
-            "What it says: the table is a straight line in temperature to its rounding (-0.91 % of the 20 °C slope per "
-            "kelvin), and reaches zero near 126 °C. Only a term of the draw that is linear in the ambient, and large, "
-            "follows it. In the catalogue that is on-board draw with temperature, and the value it needs is no "
-            "electronics: "
-            + (f"{' and '.join(impossible)} would have the electronics feed the pack at 100 °C. " if impossible else "")
-            + "So the name that the diagnosis gives is the shape that fits, not a cause that can be believed; a "
-            "capacity that grows with temperature is the one cause with a usual value, and it bends the wrong way "
-            f"({capacity.rms / rounding:.0f} roundings off).",
-            "What it cannot say: with one number per run, a current that falls and a capacity that grows are the same "
-            "slope. Resistances, OCV, self-heating, hysteresis and all losses in the motor's voltage are out of its "
-            "sight: at a given torque and duty they do not reach the draw. And it need not be physics: a block of "
-            "the Simulink model that lets voltage or resistance reach the draw would leave the same seven numbers.",
-            "What would split them: the pack current at each temperature (last column: a capacity leaves it where it "
-            "is, a draw does not), the same with the motors off (on-board draw alone), and one discharge to the end "
-            "at -20 °C and at 40 °C by a constant current (capacity alone). A shunt good to 0.1 A is enough.",
+            "What it shows: the table is linear in temperature within its rounding (-0.91 % of the 20 °C slope per "
+            "kelvin), and reaches zero near 126 °C. Only a large term of the draw that is linear in the ambient "
+            "temperature follows it. In the catalogue that is the on-board draw with temperature, but its value is "
+            "not plausible for electronics: "
+            + (
+                f"with {' and '.join(impossible)} the electronics would supply the pack at 100 °C. "
+                if impossible
+                else ""
+            )
+            + "So the diagnosis names the shape that fits, not a plausible cause. A capacity that grows with "
+            "temperature is the only cause with a usual value, but its curvature has the wrong sign (error of "
+            f"{capacity.rms / rounding:.0f} roundings).",
+            "What it cannot show: with one number per run, a falling current and a growing capacity give the same "
+            "slope. Resistances, OCV, self-heating, hysteresis and all losses in the motor's voltage have no "
+            "effect: at a given torque and duty they do not affect the draw. The cause need not be physical: a "
+            "block of the Simulink model through which voltage or resistance affects the draw would give the same "
+            "seven numbers.",
+            "What would distinguish them: the pack current at each temperature (last column: a capacity does not "
+            "change it, a draw does), the same with the motors off (on-board draw alone), and one full discharge at "
+            "-20 °C and at 40 °C with constant current (capacity alone). A shunt accurate to 0.1 A is sufficient.",
         ],
     )
 
@@ -232,20 +239,20 @@ def _name(fit: Carried) -> str:
 
 
 def findings(data: xr.Dataset, held: Sequence[Held], full: Gradients) -> list[str]:
-    """Return what a reader of the paper should take away."""
+    """Return the main findings."""
     one, two = slopes(data, "formula", "ambient_degC"), slopes(data, "formula", "load_torque_Nm")
     p1, e2 = headline(TABLE_1, 20.0, 20.0), headline(two, 0.05, 0.3)
     charge = 5.2 * share_left(18.0, 20.0)
     return [
         f"Table 2 is reproduced within {100 * misfit(two, TABLE_2)[1]:.0f} %, with duty and on-board current chosen.",
         f"Table 1 is not: the printed equations give {power(one[20.0], -4)}e-4 /s at every temperature.",
-        f"15.7 % per 20 K divides by seven rows instead of six intervals: the table says {100 * p1.share:.1f} %.",
-        f"14.7 % per 50 mN m is 0.5 / 3.4; the engine gives {100 * e2.share:.1f} %.",
+        f"15.7 % per 20 K divides by seven rows instead of six intervals; the table gives {100 * p1.share:.1f} %.",
+        f"14.7 % per 50 mN m is 0.5 / 3.4; the simulation gives {100 * e2.share:.1f} %.",
         f"Usable charge after 18 months: {charge:.2f} A h (paper: about {printed.USABLE_CHARGE_AH:g}).",
         f"Fig. 8: gradient {power(full.cubic_mean, -5)}e-5 V/s (paper {power(printed.CUBIC_GRADIENT, -5)}e-5); its "
-        "voltage level is 0.6 V below that of the open-circuit voltage of its own source.",
-        f"The experiment: {sum(h.consistent for h in held)} of 4 gradients of the model are within what the voltmeter "
-        "allows; the effect of its 15 % compensation is "
-        f"{100 * (held[1].from_rest - held[0].from_rest) / (held[0].greatest - held[0].over_test):.0f} % of what the "
-        "voltmeter can resolve.",
+        "voltage level is 0.6 V below the open-circuit voltage of its own source.",
+        f"The experiment: {sum(h.consistent for h in held)} of 4 gradients of the model are within the resolution of "
+        "the voltmeter; the effect of its 15 % compensation is "
+        f"{100 * (held[1].from_rest - held[0].from_rest) / (held[0].greatest - held[0].over_test):.0f} % of this "
+        "resolution.",
     ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Figs. 8 and 9 and Tables 3 to 5 beside the engine, as sections of a page."""
+"""Figs. 8 and 9 and Tables 3 to 5 compared with the simulation, as sections of a page."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from examples.paper import printed
-from examples.paper.no_load import Gradients, Held, activation_energy, course, gradients
+from examples.paper.no_load import Gradients, Held, activation_energy, gradients, trajectory
 from examples.paper.printed import TESTS
 from plots import paper as pictures
 from plots.style import png
@@ -16,11 +16,11 @@ from workbench.article import Picture, Section, Table, percent, power
 
 
 def figure_8_section(data: xr.Dataset, pulses: tuple[np.ndarray, np.ndarray]) -> Section:
-    """Return the voltage of a cell at 0 N m and 20 degC beside Fig. 8."""
+    """Return the comparison of the voltage of a cell at 0 N m and 20 degC with Fig. 8."""
     time_s = data["time_s"].to_numpy()
     runs = {
-        "duty 0.3": (time_s, course(data, 0.3)),
-        "duty 1": (time_s, course(data, 1.0)),
+        "duty 0.3": (time_s, trajectory(data, 0.3)),
+        "duty 1": (time_s, trajectory(data, 1.0)),
         "duty 1, alternating with 0": pulses,
     }
     found = {name: gradients(*run) for name, run in runs.items()}
@@ -36,12 +36,12 @@ def figure_8_section(data: xr.Dataset, pulses: tuple[np.ndarray, np.ndarray]) ->
     return Section(
         "Fig. 8: voltage of a cell at 0 N m and 20 °C",
         [
-            f"The gradients come out where the draw is that of full speed: cubic {power(fast.cubic_mean, -5)}e-5 V/s "
+            f"The gradients are reproduced with the draw of full speed: cubic {power(fast.cubic_mean, -5)}e-5 V/s "
             f"against {power(printed.CUBIC_GRADIENT, -5)}e-5 printed; and {power(alternating.first_order, -5)}e-5 "
-            f"against {power(printed.FIRST_ORDER_GRADIENT, -5)}e-5 by a straight line where the draw alternates. No "
-            "single draw gives both. The level does not come out: the paper's cell falls to 3.4 V at once and to 3.2 V "
-            "after 2000 s; V_oc of its own source starts at 4.1 V, and at 0.8 A the cell loses 0.1 to 0.2 V. Nor do "
-            "the paper's numbers agree with each other: 3.4 V to 3.2 V in 2000 s is -10e-5 V/s, and the yellow line's "
+            f"against {power(printed.FIRST_ORDER_GRADIENT, -5)}e-5 by a straight line with an alternating draw. No "
+            "single draw gives both. The level is not reproduced: the paper's cell falls to 3.4 V at once and to 3.2 V "
+            "after 2000 s; V_oc of its own source starts at 4.1 V, and at 0.8 A the cell loses 0.1 to 0.2 V. The "
+            "paper's numbers also contradict each other: 3.4 V to 3.2 V in 2000 s is -10e-5 V/s, and the yellow line's "
             "-0.15e-5 V/s is flatter than any of its other descriptions of 30 to 1080 s by a factor of ten or more.",
             Table(
                 "figure-8",
@@ -57,9 +57,9 @@ def figure_8_section(data: xr.Dataset, pulses: tuple[np.ndarray, np.ndarray]) ->
                         [(30.0, printed.QUICK_DROP_V), (2000.0, printed.AFTER_2000_S_V)],
                     )
                 ),
-                "Voltage of one cell from a full pack, third-order polynomials, and the levels that the paper names.",
+                "Voltage of one cell from a full pack, third-order polynomials, and the levels given in the paper.",
             ),
-            "What an explanation would need: an open-circuit voltage 0.6 V lower than that of reference [6] near full "
+            "An explanation would need an open-circuit voltage 0.6 V lower than that of reference [6] near full "
             "charge (an iron-phosphate cell, as in the paper's reference [7], rests at 3.3 to 3.4 V), or a start far "
             "from full. The plateau that the paper sees from 1200 to 3000 s is the end of the slow RC pair "
             "(R_TL C_TL = 223 s at full charge) over a flat V_oc.",
@@ -72,7 +72,7 @@ def _gradient_row(g: Gradients) -> tuple[str, str, str]:
 
 
 def experiment_section(held: Sequence[Held]) -> Section:
-    """Return Tables 3 to 5 beside the model, with the voltmeter's resolution carried through."""
+    """Return the comparison of Tables 3 to 5 with the model, including the voltmeter's resolution."""
     volts = [
         (h.test.name, f"{h.test.initial_V:.1f} → {h.test.final_V:.1f}", f"{h.test.initial_V:.1f} → {h.final_V:.1f}",
          power(h.test.gradient_V_s, -5, 1), f"{h.implied_s:.0f}" if np.isfinite(h.implied_s) else "-",
@@ -100,9 +100,9 @@ def experiment_section(held: Sequence[Held]) -> Section:
             "less duty (eq. 14). A full pack of the model rests at 24.6 V; the measured 22.6 V is its rest at "
             "a state of charge of 0.38, so the runs start there. Gradients are of one cell.",
             Table("tables-3-and-5", head, volts),
-            "Table 5 is Table 3 by 833 and 980 s, the times at which the voltmeter's last digit fell (750 to 1000 s in "
-            "the text), not by the 1800 s of the test. The two tests at 20 °C have the same voltages; what Table 5 "
-            "calls a gradient 15 % smaller is one digit that fell 150 s later.",
+            "Table 5 is Table 3 divided by 833 and 980 s, the times at which the voltmeter's last digit fell (750 "
+            "to 1000 s in the text), not by the 1800 s of the test. The two tests at 20 °C have the same voltages; "
+            "the gradient in Table 5 that is 15 % smaller is one digit that fell 150 s later.",
             Picture(
                 "experiment",
                 png(
@@ -114,28 +114,33 @@ def experiment_section(held: Sequence[Held]) -> Section:
                         np.array([h.from_rest for h in held]),
                     )
                 ),
-                "Gradients of the four tests: what two readings good to 0.1 V allow, what is printed, and the model.",
+                "Gradients of the four tests: range allowed by two readings to 0.1 V, printed, and model.",
             ),
-            f"What can be concluded: two readings good to 0.1 V leave ± {1e5 * open_by:.2f}e-5 V/s. The effect of the "
-            f"compensation that the model expects is {power(saved[0], -5)}e-5 V/s at 20 °C and "
+            f"Conclusion: two readings accurate to 0.1 V give a resolution of ± {1e5 * open_by:.2f}e-5 V/s. The "
+            f"effect of the compensation in the model is {power(saved[0], -5)}e-5 V/s at 20 °C and "
             f"{power(saved[1], -5)}e-5 at 30 °C, {100 * saved[0] / open_by:.0f} % of that: these tests can neither "
-            "show it nor exclude it. "
-            "The model's own gradients are outside what the readings allow: "
+            "confirm nor exclude it. The gradients of the model compared with the range that the readings allow: "
             + "; ".join(f"{h.test.name} {'inside' if h.consistent else 'outside'}" for h in held)
-            + ". It falls too fast, and would with the 30 % less no-load current that the paper measured: that takes "
-            "0.16 A from a draw of 0.82 A. The measured pack drops 0.2 V where the model drops "
+            + ". It falls too fast, even with the 30 % smaller no-load current that the paper measured, which reduces "
+            "the draw of 0.82 A by 0.16 A. The measured pack drops 0.2 V where the model drops "
             f"{held[0].test.initial_V - held[0].final_V:.1f} V, most of it resistance.",
             Table(
                 "table-4",
-                ("test", "Table 4 [ohm]", "R_ints + R_cyc of a cell, eqs. 7, 9, 10", "of six cells", "last by a cell"),
+                (
+                    "test",
+                    "Table 4 [ohm]",
+                    "R_ints + R_cyc of a cell, eqs. 7, 9, 10",
+                    "of six cells",
+                    "final / one cell - 1",
+                ),
                 ohms,
             ),
-            "Resistances are not reproduced. Printed and computed differ by up to a factor of ten at the start and by "
-            "half at the end, if the printed are of one cell; a pack of six would be a factor of 10 to 65 off. The "
-            "model has no means to triple a resistance in half an hour at nearly constant charge. What the table does "
-            f"say: from 20 to 30 °C both columns fall alike, as an activation energy of {first:.0f} and {last:.0f} "
-            "kJ/mol would have it; eq. 9 has them fall by 14 % only. That is arrhenius_resistance, beyond its usual "
-            "5 to 40 kJ/mol, seen by a meter whose own digits are not known.",
+            "Resistances are not reproduced. Printed and computed values differ by up to a factor of ten at the "
+            "start and by half at the end, if the printed ones are of one cell; for a pack of six the factor would "
+            "be 10 to 65. The model cannot triple a resistance in half an hour at nearly constant charge. From 20 "
+            "to 30 °C both columns fall by a similar factor, which corresponds to activation energies of "
+            f"{first:.0f} and {last:.0f} kJ/mol; with eq. 9 they fall by 14 % only. That is arrhenius_resistance "
+            "beyond its usual range of 5 to 40 kJ/mol, from a meter of unknown resolution.",
         ],
     )
 
@@ -169,16 +174,17 @@ def figure_9_section(data: xr.Dataset, together: Gradients) -> Section:
     return Section(
         "Fig. 9: components doubled",
         [
-            "Each component of the equivalent circuits doubled alone, through the sensitivity room, and all together; "
-            "full speed, 0 N m, 20 °C. The paper doubles them together and prints one slope, "
-            f"{power(printed.DOUBLED_GRADIENT, -5)}e-5 V/s, over a span that it does not name: a doubling of its "
-            f"{power(printed.LINEAR_GRADIENT, -5)}e-5. The engine has {power(together.linear, -5)}e-5 over 30 to "
-            "1080 s. The direction is the paper's (steeper by doubling), the level is not. What steepens it are the RC "
-            "pairs; the series resistance moves the level alone; the motor's winding does nothing at no load.",
+            "Each component of the equivalent circuits is doubled alone, by the package `sensitivity`, and all "
+            "together; full speed, 0 N m, 20 °C. The paper doubles them together and prints one slope, "
+            f"{power(printed.DOUBLED_GRADIENT, -5)}e-5 V/s, over an unstated span: twice its "
+            f"{power(printed.LINEAR_GRADIENT, -5)}e-5. The simulation gives {power(together.linear, -5)}e-5 over 30 "
+            "to 1080 s. The direction agrees with the paper (steeper by doubling), the level does not. The RC pairs "
+            "cause the steeper slope; the series resistance changes only the level; the motor's winding has no "
+            "effect at no load.",
             Table("figure-9", head, rows),
             Picture(
                 "figure-9",
-                png(pictures.doubled_courses(time_s, base, moved)),
+                png(pictures.doubled_voltages(time_s, base, moved)),
                 "Voltage of one cell with one component doubled at a time.",
             ),
         ],

@@ -1,4 +1,4 @@
-"""Write the paper's Table 1 as seven measured runs: what is left of the charge after half an hour at each temperature.
+"""Write the paper's Table 1 as seven measured runs: the state of charge after half an hour at each temperature.
 
 The table prints a slope in steps of 0.1e-4 per s, and nothing else of its seven runs. So a run has one reading, the
 state of charge at its end; its sd is that of the rounding of the slope, 0.1e-4 / sqrt(12) * 1800 s.
@@ -11,7 +11,7 @@ from pathlib import Path
 HERE = Path(__file__).parent
 SLOPES = {-20: -2.8e-4, 0: -2.5e-4, 20: -2.1e-4, 40: -1.6e-4, 60: -1.3e-4, 80: -0.9e-4, 100: -0.5e-4}
 DURATION_S, STEP_S = 1800, 60
-HELD_OUT = 40  # degC: the inner run that only judges
+HELD_OUT = 40  # degC: the inner run, used as check run
 HEAD = """# Made by make_case.py; do not edit. Table 1 of Specht et al., p. 6, as a measurement.
 # The paper states neither torque nor duty of these runs: 175 mNm and 0.3 give its slope at 20 degC.
 title = "Table 1 of the paper as a measurement"

@@ -24,8 +24,8 @@ from jaxmodel.profile import Profile, constant
 from jaxmodel.simulation import simulate
 
 FOLDER = Path(jaxmodel.presets.__file__).parent
-LEAST_SD = 0.02  # of a scale: no two cells are more alike than this
-STANDING = 0.1  # below this current in A the first row of a run is at rest: it tells the state of charge
+LEAST_SD = 0.02  # of a scale: two cells are never more similar than this
+STANDING = 0.1  # below this current in A the first row of a run is at rest and gives the state of charge
 
 OCV_SOC = (0.0, 0.01, 0.02, 0.035, 0.05, 0.075, 0.1, 0.125, 0.15, 0.175, 0.2, 0.225, 0.25, 0.275, 0.3, 0.35, 0.4, 0.45)
 OCV_SOC += (0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.825, 0.85, 0.875, 0.9, 0.925, 0.95, 0.975, 0.99, 1.0)
@@ -40,7 +40,7 @@ UNTOLD = (
 
 @dataclasses.dataclass(frozen=True)
 class Cell:
-    """One cell: what it is, how its curves are fitted, and the runs that judge them, each with the chamber's degC."""
+    """One cell: data, how its curves are fitted, and check runs, each with the chamber temperature in degC."""
 
     data: str
     licence: str
@@ -310,8 +310,8 @@ def make_motor(name: str, source: Path) -> None:
     out = points.group.isin(held)
     found = estimate(points[~out])
     groups = ", ".join(f"{1e3 * mass:.0f} g" for mass in held) if folder == "hobby_servo_lift" else "10.5 and 11 V"
-    told = tuple(note.replace("EEE", f"{found.value['e']:.2f}") for note in notes)
-    text = head(name, ["motor"], data, licence, made_from.format(held=groups), told) + motor_numbers(found)
+    filled = tuple(note.replace("EEE", f"{found.value['e']:.2f}") for note in notes)
+    text = head(name, ["motor"], data, licence, made_from.format(held=groups), filled) + motor_numbers(found)
     write(name, text)
     figures = ""
     for what, loss in (("", 0.0), (", with gear_loss", found.value["e"])):

@@ -1,7 +1,7 @@
 """Make cases from measurements: LFP cells, an NCA cell in the cold, cells that warm, one that ages, two sets of motors.
 
 Usage: python make_cases.py DATA_FOLDER OUT_FOLDER. What DATA_FOLDER holds is in README.md beside this script. The cases
-are those of `python -m benchmarks.real`, which makes them with the same functions and judges the diagnosis on them.
+are those of `python -m benchmarks.real`, which makes them with the same functions and evaluates the diagnosis on them.
 """
 
 from __future__ import annotations

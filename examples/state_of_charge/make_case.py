@@ -25,7 +25,7 @@ JUDGED = (
     "drive_us06_p00degC", "drive_cycle1_p00degC", "drive_us06_n20degC", "drive_cycle1_n20degC",
     "trise_cycle1_from_p10degC", "trise_cycle1_from_n20degC",
 )  # fmt: skip
-STANDING_A = 0.1  # below it the first row is at rest and tells the charge; else the cell is full, as for the preset
+STANDING_A = 0.1  # below it the first row is at rest and gives the charge; else the cell is full, as for the preset
 HEAD = """# Made by make_case.py; do not edit.
 title = "Panasonic NCR18650PF, drive cycles from 25 to -20 degC"
 kind = "cell"

@@ -20,28 +20,28 @@ CATALOGUE: dict[str, type[Effect]] = {
 
 
 def own_effects(classes: Iterable[type[Effect]]) -> dict[str, type[Effect]]:
-    """Return effects of the user's own by name, after a check that they can take part in everything.
+    """Return the user's own effects by name, after a check that they are complete.
 
     Raises:
-        EffectError: a class lacks something that it must declare, or has the name of another effect.
+        EffectError: a class lacks a declaration, or has the name of another effect.
     """
     found: dict[str, type[Effect]] = {}
     for cls in classes:
         if not (inspect.isclass(cls) and issubclass(cls, Effect)):
             raise EffectError(f"{cls!r} is not an effect; give a class derived from jaxmodel.Effect.")
         if missing := _missing(cls):
-            raise EffectError(f"{cls.__name__} has no {missing}; docs/your_own_effect.md shows a whole one.")
+            raise EffectError(f"{cls.__name__} has no {missing}; docs/your_own_effect.md shows a complete one.")
         if cls.name in CATALOGUE or cls.name in found:
-            raise EffectError(f"{cls.__name__}: there is an effect called '{cls.name}' already; give it another name.")
+            raise EffectError(f"{cls.__name__}: an effect called '{cls.name}' exists already; give it another name.")
         found[cls.name] = cls
     return found
 
 
 def _missing(cls: type[Effect]) -> str:
-    """Return what an effect class does not declare, of what it needs to take part in everything; '' where nothing.
+    """Return the first required declaration that an effect class lacks; '' if it is complete.
 
     Raises:
-        EffectError: a parameter scales with a size that no cell or motor has.
+        EffectError: a parameter scales with an unknown size.
     """
     for attribute in ("name", "kinds", "equation"):
         if not getattr(cls, attribute, None):

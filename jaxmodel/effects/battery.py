@@ -169,7 +169,7 @@ class SelfHeating(Effect):
         return {"self_heating.T_degC": relaxation(target, self.C_th / transfer)}
 
     def cell_temperature(self, value: Scalar, context: CellContext) -> Scalar:
-        """Give the cell its own temperature, beside what other effects made of the ambient's."""
+        """Add the temperature rise of the cell to the ambient temperature that other effects give."""
         return value + (context.state["self_heating.T_degC"] - context.ambient_degC)
 
 
@@ -314,7 +314,7 @@ class ResistanceAgeing(Effect):
     """R_cyc grows linearly too: + c n."""
 
     name: ClassVar[str] = "resistance_ageing"
-    told_by: ClassVar[str] = "cycles"
+    distinguished_by: ClassVar[str] = "cycles"
     kinds: ClassVar[tuple[str, ...]] = CELL
     equation: ClassVar[str] = "R_cyc += c n"
     c: Scalar = parameter(

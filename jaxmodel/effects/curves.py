@@ -1,8 +1,8 @@
-"""Curves as effects: by how much a relation of the model is off, as a function of what it depends on.
+"""Curves: corrections of relations of the model as functions of one quantity.
 
-A curve is no new physics. It says "this table of yours is off by so much there": values at knots, straight between
-them, held at the ends; all zero is the base model. It stands beside the catalogue, not in it: a case names no curve,
-and who fits one gives it knots, values and a prior.
+A curve is no new physics but the correction of a table or formula: values at knots, linear between them, held at the
+ends; all zero is the base model. Curves are not part of the catalogue: a case does not name them, and a fit supplies
+knots, values and a prior.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ from jaxmodel.ports import CellContext, Effect, MotorContext
 CELL = ("cell", "robot")
 MOTOR = ("motor", "robot")
 REFERENCE_DEGC = 20.0
-# Denser where an open-circuit voltage and a resistance bend, near empty and near full.
+# Denser near empty and near full, where open-circuit voltage and resistance are most nonlinear.
 SOC_KNOTS = (0.0, 0.025, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0)
 TEMPERATURE_KNOTS = (-30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0)
-# Of the RE50: to its no-load speed at 24 V, and to twice its largest continuous current.
+# For the RE50: up to its no-load speed at 24 V, and to twice its largest continuous current.
 SPEED_KNOTS = (0.0, 10.0, 25.0, 50.0, 100.0, 150.0, 225.0, 325.0, 450.0, 625.0)
 CURRENT_KNOTS = (0.0, 1.0, 2.0, 4.0, 7.0, 11.0, 16.0, 22.0)
 
 
 class Curve(Effect):
-    """A relation of the model that is off by f(x), piecewise linear between knots and held at the ends.
+    """A correction f(x) of a relation of the model, piecewise linear between knots and held at the ends.
 
     Attributes:
-        values: f at the knots, shape (knots,); 0 is the base model, to the bit.
-        knots: where, strictly increasing, in the unit of `over`.
-        port: the relation that is off.
-        over: the field of the port's context that f is a function of.
-        relation: what a user calls the relation; "" where that is the port.
-        unit: of the values; "" is the logarithm of a factor.
-        typical: the size of the values that a designer meets often.
-        usual_knots: the knots where nobody gives others.
-        scales: how `typical` grows with the specimen, as a parameter's `scales`.
-        knots_scale: the same of `usual_knots`.
+        values: f at the knots, shape (knots,); 0 is exactly the base model.
+        knots: strictly increasing, in the unit of `over`.
+        port: the corrected relation.
+        over: the field of the port's context that is the variable of f.
+        unit: of the values; "" for the logarithm of a factor.
+        typical: usual size of the values.
+        relation: what a user calls the relation; "" if that is the port.
+        usual_knots: default knots.
+        scales: how `typical` scales with the specimen, like `scales` of a parameter.
+        knots_scale: the same for `usual_knots`.
     """
 
     port: ClassVar[str]
@@ -59,7 +59,7 @@ class Curve(Effect):
     knots: tuple[float, ...] = eqx.field(static=True, default=())
 
     def __init__(self, values=None, knots=None, switch: Scalar | None = None):
-        """Take values (0 where there are none) at knots (the usual ones where there are none).
+        """Take values (by default 0) at knots (by default the usual ones).
 
         Raises:
             EffectError: there is not one value for each knot, or the knots do not increase.
@@ -69,7 +69,9 @@ class Curve(Effect):
         self.knots = self.usual_knots if knots is None else tuple(map(float, knots))
         self.values = jnp.zeros(len(self.knots)) if values is None else jnp.asarray(values, dtype=float)
         if not self.knots or any(late <= early for early, late in zip(self.knots, self.knots[1:], strict=False)):
-            raise EffectError(f"curve '{self.name}': its knots {self.knots} do not increase; sort them, each once.")
+            raise EffectError(
+                f"curve '{self.name}': its knots {self.knots} do not increase; sort them without repetition."
+            )
         if self.values.shape != (len(self.knots),):
             raise EffectError(
                 f"curve '{self.name}' has {len(self.knots)} knots and values of shape {self.values.shape}; "
@@ -81,7 +83,7 @@ class Curve(Effect):
 
 
 class OcvCurve(Curve):
-    """The open-circuit voltage is off, over the state of charge."""
+    """Correction of the open-circuit voltage over state of charge."""
 
     name: ClassVar[str] = "ocv_curve"
     kinds: ClassVar[tuple[str, ...]] = CELL
@@ -98,7 +100,7 @@ class OcvCurve(Curve):
 
 
 class SeriesResistanceCurve(Curve):
-    """The series resistance is off by a factor, over the state of charge."""
+    """Factor on the series resistance over state of charge."""
 
     name: ClassVar[str] = "series_resistance_curve"
     kinds: ClassVar[tuple[str, ...]] = CELL
@@ -114,7 +116,7 @@ class SeriesResistanceCurve(Curve):
 
 
 class RcResistanceCurve(Curve):
-    """The resistances of both RC pairs are off by one factor, over the state of charge."""
+    """Factor on the resistances of both RC pairs over state of charge."""
 
     name: ClassVar[str] = "rc_resistance_curve"
     kinds: ClassVar[tuple[str, ...]] = CELL
@@ -130,7 +132,7 @@ class RcResistanceCurve(Curve):
 
 
 class RcCapacitanceCurve(Curve):
-    """The capacitances of both RC pairs are off by one factor, over the state of charge."""
+    """Factor on the capacitances of both RC pairs over state of charge."""
 
     name: ClassVar[str] = "rc_capacitance_curve"
     kinds: ClassVar[tuple[str, ...]] = CELL
@@ -146,7 +148,7 @@ class RcCapacitanceCurve(Curve):
 
 
 class SeriesResistanceTemperatureCurve(Curve):
-    """The series resistance is off by a factor, over the cell's temperature."""
+    """Factor on the series resistance over the cell's temperature."""
 
     name: ClassVar[str] = "series_resistance_temperature_curve"
     kinds: ClassVar[tuple[str, ...]] = CELL
@@ -162,7 +164,7 @@ class SeriesResistanceTemperatureCurve(Curve):
 
 
 class RcResistanceTemperatureCurve(Curve):
-    """The resistances of both RC pairs are off by one factor, over the cell's temperature."""
+    """Factor on the resistances of both RC pairs over the cell's temperature."""
 
     name: ClassVar[str] = "rc_resistance_temperature_curve"
     kinds: ClassVar[tuple[str, ...]] = CELL
@@ -178,7 +180,7 @@ class RcResistanceTemperatureCurve(Curve):
 
 
 class RcCapacitanceTemperatureCurve(Curve):
-    """The capacitances of both RC pairs are off by one factor, over the cell's temperature."""
+    """Factor on the capacitances of both RC pairs over the cell's temperature."""
 
     name: ClassVar[str] = "rc_capacitance_temperature_curve"
     kinds: ClassVar[tuple[str, ...]] = CELL
@@ -194,7 +196,7 @@ class RcCapacitanceTemperatureCurve(Curve):
 
 
 class EntropyCurve(Curve):
-    """The open-circuit voltage moves with temperature, more or less by the state of charge, with reversible heat."""
+    """Entropy coefficient over state of charge: open-circuit voltage over temperature, with reversible heat."""
 
     name: ClassVar[str] = "entropy_curve"
     kinds: ClassVar[tuple[str, ...]] = CELL
@@ -216,7 +218,7 @@ class EntropyCurve(Curve):
 
 
 class FrictionCurve(Curve):
-    """The motor's friction is off, over its speed; what is off at rest holds the rotor there."""
+    """Correction of the motor's friction over speed; its value at zero speed holds the rotor at rest."""
 
     name: ClassVar[str] = "friction_curve"
     kinds: ClassVar[tuple[str, ...]] = MOTOR
@@ -233,18 +235,18 @@ class FrictionCurve(Curve):
         return self._at(jnp.zeros(()))
 
     def coulomb_torque(self, value: Scalar, context: MotorContext) -> Scalar:
-        """Add f(0), which does not vanish at rest; friction as a whole does not drive."""
+        """Add f(0), which acts at rest too; the total friction stays positive."""
         total = value + self._at_rest()
         return jnp.where(total < 0.0, 0.0, total)
 
     def friction_torque(self, value: Scalar, context: MotorContext) -> Scalar:
-        """Add f(|w|) - f(0), which does, signed as the speed."""
+        """Add f(|w|) - f(0), which vanishes at rest, with the sign of the speed."""
         speed = context.speed_rad_s
         return value + jnp.sign(speed) * (self._at(jnp.abs(speed)) - self._at_rest())
 
 
 class TorqueConstantCurve(Curve):
-    """The torque for a current is off by a factor, over the current's size; the back-EMF stays, as in saturation."""
+    """Factor on torque over the size of the current; the back-EMF is unchanged, as in saturation."""
 
     name: ClassVar[str] = "torque_constant_curve"
     kinds: ClassVar[tuple[str, ...]] = MOTOR

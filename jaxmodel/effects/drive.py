@@ -59,7 +59,7 @@ class Saturation(Effect):
 
 
 class BrushDrop(Effect):
-    """The brushes cost a voltage that hardly depends on the current: V_M -= V_b tanh(i_a / 0.1 A)."""
+    """Brush voltage drop, almost independent of the current: V_M -= V_b tanh(i_a / 0.1 A)."""
 
     name: ClassVar[str] = "brush_drop"
     kinds: ClassVar[tuple[str, ...]] = MOTOR

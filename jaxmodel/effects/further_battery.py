@@ -40,10 +40,10 @@ class ArrheniusPolarisation(Effect):
 
 
 class CapacityFade(Effect):
-    """Capacity is lost with every cycle, beside what storage takes: Q (1 - f n/100)."""
+    """Capacity is lost with every cycle, in addition to storage: Q (1 - f n/100)."""
 
     name: ClassVar[str] = "capacity_fade"
-    told_by: ClassVar[str] = "cycles"
+    distinguished_by: ClassVar[str] = "cycles"
     kinds: ClassVar[tuple[str, ...]] = CELL
     equation: ClassVar[str] = "Q -> Q (1 - f n/100)"
     f: Scalar = parameter(

@@ -38,7 +38,7 @@ class DirectionalFriction(Effect):
 
 
 class BrushCurrentDrop(Effect):
-    """The brushes cost a voltage that grows with the logarithm of the current."""
+    """The brush voltage drop grows with the logarithm of the current."""
 
     name: ClassVar[str] = "brush_current_drop"
     kinds: ClassVar[tuple[str, ...]] = MOTOR

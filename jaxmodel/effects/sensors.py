@@ -1,4 +1,4 @@
-"""Candidate faults of the sensors, written like any other effect, so that a fault is not sold as physics."""
+"""Sensor faults, declared like other effects, so that a fault is not mistaken for physics."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class SensorEffect(Effect):
 
     @property
     def label(self) -> str:
-        """Return the name with the column, so that one kind of fault may sit on several sensors."""
+        """Return the name with the column, so that several sensors may have the same kind of fault."""
         return f"{self.name}:{self.column}" if self.column else self.name
 
 
@@ -85,7 +85,7 @@ class TemperatureLag(SensorEffect):
     reads: ClassVar[str] = "temperature_degC"
     kinds: ClassVar[tuple[str, ...]] = ANY
     equation: ClassVar[str] = "tau dT_read/dt = T - T_read"
-    has_memory: ClassVar[bool] = True
+    has_state: ClassVar[bool] = True
     tau: Scalar = parameter(
         30.0,
         unit="s",
@@ -99,21 +99,21 @@ class TemperatureLag(SensorEffect):
     )
 
     def reading(self, value: Array, context: Signal) -> Array:
-        """Follow the true course with a lag; what other sensor effects did to the reading stays."""
+        """Follow the true trajectory with a lag; changes by other sensor effects are kept."""
         return value + (lagged(context, self.tau) - context.rows)
 
 
 class ClockShift(SensorEffect):
     """The outputs' clock runs d seconds late against that of the inputs.
 
-    A logger of its own samples the true course at its moments (`resampled` 0); readings brought to the inputs' rows by
-    interpolation show straight lines between rows, also across a jump (`resampled` 1).
+    A separate logger samples the true trajectory at its own times (`resampled` 0); readings interpolated to the rows of
+    the inputs are linear between rows, also across a jump (`resampled` 1).
     """
 
     name: ClassVar[str] = "clock_shift"
     kinds: ClassVar[tuple[str, ...]] = ANY
-    equation: ClassVar[str] = "y(t) -> y(t - d), of the true course or of the rows"
-    has_memory: ClassVar[bool] = True
+    equation: ClassVar[str] = "y(t) -> y(t - d), of the true trajectory or of the rows"
+    has_state: ClassVar[bool] = True
     d: Scalar = parameter(
         1.0,
         unit="s",
@@ -136,6 +136,6 @@ class ClockShift(SensorEffect):
     )
 
     def reading(self, value: Array, context: Signal) -> Array:
-        """Read the true course, or the rows, at another time."""
+        """Read the true trajectory, or the rows, at another time."""
         sampled, between_rows = shifted(context, self.d), shifted_rows(context, self.d)
         return value + (sampled + self.resampled * (between_rows - sampled) - context.rows)

@@ -1,7 +1,7 @@
-"""Shifts: one number that may differ in a single run, as a contact, a draught or a zero point does.
+"""Shifts: one parameter that may differ in a single run, such as a contact resistance, cooling or a zero point.
 
-Each is an effect like any other, beside the catalogue and not in it: at 0 it is absent, and it is meant to be freed in
-the runs that ask for it ("run 3 has 11 mohm more than the others").
+Each is an effect, but not part of the catalogue: at 0 it is absent, and it is fitted in single runs ("run 3 has 11 mohm
+more than the others").
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MOTOR = ("motor", "robot")
 
 
 class ContactResistance(Effect):
-    """The cell has more or less resistance in series, as another contact brings."""
+    """Additional series resistance of the cell, for example from another contact."""
 
     name: ClassVar[str] = "contact_resistance"
     kinds: ClassVar[tuple[str, ...]] = CELL
@@ -30,7 +30,7 @@ class ContactResistance(Effect):
     r: Scalar = parameter(
         0.01,
         unit="ohm",
-        meaning="resistance of one cell beyond that of other runs",
+        meaning="resistance of one cell above that of other runs",
         null=0.0,
         lower=-10.0,
         upper=10.0,
@@ -44,7 +44,7 @@ class ContactResistance(Effect):
 
 
 class HeatTransferShift(Effect):
-    """A self-heating cell passes more or less heat to the ambient, as a draught or another holder brings."""
+    """Factor on the heat transfer of a self-heating cell, for example from a draught or another holder."""
 
     name: ClassVar[str] = "heat_transfer_shift"
     kinds: ClassVar[tuple[str, ...]] = CELL
@@ -65,7 +65,7 @@ class HeatTransferShift(Effect):
 
 
 class FrictionShift(Effect):
-    """The motor has more or less Coulomb friction, as another mounting or a tight bearing brings."""
+    """Additional Coulomb friction of the motor, for example from another mounting or a tight bearing."""
 
     name: ClassVar[str] = "friction_shift"
     kinds: ClassVar[tuple[str, ...]] = MOTOR
@@ -73,7 +73,7 @@ class FrictionShift(Effect):
     t: Scalar = parameter(
         0.005,
         unit="N m",
-        meaning="friction torque beyond that of other runs",
+        meaning="friction torque above that of other runs",
         null=0.0,
         lower=-1e3,
         upper=1e3,
@@ -82,7 +82,7 @@ class FrictionShift(Effect):
     )
 
     def coulomb_torque(self, value: Scalar, context: MotorContext) -> Scalar:
-        """Add the torque; friction as a whole does not drive."""
+        """Add the torque; the total friction stays positive."""
         total = value + self.t
         return jnp.where(total < 0.0, 0.0, total)
 
@@ -120,7 +120,7 @@ class TemperatureShift(SensorEffect):
 
 
 class AmbientShift(SensorEffect):
-    """What surrounds the specimen is c warmer than the ambient that was reported for this run."""
+    """The true ambient temperature is c above the reported one in this run."""
 
     name: ClassVar[str] = "ambient_shift"
     reads: ClassVar[str] = "ambient_degC"
@@ -128,7 +128,13 @@ class AmbientShift(SensorEffect):
     equation: ClassVar[str] = "true ambient = reported ambient + c"
     column: str = eqx.field(static=True, default="ambient_degC")
     c: Scalar = parameter(
-        1.0, unit="K", meaning="how much warmer it truly was", null=0.0, lower=-100.0, upper=100.0, typical=(-2.0, 2.0)
+        1.0,
+        unit="K",
+        meaning="difference of true and reported ambient temperature",
+        null=0.0,
+        lower=-100.0,
+        upper=100.0,
+        typical=(-2.0, 2.0),
     )
 
     def true_input(self, value: Array, context: None) -> Array:

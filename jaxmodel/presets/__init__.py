@@ -1,7 +1,7 @@
 """Hardware by name: the paper's robot, and real cells and motors, each a TOML file of this folder.
 
-A preset states, in the form of a case's `[parameters]`, what data told of one piece of hardware, with uncertainty and
-source. What it does not state is the paper's.
+A preset states the parameters of one piece of hardware, in the form of a case's `[parameters]`, with sd and source.
+Other values are those of the paper.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from jaxmodel.errors import nearest
 from jaxmodel.known import Known, Table, scalars, tables
 
 Kind = Literal["cell", "motor", "robot"]
-# The titles stand here too, so that to list the presets, or to use the paper's, opens no file.
+# The titles are here too, so that listing the presets, or using that of the paper, opens no file.
 PRESETS = {
     "paper": "the robot of the paper: 6S1P 5.2 Ah pack, two maxon RE50 motors",
     "samsung_30q": "Samsung INR18650-30Q, 3.0 A h",
@@ -32,7 +32,7 @@ PRESETS = {
 
 
 class HeldOut(BaseModel):
-    """How far the preset is from a run that was not used to make it: RMS in the column's unit."""
+    """RMS error of the preset on a run that was not used for it, in the column's unit."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
@@ -42,7 +42,7 @@ class HeldOut(BaseModel):
 
 
 class PresetForm(BaseModel):
-    """The whole of a preset's file."""
+    """The content of a preset file."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
@@ -60,7 +60,7 @@ class Preset:
 
     Attributes:
         name: a key of `PRESETS`.
-        kinds: the kinds of model that it serves.
+        kinds: kinds of model for which it can be used.
         parameters: scalar parameters by name.
         tables: curves by name.
     """
@@ -72,7 +72,7 @@ class Preset:
 
 
 def read_form(name: str) -> PresetForm:
-    """Return the file of a preset other than the paper's, with data set, licence and errors on held-out runs."""
+    """Return the file of a preset except the paper's, with data set, licence and errors on held-out runs."""
     text = (resources.files(__name__) / f"{name}.toml").read_text(encoding="utf-8")
     return PresetForm.model_validate(tomllib.loads(text))
 
@@ -88,7 +88,7 @@ def read_preset(name: str) -> Preset:
 
 
 def why_not(name: str, kind: str) -> str:
-    """Return why a preset cannot serve a kind of model, as a sentence; '' where it can."""
+    """Return why a preset cannot be used for a kind of model, as a sentence; '' if it can."""
     if name not in PRESETS:
         return f"no preset is called '{name}'.{nearest(name, PRESETS)}"
     kinds = read_preset(name).kinds

@@ -1,4 +1,4 @@
-"""Small cells as a bench measures them, for the tests of the whole diagnosis: made by the referee, in folders.
+"""Small cells with realistic measurements, for tests of the whole diagnosis, from the independent simulator.
 
 One cell, driven in three fit runs at 10, 25 and 35 degC and a check run at 20 degC, seven hours of it in some 1,700
 rows. What is hidden differs from case to case; simulated once is what several cases share.
@@ -136,7 +136,7 @@ def _measured(which: str, uneven: bool = False) -> tuple[list[Run], list[dict[st
     """Return the drives and what perfect sensors read of them, simulated once."""
     effects = {"none": {}, "three": THREE, "four": FOUR, "diffusion": DIFFUSION, "arrhenius": ARRHENIUS}[which]
     made = drives(uneven_times()) if uneven else drives()
-    # `current_offset`: the profile is what truly acts, and the referee is told what is reported.
+    # `current_offset`: the profile is the true one, and the independent simulator is given the reported one.
     from tests.independent.effects import reported_inputs
 
     read = [simulate("cell", TRUE, reported_inputs(r.profile, effects), effects, r.initial_soc) for r in made]
@@ -149,7 +149,7 @@ def make(
     *,
     seed: int,
     stated: Mapping[str, Any] | None = None,
-    told_noise: Mapping[str, float] | None = None,
+    stated_noise: Mapping[str, float] | None = None,
     contact_ohm: Mapping[int, float] | None = None,
     drift_ohm_per_h: float = 0.0,
     cold_check: bool = False,
@@ -163,7 +163,7 @@ def make(
         which: hidden effects are there: "none", "three", "four", "diffusion", "arrhenius".
         seed: of the noise.
         stated: in place of what the user states otherwise.
-        told_noise: sd that the user states in place of the true ones.
+        stated_noise: sd that the user states in place of the true ones.
         contact_ohm: in the leads, by place of the run.
         drift_ohm_per_h: that a contact gains while a run lasts.
         cold_check: whether the check run is at -10 degC, where all resistances are twice as large.
@@ -192,7 +192,7 @@ def make(
         runs,
         effects=effects,
         sensors={name: sd for name, sd in NOISE.items() if heated or name == "voltage_V"},
-        stated_sensors={**(told_noise or {}), **({"current_A": COARSE_A / np.sqrt(12.0)} if uneven else {})},
+        stated_sensors={**(stated_noise or {}), **({"current_A": COARSE_A / np.sqrt(12.0)} if uneven else {})},
         quantisation={"current_A": COARSE_A} if uneven else {},
         seed=seed,
         readings=readings,

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from discrepancy.fitting.model import Bench, View
+from discrepancy.fitting.model import ModelSpace, View
 from discrepancy.fitting.readings import Weights, collect
 from discrepancy.investigation import Investigation
 from discrepancy.noise.contract import noise_of_case
 from discrepancy.noise.model_error import NONE
 from jaxmodel.case import Case
-from tests.discrepancy.made_cases import SMALL_KEPT, MadeCell, bench_of, investigation_of, made_cell, small_cell
+from tests.discrepancy.made_cases import SMALL_KEPT, MadeCell, investigation_of, made_cell, small_cell, space_of
 
 HEATING = {"self_heating": {"C_th": 60.0, "hA": 0.1}}
 
@@ -28,15 +28,15 @@ def small() -> Case:
 
 
 @pytest.fixture(scope="session")
-def small_bench(small: Case) -> Bench:
+def small_space(small: Case) -> ModelSpace:
     """All that could be missing in it, of every group some."""
-    return bench_of(small, *SMALL_KEPT)
+    return space_of(small, *SMALL_KEPT)
 
 
 @pytest.fixture(scope="session")
-def small_view(small: Case, small_bench: Bench) -> View:
+def small_view(small: Case, small_space: ModelSpace) -> View:
     """Its fitted readings."""
-    return View(small_bench, collect(small, noise_of_case(small), small_bench.coarse.channels, [0, 1]))
+    return View(small_space, collect(small, noise_of_case(small), small_space.coarse.channels, [0, 1]))
 
 
 @pytest.fixture(scope="session")

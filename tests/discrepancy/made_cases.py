@@ -1,4 +1,4 @@
-"""Cells measured by the referee: runs at four temperatures, true parameters off the stated ones, effects hidden.
+"""Cells from the independent simulator: runs at four temperatures, stated parameters that are wrong, hidden effects.
 
 All cases have the same layout, so that they share compiled programs.
 """
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from discrepancy.fitting.model import Bench
+from discrepancy.fitting.model import ModelSpace
 from discrepancy.investigation import Investigation
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.case import Case, Run
@@ -74,7 +74,7 @@ def drives() -> list[Drive]:
 
 
 def made_cell(folder: Path, effects: Mapping[str, Mapping[str, Any]], seed: int = 0, **options: Any) -> MadeCell:
-    """Write and read a cell with hidden effects; `options` are those of the referee's `write_case`."""
+    """Write and read a cell with hidden effects; `options` are those of the independent simulator's `write_case`."""
     options = {"sensors": {"voltage_V": NOISE_V}} | options
     clean = write_case(folder, "cell", TRUE, STATED, drives(), effects=effects, seed=seed, **options)
     case = read_case(folder)
@@ -88,7 +88,7 @@ def made_cell(folder: Path, effects: Mapping[str, Mapping[str, Any]], seed: int 
 def made_cell_with_unknown_law(folder: Path, ohm_per_soc: float, seed: int = 0) -> MadeCell:
     """Write and read a cell whose resistance grows below half charge, as under no effect of the catalogue.
 
-    Its drop is taken off the voltages that the referee made: in a cell driven by its current nothing feeds back.
+    Its drop is subtracted from the simulated voltages: in a cell driven by current there is no feedback.
     """
     made = made_cell(folder, {}, seed)
     for run, drive in zip(made.case.runs, drives(), strict=True):
@@ -101,12 +101,12 @@ def made_cell_with_unknown_law(folder: Path, ohm_per_soc: float, seed: int = 0) 
 
 def all_but(case: Case, *kept: str) -> list[str]:
     """Return everything that could be missing from a case, but for some names: ruled out, they need not be compiled."""
-    return [one.label for one in Bench(case).candidates.values() if not {one.label, one.name} & set(kept)]
+    return [one.label for one in ModelSpace(case).candidates.values() if not {one.label, one.name} & set(kept)]
 
 
-def bench_of(case: Case, *kept: str) -> Bench:
-    """Return a bench in which these candidates alone could be missing."""
-    return Bench(case, without=all_but(case, *kept))
+def space_of(case: Case, *kept: str) -> ModelSpace:
+    """Return the space of models in which only these candidates could be missing."""
+    return ModelSpace(case, without=all_but(case, *kept))
 
 
 def investigation_of(case: Case, *kept: str) -> Investigation:

@@ -1,7 +1,7 @@
-"""The ten tests of the redesign: the whole diagnosis on small cells as a bench measures them.
+"""Tests of the whole diagnosis on small cells with realistic measurements.
 
-A case is diagnosed once, whatever is asked of its answer, and the answer alone is read. Before that the made data are
-tested: with the truth put in nothing but the noise is left, and what is hidden stands far out of it.
+Each case is diagnosed once, and only its answer is read. The data are tested first: with the true model only noise
+remains, and what is hidden is far above it.
 """
 
 from __future__ import annotations
@@ -41,8 +41,16 @@ CASES: dict[str, dict[str, Any]] = {
         "stated": {"R_ints": made.TRUE["R_ints"] | {"ohm": (made.R_INTS * np.exp(made.R_INTS_OFF)).tolist()}},
     },
     "bad run": {"seed": 5, "contact_ohm": {made.BAD_RUN: made.CONTACT_OHM}},
-    "noise stated too small": {"which": "diffusion", "seed": 6, "told_noise": {"voltage_V": 0.2 * NOISE["voltage_V"]}},
-    "noise stated too large": {"which": "diffusion", "seed": 6, "told_noise": {"voltage_V": 5.0 * NOISE["voltage_V"]}},
+    "noise stated too small": {
+        "which": "diffusion",
+        "seed": 6,
+        "stated_noise": {"voltage_V": 0.2 * NOISE["voltage_V"]},
+    },
+    "noise stated too large": {
+        "which": "diffusion",
+        "seed": 6,
+        "stated_noise": {"voltage_V": 5.0 * NOISE["voltage_V"]},
+    },
     "capacity far off": {"seed": 7, "stated": {"capacity_Ah": (made.TRUE["capacity_Ah"] + 0.2, 0.04)}},
     "drifting contact": {"which": "arrhenius", "seed": 8, "drift_ohm_per_h": made.DRIFT_OHM_PER_H},
     "cold check run": {"seed": 9, "cold_check": True},
@@ -152,7 +160,7 @@ def test_four_effects_are_named_of_which_one_is_a_sensor_fault(said):
         ("wrong resistance", "series_resistance", made.R_INTS_OFF),
     ],
 )
-def test_a_wrong_table_is_told_as_that_table_over_soc(said, name: str, port: str, off: np.ndarray):
+def test_a_wrong_table_is_reported_as_that_table_over_soc(said, name: str, port: str, off: np.ndarray):
     answer = said(name)
     assert claimed(answer) == set()
     assert answer["verdict"] == "adequate"
@@ -165,7 +173,7 @@ def test_a_wrong_table_is_told_as_that_table_over_soc(said, name: str, port: str
     assert np.corrcoef(value[driven], true[driven])[0, 1] > 0.9
 
 
-def test_one_bad_run_is_told_as_that_run(said):
+def test_one_bad_run_is_reported_as_that_run(said):
     answer = said("bad run")
     assert [run["file"] for run in answer["runs"]] == [f"run-{made.BAD_RUN + 1:02d}.csv"]
     assert claimed(answer) == set()
@@ -180,28 +188,28 @@ def test_a_noise_that_is_stated_wrong_changes_no_name(said, name: str):
     assert remarked(answer, r"\b(noise|sd|scatter)\b")
 
 
-def test_a_capacity_far_from_what_is_stated_is_adequate_and_told(said):
+def test_a_capacity_far_from_its_stated_value_is_adequate_with_a_remark(said):
     answer = said("capacity far off")
     assert answer["verdict"] == "adequate"
     assert claimed(answer) == set()
     assert remarked(answer, "capacity[_ ]Ah")
 
 
-def test_a_contact_that_drifts_is_told_beside_what_is_in_the_catalogue(said):
+def test_a_drifting_contact_is_reported_with_the_other_effects(said):
     answer = said("drifting contact")
     assert set(made.ARRHENIUS) <= claimed(answer) <= {*made.ARRHENIUS, "contact_drift"}
     over_time = any("time" in str(curve["over"]) for curve in answer.get("curves") or ())
     assert "contact_drift" in claimed(answer) or answer["verdict"] == "unknown_effect" or over_time
 
 
-def test_what_only_a_check_run_goes_through_is_not_called_adequate(said):
+def test_a_condition_of_a_check_run_alone_is_not_called_adequate(said):
     answer = said("cold check run")
     assert answer["verdict"] in ("undecided", "unknown_effect", "missing_effect")
     beyond = [each for each in answer["extrapolated"] if each["condition"] == "ambient_degC"]
     assert [each["file"] for each in beyond] == ["run-04.csv"]
 
 
-def test_a_thermometer_that_sticks_is_told_and_changes_no_name(said):
+def test_a_stuck_thermometer_is_reported_and_changes_no_name(said):
     answer = said("stuck thermometer")
     of_thermometer = {e["name"] for e in answer["effects"] if e["parameters"].get("column") == "cell_temperature_degC"}
     assert claimed(answer) - of_thermometer == set(made.THREE)

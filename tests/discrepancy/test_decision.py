@@ -23,10 +23,10 @@ def evidence(**changes) -> Evidence:
 
 
 @pytest.mark.parametrize(
-    ("told", "rule"),
+    ("given", "rule"),
     [
         (evidence(unknown=("the overpotential lacks a law",)), "unknown law"),
-        (evidence(channels={"voltage_V": LEFT}), "most is left"),
+        (evidence(channels={"voltage_V": LEFT}), "large remaining error"),
         (evidence(effects={"self_heating": 0.9}), "named"),
         (evidence(effects={"self_heating": 0.9, OFFSET: 0.9}, sensors=frozenset({OFFSET})), "named"),
         (evidence(effects={OFFSET: 0.9}, sensors=frozenset({OFFSET})), "fault"),
@@ -36,11 +36,11 @@ def evidence(**changes) -> Evidence:
         (NOTHING, "adequate"),
     ],
 )
-def test_each_rule_gives_its_verdict(told: Evidence, rule: str):
-    found = decide(told)
+def test_each_rule_gives_its_verdict(given: Evidence, rule: str):
+    found = decide(given)
     assert found.rule == rule
     assert found.verdict == RULES[rule][0]
-    assert (found.unexplained is not None) == (rule in ("unknown law", "most is left", "held out"))
+    assert (found.unexplained is not None) == (rule in ("unknown law", "large remaining error", "held out"))
 
 
 def test_of_several_rules_that_hold_the_first_in_the_table_gives_the_verdict():
@@ -80,7 +80,7 @@ def test_every_verdict_is_one_that_the_answer_may_give():
 )
 def test_what_is_left_matters_where_it_is_far_above_noise_and_tolerance(changes: dict, is_left: bool):
     channel = dataclasses.replace(LEFT, **changes)
-    assert (decide(evidence(channels={"voltage_V": channel})).rule == "most is left") == is_left
+    assert (decide(evidence(channels={"voltage_V": channel})).rule == "large remaining error") == is_left
 
 
 @pytest.mark.parametrize(
@@ -96,15 +96,15 @@ def test_what_is_left_matters_where_it_is_far_above_noise_and_tolerance(changes:
     ],
 )
 def test_held_out_runs_fail_beyond_a_factor_and_a_stated_tolerance(changes: dict, fails: bool):
-    told = decide(evidence(channels={"voltage_V": dataclasses.replace(FAILING, **changes)}))
-    assert told.rule == ("held out" if fails else "adequate")
+    result = decide(evidence(channels={"voltage_V": dataclasses.replace(FAILING, **changes)}))
+    assert result.rule == ("held out" if fails else "adequate")
 
 
 def test_words_say_where_and_how_far():
-    told = decide(evidence(channels={"voltage_V": FAILING, "cell_temperature_degC": WELL}, extrapolates=True))
-    assert told.unexplained == (
-        "on check runs the error of voltage_V is 3.0 times that on fit runs; a check run lies outside the conditions "
-        "that were fitted"
+    result = decide(evidence(channels={"voltage_V": FAILING, "cell_temperature_degC": WELL}, extrapolates=True))
+    assert result.unexplained == (
+        "on check runs the error of voltage_V is 3.0 times that on fit runs; a check run is outside the conditions of "
+        "the fit runs"
     )
     left = decide(evidence(channels={"voltage_V": LEFT})).unexplained or ""
-    assert left.startswith("voltage_V is left at 8 where the noise is 1,")
+    assert left.startswith("the error of voltage_V remains at 8 (noise 1);")

@@ -165,17 +165,17 @@ def test_sd_of_a_corrected_table_is_that_of_its_curve(diagnosis: Diagnosis, tmp_
     assert set(OCV.soc) | set(SOC) == set(written.tables["ocv"].soc)
 
 
-def test_what_a_case_file_cannot_hold_is_said(diagnosis: Diagnosis, tmp_path: Path) -> None:
+def test_what_a_case_file_cannot_hold_is_in_the_notes(diagnosis: Diagnosis, tmp_path: Path) -> None:
     entropy = dataclasses.replace(ocv_curve(), label="entropy_curve", port="entropy_coefficient", unit="V/K")
     written, notes = read_back(with_additions(diagnosis, curves=(entropy, law()), runs=(contact(),)), tmp_path)
     assert written.tables == {}
-    told = "\n".join(notes)
+    text = "\n".join(notes)
     for said in (
         "entropy_curve is left out: a case file has no table for it",
-        "run-02: series resistance +11.20 ± 0.80 mohm beyond that of the other runs",
+        "run-02: series resistance differs by +11.20 ± 0.80 mohm from the other runs",
         "give --effect found_law.py:FoundLaw",
     ):
-        assert said in told
+        assert said in text
     assert len(notes) == 3
 
 
@@ -222,7 +222,7 @@ def test_second_fault_of_one_kind_is_left_out_and_said(diagnosis: Diagnosis) -> 
     case, notes = of(two_faults)
     assert case.effects == {"voltage_offset": {"c": 0.01, "column": "voltage_V"}}
     assert case.effect_sd == {"voltage_offset": {"c": 0.001}}
-    assert notes == [f"{labels[1]} is left out: a case file holds one effect of a name."]
+    assert notes == [f"{labels[1]} is left out: a case file holds one effect of each name."]
 
 
 def test_number_fitted_beyond_its_bounds_is_moved_to_them_and_said(diagnosis: Diagnosis, tmp_path: Path) -> None:
@@ -231,6 +231,6 @@ def test_number_fitted_beyond_its_bounds_is_moved_to_them_and_said(diagnosis: Di
     written, notes = read_back(with_additions(diagnosis, estimates=far), tmp_path)
     assert written.runs[1].initial_soc.value == 1.1
     assert {note.split()[0] for note in notes} == set(far)
-    assert "# initial_soc[run-02] was fitted as 1.2, which is outside its range; here it is 1.1.\n" in (
+    assert "# initial_soc[run-02] was fitted as 1.2, outside its range; it is set to 1.1 here.\n" in (
         tmp_path / "extended.toml"
     ).read_text(encoding="utf-8")

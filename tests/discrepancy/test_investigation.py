@@ -24,7 +24,7 @@ def found(warm_small: Investigation) -> Found:
 def same_numbers(one: Settled, other: Settled) -> None:
     """Hold two fits of one model to a thousandth of an sd."""
     assert one.labels == other.labels
-    own = list(one.setting.own)
+    own = list(one.setting.free)
     np.testing.assert_allclose((one.fitted.x[own] - other.fitted.x[own]) / one.fitted.sd(), 0.0, atol=1e-3)
 
 
@@ -32,10 +32,10 @@ def test_the_policy_ends_at_what_is_hidden(warm_small: Investigation, found: Fou
     assert found.final.labels == ("self_heating",)
     assert [model.labels for model in found.path] == [(), ("self_heating",)]
     assert found.laws == ()
-    assert found.final.log_evidence > max(trial.log_evidence for trial in found.weighed[1:])
-    layout, fitted = warm_small.bench.layout, found.final.fitted
+    assert found.final.log_evidence > max(trial.log_evidence for trial in found.compared[1:])
+    layout, fitted = warm_small.space.layout, found.final.fitted
     for place, true in zip(layout.of["self_heating"], HEATING["self_heating"].values(), strict=True):
-        sd = layout.coordinates[place].slope(fitted.x[place]) * fitted.sd()[list(fitted.own).index(place)]
+        sd = layout.coordinates[place].slope(fitted.x[place]) * fitted.sd()[list(fitted.free).index(place)]
         assert layout.coordinates[place].number(fitted.x[place]) == pytest.approx(true, abs=4.0 * sd)
     errors = warm_small.errors_of(found.final)
     readings = found.final.scale.view.readings
@@ -91,24 +91,24 @@ def test_verbs_tell_what_the_present_model_lacks_and_leaves():
 def test_what_cannot_be_done_is_said(plain_small: Investigation):
     with pytest.raises(EffectError, match="self_heating"):
         plain_small.add("self_heatin")
-    with pytest.raises(EffectError, match="no effect that could be added"):
+    with pytest.raises(EffectError, match="is not a candidate of this case"):
         Investigation(small_cell(), without=["what is not there"])
     case = small_cell()
-    judged = dataclasses.replace(case, runs=tuple(dataclasses.replace(run, split="check") for run in case.runs))
+    check_only = dataclasses.replace(case, runs=tuple(dataclasses.replace(run, split="check") for run in case.runs))
     with pytest.raises(FitError, match='split = "fit"'):
-        Investigation(judged)
+        Investigation(check_only)
 
 
 def test_additions_are_gated_by_evidence_and_by_runs_left_out(warm_small: Investigation, found: Found):
     gains = warm_small.linear(warm_small.base).gains()
     assert gains[0].label == "self_heating"
-    told = gates.addition(warm_small, warm_small.base, gains[0])
-    assert told.significant
-    assert told.material
-    assert told.obvious
-    assert told.paid > 0.0
-    assert told.gain == pytest.approx(told.trial.log_evidence - warm_small.base.log_evidence)
-    # To first order the screen foretold what the refit gained.
-    assert told.gain > 0.5 * gains[0].log_evidence
+    result = gates.addition(warm_small, warm_small.base, gains[0])
+    assert result.significant
+    assert result.material
+    assert result.obvious
+    assert result.score_gain > 0.0
+    assert result.gain == pytest.approx(result.trial.log_evidence - warm_small.base.log_evidence)
+    # The score predicts the gain of the refit to first order.
+    assert result.gain > 0.5 * gains[0].log_evidence
     rest = {gain.label: gain for gain in warm_small.linear(found.final).gains()}
     assert max(gain.log_evidence for gain in rest.values()) < 6.0

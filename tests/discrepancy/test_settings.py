@@ -21,15 +21,15 @@ def test_every_constant_has_a_meaning_and_a_source():
         assert row["value"] == str(getattr(SETTINGS, row["name"]))
 
 
-def test_a_constant_that_was_changed_is_told_as_it_is():
+def test_a_changed_constant_is_listed_with_its_value():
     changed = dataclasses.replace(SETTINGS, named=0.9)
     assert [row["value"] for row in table(changed) if row["name"] == "named"] == ["0.9"]
 
 
 def test_every_constant_is_used():
-    """A constant in the table that nothing reads would lie."""
-    room = Path(__file__).parents[2] / "discrepancy"
-    text = "\n".join(path.read_text(encoding="utf-8") for path in room.rglob("*.py") if path.name != "settings.py")
+    """An unused constant in the table would be misleading."""
+    package = Path(__file__).parents[2] / "discrepancy"
+    text = "\n".join(path.read_text(encoding="utf-8") for path in package.rglob("*.py") if path.name != "settings.py")
     assert [row["name"] for row in table() if f".{row['name']}" not in text] == []
 
 
@@ -38,6 +38,6 @@ def test_docs_repeat_the_table():
     if "| `least_odds` |" not in text:
         pytest.skip("the page has no table of constants yet")
     lines = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in text.splitlines()]
-    told = {cells[0].strip("`"): cells for cells in lines if cells and cells[0].startswith("`")}
+    in_docs = {cells[0].strip("`"): cells for cells in lines if cells and cells[0].startswith("`")}
     for row in table():
-        assert told[row["name"]][1].strip("`") == row["value"], row["name"]
+        assert in_docs[row["name"]][1].strip("`") == row["value"], row["name"]

@@ -1,4 +1,4 @@
-"""Other forms of the catalogue's effects: what a real bench might have in place of the equation that the product knows.
+"""Other forms of the catalogue's effects, as real hardware might have them in place of the model's equations.
 
 Each is as strong as the catalogue's form at some usual point, and as smooth; nothing else is the same. An effect has
 its other form where its parameter `other` is 1.

@@ -37,8 +37,8 @@ class Run:
         stated_soc: (value, sd) that the case states; None states the truth as known exactly.
         split: "fit" or "check".
         label: free text.
-        parameters: parameters of this run in place of the case's, known exactly (`cycles`).
-        hidden: parameters of this run in place of the case's, of which nobody knows.
+        parameters: parameters of this run in place of the case's, exact (`cycles`).
+        hidden: parameters of this run in place of the case's, not stated anywhere.
     """
 
     profile: Columns
@@ -83,10 +83,10 @@ def write_case(
         seed: of the noise.
         quantisation: the step of each column's last digit; the rest are written to ten digits.
         autocorrelation: AR(1) coefficient of a column's noise; its sd stays that of `sensors`.
-        unstated_sensors: columns whose sd the case does not tell.
+        unstated_sensors: columns whose sd the case does not state.
         heavy_tails: columns whose noise is Student's t with 4 degrees of freedom, of the same sd.
-        stated_sensors: sd that the case tells in place of the true one.
-        accepted: the error of a column that the user can live with, which the case tells under [tolerance].
+        stated_sensors: stated sd in place of the true one.
+        accepted: acceptable error of a column, stated under [tolerance].
         readings: of each run without noise, where they were simulated before.
         title: the case's title.
         tolerance: of the integration; far below any sensor.
@@ -109,8 +109,8 @@ def write_case(
             noise = _noise(rng, len(columns[name]), sensors.get(name, 0.0), rhos.get(name, 0.0), name in heavy_tails)
             text[name] = _rounded(columns[name] + noise, steps.get(name))
         pd.DataFrame(text).to_csv(folder / _file(number), index=False)
-    told = {name: sd for name, sd in {**sensors, **(stated_sensors or {})}.items() if name not in unstated_sensors}
-    (folder / "case.toml").write_text(_case_toml(title, kind, stated_parameters, runs, told, accepted or {}))
+    stated = {name: sd for name, sd in {**sensors, **(stated_sensors or {})}.items() if name not in unstated_sensors}
+    (folder / "case.toml").write_text(_case_toml(title, kind, stated_parameters, runs, stated, accepted or {}))
     (folder / "answer.toml").write_text(_answer_toml(kind, true_parameters, effects, runs))
     return clean
 

@@ -1,4 +1,4 @@
-"""Profiles that a bench or a drive test would run: blocks of constant load, with rests between them, from a seed."""
+"""Input profiles of bench and drive tests: blocks of constant load with rests, from a seed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Long rows of a motor whose law bends, against the referee: it neither rings nor runs away, and its heat is right."""
+"""Long rows of a nonlinear motor, against the independent simulator: no ringing, no divergence, correct heat."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.independent import simulate
 
 STRONG = {"R_0": 0.063, "k_tau": 0.039}  # an inrush of two hundred ampere
 SLOW = STRONG | {"J": 0.003}  # on a brake, with a time constant of an eighth of a second
-# Of the referee. At 1e-10 rounding alone stalls it where brushes coast, on some processors and not on others.
+# Of the independent simulator. At 1e-10 rounding stalls it at coasting brushes, on some processors.
 TOLERANCE = 1e-9
 
 

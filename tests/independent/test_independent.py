@@ -1,4 +1,4 @@
-"""The referee is refereed: by reference trajectories, conservation laws and closed forms."""
+"""Tests of the independent simulator: reference trajectories, conservation laws and closed forms."""
 
 from __future__ import annotations
 

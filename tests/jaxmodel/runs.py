@@ -16,10 +16,10 @@ ROWS, STEPS = 128, 640
 
 def padded(model: Model, profile: Profile, rows: int = ROWS, steps: int = STEPS) -> tuple[Track, jax.Array]:
     """Lay a profile out with steps of zero length, and copies of its last row, behind its end."""
-    course, missing = track(model, profile, steps), rows - profile.time_s.size
-    last_step = jnp.pad(course.last_step, (0, missing), mode="edge")
+    run_steps, missing = track(model, profile, steps), rows - profile.time_s.size
+    last_step = jnp.pad(run_steps.last_step, (0, missing), mode="edge")
     time_s = jnp.asarray(np.pad(profile.time_s, (0, missing), mode="edge"))
-    return eqx.tree_at(lambda c: c.last_step, course, last_step), time_s
+    return eqx.tree_at(lambda c: c.last_step, run_steps, last_step), time_s
 
 
 def run(model: Model, profile: Profile, cutoff: Cutoff | None = None) -> Trajectory:

@@ -121,12 +121,12 @@ def test_the_effects_of_a_case_are_on(case: Case):
         (
             'voltage_gain = { g = 0.02, column = "volt_V" }',
             EffectError,
-            "'voltage_gain' has no column 'volt_V' to sit on. Did you mean 'voltage_V'?",
+            "'voltage_gain' cannot act on the column 'volt_V'. Did you mean 'voltage_V'?",
         ),
         (
             'voltage_gain = { g = 0.02, column = "current_A" }',
             EffectError,
-            "'voltage_gain' has no column 'current_A' to sit on. It may sit on voltage_V.",
+            "'voltage_gain' cannot act on the column 'current_A'. Possible columns: voltage_V.",
         ),
     ],
 )

@@ -1,4 +1,4 @@
-"""Runs of a case laid out alike give what each run gives by itself."""
+"""Runs of a case padded to one shape give the same as each run by itself."""
 
 from __future__ import annotations
 
@@ -54,4 +54,4 @@ def test_run_outside_the_range_of_the_equations_says_so(case: Case) -> None:
     )
     (outcome,) = simulate_case(dataclasses.replace(case, runs=(dataclasses.replace(case.runs[0], measured=hot),)))
     assert not outcome.table["valid"].all()
-    assert "leaves the range in which the cell's equations make sense" in outcome.sentence()
+    assert "is outside the valid range of the cell's equations" in outcome.sentence()

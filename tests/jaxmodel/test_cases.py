@@ -263,7 +263,7 @@ CELL = 'kind = "cell"\n'
         pytest.param(
             CELL + RUNS.replace("run-02.csv", "run-03.csv"),
             MeasurementError,
-            ["runs[2].file", "no 'run-03.csv' beside case.toml", "Did you mean 'run-0"],
+            ["runs[2].file", "no 'run-03.csv' next to case.toml", "Did you mean 'run-0"],
             id="no such CSV",
         ),
         pytest.param(
@@ -365,7 +365,7 @@ CELL = 'kind = "cell"\n'
         pytest.param(
             CELL + RUNS + "tolerance = { current_A = 0.1 }\n",
             MeasurementError,
-            ["run of run-02.csv", "runs[2].tolerance: a cell has no reading 'current_A'", "It has voltage_V"],
+            ["run of run-02.csv", "runs[2].tolerance: a cell has no reading 'current_A'", "Its readings: voltage_V"],
             id="tolerance of an input",
         ),
         pytest.param(

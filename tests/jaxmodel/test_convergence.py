@@ -74,14 +74,14 @@ def model_of(kind: str, effect: str, **numbers: float) -> Model:
     return with_effects(kind, *([effect] if effect else []), *warm, **numbers)
 
 
-def refined(course: Track, parts: int) -> Track:
+def refined(run_steps: Track, parts: int) -> Track:
     """Cut each step that is not part of a transient, and fill up to the one compiled shape."""
-    duration = np.asarray(course.duration_s)
+    duration = np.asarray(run_steps.duration_s)
     counts = np.where(duration > TRANSIENT_S, parts, 1)
     cut = np.repeat(duration / counts, counts)
     later = np.append(np.repeat(np.arange(1, duration.size + 1), counts), np.full(STEPS - cut.size, duration.size))
-    inputs = {name: values[np.append(0, later)] for name, values in course.inputs.items()}
-    last_step = jnp.asarray(np.cumsum(counts)[np.asarray(course.last_step)] - 1)
+    inputs = {name: values[np.append(0, later)] for name, values in run_steps.inputs.items()}
+    last_step = jnp.asarray(np.cumsum(counts)[np.asarray(run_steps.last_step)] - 1)
     return Track(jnp.asarray(np.append(cut, np.zeros(STEPS - cut.size))), inputs, last_step)
 
 

@@ -68,7 +68,7 @@ def profile(kind: str, strength: float = 1.0, ambient: float = 12.0) -> Profile:
     return Profile(np.arange(ROWS) * 1.0, inputs | {"ambient_degC": np.full(ROWS, ambient)})
 
 
-def course(kind: str, given: Profile) -> Track:
+def run_steps(kind: str, given: Profile) -> Track:
     """The steps of a run, the same for every load: one at rest throughout has no jumps of its own."""
     steps = track(full_model(kind), profile(kind))
     rows = track(full_model(kind), given)
@@ -122,7 +122,7 @@ def forward(kind: str, x: np.ndarray, steps: Track, cutoff: Cutoff = NEVER) -> n
 @pytest.mark.parametrize("kind", KINDS)
 def test_forward_derivatives_are_differences(kind: str):
     """To 1e-6 of the largest over the run, and what rounding leaves of a difference, most from short secants."""
-    x, steps = values(kind), course(kind, profile(kind))
+    x, steps = values(kind), run_steps(kind, profile(kind))
     expected, h = differences(kind, x, steps)
     largest = np.abs(np.asarray(compiled(kind)["values"](jnp.asarray(x[None]), steps, NEVER))[0]).max(axis=1)
     rounding = 500.0 * np.finfo(float).eps * largest[:, None] / h
@@ -133,7 +133,7 @@ def test_forward_derivatives_are_differences(kind: str):
 
 @pytest.mark.parametrize("kind", ["cell", "motor"])
 def test_reverse_derivatives_are_forward_ones(kind: str):
-    x, steps = values(kind), course(kind, profile(kind))
+    x, steps = values(kind), run_steps(kind, profile(kind))
     matrix = forward(kind, x, steps)
     weights = np.random.default_rng(1).normal(size=matrix.shape[:2])
     found = np.asarray(compiled(kind)["reverse"](jnp.asarray(x), steps, NEVER, jnp.asarray(weights)))
@@ -164,7 +164,7 @@ EDGES = {
 @pytest.mark.parametrize("kind", KINDS)
 def test_derivatives_are_finite_at_the_edges(kind: str, edge: str):
     changes, given, cutoff = EDGES[edge](kind)
-    found = forward(kind, values(kind, **changes), course(kind, given), cutoff)
+    found = forward(kind, values(kind, **changes), run_steps(kind, given), cutoff)
     bad = ~np.isfinite(found).all(axis=(0, 1))
     assert not bad.any(), [names(kind)[column] for column in np.flatnonzero(bad)]
 
@@ -172,7 +172,7 @@ def test_derivatives_are_finite_at_the_edges(kind: str, edge: str):
 @pytest.mark.parametrize("kind", ["cell", "robot"])
 def test_the_derivative_by_the_initial_charge_is_whole_where_the_cell_is_full(kind: str):
     """A full cell is where most runs start: one-sided as the model is beyond, the slope is that of just below."""
-    steps = course(kind, profile(kind))
+    steps = run_steps(kind, profile(kind))
     place = names(kind).index("initial_soc")
     full, below = (forward(kind, values(kind, initial_soc=soc), steps)[..., place] for soc in (1.0, 1.0 - 1e-7))
     np.testing.assert_allclose(full, below, rtol=1e-5, atol=1e-7)

@@ -71,10 +71,10 @@ def over_levels(model: Model, profile: Profile, ran: Trajectory, rows: int, colu
     for first in range(0, profile.time_s.size - 1, rows):
         states = {name: values[first : first + rows + 1] for name, values in ran.states.items()}
         inputs = {name: jnp.asarray(values[first + 1]) for name, values in profile.inputs.items()}
-        course = jax.vmap(lambda state, u=inputs: read(model, state, u)[column])(states)
+        rates = jax.vmap(lambda state, u=inputs: read(model, state, u)[column])(states)
         found.append(
             float(
-                CubicSpline(profile.time_s[first : first + rows + 1], course).integrate(
+                CubicSpline(profile.time_s[first : first + rows + 1], rates).integrate(
                     profile.time_s[first], profile.time_s[first + rows]
                 )
             )
@@ -139,12 +139,12 @@ def imbalance_of_a_start(effect: str, load: float, parts: int = 1) -> float:
     adding_up = {"tau_wc": STAGE, "tau_ca": STAGE, "R_wc": 1.0, "R_ca": 1.0, "psi_R": 0.0, "R_0": resistance}
     all_off = switched("motor", brushes=effect in BRUSHES)
     model, profile = changed(all_off, **adding_up, **on(effect)), Profile(time, inputs)
-    course, time_s = padded(model, profile)
+    run_steps, time_s = padded(model, profile)
     used = (STEPS // parts) * parts
-    finer = jnp.repeat(course.duration_s[: used // parts] / parts, parts)
-    course = eqx.tree_at(lambda c: c.duration_s, course, jnp.append(finer, jnp.zeros(STEPS - used)))
-    course = eqx.tree_at(lambda c: c.last_step, course, (course.last_step + 1) * parts - 1)
-    ran = jax.tree.map(lambda x: x[:126] if x.ndim else x, run_track(model, course, time_s))
+    finer = jnp.repeat(run_steps.duration_s[: used // parts] / parts, parts)
+    run_steps = eqx.tree_at(lambda c: c.duration_s, run_steps, jnp.append(finer, jnp.zeros(STEPS - used)))
+    run_steps = eqx.tree_at(lambda c: c.last_step, run_steps, (run_steps.last_step + 1) * parts - 1)
+    ran = jax.tree.map(lambda x: x[:126] if x.ndim else x, run_track(model, run_steps, time_s))
     current, speed = (np.asarray(ran.readings[name]) for name in ("current_A", "speed_rad_s"))
 
     def integral(values: np.ndarray) -> float:

@@ -38,7 +38,7 @@ def test_steady_state(voltage: float, load: float, direction: float):
 
 
 def test_a_run_that_begins_with_the_motor_turning_goes_on_where_another_left_it():
-    """The second half of a run is that run begun at the speed of its middle, once its current is built up."""
+    """The second half of a run equals a run that starts at the speed of its middle, once the current has built up."""
     voltage, load = staircase(3, 60, 12.0), np.abs(staircase(4, 60, 0.1))
     whole = run_motor(COLD, voltage_V=voltage, load_torque_Nm=load)
     middle = {"initial_speed_rad_s": float(whole["speed_rad_s"][30])}

@@ -102,4 +102,4 @@ def test_a_number_of_things_is_whole():
     assert TABLE["n_series"].check(7, "case") == 7.0
     with pytest.raises(ParameterError) as raised:
         TABLE["n_series"].check(6.5, "case")
-    assert str(raised.value) == "case: 'n_series' = 6.5 counts things; give a whole number."
+    assert str(raised.value) == "case: 'n_series' = 6.5 is a count; give a whole number."

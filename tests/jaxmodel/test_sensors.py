@@ -56,10 +56,12 @@ def test_a_lag_follows_a_winding_that_warms():
     steady = {"voltage_V": np.full(100, 12.0), "load_torque_Nm": np.full(100, 0.2), "ambient_degC": np.full(100, 20.0)}
     given, tau = profile("motor", **steady), 8.0
     truth = sensed(given, "motor")["winding_temperature_degC"]
-    course = CubicSpline(TIME[1:], truth[1:])
+    trajectory = CubicSpline(TIME[1:], truth[1:])
     read = sensed(given, "motor", "temperature_lag", column="winding_temperature_degC", tau=tau)
     found = read["winding_temperature_degC"]
-    lag = solve_ivp(lambda t, y: (course(t) - y) / tau, (1.0, 99.0), [found[1]], t_eval=TIME[1:], rtol=1e-9, atol=1e-9)
+    lag = solve_ivp(
+        lambda t, y: (trajectory(t) - y) / tau, (1.0, 99.0), [found[1]], t_eval=TIME[1:], rtol=1e-9, atol=1e-9
+    )
     np.testing.assert_allclose(found[1:], lag.y[0], rtol=0.0, atol=1e-4)
     assert np.max(truth - found) > 0.5
 

@@ -37,8 +37,8 @@ def test_a_cut_off_is_judged_where_a_row_ends():
 @pytest.mark.parametrize("which", ["soc", "voltage_V"])
 def test_a_run_ends_at_the_first_row_below_and_holds_its_state(which: str):
     free = run(ROBOT, DRIVE, Cutoff())
-    course = free.readings["soc"] if which == "soc" else free.readings["pack_voltage_V"] / 6.0
-    limit = float(0.5 * (course[24] + course[25]))
+    values = free.readings["soc"] if which == "soc" else free.readings["pack_voltage_V"] / 6.0
+    limit = float(0.5 * (values[24] + values[25]))
     ended = run(ROBOT, DRIVE, Cutoff(**{which: limit}))
     assert (int(ended.status), int(ended.end_row)) == (Status.REACHED_CUTOFF, 25)
     for name, values in free.states.items():
@@ -65,12 +65,12 @@ def test_the_order_in_which_inputs_are_named_does_not_matter():
 
 
 def test_a_lane_that_is_not_a_number_spoils_no_other():
-    course, time_s = padded(CELL, constant(40.0, 1.0, current_A=2.0, ambient_degC=20.0))
+    run_steps, time_s = padded(CELL, constant(40.0, 1.0, current_A=2.0, ambient_degC=20.0))
     capacities = jnp.array([5.2, jnp.nan, 3.0])
-    lanes = jax.vmap(lambda value: run_track(with_values(CELL, {"capacity_Ah": value}), course, time_s))(capacities)
+    lanes = jax.vmap(lambda value: run_track(with_values(CELL, {"capacity_Ah": value}), run_steps, time_s))(capacities)
     np.testing.assert_array_equal(lanes.status, [Status.COMPLETE, Status.NOT_FINITE, Status.COMPLETE])
     for lane in (0, 2):
-        alone = run_track(with_values(CELL, {"capacity_Ah": capacities[lane]}), course, time_s)
+        alone = run_track(with_values(CELL, {"capacity_Ah": capacities[lane]}), run_steps, time_s)
         for name, values in alone.readings.items():
             np.testing.assert_allclose(lanes.readings[name][lane], values, rtol=1e-14, err_msg=name)
 
@@ -80,26 +80,26 @@ def test_steps_that_no_lane_needs_are_left_out_and_change_nothing(watched: bool)
     """A clock that runs early looks past the end of the run, where the last state is held."""
     clock = ClockShift(d=-3.0, switch=jnp.asarray(1.0))
     model = Model("cell", Parameters(initial_soc=0.9), effects=(clock,))
-    course, time_s = padded(model, constant(40.0, 1.0, current_A=2.0, ambient_degC=20.0))
+    run_steps, time_s = padded(model, constant(40.0, 1.0, current_A=2.0, ambient_degC=20.0))
     cutoff = Cutoff(soc=0.895) if watched else None
     currents = jnp.array([0.5, 1.0, 2.0])
 
     def lanes(needed: Needed | None) -> Trajectory:
         def of_one(scale):
-            inputs = course.inputs | {"current_A": scale * course.inputs["current_A"]}
-            return run_track(model, dataclasses.replace(course, inputs=inputs), time_s, cutoff, needed)
+            inputs = run_steps.inputs | {"current_A": scale * run_steps.inputs["current_A"]}
+            return run_track(model, dataclasses.replace(run_steps, inputs=inputs), time_s, cutoff, needed)
 
         return jax.vmap(of_one)(currents)
 
-    needed = Needed(jnp.max(course.last_step) + 1, jnp.asarray(True))
+    needed = Needed(jnp.max(run_steps.last_step) + 1, jnp.asarray(True))
     everything = lanes(None)
     for one, other in zip(jax.tree.leaves(everything), jax.tree.leaves(jax.jit(lanes)(needed)), strict=True):
         np.testing.assert_allclose(other, one, rtol=1e-14)
 
 
 def test_steps_past_those_needed_are_not_taken():
-    course, time_s = padded(CELL, constant(300.0, 1.0, current_A=2.0, ambient_degC=20.0), rows=512)
-    soc = run_track(CELL, course, time_s, None, Needed(jnp.asarray(1), jnp.asarray(False))).states["soc"]
+    run_steps, time_s = padded(CELL, constant(300.0, 1.0, current_A=2.0, ambient_degC=20.0), rows=512)
+    soc = run_track(CELL, run_steps, time_s, None, Needed(jnp.asarray(1), jnp.asarray(False))).states["soc"]
     assert np.all(np.diff(soc[: ROUND + 1]) < 0.0)
     np.testing.assert_array_equal(soc[ROUND:], soc[ROUND])
 
@@ -108,10 +108,10 @@ def test_a_memory_that_no_lane_needs_is_left_out():
     clock, offset = ClockShift(d=5.0, switch=jnp.asarray(1.0)), VoltageOffset(column="voltage_V", c=0.5)
     model = Model("cell", Parameters(initial_soc=0.9), effects=(clock, offset))
     plain = Model("cell", Parameters(initial_soc=0.9), effects=(offset,))
-    course, time_s = padded(model, constant(40.0, 1.0, current_A=2.0, ambient_degC=20.0))
-    steps = jnp.max(course.last_step) + 1
-    late, prompt = (run_track(model, course, time_s, None, Needed(steps, jnp.asarray(on))) for on in (True, False))
-    expected = run_track(plain, course, time_s).readings
+    run_steps, time_s = padded(model, constant(40.0, 1.0, current_A=2.0, ambient_degC=20.0))
+    steps = jnp.max(run_steps.last_step) + 1
+    late, prompt = (run_track(model, run_steps, time_s, None, Needed(steps, jnp.asarray(on))) for on in (True, False))
+    expected = run_track(plain, run_steps, time_s).readings
     np.testing.assert_allclose(prompt.readings["voltage_V"], expected["voltage_V"], rtol=1e-14)
     assert float(jnp.max(jnp.abs(late.readings["voltage_V"] - expected["voltage_V"]))) > 1e-3
 
@@ -154,10 +154,10 @@ def test_a_trajectory_becomes_a_table():
 def test_a_run_may_be_part_of_a_program_that_holds_its_profile(reading: str):
     """Closed over, not passed: XLA would abort the process on a kernel that is given constant arrays."""
     profile = constant(300.0, 1.0, duty=0.3, load_torque_Nm=0.175, ambient_degC=20.0)
-    course, times = track(Model("robot"), profile), jnp.asarray(profile.time_s)
+    run_steps, times = track(Model("robot"), profile), jnp.asarray(profile.time_s)
 
     def last(k_tau):
-        return run_track(with_values(Model("robot"), {"k_tau": k_tau}), course, times).readings[reading][-1]
+        return run_track(with_values(Model("robot"), {"k_tau": k_tau}), run_steps, times).readings[reading][-1]
 
     expected = simulate(Model("robot"), profile).readings[reading][-1]
     assert float(jax.jit(last)(jnp.asarray(0.0385))) == pytest.approx(float(expected), rel=1e-12)

@@ -89,7 +89,11 @@ def test_starting_states_may_be_overrides_of_a_run(tmp_path: Path):
     [
         ("motor", "initial_cell_temperature_degC = 20", "a motor has no cell; remove it"),
         ("cell", "initial_cell_temperature_degC = 293.15", "if this is kelvin, subtract 273.15."),
-        ("cell", "initial_cell_temperature_degC = 20\ninitial_temperature_rise_K = 1", "says the same; keep one"),
+        (
+            "cell",
+            "initial_cell_temperature_degC = 20\ninitial_temperature_rise_K = 1",
+            "states the same quantity; keep one",
+        ),
         ("cell", "initial_hysteresis = 2", "outside its range -1 to 1"),
     ],
 )

@@ -15,25 +15,25 @@ from tests.made_up import contact, factor_curve, law, ocv_curve, with_additions
 
 
 def test_every_curve_is_drawn_about_its_value(diagnosis: Diagnosis) -> None:
-    """What is badly known at one end does not flatten what is known; a factor is drawn in percent."""
+    """An uncertain knot does not flatten the others; a factor is drawn in percent."""
     resistance = factor_curve("series_resistance_curve", np.array(SOC_KNOTS))
     figure = curves((ocv_curve(), resistance, law()))
     drawn = [axes for axes in figure.axes if axes.get_visible()]
-    assert [axes.get_ylabel() for axes in drawn] == ["off by [mV]", "off by [%]", "off by [mV]"]
+    assert [axes.get_ylabel() for axes in drawn] == ["correction [mV]", "correction [%]", "correction [mV]"]
     assert drawn[0].get_ylim()[1] < 20.0
     assert drawn[1].get_ylim()[1] == pytest.approx(100.0 * (np.exp(0.38) - 1.0), rel=0.15)
-    assert "law in no catalogue" in drawn[2].get_title(loc="left")
+    assert "unknown law" in drawn[2].get_title(loc="left")
     assert png(figure).startswith(b"\x89PNG")
 
 
 def test_errors_by_run_hold_each_run_once(diagnosis: Diagnosis) -> None:
     figure = errors_by_run(diagnosis.errors, ("cell_temperature_degC",))
     names = [label.get_text() for label in figure.axes[0].get_yticklabels()]
-    assert names == ["run-01", "run-02", "run-03 (held out)"]
+    assert names == ["run-01", "run-02", "run-03 (check)"]
     legend = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert legend == ["calibrated base model", "final model", "noise of the sensor", "tolerance"]
+    assert legend == ["calibrated base model", "final model", "sensor noise", "tolerance"]
     base = errors_by_run(diagnosis.errors[diagnosis.errors["model"] == "base"], ("voltage_V",))
-    assert [text.get_text() for text in base.legends[0].get_texts()] == ["calibrated base model", "noise of the sensor"]
+    assert [text.get_text() for text in base.legends[0].get_texts()] == ["calibrated base model", "sensor noise"]
 
 
 def test_long_models_keep_short_names_in_pictures(diagnosis: Diagnosis) -> None:

@@ -1,4 +1,4 @@
-"""Cases that are unusual and right: a bench leaves readings out, rests, rounds, and starts its clock anywhere."""
+"""Unusual but valid cases: missing readings, rests, rounding, and clocks that start anywhere."""
 
 from __future__ import annotations
 

@@ -250,7 +250,7 @@ def test_sweep_and_sensitivity_take_what_diagnose_wrote(run: Run, diagnosed: Pat
 def test_compare_calibrates_and_tries_no_effect(run: Run, made_case: Path, tmp_path: Path) -> None:
     result = run("compare", made_case, "--out", tmp_path)
     assert result.exit_code == 0, result.output
-    assert "no effects were tried" in result.stdout
+    assert "no effects were tested" in result.stdout
     assert not (tmp_path / "small" / "answer.json").exists()
     assert read_case(tmp_path / "small" / "calibrated.toml").effects == {}
     errors = json.loads((tmp_path / "small" / "errors.json").read_text())
@@ -326,7 +326,7 @@ def test_a_cache_folder_that_cannot_be_written_is_told_in_one_sentence(tmp_path:
         check=True,
     )
     (line,) = said.stderr.splitlines()
-    assert line.startswith(f"Compiled programs cannot be kept in {cache}: not a directory;")
+    assert line.startswith(f"Compiled programs cannot be stored in {cache}: not a directory;")
 
 
 def test_compiled_programs_are_kept_where_the_user_says(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

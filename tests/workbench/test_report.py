@@ -80,20 +80,20 @@ def test_report_has_every_picture_with_its_caption(page: Page, diagnosis: Diagno
 def test_report_says_what_the_diagnosis_says(page: Page, full: Diagnosis) -> None:
     text = text_of(page)
     for said in (
-        "The base model misses self_heating (probability 0.97) and arrhenius_resistance (probability 0.81).",
+        "The base model lacks self_heating (probability 0.97) and arrhenius_resistance (probability 0.81).",
         "C_th = 82.0 ± 3.0 J/K",
-        "voltage 12.3 mV fitted and 10.1 mV held out; cell temperature 1.92 K fitted",
-        "rests on run-02 alone",
+        "voltage by 12.3 mV on fit runs and 10.1 mV on check runs; cell temperature by 1.92 K on fit runs",
+        "only run-02 shows it",
         "arrhenius_resistance: charge_transfer",
-        "Blind to: self_discharge and clock_shift.",
+        "Not detectable with these data: self_discharge and clock_shift.",
         "open circuit voltage is off by +12 mV at soc 0.6 (sd 1.2 mV)",
-        "run-02: series resistance +11.20 ± 0.80 mohm beyond that of the other runs",
+        "run-02: series resistance differs by +11.20 ± 0.80 mohm from the other runs",
         "Runs at 6 A lie 24 mV above the model, growing with time.",
         "Above SOC 0.9: 4, 7, 14 mV below the model, growing with current.",
         "Slow_diffusion: the fitted runs show it, and no run left out is better.",
-        "run-03.csv: current 9 A, where 3 to 6 A was fitted.",
-        "voltage is within 10 mV (your tolerance) in 0 of 1 held-out runs, not in run-03.",
-        "cell temperature is within 1 K (assumed) in 1 of 1 held-out runs.",
+        "run-03.csv: current 9 A; the fit runs cover 3 to 6 A.",
+        "voltage is within 10 mV (stated) in 0 of 1 check runs; not in run-03.",
+        "cell temperature is within 1 K (assumed) in 1 of 1 check runs.",
     ):
         assert said in text, said
     for rung in full.ladder:
@@ -104,8 +104,8 @@ def test_report_says_what_the_diagnosis_says(page: Page, full: Diagnosis) -> Non
 def test_report_asks_the_three_questions_in_their_order(page: Page) -> None:
     headings = (
         "What is missing?",
-        "Which of your numbers and tables are off?",
-        "What remains, and does it matter to you?",
+        "Which stated values and tables are wrong?",
+        "Which error remains, and is it within tolerance?",
         "Errors by run",
         "Parameters",
         "Noise",
@@ -127,13 +127,13 @@ def test_report_says_what_else_it_was_made_with(diagnosis: Diagnosis, tmp_path: 
     case = dataclasses.replace(diagnosis.case, own_effects={own.name: own})
     write_report(dataclasses.replace(diagnosis, case=case, ordered=("--without pwm_ripple",)), tmp_path)
     text = Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
-    assert "random numbers from seed 0" in text
-    assert "ordered: --without pwm_ripple" in text
+    assert "random seed 0" in text
+    assert "options: --without pwm_ripple" in text
     assert hashlib.sha256(OWN_EFFECTS.read_bytes()).hexdigest() in text
 
 
 def test_model_that_fails_nowhere_has_a_report_too(diagnosis: Diagnosis, tmp_path: Path) -> None:
-    """Nothing named, nothing off, nothing left that could be told."""
+    """No effect named, no correction, no remaining error."""
     fine = dataclasses.replace(
         diagnosis,
         verdict="adequate",
@@ -152,7 +152,7 @@ def test_model_that_fails_nowhere_has_a_report_too(diagnosis: Diagnosis, tmp_pat
     pictures = write_report(fine, tmp_path)
     assert not {"curves", "errors-by-run"} & set(pictures)
     text = text_of(Page((tmp_path / "report.html").read_text(encoding="utf-8")))
-    for said in ("No effect is named.", "None that this data could show.", "No condition stands out"):
+    for said in ("No effect is named.", "The data show none.", "The remaining error depends on no condition."):
         assert said in text
 
 
@@ -172,7 +172,7 @@ def test_what_is_off_is_one_sentence() -> None:
     shift = RunFound(
         "voltage_shift:voltage_V@run-02", "run-02", "run-02.csv", "voltage_shift:voltage_V", -0.0031, 0.0002, "V", {}
     )
-    assert run_sentence(shift) == "run-02: voltage shift of voltage_V -3.10 ± 0.20 mV beyond that of the other runs."
+    assert run_sentence(shift) == "run-02: voltage shift of voltage_V differs by -3.10 ± 0.20 mV from the other runs."
     assert curve_sentence(law()) == "overpotential is off by +81 mV at current_A 9 (sd 2 mV)."
 
 
@@ -180,9 +180,9 @@ def test_condition_without_a_span_is_one_number(diagnosis: Diagnosis) -> None:
     one = dataclasses.replace(
         diagnosis.extrapolated[0], condition="ambient_degC", span_fitted=(20.0, 20.0), span=(-5.0, 8.0)
     )
-    assert extrapolated_sentence(one) == "run-03.csv: ambient -5 to 8 °C, where 20 °C was fitted."
+    assert extrapolated_sentence(one) == "run-03.csv: ambient -5 to 8 °C; the fit runs cover 20 °C."
     size = dataclasses.replace(diagnosis.extrapolated[0], condition="|current_A|")
-    assert extrapolated_sentence(size) == "run-03.csv: size of current 9 A, where 3 to 6 A was fitted."
+    assert extrapolated_sentence(size) == "run-03.csv: size of current 9 A; the fit runs cover 3 to 6 A."
 
 
 def test_purpose_is_silent_without_held_out_runs(diagnosis: Diagnosis) -> None:
@@ -190,19 +190,19 @@ def test_purpose_is_silent_without_held_out_runs(diagnosis: Diagnosis) -> None:
 
 
 def test_what_a_user_writes_is_text_and_no_markup(page: Page) -> None:
-    """The case's title has an angle bracket in it; were it markup, the parser would have opened a tag `bench`."""
+    """The title of the case contains `<bench>`; as markup, the parser would have opened a tag."""
     assert "Small cell <bench> & load" in page.text
 
 
 @pytest.mark.parametrize(
     ("verdict", "unexplained", "said"),
     [
-        ("adequate", None, "nothing is missing"),
-        ("sensor_fault", None, "a sensor is not"),
+        ("adequate", None, "no missing effect"),
+        ("sensor_fault", None, "a sensor is faulty"),
         ("unknown_effect", "a torque that grows with speed", "catalogue explains: a torque that grows with speed."),
-        ("undecided", None, "cannot tell between"),
-        ("undecided", "Runs held out are far off.", "not beyond: Runs held out are far off."),
-        ("", None, "no effects were tried"),
+        ("undecided", None, "do not distinguish between"),
+        ("undecided", "Check runs are far off.", "not the check runs: Check runs are far off."),
+        ("", None, "no effects were tested"),
     ],
 )
 def test_every_verdict_is_one_sentence(diagnosis: Diagnosis, verdict: str, unexplained: str | None, said: str) -> None:
@@ -220,9 +220,9 @@ def test_verdict_and_what_it_rests_on_are_printed(full: Diagnosis, capsys: pytes
     for said in (
         verdict_sentence(full),
         f"Note: {full.remarks[0]}",
-        f"Off: {curve_sentence(full.curves[0])}",
-        f"Off: {run_sentence(full.runs[0])}",
-        "Missing: self_heating, C_th = 82.0 ± 3.0 J/K and hA = 0.110 ± 0.010 W/K",
+        f"Correction: {curve_sentence(full.curves[0])}",
+        f"Correction: {run_sentence(full.runs[0])}",
+        "Found: self_heating, C_th = 82.0 ± 3.0 J/K and hA = 0.110 ± 0.010 W/K",
         "10, at most 30",
         "1 (assumed)",
     ):
@@ -245,8 +245,8 @@ def test_comparison_without_effects_has_a_report_too(diagnosis: Diagnosis, tmp_p
     )
     pictures = write_report(compared, tmp_path)
     page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
-    assert "no effects were tried" in page.text
-    assert "What this data cannot say" not in page.text
+    assert "no effects were tested" in page.text
+    assert "What the data cannot show" not in page.text
     assert "Candidates and evidence" not in page.text
     assert "scores" not in pictures
     assert "errors-by-run" in pictures

@@ -54,9 +54,9 @@ def test_uncertainty_is_written_by_both_ways(run: Run, study: Path, tmp_path: Pa
 
 
 def test_identify_answers_and_hands_its_covariance_on(run: Run, made_case: Path, tmp_path: Path) -> None:
-    told = run("identify", made_case, "--parameter", "capacity_Ah", "--out", tmp_path / "told")
-    assert told.exit_code == 0, told.output
-    assert "Profile of capacity_Ah: " in told.stdout
+    identified = run("identify", made_case, "--parameter", "capacity_Ah", "--out", tmp_path / "told")
+    assert identified.exit_code == 0, identified.output
+    assert "Profile of capacity_Ah: " in identified.stdout
     table = pd.read_csv(tmp_path / "told" / "identifiability.csv", index_col="parameter")
     covariance = pd.read_csv(tmp_path / "told" / "covariance.csv", index_col=0)
     assert np.sqrt(covariance.loc["capacity_Ah", "capacity_Ah"]) == pytest.approx(
@@ -79,12 +79,12 @@ def test_identify_leaves_a_glitch_out_and_says_so(run: Run, case_folder: Path, t
     table = pd.read_csv(case_folder / "run-01.csv")
     table.loc[20, "voltage_V"] = 0.0
     table.to_csv(case_folder / "run-01.csv", index=False)
-    told = run("identify", case_folder, "--out", tmp_path)
-    assert told.exit_code == 0, told.output
-    glitch = "1 reading of voltage_V left out as outlier"
-    assert glitch in told.stdout
+    identified = run("identify", case_folder, "--out", tmp_path)
+    assert identified.exit_code == 0, identified.output
+    outlier = "1 reading of voltage_V excluded as outlier"
+    assert outlier in identified.stdout
     (remark,) = json.loads((tmp_path / "identify.json").read_text(encoding="utf-8"))["remarks"]
-    assert remark.startswith(glitch)
+    assert remark.startswith(outlier)
     capacity = pd.read_csv(tmp_path / "identifiability.csv", index_col="parameter").loc["capacity_Ah"]
     assert abs(capacity["value"] - 3.0) < 4.0 * capacity["sd"]
 

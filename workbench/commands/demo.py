@@ -1,4 +1,4 @@
-"""`jaxmodel demo`: the whole job on real input, ending in one page."""
+"""`jaxmodel demo`: sweep, sensitivities and diagnosis of examples, on one page."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-# First of ours: sweeps gives JAX every core, which must happen before the first array.
+# Imported first: sweeps configures JAX for all cores, which must happen before the first array.
 import sensitivity
 import sweeps
 from discrepancy import Diagnosis, diagnose
@@ -39,16 +39,16 @@ _GRADIENT = "soc_gradient"
 
 
 def demo(out: Path, case_path: Path | None) -> None:
-    """Sweep the paper's robot, differentiate it, diagnose a real cell; write `out/index.html`.
+    """Sweep and differentiate the robot of the paper, diagnose a real cell, and write `out/index.html`.
 
     Raises:
-        UserError: the examples are not there, or the case cannot be used.
+        UserError: the examples are missing, or the case cannot be used.
     """
     began = time.perf_counter()
     study_path = EXAMPLES / "paper_sweep.toml"
     if not study_path.is_file():
         raise MeasurementError(
-            "The demo needs the folder examples/ that lies beside the packages; run it from a copy of the repository."
+            "The demo needs the folder examples/ of the repository; run it from a copy of the repository."
         )
     case = read_case(case_path or EXAMPLES / "samsung_30q")
     start(out)
@@ -96,7 +96,7 @@ def demo(out: Path, case_path: Path | None) -> None:
     )
     for name, value in numbers.items():
         terminal.say(f"{name}: {value}")
-    terminal.say(f"Everything is on one page: {out / 'index.html'}")
+    terminal.say(f"All results are on one page: {out / 'index.html'}")
 
 
 def _at_papers_age(dataset: xr.Dataset) -> xr.Dataset:
@@ -114,13 +114,13 @@ def _rate(dataset: xr.Dataset, **at: float) -> float:
 
 
 def _misfit(dataset: xr.Dataset, axis: str, table: Mapping[float, float]) -> str:
-    """Return the largest difference of our rates from those of a table of the paper, in percent."""
+    """Return the largest difference of the simulated rates from those of a table of the paper, in percent."""
     off = [abs(_rate(dataset, **(POINT | {axis: at})) / printed - 1.0) for at, printed in table.items()]
     return f"{100.0 * max(off):.0f} %"
 
 
 def _sweep_pictures(dataset: xr.Dataset) -> dict[str, bytes]:
-    """Return figures 6 and 7 of the paper, its tables beside ours, and the lowest voltage over both axes."""
+    """Return figures 6 and 7 and both tables of the paper as simulated, and the lowest voltage over both axes."""
     paper = _at_papers_age(dataset)
     over_ambient = {float(t): _rate(dataset, **(POINT | {"ambient_degC": float(t)})) for t in paper["ambient_degC"]}
     over_torque = {float(t): _rate(dataset, **(POINT | {"load_torque_Nm": float(t)})) for t in paper["load_torque_Nm"]}
@@ -144,7 +144,7 @@ def _in_milli(values: Mapping[float, float]) -> dict[float, float]:
 
 
 def numbers_that_matter(dataset: xr.Dataset, data: xr.Dataset, diagnosis: Diagnosis) -> dict[str, str]:
-    """Return the five results that a reader should take away, by what they are."""
+    """Return the five main results by name."""
     ours, papers = _rate(dataset, **POINT), TABLE_2[POINT["load_torque_Nm"]]
     name, elasticity = sensitivity.largest_elasticity(data, _GRADIENT)
     named = [f"{effect_name(e.label)} ({e.probability:.2f})" for e in diagnosis.effects]
@@ -155,7 +155,7 @@ def numbers_that_matter(dataset: xr.Dataset, data: xr.Dataset, diagnosis: Diagno
         "Discharge at 20 °C and 175 mN m": f"{_power(ours)} per second; the paper's Table 2 has {_power(papers)}",
         "Largest elasticity of the discharge": f"{elasticity:+.2f} by {name}",
         "Missing from the model of the real cell": join(named) or verdict_sentence(diagnosis),
-        f"Error on the runs {'held out' if held_out else 'fitted'}, before → after": errors,
+        f"RMS error on {'check' if held_out else 'fit'} runs, before → after": errors,
     }
 
 

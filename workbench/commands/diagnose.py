@@ -32,8 +32,8 @@ from workbench.commands.start import read_case_with, start
 from workbench.report import write_report
 from workbench.report_rows import channel_rows
 
-# The share of a diagnosis that is usually done when each of its parts first begins. Assumed: rounds differ in number.
-DONE_BY = {"calibrating": 0.0, "refitting": 0.35, "adding": 0.5, "weighing": 0.85, "pictures": 0.9}
+# Usual share of the work that is done when each part of a diagnosis starts. Assumed; the number of rounds varies.
+DONE_BY = {"calibrating": 0.0, "refitting": 0.35, "adding": 0.5, "comparing models": 0.85, "pictures": 0.9}
 
 
 def diagnose_all(
@@ -47,7 +47,7 @@ def diagnose_all(
     with_effects: Sequence[str] = (),
     without: Sequence[str] = (),
 ) -> list[Diagnosis]:
-    """Diagnose cases one after the other, each into `out/CASE/`; go on where one cannot be used.
+    """Diagnose cases one after the other, each into `out/CASE/`; continue if one cannot be used.
 
     Args:
         paths: folders or TOML files.
@@ -55,15 +55,15 @@ def diagnose_all(
         effects: the user's own, as `file.py:Class`.
         try_effects: False calibrates the base model only.
         answer_only: leave out pictures and report.
-        add: names of effects to be in the model, whatever the data say; no other is sought.
-        with_effects: the same, and others are sought beside them.
+        add: names of effects that are added whatever the data show; no other is tested.
+        with_effects: the same, but others are tested too.
         without: names of effects that are ruled out.
 
     Raises:
         UserError: the only case, or an effect, cannot be used, or two cases have one name.
         typer.Exit: with code 2, after all others, where one of several cases could not be diagnosed.
     """
-    look = partial(diagnose, add=add, with_effects=with_effects, without=without) if try_effects else compare
+    method = partial(diagnose, add=add, with_effects=with_effects, without=without) if try_effects else compare
     _check_names(paths)
     start(out)
     done: list[Diagnosis] = []
@@ -72,13 +72,11 @@ def diagnose_all(
     for number, path in enumerate(paths):
         place = _place(number, len(paths), time.perf_counter() - began)
         try:
-            done.append(_diagnose_one(path, place, out, effects, look, answer_only))
+            done.append(_diagnose_one(path, place, out, effects, method, answer_only))
         except Exception as error:
             if len(paths) == 1:
                 raise
-            if not isinstance(
-                error, UserError
-            ):  # ours, not the user's: the others must not suffer, and we must hear of it
+            if not isinstance(error, UserError):  # a defect of the program: show it, and continue with the other cases
                 traceback.print_exc(file=sys.stderr)
             terminal.complain(str(error))
             failed.append(path.name)
@@ -95,12 +93,12 @@ def _check_names(paths: Sequence[Path]) -> None:
     for name in names:
         if names.count(name) > 1:
             raise MeasurementError(
-                f"Two of the cases are called '{name}'; diagnose them one by one, each with an --out of its own."
+                f"Two of the cases are called '{name}'; diagnose them one by one, each with its own --out."
             )
 
 
 def _place(number: int, of: int, elapsed_s: float) -> str:
-    """Say which of several cases this is, and how long all of them may still take."""
+    """Say which of several cases this is, and estimate the remaining time."""
     if of == 1:
         return ""
     left = f", about {elapsed_s / number * (of - number) / 60.0:.0f} min left" if number else ""
@@ -112,13 +110,13 @@ def _diagnose_one(
     place: str,
     out: Path,
     effects: Sequence[str],
-    look: Callable[..., Diagnosis],
+    method: Callable[..., Diagnosis],
     answer_only: bool,
 ) -> Diagnosis:
-    try_effects = look is not compare
+    try_effects = method is not compare
     case = read_case_with(path, effects)
     with terminal.told(f"{case.name}{place}", DONE_BY if try_effects else None) as progress:
-        diagnosis = look(case, progress=progress)
+        diagnosis = method(case, progress=progress)
         folder = diagnosis.write(out / case.name, pictures=False)
         if not answer_only:
             progress("pictures and report")
@@ -126,8 +124,8 @@ def _diagnose_one(
     print_diagnosis(diagnosis)
     if diagnosis.law_source:
         terminal.say(
-            f"The law is an effect in {folder / LAW_FILE}: try it with --effect {folder / LAW_FILE}:FoundLaw "
-            "--with found_law, then give it the form that physics has for it."
+            f"The law is an effect in {folder / LAW_FILE}: test it with --effect {folder / LAW_FILE}:FoundLaw "
+            "--with found_law, then replace its table by a physical formula."
         )
     terminal.say(
         f"Everything is in {folder}." if answer_only else f"Everything is in {folder}; open report.html there."
@@ -136,31 +134,31 @@ def _diagnose_one(
 
 
 def print_diagnosis(diagnosis: Diagnosis) -> None:
-    """Print the errors as a table, the verdict, what is missing and what is off, and what should be known beside it."""
+    """Print the errors as a table, the verdict, what is missing, what is wrong, and all remarks."""
     rows = [
         [row["label"], row["noise"], row["tolerance"], *(" / ".join(row[model]) for model in ("stated", "before"))]
         + ([" / ".join(row["after"])] if diagnosis.final.added else [])
         for row in channel_rows(diagnosis)
     ]
-    columns = ["error, RMS: fitted / held out", "noise", "tolerance", "base model, as stated", "calibrated base model"]
+    columns = ["RMS error: fit / check runs", "noise", "tolerance", "base model, as stated", "calibrated base model"]
     columns += [final_in_short(diagnosis)] if diagnosis.final.added else []
     terminal.table(diagnosis.case.title, columns, rows, right=range(1, len(columns)))
     if diagnosis.final.added and final_name(diagnosis) not in columns:
-        terminal.say(f"The final model: {final_name(diagnosis)}.")
+        terminal.say(f"Final model: {final_name(diagnosis)}.")
     terminal.say(verdict_sentence(diagnosis))
     for effect in diagnosis.effects:
-        terminal.say(f"Missing: {named_sentence(effect)}")
+        terminal.say(f"Found: {named_sentence(effect)}")
     for sentence in (*map(curve_sentence, diagnosis.curves), *map(run_sentence, diagnosis.runs)):
-        terminal.say(f"Off: {sentence}")
+        terminal.say(f"Correction: {sentence}")
     for channel, one in diagnosis.remaining.items():
         for sentence in one.where:
-            terminal.say(f"Left of {channel}: {sentence}")
+            terminal.say(f"Remaining error of {channel}: {sentence}")
     for sentence in purpose_sentences(diagnosis):
         terminal.say(sentence)
     for one in diagnosis.immaterial:
-        terminal.say(f"Detectable, not added: {one.sentence.rstrip('.')}.")
+        terminal.say(f"Significant but not added: {one.sentence.rstrip('.')}.")
     if diagnosis.blind_to:
-        terminal.say(f"Blind to: {join([effect_name(label) for label in diagnosis.blind_to])}.")
+        terminal.say(f"Not detectable with these data: {join([effect_name(label) for label in diagnosis.blind_to])}.")
     for remark in diagnosis.remarks:
         terminal.say(f"Note: {remark}")
     if diagnosis.proposals:

@@ -1,4 +1,4 @@
-"""`jaxmodel identify`: what the readings of a case can tell of its parameters."""
+"""`jaxmodel identify`: how well the readings of a case determine its parameters."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def identify_case(
     *,
     answer_only: bool = False,
 ) -> Identification:
-    """Tell what the fit runs of a case know of every unknown; write tables and pictures to `out`.
+    """Print how well the fit runs of a case determine every unknown; write tables and pictures to `out`.
 
     Args:
         path: of the case.
@@ -52,20 +52,20 @@ def _print(identification: Identification) -> None:
     runs, sensors = found.shares_by_run(), found.shares_by_sensor()
     for i, name in enumerate(found.names):
         run, sensor = int(np.argmax(runs[:, i])), int(np.argmax(sensors[:, i]))
-        alone = f"{found.sd_of_data[i]:.2g}" if np.isfinite(found.sd_of_data[i]) else "open"
+        alone = f"{found.sd_of_data[i]:.2g}" if np.isfinite(found.sd_of_data[i]) else "not determined"
         numbers = (f"{found.values[i]:.5g}", f"{found.prior_sd[i]:.2g}", f"{found.sd[i]:.2g}", alone)
         sources = (
             f"{found.runs[run]} {runs[run, i]:.0%}, {found.sensors[sensor]} {sensors[sensor, i]:.0%}"
             if runs[run, i] > 0.005
-            else "what was known before"
+            else "the prior"
         )
         rows.append((f"{name} [{found.units[i]}]" if found.units[i] else name, *numbers, sources))
-    columns = ("parameter", "value", "± before", "± after", "± data alone", "most of it from")
-    terminal.table(f"What the fit runs of {found.case} tell", columns, rows, right=(1, 2, 3, 4))
+    columns = ("parameter", "value", "prior sd", "posterior sd", "sd, data alone", "main source")
+    terminal.table(f"Parameters of {found.case} from its fit runs", columns, rows, right=(1, 2, 3, 4))
     if found.misfit > MISFIT:
         terminal.say(
-            f"The model misses the data by {found.misfit:.3g} times the noise: what it misses was counted as an error "
-            f"with a memory beside it. `jaxmodel diagnose` looks for what is missing."
+            f"The RMS residual is {found.misfit:.3g} times the noise; it was treated as model error. Run `jaxmodel "
+            f"diagnose` to find what the model lacks."
         )
     for one in identification.profiles:
         terminal.say(found.answer(one.name))

@@ -22,11 +22,11 @@ def simulate(path: Path, out: Path, fidelity: str, effects: Sequence[str], *, an
     """
     if fidelity not in FIDELITIES:
         known = " or ".join(FIDELITIES)
-        raise ParameterError(f"--fidelity: there is no '{fidelity}', only {known}.{nearest(fidelity, FIDELITIES)}")
+        raise ParameterError(f"--fidelity: there is no '{fidelity}'; use {known}.{nearest(fidelity, FIDELITIES)}")
     case = read_case_with(path, effects)
     for run in case.runs:
         if (out / f"{run.name}.csv").resolve() == run.source:
-            raise MeasurementError(f"--out {out}: {run.name}.csv there is a measurement; name another folder.")
+            raise MeasurementError(f"--out {out}: {run.name}.csv in this folder is a measurement; give another folder.")
     start(out)
     with terminal.told(case.name) as progress:
         outcomes = simulate_case(case, fidelity=fidelity, progress=progress)

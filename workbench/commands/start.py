@@ -1,4 +1,4 @@
-"""What every command does first: compiled programs are kept, effects of the user's own are known."""
+"""Common start of all commands: the cache of compiled programs, the user's own effects."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from workbench.terminal import complain
 
 
 def start(out: Path) -> None:
-    """Make the folder for the results, switch on the cache of compiled programs, and collect garbage seldom.
+    """Make the folder for the results, enable the cache of compiled programs, and collect garbage rarely.
 
     Raises:
         OSError: the folder cannot be made.
@@ -23,7 +23,7 @@ def start(out: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
     if problem := keep_compiled_programs():
         complain(problem)
-    # What is imported and traced stays: to look through it over and over took 15 % of a diagnosis.
+    # Imported and traced objects stay alive: checking them again and again took 15 % of a diagnosis.
     gc.freeze()
     gc.set_threshold(50_000)
 

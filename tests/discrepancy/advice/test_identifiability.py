@@ -1,4 +1,4 @@
-"""What a case tells of its parameters, against the spread of estimates from readings made anew."""
+"""Identifiability against the spread of estimates from simulated readings."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from discrepancy.advice.identifiability import (
     profile_likelihood,
 )
 from discrepancy.evidence.trial import Trial
-from discrepancy.fitting.fit import Fit, fit, look
-from discrepancy.fitting.model import Bench, View
+from discrepancy.fitting.fit import Fit, fit, whitened_errors_and_jacobian
+from discrepancy.fitting.model import ModelSpace, View
 from discrepancy.fitting.problem import Lane, Problem
 from discrepancy.fitting.readings import Readings, Weights
 from discrepancy.investigation import Investigation
@@ -38,7 +38,7 @@ CHECK_RUN = 3
 def investigated(case: Case) -> Investigation:
     """With two effects alone to choose from, of which the programs are those of other tests."""
     kept = ("capacity_temperature", "entropic_ocv")
-    return Investigation(case, without=[n for n, one in Bench(case).candidates.items() if one.name not in kept])
+    return Investigation(case, without=[n for n, one in ModelSpace(case).candidates.items() if one.name not in kept])
 
 
 @pytest.fixture(scope="module")
@@ -60,8 +60,8 @@ def found(plain: Investigation, model: Trial) -> Identifiability:
 
 
 def asked(plain: Investigation) -> list[int]:
-    """The unknowns that are told of: not the check run's, nor what starts a run and moves no reading."""
-    layout = plain.bench.layout
+    """The reported unknowns: without those of check runs, and initial states that affect no reading."""
+    layout = plain.space.layout
     unstated = ("initial_hysteresis", "initial_temperature_rise_K")
     return [i for i in range(layout.base) if layout.runs[i] != CHECK_RUN and layout.names[i] not in unstated]
 
@@ -80,14 +80,14 @@ def test_estimates_scatter_as_the_data_alone_say(found: Identifiability, model: 
     """Readings made anew of one truth, fitted with priors 30 times as wide: what is left is the Cramer-Rao bound."""
     generator = np.random.default_rng(5)
     truth, view, weights = model.fitted.x, model.scale.view, model.scale.weights
-    problem = plain.bench.problem(model.setting)
+    problem = plain.space.problem(model.setting)
     clean = view.at(problem, [model.setting.lane(truth)])[0]
     wide = dataclasses.replace(model.setting, prior_sd=model.setting.prior_sd * WIDER)
     away = []
     for _ in range(DRAWS):
         readings = view.readings
         anew = dataclasses.replace(readings, value=clean + readings.sd * generator.standard_normal(clean.size))
-        refit = fit(View(plain.bench, anew), wide, weights, truth)
+        refit = fit(View(plain.space, anew), wide, weights, truth)
         assert refit.converged
         away.append(refit.x - truth)
     own = asked(plain)
@@ -101,11 +101,11 @@ def test_estimates_scatter_as_the_data_alone_say(found: Identifiability, model: 
     assert low < whole < high
 
 
-def test_runs_and_sensors_bring_all_there_is(found: Identifiability) -> None:
+def test_shares_of_runs_and_sensors_add_up(found: Identifiability) -> None:
     before = found.shares_known_before().sum(axis=0)
     np.testing.assert_allclose(found.shares_by_run().sum(axis=0) + before, 1.0, rtol=1e-9)
     np.testing.assert_allclose(found.shares_by_sensor(), found.shares_by_run().sum(axis=0)[None], rtol=1e-12)
-    # What a run begins with is told by the run itself alone; no bound falls when a run is left out.
+    # Only the run itself determines its initial state; no bound falls when a run is left out.
     for run, name in enumerate(("initial_soc[run-01]", "initial_soc[run-02]", "initial_soc[run-03]")):
         i = found.place(name)
         assert np.argmax(found.shares_by_run()[:, i]) == run
@@ -118,34 +118,36 @@ def test_answer_says_yes_with_the_source(found: Identifiability) -> None:
     said = found.answer("capacity_Ah")
     i = found.place("capacity_Ah")
     assert said.startswith(f"Yes: capacity_Ah = {found.values[i]:.4g} ± {found.sd[i]:.2g} A h")
-    assert "voltage_V of run-0" in said
+    assert "voltage_V in run-0" in said
     with pytest.raises(ParameterError, match="Did you mean 'capacity_Ah'"):
         found.answer("capacity")
 
 
-def test_capacity_and_storage_are_told_only_together(plain_cell: MadeCell) -> None:
-    """Eq. 8 multiplies eq. 1's capacity: no current, voltage or time can tell the two factors apart."""
+def test_capacity_and_storage_are_determined_only_together(plain_cell: MadeCell) -> None:
+    """Eq. 8 multiplies the capacity of eq. 1: no reading can distinguish the two factors."""
     case, assumed = asking_for(plain_cell.case, ["storage_months", "R_0"])
     assert assumed == ("storage_months", "R_0")
     investigation = investigated(case)
-    scale, setting = investigation.first_scale, investigation.bench.setting(())
-    x = np.zeros(investigation.bench.layout.size)
-    rows, jacobian = look(scale.view, investigation.bench.problem(setting), setting, scale.weights, x)
-    as_stated = Fit(x, setting.own, np.ones(len(setting.own)), rows, jacobian, 0.0, 0)
+    scale, setting = investigation.first_scale, investigation.space.setting(())
+    x = np.zeros(investigation.space.layout.size)
+    rows, jacobian = whitened_errors_and_jacobian(
+        scale.view, investigation.space.problem(setting), setting, scale.weights, x
+    )
+    as_stated = Fit(x, setting.free, np.ones(len(setting.free)), rows, jacobian, 0.0, 0)
     found = identifiability(investigation, Trial(setting, {}, as_stated, scale), assumed=assumed)
     assert np.isinf(found.sd_of_data[[found.place("capacity_Ah"), found.place("storage_months")]]).all()
     assert np.isfinite(found.sd_of_data[found.place("rc_resistance_scale")])
     words = [words for _, words in found.sloppy()]
     assert "R_0 alone" in words
-    together = [told for told in words if "capacity_Ah" in told]
+    together = [one for one in words if "capacity_Ah" in one]
     assert len(together) == 1
     assert "storage_months" in together[0]
-    assert found.answer("R_0") == "No: nothing that was measured depends on R_0."
+    assert found.answer("R_0") == "No: no reading depends on R_0."
     assert found.answer("capacity_Ah").startswith("No: ")  # its own sd is far less than what storage could make up for
-    assert "they leave open storage_months, capacity_Ah up together" in found.answer("capacity_Ah")
+    assert "they do not determine storage_months, capacity_Ah up together" in found.answer("capacity_Ah")
 
 
-def test_what_is_stated_with_an_sd_is_left_as_it_is(plain_cell: MadeCell) -> None:
+def test_parameters_stated_with_an_sd_are_unchanged(plain_cell: MadeCell) -> None:
     case, assumed = asking_for(plain_cell.case, ["capacity_Ah", "initial_soc"])
     assert assumed == ()
     assert case.parameters == plain_cell.case.parameters
@@ -162,15 +164,15 @@ class Curved(View):
         return np.stack([-first, first - 3.0 * second], axis=1)
 
 
-def test_profile_is_the_quadratic_where_it_holds_and_tells_where_it_lies(plain: Investigation, model: Trial) -> None:
+def test_profile_agrees_with_the_quadratic_or_shows_that_it_is_wrong(plain: Investigation, model: Trial) -> None:
     nothing, number = np.zeros(2), np.arange(2)
     chain = ((("voltage_V", 0), slice(0, 2)),)
     readings = Readings(
         nothing, 0 * number, number, 0 * number, nothing, nothing + 1.0, nothing, chain, np.zeros((2, 0))
     )
-    view, weights = Curved(plain.bench, readings), Weights(readings, NONE)
+    view, weights = Curved(plain.space, readings), Weights(readings, NONE)
     scale = dataclasses.replace(model.scale, view=view, weights=weights)
-    size = plain.bench.layout.size
+    size = plain.space.layout.size
     toy = Trial(model.setting, {}, fit(view, model.setting, weights, np.zeros(size)), scale)
     first, second, third, *_ = names_of(plain)
     curved = profile_likelihood(plain, toy, first)
@@ -178,24 +180,24 @@ def test_profile_is_the_quadratic_where_it_holds_and_tells_where_it_lies(plain: 
     s = np.sinh(2.0 * x)
     expected = s**2 + (s - 3.0 * (0.3 * s)) ** 2 + (0.3 * s) ** 2 + x**2  # at the best second unknown, 3 s / 10
     np.testing.assert_allclose(curved.rise, expected, rtol=1e-3, atol=1e-6)
-    assert curved.lies
+    assert curved.is_not_quadratic
     straight = profile_likelihood(plain, toy, third)
     np.testing.assert_allclose(straight.rise, straight.quadratic, atol=1e-6)
-    assert not straight.lies
+    assert not straight.is_not_quadratic
     assert deeper(toy, curved) is None
-    # A calibration that stopped short is found out, and begun again.
+    # A calibration that has not converged is detected, and started again.
     short = dataclasses.replace(toy, fitted=dataclasses.replace(toy.fitted, x=np.full(size, 0.5)))
     again = deeper(short, profile_likelihood(plain, short, second))
     assert again is not None
-    np.testing.assert_allclose(again.fitted.x[: plain.bench.layout.base], 0.0, atol=1e-3)
+    np.testing.assert_allclose(again.fitted.x[: plain.space.layout.base], 0.0, atol=1e-3)
 
 
-def test_what_the_model_gets_wrong_widens_the_bounds(tmp_path: Path) -> None:
+def test_a_model_error_widens_the_bounds(tmp_path: Path) -> None:
     """A law that is in no model: its error, shared by many readings, is not averaged away as noise would be."""
     _held_to_the_truth(made_cell_with_unknown_law(tmp_path, 0.05).case)
 
 
-def test_what_another_model_would_explain_widens_them_too(tmp_path: Path) -> None:
+def test_a_missing_effect_widens_them_too(tmp_path: Path) -> None:
     _held_to_the_truth(made_cell(tmp_path, {"capacity_temperature": {"a": 0.006}}).case)
 
 
@@ -211,4 +213,4 @@ def _held_to_the_truth(case: Case) -> None:
     i = found.place("capacity_Ah")
     assert found.sd[i] > 2.0 * without.sd[i]
     assert abs(found.values[i] - TRUE["capacity_Ah"]) < 3.0 * found.sd[i]
-    assert "misses the data by" in found.answer("capacity_Ah")
+    assert "the RMS residual is" in found.answer("capacity_Ah")

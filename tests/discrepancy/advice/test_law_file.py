@@ -1,4 +1,4 @@
-"""A fitted law becomes an effect in a file that does what the law did."""
+"""The effect class written for a fitted law gives the same simulation as the law."""
 
 from __future__ import annotations
 

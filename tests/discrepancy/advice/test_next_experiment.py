@@ -1,4 +1,4 @@
-"""Capacity or open-circuit voltage that follows temperature: what this data cannot tell, the proposed run tells."""
+"""Capacity or open-circuit voltage that depends on temperature: the proposed run decides what the data do not."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from discrepancy.advice.next_experiment import (
     FIRST_SOC,
     Proposal,
     _possible,
-    bank,
     best_of_each,
+    candidate_runs,
     in_words,
     propose,
 )
 from discrepancy.evidence.trial import Trial
 from discrepancy.fitting.lanes import PROGRAMS
-from discrepancy.fitting.model import Bench
+from discrepancy.fitting.model import ModelSpace
 from discrepancy.investigation import Investigation
 from jaxmodel.case import Case
 from jaxmodel.known import Known
@@ -32,15 +32,15 @@ RIVALS = ("capacity_temperature", "entropic_ocv")
 
 def rivals_of(case: Case) -> tuple[Investigation, list[Trial]]:
     """Both effects fitted beside the base model, and nothing else to choose from."""
-    without = [label for label, one in Bench(case).candidates.items() if one.name not in RIVALS]
+    without = [label for label, one in ModelSpace(case).candidates.items() if one.name not in RIVALS]
     investigation = Investigation(case, without=without)
     gains = {gain.label: gain for gain in investigation.base_gains}
     return investigation, [investigation.trial((label,), investigation.base, gains[label]) for label in RIVALS]
 
 
 def with_run_done(case: Case, what: str) -> Case:
-    """The case with one of the bank's runs done on the true cell, as the referee knows it."""
-    run = next(one for one in bank(case) if one.label == what)
+    """The case with one of the candidate runs done on the true cell, by the independent simulator."""
+    run = next(one for one in candidate_runs(case) if one.label == what)
     profile = {"time_s": run.measured.time_s, **run.measured.inputs}
     made = simulate("cell", TRUE, profile, HIDDEN, FIRST_SOC)
     noisy = made["voltage_V"] + NOISE_V * np.random.default_rng(7).standard_normal(made["soc"].size)
@@ -68,7 +68,7 @@ def evidence_gap(rivals: list[Trial]) -> float:
     return rivals[0].log_evidence - rivals[1].log_evidence
 
 
-def test_data_at_hand_cannot_tell(undecided) -> None:
+def test_the_data_do_not_decide(undecided) -> None:
     rivals, _ = undecided
     assert abs(evidence_gap(rivals)) < 3.0
 
@@ -80,11 +80,11 @@ def test_proposals_are_feasible_and_in_order(case: Case, undecided) -> None:
     assert proposals[0].sigma > 4.0 > 1.0 > proposals[-1].sigma
     assert proposals[0].repeats <= 2
     largest = max(np.abs(run.measured.inputs["current_A"]).max() for run in case.runs)
-    for run in bank(case):
+    for run in candidate_runs(case):
         assert np.abs(run.measured.inputs["current_A"]).max() <= largest
 
 
-def test_doing_the_proposed_run_tells_and_a_poor_one_does_not(case: Case, undecided) -> None:
+def test_the_proposed_run_decides_and_a_poor_one_does_not(case: Case, undecided) -> None:
     rivals, proposals = undecided
     runs = [one for one in proposals if not one.what.startswith("a measurement")]
     gaps = {}
@@ -111,8 +111,8 @@ def _robot(*spans_s: float) -> Case:
     return case_of("robot", {}, runs, {})
 
 
-def test_runs_of_the_bank_last_as_long_as_the_longest_and_a_slope_is_a_load() -> None:
-    designs = {run.label: run.measured for run in bank(_robot(1800.0, 60.0))}
+def test_candidate_runs_last_as_long_as_the_longest_and_a_slope_is_a_load() -> None:
+    designs = {run.label: run.measured for run in candidate_runs(_robot(1800.0, 60.0))}
     assert all(one.time_s[-1] == 1800.0 for one in designs.values())
     flat = designs["full drive without load at 25 degC"].inputs
     assert np.all(flat["incline_deg"] == 0.0)
@@ -122,7 +122,9 @@ def test_runs_of_the_bank_last_as_long_as_the_longest_and_a_slope_is_a_load() ->
 
 def test_pulses_of_a_short_run_have_rests() -> None:
     (pulses,) = (
-        run.measured.inputs["duty"] for run in bank(_robot(0.5)) if run.label == "starts with rests at 25 degC"
+        run.measured.inputs["duty"]
+        for run in candidate_runs(_robot(0.5))
+        if run.label == "starts with rests at 25 degC"
     )
     assert 0.1 < np.mean(pulses > 0.0) < 0.5
 
@@ -133,14 +135,14 @@ def test_runs_are_proposed_for_the_two_specimens_that_differ_most() -> None:
         dataclasses.replace(run, overrides={"cycles": Known(cycles), "capacity_Ah": Known(2.0, 0.1)})
         for run, cycles in zip(case.runs, (300.0, 40.0, 800.0), strict=True)
     ]
-    designs = list(bank(dataclasses.replace(case, runs=tuple(aged))))
+    designs = list(candidate_runs(dataclasses.replace(case, runs=tuple(aged))))
     assert {run.overrides["cycles"].value for run in designs} == {40.0, 800.0}
     assert {tuple(run.overrides) for run in designs} == {("cycles",)}, "what is unknown belongs to the run replaced"
     (new,) = (run for run in designs if run.label == "full drive and load with cycles = 40 at 25 degC")
     assert new.overrides["cycles"].value == 40.0
-    assert len(designs) == 2 * len(list(bank(case)))
+    assert len(designs) == 2 * len(list(candidate_runs(case)))
     as_stated = dataclasses.replace(case, parameters={"cycles": Known(800.0)}, runs=(case.runs[0], *aged[2:]))
-    assert len(list(bank(as_stated))) == len(list(bank(case))), "one age, stated in two ways"
+    assert len(list(candidate_runs(as_stated))) == len(list(candidate_runs(case))), "one age, stated in two ways"
 
 
 def test_a_run_ends_where_the_cell_is_empty_or_the_motor_has_run_away() -> None:
@@ -152,7 +154,10 @@ def test_a_run_ends_where_the_cell_is_empty_or_the_motor_has_run_away() -> None:
 def test_what_to_do_next_is_said_in_words() -> None:
     proposals = (Proposal("a at 0 degC", 2.6), Proposal("a at 10 degC", 2.0), Proposal("a measurement of R_0", 0.1))
     said = in_words(proposals, ["one", "other"])
-    assert said == "To tell one from other: a at 0 degC (expected to separate them by 2.6 sigma; 4 times for 5)."
+    assert (
+        said
+        == "To distinguish one and other: a at 0 degC (expected separation 2.6 sigma; 5 sigma after 4 repetitions)."
+    )
     assert best_of_each(proposals) == (proposals[0], proposals[2])
-    assert "no run or measurement that was tried would" in in_words(proposals[2:], ["one", "other"])
+    assert "no tested run or measurement is sufficient" in in_words(proposals[2:], ["one", "other"])
     assert in_words((), ["one", "other"]) == ""

@@ -1,4 +1,4 @@
-"""What is remarked on beside a verdict."""
+"""Remarks of a diagnosis."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from jaxmodel.known import Known
 from tests.discrepancy.made_cases import case_of, run_of
 
 
-def test_a_number_far_from_what_is_stated_is_told_with_both() -> None:
+def test_a_parameter_far_from_its_stated_value_is_remarked_on_with_both() -> None:
     far = Strained("capacity_Ah", 2.21, -5.0, 2.6, 0.078)
     (said,) = strained([far, dataclasses.replace(far, pull=2.9)])
     assert said == (
@@ -40,16 +40,18 @@ def test_a_number_far_from_what_is_stated_is_told_with_both() -> None:
     assert strained([]) == ()
 
 
-def test_a_start_far_from_what_is_stated_hides_an_error() -> None:
+def test_a_start_far_from_its_stated_value_compensates_for_an_error() -> None:
     start = Strained("initial_soc", 0.87, 7.0, 0.8, 0.01, "run-04")
     own = Strained("capacity_Ah", 2.9, 3.5, 2.6, 0.078, "run-02")
     first, second = strained([own, start])
-    assert first.startswith("The stated start of run-04 was used to hide an error: initial_soc = 0.87 is 7.0 sd above")
+    assert first.startswith(
+        "The start of run-04 was moved to compensate for an error: initial_soc = 0.87 is 7.0 sd above"
+    )
     assert "of run-02" in second
     assert "lacks in that run." in second
 
 
-def test_noise_that_is_contradicted_or_not_stated_is_told() -> None:
+def test_noise_that_is_contradicted_or_not_stated_is_remarked_on() -> None:
     wrong = NoiseModel(6e-3, 0.0, "the readings show 0.006: the stated sd is wrong (0.001)", stated=1e-3)
     good = NoiseModel(1e-3, 0.0, "stated (0.001)", stated=1e-3)
     untold = NoiseModel(0.2, 0.0, "estimated from the readings")
@@ -65,7 +67,7 @@ def fitted(promise: float, slope: float) -> Fit:
     return Fit(np.zeros(2), (0, 1), np.ones(2), np.zeros(3), np.full((3, 2), slope), promise, 5)
 
 
-def test_a_fit_that_did_not_end_or_moves_nothing_is_told() -> None:
+def test_a_fit_that_did_not_converge_or_has_no_sensitivity_is_remarked_on() -> None:
     assert not_converged(fitted(0.01, 1.0)) == ()
     (said,) = not_converged(fitted(30.0, 1.0))
     assert "promises 30 of chi-square" in said
@@ -105,8 +107,8 @@ def test_a_motor_that_turns_when_its_file_begins_is_remarked_on() -> None:
         predicted = zip(case.runs, starts, strict=True)
         return starts_moving(case, noise, {run.name: {"speed_rad_s": start + 0.0 * rows} for run, start in predicted})
 
-    (told,) = said(0.0, 0.0)
-    assert told.endswith("if it did turn, give initial_speed_rad_s = -150 to run-02.")
+    (remark,) = said(0.0, 0.0)
+    assert remark.endswith("if it did turn, give initial_speed_rad_s = -150 to run-02.")
     assert said(0.0, -150.0) == ()
     stated = dataclasses.replace(case.runs[1], overrides={"initial_speed_rad_s": Known(-120.0)})
     case = dataclasses.replace(case, runs=(case.runs[0], stated))
@@ -125,10 +127,10 @@ def test_a_case_that_holds_nothing_out_is_told_how_to() -> None:
     assert 'set split = "check" for one of them' in two
 
 
-def test_a_check_run_that_starts_elsewhere_than_stated_is_told() -> None:
+def test_a_check_run_with_a_wrong_start_is_remarked_on() -> None:
     (said,) = badly_started({"run-03": 1.9, "run-04": -5.9})
-    assert said.startswith("run-04 is badly started: its first readings ask for a start 5.9 sd")
-    assert "held at 2;" in said
+    assert said.startswith("The start of run-04 is wrong: its first readings require a start 5.9 sd")
+    assert "limited to 2 sd;" in said
 
 
 def cell_run(number: int, current_A: float, ambient_degC: float, split: str = "fit", **own: Known) -> Run:
@@ -159,7 +161,7 @@ def test_what_lies_outside_is_named_with_both_spans() -> None:
     np.testing.assert_allclose(found["soc"].span_fitted, (0.5, 1.0))
     assert found["soc"].file == "run-03.csv"
     said = extrapolated_sentence(found["ambient_degC"])
-    assert said == "run-03.csv is foretold outside what was fitted: ambient_degC is -10, in the fit runs 10 to 25."
+    assert said == "run-03.csv is outside the fit runs: ambient_degC is -10; the fit runs cover 10 to 25."
 
 
 def test_a_run_of_an_older_cell_is_an_extrapolation() -> None:

@@ -1,4 +1,4 @@
-"""What a model says of readings left out is exact where it is linear."""
+"""Predictions of left-out readings are exact for linear models."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def linear_fit(matrix: np.ndarray, data: np.ndarray, prior_sd: np.ndarray) -> Fi
 
 
 def log_marginal(matrix: np.ndarray, data: np.ndarray, prior_sd: np.ndarray) -> float:
-    """Return the log probability of data, less the constant that all models share."""
+    """Return the log probability of data, minus the constant that all models share."""
     covariance = np.eye(data.size) + (matrix * prior_sd**2) @ matrix.T
     return float(-0.5 * data @ np.linalg.solve(covariance, data) - 0.5 * np.linalg.slogdet(covariance)[1])
 
@@ -61,7 +61,7 @@ def test_evidence_is_the_probability_of_all(made):
     assert linear_fit(matrix, data, prior_sd).log_evidence == pytest.approx(log_marginal(matrix, data, prior_sd))
 
 
-def test_expected_gain_promises_no_more_than_is_gained_on_average_where_the_richer_model_is_true():
+def test_expected_gain_is_at_most_the_average_gain_if_the_richer_model_is_true():
     rng = np.random.default_rng(1)
     block = np.repeat(np.arange(BLOCKS), ROWS // BLOCKS)
     richer, prior_sd = 0.7 * rng.standard_normal((ROWS, 3)), np.ones(3)
@@ -79,7 +79,7 @@ def test_expected_gain_promises_no_more_than_is_gained_on_average_where_the_rich
     assert 0.4 < np.mean(expected) / np.mean(gained) < 1.1
 
 
-def test_a_model_that_foretells_the_same_has_nothing_to_gain(made):
+def test_a_model_with_equal_predictions_has_no_expected_gain(made):
     matrix, data, prior_sd, block = made
     fitted = linear_fit(matrix, data, prior_sd)
     same = left_out(fitted, block)

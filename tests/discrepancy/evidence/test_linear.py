@@ -1,4 +1,4 @@
-"""What a candidate promises, against dense formulas: readings with a covariance, unknowns with priors."""
+"""Expected gains of candidates against dense formulas: readings with a covariance, unknowns with priors."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from discrepancy.evidence.linear import AMPLITUDES, AS_FAR, Linear
 from discrepancy.fitting.candidates import Candidate
 from discrepancy.fitting.coordinates import Coordinate
 from discrepancy.fitting.fit import fit
-from discrepancy.fitting.model import Bench, Setting, View
+from discrepancy.fitting.model import ModelSpace, Setting, View
 from discrepancy.fitting.readings import Weights
 from discrepancy.noise.contract import noise_of_case
 from discrepancy.noise.model_error import NONE, ModelError
@@ -52,7 +52,7 @@ class Given:
         if more is not None:
             columns = np.concatenate([columns, more], axis=1)
         dense = self.covariance + columns @ columns.T
-        measured = self.errors + self.base @ self.pulls  # what the base model at x = 0 leaves
+        measured = self.errors + self.base @ self.pulls  # residual of the base model at x = 0
         return float(-0.5 * measured @ np.linalg.solve(dense, measured) - 0.5 * np.linalg.slogdet(dense)[1])
 
 
@@ -134,19 +134,19 @@ def test_gains_of_a_channel_are_those_without_the_others(given: Given, small_vie
         screened = Screen(setting, given.pulls, given.errors * mine[:, 0], -given.base * mine, directions)
         alone = Linear(screened, weights, linear.candidates, given.pulls, np.array([True, True, False])).gains()
         expected = {gain.label: gain.log_evidence for gain in alone}
-        told = {gain.label: gain.log_evidence for gain in found}
+        by_label = {gain.label: gain.log_evidence for gain in found}
         for label in ("strong", "weak", "one run", "curve"):
-            assert told[label] == pytest.approx(expected[label], abs=1e-6), label
+            assert by_label[label] == pytest.approx(expected[label], abs=1e-6), label
 
 
-def test_what_the_base_model_can_do_is_no_effect(given: Given):
+def test_what_the_base_model_can_imitate_is_no_effect(given: Given):
     """In its span, or all but in it where a number of all runs may be stated wrongly."""
     labels = {gain.label for gain in given.linear.gains()}
     assert labels == {"strong", "weak", "one run", "curve"}
     assert AS_FAR > 1.0
 
 
-def test_richest_takes_what_pays_and_leaves_the_noise(given: Given):
+def test_richest_model_takes_significant_candidates_and_leaves_the_noise(given: Given):
     left = given.linear.richest(least=5.0)
     inverse = np.linalg.inv(given.covariance)
     assert left @ inverse @ left < given.errors @ inverse @ given.errors - 20.0
@@ -173,32 +173,32 @@ def test_scores_beyond_the_critical_one_are_rare_by_chance(given: Given):
     assert given.linear.critical_z() == given.linear.critical_z()
 
 
-def test_what_would_have_been_seen_is_told(given: Given):
+def test_detectable_candidates_are_listed(given: Given):
     seen = given.linear.visible()
     assert "strong" in seen
     assert "weak" not in seen
 
 
 class Fade(CapacityFade):
-    """A user's effect that does not say what tells it from another capacity."""
+    """A user's effect that declares no parameter to distinguish it from another capacity."""
 
     name: ClassVar[str] = "fade"
-    told_by: ClassVar[str] = ""
+    distinguished_by: ClassVar[str] = ""
 
 
-def test_an_effect_that_imitates_a_number_of_all_runs_is_none(small: Case, small_view: View) -> None:
+def test_an_effect_that_imitates_a_parameter_of_all_runs_is_excluded(small: Case, small_view: View) -> None:
     """A capacity that fades with cycles is another capacity where all runs have one cycle count."""
     small = dataclasses.replace(small, own_effects={"fade": Fade})
-    others = [label for label in Bench(small).candidates if label not in ("fade", "self_heating")]
-    bench = Bench(small, others)
-    view, setting = View(bench, small_view.readings), bench.setting([])
+    others = [label for label in ModelSpace(small).candidates if label not in ("fade", "self_heating")]
+    space = ModelSpace(small, others)
+    view, setting = View(space, small_view.readings), space.setting([])
     weights = Weights(view.readings, NONE)
-    fitted = fit(view, setting, weights, np.zeros(bench.layout.size))
+    fitted = fit(view, setting, weights, np.zeros(space.layout.size))
     screened = screen(view, setting, fitted.x, noise_of_case(small))
     assert {way.label for way in screened.directions} == {"fade", "self_heating"}
-    is_common = np.array([bench.layout.runs[place] < 0 for place in setting.own])
-    linear = Linear(screened, weights, bench.candidates, fitted.x[list(setting.own)], is_common)
+    is_common = np.array([space.layout.runs[place] < 0 for place in setting.free])
+    linear = Linear(screened, weights, space.candidates, fitted.x[list(setting.free)], is_common)
     gains = {gain.label: gain for gain in linear.gains()}
     assert gains.keys() == {"self_heating"}
-    # Nothing is hidden, and nothing is promised that counts.
+    # Nothing is hidden, and no expected gain is material.
     assert gains["self_heating"].log_evidence < 5.0

@@ -150,7 +150,7 @@ def test_candidates_are_the_effects_of_the_kind_and_the_sensors_that_were_read()
     }
     curves = {name for name, cls in CURVES.items() if "cell" in cls.kinds}
     # One age for all runs is but another calibration.
-    physics -= {name for name in physics if CATALOGUE[name].told_by}
+    physics -= {name for name in physics if CATALOGUE[name].distinguished_by}
     groups = {
         group: {label for label, candidate in found.items() if candidate.group == group}
         for group in ("effect", "sensor", "curve", "run")
@@ -165,7 +165,7 @@ def test_what_comes_with_age_is_a_candidate_where_fitted_runs_differ_in_age() ->
     rows = np.zeros(20)
     inputs, outputs = {"current_A": rows, "ambient_degC": rows}, {"voltage_V": rows}
     stated = {"capacity_Ah": Known(5.2, 0.1), "cycles": Known(100.0)}
-    aged = {name for name, cls in CATALOGUE.items() if cls.told_by == "cycles"}
+    aged = {name for name, cls in CATALOGUE.items() if cls.distinguished_by == "cycles"}
     assert aged
     for split, offered in (("fit", aged), ("check", set())):
         runs = [run_of(1, inputs, outputs), run_of(2, inputs, outputs, split=split, cycles=Known(300.0))]

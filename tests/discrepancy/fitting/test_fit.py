@@ -1,4 +1,4 @@
-"""Calibration: the minimum is one, its standard deviations are those of repeated measurements."""
+"""Calibration: fits reach a minimum, and standard deviations are those of repeated measurements."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, multivariate_normal
 
-from discrepancy.fitting.fit import Fit, errors_at, fit, look, objectives
-from discrepancy.fitting.model import Bench, Setting, View
+from discrepancy.fitting.fit import Fit, errors_at, fit, objectives, whitened_errors_and_jacobian
+from discrepancy.fitting.model import ModelSpace, Setting, View
 from discrepancy.fitting.readings import Weights
-from discrepancy.fitting.starts import likeliest_of_some
+from discrepancy.fitting.starts import best_random_start
 from discrepancy.noise.model_error import NONE
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.known import Known
@@ -22,39 +22,39 @@ DRAWS = 30
 
 
 @pytest.fixture(scope="module")
-def base(small_bench: Bench) -> Setting:
-    return small_bench.setting([])
+def base(small_space: ModelSpace) -> Setting:
+    return small_space.setting([])
 
 
 @pytest.fixture(scope="module")
-def fitted(small_bench: Bench, small_view: View, small_weights: Weights, base: Setting) -> Fit:
-    return fit(small_view, base, small_weights, np.zeros(small_bench.layout.size))
+def fitted(small_space: ModelSpace, small_view: View, small_weights: Weights, base: Setting) -> Fit:
+    return fit(small_view, base, small_weights, np.zeros(small_space.layout.size))
 
 
 def measured_anew(view: View, setting: Setting, x: np.ndarray, rng: np.random.Generator) -> View:
     """Return the view of readings that the model itself makes at x, with noise."""
-    clean = view.readings.value - errors_at(view, view.bench.problem(setting), setting, x[None])[:, 0]
+    clean = view.readings.value - errors_at(view, view.space.problem(setting), setting, x[None])[:, 0]
     value = clean + view.readings.sd * rng.standard_normal(clean.size)
-    return View(view.bench, dataclasses.replace(view.readings, value=value))
+    return View(view.space, dataclasses.replace(view.readings, value=value))
 
 
 def test_a_fit_ends_at_a_minimum(
-    small_view: View, small_weights: Weights, base: Setting, fitted: Fit, small_bench: Bench
+    small_view: View, small_weights: Weights, base: Setting, fitted: Fit, small_space: ModelSpace
 ) -> None:
     assert fitted.converged
-    rows, jacobian = look(small_view, small_bench.problem(base), base, small_weights, fitted.x)
+    rows, jacobian = whitened_errors_and_jacobian(small_view, small_space.problem(base), base, small_weights, fitted.x)
     np.testing.assert_allclose(rows, fitted.rows)
-    slope = jacobian.T @ rows + fitted.x[list(base.own)]
+    slope = jacobian.T @ rows + fitted.x[list(base.free)]
     assert np.max(np.abs(slope) * fitted.sd()) < 0.1
     others = fitted.x + 0.3 * np.random.default_rng(0).standard_normal((16, fitted.x.size))
     assert np.all(objectives(small_view, base, small_weights, others) > fitted.objective)
     assert fitted.chi2 == pytest.approx(small_view.readings.count, rel=0.2)
 
 
-def test_numbers_are_found_within_their_standard_deviations(fitted: Fit, small_bench: Bench) -> None:
+def test_numbers_are_found_within_their_standard_deviations(fitted: Fit, small_space: ModelSpace) -> None:
     for name, true in SMALL_TRUE.items():
-        place = small_bench.layout.names.index(name)
-        coordinate = small_bench.layout.coordinates[place]
+        place = small_space.layout.names.index(name)
+        coordinate = small_space.layout.coordinates[place]
         sd = coordinate.slope(fitted.x[place]) * fitted.sd()[place]
         assert coordinate.number(fitted.x[place]) == pytest.approx(true, abs=4.0 * sd), name
 
@@ -63,7 +63,7 @@ def test_standard_deviations_are_those_of_repeated_measurements(
     small_view: View, small_weights: Weights, base: Setting
 ) -> None:
     rng = np.random.default_rng(1)
-    own = list(base.own)
+    own = list(base.free)
     away, objective = [], []
     for _ in range(DRAWS):
         truth = np.zeros(base.prior_sd.size)
@@ -85,17 +85,17 @@ def test_what_is_not_free_stays_and_only_free_numbers_move(
     start = 0.2 * np.ones(base.prior_sd.size)
     found = fit(small_view, base, small_weights, start, free=[1])
     np.testing.assert_array_equal(np.delete(found.x, 1), np.delete(start, 1))
-    assert found.own == (1,)
+    assert found.free == (1,)
     assert found.jacobian.shape == (small_view.readings.count, 1)
 
 
-def test_a_narrow_prior_holds_a_curve_back(small_view: View, small_weights: Weights, small_bench: Bench) -> None:
+def test_a_narrow_prior_holds_a_curve_back(small_view: View, small_weights: Weights, small_space: ModelSpace) -> None:
     drops = []
     for amplitude in (0.01, 1.0):
-        setting = small_bench.setting(["ocv_curve"], {"ocv_curve": amplitude})
-        found = fit(small_view, setting, small_weights, np.zeros(small_bench.layout.size))
-        drops.append(np.max(np.abs(found.x[list(small_bench.layout.of["ocv_curve"])])))
-        assert found.pulls.size == len(setting.own)
+        setting = small_space.setting(["ocv_curve"], {"ocv_curve": amplitude})
+        found = fit(small_view, setting, small_weights, np.zeros(small_space.layout.size))
+        drops.append(np.max(np.abs(found.x[list(small_space.layout.of["ocv_curve"])])))
+        assert found.pulls.size == len(setting.free)
     assert drops[0] < 0.05
     assert drops[0] < drops[1]
 
@@ -110,39 +110,39 @@ class LinearView(View):
 
 
 def test_linear_readings_have_their_known_solution_and_evidence(
-    small_view: View, small_bench: Bench, base: Setting
+    small_view: View, small_space: ModelSpace, base: Setting
 ) -> None:
     rng = np.random.default_rng(3)
-    own, readings = list(base.own), small_view.readings
-    alone = dataclasses.replace(base, own=tuple(p for p in own if small_bench.layout.runs[p] < 0))
-    size = len(alone.own)
-    matrix = np.zeros((readings.count, small_bench.layout.size))
-    matrix[:, list(alone.own)] = readings.sd[:, None] * rng.standard_normal((readings.count, size)) * 0.05
+    own, readings = list(base.free), small_view.readings
+    alone = dataclasses.replace(base, free=tuple(p for p in own if small_space.layout.runs[p] < 0))
+    size = len(alone.free)
+    matrix = np.zeros((readings.count, small_space.layout.size))
+    matrix[:, list(alone.free)] = readings.sd[:, None] * rng.standard_normal((readings.count, size)) * 0.05
     data = matrix @ rng.standard_normal(matrix.shape[1]) + readings.sd * rng.standard_normal(readings.count)
-    view = LinearView(small_bench, dataclasses.replace(readings, value=data))
+    view = LinearView(small_space, dataclasses.replace(readings, value=data))
     view.matrix = matrix
     found = fit(view, alone, Weights(view.readings, NONE), np.zeros(matrix.shape[1]))
-    white, seen = matrix[:, list(alone.own)] / readings.sd[:, None], data / readings.sd
+    white, seen = matrix[:, list(alone.free)] / readings.sd[:, None], data / readings.sd
     information = white.T @ white + np.eye(size)
     np.testing.assert_allclose(found.information, information, rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(found.x[list(alone.own)], np.linalg.solve(information, white.T @ seen), atol=1e-2)
+    np.testing.assert_allclose(found.x[list(alone.free)], np.linalg.solve(information, white.T @ seen), atol=1e-2)
     np.testing.assert_allclose(found.sd(), np.sqrt(np.diag(np.linalg.inv(information))), rtol=1e-6)
     marginal = multivariate_normal(np.zeros(seen.size), np.eye(seen.size) + white @ white.T)
     constant = 0.5 * seen.size * np.log(2.0 * np.pi)
     assert found.log_evidence == pytest.approx(marginal.logpdf(seen) + constant, abs=0.02)
 
 
-def test_model_out_of_its_range_looks_bad_and_breaks_nothing(
+def test_an_invalid_model_has_a_large_error_and_raises_nothing(
     small_view: View, small_weights: Weights, base: Setting, fitted: Fit
 ) -> None:
-    worse = fitted.x.copy()
-    worse[0] = -1e4  # a capacity that the first second uses up
-    found = fit(small_view, base, small_weights, worse)
+    largest_increase = fitted.x.copy()
+    largest_increase[0] = -1e4  # a capacity that the first second uses up
+    found = fit(small_view, base, small_weights, largest_increase)
     assert np.isfinite(found.objective)
     assert found.objective > fitted.objective
 
 
-def test_a_motor_stated_to_stall_is_calibrated_from_elsewhere() -> None:
+def test_a_motor_stated_to_stall_is_calibrated_from_another_start() -> None:
     """At the stated friction no torque starts the motor, and no unknown moves the readings."""
     voltage = np.repeat([0.0, 1.0, 0.6, 1.2, 0.8], 20)
     inputs = {"voltage_V": voltage, "load_torque_Nm": 0.0 * voltage, "ambient_degC": 20.0 + 0.0 * voltage}
@@ -154,10 +154,10 @@ def test_a_motor_stated_to_stall_is_calibrated_from_elsewhere() -> None:
     run = run_of(1, inputs, {"speed_rad_s": speed}, step_s=0.1)
     case = case_of("motor", known | {"tau_0": Known(0.06, 0.03)}, [run], {"speed_rad_s": 0.05})
     inv = investigation_of(case, "viscous_friction")
-    scale, setting = inv.first_scale, inv.bench.setting([])
-    stalled = inv.bench.predicted(setting, np.zeros(inv.bench.layout.size))
-    assert np.max(np.abs(stalled[0, :, inv.bench.coarse.channels.index("speed_rad_s")])) < 1e-3
-    start = likeliest_of_some(scale.view, setting, scale.weights)
+    scale, setting = inv.first_scale, inv.space.setting([])
+    stalled = inv.space.predicted(setting, np.zeros(inv.space.layout.size))
+    assert np.max(np.abs(stalled[0, :, inv.space.coarse.channels.index("speed_rad_s")])) < 1e-3
+    start = best_random_start(scale.view, setting, scale.weights)
     assert objectives(scale.view, setting, scale.weights, start[None])[0] < 0.1 * np.sum(speed**2) / 0.05**2
     assert inv.base.fitted.converged
     assert inv.base.fitted.chi2 < 1.5 * speed.size

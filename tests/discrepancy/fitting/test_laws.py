@@ -9,9 +9,9 @@ import equinox as eqx
 import numpy as np
 import pytest
 
-from discrepancy.fitting.fit import DIFFERENCE_STEP, errors_at, raw_look, steps_of
+from discrepancy.fitting.fit import DIFFERENCE_STEP, errors_and_jacobian, errors_at, steps_of
 from discrepancy.fitting.lanes import predictions
-from discrepancy.fitting.model import Bench, View
+from discrepancy.fitting.model import ModelSpace, View
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.case import Case
 from jaxmodel.ports import Effect
@@ -31,19 +31,19 @@ class Linear(Effect):
         return value + CONSTANT + SLOPE * context.current_A
 
 
-def test_a_linear_law_is_the_same_physics_written_by_hand(small: Case, small_bench: Bench):
+def test_a_linear_law_is_the_same_physics_written_by_hand(small: Case, small_space: ModelSpace):
     label = "overpotential(current_A)"
-    candidate = small_bench.candidates[label]
-    setting = small_bench.setting([label])
+    candidate = small_space.candidates[label]
+    setting = small_space.setting([label])
     place, settings = candidate.law
     low, high = settings[-4], settings[-3]
     knots = np.linspace(low, high, len(candidate.coordinates))
     count = len(candidate.coordinates)
     own = candidate.mix[candidate.offset : candidate.offset + count, candidate.offset : candidate.offset + count]
-    x = np.zeros(small_bench.layout.size)
-    x[list(small_bench.layout.of[label])] = np.linalg.solve(own, CONSTANT + SLOPE * knots)
-    found = predictions(small_bench.problem(setting), [setting.lane(x)])[0]
-    without = predictions(small_bench.problem(setting), [setting.lane(0.0 * x)])[0]
+    x = np.zeros(small_space.layout.size)
+    x[list(small_space.layout.of[label])] = np.linalg.solve(own, CONSTANT + SLOPE * knots)
+    found = predictions(small_space.problem(setting), [setting.lane(x)])[0]
+    without = predictions(small_space.problem(setting), [setting.lane(0.0 * x)])[0]
     assert place == 0
     for number, run in enumerate(small.runs):
         base, rows = case_model(small, run), run.measured.time_s.size
@@ -58,51 +58,51 @@ def test_a_linear_law_is_the_same_physics_written_by_hand(small: Case, small_ben
 
 
 @pytest.mark.parametrize("label", ["overpotential(soc) x current_A", "ocv_curve", "contact_resistance@run-01"])
-def test_a_candidate_at_its_null_leaves_the_base_model_to_the_bit(small_bench: Bench, label: str):
-    x = np.zeros(small_bench.layout.size)
-    x[: small_bench.layout.base] = 0.3 * np.random.default_rng(0).standard_normal(small_bench.layout.base)
-    base, with_it = small_bench.setting([]), small_bench.setting([label])
-    lawful = dataclasses.replace(base, is_lawful=True)
-    expected = small_bench.predicted(lawful if "law" in small_bench.candidates[label].group else base, x)
-    np.testing.assert_array_equal(small_bench.predicted(with_it, x), expected)
-    np.testing.assert_allclose(expected, small_bench.predicted(base, x), rtol=1e-9, atol=1e-9)
+def test_a_candidate_at_its_null_leaves_the_base_model_to_the_bit(small_space: ModelSpace, label: str):
+    x = np.zeros(small_space.layout.size)
+    x[: small_space.layout.base] = 0.3 * np.random.default_rng(0).standard_normal(small_space.layout.base)
+    base, with_it = small_space.setting([]), small_space.setting([label])
+    with_laws = dataclasses.replace(base, has_laws=True)
+    expected = small_space.predicted(with_laws if "law" in small_space.candidates[label].group else base, x)
+    np.testing.assert_array_equal(small_space.predicted(with_it, x), expected)
+    np.testing.assert_allclose(expected, small_space.predicted(base, x), rtol=1e-9, atol=1e-9)
 
 
-def test_a_number_of_one_run_moves_that_run_alone(small_bench: Bench):
+def test_a_number_of_one_run_moves_that_run_alone(small_space: ModelSpace):
     label = "contact_resistance@run-02"
-    setting = small_bench.setting([label])
-    x = np.zeros(small_bench.layout.size)
-    still = small_bench.predicted(setting, x)
-    x[list(small_bench.layout.of[label])] = 1.0
-    moved = small_bench.predicted(setting, x) - still
+    setting = small_space.setting([label])
+    x = np.zeros(small_space.layout.size)
+    still = small_space.predicted(setting, x)
+    x[list(small_space.layout.of[label])] = 1.0
+    moved = small_space.predicted(setting, x) - still
     assert [bool(np.any(run)) for run in moved] == [False, True, False]
 
 
-def test_numbers_of_different_runs_share_lanes_and_have_their_own_columns(small_bench: Bench, small_view: View):
-    setting = small_bench.setting(["contact_resistance@run-01", "contact_resistance@run-02"])
-    layout, problem = small_bench.layout, small_bench.problem(setting)
+def test_numbers_of_different_runs_share_lanes_and_have_their_own_columns(small_space: ModelSpace, small_view: View):
+    setting = small_space.setting(["contact_resistance@run-01", "contact_resistance@run-02"])
+    layout, problem = small_space.layout, small_space.problem(setting)
     together = steps_of(small_view, setting)
-    assert len(together) < len(setting.own)
+    assert len(together) < len(setting.free)
     moved = [place for places in together for place in places]
     assert len(set(moved)) == len(moved)
     # Those of the check run, which is not fitted, are not moved at all.
-    assert set(setting.own) - set(moved) == {place for place in setting.own if layout.runs[place] == 2}
+    assert set(setting.free) - set(moved) == {place for place in setting.free if layout.runs[place] == 2}
     assert all(len({layout.runs[place] for place in places}) == len(places) for places in together)
 
     x = np.zeros(layout.size)
-    errors, jacobian = raw_look(small_view, problem, setting, x)
-    places = np.repeat(x[None], len(setting.own) + 1, axis=0)
-    places[np.arange(1, len(places)), list(setting.own)] += DIFFERENCE_STEP
+    errors, jacobian = errors_and_jacobian(small_view, problem, setting, x)
+    places = np.repeat(x[None], len(setting.free) + 1, axis=0)
+    places[np.arange(1, len(places)), list(setting.free)] += DIFFERENCE_STEP
     alone = errors_at(small_view, problem, setting, places)
     np.testing.assert_array_equal(errors, alone[:, 0])
     np.testing.assert_allclose(jacobian, (alone[:, 1:] - alone[:, :1]) / DIFFERENCE_STEP, atol=1e-6)
-    column = list(setting.own).index(layout.of["contact_resistance@run-01"][0])
+    column = list(setting.free).index(layout.of["contact_resistance@run-01"][0])
     assert np.any(jacobian[small_view.readings.run == 0, column])
     assert not np.any(jacobian[small_view.readings.run == 1, column])
 
 
-def test_laws_are_one_vector_of_which_each_has_its_part(small_bench: Bench):
-    layout = small_bench.layout
+def test_laws_are_one_vector_of_which_each_has_its_part(small_space: ModelSpace):
+    layout = small_space.layout
     soc, current = layout.of["overpotential(soc) x current_A"], layout.of["overpotential(current_A)"]
     assert soc == current, "laws at one port share its knots"
     names = [name for name, *_ in layout.vectors]

@@ -136,7 +136,7 @@ def test_unknowns_are_what_the_case_its_runs_and_the_effects_leave_open(made: tu
         "voltage_offset:voltage_V": (first + 2,),
         "arrhenius_resistance": (first + 3,),
     }
-    assert layout.own(["arrhenius_resistance"]) == [*range(first), first + 3]
+    assert layout.places_of(["arrhenius_resistance"]) == [*range(first), first + 3]
     own = layout.coordinates[3]
     assert (own.number(0.0), own.slope(0.0)) == pytest.approx((1.8, 0.1))
     # A cell's temperature is that of its thermometer's first reading.
@@ -181,12 +181,10 @@ def test_what_is_added_to_an_input_is_that_input(
     made: tuple[Problem, Layout], lane: Lane, predicted: np.ndarray
 ) -> None:
     problem, _ = made
-    inputs = problem.courses.inputs
-    half = dataclasses.replace(problem.courses, inputs=inputs | {"current_A": 0.5 * inputs["current_A"]})
+    inputs = problem.tracks.inputs
+    half = dataclasses.replace(problem.tracks, inputs=inputs | {"current_A": 0.5 * inputs["current_A"]})
     more = dataclasses.replace(lane, added={"current_A": 0.5 * np.asarray(inputs["current_A"])})
-    np.testing.assert_allclose(
-        predictions(dataclasses.replace(problem, courses=half), [more])[0], predicted, rtol=1e-12
-    )
+    np.testing.assert_allclose(predictions(dataclasses.replace(problem, tracks=half), [more])[0], predicted, rtol=1e-12)
 
 
 def test_switch_turns_an_effect_on(case: Case, made: tuple[Problem, Layout], lane: Lane) -> None:
@@ -252,7 +250,7 @@ def test_too_many_readings_are_thinned_evenly(case: Case) -> None:
         np.testing.assert_array_equal(few.row[rows], whole.row[of_whole][:: -(-whole.count // 50)])
 
 
-def test_what_cannot_be_fitted_is_said(case: Case) -> None:
+def test_a_case_that_cannot_be_fitted_is_refused(case: Case) -> None:
     exact = dataclasses.replace(cell_run(1, 20), initial_soc=Known(0.9))
     with pytest.raises(FitError, match="nothing to calibrate"):
         make_layout(dataclasses.replace(case, parameters={"capacity_Ah": Known(2.0)}, runs=(exact,)), [])
@@ -263,7 +261,7 @@ def test_short_runs_have_a_program_of_their_own_where_padding_takes_longer() -> 
         (1, 512, 1024),
         (1, 33_280, 33_792),
     )
-    # A run that only judges, and is little longer, shares the program of the others.
+    # A check run that is little longer shares the program of the others.
     assert shapes_of([(2048, 2048), (2560, 3072)], np.array([0])) == ((1, 2560, 3072),)
     assert shapes_of([(2048, 2048), (3584, 4096)], np.array([0])) == ((1, 2048, 2048),)
     long = [(71_680, 71_680)] * 3 + [(102_400, 102_400)]

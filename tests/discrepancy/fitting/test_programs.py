@@ -1,4 +1,4 @@
-"""Programs are made once, kept whole, and never taken for another."""
+"""Programs are compiled once, stored, and never confused."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_a_program_is_traced_once_for_a_shape_and_for_what_is_no_array(folder):
     assert traced.times == 4
 
 
-def test_what_was_kept_gives_the_same_bits_without_being_traced(folder):
+def test_a_stored_program_gives_identical_results_without_tracing(folder):
     array = jnp.linspace(-3.0, 3.0, 50)
     made = Programs(_Traced())((array, "sine"))
     assert len(_kept(folder)) == 1
@@ -58,7 +58,7 @@ def test_what_was_kept_gives_the_same_bits_without_being_traced(folder):
     assert traced.times == 1
 
 
-def test_a_kept_program_that_cannot_be_read_is_made_again(folder):
+def test_an_unreadable_stored_program_is_compiled_again(folder):
     array = jnp.linspace(-3.0, 3.0, 51)
     made = Programs(_Traced())((array, "sine"))
     for damaged in (b"", _kept(folder)[0].read_bytes()[:-40]):
@@ -68,7 +68,7 @@ def test_a_kept_program_that_cannot_be_read_is_made_again(folder):
         assert traced.times == 1
 
 
-def test_a_program_with_a_class_of_the_users_own_is_not_kept(folder):
+def test_a_program_with_a_class_of_the_user_is_not_stored(folder):
     class Own(Problem):
         pass
 
@@ -78,7 +78,7 @@ def test_a_program_with_a_class_of_the_users_own_is_not_kept(folder):
     assert len(_kept(folder)) == 1
 
 
-def test_nothing_is_kept_where_jax_keeps_no_cache(folder):
+def test_nothing_is_stored_without_a_cache_of_jax(folder):
     jax.config.update("jax_compilation_cache_dir", None)
     assert np.array_equal(Programs(_Traced())((jnp.zeros(6), "cosine")), np.ones(6))
     assert not _kept(folder)

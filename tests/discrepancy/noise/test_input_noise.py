@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from discrepancy.fitting.lanes import predictions
-from discrepancy.fitting.passed_on import noise_passed_on
+from discrepancy.fitting.noise_propagation import propagated_noise
 from discrepancy.noise.contract import noise_of_case
 from discrepancy.noise.input_noise import MovedInputs, at_most, row_of_step, slow_directions
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.case import Case, Run
 from jaxmodel.known import Known
 from jaxmodel.simulation import run_track, simulate, track
-from tests.discrepancy.made_cases import bench_of, case_of, investigation_of, run_of, small_cell
+from tests.discrepancy.made_cases import case_of, investigation_of, run_of, small_cell, space_of
 
 CURRENT_SD = 0.02
 
@@ -31,9 +31,9 @@ def test_current_noise_reaches_the_voltage_through_resistance_and_relaxation() -
     inputs = {"current_A": current, "ambient_degC": np.full(rows, 20.0)}
     run = run_of(1, inputs, {"voltage_V": np.linspace(4.0, 3.9, rows)}, step_s=10.0)
     case = case_of("cell", {"capacity_Ah": Known(4.0, 0.1)}, [run], {"voltage_V": 1e-3, "current_A": CURRENT_SD})
-    bench = bench_of(case)
-    setting = bench.setting(())
-    found, _ = noise_passed_on(case, noise_of_case(case), bench, setting, np.zeros(bench.layout.size))
+    space = space_of(case)
+    setting = space.setting(())
+    found, _ = propagated_noise(case, noise_of_case(case), space, setting, np.zeros(space.layout.size))
     said = found["voltage_V"].from_inputs
 
     model, profile = case_model(case, run), run_profile(run)
@@ -56,9 +56,9 @@ def test_each_step_belongs_to_the_row_that_it_ends_in() -> None:
     inputs = {"current_A": np.linspace(0.0, 1.0, rows), "ambient_degC": np.full(rows, 20.0)}
     run = run_of(1, inputs, {"voltage_V": np.full(rows, 4.0)})
     case = case_of("cell", {"capacity_Ah": Known(4.0, 0.1)}, [run])
-    course = track(case_model(case, run), run_profile(run))
-    several = jax.tree.map(lambda leaf: leaf[None], course)
-    np.testing.assert_array_equal(row_of_step(several)[0][np.asarray(course.at_rows)], np.arange(rows))
+    run_steps = track(case_model(case, run), run_profile(run))
+    several = jax.tree.map(lambda leaf: leaf[None], run_steps)
+    np.testing.assert_array_equal(row_of_step(several)[0][np.asarray(run_steps.at_rows)], np.arange(rows))
 
 
 def test_slow_noise_is_what_random_noise_moves_over_many_rows() -> None:
@@ -68,16 +68,20 @@ def test_slow_noise_is_what_random_noise_moves_over_many_rows() -> None:
     run = run_of(1, inputs, {"voltage_V": np.linspace(4.0, 3.9, rows)}, step_s=10.0)
     case = case_of("cell", {"capacity_Ah": Known(4.0, 0.1)}, [run])
     model = case_model(case, run)
-    courses = jax.tree.map(lambda leaf: leaf[None], track(model, run_profile(run)))
-    voltages = jax.jit(lambda course: run_track(model, course, jnp.asarray(run.measured.time_s)).readings["voltage_V"])
+    tracks = jax.tree.map(lambda leaf: leaf[None], track(model, run_profile(run)))
+    voltages = jax.jit(
+        lambda run_steps: run_track(model, run_steps, jnp.asarray(run.measured.time_s)).readings["voltage_V"]
+    )
 
     def predict(moves: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:
-        course = jax.tree.map(lambda leaf: leaf[0], courses)
-        moved = [course.inputs | {name: course.inputs[name] + more[0] for name, more in one.items()} for one in moves]
-        return np.stack([np.asarray(voltages(dataclasses.replace(course, inputs=one)))[None] for one in moved])
+        run_steps = jax.tree.map(lambda leaf: leaf[0], tracks)
+        moved = [
+            run_steps.inputs | {name: run_steps.inputs[name] + more[0] for name, more in one.items()} for one in moves
+        ]
+        return np.stack([np.asarray(voltages(dataclasses.replace(run_steps, inputs=one)))[None] for one in moved])
 
-    answers = MovedInputs(predict, courses, {"current_A": CURRENT_SD}).to_slow_noise()[:, 0]
-    rng, row = np.random.default_rng(0), row_of_step(courses)
+    answers = MovedInputs(predict, tracks, {"current_A": CURRENT_SD}).to_slow_noise()[:, 0]
+    rng, row = np.random.default_rng(0), row_of_step(tracks)
     noise = CURRENT_SD * rng.standard_normal((300, rows))
     scatter = (predict([{"current_A": one[row]} for one in noise]) - predict([{}]))[:, 0]
     for slow in (np.ones(rows), np.linspace(-1.0, 1.0, rows)):
@@ -93,7 +97,7 @@ def test_residuals_are_white_once_slow_noise_is_taken_out() -> None:
     covariance = np.eye(run.size) + together * (answers.T @ answers)
     white = np.eye(run.size) - slow @ slow.T
     np.testing.assert_allclose(white @ covariance @ white.T, np.eye(run.size), atol=1e-9)
-    # What hardly matters is left alone: a number more for each reading would tell nothing.
+    # Negligible directions are ignored.
     assert slow_directions(0.01 * answers, run).shape == (run.size, 0)
 
 
@@ -118,15 +122,15 @@ def with_noisy_current(sd: float, seed: int = 1) -> Case:
     return dataclasses.replace(noisy, runs=tuple(read(run) for run in noisy.runs))
 
 
-def test_numbers_are_as_sure_as_fits_to_other_draws_of_the_noise_would_scatter() -> None:
+def test_sd_is_the_scatter_of_fits_to_other_draws_of_the_noise() -> None:
     current_sd, draws = 0.03, 64
     inv = investigation_of(with_noisy_current(current_sd), "voltage_offset")
     base = inv.base
     noise = base.scale.noise
     assert noise["voltage_V"].from_inputs > 1e-3
     assert not base.scale.error.sd
-    readings, problem = base.scale.view.readings, inv.bench.problem(base.setting)
-    place, row = (readings.run, readings.row, readings.channel), row_of_step(problem.courses)
+    readings, problem = base.scale.view.readings, inv.space.problem(base.setting)
+    place, row = (readings.run, readings.row, readings.channel), row_of_step(problem.tracks)
     own_sd = np.array([noise[name].own_sd for name in problem.channels if name in noise])
     assert [problem.channels.index(name) for name in noise] == list(range(own_sd.size))
     still = base.setting.lane(base.fitted.x)

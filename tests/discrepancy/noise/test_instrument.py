@@ -60,7 +60,7 @@ def test_local_noise_ignores_a_slow_misfit_ten_times_the_noise(rho, tolerance, s
     assert found.is_coloured == (rho > 0.0)
 
 
-def test_a_known_sd_makes_a_long_memory_measurable():
+def test_a_known_sd_makes_a_long_correlation_time_measurable():
     found = local_noise(ar1(0.9, seed=2), ONE_RUN, known_sd=1.0)
     assert found.rho == pytest.approx(0.9, abs=0.012)
     assert found.rho_se < 0.01
@@ -135,34 +135,34 @@ def test_a_stated_sd_is_kept_with_rounding_added():
 @pytest.mark.parametrize("stated", [0.5, 2.0])
 def test_a_stated_sd_that_the_readings_contradict_is_replaced(stated):
     readings = ar1(0.0, seed=10)
-    told = channel_noise(readings, lambda sd: local_noise(readings, ONE_RUN, known_sd=sd), stated_sd=stated)
-    assert told.sd == pytest.approx(1.0, rel=0.06)
-    assert (told.rho, told.stated, told.contradicts) == (0.0, stated, True)
-    assert told.source.endswith(f"the stated sd is wrong ({stated:g})")
+    result = channel_noise(readings, lambda sd: local_noise(readings, ONE_RUN, known_sd=sd), stated_sd=stated)
+    assert result.sd == pytest.approx(1.0, rel=0.06)
+    assert (result.rho, result.stated, result.contradicts) == (0.0, stated, True)
+    assert result.source.endswith(f"the stated sd is wrong ({stated:g})")
 
 
 @pytest.mark.parametrize("stated", [0.75, 1.0, 1.4])
-def test_a_stated_sd_within_a_factor_of_what_is_seen_is_believed(stated):
+def test_a_stated_sd_within_a_factor_of_the_scatter_is_used(stated):
     readings = ar1(0.0, seed=10)
-    told = channel_noise(readings, lambda sd: local_noise(readings, ONE_RUN, known_sd=sd), stated_sd=stated)
-    assert (told.sd, told.stated, told.contradicts) == (stated, stated, False)
+    result = channel_noise(readings, lambda sd: local_noise(readings, ONE_RUN, known_sd=sd), stated_sd=stated)
+    assert (result.sd, result.stated, result.contradicts) == (stated, stated, False)
 
 
-def test_few_readings_contradict_nothing():
+def test_few_readings_are_no_contradiction():
     readings = ar1(0.0, seed=12, rows=40)
-    told = channel_noise(
+    result = channel_noise(
         readings, lambda sd: local_noise(readings, chain_starts([range(40)]), known_sd=sd), stated_sd=0.2
     )
-    assert told.sd == 0.2
+    assert result.sd == 0.2
 
 
-def test_coloured_noise_below_what_is_stated_contradicts_nothing():
+def test_coloured_noise_below_the_stated_sd_is_no_contradiction():
     """Its larger part may be slower than any window."""
     readings = ar1(0.9, seed=7)
     assert local_noise(readings, ONE_RUN).sd < 1.0 / 1.5
-    told = channel_noise(readings, lambda sd: local_noise(readings, ONE_RUN, known_sd=sd), stated_sd=1.0)
-    assert (told.sd, told.contradicts) == (1.0, False)
-    assert told.rho == pytest.approx(0.9, abs=0.02)
+    result = channel_noise(readings, lambda sd: local_noise(readings, ONE_RUN, known_sd=sd), stated_sd=1.0)
+    assert (result.sd, result.contradicts) == (1.0, False)
+    assert result.rho == pytest.approx(0.9, abs=0.02)
 
 
 @pytest.mark.parametrize("wrong_sd", [0.8, 1.3, 2.0])
@@ -185,8 +185,8 @@ def test_too_few_readings_leave_rounding_alone():
     assert "too few" in noise.source
 
 
-@pytest.mark.parametrize(("rho", "told"), [(0.0, {4, 6}), (0.6, {3, 7})])
-def test_an_input_freed_of_its_noise_says_nothing_of_its_own_row(rho: float, told: set[int]) -> None:
+@pytest.mark.parametrize(("rho", "result"), [(0.0, {4, 6}), (0.6, {3, 7})])
+def test_an_input_without_noise_does_not_depend_on_its_own_row(rho: float, result: set[int]) -> None:
     """Nor, where whitening mixes rows, of those beside it: else a function of it would find its noise in a residual."""
     sd = 0.01
 
@@ -199,9 +199,9 @@ def test_an_input_freed_of_its_noise_says_nothing_of_its_own_row(rho: float, tol
     current = 2.0 + sd * np.random.default_rng(0).standard_normal(11)
     moved = current.copy()
     moved[5] += sd
-    assert set(np.flatnonzero(quiet(moved) != quiet(current)).tolist()) == told
+    assert set(np.flatnonzero(quiet(moved) != quiet(current)).tolist()) == result
 
 
-def test_a_channel_that_never_changes_says_nothing():
+def test_a_constant_channel_is_left_out():
     run = run_of(1, {"current_A": np.zeros(60), "ambient_degC": np.zeros(60)}, {"voltage_V": np.full(60, 4.0)})
     assert noise_of_case(case_of("cell", {}, [run])) == {}

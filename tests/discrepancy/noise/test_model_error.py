@@ -85,7 +85,7 @@ def test_simulated_errors_become_white(rho: float, tau: float):
 
 
 @pytest.mark.parametrize(("s", "tau"), [(0.5, 100.0), (5.0, 30.0), (5.0, 300.0), (50.0, 100.0)])
-def test_size_and_memory_of_simulated_errors_are_found(s: float, tau: float):
+def test_size_and_correlation_time_of_simulated_errors_are_found(s: float, tau: float):
     rng = np.random.default_rng(4)
     chains = [chain("voltage_V", run, 300 * run, 5.0 * np.arange(300)) for run in range(3)]
     errors = np.concatenate([drawn(one.time_s, s, tau, rng) for one in chains])
@@ -114,7 +114,7 @@ def test_white_noise_has_no_model_error():
     assert alarms <= 2
 
 
-def test_channels_are_told_apart_and_a_tolerance_holds_the_size_back():
+def test_channels_are_separate_and_a_tolerance_limits_the_size():
     rng = np.random.default_rng(6)
     time_s = 5.0 * np.arange(200)
     chains = [chain("voltage_V", 0, 0, time_s), chain("temperature", 0, 200, time_s)]

@@ -1,4 +1,4 @@
-"""What a bench held is averaged; what moved, however little, is left as it was read."""
+"""Held inputs are averaged; changing inputs stay as measured, however small the change."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ SD = 0.02
 LEVELS = np.repeat([0.0, 3.0, 0.0, 1.2, 5.0], [30, 8, 200, 62, 100])
 
 
-def read(course: np.ndarray, seed: int = 0) -> np.ndarray:
-    return course + SD * np.random.default_rng(seed).standard_normal(course.size)
+def read(values: np.ndarray, seed: int = 0) -> np.ndarray:
+    return values + SD * np.random.default_rng(seed).standard_normal(values.size)
 
 
 def test_the_mean_of_a_hold_is_nearer_to_what_was_held():
@@ -25,7 +25,7 @@ def test_the_mean_of_a_hold_is_nearer_to_what_was_held():
 
 
 @pytest.mark.parametrize(
-    "course",
+    "values",
     [
         np.linspace(0.0, 0.3, 400),  # a drift of 15 sd over the run
         3.0 * np.sin(np.arange(400) / 15.0),
@@ -33,15 +33,15 @@ def test_the_mean_of_a_hold_is_nearer_to_what_was_held():
         np.repeat(np.random.default_rng(2).uniform(0.0, 5.0, 80), 5),  # shorter than a hold
     ],
 )
-def test_what_moves_is_left_as_it_was_read(course: np.ndarray):
-    readings = read(course)
+def test_what_moves_is_left_as_it_was_read(values: np.ndarray):
+    readings = read(values)
     np.testing.assert_array_equal(held(readings, SD), readings)
 
 
 def test_one_hold_that_drifts_is_left_among_others_that_do_not():
-    course = LEVELS.copy()
-    course[238:300] = 1.2 + np.linspace(0.0, 0.3, 62)
-    readings = read(course)
+    values = LEVELS.copy()
+    values[238:300] = 1.2 + np.linspace(0.0, 0.3, 62)
+    readings = read(values)
     found = held(readings, SD)
     np.testing.assert_array_equal(found[238:300], readings[238:300])
     assert np.ptp(found[38:238]) == 0.0

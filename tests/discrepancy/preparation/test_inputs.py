@@ -1,4 +1,4 @@
-"""Runs that were driven in different words are driven alike."""
+"""Inputs with different names are unified."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_optional_input_of_one_run_is_zero_in_the_others(tmp_path: Path) -> None
     assert np.all(with_them.measured.inputs["flipper_torque_Nm"] == 1.0)
 
 
-def test_runs_driven_in_different_ways_are_named(tmp_path: Path) -> None:
+def test_runs_with_different_inputs_are_named(tmp_path: Path) -> None:
     case = robot(tmp_path, {"duty": 0.5, "load_torque_Nm": 0.1}, {"duty": 0.5, "incline_deg": 5.0})
     with pytest.raises(FitError, match=r"0\.csv and 1\.csv .*incline_deg, load_torque_Nm"):
         with_like_inputs(case)

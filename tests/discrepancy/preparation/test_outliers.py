@@ -1,4 +1,4 @@
-"""Outliers: left out where nothing in the inputs explains them, and what the hardware does is left in."""
+"""Outliers are excluded if no input explains them; changes of the hardware are kept."""
 
 from __future__ import annotations
 
@@ -67,16 +67,16 @@ def test_a_pulse_of_the_input_beside_noise_of_its_sensor_explains_a_reading():
     assert not outliers(run, "voltage_V").any()
 
 
-def test_a_case_tells_what_it_leaves_out_and_keeps_what_happens_often():
+def test_exclusions_are_reported_and_frequent_events_are_kept():
     clean = cell()
     case = case_of("cell", {}, [spoilt(clean, [250, 777], 0.0)], {"voltage_V": SD})
-    cleaned, (told,) = without_outliers(case)
-    assert told.startswith("2 readings of voltage_V left out as outliers")
-    assert "0 at" in told
+    cleaned, (remark,) = without_outliers(case)
+    assert remark.startswith("2 readings of voltage_V excluded as outliers")
+    assert "0 at" in remark
     assert list(np.flatnonzero(np.isnan(cleaned.runs[0].measured.outputs["voltage_V"]))) == [250, 777]
     assert np.isfinite(case.runs[0].measured.outputs["voltage_V"]).all(), "the case given is as it was"
 
     often = case_of("cell", {}, [spoilt(clean, np.arange(60, ROWS, 100), 0.0)], {"voltage_V": SD})
-    kept, told = without_outliers(often)
-    assert told == ()
+    kept, remark = without_outliers(often)
+    assert remark == ()
     assert np.isfinite(kept.runs[0].measured.outputs["voltage_V"]).all()

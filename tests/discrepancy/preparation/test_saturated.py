@@ -1,10 +1,10 @@
-"""A sensor at the end of its range is told; a quantity that is limited itself is not."""
+"""A saturated sensor is reported; a quantity that is itself limited is not."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from discrepancy.preparation.saturated import rails, without_saturated
+from discrepancy.preparation.saturated import limits, without_saturated
 from tests.discrepancy.made_cases import case_of, run_of
 
 ROWS = 1200
@@ -17,28 +17,28 @@ def motor(number: int, end: float = np.inf, noise: float = 0.02):
     return run_of(number, inputs, {"current_A": np.round(np.minimum(current, end), 3)})
 
 
-def test_readings_at_the_rail_are_left_out_and_told() -> None:
+def test_saturated_readings_are_excluded_and_reported() -> None:
     case = case_of("motor", {}, [motor(1, 5.0), motor(2, 5.0)])
-    cleaned, (told,) = without_saturated(case)
-    assert told.startswith("current_A repeats 5 A in ")
-    assert "of run-01, run-02 and goes no further" in told
+    cleaned, (remark,) = without_saturated(case)
+    assert remark.startswith("current_A repeats 5 A in ")
+    assert "of run-01, run-02 and never goes beyond" in remark
     for run, before in zip(cleaned.runs, case.runs, strict=True):
         left, given = run.measured.outputs["current_A"], before.measured.outputs["current_A"]
         assert np.isnan(left).sum() >= 0.95 * np.sum(given == 5.0)
         assert np.array_equal(left[given < 5.0], given[given < 5.0])
 
 
-def test_what_only_peaks_has_no_rail() -> None:
-    assert rails(case_of("motor", {}, [motor(1), motor(2)]), "current_A") == []
+def test_a_peak_is_no_saturation() -> None:
+    assert limits(case_of("motor", {}, [motor(1), motor(2)]), "current_A") == []
     assert without_saturated(case_of("motor", {}, [motor(1)]))[1] == ()
 
 
-def test_of_a_sensor_without_noise_nothing_is_said() -> None:
+def test_a_sensor_without_noise_is_not_reported() -> None:
     """A drive that limits its current reads so as well."""
-    assert rails(case_of("motor", {}, [motor(1, 5.0, 0.0), motor(2, 5.0, 0.0)]), "current_A") == []
+    assert limits(case_of("motor", {}, [motor(1, 5.0, 0.0), motor(2, 5.0, 0.0)]), "current_A") == []
 
 
-def test_standing_still_is_no_rail() -> None:
+def test_standstill_is_no_saturation() -> None:
     rng = np.random.default_rng(2)
     on = np.sin(np.arange(ROWS) / 30.0) > 0.0
     speed = np.where(on, 200.0 + rng.standard_normal(ROWS), 0.0)
@@ -47,4 +47,4 @@ def test_standing_still_is_no_rail() -> None:
         "load_torque_Nm": np.zeros(ROWS),
         "ambient_degC": np.full(ROWS, 20.0),
     }
-    assert rails(case_of("motor", {}, [run_of(1, inputs, {"speed_rad_s": speed})]), "speed_rad_s") == []
+    assert limits(case_of("motor", {}, [run_of(1, inputs, {"speed_rad_s": speed})]), "speed_rad_s") == []

@@ -1,4 +1,4 @@
-"""Sensors that stick are found in the run in which they do, and nothing that rests is taken for one."""
+"""Stuck sensors are found in their run; quantities at rest are not mistaken for them."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ def hanging(run, first: int, last: int = ROWS):
 
 
 @pytest.mark.parametrize(("noise", "quantum"), [(0.1, 0.01), (0.1, 0.1), (0.05, 1e-6)])
-def test_a_thermometer_that_sticks_half_way_is_found_and_told(noise: float, quantum: float) -> None:
+def test_a_thermometer_that_is_stuck_halfway_is_reported(noise: float, quantum: float) -> None:
     runs = [cell(1, noise, quantum), hanging(cell(2, noise, quantum), 600), cell(3, noise, quantum)]
     case = case_of("cell", {}, runs)
-    cleaned, (told,) = without_stuck(case)
-    assert told.startswith("cell_temperature_degC in run-02 repeats ")
-    assert "degC from 1200 s to the end, while the load goes on: the sensor stuck" in told
+    cleaned, (remark,) = without_stuck(case)
+    assert remark.startswith("cell_temperature_degC in run-02 repeats ")
+    assert "degC from 1200 s to the end under load: the sensor is stuck" in remark
     left = cleaned.runs[1].measured.outputs["cell_temperature_degC"]
     assert np.isnan(left[602:]).all()
     assert np.isfinite(left[:599]).all()
@@ -56,13 +56,13 @@ def test_a_thermometer_that_sticks_half_way_is_found_and_told(noise: float, quan
         assert np.isfinite(cleaned.runs[one].measured.outputs["cell_temperature_degC"]).all()
 
 
-def test_one_that_comes_loose_again_is_told_until_then() -> None:
+def test_a_sensor_that_recovers_is_reported_until_then() -> None:
     runs = [cell(1), hanging(cell(2), 400, 900)]
-    _, (told,) = without_stuck(case_of("cell", {}, runs))
-    assert "from 800 s to 1798 s" in told
+    _, (remark,) = without_stuck(case_of("cell", {}, runs))
+    assert "from 800 s to 1798 s" in remark
 
 
-def test_a_sensor_that_only_dithers_by_one_step_sticks_too() -> None:
+def test_a_sensor_that_alternates_by_one_step_is_stuck_too() -> None:
     run = cell(2, noise=0.1, quantum=0.01)
     values = run.measured.outputs["cell_temperature_degC"].copy()
     values[700:] = np.round(values[700] + 0.01 * np.random.default_rng(0).integers(0, 2, ROWS - 700), 6)
@@ -96,13 +96,13 @@ def test_a_run_long_enough_to_settle_beside_short_ones_is_not_stuck() -> None:
     assert without_stuck(case_of("cell", {}, runs))[1] == ()
 
 
-def test_one_that_stops_on_its_way_up_sticks_although_it_is_coarse() -> None:
+def test_a_coarse_sensor_that_stops_during_a_rise_is_stuck() -> None:
     warm = np.round(25.0 + 0.02 * np.arange(900), 1)
     inputs = {"current_A": np.full(900, 3.0), "ambient_degC": np.full(900, 25.0)}
     hung = np.where(np.arange(900) < 400, warm, warm[400])
     runs = [run_of(k, inputs, {"cell_temperature_degC": one}) for k, one in ((1, warm), (2, hung))]
-    _, (told,) = without_stuck(case_of("cell", {}, runs))
-    assert told.startswith("cell_temperature_degC in run-02 repeats 33 degC from ")
+    _, (remark,) = without_stuck(case_of("cell", {}, runs))
+    assert remark.startswith("cell_temperature_degC in run-02 repeats 33 degC from ")
 
 
 def test_a_motor_that_stands_still_and_a_chamber_that_is_constant_are_not_stuck() -> None:

@@ -30,7 +30,7 @@ def constant_currents(
     rates: tuple[float, ...] = (1.0, 2.0, 3.0, 4.0),
     **more,
 ) -> ChannelResiduals:
-    """One full discharge at each rate, at room temperature that does not change."""
+    """One full discharge at each rate, at a constant ambient temperature."""
     rng = np.random.default_rng(seed)
     runs = []
     for rate in rates:

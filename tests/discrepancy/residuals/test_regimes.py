@@ -1,4 +1,4 @@
-"""Which conditions take part: those that span something, and say something that none before them says."""
+"""Conditions take part if they vary materially and are no function of an earlier condition."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def temperatures() -> ChannelResiduals:
     return pulses(lambda run, number: 0.0)
 
 
-def test_a_room_at_one_temperature_and_a_clock_take_no_part(rates: ChannelResiduals) -> None:
+def test_a_constant_ambient_temperature_and_time_take_no_part(rates: ChannelResiduals) -> None:
     found = regimes(rates)
     assert {"ambient_degC", "cycles"} <= set(found.idle)
     assert found.names == ("soc", "current_A", "cell_temperature_degC")
@@ -39,7 +39,7 @@ def test_what_spans_a_single_run_only_takes_no_part(temperatures: ChannelResidua
     assert regimes(temperatures.rows(temperatures.run == 0)).names == ()
 
 
-def test_an_alias_of_what_stands_before_it_is_left_out(temperatures: ChannelResiduals) -> None:
+def test_an_alias_of_an_earlier_condition_is_left_out(temperatures: ChannelResiduals) -> None:
     current = temperatures.conditions["current_A"]
     found = regimes(
         with_conditions(temperatures, load_torque_Nm=0.05 * current + 1e-4, speed_rad_s=(current - 3.0) ** 2)
@@ -49,7 +49,7 @@ def test_an_alias_of_what_stands_before_it_is_left_out(temperatures: ChannelResi
     assert found.alias_of["ambient_degC"] == "cell_temperature_degC"
 
 
-def test_two_conditions_of_runs_are_held_apart_by_their_order(temperatures: ChannelResiduals) -> None:
+def test_two_conditions_of_runs_are_distinguished_by_their_order(temperatures: ChannelResiduals) -> None:
     other = np.array([100.0, 400.0, 0.0, 300.0, 200.0])[temperatures.run]
     same = np.array([0.0, 100.0, 200.0, 300.0, 400.0])[temperatures.run]
     assert is_of_runs(with_conditions(temperatures, cycles=other), "cycles")
@@ -69,7 +69,7 @@ def test_the_channel_itself_is_no_condition(temperatures: ChannelResiduals) -> N
     assert "cell_temperature_degC" not in regimes(thermometer).names
 
 
-def test_ranges_are_those_of_a_person(rates: ChannelResiduals, temperatures: ChannelResiduals) -> None:
+def test_ranges_are_round(rates: ChannelResiduals, temperatures: ChannelResiduals) -> None:
     soc = cut(rates, "soc")
     assert soc.lower.tolist() == [-np.inf, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9]
     currents = cut(rates, "current_A")

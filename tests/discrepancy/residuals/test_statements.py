@@ -1,4 +1,4 @@
-"""Where a model fails, in words: a planted error is told with sign, size, place and cause; noise tells nothing."""
+"""Statements on residuals: a planted error is stated with sign, size, range and cause; noise gives no statement."""
 
 from __future__ import annotations
 
@@ -31,24 +31,24 @@ def test_an_open_circuit_voltage_that_is_off_in_a_part_of_the_charge(made, sign:
     assert (first.lower, first.upper) == (0.6, 0.7)
     assert first.value == pytest.approx(sign * 0.012, rel=0.1)
     assert f"{'above' if sign > 0 else 'below'} the model at" in first.text
-    assert "hardly depending on the current" in first.text
+    assert "almost independent of the current" in first.text
     assert f"mV too {'low' if sign > 0 else 'high'} there" in first.text
     assert numbers_before("mV (above|below)", first.text) == pytest.approx([12.0] * 4, abs=1.5)
-    told = 0.012**2 * np.mean(between(residuals.conditions["soc"], 0.6, 0.7))
-    assert first.share == pytest.approx(told / residuals.mean_square, rel=0.2)
+    explained = 0.012**2 * np.mean(between(residuals.conditions["soc"], 0.6, 0.7))
+    assert first.share == pytest.approx(explained / residuals.mean_square, rel=0.2)
 
 
 def test_a_resistance_that_is_off_at_full_charge_grows_with_the_current() -> None:
     residuals = constant_currents(lambda run, number: -0.002 * run["current_A"] * (run["soc"] > 0.9), sd=2e-4)
     (first,) = statements(residuals, capacity_Ah=3.0)
-    assert first.text.startswith("SOC above 0.9: measured lies 6, 12, 18, 2")
+    assert first.text.startswith("SOC above 0.9: the measurement is 6, 12, 18, 2")
     assert "mV below the model at 1, 2, 3, 4C, " in first.text
-    assert "growing with the current: resistance 2.0 mohm too low there (in all 4 runs)" in first.text
+    assert "proportional to the current: resistance 2.0 mohm too low there (in all 4 runs)" in first.text
     assert (first.cause, first.unit, first.runs_seen) == ("resistance", "ohm", 4)
     assert first.value == pytest.approx(0.002, rel=0.1), "what would have to be added to the model's resistance"
 
 
-def test_ocv_and_resistance_beside_each_other_are_told_apart() -> None:
+def test_ocv_and_resistance_errors_in_one_case_are_separated() -> None:
     def off(run, number):
         return 0.015 * between(run["soc"], 0.7, 0.8) - 0.004 * run["current_A"] * between(run["soc"], 0.5, 0.6)
 
@@ -58,12 +58,12 @@ def test_ocv_and_resistance_beside_each_other_are_told_apart() -> None:
     assert found["resistance"].value == pytest.approx(0.004, rel=0.1)
 
 
-def test_adjacent_ranges_with_one_story_are_told_once() -> None:
+def test_adjacent_ranges_with_one_error_give_one_statement() -> None:
     (first,) = statements(pulses(lambda run, number: 0.01 * between(run["soc"], 0.5, 0.8)))
     assert (first.lower, first.upper) == (0.5, 0.8)
 
 
-def test_heat_is_told_by_how_far_a_thermometer_rises() -> None:
+def test_missing_heat_is_stated_with_the_rise_of_each_run() -> None:
     residuals = constant_currents(
         lambda run, number: run["cell_temperature_degC"] - 22.5, sd=0.1, channel="cell_temperature_degC", unit="K"
     )
@@ -73,24 +73,24 @@ def test_heat_is_told_by_how_far_a_thermometer_rises() -> None:
     assert first.share > 0.95
     rises = [residuals.error[residuals.run == number][-20:].mean() for number in range(4)]
     assert numbers_before("K above", first.text) == pytest.approx(rises, rel=0.05, abs=0.8)
-    assert "by the end of run-01, run-02, run-03 and run-04" in first.text
-    assert "heat is missing" in first.text
+    assert "At the end of run-01, run-02, run-03 and run-04" in first.text
+    assert "the model lacks heat" in first.text
 
 
-def test_a_run_that_is_off_alone_is_told_as_that_run() -> None:
+def test_one_run_that_differs_is_stated_as_that_run() -> None:
     (first, *rest) = statements(
         pulses(lambda run, number: -0.011 * run["current_A"] * (number == 2), ambients=(20.0, 20.0, 20.0, 20.0, 20.0))
     )
     assert rest == []
-    assert first.text.startswith("run-03: measured lies 11 mohm x current below the model")
+    assert first.text.startswith("run-03: the measurement is 11 mohm x current below the model")
     assert "in this run only" in first.text
     assert (first.cause, first.condition, first.runs_seen) == ("run", "run", 1)
     assert first.value == pytest.approx(0.011, rel=0.1)
 
 
-def test_a_run_that_is_alone_in_its_condition_is_told_with_it() -> None:
+def test_a_run_that_is_alone_in_its_condition_is_stated_with_it() -> None:
     (first, *_) = statements(pulses(lambda run, number: 0.02 * (number == 0), ambients=(-20.0, 20.0, 25.0, 25.0, 20.0)))
-    assert first.text.startswith("run-01: measured lies 20 mV above the model")
+    assert first.text.startswith("run-01: the measurement is 20 mV above the model")
     assert "it is the only one at -" in first.text
 
 
@@ -100,11 +100,11 @@ def test_runs_in_the_order_of_their_temperature() -> None:
     assert first.condition in ("ambient_degC", "cell_temperature_degC")
     assert (first.unit, first.runs_seen) == ("ohm/K", 5)
     assert first.value == pytest.approx(-0.0006, rel=0.2)
-    assert first.text.startswith("The resistance lies 1")
+    assert first.text.startswith("The resistance is 1")
     assert first.share > 0.8
 
 
-def test_a_run_that_scatters_hides_nothing_that_the_others_share() -> None:
+def test_one_noisy_run_does_not_hide_what_the_others_share() -> None:
     rng = np.random.default_rng(5)
 
     def off(run, number):
@@ -113,7 +113,7 @@ def test_a_run_that_scatters_hides_nothing_that_the_others_share() -> None:
 
     found = statements(pulses(off, ambients=(20.0, 20.0, 20.0, 20.0, 20.0)))
     assert [one.condition for one in found] == ["run", "soc"]
-    assert found[0].text.startswith("run-05: measured is off by ")
+    assert found[0].text.startswith("run-05: the RMS error is ")
     assert found[1].value == pytest.approx(0.012, rel=0.1)
 
 
@@ -140,13 +140,13 @@ def test_a_motor_s_speed_over_its_speed() -> None:
     assert "N m" in first.text
 
 
-def test_nothing_is_said_of_a_room_that_is_as_it_is() -> None:
-    """An error that goes with a tenth of a kelvin of the room is no law of the room."""
+def test_an_ambient_temperature_that_hardly_varies_gives_no_statement() -> None:
+    """An error that follows a tenth of a kelvin of the ambient temperature is no dependence on it."""
     residuals = constant_currents(lambda run, number: 0.02 * (run["ambient_degC"] - run["ambient_degC"].mean()))
     assert all("ambient" not in one.text for one in statements(residuals))
 
 
-def test_what_is_below_a_tenth_of_the_tolerance_is_not_told() -> None:
+def test_an_error_below_a_tenth_of_the_tolerance_is_not_stated() -> None:
     def off(run, number):
         return 0.0009 * between(run["soc"], 0.5, 0.8)
 
@@ -155,7 +155,7 @@ def test_what_is_below_a_tenth_of_the_tolerance_is_not_told() -> None:
     assert statements(pulses(off, sd=2e-4, tolerance=0.005)) != ()
 
 
-def test_what_is_told_is_taken_off_what_is_left() -> None:
+def test_the_explained_part_is_removed_from_the_residuals() -> None:
     residuals = pulses(lambda run, number: 0.012 * between(run["soc"], 0.6, 0.7))
     found = account(residuals)
     assert found.left.mean_square == pytest.approx(
@@ -164,8 +164,8 @@ def test_what_is_told_is_taken_off_what_is_left() -> None:
     assert np.sqrt(found.left.mean_square) == pytest.approx(1e-3, rel=0.15)
 
 
-def test_time_counts_and_not_the_number_of_readings() -> None:
-    """The same hour read ten times as often says the same."""
+def test_readings_are_weighted_by_time() -> None:
+    """A higher sampling rate in one part changes no share."""
     residuals = pulses(lambda run, number: 0.012 * between(run["soc"], 0.6, 0.7), rho=0.0)
     kept = (np.arange(residuals.error.size) % 5 == 0) | (residuals.conditions["soc"] < 0.6)
     weight = np.where(residuals.conditions["soc"] < 0.6, residuals.weight_s, 5.0 * residuals.weight_s)
@@ -174,7 +174,7 @@ def test_time_counts_and_not_the_number_of_readings() -> None:
     assert one.share == pytest.approx(other.share, rel=0.1)
 
 
-def test_at_most_four_and_each_worth_a_sentence() -> None:
+def test_at_most_four_statements_and_each_material() -> None:
     rng = np.random.default_rng(3)
     curve = rng.normal(0.0, 0.01, 10)
     found = statements(constant_currents(lambda run, number: curve[(10 * run["soc"].clip(0.0, 0.999)).astype(int)]))
@@ -185,7 +185,7 @@ def test_at_most_four_and_each_worth_a_sentence() -> None:
 
 @settings(max_examples=40)
 @given(seed=st.integers(0, 10_000), runs=st.integers(1, 4), rows=st.integers(1, 12))
-def test_a_few_readings_are_no_trouble(seed: int, runs: int, rows: int) -> None:
+def test_a_few_readings_raise_no_error(seed: int, runs: int, rows: int) -> None:
     residuals = pulses(
         lambda run, number: 0.01 * number, seed=seed, ambients=tuple(10.0 * k for k in range(runs)), rows=rows
     )
@@ -194,7 +194,7 @@ def test_a_few_readings_are_no_trouble(seed: int, runs: int, rows: int) -> None:
     assert len(statements(residuals.rows(kept))) <= 4
 
 
-def test_of_nothing_nothing_is_said() -> None:
+def test_no_error_gives_no_statement() -> None:
     residuals = constant_currents(lambda run, number: 0.0)
     assert statements(dataclasses.replace(residuals, error=np.zeros(residuals.error.size))) == ()
     alone = residuals.rows(residuals.run == 1)
@@ -204,8 +204,8 @@ def test_of_nothing_nothing_is_said() -> None:
 
 @pytest.mark.parametrize("made", [constant_currents, pulses])
 @pytest.mark.parametrize("rho", [0.0, 0.9, 0.98])
-def test_of_noise_alone_hardly_ever_anything_is_said(made, rho: float) -> None:
-    """White noise and noise with a memory of up to 100 s: in at most one of twenty channels."""
+def test_noise_alone_hardly_ever_gives_a_statement(made, rho: float) -> None:
+    """White noise, and noise of correlation times up to 100 s: in at most one of twenty channels."""
     false = sum(bool(statements(made(lambda run, number: 0.0, rho=rho, seed=seed))) for seed in range(20))
     assert false <= 2  # of 20: more would be improbable (8 %) at a rate of one in twenty
 
@@ -213,7 +213,7 @@ def test_of_noise_alone_hardly_ever_anything_is_said(made, rho: float) -> None:
 @settings(max_examples=15)
 @given(seed=st.integers(0, 10_000), scale=st.floats(1e-6, 1e3), understated=st.floats(0.1, 1.0))
 def test_the_unit_and_a_noise_stated_too_small_change_no_statement(seed: int, scale: float, understated: float) -> None:
-    """What is said rests on the scatter of the runs, not on what somebody states of the instrument."""
+    """Statements rest on the scatter of the runs, not on the stated sensor noise."""
     residuals = pulses(lambda run, number: 0.006 * between(run["soc"], 0.6, 0.7), seed=seed, rows=700)
     scaled = dataclasses.replace(
         residuals, error=scale * residuals.error, noise_sd=understated * scale * residuals.noise_sd
@@ -225,7 +225,7 @@ def test_the_unit_and_a_noise_stated_too_small_change_no_statement(seed: int, sc
     assert [s.value * scale for s in one] == pytest.approx([s.value for s in other])
 
 
-def test_a_sign_that_turns_turns_every_value() -> None:
+def test_a_reversed_error_reverses_every_value() -> None:
     residuals = constant_currents(
         lambda run, number: 0.012 * between(run["soc"], 0.3, 0.5) - 0.002 * run["current_A"] * (run["soc"] > 0.8)
     )

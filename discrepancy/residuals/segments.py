@@ -1,8 +1,7 @@
-"""What the mean residuals over one condition say together: adjacent ranges with one story, told in as few as explain.
+"""Piecewise fit of the mean residuals over one condition: segments of adjacent ranges with one relation each.
 
-In a stretch of the condition e = a + b drive + c warmth, with those terms alone that pay for a longer sentence. Which
-stretches and which terms is found exactly, by dynamic programming over the ranges; what is found is then held against
-the scatter of the runs.
+In a segment e = a + b drive + c temperature, with only those terms that explain enough. Segments and terms are found
+exactly, by dynamic programming over the ranges, and then tested against the scatter of the runs.
 """
 
 from __future__ import annotations
@@ -17,25 +16,25 @@ from scipy.stats import t as student
 from discrepancy.residuals.cells import Cells, Scatter, scatter_of
 from discrepancy.residuals.table import Bools, ChannelResiduals, Floats, Integers
 
-# Of what all cells explain: what one more term of one more stretch must explain to be worth its words.
+# Share of the sum of squares that another term, and another segment, must explain.
 COST_OF_TERM = 0.03
 COST_OF_STRETCH = 0.015
-DOUBTFUL = 0.05  # p-value from which on a term beside one that is sure is dropped
-STANDS = 0.4  # of a value: what must be left of it without any one of the runs
+DOUBTFUL = 0.05  # p-value above which a second term is dropped
+STANDS = 0.4  # part of a value that must remain if any one run is left out
 TERMS = ((0,), (1,), (0, 1), (0, 2), (0, 1, 2))
 
 
 @dataclass(frozen=True)
-class Stretch:
-    """Adjacent ranges of a condition in which one story holds.
+class Segment:
+    """Adjacent ranges of a condition in which one relation holds.
 
     Attributes:
         first: number of the first range.
         last: number of the last.
-        terms: of 0 (a constant), 1 (in proportion to the drive), 2 (to the warmth).
+        terms: of 0 (constant), 1 (proportional to the drive), 2 (to the temperature).
         value: by term.
-        sd: by term, the standard deviation of the value as the runs scatter.
-        p_value: by term, of so large a value by chance.
+        sd: by term, from the scatter of the runs.
+        p_value: by term.
     """
 
     first: int
@@ -45,59 +44,59 @@ class Stretch:
     sd: tuple[float, ...]
     p_value: tuple[float, ...]
 
-    def told(self, columns: Floats) -> Floats:
-        """Return what the story says where the columns (1, drive, warmth) are these, (n, 3)."""
+    def values_at(self, columns: Floats) -> Floats:
+        """Return the explained errors at given columns (1, drive, temperature), (n, 3)."""
         return columns[:, list(self.terms)] @ np.array(self.value)
 
 
-def stretches(residuals: ChannelResiduals, cells: Cells, most_p: float) -> list[Stretch]:
-    """Return the stretches of a condition with a story that the scatter of the runs does not make by chance.
+def segments(residuals: ChannelResiduals, cells: Cells, most_p: float) -> list[Segment]:
+    """Return the significant segments of a condition.
 
-    They are sought twice, in what was left as it is, and beside what each run has all through, a constant and a line in
-    the drive; what explains more is told.
+    The search is made twice, with the residuals as they are and with a constant and a line in the drive of each run
+    removed; the result that explains more is returned.
 
     Args:
         residuals: of the channel.
         cells: their means.
-        most_p: largest p-value of the surest term of a story.
+        most_p: largest p-value of the most significant term of a segment.
     """
     scatters = [scatter_of(residuals, cells, beside_runs) for beside_runs in (False, True)]
-    tried = [_stretches(cells, scatter, 0.5 * most_p) for scatter in scatters]
+    tried = [_segments(cells, scatter, 0.5 * most_p) for scatter in scatters]
     return max(tried, key=lambda found: _explained(cells, found))
 
 
-def _explained(cells: Cells, found: list[Stretch]) -> float:
-    """Return what stories explain of the cells' sum of squares."""
-    told = np.zeros(cells.mean.size)
+def _explained(cells: Cells, found: list[Segment]) -> float:
+    """Return the part of the cells' sum of squares that segments explain."""
+    explained = np.zeros(cells.mean.size)
     for one in found:
         mine = (cells.bin >= one.first) & (cells.bin <= one.last)
-        told[mine] = one.told(cells.columns()[mine])
-    return float(np.sum(cells.seconds * (cells.mean**2 - (cells.mean - told) ** 2)))
+        explained[mine] = one.values_at(cells.columns()[mine])
+    return float(np.sum(cells.seconds * (cells.mean**2 - (cells.mean - explained) ** 2)))
 
 
-def _stretches(cells: Cells, scatter: Scatter, most_p: float) -> list[Stretch]:
-    """Return the stretches that hold against one scatter.
+def _segments(cells: Cells, scatter: Scatter, most_p: float) -> list[Segment]:
+    """Return the segments that are significant against one scatter.
 
-    Values are told without the part of what a run has all through that other runs do not share, and tested without all
-    of it.
+    Values are computed without the part of a run's line that other runs do not share, and tested without the whole
+    line.
     """
     if scatter.freedom <= 0.0:
         return []
-    alike = dataclasses.replace(cells, mean=_without_own_of_runs(cells, scatter))
+    common = dataclasses.replace(cells, mean=_without_own_of_runs(cells, scatter))
     found = []
-    for first, last, terms in _cheapest(alike):
-        kept = _tested(alike, scatter, first, last, terms)
+    for first, last, terms in _cheapest(common):
+        kept = _tested(common, scatter, first, last, terms)
         while kept is not None and max(kept.p_value) > DOUBTFUL:
             worst = int(np.argmax(kept.p_value))
             fewer = tuple(term for k, term in enumerate(kept.terms) if k != worst)
-            kept = _tested(alike, scatter, first, last, fewer) if set(fewer) & {0, 1} else None
+            kept = _tested(common, scatter, first, last, fewer) if set(fewer) & {0, 1} else None
         if kept is not None and min(kept.p_value) <= most_p:
             found.append(kept)
     return found
 
 
 def _without_own_of_runs(cells: Cells, scatter: Scatter) -> Floats:
-    """Return the cells' means with what each run has all through replaced by what all have all through."""
+    """Return the cells' means with the line of each run replaced by the common line of all runs."""
     if not scatter.of_run.size:
         return cells.mean
     root = np.sqrt(cells.seconds)
@@ -108,7 +107,7 @@ def _without_own_of_runs(cells: Cells, scatter: Scatter) -> Floats:
 
 
 def _cheapest(cells: Cells) -> Iterator[tuple[int, int, tuple[int, ...]]]:
-    """Give the stretches and their terms that leave least of the cells' sum of squares, costs included."""
+    """Give the segments and terms with the least remaining sum of squares, costs included."""
     total = float(np.sum(cells.seconds * cells.mean**2))
     if total == 0.0:
         return
@@ -131,7 +130,7 @@ def _cheapest(cells: Cells) -> Iterator[tuple[int, int, tuple[int, ...]]]:
 
 
 def _options(cells: Cells, mine: Integers) -> Iterator[tuple[tuple[int, ...], float]]:
-    """Give each set of terms that some cells span, and what it leaves of their sum of squares."""
+    """Give each set of terms that vary over some cells, and the sum of squares that it leaves."""
     root = np.sqrt(cells.seconds[mine])
     mean = root * cells.mean[mine]
     yield (), float(mean @ mean)
@@ -146,13 +145,13 @@ def _options(cells: Cells, mine: Integers) -> Iterator[tuple[tuple[int, ...], fl
             yield terms, float(left @ left)
 
 
-def _tested(cells: Cells, scatter: Scatter, first: int, last: int, terms: tuple[int, ...]) -> Stretch | None:
-    """Return a story with its values and how sure each is; None where too few runs carry it."""
+def _tested(cells: Cells, scatter: Scatter, first: int, last: int, terms: tuple[int, ...]) -> Segment | None:
+    """Return a segment with its values, sd and p-values; None if too few runs cover it."""
     mine = np.flatnonzero((cells.bin >= first) & (cells.bin <= last))
     root = np.sqrt(cells.seconds)
     solve = _solve(cells, mine, terms)
     value = solve @ cells.mean
-    # Held against what the run has beside: the same sums of cells, less what lines of runs make of them.
+    # Tested without the lines of runs: the same sums of cells, minus their projection on these lines.
     contrast = solve - (solve / root @ scatter.of_run) @ scatter.of_run.T * root
     variance, freedom = scatter.variance(cells, contrast)
     if not np.all(variance > 0.0):
@@ -161,11 +160,11 @@ def _tested(cells: Cells, scatter: Scatter, first: int, last: int, terms: tuple[
     p_value = np.where(
         _in_all_but_any(cells, mine, terms, value), 2.0 * student.sf(np.abs(contrast @ cells.mean) / sd, freedom), 1.0
     )
-    return Stretch(first, last, terms, tuple(value.tolist()), tuple(sd.tolist()), tuple(p_value.tolist()))
+    return Segment(first, last, terms, tuple(value.tolist()), tuple(sd.tolist()), tuple(p_value.tolist()))
 
 
 def _solve(cells: Cells, mine: Integers, terms: tuple[int, ...]) -> Floats:
-    """Return the sums of cells, (terms, cells), that are the least-squares values of terms in some cells."""
+    """Return the weights (terms, cells) whose sums over cells are the least-squares values of the terms."""
     root = np.sqrt(cells.seconds[mine])
     found = np.zeros((len(terms), cells.mean.size))
     found[:, mine] = np.linalg.pinv(root[:, None] * cells.columns()[mine][:, list(terms)]) * root
@@ -173,7 +172,7 @@ def _solve(cells: Cells, mine: Integers, terms: tuple[int, ...]) -> Floats:
 
 
 def _in_all_but_any(cells: Cells, mine: Integers, terms: tuple[int, ...], value: Floats) -> Bools:
-    """Return for each term whether it keeps its sign and a good part of its size without any one of the runs."""
+    """Return for each term whether it keeps its sign and a good part of its size if any one run is left out."""
     runs = np.unique(cells.run[mine])
     if runs.size < 2:
         return np.zeros(value.size, dtype=bool)

@@ -1,8 +1,7 @@
-"""How long what a story leaves hangs together, and what that does to the means of a cell.
+"""Autocorrelation of the residuals of an explanation, and its effect on the variance of the cells' means.
 
-A run is cut into short stretches of equal time. What is left has the covariance s^2 exp(-dt / tau) between stretches,
-an Ornstein-Uhlenbeck process, and white noise beside it; s, tau and the noise are those that the products of what is
-left in stretches so many apart show.
+A run is cut into short stretches of equal time. The residuals have the covariance s^2 exp(-dt / tau) between stretches
+(an Ornstein-Uhlenbeck process) plus white noise; s, tau and the noise are fitted to the sample autocovariances.
 """
 
 from __future__ import annotations
@@ -21,13 +20,13 @@ _LEAST_FREEDOM = 4.0  # of a variance that is widened for the numbers fitted
 
 
 @dataclass(frozen=True, eq=False)
-class Memory:
-    """The memory of what is left.
+class StretchCovariance:
+    """Covariance of residuals between stretches of time.
 
     Attributes:
         shares: (cells, stretches) sparse: the share of each cell's time that is in each stretch.
         covariance: of the stretches of each run, in the order of the runs.
-        freedom: degrees of freedom on which it rests.
+        freedom: degrees of freedom.
     """
 
     shares: sparse.csr_array
@@ -41,14 +40,14 @@ class Memory:
         return np.sum(parts, axis=0)
 
 
-def memory_of(residuals: ChannelResiduals, cell: Integers, fitted: Floats, numbers: int) -> Memory:
-    """Return the memory of what lines leave of a channel's residuals.
+def stretch_covariance(residuals: ChannelResiduals, cell: Integers, fitted: Floats, numbers: int) -> StretchCovariance:
+    """Return the covariance, by stretches, of a channel's residuals minus fitted lines.
 
     Args:
         residuals: of the channel.
         cell: (n,) the cell of each reading; -1 for none.
-        fitted: (cells,) what the lines say.
-        numbers: how many numbers they have.
+        fitted: (cells,) values of the lines.
+        numbers: number of fitted parameters of the lines.
     """
     kept = cell >= 0
     stretch = residuals.time_blocks(STRETCHES)[kept]
@@ -63,18 +62,18 @@ def memory_of(residuals: ChannelResiduals, cell: Integers, fitted: Floats, numbe
     step = max(float(lengths.mean()), 1e-9) / STRETCHES
     slow, tau, white = _process(mean.reshape(runs, -1), seconds.reshape(runs, -1) > 0.0, step)
     independent = max(float(lengths.sum()) / max(2.0 * tau, step), 1.0)
-    # Lines follow part of what is left, and make it look less than it is.
+    # Fitted lines absorb part of the residuals, which biases the variance low.
     widened = 1.0 / (1.0 - min(numbers / independent, 1.0 - 1.0 / 3.0))
     apart = np.arange(STRETCHES)
     covariance = tuple(
         toeplitz(widened * slow * np.exp(-apart * length / STRETCHES / tau)) + white * np.eye(STRETCHES)
         for length in lengths
     )
-    return Memory(shares, covariance, max(_LEAST_FREEDOM, independent - numbers))
+    return StretchCovariance(shares, covariance, max(_LEAST_FREEDOM, independent - numbers))
 
 
 def _process(mean: Floats, there: Bools, step: float) -> tuple[float, float, float]:
-    """Return s^2, tau in seconds, and the variance of the noise of a stretch, from the products at a few lags."""
+    """Return s^2, tau in seconds, and the noise variance of a stretch, from the autocovariance at a few lags."""
     products = np.array(
         [
             np.sum(mean[:, lag:] * mean[:, : STRETCHES - lag]) / max(np.sum(there[:, lag:] & there[:, :-lag]), 1)
@@ -84,9 +83,9 @@ def _process(mean: Floats, there: Bools, step: float) -> tuple[float, float, flo
     square = float(np.sum(mean**2) / max(np.sum(there), 1))
     best = (np.inf, 0.0, step)
     for tau in step * np.geomspace(0.5, STRETCHES, 40):
-        course = np.exp(-np.array(_LAGS) * step / tau)
-        size = max(0.0, float(products @ course / (course @ course)))
-        miss = float(np.sum((products - size * course) ** 2))
+        decay = np.exp(-np.array(_LAGS) * step / tau)
+        size = max(0.0, float(products @ decay / (decay @ decay)))
+        miss = float(np.sum((products - size * decay) ** 2))
         if miss < best[0]:
             best = (miss, min(size, square), float(tau))
     return best[1], best[2], max(square - best[1], 0.0)

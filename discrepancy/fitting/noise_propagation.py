@@ -1,4 +1,4 @@
-"""What a calibrated model makes of the noise of measured inputs."""
+"""Propagation of the noise of measured inputs through a calibrated model."""
 
 from __future__ import annotations
 
@@ -8,31 +8,31 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from discrepancy.fitting.lanes import predictions
-from discrepancy.fitting.model import Bench, Setting
+from discrepancy.fitting.model import ModelSpace, Setting
 from discrepancy.noise.input_noise import InputNoise, MovedInputs
 from discrepancy.noise.instrument import NoiseModel
 from discrepancy.preparation.held_inputs import noisy_inputs
 from jaxmodel.case import Case
 
 
-def noise_passed_on(
-    case: Case, noise: Mapping[str, NoiseModel], bench: Bench, setting: Setting, x: np.ndarray
+def propagated_noise(
+    case: Case, noise: Mapping[str, NoiseModel], space: ModelSpace, setting: Setting, x: np.ndarray
 ) -> tuple[dict[str, NoiseModel], InputNoise]:
-    """Return what a calibrated model makes of the noise of measured inputs: in each channel, and in each reading.
+    """Return the noise that measured inputs cause: added to the noise of each channel, and for each reading.
 
     Args:
         case: with its measurements.
         noise: of each output column to be used.
-        bench: the programs.
+        space: the programs.
         setting: the model.
-        x: (unknowns,) where it is calibrated to.
+        x: (unknowns,) calibrated coordinates.
     """
-    problem, still = bench.problem(setting), setting.lane(x)
+    problem, still = space.problem(setting), setting.lane(x)
 
     def readings(moves: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:
         return predictions(problem, [dataclasses.replace(still, added=dict(move)) for move in moves])
 
-    moved = MovedInputs(readings, problem.courses, noisy_inputs(case))
+    moved = MovedInputs(readings, problem.tracks, noisy_inputs(case))
     variance = moved.variance()
     found = dict(noise)
     for place, name in enumerate(problem.channels):
