@@ -13,7 +13,7 @@ from jaxmodel.case import Case, Run
 from jaxmodel.cases import with_preset
 from jaxmodel.curves import CURVE_NAMES, CellCurves, Curve, Table, look_up_curves
 from jaxmodel.declaration import describe
-from jaxmodel.effects import CATALOGUE
+from jaxmodel.effects import CATALOGUE, own_effects
 from jaxmodel.errors import EffectError, nearest
 from jaxmodel.measurements import KINDS
 from jaxmodel.model import Model
@@ -93,6 +93,10 @@ def load_effect_class(reference: str) -> type[Effect]:
         raise EffectError(
             f"--effect {reference}: {path.name} has no class '{class_name}' derived from jaxmodel.Effect."
         )
+    try:
+        own_effects([cls])
+    except EffectError as error:
+        raise EffectError(f"--effect {reference}: {error}") from error
     return cls
 
 

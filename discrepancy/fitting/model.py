@@ -43,7 +43,7 @@ class Setting:
         switches: of the effects with a switch.
         laws: settings of the laws.
         is_fine: it needs the finer steps of effects that make the armature equations nonlinear.
-        is_lawful: it contains an unknown law, or may.
+        has_laws: it contains an unknown law, or may.
     """
 
     labels: Labels

@@ -1,21 +1,18 @@
-"""The paper's numbers: how they derive from its tables, what the engine gives, and the pages of four commands."""
+"""The paper's numbers: how they derive from its tables, what the engine gives, and its report."""
 
 from __future__ import annotations
 
-import csv
 import json
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from discrepancy.result import Diagnosis
+from examples.paper import __main__ as paper_report
 from examples.paper import discharges
 from examples.paper.no_load import activation_energy, gradients, soc_at_rest
 from examples.paper.printed import (
-    SHARE_PER_20_K,
-    SHARE_PER_50_MNM,
     STEP_PER_20_K,
     STEP_PER_50_MNM,
     TABLE_1,
@@ -24,9 +21,7 @@ from examples.paper.printed import (
     headline,
 )
 from jaxmodel.cases import read_case
-from tests.workbench.conftest import Run
-from workbench.article import Picture, Section, Table, percent, power, write_article
-from workbench.commands import paper as paper_command
+from operation.compensation import SHARE_PER_20_K, SHARE_PER_50_MNM
 
 
 def test_headlines_are_the_tables_by_one_of_their_own_slopes() -> None:
@@ -93,7 +88,7 @@ def test_charge_that_rests_at_the_measured_voltage() -> None:
 
 
 def test_table_1_as_a_case_is_the_printed_table() -> None:
-    case = read_case(paper_command.EXAMPLE)
+    case = read_case(paper_report.EXAMPLE)
     for run in case.runs:
         ambient = float(run.measured.inputs["ambient_degC"][0])
         left = run.measured.outputs["soc"][-1]
@@ -102,7 +97,7 @@ def test_table_1_as_a_case_is_the_printed_table() -> None:
 
 
 def test_experiment_as_a_case_is_the_printed_table() -> None:
-    case = read_case(paper_command.EXAMPLE.parent / "paper_experiment")
+    case = read_case(paper_report.EXAMPLE.parent / "paper_experiment")
     read = [
         (inputs["ambient_degC"][0], inputs["duty"][0] < 1.0, *outputs["pack_voltage_V"][[0, -1]])
         for inputs, outputs in ((run.measured.inputs, run.measured.outputs) for run in case.runs)
@@ -113,61 +108,9 @@ def test_experiment_as_a_case_is_the_printed_table() -> None:
 def test_diagnosis_of_table_1_is_told_as_it_came(
     diagnosis: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(paper_command, "diagnose", lambda case, **_: diagnosis)
-    answer, origin = paper_command._diagnosis(tmp_path)
+    monkeypatch.setattr(paper_report, "diagnose", lambda case, **_: diagnosis)
+    answer, origin = paper_report._diagnosis(tmp_path)
     assert json.loads((tmp_path / "answer.json").read_text(encoding="utf-8")) == answer
     assert (tmp_path / "extended.toml").is_file()
     assert "computed with this report" in origin
-    assert "recorded" in paper_command._recorded()[1]
-
-
-def test_article_holds_all_of_its_parts(tmp_path: Path) -> None:
-    source = tmp_path / "source"
-    source.write_text("x", encoding="utf-8")
-    table = Table("numbers", ("what", "how many"), [("a < b", "1"), ("c", "2")])
-    section = Section("One", ["A sentence.", table, Picture("dot", b"\x89PNG", "A dot.")])
-    write_article(tmp_path, "Title", "under", ["first"], [section], [source])
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "a &lt; b" in page
-    assert re.search(r'<td class="n">2</td>', page)
-    assert "data:image/png;base64," in page
-    assert (tmp_path / "dot.png").read_bytes() == b"\x89PNG"
-    with (tmp_path / "numbers.csv").open(encoding="utf-8") as file:
-        assert list(csv.reader(file)) == [["what", "how many"], ["a < b", "1"], ["c", "2"]]
-
-
-def test_numbers_are_written_for_a_person() -> None:
-    assert power(-2.046e-4, -4) == "-2.05"
-    assert power(-1e-9, -4) == "0.00"
-    assert percent(0.157) == "+15.7 %"
-    assert percent(-1e-9) == "0.0 %"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("mission", "nowhere.toml"), "nowhere.toml"),
-        (("mission", "--age", "old"), "--age 18,25"),
-        (("compensate", "--model", "nowhere"), "nowhere"),
-    ],
-)
-def test_mistake_is_one_sentence(run: Run, tmp_path: Path, arguments: tuple[str, ...], said: str) -> None:
-    result = run(*arguments, "--out", tmp_path / "out")
-    assert result.exit_code == 2, result.output
-    assert said in result.stderr
-    assert result.stderr.count("\n") == 1
-
-
-def test_estimate_wants_runs_of_both_kinds(run: Run, tmp_path: Path) -> None:
-    result = run("estimate", paper_command.EXAMPLE, "--out", tmp_path / "out")
-    assert result.exit_code == 2
-    assert "kind cell" in result.stderr
-
-
-def test_paper_without_the_examples_says_where_they_are(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(paper_command, "EXAMPLE", tmp_path / "nowhere")
-    result = run("paper", "--out", tmp_path / "out")
-    assert result.exit_code == 2
-    assert "examples/" in result.stderr
+    assert "recorded" in paper_report._recorded()[1]

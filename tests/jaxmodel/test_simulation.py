@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxmodel import simulate as module
+from jaxmodel import simulation as module
 from jaxmodel.effects.sensors import ClockShift, VoltageOffset
 from jaxmodel.model import Model
 from jaxmodel.names import with_values

@@ -35,7 +35,7 @@ def test_a_fit_at_a_wrong_local_optimum_reaches_the_best_one(late: Investigation
     setting = late.space.setting(["clock_shift"])
     delay, resampled = candidate.coordinates
     # As if the logger had sampled the true trajectory; in fact it interpolates linearly between rows.
-    begin = {BASE: np.zeros(layout.base), "clock_shift": np.array([delay.at(DELAY_S - 4.0), resampled.at(0.0)])}
+    begin = {BASE: np.zeros(layout.base), "clock_shift": np.array([delay.at(DELAY_S - 10.0), resampled.at(0.0)])}
     stuck = fit(scale.view, setting, scale.weights, layout.at(begin))
     assert stuck.chi2 > 2.0 * scale.view.readings.count, "the fit is to be led out of a poor place, and is in none"
     led = best_local_optimum(scale.view, setting, scale.weights, candidate, stuck)
