@@ -372,6 +372,7 @@ def _remarks(
     return (
         *inv.preparation,
         *remarks.nothing_held_out(inv.case),
+        *remarks.formulas_of_the_paper(inv.case),
         *remarks.noise_remarks(trial.scale.noise),
         *remarks.starts_moving(inv.case, trial.scale.noise, base.predictions),
         *remarks.nothing_moves(fitted),

@@ -60,6 +60,15 @@ class Investigation(Workings):
         """Return every model so far once, the calibrated base model first."""
         return [rung(self, "", self.settled(labels)) for labels in dict.fromkeys(self._path)]
 
+    def parameters(self) -> pd.DataFrame:
+        """Return the present model's fitted numbers: name, value, sd of the fit, unit, and whether it left its prior.
+
+        `strained` is True for a number further than three of its stated sd from its stated value.
+        """
+        last = self.present()
+        rows = [(name, one.value, one.sd, one.unit, name in last.at_bound) for name, one in last.estimates.items()]
+        return pd.DataFrame(rows, columns=["name", "value", "sd", "unit", "strained"])
+
     def extended_case(self) -> Case:
         """Return the case with the parameters, effects and tables of the present model."""
         last, model = self.present(), self.model
@@ -101,7 +110,7 @@ class Investigation(Workings):
         return pd.DataFrame(rows, columns=["name", "group", "log_evidence", "chi2", "z"])
 
     @one_thread_of_blas
-    def add(self, *names: str) -> Settled:
+    def add(self, *names: str) -> Investigation:
         """Add effects, sensor faults, curves or shifts of single runs to the model, refit it, and return it.
 
         Args:
@@ -113,7 +122,7 @@ class Investigation(Workings):
         return self._go_to((*self._present, *self.space.labels_to_add(names)))
 
     @one_thread_of_blas
-    def drop(self, *names: str) -> Settled:
+    def drop(self, *names: str) -> Investigation:
         """Remove additions from the model, and return it.
 
         Raises:
@@ -122,11 +131,11 @@ class Investigation(Workings):
         gone = self.space.labels_of(names)
         return self._go_to(tuple(label for label in self._present if label not in gone))
 
-    def _go_to(self, labels: tuple[str, ...]) -> Settled:
+    def _go_to(self, labels: tuple[str, ...]) -> Investigation:
         model = self.settled(labels)
         self._present = model.labels
         self._path = (*self._path, self._present)
-        return model
+        return self
 
     @one_thread_of_blas
     def ladder(self) -> pd.DataFrame:

@@ -15,10 +15,15 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
+from jaxmodel.curves import CURVE_NAMES
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.known import Known, Table, Tolerance
 from jaxmodel.measurements import Measured, file_label
+from jaxmodel.parameters import info
 from jaxmodel.ports import Effect
+
+# A capacity this far from the paper's, as a share of it, is that of another cell. Assumed.
+_ANOTHER_CELL = 0.2
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -104,7 +109,7 @@ class Case:
     @classmethod
     def from_dataframes(
         cls,
-        frames: Mapping[str, pd.DataFrame],
+        frames: Mapping[Any, pd.DataFrame],
         *,
         kind: Literal["cell", "motor", "robot"],
         name: str = "case",
@@ -116,8 +121,8 @@ class Case:
         sensors: Mapping[str, float] | None = None,
         tolerance: Mapping[str, Any] | None = None,
         cutoff: Mapping[str, float] | None = None,
-        check: Collection[str] = (),
-        runs: Mapping[str, Mapping[str, Any]] | None = None,
+        check: Collection[Any] = (),
+        runs: Mapping[Any, Mapping[str, Any]] | None = None,
         own_effects: Iterable[type[Effect]] = (),
     ) -> Case:
         """Make a case from one DataFrame per run; all other arguments correspond to case.toml (docs/cases.md).
@@ -193,11 +198,21 @@ class Case:
         lines = [
             f"{self.title} ({self.kind}, preset {self.preset})",
             f"uncertain: {', '.join(uncertain) or 'nothing'}",
-            f"tables: {', '.join(self.tables) or 'the formulas of the paper'}",
+            f"tables: {', '.join(self.tables) or 'none'}",
+            *([f"formulas of the paper's cell: {', '.join(self.formulas)}"] if self.formulas else []),
             f"effects: {', '.join(self.effects) or 'none'}",
             self.to_dataframe().to_string(index=False, max_colwidth=60),
         ]
         return "\n".join(lines)
+
+    @property
+    def formulas(self) -> tuple[str, ...]:
+        """Return the curves of a cell other than the paper's for which the case states no table."""
+        paper_Ah = info("capacity_Ah").default
+        capacity = self.parameters.get("capacity_Ah", Known(paper_Ah)).value
+        if self.kind == "motor" or not (self.tables or abs(capacity / paper_Ah - 1.0) > _ANOTHER_CELL):
+            return ()
+        return tuple(name for name in CURVE_NAMES if name not in self.tables)
 
     def write(self, folder: str | Path) -> Path:
         """Write the case as a folder with `case.toml` and a CSV for each run, which `read_case` takes.

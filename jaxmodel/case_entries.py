@@ -14,7 +14,7 @@ from jaxmodel.errors import MeasurementError, nearest
 
 
 def entry_of(
-    where: str, names: Iterable[str], check: Collection[str], runs: Mapping[str, Mapping[str, Any]], **stated: Any
+    where: str, names: Iterable[str], check: Collection[Any], runs: Mapping[Any, Mapping[str, Any]], **stated: Any
 ) -> CaseEntry:
     """Return the checked form of a case.
 
@@ -30,12 +30,13 @@ def entry_of(
         ParameterError: the same, inside `parameters`.
     """
     names = [str(name) for name in names]
-    for option, given in (("check", [check] if isinstance(check, str) else check), ("runs", runs)):
+    check = [check] if isinstance(check, str) else [str(name) for name in check]
+    runs = {str(name): entries for name, entries in runs.items()}
+    for option, given in (("check", check), ("runs", runs)):
         for name in given:
             if name not in names:
-                hint = nearest(str(name), names) or f" The runs are {', '.join(names)}."
-                raise MeasurementError(f"{where}: {option} names the run '{name}', but there is no such table.{hint}")
-    check = [check] if isinstance(check, str) else check
+                hint = nearest(name, names) or f" The runs are {', '.join(names)}."
+                raise MeasurementError(f"{where}: {option} names the run '{name}', but there is no such run.{hint}")
     blocks = [{**runs.get(name, {}), "file": name, "split": "check" if name in check else "fit"} for name in names]
     return check_case(_plain({**stated, "runs": blocks}), where)
 

@@ -54,10 +54,10 @@ def read_case(path: str | Path, *, own_effects: Iterable[type[Effect]] = ()) -> 
 
 
 def case_of_frames(
-    frames: Mapping[str, pd.DataFrame],
+    frames: Mapping[Any, pd.DataFrame],
     name: str,
-    check: Collection[str],
-    runs: Mapping[str, Mapping[str, Any]],
+    check: Collection[Any],
+    runs: Mapping[Any, Mapping[str, Any]],
     stated: Mapping[str, Any],
     own_effects: Iterable[type[Effect]] = (),
 ) -> Case:
@@ -68,13 +68,20 @@ def case_of_frames(
         ParameterError: a parameter is unknown, out of its bounds or of the wrong form.
     """
     where = f"case '{name}'"
+    if not isinstance(frames, Mapping):
+        raise MeasurementError(f"{where}: give a dict of one DataFrame for each run, by the name of the run.")
     frames = {str(run): frame for run, frame in frames.items()}
     entry = entry_of(where, frames, check, runs, **stated)
 
     def measured(run: RunEntry) -> Measured:
         return measurements_of(frames[run.file], entry.kind, run.ambient_degC, f"{where}, run '{run.file}'")
 
-    return _case(entry, name, None, where, [None] * len(entry.runs), measured, own_effects)
+    from jaxmodel.build import case_model
+
+    case = _case(entry, name, None, where, [None] * len(entry.runs), measured, own_effects)
+    for run in case.runs:
+        case_model(case, run)  # an unknown preset or effect is refused here, and not when it is first used
+    return case
 
 
 def _case(

@@ -161,6 +161,8 @@ def measurements_of(frame: pd.DataFrame, kind: str, ambient_degC: float | None, 
 
 def _floats(column: pd.Series, where: str) -> np.ndarray:
     """Return a column as numbers, finite or NaN."""
+    if column.dtype.kind in "mM":
+        raise MeasurementError(f"{where} holds dates or durations; give seconds, as in (t - t[0]).dt.total_seconds().")
     try:
         values = column.to_numpy(dtype=float, na_value=np.nan, copy=True)
     except (TypeError, ValueError):

@@ -197,6 +197,16 @@ def starts_moving(
     )
 
 
+def formulas_of_the_paper(case: Case) -> list[str]:
+    """Return a remark if a cell other than the paper's uses curves of the paper's cell."""
+    if not case.formulas:
+        return []
+    return [
+        f"{', '.join(case.formulas)} are the formulas of the paper's 5.2 A h cell, because the case states no tables; "
+        "state tables or a preset of your cell."
+    ]
+
+
 def nothing_held_out(case: Case) -> tuple[str, ...]:
     """Say where no run is left to check the model on."""
     if any(run.split == "check" for run in case.runs):

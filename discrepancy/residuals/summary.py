@@ -36,7 +36,7 @@ def error_table(
         splits: by run name; "" in the table if not given.
 
     Returns:
-        Columns `COLUMNS`: rms and mean weighted by time, max the largest size, all in the channel's unit;
+        Columns `COLUMNS`: rms and mean over the readings, max the largest size, all in the channel's unit;
         within_tolerance is None where no tolerance is stated.
     """
     rows = [
@@ -49,8 +49,8 @@ def error_table(
 
 def _row(channel: ChannelResiduals, number: int, split: str) -> dict[str, object]:
     mine = channel.run == number
-    error, weight = channel.error[mine], channel.weight_s[mine]
-    rms = float(np.sqrt(np.average(error**2, weights=weight)))
+    error = channel.error[mine]
+    rms = float(np.sqrt(np.mean(error**2)))
     tolerance = channel.tolerance
     return {
         "run": channel.run_names[number],
@@ -59,7 +59,7 @@ def _row(channel: ChannelResiduals, number: int, split: str) -> dict[str, object
         "unit": channel.unit,
         "readings": int(mine.sum()),
         "rms": rms,
-        "mean": float(np.average(error, weights=weight)),
+        "mean": float(np.mean(error)),
         "max": float(np.abs(error).max()),
         "noise_sd": channel.noise_sd,
         "rms_over_noise": rms / channel.noise_sd if channel.noise_sd > 0.0 else float("nan"),

@@ -46,7 +46,7 @@ def test_the_policy_ends_at_what_is_hidden(warm_small: Investigation, found: Fou
 
 def test_by_hand_one_comes_to_the_same_numbers(found: Found):
     by_hand = investigation_of(small_cell(HEATING, seed=1), *SMALL_KEPT)
-    same_numbers(found.final, by_hand.add("self_heating"))
+    same_numbers(found.final, by_hand.add("self_heating").model)
 
 
 def test_the_way_does_not_matter(warm_small: Investigation, found: Found):
@@ -54,8 +54,8 @@ def test_the_way_does_not_matter(warm_small: Investigation, found: Found):
     there = investigation_of(small_cell(HEATING, seed=1), *SMALL_KEPT)
     there.add("arrhenius_resistance")
     there.add("self_heating")
-    same_numbers(found.final, there.drop("arrhenius_resistance"))
-    assert there.drop("self_heating") is there.base
+    same_numbers(found.final, there.drop("arrhenius_resistance").model)
+    assert there.drop("self_heating").model is there.base
     same_numbers(there.base, warm_small.base)
 
 

@@ -67,7 +67,7 @@ def test_a_constant_ambient_is_stated_and_written_as_a_constant(tmp_path: Path) 
 
 def test_measurements_are_not_written_over(tmp_path: Path) -> None:
     case = read_case(cell().write(tmp_path / "mine"))
-    with pytest.raises(MeasurementError, match="name another folder"):
+    with pytest.raises(MeasurementError, match="give another one"):
         case.write(tmp_path / "mine")
 
 
@@ -80,8 +80,8 @@ def test_time_may_be_the_index_and_a_missing_reading_stays_one() -> None:
 @pytest.mark.parametrize(
     ("frames", "options", "said"),
     [
-        ({"a": frame()}, {"check": ["b"]}, "check names the run 'b', and no table is called so"),
-        ({"a": frame()}, {"runs": {"aa": {}}}, "runs names the run 'aa', and no table is called so. Did you mean 'a'?"),
+        ({"a": frame()}, {"check": ["b"]}, "check names the run 'b', but there is no such run"),
+        ({"a": frame()}, {"runs": {"aa": {}}}, "runs names the run 'aa', but there is no such run. Did you mean 'a'?"),
         ({"a": frame().rename(columns={"voltage_V": "voltage"})}, {}, "run 'a': a cell has no column 'voltage'."),
         ({"a": frame().drop(columns="time_s")}, {}, "run 'a' has no column 'time_s'"),
         ({"a": frame(voltage_V="high")}, {}, "run 'a', column 'voltage_V' holds"),
@@ -89,6 +89,13 @@ def test_time_may_be_the_index_and_a_missing_reading_stays_one() -> None:
         ({"a": frame(current_A=np.nan)}, {}, "run 'a', row 0: 'current_A' is empty"),
         ({"a": frame().iloc[::-1]}, {}, "run 'a', row 1: time_s = 280 comes after 290"),
         ({"a": frame().iloc[:1]}, {}, "run 'a' has 1 rows; a run needs at least two."),
+        (
+            {"a": frame().assign(time_s=pd.to_timedelta(TIME_S, unit="s"))},
+            {},
+            "holds dates or durations",
+        ),
+        ({"a": frame()}, {"effects": {"self_heat": {}}}, "no effect is called 'self_heat'. Did you mean"),
+        ({"a": frame()}, {"preset": "samsung"}, "no preset is called 'samsung'"),
         ({}, {}, "runs must be one"),
     ],
 )
@@ -97,6 +104,17 @@ def test_a_mistake_is_one_sentence(frames: dict[str, Any], options: dict[str, An
         Case.from_dataframes(frames, kind="cell", **options)
     assert str(raised.value).startswith("case 'case'")
     assert said in str(raised.value)
+
+
+def test_runs_may_be_numbered() -> None:
+    case = Case.from_dataframes({1: frame(), 2: frame()}, kind="cell", check=[2], runs={1: {"label": "first"}})
+    assert [(run.name, run.split, run.label) for run in case.runs] == [("1", "fit", "first"), ("2", "check", "")]
+
+
+def test_formulas_of_another_cell_are_named() -> None:
+    assert cell().formulas == ("R_ints", "R_TS", "C_TS", "R_TL", "C_TL")
+    assert "formulas of the paper's cell: R_ints, R_TS" in cell().summary()
+    assert Case.from_dataframes({"a": frame()}, kind="cell").formulas == ()
 
 
 def test_a_parameter_that_is_not_there_is_named() -> None:
@@ -108,7 +126,7 @@ def test_results_show_themselves() -> None:
     case = cell(name="bench <1>")
     assert repr(case) == "<Case bench <1>: cell, 1 fit and 1 check runs>"
     assert "bench &lt;1&gt;" in case._repr_html_()
-    assert "capacity_Ah = 2 +- 0.05" in case.summary()
+    assert "capacity_Ah = 2 ± 0.05" in case.summary()
     simulation = simulate_case(case)
     table = simulation.to_dataframe()
     assert list(table["run"].unique()) == ["slow", "fast"]
