@@ -102,7 +102,10 @@ class Investigation(Workings):
 
     @one_thread_of_blas
     def candidates(self) -> pd.DataFrame:
-        """Return the candidates for the present model, ranked by their expected gain of log evidence."""
+        """Return the candidates, the best first by a linear estimate of their gain of log evidence.
+
+        A gain of 3 is odds of 20 to 1; a candidate must gain more where many could explain the readings.
+        """
         rows = [
             (gain.label, self.space.candidates[gain.label].group, gain.log_evidence, gain.chi2, gain.z)
             for gain in self.linear(self.model).gains()

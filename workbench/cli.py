@@ -78,7 +78,7 @@ def _print_version(asked: bool) -> bool:
 @app.callback()
 def _of_all_commands(
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Say the version and leave.")
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
     pass
@@ -259,7 +259,7 @@ def identify(
     effect: Effects = None,
     answer_only: AnswerOnly = False,
 ) -> None:
-    """Tell what the runs and sensors of a case know of its parameters, and which of them knows it."""
+    """Show how well each parameter of a case can be determined, and by which run and sensor."""
     from workbench.commands.identify import identify_case
 
     identify_case(case, out, parameter or [], profile or [], add or [], effect or [], answer_only=answer_only)
@@ -360,7 +360,7 @@ def estimate(
     ] = None,
     answer_only: AnswerOnly = False,
 ) -> None:
-    """Estimate the state of charge by filters tuned on a cell's fit runs and judged on its check runs."""
+    """Estimate the state of charge by filters tuned on the fit runs of a cell and evaluated on its check runs."""
     from workbench.commands.estimate import estimate
 
     estimate(case, out, count, tuning, pictures=not answer_only)
@@ -382,7 +382,7 @@ def mission(
     ] = None,
     answer_only: AnswerOnly = False,
 ) -> None:
-    """Tell how long a robot can stay out over temperature and age of its pack, and what calls it back."""
+    """Compute how long a robot can operate over temperature and age of its pack, and what ends the mission."""
     from workbench.commands.mission import mission
 
     mission(plan, out, model or [], age or [], pictures=not answer_only)

@@ -203,14 +203,16 @@ def _finding(case: Case, loop: Loop, mends: list[Mend], before: float, after: fl
         seen = f"{largest_A:.4g} (largest)"
     moved = float(np.ptp(loop.moved()))
     if first.factor == -1.0:
-        possible = "the voltage falls where that charges the cell"
+        possible = "the voltage moves as if its sign were reversed"
     elif first.name == "R_ints.ohm":
         possible = f"times the current that is up to {loop.resistance_ohm or 0.0:.3g} ohm x {largest_A:.3g} A"
     elif moved > 1.0:
-        possible = f"that moves {moved:.3g} times {capacity}, where a cell holds it once"
+        possible = f"that moves {moved:.3g} times {capacity}, and a cell holds it once"
     else:
         possible = f"that moves only {moved:.2g} of {capacity}, less than the voltage shows"
-    possible += f" (the simplest cell is {before:.2g} V RMS off the measured voltage, mended {after:.2g} V)"
+    possible += (
+        f" (a simple cell model misses the voltage by {before:.2g} V RMS, and by {after:.2g} V after the correction)"
+    )
     return Finding(place(case, loop.run, first), seen, possible, tuple(mends))
 
 
@@ -229,7 +231,7 @@ def _by_charge_alone(case: Case) -> Iterator[Finding]:
             yield Finding(
                 place(case, run, name),
                 f"{current[np.argmax(np.abs(current))]:.4g} (largest)",
-                f"its charge is {moved:.3g} times capacity_Ah = {capacity:g}, where a cell holds one",
+                f"its charge is {moved:.3g} times capacity_Ah = {capacity:g}, and a cell holds one",
                 (Mend(name, 1e-3, "it is in mA"), Mend("time_s", 1e-3, "time_s is in ms")),
             )
             return

@@ -181,7 +181,7 @@ def test_one_file_in_another_unit_is_named(right: dict[str, Case]) -> None:
 def test_a_current_is_refused_by_its_charge_where_no_voltage_is_measured(right: dict[str, Case]) -> None:
     silent = column(right["cell"], "voltage_V", lambda v: np.full(v.shape, np.nan))
     check(silent)
-    with pytest.raises(MeasurementError, match=r"times capacity_Ah = 2\.6, where a cell holds one; if it is in mA"):
+    with pytest.raises(MeasurementError, match=r"times capacity_Ah = 2\.6, and a cell holds one; if it is in mA"):
         check(column(silent, "current_A", times(1e3)))
 
 
