@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from discrepancy.preparation.held_inputs import with_held_inputs
-from discrepancy.preparation.inputs import with_like_inputs
+from discrepancy.preparation.inputs import check_sign_of_current, with_like_inputs
 from discrepancy.preparation.outliers import without_outliers
 from discrepancy.preparation.saturated import without_saturated
 from discrepancy.preparation.stuck import without_stuck
@@ -16,9 +16,12 @@ def prepared(case: Case) -> tuple[Case, tuple[str, ...]]:
 
     Raises:
         FitError: two runs have different inputs.
+        MeasurementError: a cell's current has the wrong sign.
     """
     remarks = list(doubts(case))
     for without in (without_stuck, without_saturated, without_outliers):
         case, more = without(case)
         remarks += more
-    return with_held_inputs(with_like_inputs(case)), tuple(remarks)
+    case = with_held_inputs(with_like_inputs(case))
+    check_sign_of_current(case)
+    return case, tuple(remarks)

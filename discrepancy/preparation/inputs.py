@@ -1,4 +1,4 @@
-"""A case as a session takes it: every run driven by the same inputs."""
+"""Unified inputs: every run has the same inputs, and the sign of currents is checked."""
 
 from __future__ import annotations
 
@@ -6,10 +6,17 @@ import dataclasses
 
 import numpy as np
 
-from jaxmodel.case import Case
-from jaxmodel.errors import FitError
+from jaxmodel.build import case_model, run_profile
+from jaxmodel.case import Case, Run
+from jaxmodel.errors import FitError, MeasurementError
 from jaxmodel.measurements import KINDS
 from jaxmodel.robot import duty_of_signal
+from jaxmodel.simulation import simulate
+
+# With reversed current, the voltage error of a cell must fall to this share to count as a wrong sign.
+_CLOSER = 0.5
+# A quantity that varies by less than this share of its largest value counts as constant.
+_CHANGING = 0.05
 
 
 def with_like_inputs(case: Case) -> Case:
@@ -33,6 +40,52 @@ def with_like_inputs(case: Case) -> Case:
                 f"{', '.join(other)}); put runs with the same inputs into a case of their own."
             )
     return dataclasses.replace(case, runs=tuple(runs))
+
+
+def check_sign_of_current(case: Case) -> None:
+    """Refuse a cell whose current is negative on discharge.
+
+    In that case the voltage rises with the current and with the removed charge in every run, and the stated model with
+    reversed current is far closer to it.
+
+    Raises:
+        MeasurementError: the sign is wrong.
+    """
+    runs = [run for run in case.runs if case.kind == "cell" and "voltage_V" in run.measured.outputs]
+    runs = [run for run in runs if np.any(run.measured.inputs["current_A"])]
+    if not runs or not all(_rises_with_current(run) for run in runs):
+        return
+    if _misfit(case, runs, -1.0) < _CLOSER * _misfit(case, runs, 1.0):
+        raise MeasurementError(
+            f"{case.label}: voltage_V falls where current_A is negative, in every run; currents are "
+            "positive on discharge, so multiply the column current_A by -1."
+        )
+
+
+def _rises_with_current(run: Run) -> bool:
+    """Return whether the voltage rises with the current and with its charge, if these vary."""
+    current, voltage = run.measured.inputs["current_A"], run.measured.outputs["voltage_V"]
+    charge = np.cumsum(current * np.diff(run.measured.time_s, prepend=run.measured.time_s[0]))
+    there = np.isfinite(voltage)
+    changing = [one[there] for one in (current, charge) if np.std(one[there]) > _CHANGING * np.max(np.abs(one))]
+    if not changing:
+        return False
+    columns = [one - one.mean() for one in changing]
+    scaled = np.stack([one / np.linalg.norm(one) for one in columns], axis=1)
+    slopes = np.linalg.lstsq(scaled, voltage[there] - voltage[there].mean(), rcond=None)[0]
+    return bool(np.all(slopes > 0.0))
+
+
+def _misfit(case: Case, runs: list[Run], sign: float) -> float:
+    """Return the RMS voltage error of the stated model, with its currents multiplied by a sign."""
+    errors = []
+    for run in runs:
+        turned = run.driven_by(run.measured.inputs | {"current_A": sign * run.measured.inputs["current_A"]})
+        found = simulate(case_model(case, run), run_profile(turned)).readings["voltage_V"]
+        errors.append(run.measured.outputs["voltage_V"] - np.asarray(found))
+    together = np.concatenate(errors)
+    together = together[np.isfinite(together)]
+    return float(np.sqrt(np.mean(together**2))) if together.size else np.inf
 
 
 def _with_duty(case: Case) -> Case:

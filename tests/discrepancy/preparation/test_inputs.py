@@ -1,17 +1,19 @@
-"""Inputs with different names are unified."""
+"""Inputs with different names are unified; a current with the wrong sign is refused, and nothing else."""
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from discrepancy.preparation.inputs import with_like_inputs
+from discrepancy.preparation.inputs import check_sign_of_current, with_like_inputs
 from jaxmodel.case import Case
 from jaxmodel.cases import read_case
-from jaxmodel.errors import FitError
+from jaxmodel.errors import FitError, MeasurementError
+from tests.discrepancy.made_cases import MadeCell
 
 TIME_S = np.arange(0.0, 50.0, 10.0)
 
@@ -48,3 +50,23 @@ def test_runs_with_different_inputs_are_named(tmp_path: Path) -> None:
     case = robot(tmp_path, {"duty": 0.5, "load_torque_Nm": 0.1}, {"duty": 0.5, "incline_deg": 5.0})
     with pytest.raises(FitError, match=r"0\.csv and 1\.csv .*incline_deg, load_torque_Nm"):
         with_like_inputs(case)
+
+
+def with_current(case: Case, change) -> Case:
+    runs = []
+    for run in case.runs:
+        inputs = run.measured.inputs | {"current_A": change(run.measured.inputs["current_A"])}
+        runs.append(run.driven_by(inputs))
+    return dataclasses.replace(case, runs=tuple(runs))
+
+
+def test_a_current_of_wrong_sign_is_refused(plain_cell: MadeCell) -> None:
+    check_sign_of_current(plain_cell.case)
+    with pytest.raises(MeasurementError, match="multiply the column current_A by -1"):
+        check_sign_of_current(with_current(plain_cell.case, lambda current: -current))
+
+
+def test_a_current_without_effect_on_the_voltage_is_accepted(plain_cell: MadeCell) -> None:
+    rng = np.random.default_rng(0)
+    check_sign_of_current(with_current(plain_cell.case, np.zeros_like))
+    check_sign_of_current(with_current(plain_cell.case, lambda current: rng.permutation(current)))
