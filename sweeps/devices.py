@@ -13,8 +13,6 @@ CPU_BLOCK = 128
 ACCELERATOR_BLOCK = 65_536
 # Of a block's stored columns, which an accelerator holds at every step before the stored rows are picked.
 ACCELERATOR_COURSE_BYTES = 2 * 2**30
-# Vectors of 512 bits halve the time of a step where the processor has them, and change nothing where it has not.
-CPU_COMPILER_OPTIONS: dict[str, str | bool] = {"xla_cpu_prefer_vector_width": "512"}
 
 
 def lane_mesh(devices: Sequence[Any] | None = None) -> Mesh:

@@ -16,10 +16,11 @@ import xarray as xr
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from jaxmodel.errors import SweepError
+from jaxmodel.jax_settings import SWEEP_OPTIONS
 from jaxmodel.kernel import as_one_kernel
 from jaxmodel.model import Model
 from jaxmodel.names import with_values
-from sweeps.devices import CPU_COMPILER_OPTIONS, lane_mesh, widest_block
+from sweeps.devices import lane_mesh, widest_block
 from sweeps.lane import Keep, Outcome, SteppedProfile, lay_out, run_lane
 from sweeps.plan import DEFAULT_MEMORY, Chunks, bytes_of, calls_of, cut, lanes_per_chunk, size_text
 from sweeps.results import InMemory, variables_of
@@ -235,7 +236,7 @@ def _signature(arguments: Any) -> tuple[Any, tuple[jax.ShapeDtypeStruct, ...]]:
 @functools.lru_cache(maxsize=32)
 def _program(keep: Keep, width: int, mesh: Mesh, signature: Any) -> Any:
     """Return the compiled program (model, stepped profile, cutoff, lanes) -> outcomes, cached for like sweeps."""
-    options = CPU_COMPILER_OPTIONS if mesh.devices.flat[0].platform == "cpu" else None
+    options = SWEEP_OPTIONS if mesh.devices.flat[0].platform == "cpu" else None
 
     def run_share(model: Model, stepped: SteppedProfile, cutoff: Any, own: dict[str, jax.Array]) -> Outcome:
         """Run one device's share of the lanes, block after block."""

@@ -26,9 +26,8 @@ import numpy as np
 from jax.experimental import serialize_executable
 from jaxtyping import Array
 
-# Compiler options for CPUs; results are identical bit for bit. This level takes 50 to 60 % of the compile time at the
-# same speed; wide vectors reduce both by 10 to 20 %.
-_QUICKLY: dict[str, Any] = {"xla_backend_optimization_level": 1, "xla_cpu_prefer_vector_width": "512"}
+from jaxmodel.jax_settings import QUICK_OPTIONS
+
 # Packages whose source is traced: those of the project, and others.
 _PROJECT = ("jaxmodel", "discrepancy")
 _OTHERS = ("jax", "jaxlib", "equinox", "numpy")
@@ -75,7 +74,7 @@ class Programs:
             # The name makes the program unique in the cache of JAX: an executable read from there cannot be stored
             # here.
             of_leaves.__name__ = file.stem.replace("-", "_")
-        options = _QUICKLY if jax.default_backend() == "cpu" else None
+        options = QUICK_OPTIONS if jax.default_backend() == "cpu" else None
         made = jax.jit(of_leaves, compiler_options=options).lower(*leaves).compile()
         if file is not None:
             _write(file, made)
@@ -108,7 +107,7 @@ def _made_from() -> str:
         [device.platform, device.device_kind, device.client.platform_version],
         [platform.machine(), np.show_config(mode="dicts")["SIMD Extensions"]],  # type: ignore[index, call-overload]
         [jax.config.jax_enable_x64, os.environ.get("XLA_FLAGS")],  # type: ignore[attr-defined]
-        _QUICKLY,
+        QUICK_OPTIONS,
     )
     digest.update(repr(described).encode())
     return digest.hexdigest()

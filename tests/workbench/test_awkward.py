@@ -72,7 +72,5 @@ def test_channel_that_never_moves_and_whose_noise_nobody_states_is_named(
 
 def test_simulation_is_not_written_over_the_measurement(run: Run, case_folder: Path) -> None:
     measured = (case_folder / "run-01.csv").read_bytes()
-    assert_one_sentence(
-        run("simulate", case_folder, "--out", case_folder), "in this folder is a measurement"
-    )
+    assert_one_sentence(run("simulate", case_folder, "--out", case_folder), "in this folder is a measurement")
     assert (case_folder / "run-01.csv").read_bytes() == measured
