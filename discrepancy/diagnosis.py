@@ -344,12 +344,12 @@ def _blind(inv: Workings) -> tuple[str, ...]:
         if candidate.group in ("effect", "sensor"):
             labels.setdefault(candidate.name, []).append(label)
     unseen = [name for name, own in labels.items() if not any(label in seen for label in own)]
-    untold = [
+    unseparated = [
         name
         for name, cls in inv.case.catalogue.items()
         if inv.case.kind in cls.kinds and name not in inv.case.effects and not is_distinguishable(inv.case, cls)
     ]
-    return (*unseen, *untold)
+    return (*unseen, *unseparated)
 
 
 def _remarks(

@@ -31,14 +31,10 @@ class _Saved:
         raise NotImplementedError
 
     def save(self, folder: str | Path) -> list[Path]:
-        """Write every picture as a PNG to a folder that is there; return the files."""
-        from plots.style import png
+        """Write every picture as a PNG to a folder, which is made if need be; return the files."""
+        from plots.style import save
 
-        files = []
-        for name, figure in self.all().items():
-            files.append(Path(folder) / f"{name}.png")
-            files[-1].write_bytes(png(figure))
-        return files
+        return save(self.all().items(), folder)
 
 
 @dataclasses.dataclass(frozen=True)

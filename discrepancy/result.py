@@ -304,10 +304,11 @@ class Diagnosis:
 
     def extended_case(self) -> Case:
         """Return the case with the parameters, effects and tables of the final model."""
-        return self._extended[0]
+        return self.extension[0]
 
     @functools.cached_property
-    def _extended(self) -> tuple[Case, list[str]]:
+    def extension(self) -> tuple[Case, list[str]]:
+        """Return the extended case, and a sentence for everything that a case cannot hold."""
         from discrepancy.extended import extended_case
 
         return extended_case(self.case, self.final, self.curves, self.runs)
@@ -346,7 +347,7 @@ class Diagnosis:
         return f"<Diagnosis of {self.case.name}: {self.verdict or 'calibrated'}{named}>"
 
     def _repr_html_(self) -> str:
-        lines = "".join(f"<li>{html.escape(line)}</li>" for line in self.summary().splitlines()[1:])
-        title = html.escape(self.summary().partition("\n")[0])
+        title, *rest = map(html.escape, self.summary().splitlines())
+        lines = "".join(f"<li>{line}</li>" for line in rest)
         table = "" if self.errors is None else self.errors.to_html(index=False, border=0, float_format="%.4g")
         return f"<p><b>{title}</b></p><ul>{lines}</ul>{table}"

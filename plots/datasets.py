@@ -20,7 +20,7 @@ from plots.sensitivities import (
     interaction_matrix,
     over_time,
 )
-from plots.style import png
+from plots.style import save
 from plots.sweeps import axes_by_influence, family, heat_map, metric_curves, metrics_in, stored_in
 from plots.uncertainty import bands_over_time, metric_intervals
 from sweeps.study import LANE
@@ -53,13 +53,7 @@ def pictures_of(dataset: xr.Dataset) -> Iterator[tuple[str, Figure]]:
 
 def save_pictures(dataset: xr.Dataset, directory: str | Path) -> list[Path]:
     """Write the pictures of a data set to a folder as PNG files and return their paths; see `pictures_of`."""
-    directory = Path(directory)
-    directory.mkdir(parents=True, exist_ok=True)
-    written = []
-    for name, figure in pictures_of(dataset):
-        written.append(directory / f"{name}.png")
-        written[-1].write_bytes(png(figure))
-    return written
+    return save(pictures_of(dataset), directory)
 
 
 def thinned(dataset: xr.Dataset) -> xr.Dataset:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import functools
 import io
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import Any, Literal, ParamSpec
 
 import matplotlib
@@ -95,6 +96,17 @@ def png(figure: Figure) -> bytes:
         warnings.filterwarnings("ignore", message=".*layout", category=UserWarning)
         FigureCanvasAgg(figure).print_png(buffer)
     return buffer.getvalue()
+
+
+def save(pictures: Iterable[tuple[str, Figure]], folder: str | Path) -> list[Path]:
+    """Write each picture as `NAME.png` to a folder, which is made if need be; return the files."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    files = []
+    for name, figure in pictures:
+        files.append(folder / f"{name}.png")
+        files[-1].write_bytes(png(figure))
+    return files
 
 
 def axis_label(quantity: str, unit: str) -> str:

@@ -12,7 +12,7 @@ from jax.sharding import Mesh
 CPU_BLOCK = 128
 ACCELERATOR_BLOCK = 65_536
 # Of a block's stored columns, which an accelerator holds at every step before the stored rows are picked.
-ACCELERATOR_COURSE_BYTES = 2 * 2**30
+ACCELERATOR_STORED_BYTES = 2 * 2**30
 
 
 def lane_mesh(devices: Sequence[Any] | None = None) -> Mesh:
@@ -25,5 +25,5 @@ def widest_block(mesh: Mesh, numbers_per_lane: int) -> int:
     """Return the most lanes of one block, each of which holds so many numbers of stored columns."""
     if mesh.devices.flat[0].platform == "cpu":
         return CPU_BLOCK
-    fitting = ACCELERATOR_COURSE_BYTES // (8 * max(1, numbers_per_lane))
+    fitting = ACCELERATOR_STORED_BYTES // (8 * max(1, numbers_per_lane))
     return max(64, min(ACCELERATOR_BLOCK, fitting // 64 * 64))

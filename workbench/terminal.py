@@ -61,7 +61,7 @@ class _Pace:
         self._reports = 0
         self._base = (0.0, 0)
 
-    def told(self, done: int, total: int) -> str:
+    def sentence(self, done: int, total: int) -> str:
         """Return the rate and the time left, "" while they are not known."""
         now, self._reports = time.perf_counter(), self._reports + 1
         if self._reports == 2:
@@ -99,13 +99,13 @@ def counted(what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
         )
         with Progress(*columns, console=console(stderr=True), transient=True) as bar:
             task = bar.add_task(what, total=None, pace="")
-            yield lambda done, total: bar.update(task, completed=done, total=total, pace=pace.told(done, total))
+            yield lambda done, total: bar.update(task, completed=done, total=total, pace=pace.sentence(done, total))
         return
     said: float | None = None
 
     def tell(done: int, total: int) -> None:
         nonlocal said
-        share, at_pace = done / total, pace.told(done, total)
+        share, at_pace = done / total, pace.sentence(done, total)
         said = share if said is None else said
         if share >= said + _PLAIN_SHARE and done < total:
             say(f"{what}: {done:,} of {total:,} {unit}{at_pace and ', '}{at_pace}")
@@ -115,12 +115,12 @@ def counted(what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
 
 
 @contextlib.contextmanager
-def told(what: str, shares: Mapping[str, float] | None = None) -> Iterator[Callable[[str], None]]:
+def stages(what: str, shares: Mapping[str, float] | None = None) -> Iterator[Callable[[str], None]]:
     """Show what some work is doing now, since when, and roughly how long it may still take.
 
     Args:
         what: the work.
-        shares: by the beginning of what is told, the share of the work that is usually done by then.
+        shares: by the first words of a stage, the share of the work that is usually done by then.
 
     Yields:
         A function to be called with what is done next.

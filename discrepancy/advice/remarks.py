@@ -79,21 +79,21 @@ def strained(numbers: Sequence[Strained], least: float = SETTINGS.strained) -> t
 
 def noise_remarks(noise: Mapping[str, NoiseModel]) -> tuple[str, ...]:
     """Say of which channels the stated noise is contradicted by the readings, and of which none is stated."""
-    told = []
+    remarks = []
     for name, model in noise.items():
         if model.stated is None:
-            told.append(
+            remarks.append(
                 f"The noise of {name} is not stated; taken as {model.own_sd:.3g} ({model.source}). State it under "
                 "[sensors]: all that is called significant is held against it."
             )
         elif model.contradicts:
             ratio = model.own_sd / model.stated
             off = f"{ratio:.2g} times" if ratio > 1.0 else f"1/{1.0 / ratio:.2g} of"
-            told.append(
+            remarks.append(
                 f"The readings of {name} scatter by {model.own_sd:.3g}, {off} the stated sd of {model.stated:.3g}: "
                 "what they show was used; correct the stated one."
             )
-    return tuple(told)
+    return tuple(remarks)
 
 
 def not_converged(fitted: Fit) -> tuple[str, ...]:
@@ -108,8 +108,8 @@ def not_converged(fitted: Fit) -> tuple[str, ...]:
 
 def nothing_moves(fitted: Fit) -> tuple[str, ...]:
     """Say where no unknown moves any reading."""
-    told = fitted.prior_sd[:, None] * (fitted.jacobian.T @ fitted.jacobian) * fitted.prior_sd
-    if np.max(np.abs(told), initial=0.0) > NO_ANSWER:
+    information = fitted.prior_sd[:, None] * (fitted.jacobian.T @ fitted.jacobian) * fitted.prior_sd
+    if np.max(np.abs(information), initial=0.0) > NO_ANSWER:
         return ()
     return (
         "No unknown moves any reading of the fit runs: at what the case states as known the model stands still, as a "
@@ -119,14 +119,14 @@ def nothing_moves(fitted: Fit) -> tuple[str, ...]:
 
 def out_of_range(space: ModelSpace, trial: Trial) -> tuple[str, ...]:
     """Say which numbers of a model's effects are outside their usual range, that of the specimen where it has one."""
-    told: list[str] = []
+    remarks: list[str] = []
     for label in trial.labels:
         candidate = space.candidates[label]
         if candidate.is_switched:
             places = list(space.layout.of[label])
             values = [c.number(x) for c, x in zip(candidate.coordinates, trial.fitted.x[places], strict=True)]
-            told.extend(unusual(candidate, values, specimen_ranges(space.case, type(candidate.effect))))
-    return tuple(told)
+            remarks.extend(unusual(candidate, values, specimen_ranges(space.case, type(candidate.effect))))
+    return tuple(remarks)
 
 
 def unusual(
@@ -139,15 +139,15 @@ def unusual(
         values: its numbers, in the order of its table.
         usual: ranges in place of the table's.
     """
-    told = []
+    remarks = []
     for value, (name, about) in zip(values, describe(candidate.effect).items(), strict=True):
         low, high = (usual or {}).get(name) or about.typical or (-np.inf, np.inf)
         if not _about(value, low, high):
-            told.append(
+            remarks.append(
                 f"{candidate.label}.{name} = {value:.3g} is outside its usual range, {low:.3g} to {high:.3g}: the "
                 "effect may be standing in for another."
             )
-    return tuple(told)
+    return tuple(remarks)
 
 
 def _about(value: float, low: float, high: float) -> bool:
@@ -171,7 +171,7 @@ def starts_moving(
     """
     if SPEED not in noise:
         return ()
-    told: list[str] = []
+    starts: list[str] = []
     elsewhere: list[str] = []
     for run in case.runs:
         read = run.measured.outputs.get(SPEED)
@@ -187,13 +187,13 @@ def starts_moving(
                 f"{stated.value:.4g}: correct one of them, or give it an sd."
             )
         else:
-            told.append(f"initial_speed_rad_s = {read[0]:.4g} to {run.name}")
-    if not told:
+            starts.append(f"initial_speed_rad_s = {read[0]:.4g} to {run.name}")
+    if not starts:
         return tuple(elsewhere)
     return (
         *elsewhere,
         f"{SPEED} shows a motor that turns at the first row, where the model's stands still: if it did turn, give "
-        f"{', '.join(told)}.",
+        f"{', '.join(starts)}.",
     )
 
 

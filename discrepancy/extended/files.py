@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 
 from discrepancy.answer import answer, write_answer
-from discrepancy.extended.case import extended_case
 from discrepancy.result import Diagnosis
 from discrepancy.wording import final_name
 from jaxmodel.case_writing import write_case
@@ -22,7 +21,7 @@ def write_result(diagnosis: Diagnosis, folder: Path) -> None:
     else:
         errors = json.dumps(answer(diagnosis)["error"], indent=2)
         (folder / "errors.json").write_text(f"{errors}\n", encoding="utf-8")
-    extended, notes = extended_case(diagnosis.case, diagnosis.final, diagnosis.curves, diagnosis.runs)
+    extended, notes = diagnosis.extension
     name = "extended.toml" if diagnosis.verdict else "calibrated.toml"
     write_case(extended, folder / name, _comments(diagnosis, notes))
     if diagnosis.law_source:

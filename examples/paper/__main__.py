@@ -41,7 +41,7 @@ def paper(
     """Repeat every table and figure of the paper, simulated and as printed, on one page."""
     began = time.perf_counter()
     start(out)
-    with terminal.told("paper") as progress:
+    with terminal.stages("paper") as progress:
         progress("Tables 1 and 2, by formula and by look-up table")
         data = discharges()
         progress("Figs. 8 and 9, the experiment")
@@ -84,7 +84,7 @@ def _recorded() -> tuple[dict[str, Any], str]:
 
 def _diagnosis(out: Path) -> tuple[dict[str, Any], str]:
     """Diagnose the example and write the answer and the extended model to `out`."""
-    with terminal.told("Table 1", DONE_BY) as progress:
+    with terminal.stages("Table 1", DONE_BY) as progress:
         diagnosis = diagnose(read_case(EXAMPLE), progress=progress)
     diagnosis.write(out, pictures=False)
     return diagnosis.answer(), "The diagnosis was computed with this report."

@@ -174,9 +174,9 @@ def test_pace_is_told_from_the_second_report_on(monkeypatch: pytest.MonkeyPatch)
     clock = iter([0.0, 100.0, 110.0])
     monkeypatch.setattr(terminal.time, "perf_counter", lambda: next(clock))
     pace = terminal._Pace("lanes")
-    assert pace.told(500, 4000) == ""
-    assert pace.told(1000, 4000) == ""
-    assert pace.told(2000, 4000) == "100 lanes/s, about 20 s left"
+    assert pace.sentence(500, 4000) == ""
+    assert pace.sentence(1000, 4000) == ""
+    assert pace.sentence(2000, 4000) == "100 lanes/s, about 20 s left"
     assert [terminal.duration(s) for s in (42.0, 600.0, 10_800.0, 864_000.0)] == ["42 s", "10 min", "3 h", "10 days"]
 
 

@@ -118,7 +118,7 @@ def test_a_part_of_the_work_that_lasts_is_named_again(
 
     monkeypatch.setattr(terminal, "say", say)
     before = threading.active_count()
-    with terminal.told("bench", {"calibrating": 0.5}) as progress:
+    with terminal.stages("bench", {"calibrating": 0.5}) as progress:
         progress("calibrating")
         assert heard.wait(10.0)
     assert said[0].startswith("bench: calibrating (0 s")

@@ -57,7 +57,7 @@ def compensate_models(out: Path, cases: Sequence[Path], mission_path: Path | Non
     found: dict[str, Compensation] = {}
     over: dict[str, tuple[xr.Dataset, xr.Dataset]] = {}
     rules: dict[str, float] = {}
-    with terminal.told("compensate") as progress:
+    with terminal.stages("compensate") as progress:
         for name, model in models.items():
             progress(f"solving the map: {name}")
             found[name] = operation.compensate(model, AMBIENT_DEGC, TORQUE_NM)

@@ -59,7 +59,7 @@ def demo(out: Path, case_path: Path | None) -> None:
     print_sweep(dataset)
     pictures = _sweep_pictures(dataset)
 
-    with terminal.told("sensitivity") as progress:
+    with terminal.stages("sensitivity") as progress:
         progress("differentiating and doubling")
         at_point = study.at(POINT).replace(
             metrics=[_GRADIENT, "delivered_energy_Wh", "min_pack_voltage_V"], store=["pack_voltage_V"]
@@ -75,7 +75,7 @@ def demo(out: Path, case_path: Path | None) -> None:
         (out / f"{name}.png").write_bytes(picture)
 
     folder = out / case.name
-    with terminal.told(case.name, DONE_BY) as progress:
+    with terminal.stages(case.name, DONE_BY) as progress:
         diagnosis = diagnose(case, progress=progress)
         diagnosis.write(folder, pictures=False)
         progress("pictures and report")

@@ -115,7 +115,7 @@ def _diagnose_one(
 ) -> Diagnosis:
     try_effects = method is not compare
     case = read_case_with(path, effects)
-    with terminal.told(f"{case.name}{place}", DONE_BY if try_effects else None) as progress:
+    with terminal.stages(f"{case.name}{place}", DONE_BY if try_effects else None) as progress:
         diagnosis = method(case, progress=progress)
         folder = diagnosis.write(out / case.name, pictures=False)
         if not answer_only:

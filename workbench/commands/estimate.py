@@ -52,7 +52,7 @@ def estimate(path: Path, out: Path, count: int, tuning_path: Path | None, *, pic
     case = read_case(path)
     tunings = read_tunings(tuning_path) if tuning_path else None
     start(out)
-    with terminal.told("estimate") as progress:
+    with terminal.stages("estimate") as progress:
         found = evaluate_estimators(case, count=count, tunings=tunings, progress=progress)
         found.write_tunings(out / "tuning.json")
         progress("timing")

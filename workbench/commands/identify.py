@@ -39,7 +39,7 @@ def identify_case(
     """
     case = read_case_with(path, effects)
     start(out)
-    with terminal.told("identify") as progress:
+    with terminal.stages("identify") as progress:
         identification = identify(case, parameters, profiles=profiles, add=add, progress=progress)
         identification.write(out, pictures=not answer_only)
     _print(identification)

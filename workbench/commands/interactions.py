@@ -38,7 +38,7 @@ def interactions(
     chosen = [pair for entry in pairs for pair in itertools.combinations_with_replacement(_names(entry), 2)]
     study = study_at(path, at, effects)
     start(out)
-    with terminal.told("interactions") as progress:
+    with terminal.stages("interactions") as progress:
         progress("compiling and running, half a minute the first time")
         data = sensitivity.interactions(study, chosen)
         sensitivity.save(data, out)

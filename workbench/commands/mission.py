@@ -52,7 +52,7 @@ def mission(path: Path | None, out: Path, cases: Sequence[Path], ages: Sequence[
     limits = operation.Limits()
     start(out)
     found: dict[str, xr.Dataset] = {}
-    with terminal.told("mission") as progress:
+    with terminal.stages("mission") as progress:
         for name, model in models.items():
             progress(name)
             found[name] = operation.endurance(model, plan, AMBIENT_DEGC, of_age, limits, longest_h=LONGEST_H)

@@ -28,7 +28,7 @@ def sensitivity(
     """
     study = study_at(path, at, effects)
     start(out)
-    with terminal.told("sensitivity") as progress:
+    with terminal.stages("sensitivity") as progress:
         progress("compiling and running, half a minute the first time" if doubling else "compiling and running")
         data = analyses.local(study, doubling=doubling)
         progress("tables and pictures")
@@ -82,7 +82,7 @@ def uncertainty(
     values = {} if estimates is None else estimates.values
     study = study.at(values | point_of(at))
     start(out)
-    with terminal.told("uncertainty") as progress:
+    with terminal.stages("uncertainty") as progress:
         progress("compiling and running")
         correlation = None if estimates is None else estimates.correlation
         data = analyses.uncertainty(study, sd, correlation, draws=draws)

@@ -28,7 +28,7 @@ def simulate(path: Path, out: Path, fidelity: str, effects: Sequence[str], *, an
         if (out / f"{run.name}.csv").resolve() == run.source:
             raise MeasurementError(f"--out {out}: {run.name}.csv in this folder is a measurement; give another folder.")
     start(out)
-    with terminal.told(case.name) as progress:
+    with terminal.stages(case.name) as progress:
         outcomes = simulate_case(case, fidelity=fidelity, progress=progress)
     for outcome in outcomes:
         write_csv(outcome, out / f"{outcome.run.name}.csv")
