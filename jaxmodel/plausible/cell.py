@@ -193,6 +193,7 @@ def _finding(case: Case, loop: Loop, mends: list[Mend], before: float, after: fl
     first = mends[0]
     largest_A = float(loop.current_A[np.argmax(np.abs(loop.current_A))])
     capacity = f"capacity_Ah = {loop.capacity_Ah:g}"
+    whole = "it" if first.name == "capacity_Ah" else capacity
     if first.name == "capacity_Ah":
         seen = capacity
     elif first.name == "time_s":
@@ -207,9 +208,9 @@ def _finding(case: Case, loop: Loop, mends: list[Mend], before: float, after: fl
     elif first.name == "R_ints.ohm":
         possible = f"times the current that is up to {loop.resistance_ohm or 0.0:.3g} ohm x {largest_A:.3g} A"
     elif moved > 1.0:
-        possible = f"that moves {moved:.3g} times {capacity}, and a cell holds it once"
+        possible = f"the run moves {moved:.3g} times {whole}, and a cell holds it once"
     else:
-        possible = f"that moves only {moved:.2g} of {capacity}, less than the voltage shows"
+        possible = f"the run moves only {moved:.2g} of {whole}, less than the voltage shows"
     possible += (
         f" (a simple cell model misses the voltage by {before:.2g} V RMS, and by {after:.2g} V after the correction)"
     )
