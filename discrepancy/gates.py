@@ -97,19 +97,26 @@ def is_material(inv: Workings, trial: Trial, lacking: Trial) -> bool:
     """Return True if an addition reduces the error of a channel by enough, as the root of the removed mean square.
 
     Enough is a tenth of a stated tolerance on fitted data or, without a tolerance, a share of the error above noise on
-    left-out data.
+    left-out data: of the error of all runs, or of its geometric mean over runs. In that mean an effect counts that
+    takes most of the error of some runs, although others have a larger error with another cause.
     """
     settings, stated = inv.settings, inv.case.tolerance
-    before, after = left_out_error(inv, lacking), left_out_error(inv, trial)
     share = settings.least_share if len(lacking.labels) < 2 else settings.later_share
+    before, after = left_out_error(inv, lacking), left_out_error(inv, trial)
+    of_runs_before, of_runs_after = left_out_error_of_runs(inv, lacking), left_out_error_of_runs(inv, trial)
     fitted = inv.errors_of(lacking) ** 2 - inv.errors_of(trial) ** 2 if stated else np.zeros(0)
     for place, channel in enumerate(inv.space.coarse.channels):
         if channel in stated and channel in before:
             removed = float(np.mean(fitted[trial.scale.view.readings.channel == place]))
             if removed >= (settings.material_share * stated[channel].rms) ** 2:
                 return True
-        elif channel in before and before[channel] > after[channel] + share * max(before[channel], 0.0):
-            return True
+        elif channel in before:
+            left = (of_runs_after[channel] + settings.negligible_share**2) / (
+                of_runs_before[channel] + settings.negligible_share**2
+            )
+            together = before[channel] > after[channel] + share * max(before[channel], 0.0)
+            if together or np.exp(np.mean(np.log(left))) < 1.0 - share:
+                return True
     return False
 
 
@@ -153,19 +160,34 @@ def left_out_error(inv: Workings, trial: Trial) -> dict[str, float]:
     """Return, by channel, the mean square error above noise on left-out data, in units of its tolerance.
 
     The log score compares the prediction with its own uncertainty; this compares it with the tolerance. It is the
-    square
-    of the mean over blocks of their RMS error: in a mean square, one block at the steep end of a discharge would
+    square of the mean over blocks of their RMS error: in a mean square, one block at the steep end of a discharge would
     outweigh all others.
     """
+    return {
+        channel: float(np.average(rms, weights=count)) ** 2
+        for channel, (_, rms, count) in _rms_of_blocks(inv, trial).items()
+    }
+
+
+def left_out_error_of_runs(inv: Workings, trial: Trial) -> dict[str, np.ndarray]:
+    """Return the same for each run that has the channel, by channel, (runs,)."""
+    return {
+        channel: (np.bincount(run, rms * count)[np.unique(run)] / np.bincount(run, count)[np.unique(run)]) ** 2
+        for channel, (run, rms, count) in _rms_of_blocks(inv, trial).items()
+    }
+
+
+def _rms_of_blocks(inv: Workings, trial: Trial) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Return, by channel, run, RMS error above noise in tolerances, and number of readings of each block."""
     readings, found = trial.scale.view.readings, {}
     beyond, block = inv.cross_validation(trial).errors ** 2 - readings.sd**2, readings.blocks(inv.pieces)
     for place, channel in enumerate(inv.space.coarse.channels):
         mine = readings.channel == place
         if channel in inv.noise and mine.any():
-            count = np.bincount(block[mine])
-            of_pieces = np.bincount(block[mine], beyond[mine])[count > 0] / count[count > 0]
-            rms = np.average(np.sqrt(np.maximum(of_pieces, 0.0)), weights=count[count > 0])
-            found[channel] = float(rms / inv.tolerances[channel]) ** 2
+            numbers, of_reading, count = np.unique(block[mine], return_inverse=True, return_counts=True)
+            square = np.bincount(of_reading, beyond[mine]) / count
+            rms = np.sqrt(np.maximum(square, 0.0)) / inv.tolerances[channel]
+            found[channel] = (numbers // inv.pieces, rms, count)
     return found
 
 

@@ -14,6 +14,7 @@ from discrepancy.fitting.fit import fit
 from discrepancy.fitting.model import View
 from discrepancy.fitting.readings import Weights, collect
 from discrepancy.noise.model_error import NONE
+from discrepancy.preparation.thinning import start_rows
 from discrepancy.residuals.conditions import time_since_load_changed
 from discrepancy.residuals.summary import error_table
 from discrepancy.residuals.table import ChannelResiduals
@@ -52,9 +53,10 @@ def with_adjusted_starts(inv: Workings, trial: Trial) -> AdjustedStarts:
     own = [p for p in range(layout.base) if layout.runs[p] in checks and layout.coordinates[p].name in _STARTS]
     if not own:
         return AdjustedStarts(trial.fitted.x, {})
-    rows = {number: first_rows(inv, number) for number in checks}
+    fitted = inv.space.fitted
+    rows = {number: start_rows(inv.case.runs[number], settings) for number in checks}
     channels = inv.space.coarse.channels
-    readings = collect(inv.case, trial.scale.noise, channels, checks, None, settings, rows)
+    readings = collect(fitted, trial.scale.noise, channels, checks, None, settings, rows)
     if not readings.count:
         return AdjustedStarts(trial.fitted.x, {})
     view = View(inv.space, readings)
@@ -68,12 +70,6 @@ def with_adjusted_starts(inv: Workings, trial: Trial) -> AdjustedStarts:
     }
     x[own] = np.clip(x[own], -settings.start_reach, settings.start_reach)
     return AdjustedStarts(x, pulls)
-
-
-def first_rows(inv: Workings, number: int) -> slice:
-    """Return the rows at the start of a run on which it is adjusted."""
-    rows = inv.case.runs[number].measured.time_s.size
-    return slice(0, max(inv.settings.start_readings, int(inv.settings.start_share * rows)))
 
 
 def nominal(inv: Workings) -> Rung:
@@ -115,7 +111,7 @@ def _errors(
         for number, run in enumerate(inv.case.runs):
             if run.split != split or channel not in run.measured.outputs:
                 continue
-            first = first_rows(inv, number).stop if split == "check" else 0
+            first = start_rows(run, inv.settings).stop if split == "check" else 0
             parts.append((run.measured.outputs[channel] - predicted[run.name][channel])[first:])
         together = np.concatenate([*parts, np.zeros(0)])
         return together[np.isfinite(together)]
@@ -166,7 +162,7 @@ def residuals_of(inv: Workings, one: Rung) -> list[ChannelResiduals]:
             values = run.measured.outputs.get(channel)
             if values is None:
                 continue
-            first = first_rows(inv, number).stop if run.split == "check" else 0
+            first = start_rows(run, inv.settings).stop if run.split == "check" else 0
             there = np.flatnonzero(np.isfinite(values))
             there = there[there >= first]
             if there.size < 2:

@@ -42,6 +42,12 @@ class Settings:
         30_000, "readings used in a fit; more are thinned evenly; errors are computed from all"
     )
 
+    most_steps: int = _constant(
+        10_000,
+        "rows of all fit runs together that a fit simulates; longer runs have windows of all rows, and between them "
+        "steps that keep charge and heat",
+    )
+
     # Curves and unknown laws; the evidence chooses the sd of their priors.
     curve_correlation: float = _constant(0.25, "correlation length of a curve's prior, as a share of its span")
     law_knots: int = _constant(9, "knots of an unknown law")

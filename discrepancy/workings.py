@@ -97,7 +97,7 @@ class Workings:
 
     def _scale(self, noise: Mapping[str, NoiseModel], error: ModelError, inputs: InputNoise | None) -> Scale:
         channels = KINDS[self.case.kind].outputs
-        readings = collect(self.case, noise, channels, self.fit_runs, inputs, self.settings)
+        readings = collect(self.space.fitted, noise, channels, self.fit_runs, inputs, self.settings)
         return Scale(noise, View(self.space, readings), Weights(readings, error))
 
     @functools.cached_property
@@ -115,7 +115,7 @@ class Workings:
         tried = at_once(lambda start: fit(scale.view, setting, scale.weights, start, steps=FIRST_STEPS), starts)
         found = Trial(setting, {}, min(tried, key=lambda one: one.objective), scale)
         if noisy_inputs(self.case):
-            noise, inputs = propagated_noise(self.case, scale.noise, self.space, setting, found.fitted.x)
+            noise, inputs = propagated_noise(self.space.fitted, scale.noise, self.space, setting, found.fitted.x)
             self.noise = noise
             scale = self._scale(noise, NONE, inputs)
             found = self._refitted(found, scale)
@@ -148,7 +148,7 @@ class Workings:
                 again = self._refitted(dataclasses.replace(trial, fitted=self._as_stated(trial)), scale)
                 trial = min(trial, again, key=lambda one: one.fitted.objective)
         else:
-            screened = screen(trial.scale.view, trial.setting, trial.fitted.x, trial.scale.noise)
+            screened = screen(trial.scale.view, trial.setting, trial.fitted.x, trial.scale.noise, near=screened)
         # With a model error, whose estimate is rough, further convergence is of no use.
         flat = FLAT if trial.scale.error.sd else SETTLED
         fitted = fit(trial.scale.view, trial.setting, trial.scale.weights, trial.fitted.x, flat=flat)
@@ -231,7 +231,7 @@ class Workings:
         if any(noise[name] is not model for name, model in scale.noise.items()):
             shared = scale.view.readings.shared
             channels = KINDS[self.case.kind].outputs
-            fresh = collect(self.case, noise, channels, self.fit_runs, None, self.settings)
+            fresh = collect(self.space.fitted, noise, channels, self.fit_runs, None, self.settings)
             readings = dataclasses.replace(fresh, shared=shared)
             scale = Scale(noise, View(self.space, readings), scale.weights)
         pieces = readings.pieces(_MOST_OF_A_SERIES)
@@ -295,13 +295,14 @@ class Workings:
         if best.objective > reference - promised:
             # The first amplitude was wrong, or the base parameters had moved far to compensate: start them again.
             begin[BASE] = np.clip(begin[BASE], -_NOT_STRAINED, _NOT_STRAINED)
-            best = min(best, self._calibrated(setting, scale, self.space.layout.at(begin), True), key=_objective)
+            again = self._calibrated(setting, scale, self.space.layout.at(begin), True, best.objective)
+            best = min(best, again, key=_objective)
             for label in [one for one in new if self.space.candidates[one].group in ("effect", "sensor")]:
                 probes = self.space.candidates[label].probes
                 if best.objective > reference - promised:
                     # The start may be invalid, such as a cell that is empty in the model only.
                     middle = begin | {label: np.array(probes[len(probes) // 2], dtype=float)}
-                    again = self._calibrated(setting, scale, self.space.layout.at(middle), False)
+                    again = self._calibrated(setting, scale, self.space.layout.at(middle), False, best.objective)
                     best = min(best, again, key=_objective)
         if best.objective > reference and new:
             # An effect can always be small: a fit that is worse than without it has failed.
@@ -327,12 +328,14 @@ class Workings:
         """Return the expected gains of all candidates over the base model."""
         return self.linear(self.base).gains()
 
-    def _calibrated(self, setting: Setting, scale: Scale, start: np.ndarray, is_new: bool) -> Fit:
-        """Fit first the base unknowns with the addition held at its start, then all."""
+    def _calibrated(
+        self, setting: Setting, scale: Scale, start: np.ndarray, is_new: bool, rival: float = np.inf
+    ) -> Fit:
+        """Fit first the base unknowns with the addition held at its start, then all; `rival` as in `fit`."""
         if is_new:
             base = range(self.space.layout.base)
             start = fit(scale.view, setting, scale.weights, start, steps=FOLLOWING_STEPS, free=base).x
-        return fit(scale.view, setting, scale.weights, start, flat=COMPARED, steps=COMPARING_STEPS)
+        return fit(scale.view, setting, scale.weights, start, rival=rival, flat=COMPARED, steps=COMPARING_STEPS)
 
     def _refitted(self, trial: Trial, scale: Scale) -> Trial:
         """Return a model refitted under another scale, with the best prior sd of its curves."""

@@ -207,10 +207,10 @@ def _predicted_runs(space: ModelSpace, rivals: Sequence[Trial], designs: Sequenc
     for first in range(0, len(designs), len(slots)):
         some = list(designs[first : first + len(slots)])
         own = tuple(slots[: len(some)])
-        runs = list(space.case.runs)
+        runs = list(space.fitted.runs)
         for slot, new in zip(slots, some + [some[-1]] * (len(slots) - len(some)), strict=True):
             runs[slot] = _replacing(runs[slot], new, tuple(rivals[0].scale.noise))
-        batch = _Batch(dataclasses.replace(space.case, runs=tuple(runs)), own, rivals[0].scale)
+        batch = _Batch(dataclasses.replace(space.fitted, runs=tuple(runs)), own, rivals[0].scale)
         problems: dict[bool, Problem] = {}
         for number, one in enumerate(rivals):
             if one.setting.is_fine not in problems:

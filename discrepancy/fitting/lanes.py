@@ -47,6 +47,18 @@ def predictions(problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
     return _of_batches(blocks, lanes, together)
 
 
+def alone(problem: Problem, lane: Lane) -> np.ndarray:
+    """Return the predicted readings of one lane, shape (runs, rows, channels), in a program without other lanes."""
+    found = np.empty((*problem.times.shape, len(problem.channels)))
+    stacked = jax.tree.map(lambda leaf: np.asarray(leaf)[None], lane)
+    for runs, part in problem.blocks:
+        predicted = np.asarray(_predictions(part, _to_runs(stacked, runs, part)))[0]
+        rows = predicted.shape[1]
+        found[runs, :rows] = predicted[: len(runs)]
+        found[runs, rows:] = found[runs, rows - 1 : rows]
+    return found
+
+
 def at_places(problem: Problem, places: tuple[np.ndarray, np.ndarray, np.ndarray], lanes: Sequence[Lane]) -> np.ndarray:
     """Return the predictions of lanes for some readings, shape (lanes, readings).
 
@@ -105,7 +117,7 @@ def _to_runs(lanes: Lane, runs: np.ndarray, part: Problem) -> Lane:
     """
     runs = np.pad(runs, (0, part.times.shape[0] - runs.size), mode="edge")
     steps = 1 + part.tracks.duration_s.shape[1]
-    added = {name: _zeros(LANES, runs.size, steps) for name in part.noisy}
+    added = {name: _zeros(lanes.x.shape[0], runs.size, steps) for name in part.noisy}
     added |= {name: more[:, runs, :steps] for name, more in lanes.added.items()}
     return jax.device_put(dataclasses.replace(lanes, added=added))
 

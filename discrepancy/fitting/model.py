@@ -10,7 +10,7 @@ import equinox as eqx
 import numpy as np
 
 from discrepancy.fitting.candidates import Candidate, candidates, laws
-from discrepancy.fitting.lanes import at_places, predictions
+from discrepancy.fitting.lanes import alone, at_places, predictions
 from discrepancy.fitting.laws import PORTS, no_laws
 from discrepancy.fitting.layout import Layout, make_layout
 from discrepancy.fitting.problem import Lane, Problem, make_problem, tracks_of
@@ -18,6 +18,7 @@ from discrepancy.fitting.readings import Readings
 from discrepancy.noise.contract import without_input_noise
 from discrepancy.noise.instrument import NoiseModel
 from discrepancy.preparation.held_inputs import noisy_inputs
+from discrepancy.preparation.thinning import thinned
 from discrepancy.settings import SETTINGS, Settings
 from jaxmodel.build import own_effect_hint
 from jaxmodel.case import Case
@@ -60,7 +61,14 @@ class Setting:
 
 
 class ModelSpace:
-    """All models of a case in one compiled program; a second one has finer steps, for nonlinear armature equations."""
+    """All models of a case in one compiled program; a second one has finer steps, for nonlinear armature equations.
+
+    Attributes:
+        case: with all readings.
+        fitted: the same case, thinned if it is long: what fits simulate.
+        candidates: by label.
+        layout: of the unknowns.
+    """
 
     def __init__(
         self,
@@ -70,7 +78,9 @@ class ModelSpace:
     ) -> None:
         """Lay out the unknowns, without the candidates that are ruled out."""
         self.case, self.settings = case, settings
-        self._own: dict[tuple[tuple[str, ...], bool, bool], Problem] = {}
+        self.fitted = thinned(case, settings)
+        self._own: dict[tuple[int, tuple[str, ...]], Problem] = {}
+        self._whole: dict[tuple[bool, bool], Problem] = {}
         self._quieted: dict[int, tuple[Problem, Problem]] = {}
         ranges, sizes = _ranges(case), _sizes(case)
         everything = [*candidates(case), *laws(case, ranges, sizes, settings)]
@@ -82,26 +92,26 @@ class ModelSpace:
     @functools.cached_property
     def coarse(self) -> Problem:
         """Return the problem at the steps of the base model, without unknown laws."""
-        return self._made(False, False)
+        return self._made(self.fitted, False, False)
 
     @functools.cached_property
     def fine(self) -> Problem:
         """Return the problem at the finer steps for nonlinear armature equations."""
-        return self._made(True, False)
+        return self._made(self.fitted, True, False)
 
     @functools.cached_property
     def with_laws(self) -> Problem:
         """Return the problem with unknown laws, at the steps of the base model."""
-        return self._made(False, True)
+        return self._made(self.fitted, False, True)
 
     @functools.cached_property
     def fine_with_laws(self) -> Problem:
         """Return the problem with unknown laws, at finer steps."""
-        return self._made(True, True)
+        return self._made(self.fitted, True, True)
 
-    def _made(self, is_fine: bool, has_laws: bool) -> Problem:
+    def _made(self, case: Case, is_fine: bool, has_laws: bool) -> Problem:
         some = [one for one in self.candidates.values() if has_laws or one.group != "law"]
-        return make_problem(self.case, self.layout, some, self._bending if is_fine else ())
+        return make_problem(case, self.layout, some, self._bending if is_fine else ())
 
     @property
     def _bending(self) -> list[Effect]:
@@ -116,12 +126,15 @@ class ModelSpace:
         whole = self.problem_of_all(setting)
         if not self.is_large:
             return whole
+        return self._of_effects(whole, setting)
+
+    def _of_effects(self, whole: Problem, setting: Setting) -> Problem:
+        """Return the part of a problem that has the effects of a model alone."""
         effects = tuple(sorted({self.candidates[label].effect.label for label in setting.labels}))
-        key = (effects, setting.is_fine, setting.has_laws)
-        if key not in self._own:
+        if (id(whole), effects) not in self._own:
             candidates = {one.effect.label for one in self.candidates.values()}
-            self._own[key] = whole.without(candidates - set(effects))
-        return self._own[key]
+            self._own[id(whole), effects] = whole.without(candidates - set(effects))
+        return self._own[id(whole), effects]
 
     @functools.cached_property
     def is_large(self) -> bool:
@@ -146,7 +159,7 @@ class ModelSpace:
     def _quiet_tracks(self, is_fine: bool, noise: Mapping[str, NoiseModel]):
         key = f"_quiet_{is_fine}"
         if key not in self.__dict__:
-            quiet = without_input_noise(self.case, noise)
+            quiet = without_input_noise(self.fitted, noise)
             self.__dict__[key] = tracks_of(quiet, self._bending if is_fine else ())
         return self.__dict__[key]
 
@@ -204,8 +217,13 @@ class ModelSpace:
         return self.key(tuple(labels))
 
     def predicted(self, setting: Setting, x: np.ndarray) -> np.ndarray:
-        """Return the predictions of a model, shape (runs, rows, channels)."""
-        return predictions(self.problem(setting), [setting.lane(x)])[0]
+        """Return the predictions of a model for all readings of the case, shape (runs, rows, channels)."""
+        if self.fitted is self.case:
+            return predictions(self.problem(setting), [setting.lane(x)])[0]
+        of = (setting.is_fine, setting.has_laws)
+        if of not in self._whole:
+            self._whole[of] = self._made(self.case, *of)
+        return alone(self._of_effects(self._whole[of], setting), setting.lane(x))
 
     def by_run(self, predicted: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
         """Return predictions by run and channel, each over the rows of the run."""

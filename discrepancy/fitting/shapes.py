@@ -9,7 +9,7 @@ import numpy as np
 # Shapes are rounded up to multiples of these, so that cases of similar size share a compiled program.
 _ROWS, _STEPS = 512, 1024
 # Padding steps of short runs above which a second program is worth its compile time.
-_WORTH_A_PROGRAM = 30_000
+_WORTH_A_PROGRAM = 8_000
 # Check runs up to so many times as long as the fit runs share their program. For a robot this costs some 4 s per
 # diagnosis; another program takes 20 s to compile and 3 s to trace.
 _LITTLE_LONGER = 1.5

@@ -67,6 +67,7 @@ def screen(
     x: np.ndarray,
     noise: Mapping[str, NoiseModel],
     groups: Sequence[str] = ("effect", "sensor", "curve", "run"),
+    near: Screen | None = None,
 ) -> Screen:
     """Return the sensitivities, at a calibrated model, to every candidate of some groups that is not in it.
 
@@ -77,6 +78,7 @@ def screen(
         noise: of all channels. Sensitivities are computed with inputs without noise: with the noisy current of a row,
             the sensitivity to a resistance would be correlated with the residual of that row.
         groups: of candidates.
+        near: of the same model and readings at other coordinates, whose sensitivities to the candidates are kept.
     """
     space = view.space
     if "law" in groups:
@@ -84,6 +86,8 @@ def screen(
     problem, everything = space.problem(setting), space.problem_of_all(setting)
     errors = view.readings.value - view.at(problem, [setting.lane(x)])[0]
     _, base = errors_and_jacobian(view, space.quiet(problem, setting, noise), setting, x)
+    if near is not None:
+        return Screen(setting, x, errors, base, near.directions)
     quiet = space.quiet(everything, setting, noise)
     absent = [one for label, one in space.candidates.items() if one.group in groups and label not in setting.labels]
     laws = [space.candidates[label].law for label in setting.labels]
