@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -28,6 +29,7 @@ class Addition:
         harmful: it increases the error on left-out data.
         plausible: its size is physically usual.
         obvious: it removes most of one channel's error on left-out data.
+        share_left: product over channels of the share of the error that it leaves on left-out data.
     """
 
     label: str
@@ -40,6 +42,7 @@ class Addition:
     harmful: bool = False
     plausible: bool = True
     obvious: bool = False
+    share_left: float = 1.0
 
     @property
     def significant(self) -> bool:
@@ -69,7 +72,17 @@ def addition(inv: Workings, model: Trial, gain: Gain) -> Addition:
     # For the first addition the odds are even: with less evidence the verdict is undecided, not adequate.
     odds = odds_of(inv, candidate, model) - (0.0 if model.labels else inv.settings.least_odds)
     return Addition(
-        gain.label, trial, gained, odds, score_gain, expected_score_gain, material, harmful, plausible, obvious
+        gain.label,
+        trial,
+        gained,
+        odds,
+        score_gain,
+        expected_score_gain,
+        material,
+        harmful,
+        plausible,
+        obvious,
+        share_left(inv, trial, model),
     )
 
 
@@ -93,29 +106,44 @@ def passes(inv: Workings, addition: Addition) -> bool:
     return addition.significant and score_gains and addition.material and addition.plausible
 
 
+def in_order(inv: Workings, some: Sequence[Addition]) -> list[Addition]:
+    """Return additions in the order in which they are tried: obvious ones first, then by merit.
+
+    Of obvious ones, those that leave much more of the error than the best of them come later: a constant offset of a
+    thermometer may have the evidence of a cell that warms, and leaves twice its error.
+    """
+    least = min((one.share_left for one in some if one.obvious), default=0.0)
+
+    def rank(one: Addition) -> tuple[bool, bool, float]:
+        return not one.obvious, one.obvious and one.share_left > inv.settings.obvious_lead * least, -one.merit
+
+    return sorted(some, key=rank)
+
+
 def is_material(inv: Workings, trial: Trial, lacking: Trial) -> bool:
     """Return True if an addition reduces the error of a channel by enough, as the root of the removed mean square.
 
     Enough is a tenth of a stated tolerance on fitted data or, without a tolerance, a share of the error above noise on
     left-out data: of the error of all runs, or of its geometric mean over runs. In that mean an effect counts that
-    takes most of the error of some runs, although others have a larger error with another cause.
+    takes most of the error of some runs, although others have a larger error with another cause. Beside a model error,
+    of which nothing is known, what is left within half of the assumed tolerance does not count.
     """
     settings, stated = inv.settings, inv.case.tolerance
     share = settings.least_share if len(lacking.labels) < 2 else settings.later_share
-    before, after = left_out_error(inv, lacking), left_out_error(inv, trial)
-    of_runs_before, of_runs_after = left_out_error_of_runs(inv, lacking), left_out_error_of_runs(inv, trial)
+    before, after = left_out_error_of_runs(inv, lacking), left_out_error_of_runs(inv, trial)
+    pooled_before, pooled_after = left_out_error(inv, lacking), left_out_error(inv, trial)
     fitted = inv.errors_of(lacking) ** 2 - inv.errors_of(trial) ** 2 if stated else np.zeros(0)
+    least = settings.negligible_share**2
     for place, channel in enumerate(inv.space.coarse.channels):
         if channel in stated and channel in before:
             removed = float(np.mean(fitted[trial.scale.view.readings.channel == place]))
             if removed >= (settings.material_share * stated[channel].rms) ** 2:
                 return True
         elif channel in before:
-            left = (of_runs_after[channel] + settings.negligible_share**2) / (
-                of_runs_before[channel] + settings.negligible_share**2
-            )
-            together = before[channel] > after[channel] + share * max(before[channel], 0.0)
-            if together or np.exp(np.mean(np.log(left))) < 1.0 - share:
+            floor = least if lacking.scale.error.of_channel(channel) else 0.0
+            pooled = pooled_before[channel] - pooled_after[channel] > share * (max(pooled_before[channel], 0.0) + floor)
+            left = np.exp(np.mean(np.log((after[channel] + least) / (before[channel] + least))))
+            if pooled or left < 1.0 - share:
                 return True
     return False
 

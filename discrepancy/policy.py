@@ -11,7 +11,7 @@ import numpy as np
 from discrepancy.evidence.linear import Gain, Linear
 from discrepancy.evidence.trial import Settled, Trial
 from discrepancy.fitting.lanes import at_once
-from discrepancy.gates import Addition, addition, harms, is_plausible, odds_of, passes
+from discrepancy.gates import Addition, addition, harms, in_order, is_plausible, odds_of, passes
 from discrepancy.workings import Workings
 
 CLOCK = "time_s"
@@ -86,7 +86,7 @@ def _additions(inv: Workings, model: Settled) -> tuple[list[Addition], list[Addi
         return [g for g in some if g.log_evidence > 0.5 * odds_of(inv, inv.space.candidates[g.label], model)][:count]
 
     def passing(some: Sequence[Addition]) -> list[Addition]:
-        return sorted([one for one in some if passes(inv, one)], key=lambda one: (not one.obvious, -one.merit))
+        return in_order(inv, [one for one in some if passes(inv, one)])
 
     effects = _leading(inv, model, linear, gains)
     joint = [one for one in promising(("effect", "sensor"), settings.refitted_effects) if one not in effects]
@@ -255,7 +255,11 @@ def _may_be_a_law(inv: Workings, model: Settled) -> bool:
 
 
 def _rivals_of(inv: Workings, model: Settled, keep: Sequence[str]) -> list[Trial]:
-    """Return the rivals of the final model under its weights: without each addition, and with others in its place."""
+    """Return the rivals of the final model under its weights: without each addition, and with others in its place.
+
+    A rival that predicts left-out data worse than the final model is none, whatever its evidence: beside a model error
+    the evidence of two models differs by hundreds, most of it from the form that is assumed for the model error.
+    """
     found: list[Trial] = [model]
     for label in [one for one in model.labels if one not in keep]:
         lacking = _lacking(inv, model, label)
@@ -264,7 +268,8 @@ def _rivals_of(inv: Workings, model: Settled, keep: Sequence[str]) -> list[Trial
         near = [gain for gain in near if inv.space.candidates[gain.label].group in ("effect", "sensor")]
         needed = model.log_evidence - lacking.log_evidence
         near = [gain for gain in near if gain.log_evidence > needed - 20.0][:3]
-        found += at_once(partial(_with, inv, lacking), near) if near else []
+        tried = at_once(partial(_with, inv, lacking), near) if near else []
+        found += [one for one in tried if not harms(inv, one, model)]
     if not model.labels:
         gains = [
             one for one in inv.linear(model).gains() if inv.space.candidates[one.label].group in ("effect", "sensor")

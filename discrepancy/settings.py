@@ -82,6 +82,9 @@ class Settings:
     obvious: float = _constant(
         0.3, "an addition that leaves less than this share of a channel's error on left-out data is added first"
     )
+    obvious_lead: float = _constant(
+        1.5, "of several such additions, those that leave so many times the error of the best come later"
+    )
     negligible_share: float = _constant(
         0.5, "share of a tolerance below which an error on left-out data does not count"
     )

@@ -81,19 +81,24 @@ class Trial:
 
     @functools.cached_property
     def sd(self) -> np.ndarray:
-        """Return the sd of the free unknowns' coordinates, (k,): the larger of the posterior and the sandwich estimate.
+        """Return the sd of the free unknowns' coordinates, (k,): the largest of the posterior and two sandwich estimates.
 
-        The sandwich estimate I^-1 (sum g g') I^-1 uses the actual scatter of the scores g of time blocks, which exceeds
-        the posterior if the model error differs from the assumed process.
+        The sandwich estimate I^-1 (sum g g') I^-1 uses the actual scatter of the scores g of parts of the data, which
+        exceeds the posterior if the model error differs from the assumed process. The parts are time blocks and, if
+        there is a model error, whole runs: the error of a model may have the same sign throughout a run.
         """
-        block = self.scale.pieces(SANDWICH_PIECES)
+        parts = [self.scale.pieces(SANDWICH_PIECES)] + ([self.scale.runs] if self.scale.error.sd else [])
+        variances = [np.diag(self.fitted.covariance), *map(self._sandwich, parts)]
+        return np.sqrt(np.max(variances, axis=0))
+
+    def _sandwich(self, part: np.ndarray) -> np.ndarray:
+        """Return the sandwich estimate of the variances, (k,), from the part of each reading."""
         scores = np.stack(
-            [self.fitted.jacobian[block == one].T @ self.fitted.rows[block == one] for one in np.unique(block)]
+            [self.fitted.jacobian[part == one].T @ self.fitted.rows[part == one] for one in np.unique(part)]
         )
-        scores = scores - scores.mean(axis=0)
         count = max(len(scores), 2)
-        moved = scores @ self.fitted.covariance
-        return np.sqrt(np.maximum(np.diag(self.fitted.covariance), np.sum(moved**2, axis=0) * count / (count - 1.0)))
+        moved = (scores - scores.mean(axis=0)) @ self.fitted.covariance
+        return np.sum(moved**2, axis=0) * count / (count - 1.0)
 
     def start(self, space: ModelSpace) -> Start:
         """Return its fitted coordinates, as a start for another fit."""
