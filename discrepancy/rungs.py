@@ -108,7 +108,7 @@ def _errors(
 ) -> ChannelError:
     def errors(split: str, predicted: Mapping[str, Mapping[str, np.ndarray]]) -> np.ndarray:
         parts = []
-        for number, run in enumerate(inv.case.runs):
+        for run in inv.case.runs:
             if run.split != split or channel not in run.measured.outputs:
                 continue
             first = start_rows(run, inv.settings).stop if split == "check" else 0

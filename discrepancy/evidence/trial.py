@@ -81,7 +81,7 @@ class Trial:
 
     @functools.cached_property
     def sd(self) -> np.ndarray:
-        """Return the sd of the free unknowns' coordinates, (k,): the largest of the posterior and two sandwich estimates.
+        """Return the sd of the free unknowns' coordinates, (k,): the largest of posterior and sandwich estimates.
 
         The sandwich estimate I^-1 (sum g g') I^-1 uses the actual scatter of the scores g of parts of the data, which
         exceeds the posterior if the model error differs from the assumed process. The parts are time blocks and, if
