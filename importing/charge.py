@@ -1,0 +1,223 @@
+"""The capacity of a cell and the state of charge at the start of each run, as far as the files tell them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from importing.findings import Decision, Finding
+from importing.logs import Log
+
+# Highest voltage at rest and the voltage from which a rested cell is full, by chemistry that the range tells (assumed).
+_LFP_MOST_V = 3.85
+# A rested cell within so much [V] of the highest voltage of the files is full; sd of its SOC for that.
+_FULL_V, _FULL_SD = 0.06, 0.02
+_LFP_FULL_V, _LFP_FULL_SD = 3.38, 0.02
+# The voltage under load within so much [V] of the lowest of the files is the cut-off.
+_EMPTY_V = 0.15
+_REST = 0.02
+_RESTED_S = 600.0
+_SLOW = 1.0 / 15.0  # of the capacity per hour: such a current hardly moves the voltage
+
+
+@dataclasses.dataclass(frozen=True)
+class Stated:
+    """A number with its standard deviation, and what it rests on."""
+
+    value: float
+    sd: float | None
+    why: str
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Count:
+    """The charge of one run.
+
+    Attributes:
+        run: which.
+        out_Ah: charge taken out since the first row [A h].
+        full: rows at which the cell is full: at rest near the highest voltage, or at the end of a charge.
+        empty: rows at which the cut-off is reached under load.
+    """
+
+    run: Log
+    out_Ah: np.ndarray
+    full: np.ndarray
+    empty: np.ndarray
+
+
+def counts(runs: Sequence[Log]) -> list[Count]:
+    """Return the charge of each run that has current and voltage."""
+    usable = [run for run in runs if {"current_A", "voltage_V"} <= run.columns.keys()]
+    if not usable:
+        return []
+    high = max(_quantile(run.columns["voltage_V"], 0.999) for run in usable)
+    low = float(np.median(sorted(_quantile(run.columns["voltage_V"], 0.0) for run in usable)[: max(len(usable) // 2, 1)]))
+    return [_count(run, high, low) for run in usable]
+
+
+def _quantile(values: np.ndarray, share: float) -> float:
+    there = values[np.isfinite(values)][:: max(values.size // 1_000_000, 1)]
+    return float(np.quantile(there, share)) if there.size else np.nan
+
+
+def _count(run: Log, high: float, low: float) -> Count:
+    current, voltage = np.nan_to_num(run.columns["current_A"]), run.columns["voltage_V"]
+    interval = np.diff(run.time_s, prepend=run.time_s[0]) / 3600.0
+    out = np.cumsum(current * interval)
+    largest = float(np.max(np.abs(current))) or 1.0
+    resting = np.abs(current) <= _REST * largest
+    with np.errstate(invalid="ignore"):
+        if high < _LFP_MOST_V and high > 3.2:
+            near_full = voltage >= min(_LFP_FULL_V, high - 0.02)
+        else:
+            near_full = voltage >= high - _FULL_V
+        full = near_full & resting
+        # The end of a charge at constant voltage: the current has fallen to a small share.
+        tapered = (current < 0.0) & (np.abs(current) < 0.12 * largest) & (voltage >= high - 0.01)
+        empty = (voltage <= low + _EMPTY_V) & (current > 0.1 * largest)
+    if not resting[0] and np.isfinite(voltage[0]):
+        full[0] |= bool(voltage[0] >= high - 0.15 and current[0] > 0.0)  # the first row is under load already
+    return Count(run, out, full | tapered, empty)
+
+
+def capacity_of(found: Sequence[Count], stated_Ah: float | None) -> tuple[Stated, bool]:
+    """Return the capacity [A h], and whether a full discharge gave it.
+
+    Args:
+        found: the charge of each run.
+        stated_Ah: by the user.
+    """
+    if stated_Ah is not None:
+        return Stated(stated_Ah, 0.02 * stated_Ah, "stated"), True
+    discharges = [(one, amount) for count in found for one, amount in _full_discharges(count)]
+    if discharges:
+        amounts = np.array([amount for _, amount in discharges])
+        name, best = max(discharges, key=lambda pair: pair[1])
+        sd = max(0.02 * best, 0.5 * float(best - np.median(amounts)))
+        return Stated(best, sd, f"the largest of {len(discharges)} discharges from full to the cut-off, in {name}"), True
+    moved = max((float(np.ptp(count.out_Ah)) for count in found), default=0.0)
+    if moved <= 0.0:
+        return Stated(5.2, 5.0, "unknown: no charge was moved; the paper's cell"), False
+    return Stated(1.25 * moved, 0.3 * moved, "assumed: 1.25 times the charge that the longest run moves; no discharge goes from full to the cut-off"), False  # fmt: skip
+
+
+def _full_discharges(count: Count) -> list[tuple[str, float]]:
+    """Return the charge between the last full row and the first cut-off after it, for each such pair."""
+    result = []
+    full, empty = np.flatnonzero(count.full), np.flatnonzero(count.empty)
+    while full.size and empty.size:
+        after = empty[empty > full[0]]
+        if not after.size:
+            break
+        end = int(after[0])
+        begin = int(full[full < end][-1])
+        # The cut-off may last for rows: the charge up to the deepest point before the next full row.
+        following = full[full > end]
+        stop = int(following[0]) if following.size else count.out_Ah.size
+        deepest = float(count.out_Ah[end:stop].max())
+        result.append((count.run.name, deepest - float(count.out_Ah[begin])))
+        full, empty = following, empty[empty > stop]
+    largest = max((amount for _, amount in result), default=0.0)
+    return [(name, amount) for name, amount in result if amount > 0.5 * largest and amount > 0.0]
+
+
+def rest_curve(found: Sequence[Count], starts: Sequence[Stated | None], capacity_Ah: float) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return SOC and voltage of a cell at rest or nearly so, from runs whose start is known; None with fewer than four.
+
+    The points increase in both.
+    """
+    socs, volts = [], []
+    for count, start in zip(found, starts, strict=True):
+        if start is None or (start.sd or 0.0) > 0.05:
+            continue
+        current, voltage, time_s = count.run.columns["current_A"], count.run.columns["voltage_V"], count.run.time_s
+        slow = np.abs(current) <= _SLOW * capacity_Ah
+        moving = np.where(np.abs(current) > _REST * max(float(np.nanmax(np.abs(current))), 1e-12), np.arange(current.size), 0)
+        since = time_s - time_s[np.maximum.accumulate(moving)]
+        quiet = np.isfinite(voltage) & slow & ((since > _RESTED_S) | (np.nan_to_num(current) > 0.01 * capacity_Ah))
+        rows = np.flatnonzero(quiet)
+        rows = rows[np.linspace(0, rows.size - 1, min(rows.size, 2000)).astype(int)] if rows.size else rows
+        socs.append(start.value - count.out_Ah[rows] / capacity_Ah)
+        volts.append(voltage[rows])
+    if not socs:
+        return None
+    soc, volt = np.concatenate(socs), np.concatenate(volts)
+    bins = np.round(soc * 40.0)
+    points = [(float(np.median(soc[bins == one])), float(np.median(volt[bins == one]))) for one in np.unique(bins)]
+    points = [(s, v) for s, v in points if -0.05 <= s <= 1.05]
+    if len(points) < 4:
+        return None
+    soc, volt = np.array(points).T
+    volt = np.maximum.accumulate(volt)
+    keep = np.diff(volt, prepend=-np.inf) > 0.0
+    return (soc[keep], volt[keep]) if keep.sum() >= 4 else None
+
+
+def starts_of(found: Sequence[Count], capacity: Stated, known: bool) -> list[Stated]:
+    """Return the state of charge at the first row of each run.
+
+    Args:
+        found: the charge of each run.
+        capacity: of the cell [A h].
+        known: whether the capacity comes from a full discharge or from the user.
+    """
+    counted = [_counted(count, capacity.value, known) for count in found]
+    curve = rest_curve(found, counted, capacity.value)
+    result = []
+    for count, start in zip(found, counted, strict=True):
+        # A run that only reaches the cut-off knows its end less well than a rested voltage knows its start.
+        read = None if curve is None or (start is not None and (start.sd or 0.0) <= 0.03) else _read(count, *curve)
+        options = [one for one in (start, read) if one is not None]
+        unknown = Stated(0.5, 0.3, "unknown: no full charge, no cut-off and no rested voltage tells it; state --initial-soc")
+        result.append(min(options, key=lambda one: one.sd or 0.0) if options else unknown)
+    return result
+
+
+def _counted(count: Count, capacity_Ah: float, known: bool) -> Stated | None:
+    full = np.flatnonzero(count.full)
+    if full.size and full[0] == 0 or (full.size and abs(count.out_Ah[full[0]]) < 0.005 * capacity_Ah):
+        resting = abs(float(count.run.columns["current_A"][0])) < _REST * float(np.nanmax(np.abs(count.run.columns["current_A"])) or 1.0)
+        sd = _FULL_SD if resting else 0.03
+        return Stated(1.0, sd, "full: it begins near the highest voltage of the files")
+    if full.size:
+        first = int(full[0])
+        start = 1.0 + float(count.out_Ah[first]) / capacity_Ah
+        sd = _FULL_SD + (0.05 if not known else 0.01) + 0.02 * abs(1.0 - start)
+        return Stated(_within(start), sd, "counted back from the full charge within the run")
+    empty = np.flatnonzero(count.empty)
+    if empty.size and known:
+        start = float(count.out_Ah[empty[-1]]) / capacity_Ah
+        return Stated(_within(start + 0.02), 0.05, "counted back from the cut-off within the run")
+    return None
+
+
+def _read(count: Count, soc: np.ndarray, volt: np.ndarray) -> Stated | None:
+    """Return the SOC at which a cell rests at the first voltage of a run; the flatter the curve, the larger its sd."""
+    current, voltage = count.run.columns["current_A"], count.run.columns["voltage_V"]
+    largest = float(np.nanmax(np.abs(current))) or 1.0
+    there = np.flatnonzero(np.isfinite(voltage))
+    if not there.size or abs(float(current[there[0]])) > _REST * largest:
+        return None
+    first = float(voltage[there[0]])
+    if not volt[0] - 0.05 <= first <= volt[-1] + 0.05:
+        return None
+    low, high = (float(np.interp(first + step, volt, soc)) for step in (-0.015, 0.015))
+    return Stated(_within(float(np.interp(first, volt, soc))), 0.02 + 0.5 * (high - low), "read from the voltage at which it begins, by the rests of other runs")  # fmt: skip
+
+
+def _within(soc: float) -> float:
+    return round(min(max(soc, 0.0), 1.0), 4)
+
+
+def told(run: Log, start: Stated) -> Log:
+    """Return a run with what is said about its start."""
+    source = "assumed" if start.why.startswith(("unknown", "assumed")) else "user" if start.why == "stated" else "file"
+    value = f"{start.value:g}" if start.sd is None else f"{start.value:g} ± {start.sd:.2g}"
+    run = run.also(Decision("initial_soc", run.name, value, start.why, source))
+    if start.why.startswith("unknown"):
+        sentence = f"{run.name}: its state of charge at the start is unknown; {value} is written. State it with --initial-soc."
+        run = run.also(Finding("initial SOC", run.name, sentence, "warning", "soc"))
+    return run
