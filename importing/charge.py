@@ -9,11 +9,14 @@ import numpy as np
 
 from importing.findings import Decision, Finding
 from importing.logs import Log
+from importing.sign import evidence
 
 # Highest voltage at rest and the voltage from which a rested cell is full, by chemistry that the range tells (assumed).
 _LFP_MOST_V = 3.85
 # A rested cell within so much [V] of the highest voltage of the files is full; sd of its SOC for that.
 _FULL_V, _FULL_SD = 0.06, 0.02
+_NEARLY_FULL_V = 0.2
+_FULL_LOADED_V, _FULL_LOADED_SD = 0.1, 0.04
 _LFP_FULL_V, _LFP_FULL_SD = 3.38, 0.02
 # The voltage under load within so much [V] of the lowest of the files is the cut-off.
 _EMPTY_V = 0.15
@@ -40,22 +43,47 @@ class Count:
         out_Ah: charge taken out since the first row [A h].
         full: rows at which the cell is full: at rest near the highest voltage, or at the end of a charge.
         empty: rows at which the cut-off is reached under load.
+        ambient_degC: of the run; None where nothing tells.
+        rate_A: typical current of the run [A].
+        below_full_V: how far below the highest rested voltage of the files it rests at its first row; NaN for a start
+            under load, and for a flat chemistry.
     """
 
     run: Log
     out_Ah: np.ndarray
     full: np.ndarray
     empty: np.ndarray
+    ambient_degC: float | None
+    rate_A: float
+    below_full_V: float
 
 
-def counts(runs: Sequence[Log]) -> list[Count]:
-    """Return the charge of each run that has current and voltage."""
-    usable = [run for run in runs if {"current_A", "voltage_V"} <= run.columns.keys()]
+def counts(runs: Sequence[Log], ambient_degC: Sequence[float | None]) -> list[Count]:
+    """Return the charge of each run that has current and voltage.
+
+    Args:
+        runs: of one cell, current positive on discharge.
+        ambient_degC: of each.
+    """
+    usable = [
+        (run, warmth)
+        for run, warmth in zip(runs, ambient_degC, strict=True)
+        if {"current_A", "voltage_V"} <= run.columns.keys()
+    ]
     if not usable:
         return []
-    high = max(_quantile(run.columns["voltage_V"], 0.999) for run in usable)
-    low = float(np.median(sorted(_quantile(run.columns["voltage_V"], 0.0) for run in usable)[: max(len(usable) // 2, 1)]))
-    return [_count(run, high, low) for run in usable]
+    # At rest: a pulse of charge in the cold goes far above what a full cell has.
+    rested = [_quantile(run.columns["voltage_V"][_resting(run)], 0.995) for run, _ in usable]
+    tops = [_quantile(run.columns["voltage_V"], 0.99) for run, _ in usable]
+    high = max((value for value in rested if np.isfinite(value)), default=float(np.median(tops)))
+    lows = sorted(_quantile(run.columns["voltage_V"], 0.0) for run, _ in usable)
+    low = float(np.median(lows[: max(len(lows) // 2, 1)]))
+    return [_count(run, warmth, high, low) for run, warmth in usable]
+
+
+def _resting(run: Log) -> np.ndarray:
+    current = np.nan_to_num(run.columns["current_A"])
+    return np.abs(current) <= _REST * (float(np.max(np.abs(current))) or 1.0)
 
 
 def _quantile(values: np.ndarray, share: float) -> float:
@@ -63,14 +91,14 @@ def _quantile(values: np.ndarray, share: float) -> float:
     return float(np.quantile(there, share)) if there.size else np.nan
 
 
-def _count(run: Log, high: float, low: float) -> Count:
+def _count(run: Log, ambient_degC: float | None, high: float, low: float) -> Count:
     current, voltage = np.nan_to_num(run.columns["current_A"]), run.columns["voltage_V"]
     interval = np.diff(run.time_s, prepend=run.time_s[0]) / 3600.0
     out = np.cumsum(current * interval)
     largest = float(np.max(np.abs(current))) or 1.0
-    resting = np.abs(current) <= _REST * largest
+    resting = _resting(run)
     with np.errstate(invalid="ignore"):
-        if high < _LFP_MOST_V and high > 3.2:
+        if 3.2 < high < _LFP_MOST_V:
             near_full = voltage >= min(_LFP_FULL_V, high - 0.02)
         else:
             near_full = voltage >= high - _FULL_V
@@ -78,9 +106,15 @@ def _count(run: Log, high: float, low: float) -> Count:
         # The end of a charge at constant voltage: the current has fallen to a small share.
         tapered = (current < 0.0) & (np.abs(current) < 0.12 * largest) & (voltage >= high - 0.01)
         empty = (voltage <= low + _EMPTY_V) & (current > 0.1 * largest)
-    if not resting[0] and np.isfinite(voltage[0]):
-        full[0] |= bool(voltage[0] >= high - 0.15 and current[0] > 0.0)  # the first row is under load already
-    return Count(run, out, full | tapered, empty)
+    if not resting[0] and np.isfinite(voltage[0]) and current[0] > 0.0:  # the first row is under load already
+        seen = evidence(run)
+        drop = current[0] * seen.resistance_ohm if seen.steps >= 3 and seen.resistance_ohm > 0.0 else 0.0
+        full[0] |= bool(voltage[0] + drop >= high - (_FULL_LOADED_V if drop else 1.5 * _FULL_LOADED_V))
+    loaded = np.abs(current) > 0.05 * largest
+    rate = float(np.median(np.abs(current[loaded]))) if loaded.any() else 0.0
+    flat = 3.2 < high < _LFP_MOST_V
+    below = high - float(voltage[0]) if resting[0] and not flat else np.nan
+    return Count(run, out, full | tapered, empty, ambient_degC, rate, below)
 
 
 def capacity_of(found: Sequence[Count], stated_Ah: float | None) -> tuple[Stated, bool]:
@@ -92,19 +126,21 @@ def capacity_of(found: Sequence[Count], stated_Ah: float | None) -> tuple[Stated
     """
     if stated_Ah is not None:
         return Stated(stated_Ah, 0.02 * stated_Ah, "stated"), True
-    discharges = [(one, amount) for count in found for one, amount in _full_discharges(count)]
+    discharges = [pair for count in found for pair in _full_discharges(count)]
     if discharges:
-        amounts = np.array([amount for _, amount in discharges])
-        name, best = max(discharges, key=lambda pair: pair[1])
-        sd = max(0.02 * best, 0.5 * float(best - np.median(amounts)))
-        return Stated(best, sd, f"the largest of {len(discharges)} discharges from full to the cut-off, in {name}"), True
+        one, best = max(discharges, key=lambda pair: pair[1])
+        # What a fast discharge leaves in the cell is not known.
+        sd = (0.02 if one.rate_A < 0.25 * best else 0.05) * best
+        count = len(discharges)
+        which = "the only discharge" if count == 1 else f"the largest of {count} discharges"
+        return Stated(best, sd, f"{which} from full to the cut-off, in {one.run.name}"), True
     moved = max((float(np.ptp(count.out_Ah)) for count in found), default=0.0)
     if moved <= 0.0:
         return Stated(5.2, 5.0, "unknown: no charge was moved; the paper's cell"), False
     return Stated(1.25 * moved, 0.3 * moved, "assumed: 1.25 times the charge that the longest run moves; no discharge goes from full to the cut-off"), False  # fmt: skip
 
 
-def _full_discharges(count: Count) -> list[tuple[str, float]]:
+def _full_discharges(count: Count) -> list[tuple[Count, float]]:
     """Return the charge between the last full row and the first cut-off after it, for each such pair."""
     result = []
     full, empty = np.flatnonzero(count.full), np.flatnonzero(count.empty)
@@ -118,10 +154,10 @@ def _full_discharges(count: Count) -> list[tuple[str, float]]:
         following = full[full > end]
         stop = int(following[0]) if following.size else count.out_Ah.size
         deepest = float(count.out_Ah[end:stop].max())
-        result.append((count.run.name, deepest - float(count.out_Ah[begin])))
+        result.append((count, deepest - float(count.out_Ah[begin])))
         full, empty = following, empty[empty > stop]
     largest = max((amount for _, amount in result), default=0.0)
-    return [(name, amount) for name, amount in result if amount > 0.5 * largest and amount > 0.0]
+    return [(one, amount) for one, amount in result if amount > 0.5 * largest and amount > 0.0]
 
 
 def rest_curve(found: Sequence[Count], starts: Sequence[Stated | None], capacity_Ah: float) -> tuple[np.ndarray, np.ndarray] | None:
@@ -172,16 +208,20 @@ def starts_of(found: Sequence[Count], capacity: Stated, known: bool) -> list[Sta
         read = None if curve is None or (start is not None and (start.sd or 0.0) <= 0.03) else _read(count, *curve)
         options = [one for one in (start, read) if one is not None]
         unknown = Stated(0.5, 0.3, "unknown: no full charge, no cut-off and no rested voltage tells it; state --initial-soc")
-        result.append(min(options, key=lambda one: one.sd or 0.0) if options else unknown)
+        result.append(min([*options, unknown], key=lambda one: one.sd or 0.0))
     return result
 
 
 def _counted(count: Count, capacity_Ah: float, known: bool) -> Stated | None:
     full = np.flatnonzero(count.full)
-    if full.size and full[0] == 0 or (full.size and abs(count.out_Ah[full[0]]) < 0.005 * capacity_Ah):
-        resting = abs(float(count.run.columns["current_A"][0])) < _REST * float(np.nanmax(np.abs(count.run.columns["current_A"])) or 1.0)
-        sd = _FULL_SD if resting else 0.03
-        return Stated(1.0, sd, "full: it begins near the highest voltage of the files")
+    if full.size and abs(count.out_Ah[full[0]]) < 0.005 * capacity_Ah:
+        loaded = not _resting(count.run)[0]
+        why = "full: it begins near the highest voltage of the files" + (", under load" if loaded else "")
+        return Stated(1.0, _FULL_LOADED_SD if loaded else _FULL_SD, why)
+    if count.below_full_V < _NEARLY_FULL_V:
+        # Near full, layered oxides lose about 1 V per unit of SOC; so much a rest after the charge takes by itself.
+        start = 1.0 - max(count.below_full_V - 0.5 * _FULL_V, 0.0)
+        return Stated(_within(start), 0.05, "nearly full: by the voltage at which it rests, at 1 V per unit of SOC")
     if full.size:
         first = int(full[0])
         start = 1.0 + float(count.out_Ah[first]) / capacity_Ah
@@ -190,7 +230,10 @@ def _counted(count: Count, capacity_Ah: float, known: bool) -> Stated | None:
     empty = np.flatnonzero(count.empty)
     if empty.size and known:
         start = float(count.out_Ah[empty[-1]]) / capacity_Ah
-        return Stated(_within(start + 0.02), 0.05, "counted back from the cut-off within the run")
+        # The faster and the colder, the more is left in the cell at the cut-off.
+        cold = 0.0 if count.ambient_degC is None else max(20.0 - count.ambient_degC, 0.0)
+        sd = 0.04 + 0.05 * count.rate_A / capacity_Ah + 0.01 * cold
+        return Stated(_within(start + 0.3 * sd), sd, "counted back from the cut-off within the run")
     return None
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from importing.findings import Finding
 from importing.logs import Log, spans
+from importing.sign import evidence
 from jaxmodel.units import unit_of
 
 # A gap lasts so many times as long as rows usually are apart, and so long at least [s].
@@ -28,8 +29,6 @@ _POSSIBLE = {
     "winding_temperature_degC": (-60.0, 250.0),
     "case_temperature_degC": (-60.0, 250.0),
 }
-_MOST_MADE_HEAT = 1.0  # K that a current would warm a cell by, above which a thermometer must move (assumed)
-_HEAT_CAPACITY = 900.0  # J/(kg K)
 
 
 def odd_things(run: Log, kind: str) -> Iterator[Finding]:
@@ -39,8 +38,10 @@ def odd_things(run: Log, kind: str) -> Iterator[Finding]:
     for name, values in run.columns.items():
         if name == "ambient_degC" and np.ptp(values[np.isfinite(values)]) == 0.0:
             continue
-        yield from _impossible(run, name, values)
-        yield from _spikes(run, name, values)
+        if kind == "cell" or name != "voltage_V":
+            yield from _impossible(run, name, values)
+        if kind == "cell" or name != "voltage_V":  # a motor's is what drives it
+            yield from _spikes(run, name, _without_drop(run, name, values))
         yield from _resolution(run, name, values)
         yield from _saturation(run, name, values)
     yield from _stuck(run, current)
@@ -88,6 +89,14 @@ def _impossible(run: Log, name: str, values: np.ndarray) -> Iterator[Finding]:
             f"{values[row]:.5g} at {run.time_s[row]:.6g} s; the readings are kept."
         )
         yield Finding("impossible reading", run.name, sentence, "warning", name, spans(outside, run.time_s))
+
+
+def _without_drop(run: Log, name: str, values: np.ndarray) -> np.ndarray:
+    """Return a cell's voltage without what its current makes at once; other readings as they are."""
+    if name != "voltage_V" or "current_A" not in run.columns:
+        return values
+    resistance = evidence(run).resistance_ohm
+    return values + resistance * run.columns["current_A"] if np.isfinite(resistance) else values
 
 
 def _spikes(run: Log, name: str, values: np.ndarray) -> Iterator[Finding]:
@@ -154,6 +163,9 @@ def _saturation(run: Log, name: str, values: np.ndarray) -> Iterator[Finding]:
         moving = (last > 3.0 * digit) & (previous > 3.0 * digit) & (last < 3.0 * previous)
         if np.sum(moving) < max(_VISITS, long.shape[0] // 2):
             continue
+        lasting = run.time_s[long[:, 1] - 1] - run.time_s[begin]
+        if np.std(lasting) < 0.2 * np.mean(lasting):
+            continue  # steps of a programme, all of one length
         share = float(at.mean())
         sentence = (
             f"{run.name}: {name} stays at its {side} limit {limit:.5g} {unit_of(name)} {long.shape[0]} times ({share:.1%} of the "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import fnmatch
 import re
 from collections.abc import Sequence
 
@@ -13,8 +14,9 @@ from importing.logs import Log
 from jaxmodel.errors import MeasurementError, nearest
 
 # Ambient temperatures within so much [K] are one condition, and currents within this factor.
-_SAME_K, _SAME_RATE = 4.0, 1.25
+_SAME_K, _SAME_RATE, _CHANGING_K = 4.0, 1.25, 8.0
 _CONSTANT = 0.7  # share of loaded rows near the middle current, from which a run has one constant current
+_OF_LEVELS = 0.8
 _SPECIMEN = re.compile(r"(?<![a-z])(cell|specimen|sample|battery|b|s|motor|module)[_ -]?(\d{1,4})(?![a-z0-9])", re.IGNORECASE)
 
 
@@ -26,13 +28,15 @@ class Condition:
         ambient_degC: of its first row; None where nothing tells.
         profile: "constant current", "pulses", "dynamic" or "rest".
         rate: typical load: the median of the larger half of the loaded currents [A], or of the speed or duty.
-        direction: "discharge", "charge", "both".
+        direction: "discharge", "charge", or "" for both.
+        changing: whether the ambient temperature changes in the run.
     """
 
     ambient_degC: float | None
     profile: str
     rate: float
     direction: str
+    changing: bool = False
 
     def words(self, capacity_Ah: float | None = None) -> str:
         """Return the condition for a label: '25 degC, constant current, 1C discharge'."""
@@ -53,32 +57,40 @@ def condition_of(run: Log, ambient: float | None) -> Condition:
     """Return the condition of a run, whose constant ambient temperature is given where it has no column."""
     column = run.columns.get("ambient_degC")
     warmth = float(np.nanmedian(column)) if column is not None else ambient
+    changing = column is not None and float(np.ptp(column[np.isfinite(column)])) > _CHANGING_K
     name = next((n for n in ("current_A", "pack_current_A", "motor_current_A", "voltage_V", "duty") if n in run.columns), None)
     if name is None:
-        return Condition(warmth, "dynamic", 0.0, "")
+        return Condition(warmth, "dynamic", 0.0, "", changing)
     load = run.columns[name]
     there = np.isfinite(load)
     if not there.any() or not np.any(load[there]):
-        return Condition(warmth, "rest", 0.0, "")
+        return Condition(warmth, "rest", 0.0, "", changing)
     # By time and not by row, as a thinned log has few rows where little happens.
     weight = np.diff(run.time_s, prepend=run.time_s[0])
     weight = np.minimum(weight, 100.0 * float(np.median(weight)))
     largest = float(np.quantile(np.abs(load[there]), 0.995))
     loaded = there & (np.abs(load) > 0.05 * largest)
     if not loaded.any():
-        return Condition(warmth, "rest", 0.0, "")
+        return Condition(warmth, "rest", 0.0, "", changing)
     middle = float(np.median(np.abs(load[loaded])))
     near = float(weight[loaded & (np.abs(np.abs(load) - middle) < 0.1 * middle)].sum()) / max(float(weight[loaded].sum()), 1e-12)
     rests = int(np.sum(np.diff(loaded.astype(np.int8)) == 1))
     profile = "dynamic"
     if near > _CONSTANT and rests <= 3:
         profile = "constant current" if name.endswith("_A") else "constant voltage"
-    elif rests > 3 and np.mean(np.abs(np.diff(load[there])) < 0.02 * largest) > 0.7:
+    elif rests > 3 and _share_of_levels(load[loaded], weight[loaded], largest) > _OF_LEVELS:
         profile = "pulses"
     charge, discharge = float(np.sum(load[loaded] < 0.0)), float(np.sum(load[loaded] > 0.0))
     mixed = min(charge, discharge) > 0.05 * (charge + discharge)
     direction = "" if not name.endswith("_A") or mixed else "charge" if charge > discharge else "discharge"
-    return Condition(warmth, profile, middle, direction)
+    return Condition(warmth, profile, middle, direction, changing)
+
+
+def _share_of_levels(load: np.ndarray, weight: np.ndarray, largest: float) -> float:
+    """Return the share of the loaded time that is spent at the six commonest levels of load."""
+    levels = np.round(load / (0.02 * largest)).astype(int)
+    times = np.sort(np.bincount(levels - levels.min(), weights=weight))[::-1]
+    return float(times[:6].sum() / max(times.sum(), 1e-12))
 
 
 def splits_of(
@@ -98,7 +110,7 @@ def splits_of(
     if stated is not None:
         check = _named(names, stated)
         splits = ["check" if name in check else "fit" for name in names]
-        return splits, [Decision("check runs", "", ", ".join(sorted(check)) or "none", "stated", "user")]
+        return splits, [Decision("check runs", "", _some(sorted(check)) or "none", "stated", "user")]
     if len(runs) < 2:
         sentence = "There is one run only, so none is held out; --split-at rests, or a further file, gives a check run."
         return ["fit"] * len(runs), [Finding("no check run", "", sentence, "warning")]
@@ -112,13 +124,17 @@ def splits_of(
             Finding("no check condition", "", sentence, "warning"),
         ]
     # Between other conditions where there are three: that is what a model is asked for first.
-    inner = levels[1:-1] or levels[-1:]
-    held = min(inner, key=lambda level: (len(groups[level]), level))
+    inner = levels[1:-1] or levels[::-1]
+    held = min(inner, key=lambda level: len(groups[level]))
     splits = ["check" if number in groups[held] else "fit" for number in range(len(runs))]
     between = "which lies between others" if len(levels) > 2 else "one of two"
     why = f"all of {what} {_level(held)}, {between}; hold out another with --check"
-    chosen = ", ".join(names[number] for number in groups[held])
+    chosen = _some([names[number] for number in groups[held]])
     return splits, [Decision("check runs", "", chosen, why, "assumed")]
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
 
 
 def _level(level: float | str) -> str:
@@ -126,8 +142,6 @@ def _level(level: float | str) -> str:
 
 
 def _named(names: Sequence[str], stated: Sequence[str]) -> set[str]:
-    import fnmatch
-
     check: set[str] = set()
     for pattern in stated:
         plain = pattern.removesuffix(".csv")
@@ -143,12 +157,13 @@ def _named(names: Sequence[str], stated: Sequence[str]) -> set[str]:
 
 def _groups(runs: Sequence[Log], conditions: Sequence[Condition]) -> tuple[str, dict]:
     """Return what tells the runs apart best, and their numbers by its levels: temperature, then rate, then profile."""
-    warmth = [condition.ambient_degC for condition in conditions]
+    steady = [number for number, condition in enumerate(conditions) if not condition.changing]
+    warmth = [conditions[number].ambient_degC for number in steady]
     known = [value for value in warmth if value is not None]
     if known and len(known) == len(warmth):
         groups = _clusters(known, lambda a, b: b - a > _SAME_K)
         if len(groups) > 1:
-            return "ambient temperature [degC]", groups
+            return "ambient temperature [degC]", {level: [steady[n] for n in some] for level, some in groups.items()}
     rates = [condition.rate for condition in conditions]
     groups = _clusters(rates, lambda a, b: b > _SAME_RATE * max(a, 1e-12))
     if len(groups) > 1 and all(condition.profile != "dynamic" for condition in conditions):

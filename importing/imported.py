@@ -64,6 +64,7 @@ class Imported:
         options: decisions of the user.
         capacity: of a cell; None for other kinds.
         capacity_known: whether a full discharge or the user told the capacity.
+        constants: first values of a motor's constants, by name of the parameter.
         general: findings and decisions that concern no single run.
     """
 
@@ -72,6 +73,7 @@ class Imported:
     options: Options
     capacity: Stated | None
     capacity_known: bool
+    constants: dict[str, Stated]
     general: tuple[Finding | Decision, ...]
 
     @functools.cached_property
@@ -105,7 +107,7 @@ class Imported:
     def parameters(self) -> dict[str, Any]:
         """Return what the case states of its hardware: the capacity, and that it is as old as when it was measured."""
         if self.capacity is None:
-            return {}
+            return {name: _entry(stated) for name, stated in self.constants.items()}
         # A preset states a capacity of its own: a measured one takes precedence, an assumed one does not.
         of_files = {} if self.options.preset and not self.capacity_known else {"capacity_Ah": _entry(self.capacity)}
         return of_files | {"cycles": 0, "storage_months": 0}
@@ -128,7 +130,17 @@ class Imported:
 
     def missing(self) -> str:
         """Return in one sentence what the case does not know yet; "" if nothing."""
-        if self.kind != "cell" or self.options.preset:
+        if self.options.preset:
+            return ""
+        if self.kind == "motor":
+            lacking = [name for name in ("R_0", "k_tau") if name not in self.constants]
+            first = f"first values of {', '.join(self.constants)} and " if self.constants else ""
+            rest = f"{', '.join(lacking)}, " if lacking else ""
+            return (
+                f"The case has {first}the paper's motor for {rest}inertia, friction and heat: run `jaxmodel parameterise CASE`, or give "
+                "--preset."
+            )
+        if self.kind == "robot":
             return ""
         lacking = "" if self.capacity_known else "its capacity, "
         return (

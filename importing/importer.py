@@ -20,6 +20,7 @@ from importing.joining import joined
 from importing.listing import Listed, read_listing
 from importing.loading import NotALog, load
 from importing.logs import Log
+from importing.motor_constants import constants_of
 from importing.options import Kind, Options, checked
 from importing.runs import split
 from importing.sign import motor_signs, settle
@@ -69,10 +70,12 @@ def import_case(
     paths = [Path(files)] if isinstance(files, str | Path) else [Path(file) for file in files]
     logs, listed, general = _read(paths, kind, options, tell)
     tell("clocks and signs")
-    logs = joined([_clocked(log, options, ask) for log in logs])
+    logs, clockless = _with_clocks(logs, options, ask)
+    general += clockless
+    logs = joined(logs)
     logs = _signed(logs, kind, options, ask)
     runs = [run for log in logs for run in split(_scaled(log, kind, options), options)]
-    runs = [_complete(run, kind, options) for run in runs]
+    runs = [_complete(run, kind, options, listed.get(run.source.name)) for run in runs]
     tell(f"checking {len(runs)} runs")
     runs = [run.also(*odd_things(run, kind)) for run in runs]
     imported = _assembled(runs, kind, options, ask, listed, general)
@@ -91,22 +94,19 @@ def _read(
     logs: list[Log] = []
     listed: dict[str, Listed] = {}
     found: list[Finding | Decision] = []
-    refused: list[MeasurementError] = []
     for path in paths:
         tell(f"reading {path.name}")
+        others = [other.name for other in paths if other != path]
+        if others and path.is_file() and (listing := read_listing(path, others, KINDS[kind].required_inputs)):
+            listed |= listing
+            found.append(Decision("list of files", "", file_label(path), "it names the other files", "file"))
+            continue
         try:
             logs.append(load(path, kind, options))
-        except MeasurementError as error:
-            listing = read_listing(path, [other.name for other in paths if other != path]) if path.is_file() else {}
-            listed |= listing
-            if listing:
-                found.append(Decision("list of files", "", file_label(path), "it names the other files", "file"))
-            elif isinstance(error, NotALog) and len(paths) > 1:
-                found.append(Finding("file left out", file_label(path), f"{error} It is left out.", "warning"))
-            else:
-                refused.append(error)
-    if refused:
-        raise refused[0]
+        except NotALog as error:
+            if not others:
+                raise
+            found.append(Finding("file left out", file_label(path), f"{error} It is left out.", "warning"))
     if not logs:
         reason = next((one.sentence for one in found if isinstance(one, Finding)), "")
         raise MeasurementError(reason.removesuffix(" It is left out.") or "No file holds readings; name the logs.")
@@ -115,6 +115,20 @@ def _read(
         if column and not stated and target not in ("time_s", "stamp", "step_time", "state", "step", "cycle", "discharged_Ah"):
             raise MeasurementError(f"column: no file has a column '{column}' with readings for {target}; check its name.")
     return logs, listed, found
+
+
+def _with_clocks(logs: Sequence[Log], options: Options, ask: Ask | None) -> tuple[list[Log], list[Finding]]:
+    """Return logs with their clocks; one without is left out where others have one and the user states no other way."""
+    timed, found = [], []
+    for log in logs:
+        if (clocked := with_clock(log, options.seconds_per_row)) is not None:
+            timed.append(clocked)
+        else:
+            sentence = f"{file_label(log.source)} has no column of time and is left out; import it apart with --seconds-per-row."
+            found.append(Finding("file left out", file_label(log.source), sentence, "warning"))
+    if timed:
+        return timed, found
+    return [_clocked(log, options, ask) for log in logs], []
 
 
 def _clocked(log: Log, options: Options, ask: Ask | None) -> Log:
@@ -185,7 +199,7 @@ def _scaled(log: Log, kind: Kind, options: Options) -> Log:
     return log
 
 
-def _complete(run: Log, kind: Kind, options: Options) -> Log:
+def _complete(run: Log, kind: Kind, options: Options, listed: Listed | None) -> Log:
     """Return a run with every input of its kind but the ambient temperature, without gaps in them."""
     vocabulary = KINDS[kind]
     for name, value in options.constants.items():
@@ -193,13 +207,17 @@ def _complete(run: Log, kind: Kind, options: Options) -> Log:
             raise MeasurementError(f"constant: a {kind} has no column '{name}'; it has {', '.join(vocabulary.columns)}.")
         run = dataclasses.replace(run, columns=run.columns | {name: np.full(run.rows, float(value))})
         run = run.also(Decision(name, run.name, f"{value:g} throughout", "stated", "user"))
+    for name, value in (listed.inputs if listed is not None else {}).items():
+        if name not in run.columns and name != "ambient_degC":
+            run = dataclasses.replace(run, columns=run.columns | {name: np.full(run.rows, value)})
+            run = run.also(Decision(name, run.name, f"{value:g} throughout", "a list of files states it", "file"))
     groups = [(name,) for name in vocabulary.required_inputs if name != "ambient_degC"] + list(vocabulary.alternatives)
     for group in groups:
         if not any(name in run.columns for name in group):
             names = " or ".join(group)
             raise MeasurementError(
                 f"{file_label(run.source)}: no column is {names}, which a {kind} needs; name it with --column "
-                f'{group[0]}="NAME", or state --constant {group[0]}=VALUE.'
+                f'{group[0]}="NAME", or state --constant {group[0]}=VALUE for all of it.'
             )
         present = [name for name in group if name in run.columns]
         for name in present[1:]:
@@ -207,6 +225,12 @@ def _complete(run: Log, kind: Kind, options: Options) -> Log:
                 columns = {key: values for key, values in run.columns.items() if key != name}
                 run = dataclasses.replace(run, columns=columns)
         run = fill(run, present[0])
+    drives = {present for group in groups for present in [next(name for name in group if name in run.columns)]}
+    if not any(name in run.columns and name not in drives for name in vocabulary.outputs):
+        raise MeasurementError(
+            f"{file_label(run.source)} has no reading that a {kind} predicts ({', '.join(vocabulary.outputs)}); name one with "
+            '--column, as --column ' + f'{vocabulary.outputs[0]}="NAME".'
+        )
     for name in vocabulary.optional_inputs:
         needs = vocabulary.only_with.get(name)
         if name in run.columns and needs is not None and needs not in run.columns:
@@ -245,7 +269,7 @@ def _assembled(
     capacity, full = None, False
     starts: list[charge.Stated | None] = [None] * len(warmed)
     if kind == "cell":
-        counts = charge.counts([run for run, _ in warmed])
+        counts = charge.counts([run for run, _ in warmed], [one.ambient_degC for one in conditions])
         capacity, full = charge.capacity_of(counts, options.capacity_Ah)
         known = {count.run.name: start for count, start in zip(counts, charge.starts_of(counts, capacity, full), strict=True)}
         starts = [known.get(run.name) for run, _ in warmed]
@@ -263,12 +287,16 @@ def _assembled(
         label = _label(condition, of_list, None if capacity is None else capacity.value)
         done.append(ImportedRun(run if start is None else charge.told(run, start), part, label, ambient, start, condition))
     general += _about_capacity(capacity, full, options)
-    return Imported(kind, tuple(done), options, capacity, full, tuple(general))
+    constants = {} if kind != "motor" or options.preset else constants_of([run for run, _ in warmed])
+    general += [Decision(n, "", f"{k.value:.4g} ± {k.sd:.2g}", k.why, "assumed") for n, k in constants.items()]
+    return Imported(kind, tuple(done), options, capacity, full, constants, tuple(general))
 
 
 def _label(condition: Condition, listed: Listed | None, capacity_Ah: float | None) -> str:
-    words = condition.words(capacity_Ah)
-    return f"{listed.label}; {words}" if listed is not None and listed.label else words
+    if listed is None or not listed.label:
+        return condition.words(capacity_Ah)
+    warmth = "" if condition.ambient_degC is None else f", {condition.ambient_degC:.3g} degC"
+    return f"{listed.label}{warmth}"
 
 
 def _about_capacity(capacity: charge.Stated | None, full: bool, options: Options) -> list[Finding | Decision]:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import pandas as pd
 
-from jaxmodel.errors import MeasurementError
 from jaxmodel.tables.names import matches
 
 _MOST_BYTES = 1 << 20
@@ -17,35 +16,46 @@ _LABELS = ("label", "kind", "description", "profile", "test")
 
 @dataclasses.dataclass(frozen=True)
 class Listed:
-    """What a list states of one file: the ambient temperature [degC], and what it was."""
+    """What a list states of one file: the ambient temperature [degC], what it was, and inputs of the case by name."""
 
     ambient_degC: float | None
     label: str
+    inputs: dict[str, float]
 
 
-def read_listing(path: Path, names: Sequence[str]) -> dict[str, Listed]:
+def read_listing(path: Path, names: Sequence[str], inputs: Collection[str]) -> dict[str, Listed]:
     """Return what a table says of other files by their names; empty if it is no list of them.
 
     Args:
         path: a text file.
         names: of the files that are imported.
+        inputs: columns of the case that a list may state as one number for a file.
     """
     if path.stat().st_size > _MOST_BYTES or path.suffix.lower() not in (".csv", ".tsv", ".txt"):
         return {}
-    try:
-        frame = pd.read_csv(path, sep=None, engine="python", dtype="string", encoding_errors="replace")
-    except (ValueError, OSError, pd.errors.ParserError, MeasurementError):
-        return {}
+    frame = _table(path)
     stems = {Path(name).stem: name for name in names}
     for column in frame:
         listed = frame[column].dropna().map(lambda text: stems.get(Path(str(text)).stem))
         if len(listed) and listed.notna().mean() > 0.3:
             return {
-                str(listed[row]): Listed(_ambient(frame.loc[row]), _label(frame.loc[row]))
+                str(listed[row]): Listed(_ambient(frame.loc[row]), _label(frame.loc[row]), _inputs(frame.loc[row], inputs))
                 for row in listed.index
                 if pd.notna(listed[row])
             }
     return {}
+
+
+def _table(path: Path) -> pd.DataFrame:
+    """Return a table of text, by the delimiter that gives most columns; empty if it is none."""
+    best = pd.DataFrame()
+    for delimiter in (",", ";", "\t"):
+        try:
+            frame = pd.read_csv(path, sep=delimiter, dtype="string", encoding_errors="replace")
+        except (ValueError, OSError):
+            continue
+        best = frame if len(frame.columns) > len(best.columns) else best
+    return best
 
 
 def _ambient(row: pd.Series) -> float | None:
@@ -56,6 +66,17 @@ def _ambient(row: pd.Series) -> float | None:
             except ValueError:
                 return None
     return None
+
+
+def _inputs(row: pd.Series, inputs: Collection[str]) -> dict[str, float]:
+    found = {}
+    for name, text in row.items():
+        if str(name) in inputs and pd.notna(text):
+            try:
+                found[str(name)] = float(str(text))
+            except ValueError:
+                continue
+    return found
 
 
 def _label(row: pd.Series) -> str:

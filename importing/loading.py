@@ -53,13 +53,20 @@ def load(path: Path, kind: Kind, options: Options) -> Log:
     table = read_table(path, columns=keep, decimal=options.decimal, **form)
     units = dict(table.units) | {name: unit for name, unit in options.units.items() if name in table.frame}
     chosen = roles_of(seen, units_in(seen) | units, kind, options.columns)
-    if lacking := _lacking(chosen, kind, options):
+    if (lacking := _lacking(chosen, kind, options)) and _may_be_a_log(chosen, seen):
         named = {role.column for role in chosen.values()}
         free = [name for name in table.frame if name not in named and not _without_sense(str(name), units)]
         chosen |= looks_like(table.frame[free].head(_SAMPLE_ROWS), kind, lacking)
     if not any(target in chosen for target in _readings(kind)):
         raise NotALog(f"{table.label} has no reading of a {kind} among its columns ({', '.join(seen[:8])}).")
     return _log(table, chosen, units, seen, options)
+
+
+def _may_be_a_log(chosen: Mapping[str, Role], names: Sequence[str]) -> bool:
+    """Return whether some column is known to be of a log, or the file names none: only then looks are asked."""
+    return bool(chosen.keys() & {"time_s", "step_time", "stamp", "current_A", "voltage_V"}) or all(
+        name.startswith("column ") for name in names
+    )
 
 
 def _without_sense(name: str, units: Mapping[str, str]) -> bool:

@@ -142,9 +142,8 @@ def looks_like(frame: pd.DataFrame, kind: str, missing: Sequence[str]) -> dict[s
     numbers = {str(name): frame[name].to_numpy(dtype=float) for name in frame if frame[name].dtype.kind in "iuf"}
     numbers = {name: values for name, values in numbers.items() if np.isfinite(values).sum() > 4}
     if "time_s" in missing:
-        rising = [name for name, values in numbers.items() if _rises(values)]
-        # A row counter rises by one each time as well: where another column rises too, it is the time.
-        rising.sort(key=lambda name: bool(np.all(np.diff(numbers[name]) == 1.0)))
+        # A counter of rows rises by one each time and is no clock.
+        rising = [n for n, values in numbers.items() if _rises(values) and not np.all(np.diff(values) == 1.0)]
         if rising:
             found["time_s"] = Role("time_s", rising[0], "looks like it", tuple(rising[1:]))
             del numbers[rising[0]]

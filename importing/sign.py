@@ -16,6 +16,8 @@ from jaxmodel.errors import MeasurementError
 _STEP, _NEAR_S = 0.1, 120.0
 # Evidence in favour of one sign over the other, as a ratio of votes, from which it counts as settled.
 _SETTLED, _CERTAIN = 3.0, 20.0
+# Share of the product of voltage and speed or current that is negative on the whole, from which signs are doubted.
+_OPPOSITE = 0.3
 
 
 class Evidence(NamedTuple):
@@ -168,7 +170,7 @@ def motor_signs(log: Log) -> Log:
             continue
         product = one * other
         product = product[np.isfinite(product)]
-        if product.size and float(np.mean(product)) < 0.0:
+        if product.size and float(np.sum(product)) < -_OPPOSITE * float(np.sum(np.abs(product))):
             sentence = (
                 f"{log.name}: voltage_V and {name} have opposite signs on the average, and a motor that is driven has the same; "
                 f"reverse one with --flip {name}, unless it was braking."

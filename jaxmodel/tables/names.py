@@ -83,6 +83,8 @@ def _rank(words: str, unit: str, quantity: Quantity) -> int:
     """Return how well words fit a quantity, -1 if they do not."""
     if unit and not _fits(unit, quantity):
         return -1
+    if words in quantity.with_unit and not unit:
+        return -1
     if words in quantity.names:
         return quantity.names.index(words)
     tokens = words.split()

@@ -15,6 +15,7 @@ class Quantity:
         words: a name that contains one of these may be it too.
         also: such a name must contain one of these as well.
         without: a name that contains one of these is something else.
+        with_unit: of the whole names, those that count only where a unit is stated ("Test (Sec)").
         counts: it is a number of steps or a word: a column with a unit is something else.
     """
 
@@ -23,6 +24,7 @@ class Quantity:
     words: frozenset[str] = frozenset()
     also: frozenset[str] = frozenset()
     without: frozenset[str] = frozenset()
+    with_unit: frozenset[str] = frozenset()
     counts: bool = False
 
 
@@ -55,11 +57,13 @@ QUANTITIES: dict[str, Quantity] = {
         _of("time zeit"),
         without=_of("step stamp date day clock unix utc real system absolute dpt charge discharge rest relative")
         | _TARGET,
+        with_unit=_of("test"),
     ),
     "step_time": Quantity(
         "s",
         _names("step time, steptime, relative time, step elapsed time, schrittzeit, step, 相对时间, step time second"),
         without=_of("total"),
+        with_unit=_of("step"),
     ),
     "stamp": Quantity(
         None,
