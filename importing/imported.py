@@ -95,6 +95,14 @@ class Imported:
             runs={run.log.name: run.entries() for run in self.runs},
         )
 
+    def check(self) -> None:
+        """Refuse a case that `read_case` would refuse.
+
+        Raises:
+            UserError: it holds what cannot be; the sentence says what to do.
+        """
+        _ = self.case
+
     @property
     def title(self) -> str:
         """What the case is called."""

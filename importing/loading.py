@@ -81,7 +81,8 @@ def _readings(kind: Kind) -> tuple[str, ...]:
 
 def _lacking(chosen: Mapping[str, Role], kind: Kind, options: Options) -> list[str]:
     """Return what a case cannot do without and no name tells."""
-    lacking = [] if "time_s" in chosen or "stamp" in chosen or "step_time" in chosen else ["time_s"]
+    timed = bool(chosen.keys() & {"time_s", "stamp", "step_time"}) or options.seconds_per_row is not None
+    lacking = [] if timed else ["time_s"]
     wanted = ["current_A", "voltage_V"] if kind == "cell" else []
     return lacking + [name for name in wanted if name not in chosen and name not in options.constants]
 

@@ -142,8 +142,10 @@ def looks_like(frame: pd.DataFrame, kind: str, missing: Sequence[str]) -> dict[s
     numbers = {str(name): frame[name].to_numpy(dtype=float) for name in frame if frame[name].dtype.kind in "iuf"}
     numbers = {name: values for name, values in numbers.items() if np.isfinite(values).sum() > 4}
     if "time_s" in missing:
-        # A counter of rows rises by one each time and is no clock.
-        rising = [n for n, values in numbers.items() if _rises(values) and not np.all(np.diff(values) == 1.0)]
+        # Whole numbers under a name count something: rows, tests, cycles.
+        nameless = all(name.startswith("column ") for name in numbers)
+        rising = [n for n, v in numbers.items() if _rises(v) and (nameless or np.any(v != np.round(v)))]
+        rising.sort(key=lambda name: bool(np.all(np.diff(numbers[name]) == 1.0)))
         if rising:
             found["time_s"] = Role("time_s", rising[0], "looks like it", tuple(rising[1:]))
             del numbers[rising[0]]

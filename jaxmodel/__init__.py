@@ -30,6 +30,7 @@ from jaxmodel.parameters import Parameters
 from jaxmodel.ports import CellContext, Effect, MotorContext
 from jaxmodel.profile import Profile, constant
 from jaxmodel.simulation import Cutoff, Status, Trajectory, run_track, simulate, track
+from jaxmodel.tables import RawTable, read_table
 
 __all__ = [
     "Case",
@@ -42,6 +43,7 @@ __all__ = [
     "MotorContext",
     "Parameters",
     "Profile",
+    "RawTable",
     "Run",
     "Scalar",
     "Status",
@@ -56,6 +58,7 @@ __all__ = [
     "preset_model",
     "presets",
     "read_case",
+    "read_table",
     "run_profile",
     "run_track",
     "simulate",
