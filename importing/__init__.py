@@ -10,8 +10,8 @@ What `__all__` lists is the public API.
 """
 
 from importing.findings import Decision, Finding, Question
-from importing.importer import import_case
 from importing.imported import Imported, ImportedRun
+from importing.importer import import_case
 from importing.options import Options
 
 __all__ = ["Decision", "Finding", "Imported", "ImportedRun", "Options", "Question", "import_case"]

@@ -11,7 +11,10 @@ from importing.findings import Decision, Finding
 from importing.logs import Log
 
 # 'p25degC', 'n20degC', '-10 degC', '25°C'; without "deg" also a rate, so it must agree with the thermometer.
-_DEGREES = re.compile(r"(?<![A-Za-z0-9])(?P<sign>[pnmPNM+-]?)_?(?P<number>\d{1,3}([.p]\d+)?)\s?_?(deg_?C|°C|degC|celsius|grad)", re.IGNORECASE)
+_DEGREES = re.compile(
+    r"(?<![A-Za-z0-9])(?P<sign>[pnmPNM+-]?)_?(?P<number>\d{1,3}([.p]\d+)?)\s?_?(deg_?C|°C|degC|celsius|grad)",
+    re.IGNORECASE,
+)
 _LETTER = re.compile(r"(?<![A-Za-z0-9.])(?P<sign>[nm-]?)(?P<number>\d{1,2})_?C(?![A-Za-z0-9])")
 _AGREE_K, _AGREE_OF_LETTER_K = 15.0, 8.0
 THERMOMETERS = ("cell_temperature_degC", "case_temperature_degC", "winding_temperature_degC")
@@ -40,7 +43,8 @@ def with_ambient(run: Log, stated: float | None, listed: float | None) -> tuple[
         run = run.also(Decision("ambient_degC", run.name, f"{named:g}", "the name of the file states it", "file"))
         if first is not None and abs(first - named) > 5.0:
             sentence = (
-                f"{run.name}: the name of the file states {named:g} degC, and the thermometer begins at {first:.1f} degC; "
+                f"{run.name}: the name of the file states {named:g} degC, and the thermometer begins at "
+                f"{first:.1f} degC; "
                 "it may have begun warm."
             )
             run = run.also(Finding("ambient", run.name, sentence, "warning", "ambient_degC"))
@@ -49,7 +53,10 @@ def with_ambient(run: Log, stated: float | None, listed: float | None) -> tuple[
         return run, None
     value = round(first, 1)
     why = "assumed: the first reading of its thermometer"
-    sentence = f"{run.name}: no ambient temperature was measured; {value:g} degC, the first reading of its thermometer, is taken for all of the run (--ambient)."
+    sentence = (
+        f"{run.name}: no ambient temperature was measured; {value:g} degC, the first reading of its "
+        "thermometer, is taken for all of the run (--ambient)."
+    )
     found = Finding("ambient", run.name, sentence, "warning", "ambient_degC")
     return run.also(Decision("ambient_degC", run.name, f"{value:g}", why, "assumed"), found), value
 
@@ -97,7 +104,8 @@ def fill(run: Log, name: str) -> Log:
     lost = int((~there).sum())
     weight = "warning" if lost > 0.01 * there.size else "note"
     sentence = (
-        f"{run.name}: {name} is missing in {lost:,} of {there.size:,} rows; an input has no gaps, so it is interpolated "
+        f"{run.name}: {name} is missing in {lost:,} of {there.size:,} rows; an input has no gaps, so it is "
+        "interpolated "
         "between its neighbours."
     )
     found = Finding("gap in an input", run.name, sentence, weight, name, numbers={"rows": float(lost)})

@@ -20,7 +20,8 @@ _FULL_LOADED_V, _FULL_LOADED_SD = 0.1, 0.04
 _LFP_FULL_V, _LFP_FULL_SD = 3.38, 0.02
 # The voltage under load within so much [V] of the lowest of the files is the cut-off.
 _EMPTY_V = 0.15
-_REST = 0.02
+# A current below this share of the run's largest, or of that of all runs, is a rest.
+_REST, _FLOOR = 0.02, 0.0025
 _RESTED_S = 600.0
 _SLOW = 1.0 / 15.0  # of the capacity per hour: such a current hardly moves the voltage
 
@@ -43,6 +44,7 @@ class Count:
         out_Ah: charge taken out since the first row [A h].
         full: rows at which the cell is full: at rest near the highest voltage, or at the end of a charge.
         empty: rows at which the cut-off is reached under load.
+        resting: rows without load.
         ambient_degC: of the run; None where nothing tells.
         rate_A: typical current of the run [A].
         below_full_V: how far below the highest rested voltage of the files it rests at its first row; NaN for a start
@@ -53,6 +55,7 @@ class Count:
     out_Ah: np.ndarray
     full: np.ndarray
     empty: np.ndarray
+    resting: np.ndarray
     ambient_degC: float | None
     rate_A: float
     below_full_V: float
@@ -72,18 +75,19 @@ def counts(runs: Sequence[Log], ambient_degC: Sequence[float | None]) -> list[Co
     ]
     if not usable:
         return []
+    floor = _FLOOR * max(float(np.nanmax(np.abs(run.columns["current_A"]))) for run, _ in usable)
     # At rest: a pulse of charge in the cold goes far above what a full cell has.
-    rested = [_quantile(run.columns["voltage_V"][_resting(run)], 0.995) for run, _ in usable]
+    rested = [_quantile(run.columns["voltage_V"][_resting(run, floor)], 0.995) for run, _ in usable]
     tops = [_quantile(run.columns["voltage_V"], 0.99) for run, _ in usable]
     high = max((value for value in rested if np.isfinite(value)), default=float(np.median(tops)))
     lows = sorted(_quantile(run.columns["voltage_V"], 0.0) for run, _ in usable)
     low = float(np.median(lows[: max(len(lows) // 2, 1)]))
-    return [_count(run, warmth, high, low) for run, warmth in usable]
+    return [_count(run, warmth, high, low, floor) for run, warmth in usable]
 
 
-def _resting(run: Log) -> np.ndarray:
+def _resting(run: Log, floor: float) -> np.ndarray:
     current = np.nan_to_num(run.columns["current_A"])
-    return np.abs(current) <= _REST * (float(np.max(np.abs(current))) or 1.0)
+    return np.abs(current) <= max(_REST * float(np.max(np.abs(current))), floor)
 
 
 def _quantile(values: np.ndarray, share: float) -> float:
@@ -91,12 +95,12 @@ def _quantile(values: np.ndarray, share: float) -> float:
     return float(np.quantile(there, share)) if there.size else np.nan
 
 
-def _count(run: Log, ambient_degC: float | None, high: float, low: float) -> Count:
+def _count(run: Log, ambient_degC: float | None, high: float, low: float, floor: float) -> Count:
     current, voltage = np.nan_to_num(run.columns["current_A"]), run.columns["voltage_V"]
     interval = np.diff(run.time_s, prepend=run.time_s[0]) / 3600.0
     out = np.cumsum(current * interval)
     largest = float(np.max(np.abs(current))) or 1.0
-    resting = _resting(run)
+    resting = _resting(run, floor)
     with np.errstate(invalid="ignore"):
         if 3.2 < high < _LFP_MOST_V:
             near_full = voltage >= min(_LFP_FULL_V, high - 0.02)
@@ -114,7 +118,7 @@ def _count(run: Log, ambient_degC: float | None, high: float, low: float) -> Cou
     rate = float(np.median(np.abs(current[loaded]))) if loaded.any() else 0.0
     flat = 3.2 < high < _LFP_MOST_V
     below = high - float(voltage[0]) if resting[0] and not flat else np.nan
-    return Count(run, out, full | tapered, empty, ambient_degC, rate, below)
+    return Count(run, out, full | tapered, empty, resting, ambient_degC, rate, below)
 
 
 def capacity_of(found: Sequence[Count], stated_Ah: float | None) -> tuple[Stated, bool]:
@@ -137,7 +141,8 @@ def capacity_of(found: Sequence[Count], stated_Ah: float | None) -> tuple[Stated
     moved = max((float(np.ptp(count.out_Ah)) for count in found), default=0.0)
     if moved <= 0.0:
         return Stated(5.2, 5.0, "unknown: no charge was moved; the paper's cell"), False
-    return Stated(1.25 * moved, 0.3 * moved, "assumed: 1.25 times the charge that the longest run moves; no discharge goes from full to the cut-off"), False  # fmt: skip
+    why = "assumed: 1.25 times the charge that the longest run moves; no discharge goes from full to the cut-off"
+    return Stated(1.25 * moved, 0.3 * moved, why), False
 
 
 def _full_discharges(count: Count) -> list[tuple[Count, float]]:
@@ -160,7 +165,9 @@ def _full_discharges(count: Count) -> list[tuple[Count, float]]:
     return [(one, amount) for one, amount in result if amount > 0.5 * largest and amount > 0.0]
 
 
-def rest_curve(found: Sequence[Count], starts: Sequence[Stated | None], capacity_Ah: float) -> tuple[np.ndarray, np.ndarray] | None:
+def rest_curve(
+    found: Sequence[Count], starts: Sequence[Stated | None], capacity_Ah: float
+) -> tuple[np.ndarray, np.ndarray] | None:
     """Return SOC and voltage of a cell at rest or nearly so, from runs whose start is known; None with fewer than four.
 
     The points increase in both.
@@ -171,7 +178,7 @@ def rest_curve(found: Sequence[Count], starts: Sequence[Stated | None], capacity
             continue
         current, voltage, time_s = count.run.columns["current_A"], count.run.columns["voltage_V"], count.run.time_s
         slow = np.abs(current) <= _SLOW * capacity_Ah
-        moving = np.where(np.abs(current) > _REST * max(float(np.nanmax(np.abs(current))), 1e-12), np.arange(current.size), 0)
+        moving = np.where(count.resting, 0, np.arange(current.size))
         since = time_s - time_s[np.maximum.accumulate(moving)]
         quiet = np.isfinite(voltage) & slow & ((since > _RESTED_S) | (np.nan_to_num(current) > 0.01 * capacity_Ah))
         rows = np.flatnonzero(quiet)
@@ -207,7 +214,9 @@ def starts_of(found: Sequence[Count], capacity: Stated, known: bool) -> list[Sta
         # A run that only reaches the cut-off knows its end less well than a rested voltage knows its start.
         read = None if curve is None or (start is not None and (start.sd or 0.0) <= 0.03) else _read(count, *curve)
         options = [one for one in (start, read) if one is not None]
-        unknown = Stated(0.5, 0.3, "unknown: no full charge, no cut-off and no rested voltage tells it; state --initial-soc")
+        unknown = Stated(
+            0.5, 0.3, "unknown: no full charge, no cut-off and no rested voltage tells it; state --initial-soc"
+        )
         result.append(min([*options, unknown], key=lambda one: one.sd or 0.0))
     return result
 
@@ -215,7 +224,7 @@ def starts_of(found: Sequence[Count], capacity: Stated, known: bool) -> list[Sta
 def _counted(count: Count, capacity_Ah: float, known: bool) -> Stated | None:
     full = np.flatnonzero(count.full)
     if full.size and abs(count.out_Ah[full[0]]) < 0.005 * capacity_Ah:
-        loaded = not _resting(count.run)[0]
+        loaded = not count.resting[0]
         why = "full: it begins near the highest voltage of the files" + (", under load" if loaded else "")
         return Stated(1.0, _FULL_LOADED_SD if loaded else _FULL_SD, why)
     if count.below_full_V < _NEARLY_FULL_V:
@@ -239,16 +248,18 @@ def _counted(count: Count, capacity_Ah: float, known: bool) -> Stated | None:
 
 def _read(count: Count, soc: np.ndarray, volt: np.ndarray) -> Stated | None:
     """Return the SOC at which a cell rests at the first voltage of a run; the flatter the curve, the larger its sd."""
-    current, voltage = count.run.columns["current_A"], count.run.columns["voltage_V"]
-    largest = float(np.nanmax(np.abs(current))) or 1.0
+    voltage = count.run.columns["voltage_V"]
     there = np.flatnonzero(np.isfinite(voltage))
-    if not there.size or abs(float(current[there[0]])) > _REST * largest:
+    if not there.size or not count.resting[there[0]]:
         return None
     first = float(voltage[there[0]])
     if not volt[0] - 0.05 <= first <= volt[-1] + 0.05:
         return None
     low, high = (float(np.interp(first + step, volt, soc)) for step in (-0.015, 0.015))
-    return Stated(_within(float(np.interp(first, volt, soc))), 0.02 + 0.5 * (high - low), "read from the voltage at which it begins, by the rests of other runs")  # fmt: skip
+    start = _within(float(np.interp(first, volt, soc)))
+    return Stated(
+        start, 0.02 + 0.5 * (high - low), "read from the voltage at which it begins, by the rests of other runs"
+    )
 
 
 def _within(soc: float) -> float:
@@ -261,6 +272,8 @@ def told(run: Log, start: Stated) -> Log:
     value = f"{start.value:g}" if start.sd is None else f"{start.value:g} ± {start.sd:.2g}"
     run = run.also(Decision("initial_soc", run.name, value, start.why, source))
     if start.why.startswith("unknown"):
-        sentence = f"{run.name}: its state of charge at the start is unknown; {value} is written. State it with --initial-soc."
+        sentence = (
+            f"{run.name}: its state of charge at the start is unknown; {value} is written. State it with --initial-soc."
+        )
         run = run.also(Finding("initial SOC", run.name, sentence, "warning", "soc"))
     return run

@@ -1,4 +1,4 @@
-"""What is odd in the readings of a run: gaps, saturation, resolution, stuck sensors, wrong units, a start under load."""
+"""What is odd in the readings of a run: gaps, saturation, coarse digits, stuck sensors, wrong units, a loaded start."""
 
 from __future__ import annotations
 
@@ -67,10 +67,19 @@ def _gaps(run: Log, current: np.ndarray | None) -> Iterator[Finding]:
     under = " under load" if current is not None else ""
     sentence = (
         f"{run.name}: {count} {'gap' if count == 1 else 'gaps'}{under}, the longest of {apart[longest]:.5g} s from "
-        f"{run.time_s[longest]:.6g} s (rows are usually {usual:.3g} s apart); the input is taken as that of the row after it."
+        f"{run.time_s[longest]:.6g} s (rows are usually {usual:.3g} s apart); the input is taken as that "
+        "of the row after it."
     )
     places = tuple((float(run.time_s[n]), float(run.time_s[n + 1])) for n in np.flatnonzero(gap)[:50])
-    yield Finding("gap", run.name, sentence, "warning", "time_s", places, {"longest_s": float(apart[longest]), "gaps": float(count)})
+    yield Finding(
+        "gap",
+        run.name,
+        sentence,
+        "warning",
+        "time_s",
+        places,
+        {"longest_s": float(apart[longest]), "gaps": float(count)},
+    )
 
 
 def _impossible(run: Log, name: str, values: np.ndarray) -> Iterator[Finding]:
@@ -80,12 +89,16 @@ def _impossible(run: Log, name: str, values: np.ndarray) -> Iterator[Finding]:
     middle = float(np.nanmedian(values))
     outside = np.isfinite(values) & ((values < low) | (values > high))
     if not low <= middle <= high:
-        sentence = f"{run.name}: {name} has {middle:.5g} (median), and {low:g} to {high:g} {unit_of(name)} is possible; state its unit with --unit."
+        sentence = (
+            f"{run.name}: {name} has {middle:.5g} (median), and {low:g} to {high:g} {unit_of(name)} "
+            "is possible; state its unit with --unit."
+        )
         yield Finding("wrong unit", run.name, sentence, "warning", name, numbers={"median": middle})
     elif outside.any():
         count, row = int(outside.sum()), int(outside.argmax())
         sentence = (
-            f"{run.name}: {name} is outside {low:g} to {high:g} {unit_of(name)} in {count} {'row' if count == 1 else 'rows'}, first with "
+            f"{run.name}: {name} is outside {low:g} to {high:g} {unit_of(name)} in {count} "
+            f"{'row' if count == 1 else 'rows'}, first with "
             f"{values[row]:.5g} at {run.time_s[row]:.6g} s; the readings are kept."
         )
         yield Finding("impossible reading", run.name, sentence, "warning", name, spans(outside, run.time_s))
@@ -100,7 +113,7 @@ def _without_drop(run: Log, name: str, values: np.ndarray) -> np.ndarray:
 
 
 def _spikes(run: Log, name: str, values: np.ndarray) -> Iterator[Finding]:
-    """Yield single temperatures and voltages far from both neighbours: a thermocouple that loses contact, a bad frame."""
+    """Yield single temperatures and voltages far from both neighbours: a loose thermocouple, a bad frame."""
     if unit_of(name) not in ("degC", "V") or values.size < 20:
         return
     with np.errstate(invalid="ignore"):
@@ -113,7 +126,8 @@ def _spikes(run: Log, name: str, values: np.ndarray) -> Iterator[Finding]:
     flags = np.concatenate([[False], spike, [False]])
     count, row = int(flags.sum()), int(flags.argmax())
     sentence = (
-        f"{run.name}: {count} single {'reading' if count == 1 else 'readings'} of {name} far from both neighbours, first "
+        f"{run.name}: {count} single {'reading' if count == 1 else 'readings'} of {name} far from both "
+        "neighbours, first "
         f"{values[row]:.5g} at {run.time_s[row]:.6g} s; kept, the diagnosis excludes outliers."
     )
     yield Finding("spike", run.name, sentence, "warning", name, spans(flags, run.time_s), {"readings": float(count)})
@@ -121,7 +135,7 @@ def _spikes(run: Log, name: str, values: np.ndarray) -> Iterator[Finding]:
 
 def _thinned(values: np.ndarray) -> np.ndarray:
     there = values[np.isfinite(values)]
-    return there[: _MOST_ROWS]
+    return there[:_MOST_ROWS]
 
 
 def resolution(values: np.ndarray) -> float:
@@ -139,7 +153,9 @@ def _resolution(run: Log, name: str, values: np.ndarray) -> Iterator[Finding]:
         return
     if digit < limit and unit in ("V", "degC") and digit <= 0.25 * limit:
         return
-    sentence = f"{run.name}: one digit of {name} is {digit:.3g} {unit}, and all its readings lie within {extent:.3g} {unit}."
+    sentence = (
+        f"{run.name}: one digit of {name} is {digit:.3g} {unit}, and all its readings lie within {extent:.3g} {unit}."
+    )
     yield Finding("coarse resolution", run.name, sentence, "note", name, numbers={"resolution": digit, "range": extent})
 
 
@@ -159,7 +175,10 @@ def _saturation(run: Log, name: str, values: np.ndarray) -> Iterator[Finding]:
             continue
         # It was moving towards the limit when it met it; a controlled voltage or current jumps or creeps there.
         begin = long[:, 0]
-        last, previous = np.abs(values[begin] - values[begin - 1]), np.abs(values[begin - 1] - values[np.maximum(begin - 2, 0)])
+        last, previous = (
+            np.abs(values[begin] - values[begin - 1]),
+            np.abs(values[begin - 1] - values[np.maximum(begin - 2, 0)]),
+        )
         moving = (last > 3.0 * digit) & (previous > 3.0 * digit) & (last < 3.0 * previous)
         if np.sum(moving) < max(_VISITS, long.shape[0] // 2):
             continue
@@ -168,10 +187,13 @@ def _saturation(run: Log, name: str, values: np.ndarray) -> Iterator[Finding]:
             continue  # steps of a programme, all of one length
         share = float(at.mean())
         sentence = (
-            f"{run.name}: {name} stays at its {side} limit {limit:.5g} {unit_of(name)} {long.shape[0]} times ({share:.1%} of the "
+            f"{run.name}: {name} stays at its {side} limit {limit:.5g} {unit_of(name)} {long.shape[0]} "
+            f"times ({share:.1%} of the "
             "rows): the sensor is saturated there, and these readings are no measurement."
         )
-        yield Finding("saturation", run.name, sentence, "warning", name, spans(at, run.time_s), {"limit": limit, "share": share})
+        yield Finding(
+            "saturation", run.name, sentence, "warning", name, spans(at, run.time_s), {"limit": limit, "share": share}
+        )
 
 
 def _stuck(run: Log, current: np.ndarray | None) -> Iterator[Finding]:
@@ -184,7 +206,8 @@ def _stuck(run: Log, current: np.ndarray | None) -> Iterator[Finding]:
         if np.nanmax(np.abs(current)) == 0.0:
             continue
         sentence = (
-            f"{run.name}: {name} is {there[0]:g} in all {there.size:,} readings, while a current flows: the thermometer never "
+            f"{run.name}: {name} is {there[0]:g} in all {there.size:,} readings, while a current flows: "
+            "the thermometer never "
             "moves; leave it out with --column " + f'{name}="".'
         )
         yield Finding("stuck sensor", run.name, sentence, "warning", name, numbers={"reading": float(there[0])})
@@ -196,16 +219,24 @@ def _under_load(run: Log, current: np.ndarray) -> Iterator[Finding]:
     if largest == 0.0 or abs(float(current[there[0]])) < 0.05 * largest:
         return
     sentence = (
-        f"{run.name}: it begins with {current[there[0]]:.4g} A: a start under load. The model begins a run at rest, so the "
+        f"{run.name}: it begins with {current[there[0]]:.4g} A: a start under load. The model begins a run "
+        "at rest, so the "
         "first minutes may differ."
     )
-    yield Finding("start under load", run.name, sentence, "warning", "current_A", numbers={"current_A": float(current[there[0]])})
+    yield Finding(
+        "start under load", run.name, sentence, "warning", "current_A", numbers={"current_A": float(current[there[0]])}
+    )
 
 
 def _counter(run: Log) -> Iterator[Finding]:
     """Yield a tester's count of charge that the current and the clock do not give."""
     counted, current = run.discharged_Ah, run.columns.get("current_A")
-    if counted is None or current is None or not np.isfinite(counted).all() or np.any(np.diff(counted) < -1e-3 * np.ptp(counted)):
+    if (
+        counted is None
+        or current is None
+        or not np.isfinite(counted).all()
+        or np.any(np.diff(counted) < -1e-3 * np.ptp(counted))
+    ):
         return
     current = np.where(np.isfinite(current), current, 0.0)
     interval = np.diff(run.time_s, prepend=run.time_s[0]) / 3600.0
@@ -218,4 +249,6 @@ def _counter(run: Log) -> Iterator[Finding]:
         f"{run.name}: the tester counts {read:.4g} A h of discharge, and current and clock give {only_out:.4g} A h; "
         "rows are missing, or a unit is wrong."
     )
-    yield Finding("charge count", run.name, sentence, "warning", "current_A", numbers={"tester_Ah": read, "counted_Ah": only_out})
+    yield Finding(
+        "charge count", run.name, sentence, "warning", "current_A", numbers={"tester_Ah": read, "counted_Ah": only_out}
+    )

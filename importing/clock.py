@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import numpy as np
 
@@ -58,12 +59,15 @@ def _without_timeless_rows(log: Log, where: str) -> Log:
     if there.all():
         return log
     lost = int((~there).sum())
-    sentence = f"{where}: {lost:,} {'row has' if lost == 1 else 'rows have'} no time and {'is' if lost == 1 else 'are'} left out."
+    sentence = (
+        f"{where}: {lost:,} {'row has' if lost == 1 else 'rows have'} no time and "
+        f"{'is' if lost == 1 else 'are'} left out."
+    )
     return log.take(there).also(Finding("no time", where, sentence, "warning"))
 
 
 def _restarts(log: Log, where: str) -> Log:
-    """Return a log with the rows at which its clock begins anew: new runs, or steps that are put one after the other."""
+    """Return a log with the rows at which its clock begins anew: new runs, or steps put one after the other."""
     steps = np.diff(log.time_s)
     back = np.flatnonzero(steps < 0.0) + 1
     if not back.size:
@@ -73,7 +77,12 @@ def _restarts(log: Log, where: str) -> Log:
     if not restarts.size:
         return log
     stamps = log.stamp_s
-    if stamps is not None and np.isfinite(stamps).all() and np.all(np.diff(stamps) >= 0.0) and not _resolution_lost(log):
+    if (
+        stamps is not None
+        and np.isfinite(stamps).all()
+        and np.all(np.diff(stamps) >= 0.0)
+        and not _resolution_lost(log)
+    ):
         log = _by_stamps(log, f"the elapsed time begins anew {restarts.size} times")
         return log.also(_reset(where, restarts.size, "the time stamps are used instead"))
     cycle = log.marks.get("cycle")
@@ -87,15 +96,21 @@ def _restarts(log: Log, where: str) -> Log:
     # The time of a step: the next one begins where the last one ended.
     offset = np.zeros(log.rows)
     ends = log.time_s[restarts - 1]
-    offset[restarts] = ends + np.where(log.time_s[restarts] > 0.0, 0.0, np.minimum(1e-3, float(np.median(np.abs(steps)))))
+    offset[restarts] = ends + np.where(
+        log.time_s[restarts] > 0.0, 0.0, np.minimum(1e-3, float(np.median(np.abs(steps))))
+    )
     time_s = log.time_s + np.cumsum(offset)
     log = dataclasses.replace(log, time_s=time_s, time_is_of_step=False)
-    return log.also(_reset(where, restarts.size, "the parts are put one after the other, without the time between them"))
+    return log.also(
+        _reset(where, restarts.size, "the parts are put one after the other, without the time between them")
+    )
 
 
 def _reset(where: str, count: int, done: str) -> Finding:
     times = "once" if count == 1 else f"{count} times"
-    return Finding("reset", where, f"{where}: the clock begins anew {times}; {done}.", "warning", numbers={"resets": float(count)})
+    return Finding(
+        "reset", where, f"{where}: the clock begins anew {times}; {done}.", "warning", numbers={"resets": float(count)}
+    )
 
 
 def _resolution_lost(log: Log) -> bool:
@@ -114,7 +129,7 @@ def _voltage_goes_on(log: Log, restarts: np.ndarray) -> bool:
 
 def _runs_of(log: Log) -> list[slice]:
     edges = [0, *log.restarts, log.rows]
-    return [slice(begin, end) for begin, end in zip(edges[:-1], edges[1:], strict=True)]
+    return [slice(begin, end) for begin, end in itertools.pairwise(edges)]
 
 
 def _late_rows(log: Log, where: str) -> Log:
@@ -162,7 +177,10 @@ def _repeated_rows(log: Log, where: str) -> Log:
         starts = np.zeros(log.rows, dtype=bool)
         starts[list(log.restarts)] = True
         log = dataclasses.replace(log.take(~copies), restarts=tuple(np.flatnonzero(starts[~copies]).tolist()))
-        sentence = f"{where}: {lost:,} {'row repeats the one' if lost == 1 else 'rows repeat the ones'} above, time and all, and {'is' if lost == 1 else 'are'} left out."
+        sentence = (
+            f"{where}: {lost:,} {'row repeats the one' if lost == 1 else 'rows repeat the ones'} "
+            f"above, time and all, and {'is' if lost == 1 else 'are'} left out."
+        )
         log = log.also(Finding("repeated rows", where, sentence, numbers={"rows": float(lost)}))
         same = same[~copies]
     if not same.any():
@@ -171,7 +189,7 @@ def _repeated_rows(log: Log, where: str) -> Log:
 
 
 def _spread(log: Log, same: np.ndarray, where: str) -> Log:
-    """Return a log whose rows of one time follow each other: within a millisecond, or evenly where the clock is coarse."""
+    """Return a log whose rows of one time follow each other: within 1 ms, or evenly where the clock is coarse."""
     position = np.arange(log.rows)
     first = np.maximum.accumulate(np.where(same, 0, position))
     behind = position - first
@@ -193,10 +211,13 @@ def _spread(log: Log, same: np.ndarray, where: str) -> Log:
         )
     else:
         sentence = (
-            f"{where}: {number:,} {'row has' if number == 1 else 'rows have'} the time of the row above and other readings, "
+            f"{where}: {number:,} {'row has' if number == 1 else 'rows have'} the time of the row above "
+            "and other readings, "
             f"as at the start of a step; each is kept, at most {1e3 * _MOVED_S:g} ms later."
         )
-    found = Finding("same time", where, sentence, "warning" if coarse else "note", "time_s", numbers={"rows": float(number)})
+    found = Finding(
+        "same time", where, sentence, "warning" if coarse else "note", "time_s", numbers={"rows": float(number)}
+    )
     return dataclasses.replace(log, time_s=time_s).also(found)
 
 
@@ -219,7 +240,8 @@ def _against_stamps(log: Log, where: str) -> Log:
         by = float(np.diff(off)[largest])
         hour = " (a change of summer time)" if abs(abs(by) - 3600.0) < max(5.0, resolution) else ""
         sentence = (
-            f"{where}: time stamps and elapsed time part {places.size} times, most by {by:.6g} s at {elapsed[largest]:.6g} s"
+            f"{where}: time stamps and elapsed time part {places.size} times, most by {by:.6g} s at "
+            f"{elapsed[largest]:.6g} s"
             f"{hour}; the elapsed time is used."
         )
         found.append(
@@ -230,6 +252,9 @@ def _against_stamps(log: Log, where: str) -> Log:
     length = float(elapsed[-1] - elapsed[0])
     drift = float(steady[-1] - steady[0])
     if length > 0.0 and abs(drift) > max(_DRIFT * length, _SLACK_S, 2.0 * resolution):
-        sentence = f"{where}: the elapsed time runs {1e6 * drift / length:+.0f} ppm against the time stamps ({drift:+.3g} s in all)."
+        sentence = (
+            f"{where}: the elapsed time runs {1e6 * drift / length:+.0f} ppm against the time "
+            f"stamps ({drift:+.3g} s in all)."
+        )
         found.append(Finding("clock drift", where, sentence, "warning", "time_s", numbers={"drift_s": drift}))
     return log.also(*found)

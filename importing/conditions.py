@@ -17,7 +17,9 @@ from jaxmodel.errors import MeasurementError, nearest
 _SAME_K, _SAME_RATE, _CHANGING_K = 4.0, 1.25, 8.0
 _CONSTANT = 0.7  # share of loaded rows near the middle current, from which a run has one constant current
 _OF_LEVELS = 0.8
-_SPECIMEN = re.compile(r"(?<![a-z])(cell|specimen|sample|battery|b|s|motor|module)[_ -]?(\d{1,4})(?![a-z0-9])", re.IGNORECASE)
+_SPECIMEN = re.compile(
+    r"(?<![a-z])(cell|specimen|sample|battery|b|s|motor|module)[_ -]?(\d{1,4})(?![a-z0-9])", re.IGNORECASE
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,7 +60,9 @@ def condition_of(run: Log, ambient: float | None) -> Condition:
     column = run.columns.get("ambient_degC")
     warmth = float(np.nanmedian(column)) if column is not None else ambient
     changing = column is not None and float(np.ptp(column[np.isfinite(column)])) > _CHANGING_K
-    name = next((n for n in ("current_A", "pack_current_A", "motor_current_A", "voltage_V", "duty") if n in run.columns), None)
+    name = next(
+        (n for n in ("current_A", "pack_current_A", "motor_current_A", "voltage_V", "duty") if n in run.columns), None
+    )
     if name is None:
         return Condition(warmth, "dynamic", 0.0, "", changing)
     load = run.columns[name]
@@ -73,7 +77,9 @@ def condition_of(run: Log, ambient: float | None) -> Condition:
     if not loaded.any():
         return Condition(warmth, "rest", 0.0, "", changing)
     middle = float(np.median(np.abs(load[loaded])))
-    near = float(weight[loaded & (np.abs(np.abs(load) - middle) < 0.1 * middle)].sum()) / max(float(weight[loaded].sum()), 1e-12)
+    near = float(weight[loaded & (np.abs(np.abs(load) - middle) < 0.1 * middle)].sum()) / max(
+        float(weight[loaded].sum()), 1e-12
+    )
     rests = int(np.sum(np.diff(loaded.astype(np.int8)) == 1))
     profile = "dynamic"
     if near > _CONSTANT and rests <= 3:
@@ -118,7 +124,10 @@ def splits_of(
     levels = sorted(groups)
     if len(levels) < 2:
         splits = ["fit"] * (len(runs) - 1) + ["check"]
-        sentence = "All runs were measured under one condition; the last one is held out, which shows less than another condition would."
+        sentence = (
+            "All runs were measured under one condition; the last one is held out, which shows less "
+            "than another condition would."
+        )
         return splits, [
             Decision("check runs", "", names[-1], "the last run", "assumed"),
             Finding("no check condition", "", sentence, "warning"),
@@ -195,7 +204,8 @@ def specimens(runs: Sequence[Log]) -> Finding | None:
         return None
     some = ", ".join(sorted(found))
     sentence = (
-        f"The names of the files speak of {len(found)} pieces of hardware ({some}), and a case is one: import the files of each "
+        f"The names of the files speak of {len(found)} pieces of hardware ({some}), and a case is one: "
+        "import the files of each "
         "apart, unless they are as alike as you need."
     )
     return Finding("several specimens", "", sentence, "warning")

@@ -33,7 +33,10 @@ class Finding:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the finding as JSON holds it."""
-        return dataclasses.asdict(self) | {"numbers": dict(self.numbers), "spans_s": [list(span) for span in self.spans_s]}
+        return dataclasses.asdict(self) | {
+            "numbers": dict(self.numbers),
+            "spans_s": [list(span) for span in self.spans_s],
+        }
 
 
 @dataclasses.dataclass(frozen=True)

@@ -145,14 +145,16 @@ class Imported:
             first = f"first values of {', '.join(self.constants)} and " if self.constants else ""
             rest = f"{', '.join(lacking)}, " if lacking else ""
             return (
-                f"The case has {first}the paper's motor for {rest}inertia, friction and heat: run `jaxmodel parameterise CASE`, or give "
+                f"The case has {first}the paper's motor for {rest}inertia, friction and heat: run "
+                "`jaxmodel parameterise CASE`, or give "
                 "--preset."
             )
         if self.kind == "robot":
             return ""
         lacking = "" if self.capacity_known else "its capacity, "
         return (
-            f"The case does not know {lacking}its open-circuit voltage and its resistances (formulas of the paper's cell stand in for "
+            f"The case does not know {lacking}its open-circuit voltage and its resistances (formulas of "
+            "the paper's cell stand in for "
             "them): run `jaxmodel parameterise CASE`, or give --preset."
         )
 
@@ -178,7 +180,9 @@ class Imported:
     def summary(self) -> str:
         """Return runs, decisions that are not the user's, warnings, and what is missing."""
         lines = [self.title, self.to_dataframe().drop(columns=["columns"]).to_string(index=False, max_colwidth=60)]
-        lines += [f"decided: {one}" for one in shortened([d for d in self.decisions if d.about not in ("reading", "clock")])]
+        lines += [
+            f"decided: {one}" for one in shortened([d for d in self.decisions if d.about not in ("reading", "clock")])
+        ]
         lines += [f"look at: {one.sentence}" for one in self.findings if one.weight == "warning"]
         return "\n".join([*lines, *([self.missing()] if self.missing() else [])])
 

@@ -112,8 +112,14 @@ def _read(
         raise MeasurementError(reason.removesuffix(" It is left out.") or "No file holds readings; name the logs.")
     for target, column in options.columns.items():
         stated = any(d.about == target and d.source == "user" for log in logs for d in log.decisions)
-        if column and not stated and target not in ("time_s", "stamp", "step_time", "state", "step", "cycle", "discharged_Ah"):
-            raise MeasurementError(f"column: no file has a column '{column}' with readings for {target}; check its name.")
+        if (
+            column
+            and not stated
+            and target not in ("time_s", "stamp", "step_time", "state", "step", "cycle", "discharged_Ah")
+        ):
+            raise MeasurementError(
+                f"column: no file has a column '{column}' with readings for {target}; check its name."
+            )
     return logs, listed, found
 
 
@@ -124,7 +130,10 @@ def _with_clocks(logs: Sequence[Log], options: Options, ask: Ask | None) -> tupl
         if (clocked := with_clock(log, options.seconds_per_row)) is not None:
             timed.append(clocked)
         else:
-            sentence = f"{file_label(log.source)} has no column of time and is left out; import it apart with --seconds-per-row."
+            sentence = (
+                f"{file_label(log.source)} has no column of time and is left out; import it apart "
+                "with --seconds-per-row."
+            )
             found.append(Finding("file left out", file_label(log.source), sentence, "warning"))
     if timed:
         return timed, found
@@ -139,8 +148,8 @@ def _clocked(log: Log, options: Options, ask: Ask | None) -> Log:
     question = Question(f"{where} has no clock. How many seconds are there from row to row?", "--seconds-per-row S")
     if ask is None:
         raise MeasurementError(
-            f"{where} has no column of time; name it with --column time_s=\"NAME\", or state --seconds-per-row S, which takes the "
-            "rows as evenly spaced."
+            f'{where} has no column of time; name it with --column time_s="NAME", or state --seconds-per-row S, which '
+            "takes the rows as evenly spaced."
         )
     timed = with_clock(log, _number(ask(question), question))
     assert timed is not None
@@ -159,7 +168,9 @@ def _signed(logs: list[Log], kind: Kind, options: Options, ask: Ask | None) -> l
             if ask is None:
                 raise
             choices = ("discharge-positive", "charge-positive")
-            question = Question("The readings do not settle the sign of the current. What is it?", "--sign", choices, choices[0])
+            question = Question(
+                "The readings do not settle the sign of the current. What is it?", "--sign", choices, choices[0]
+            )
             settled = settle(with_current, ask(question), True)
         by_name = {id(before): after for before, after in zip(with_current, settled, strict=True)}
         logs = [by_name.get(id(log), log) for log in logs]
@@ -193,7 +204,8 @@ def _scaled(log: Log, kind: Kind, options: Options) -> Log:
         count = round(middle / 3.65) if middle < 1000.0 else 0
         todo = f"--cells-in-series {count}" if count else "--unit"
         raise MeasurementError(
-            f"{file_label(log.source)}: voltage_V has {middle:.4g} V (median), more than one cell; state {todo}, or name another "
+            f"{file_label(log.source)}: voltage_V has {middle:.4g} V (median), more than one cell; state "
+            f"{todo}, or name another "
             "column with --column."
         )
     return log
@@ -204,7 +216,9 @@ def _complete(run: Log, kind: Kind, options: Options, listed: Listed | None) -> 
     vocabulary = KINDS[kind]
     for name, value in options.constants.items():
         if name not in vocabulary.columns:
-            raise MeasurementError(f"constant: a {kind} has no column '{name}'; it has {', '.join(vocabulary.columns)}.")
+            raise MeasurementError(
+                f"constant: a {kind} has no column '{name}'; it has {', '.join(vocabulary.columns)}."
+            )
         run = dataclasses.replace(run, columns=run.columns | {name: np.full(run.rows, float(value))})
         run = run.also(Decision(name, run.name, f"{value:g} throughout", "stated", "user"))
     for name, value in (listed.inputs if listed is not None else {}).items():
@@ -228,8 +242,9 @@ def _complete(run: Log, kind: Kind, options: Options, listed: Listed | None) -> 
     drives = {present for group in groups for present in [next(name for name in group if name in run.columns)]}
     if not any(name in run.columns and name not in drives for name in vocabulary.outputs):
         raise MeasurementError(
-            f"{file_label(run.source)} has no reading that a {kind} predicts ({', '.join(vocabulary.outputs)}); name one with "
-            '--column, as --column ' + f'{vocabulary.outputs[0]}="NAME".'
+            f"{file_label(run.source)} has no reading that a {kind} predicts "
+            f"({', '.join(vocabulary.outputs)}); name one with "
+            "--column, as --column " + f'{vocabulary.outputs[0]}="NAME".'
         )
     for name in vocabulary.optional_inputs:
         needs = vocabulary.only_with.get(name)
@@ -256,10 +271,13 @@ def _assembled(
         of_list = listed.get(run.source.name)
         run, ambient = with_ambient(run, stated, of_list.ambient_degC if of_list else None)
         if ambient is None and "ambient_degC" not in run.columns:
-            question = Question(f"At which ambient temperature was {run.name} measured [degC]?", "--ambient DEGC", (), "23")
+            question = Question(
+                f"At which ambient temperature was {run.name} measured [degC]?", "--ambient DEGC", (), "23"
+            )
             if ask is None:
                 raise MeasurementError(
-                    f"{file_label(run.source)} has no ambient temperature, neither in a column nor in its name, and no thermometer; "
+                    f"{file_label(run.source)} has no ambient temperature, neither in a column nor in its "
+                    "name, and no thermometer; "
                     "state --ambient DEGC."
                 )
             stated = _number(ask(question), question)
@@ -271,7 +289,9 @@ def _assembled(
     if kind == "cell":
         counts = charge.counts([run for run, _ in warmed], [one.ambient_degC for one in conditions])
         capacity, full = charge.capacity_of(counts, options.capacity_Ah)
-        known = {count.run.name: start for count, start in zip(counts, charge.starts_of(counts, capacity, full), strict=True)}
+        known = {
+            count.run.name: start for count, start in zip(counts, charge.starts_of(counts, capacity, full), strict=True)
+        }
         starts = [known.get(run.name) for run, _ in warmed]
     if kind == "robot":
         starts = [_ROBOT_SOC] * len(warmed)
@@ -285,7 +305,9 @@ def _assembled(
     for (run, ambient), condition, start, part in zip(warmed, conditions, starts, splits, strict=True):
         of_list = listed.get(run.source.name)
         label = _label(condition, of_list, None if capacity is None else capacity.value)
-        done.append(ImportedRun(run if start is None else charge.told(run, start), part, label, ambient, start, condition))
+        done.append(
+            ImportedRun(run if start is None else charge.told(run, start), part, label, ambient, start, condition)
+        )
     general += _about_capacity(capacity, full, options)
     constants = {} if kind != "motor" or options.preset else constants_of([run for run, _ in warmed])
     general += [Decision(n, "", f"{k.value:.4g} ± {k.sd:.2g}", k.why, "assumed") for n, k in constants.items()]

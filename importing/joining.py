@@ -49,7 +49,10 @@ def _partner(other: Log, electrical: Sequence[Log]) -> int | None:
 def _overlap(one: Log, other: Log) -> float:
     if one.stamp_s is None or other.stamp_s is None:
         return 0.0
-    first, last = max(np.nanmin(one.stamp_s), np.nanmin(other.stamp_s)), min(np.nanmax(one.stamp_s), np.nanmax(other.stamp_s))
+    first, last = (
+        max(np.nanmin(one.stamp_s), np.nanmin(other.stamp_s)),
+        min(np.nanmax(one.stamp_s), np.nanmax(other.stamp_s)),
+    )
     return float(max(last - first, 0.0))
 
 
@@ -64,7 +67,9 @@ def join(electrical: Log, other: Log) -> Log:
     if stamped:
         assert electrical.stamp_s is not None
         assert other.stamp_s is not None
-        start = float(other.stamp_s[np.isfinite(other.stamp_s)][0] - electrical.stamp_s[np.isfinite(electrical.stamp_s)][0])
+        start = float(
+            other.stamp_s[np.isfinite(other.stamp_s)][0] - electrical.stamp_s[np.isfinite(electrical.stamp_s)][0]
+        )
         start += float(electrical.time_s[0] - other.time_s[0])
     else:
         start = float(electrical.time_s[0] - other.time_s[0])
@@ -77,7 +82,10 @@ def join(electrical: Log, other: Log) -> Log:
                 columns[name] = np.interp(electrical.time_s, times[there], values[there], np.nan, np.nan)
     why = "by their time stamps" if stamped else "assumed to have begun together"
     log = dataclasses.replace(electrical, columns=columns, findings=electrical.findings + other.findings)
-    log = log.also(*other.decisions, Decision("two loggers", electrical.name, f"joined with {other.name}", why, "file" if stamped else "assumed"))
+    log = log.also(
+        *other.decisions,
+        Decision("two loggers", electrical.name, f"joined with {other.name}", why, "file" if stamped else "assumed"),
+    )
     return log.also(*shift_of(log))
 
 
@@ -86,7 +94,10 @@ def shift_of(log: Log) -> list[Finding]:
 
     The warming is T' = a I^2 + b (T_a - T), fitted by least squares with the current moved by each of a range of times.
     """
-    name = next((n for n in ("cell_temperature_degC", "winding_temperature_degC", "case_temperature_degC") if n in log.columns), None)
+    name = next(
+        (n for n in ("cell_temperature_degC", "winding_temperature_degC", "case_temperature_degC") if n in log.columns),
+        None,
+    )
     current = log.columns.get("current_A", log.columns.get("pack_current_A"))
     if name is None or current is None:
         return []
@@ -106,7 +117,9 @@ def shift_of(log: Log) -> list[Finding]:
     step = time_s[1] - time_s[0]
     errors = []
     for shift in shifts:
-        moved = np.interp(time_s + shift + step / 2, log.time_s, heat) - np.interp(time_s + shift - step / 2, log.time_s, heat)
+        moved = np.interp(time_s + shift + step / 2, log.time_s, heat) - np.interp(
+            time_s + shift - step / 2, log.time_s, heat
+        )
         design = np.stack([moved / step, smooth, np.ones(_POINTS)], axis=1)[inner]
         left = rate[inner] - design @ np.linalg.lstsq(design, rate[inner], rcond=None)[0]
         errors.append(float(np.sqrt(np.mean(left**2))))
@@ -120,7 +133,8 @@ def shift_of(log: Log) -> list[Finding]:
         return []
     late = "early" if by > 0.0 else "late"
     sentence = (
-        f"{log.name}: {name} follows the heat of the current best if its clock is {abs(by):.3g} s {late} (error of the warming "
+        f"{log.name}: {name} follows the heat of the current best if its clock is {abs(by):.3g} s {late} "
+        "(error of the warming "
         f"{1.0 - errors[best] / none:.0%} smaller); the clocks of the two loggers seem shifted. Nothing was moved."
     )
     return [Finding("clock shift", log.name, sentence, "warning", name, numbers={"shift_s": by})]

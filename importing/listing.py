@@ -36,14 +36,15 @@ def read_listing(path: Path, names: Sequence[str], inputs: Collection[str]) -> d
     frame = _table(path)
     stems = {Path(name).stem: name for name in names}
     for column in frame:
-        listed = frame[column].dropna().map(lambda text: stems.get(Path(str(text)).stem))
-        if len(listed) and listed.notna().mean() > 0.3:
-            return {
-                str(listed[row]): Listed(_ambient(frame.loc[row]), _label(frame.loc[row]), _inputs(frame.loc[row], inputs))
-                for row in listed.index
-                if pd.notna(listed[row])
-            }
+        texts = [str(text) for text in frame[column]]
+        listed = {row: stems[Path(text).stem] for row, text in enumerate(texts) if Path(text).stem in stems}
+        if len(listed) > 0.3 * len(texts):
+            return {name: _of_row(frame.iloc[row], inputs) for row, name in listed.items()}
     return {}
+
+
+def _of_row(row: pd.Series, inputs: Collection[str]) -> Listed:
+    return Listed(_ambient(row), _label(row), _inputs(row, inputs))
 
 
 def _table(path: Path) -> pd.DataFrame:

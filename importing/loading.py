@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +16,17 @@ from importing.roles import MARKS, Role, looks_like, required, roles_of, target_
 from importing.times import Times, parse_times
 from jaxmodel.errors import MeasurementError
 from jaxmodel.tables import RawTable, read_table
-from jaxmodel.tables.raw_table import units_in
+from jaxmodel.tables.raw_table import to_numbers, units_in
 from jaxmodel.tables.units import Conversion, conversion
 
 _SAMPLE_ROWS = 2000
-_RESTS, _CHARGES, _DISCHARGES = "rest", "charge", "discharge"
+_SENSED = ("voltage_V", "pack_voltage_V", "speed_rad_s", "cell_temperature_degC", "winding_temperature_degC")
+_WHY = {
+    "named": "by its name",
+    "like it in name": "by a word in its name",
+    "stated": "stated",
+    "looks like it": "by its readings",
+}
 _STATES = (
     (re.compile(r"^(d|dis|dchg|discharge.*|.*dchg.*|.*discharg.*|entlad.*|.*放电.*|dch)$", re.IGNORECASE), -1.0),
     (re.compile(r"^(c|cha|chg|charge.*|.*chg.*|.*charg.*|lad.*|.*充电.*|chr)$", re.IGNORECASE), 1.0),
@@ -39,24 +45,29 @@ def load(path: Path, kind: Kind, options: Options) -> Log:
         MeasurementError: the file cannot be read, or a unit does not fit.
     """
     chosen: dict[str, Role] = {}
-    seen: list[str] = []
 
     def keep(names: Sequence[str]) -> Sequence[str]:
-        seen[:] = names
         chosen.update(roles_of(names, units_in(names) | dict(options.units), kind, options.columns))
         lacking = _lacking(chosen, kind, options)
         if lacking and any(target not in options.columns for target in lacking):
             return names  # what no name tells is looked for in the readings
         return list(dict.fromkeys(role.column for role in chosen.values()))
 
-    form = {"sheet": options.sheet, "encoding": options.encoding, "delimiter": options.delimiter}
-    table = read_table(path, columns=keep, decimal=options.decimal, **form)
+    table = read_table(
+        path,
+        columns=keep,
+        sheet=options.sheet,
+        encoding=options.encoding,
+        delimiter=options.delimiter,
+        decimal=options.decimal,
+    )
+    seen = [*map(str, table.frame), *table.left_out]
     units = dict(table.units) | {name: unit for name, unit in options.units.items() if name in table.frame}
     chosen = roles_of(seen, units_in(seen) | units, kind, options.columns)
     if (lacking := _lacking(chosen, kind, options)) and _may_be_a_log(chosen, seen):
         named = {role.column for role in chosen.values()}
         free = [name for name in table.frame if name not in named and not _without_sense(str(name), units)]
-        chosen |= looks_like(table.frame[free].head(_SAMPLE_ROWS), kind, lacking)
+        chosen |= looks_like(pd.DataFrame(table.frame[free]).head(_SAMPLE_ROWS), kind, lacking)
     if not any(target in chosen for target in _readings(kind)):
         raise NotALog(f"{table.label} has no reading of a {kind} among its columns ({', '.join(seen[:8])}).")
     return _log(table, chosen, units, seen, options)
@@ -76,7 +87,7 @@ def _without_sense(name: str, units: Mapping[str, str]) -> bool:
 
 def _readings(kind: Kind) -> tuple[str, ...]:
     groups = required(kind)
-    return tuple(name for group in groups for name in group) + ("voltage_V", "pack_voltage_V", "speed_rad_s", "cell_temperature_degC", "winding_temperature_degC")  # fmt: skip
+    return (*(name for group in groups for name in group), *_SENSED)
 
 
 def _lacking(chosen: Mapping[str, Role], kind: Kind, options: Options) -> list[str]:
@@ -99,7 +110,9 @@ def _log(
             continue
         values = _converted(table, role, units.get(role.column, ""), target_unit(target), where, found)
         if not np.isfinite(values).any():
-            found.append(Finding("empty column", where, f"{where}: column '{role.column}' is empty and left out.", column=target))
+            found.append(
+                Finding("empty column", where, f"{where}: column '{role.column}' is empty and left out.", column=target)
+            )
             continue
         columns[target] = values
         found += _about(role, units.get(role.column, ""), where)
@@ -111,7 +124,11 @@ def _log(
         table.source,
         log.time_s,
         columns,
-        {key: _marks(table.frame[chosen[key].column], key) for key in ("step", "cycle", "state") if key in chosen},
+        {
+            key: _marks(pd.Series(table.frame[chosen[key].column]), key)
+            for key in ("step", "cycle", "state")
+            if key in chosen
+        },
         log.stamp_s,
         discharged,
         log.time_is_of_step,
@@ -120,7 +137,9 @@ def _log(
     used = {role.column for role in chosen.values()}
     if left := [name for name in seen if name not in used]:
         some = ", ".join(left[:20]) + (f" and {len(left) - 20} more" if len(left) > 20 else "")
-        found.append(Finding("columns left out", where, f"{where}: not imported, as no column of the case holds it: {some}."))
+        found.append(
+            Finding("columns left out", where, f"{where}: not imported, as no column of the case holds it: {some}.")
+        )
     if table.current_positive_on == "charge":
         found.append(Decision("convention", where, "charge", "the Battery Data Format fixes it", "file"))
     return log.also(*found)
@@ -128,12 +147,13 @@ def _log(
 
 def _about(role: Role, unit: str, where: str) -> list[Finding | Decision]:
     """Return what is to be said about a column that was chosen."""
-    why = {"named": "by its name", "like it in name": "by a word in its name", "stated": "stated", "looks like it": "by its readings"}  # fmt: skip
     source = "user" if role.why == "stated" else "file"
     text = f"column '{role.column}'" + (f" in {unit}" if unit else "")
-    about: list[Finding | Decision] = [Decision(role.target, where, text, why[role.why], source)]
+    about: list[Finding | Decision] = [Decision(role.target, where, text, _WHY[role.why], source)]
     if role.why == "looks like it":
-        sentence = f"{where}: no name tells {role.target}; column '{role.column}' looks like it. State it with --column."
+        sentence = (
+            f"{where}: no name tells {role.target}; column '{role.column}' looks like it. State it with --column."
+        )
         about.append(Finding("column by its looks", where, sentence, "warning", role.target))
     if role.others:
         others = ", ".join(role.others[:6])
@@ -145,14 +165,16 @@ def _about(role: Role, unit: str, where: str) -> list[Finding | Decision]:
     return about
 
 
-def _clocked(table: RawTable, chosen: Mapping[str, Role], units: Mapping[str, str], found: list[Finding | Decision]) -> Log:
+def _clocked(
+    table: RawTable, chosen: Mapping[str, Role], units: Mapping[str, str], found: list[Finding | Decision]
+) -> Log:
     """Return a log that has the clock only: elapsed time, and time stamps where the file has them."""
     where, elapsed, stamp, of_step = table.label, None, None, False
     for target in ("time_s", "stamp", "step_time"):
         role = chosen.get(target)
         if role is None or (target == "step_time" and elapsed is not None):
             continue
-        times = parse_times(table.frame[role.column], units.get(role.column, ""))
+        times = parse_times(pd.Series(table.frame[role.column]), units.get(role.column, ""))
         if times is None:
             continue
         found.append(Decision("clock", where, f"column '{role.column}'", times.form, "file"))
@@ -190,14 +212,17 @@ def _converted(
     if not unit:
         change, guessed = guess_unit(values, target)
         if guessed:
-            sentence = f"{where}: column '{role.column}' states no unit; {guessed}. Correct it with --unit if it is another."
+            sentence = (
+                f"{where}: column '{role.column}' states no unit; {guessed}. Correct it with --unit if it is another."
+            )
             weight = "warning" if change != Conversion(1.0) or target == "rad/s" else "note"
             found.append(Finding("unit assumed", where, sentence, weight, role.target))
     else:
         known = conversion(unit, target)
         if known is None:
             raise MeasurementError(
-                f"{where}: column '{role.column}' is in '{unit}', which is no unit of {role.target} ({target or 'a fraction'}); "
+                f"{where}: column '{role.column}' is in '{unit}', which is no unit of {role.target} "
+                f"({target or 'a fraction'}); "
                 f'state it with --unit "{role.column}={target or 1}", or name another with --column.'
             )
         change = known
@@ -205,7 +230,15 @@ def _converted(
     if infinite.any():
         values = np.where(infinite, np.nan, values)
         count = int(infinite.sum())
-        found.append(Finding("not finite", where, f"{where}: column '{role.column}' has {count} values that are not finite, taken as missing.", "warning", role.target))
+        found.append(
+            Finding(
+                "not finite",
+                where,
+                f"{where}: column '{role.column}' has {count} values that are not finite, taken as missing.",
+                "warning",
+                role.target,
+            )
+        )
     if change.factor == 1.0 and change.offset == 0.0:
         return values
     return values * change.factor + change.offset
@@ -223,7 +256,9 @@ def guess_unit(values: np.ndarray, target: str) -> tuple[Conversion, str]:
         return Conversion(0.01), f"it goes up to {largest:.4g}, taken as percent"
     if target == "rad/s":
         rpm = largest > 1000.0
-        return Conversion(np.pi / 30.0 if rpm else 1.0), f"it goes up to {largest:.4g}, taken as {'1/min' if rpm else 'rad/s'}"
+        return Conversion(
+            np.pi / 30.0 if rpm else 1.0
+        ), f"it goes up to {largest:.4g}, taken as {'1/min' if rpm else 'rad/s'}"
     return Conversion(1.0), f"taken as {target}" if target else ""
 
 
@@ -233,8 +268,8 @@ def _marks(column: pd.Series, key: str) -> np.ndarray:
         return column.to_numpy(dtype=float)
     codes, words = pd.factorize(column.astype("string"))
     if key != "state":
-        numbers = pd.to_numeric(pd.Series(words, dtype="string"), errors="coerce")
-        table = numbers.fillna(pd.Series(np.arange(len(words), dtype=float))).to_numpy(dtype=float)
+        numbers = to_numbers(pd.Series(words, dtype="string"))
+        table = np.where(np.isnan(numbers), np.arange(len(words), dtype=float), numbers)
     else:
         table = np.array([_state(str(word)) for word in words], dtype=float)
     return np.append(table, 0.0 if key == "state" else np.nan)[codes]
@@ -242,6 +277,3 @@ def _marks(column: pd.Series, key: str) -> np.ndarray:
 
 def _state(word: str) -> float:
     return next((sign for pattern, sign in _STATES if pattern.match(word.strip())), 0.0)
-
-
-Progress = Callable[[str], None]

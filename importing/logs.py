@@ -72,7 +72,6 @@ class Log:
         return pd.DataFrame({"time_s": self.time_s, **self.columns}, copy=False)
 
 
-
 def spans(flags: np.ndarray, time_s: np.ndarray, most: int = 50) -> tuple[tuple[float, float], ...]:
     """Return the first stretches of rows that are flagged, as times [s]."""
     edges = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0))

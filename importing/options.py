@@ -20,10 +20,11 @@ class Options:
     Attributes:
         columns: by column of the case (`current_A`, `time_s`), the column of the files that holds it; '' for none.
         units: by column of the files, its unit.
-        sign: what the sign of the current means in the files; for a motor, "discharge-positive" is positive when driving.
+        sign: what the sign of the current means in the files; for a motor, "discharge-positive" is positive when
+            it drives.
         flip: columns of the case whose sign is reversed.
-        split_at: where runs begin: "files" for each file, "rests" after each long rest too, "steps" at each new cycle or
-            step too; "auto" for each file and each restart of its clock.
+        split_at: where runs begin: "files" for each file, "rests" after each long rest too, "steps" at each new cycle
+            or step too; "auto" for each file and each restart of its clock.
         rest_minutes: the shortest rest that ends a run, in minutes.
         check: names of the check runs; None for a proposal.
         ambient: ambient temperature [degC] of all runs.

@@ -81,9 +81,7 @@ class Role:
     commanded: bool = False
 
 
-def roles_of(
-    names: Sequence[str], units: Mapping[str, str], kind: str, stated: Mapping[str, str]
-) -> dict[str, Role]:
+def roles_of(names: Sequence[str], units: Mapping[str, str], kind: str, stated: Mapping[str, str]) -> dict[str, Role]:
     """Return the columns of a file by what they become.
 
     Args:

@@ -75,7 +75,9 @@ def _after_rests(log: Log, least_s: float) -> list[int]:
     largest = float(np.nanmax(np.abs(current))) if np.isfinite(current).any() else 0.0
     rest = np.nan_to_num(np.abs(current)) <= _REST * largest
     edges = np.flatnonzero(np.diff(rest.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
-    long = [(a, b) for a, b in edges.tolist() if b < log.rows and log.time_s[b - 1] - log.time_s[max(a - 1, 0)] >= least_s]
+    long = [
+        (a, b) for a, b in edges.tolist() if b < log.rows and log.time_s[b - 1] - log.time_s[max(a - 1, 0)] >= least_s
+    ]
     return [end - 1 for begin, end in long if begin > 0]
 
 

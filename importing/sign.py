@@ -1,4 +1,4 @@
-"""The sign of the current, settled by physics: a cell's voltage falls when a discharge begins, and as charge leaves it."""
+"""The sign of the current by physics: a cell's voltage falls when a discharge begins, and as charge leaves it."""
 
 from __future__ import annotations
 
@@ -48,7 +48,9 @@ class Evidence(NamedTuple):
         if self.steps:
             fit = self.agreeing if discharge else self.steps - self.agreeing
             resistance = f" (median {1e3 * abs(self.resistance_ohm):.3g} mohm)"
-            said.append(f"in {fit:,} of {self.steps:,} steps of the current the voltage moves as it then must{resistance}")
+            said.append(
+                f"in {fit:,} of {self.steps:,} steps of the current the voltage moves as it then must{resistance}"
+            )
         if abs(self.trend) > 0.2:
             said.append("the voltage falls as charge leaves the cell")
         return " and ".join(said) or "no step of the current shows in the voltage"
@@ -63,7 +65,9 @@ def evidence(log: Log) -> Evidence:
     time_s, current, voltage = log.time_s[there], current[there], voltage[there]
     if current.size < 3:
         return Evidence(0, 0, np.nan, 0.0)
-    largest = float(np.quantile(np.abs(current[:: max(current.size // 1_000_000, 1)]), 0.99)) or float(np.abs(current).max())
+    largest = float(np.quantile(np.abs(current[:: max(current.size // 1_000_000, 1)]), 0.99)) or float(
+        np.abs(current).max()
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         change, moved, apart = np.diff(current), np.diff(voltage), np.diff(time_s)
         steps = (np.abs(change) > _STEP * largest) & (apart > 0.0) & (apart <= _NEAR_S) & (np.abs(moved) > 1e-4)
@@ -74,7 +78,7 @@ def evidence(log: Log) -> Evidence:
 
 
 def _trend(time_s: np.ndarray, current: np.ndarray, voltage: np.ndarray, largest: float) -> float:
-    """Return the negated correlation of voltage and charge taken out, within each stretch between jumps of the clock."""
+    """Return the negated correlation of voltage and charge taken out; long gaps in the clock count nothing."""
     if largest == 0.0:
         return 0.0
     interval = np.diff(time_s, prepend=time_s[0])
@@ -155,8 +159,10 @@ def _surely(odds: float) -> str:
 
 def _against(log: Log, own: Evidence, odds: float) -> Finding:
     sentence = (
-        f"{log.name}: by itself it speaks for the other sign of the current ({own.steps - own.agreeing:,} of {own.steps:,} "
-        "steps against positive on discharge); look at it, and import it apart with --sign if its bench writes otherwise."
+        f"{log.name}: by itself it speaks for the other sign of the current ({own.steps - own.agreeing:,} "
+        f"of {own.steps:,} "
+        "steps against positive on discharge); look at it, and import it apart with --sign if its bench "
+        "writes otherwise."
     )
     return Finding("sign", log.name, sentence, "warning", "current_A", numbers={"odds": odds})
 
@@ -172,7 +178,8 @@ def motor_signs(log: Log) -> Log:
         product = product[np.isfinite(product)]
         if product.size and float(np.sum(product)) < -_OPPOSITE * float(np.sum(np.abs(product))):
             sentence = (
-                f"{log.name}: voltage_V and {name} have opposite signs on the average, and a motor that is driven has the same; "
+                f"{log.name}: voltage_V and {name} have opposite signs on the average, and a motor that is "
+                "driven has the same; "
                 f"reverse one with --flip {name}, unless it was braking."
             )
             found.append(Finding("sign", log.name, sentence, "warning", name))

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from jaxmodel.tables.raw_table import to_numbers
 from jaxmodel.tables.units import conversion
 
 _DURATION = re.compile(r"^\s*[+-]?(\d+\s*d(ays?)?[\s.]*)?\d+:\d{1,2}(:\d{1,2}([.,:]\d*)?)?\s*$", re.IGNORECASE)
@@ -71,7 +72,7 @@ def _durations(text: pd.Series) -> np.ndarray:
     last = parts["c"].str.replace(",", ".", regex=False).str.replace(":", ".", regex=False)
 
     def number(column: pd.Series) -> np.ndarray:
-        return pd.to_numeric(column, errors="coerce").to_numpy(dtype=float, na_value=np.nan)
+        return to_numbers(column)
 
     days, first, second, third = (number(column) for column in (parts["days"], parts["a"], parts["b"], last))
     of_hours = first * 3600.0 + second * 60.0 + np.nan_to_num(third)

@@ -70,13 +70,21 @@ def _head(imported: Imported) -> str:
 
 def to_dict(imported: Imported) -> dict[str, Any]:
     """Return files, options, decisions and findings as JSON holds them."""
-    options = {name: value for name, value in dataclasses.asdict(imported.options).items() if value not in (None, {}, ())}
+    options = {
+        name: value for name, value in dataclasses.asdict(imported.options).items() if value not in (None, {}, ())
+    }
     return {
         "kind": imported.kind,
         "files": sorted({run.log.source.name for run in imported.runs}),
         "options": {name: list(value) if isinstance(value, tuple) else value for name, value in options.items()},
         "runs": [
-            {"run": run.log.name, "file": run.log.source.name, "rows": run.log.rows, "split": run.split, **run.entries()}
+            {
+                "run": run.log.name,
+                "file": run.log.source.name,
+                "rows": run.log.rows,
+                "split": run.split,
+                **run.entries(),
+            }
             for run in imported.runs
         ],
         "decisions": [one.to_dict() for one in imported.decisions],

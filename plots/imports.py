@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from plots.panels import Row, panels
 from plots.style import BLUE, GREY, LINES, ORANGE, column_label, minutes_or_seconds, styled
 
-_PANEL_CM, _LEFT_CM, _LABEL_CM, _TIME_CM = 2.6, 2.0, 1.1, 1.05
+_PANEL_CM, _LEFT_CM, _LABEL_CM, _TIME_CM = 3.1, 2.0, 1.1, 1.05
 _LINE_CM, _CHARACTERS, _MOST_NOTES = 0.38, 118, 6
 # More points than a picture has pixels are drawn as the least and largest of each stretch.
 _MOST_POINTS = 4000

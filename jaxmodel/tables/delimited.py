@@ -14,7 +14,7 @@ import pandas as pd
 
 from jaxmodel.errors import MeasurementError
 from jaxmodel.measurements import file_label
-from jaxmodel.tables.raw_table import RawTable, unique_names, units_in
+from jaxmodel.tables.raw_table import RawTable, to_numbers, unique_names, units_in
 from jaxmodel.tables.sniffing import MISSING, Layout, layout_of
 
 Keep = Callable[[Sequence[str]], Sequence[str]]
@@ -51,7 +51,7 @@ def read_delimited(
     wanted = list(names if keep is None else keep(names))
     if layout.indented:
         frame, remarks = _read_indented(path, layout, names, rows)
-        frame = frame[[name for name in frame if name in wanted or name not in names]]
+        frame = pd.DataFrame(frame[[name for name in frame if name in wanted or name not in names]])
     elif _for_pandas(layout, rows):
         frame, remarks = _read_by_pandas(path, layout, names, wanted, rows)
     else:
@@ -68,11 +68,18 @@ def _form(layout: Layout) -> str:
     """Return the form of the file in one sentence."""
     header = "no line of names" if layout.header_line is None else f"the names in line {layout.header_line + 1}"
     mark = "a decimal comma" if layout.decimal == "," else "a decimal point"
-    return f"Text in {layout.encoding}, fields between {_WORDS.get(layout.delimiter, layout.delimiter)}, {mark}, {header}."
+    return (
+        f"Text in {layout.encoding}, fields between {_WORDS.get(layout.delimiter, layout.delimiter)}, {mark}, {header}."
+    )
 
 
 def _for_pandas(layout: Layout, rows: int | None) -> bool:
-    return rows is not None or layout.delimiter == " " or layout.thousands is not None or layout.decimal == layout.delimiter
+    return (
+        rows is not None
+        or layout.delimiter == " "
+        or layout.thousands is not None
+        or layout.decimal == layout.delimiter
+    )
 
 
 def _read_by_arrow(path: Path, layout: Layout, names: list[str], wanted: list[str]) -> tuple[pd.DataFrame, list[str]]:
@@ -177,7 +184,7 @@ def _numbers(
             text = text.str.replace(layout.thousands, "", regex=False)
         if layout.decimal == ",":
             text = text.str.replace(",", ".", regex=False)
-        values = pd.to_numeric(text.str.strip(), errors="coerce").to_numpy(dtype=float, na_value=np.nan)
+        values = to_numbers(text.str.strip())
         lost = np.isnan(values) & column.notna().to_numpy()
         if lost.any():
             row = int(lost.argmax())
@@ -211,14 +218,13 @@ def _read_indented(
     first, second = frame.columns[:2]
     cycles, steps = frame[first].str.strip().replace("", pd.NA), frame[second].str.strip().replace("", pd.NA)
     state = frame[frame.columns[2]].where(steps.notna()).ffill()
-    frame = frame.assign(**{first: cycles.ffill(), second: steps.ffill()})
     records = cycles.isna() & steps.isna()
-    frame = frame[records].rename(columns={first: "Cycle", second: "Step"})
+    frame = pd.DataFrame(frame[records]).drop(columns=[first, second])
+    for place, (name, marks) in enumerate({"Cycle": cycles, "Step": steps}.items()):
+        frame.insert(place, name, to_numbers(pd.Series(marks.ffill()[records])))
     frame.insert(2, "Step Type", state[records])
     remark = (
         f"Tables of {int(cycles.notna().sum())} cycles and {int(steps.notna().sum())} steps stand between the records; "
         "the records were read, with the numbers of their cycle and step."
     )
-    for name in ("Cycle", "Step"):
-        frame[name] = pd.to_numeric(frame[name], errors="coerce")
     return frame.reset_index(drop=True), [remark]

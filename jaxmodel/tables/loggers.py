@@ -14,12 +14,13 @@ from jaxmodel.errors import MeasurementError
 from jaxmodel.measurements import file_label
 from jaxmodel.tables.raw_table import RawTable, unique_names, units_in
 
+_GPL = "galvani is under the GPL, which then holds for what you pass on"
 # By the ending of a file: the package that reads it, the extra that installs it, and what to do without.
 PACKAGES = {
     ".nda": ("NewareNDA", "neware", "export it as text or Excel"),
     ".ndax": ("NewareNDA", "neware", "export it as text or Excel"),
-    ".mpr": ("galvani", "galvani", "export it as text (.mpt); galvani is under the GPL, which then holds for what you pass on"),
-    ".res": ("galvani", "galvani", "export it as CSV or Excel; galvani is under the GPL, which then holds for what you pass on"),
+    ".mpr": ("galvani", "galvani", f"export it as text (.mpt); {_GPL}"),
+    ".res": ("galvani", "galvani", f"export it as CSV or Excel; {_GPL}"),
     ".tdms": ("nptdms", "tdms", "export it as text"),
     ".mf4": ("asammdf", "mdf", "export it as CSV or Parquet"),
     ".mdf": ("asammdf", "mdf", "export it as CSV or Parquet"),
@@ -38,7 +39,9 @@ def read_logger(path: Path) -> RawTable:
     try:
         package = importlib.import_module(name)
     except ImportError:
-        raise MeasurementError(f"{label} needs the package {name}: install jaxmodel[{extra}], or {otherwise}.") from None
+        raise MeasurementError(
+            f"{label} needs the package {name}: install jaxmodel[{extra}], or {otherwise}."
+        ) from None
     try:
         frame, remarks = _READERS[suffix](path, package)
     except MeasurementError:

@@ -50,7 +50,8 @@ QUANTITIES: dict[str, Quantity] = {
     "time": Quantity(
         "s",
         _names(
-            "time, test time, total time, elapsed time, t, time elapsed, run time, running time, prog time, program time,"
+            "time, test time, total time, elapsed time, t, time elapsed, run time, running time, prog "
+            "time, program time,"
             "prog time sum, total test time, test, elapsed, relative test time, zeit, prüfzeit, temps, x value,"
             "time since start, duration, time s, test time second, 总时间, 测试时间, seconds, secs, sec"
         ),
@@ -68,7 +69,8 @@ QUANTITIES: dict[str, Quantity] = {
     "stamp": Quantity(
         None,
         _names(
-            "date time, datetime, timestamp, time stamp, dpt time, unix time, unix time second, absolute time, real time,"
+            "date time, datetime, timestamp, time stamp, dpt time, unix time, unix time second, absolute "
+            "time, real time,"
             "realtime, system time, abs time, date, utc, utc time, epoch, epoch time, recorded time, datum, datumzeit,"
             "date and time, 绝对时间, 系统时间, clock"
         ),
@@ -77,7 +79,8 @@ QUANTITIES: dict[str, Quantity] = {
     "current": Quantity(
         "A",
         _names(
-            "current, i, amps, cell current, battery current, measured current, current measured, amp, amperes, cur, strom,"
+            "current, i, amps, cell current, battery current, measured current, current measured, amp, "
+            "amperes, cur, strom,"
             "stromstärke, courant, corriente, i cell, i batt, i bat, i battery, current ampere, 电流, 电流值, curr"
         ),
         _of("current amps strom 电流 curr"),
@@ -87,7 +90,8 @@ QUANTITIES: dict[str, Quantity] = {
         "V",
         _names(
             "voltage, cell voltage, terminal voltage, battery voltage, ewe, ecell, ewe ece, volts, u, v, volt, vcell,"
-            "measured voltage, voltage measured, spannung, zellspannung, tension, voltaje, u cell, u batt, v batt, v cell,"
+            "measured voltage, voltage measured, spannung, zellspannung, tension, voltaje, u cell, u batt, "
+            "v batt, v cell,"
             "voltage volt, 电压, 电压值, ewe v"
         ),
         _of("voltage volts spannung 电压 ewe ecell"),
@@ -109,7 +113,8 @@ QUANTITIES: dict[str, Quantity] = {
     "cycle": Quantity(
         None,
         _names(
-            "cycle, cycle index, cycle number, cycle id, cycle count, cyc, cyc#, run, test run, repetition, zyklus, 循环号,"
+            "cycle, cycle index, cycle number, cycle id, cycle count, cyc, cyc#, run, test run, "
+            "repetition, zyklus, 循环号,"
             "循环序号, cycle no"
         ),
         counts=True,
@@ -135,7 +140,8 @@ QUANTITIES: dict[str, Quantity] = {
     "ambient_temperature": Quantity(
         "degC",
         _names(
-            "ambient temperature, chamber temperature, ambient, chamber, ambient temp, chamber temp, t amb, t ambient, tamb,"
+            "ambient temperature, chamber temperature, ambient, chamber, ambient temp, chamber temp, t "
+            "amb, t ambient, tamb,"
             "room temperature, environment temperature, air temperature, oven temperature, umgebungstemperatur,"
             "ambient temperature celsius, temp chamber, klimakammer, t chamber, t env, 环境温度"
         ),
@@ -162,20 +168,25 @@ QUANTITIES: dict[str, Quantity] = {
     ),
     "motor_voltage": Quantity(
         "V",
-        _names("motor voltage, voltage, terminal voltage, armature voltage, u, v, volts, u motor, v motor, motorspannung"),
+        _names(
+            "motor voltage, voltage, terminal voltage, armature voltage, u, v, volts, u motor, v motor, motorspannung"
+        ),
         _of("voltage volts spannung"),
         without=_TARGET | _of("battery pack cell deck"),
     ),
     "motor_current": Quantity(
         "A",
-        _names("motor current, current, armature current, i, amps, i motor, motorstrom, phase current, winding current"),
+        _names(
+            "motor current, current, armature current, i, amps, i motor, motorstrom, phase current, winding current"
+        ),
         _of("current amps strom"),
         without=_TARGET | _COUNTED | _of("battery pack"),
     ),
     "speed": Quantity(
         "rad/s",
         _names(
-            "speed, motor speed, shaft speed, angular velocity, angular speed, rotational speed, velocity, rpm, omega, n,"
+            "speed, motor speed, shaft speed, angular velocity, angular speed, rotational speed, velocity, "
+            "rpm, omega, n,"
             "drehzahl, rotor speed, speed measured, measured speed, encoder speed, w, vel"
         ),
         _of("speed velocity rpm omega drehzahl"),
@@ -183,7 +194,9 @@ QUANTITIES: dict[str, Quantity] = {
     ),
     "load_torque": Quantity(
         "N m",
-        _names("load torque, torque, brake torque, shaft torque, measured torque, drehmoment, moment, load, m, torque load"),
+        _names(
+            "load torque, torque, brake torque, shaft torque, measured torque, drehmoment, moment, load, m, torque load"
+        ),
         _of("torque drehmoment"),
         without=_TARGET | _of("enable constant motor"),
     ),
@@ -196,7 +209,9 @@ QUANTITIES: dict[str, Quantity] = {
     "set_voltage": Quantity("V", _names("v set, vset, set voltage, setpoint voltage")),
     "pack_voltage": Quantity(
         "V",
-        _names("pack voltage, battery voltage, bus voltage, supply voltage, vbat, v batt, vbatt, u batt, voltage, v bus"),
+        _names(
+            "pack voltage, battery voltage, bus voltage, supply voltage, vbat, v batt, vbatt, u batt, voltage, v bus"
+        ),
         _of("voltage"),
         also=_of("battery pack bus supply"),
     ),

@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
+import numpy as np
 import pandas as pd
 
 from jaxmodel.measurements import file_label
@@ -60,6 +61,12 @@ class RawTable:
 def units_in(names: Iterable[str]) -> dict[str, str]:
     """Return the units that names of columns state, by name."""
     return {name: unit for name in names if (unit := parse_name(name).unit)}
+
+
+def to_numbers(text: pd.Series) -> np.ndarray:
+    """Return text as numbers, NaN where it is none."""
+    numbers = cast("pd.Series", pd.to_numeric(text, errors="coerce"))
+    return np.asarray(numbers.astype("Float64").to_numpy(dtype=float, na_value=np.nan))
 
 
 def unique_names(names: Iterable[str]) -> list[str]:

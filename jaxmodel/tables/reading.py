@@ -22,7 +22,7 @@ TEXT = (".csv", ".tsv", ".txt", ".mpt", ".asc", ".log", ".lvm", ".dat", ".bdf", 
 SUFFIXES = (*TEXT, *SPREADSHEETS, *COLUMNAR, ".mat", *PACKAGES)
 """The endings of files that `read_table` knows; a file of another is taken as text."""
 
-# The fixed names of the Battery Data Format, as labels and as machine-readable names; the current is positive on charge.
+# The fixed names of the Battery Data Format: labels, and names for machines. Its current is positive on charge.
 _BATTERY_DATA_FORMAT = (
     {"Test Time / s", "Current / A", "Voltage / V"},
     {"test_time_second", "current_ampere", "voltage_volt"},

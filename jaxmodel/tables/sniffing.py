@@ -125,7 +125,8 @@ def layout_of(path: Path, encoding: str | None = None, delimiter: str | None = N
     score, found, start, count = best
     if score <= 0.0:
         raise MeasurementError(
-            f"{file_label(path)} has no rows of numbers in its first {len(lines):,} lines; give a table with one row of "
+            f"{file_label(path)} has no rows of numbers in its first {len(lines):,} lines; give a table "
+            "with one row of "
             "readings per line."
         )
     rows = [split(line, found) for line in lines[start : start + _ENOUGH_LINES] if line.strip()]

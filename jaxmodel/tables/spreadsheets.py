@@ -11,7 +11,7 @@ import pandas as pd
 
 from jaxmodel.errors import MeasurementError, nearest
 from jaxmodel.measurements import file_label
-from jaxmodel.tables.raw_table import RawTable, unique_names, units_in
+from jaxmodel.tables.raw_table import RawTable, to_numbers, unique_names, units_in
 from jaxmodel.tables.units import spelled
 
 _SEARCHED_ROWS = 2000
@@ -41,7 +41,9 @@ def read_spreadsheet(path: Path, sheet: str | None = None) -> RawTable:
     except (python_calamine.CalamineError, OSError, ValueError) as error:
         if isinstance(error, MeasurementError):
             raise
-        raise MeasurementError(f"{label} cannot be read as a spreadsheet ({error}); save or export it again.") from error
+        raise MeasurementError(
+            f"{label} cannot be read as a spreadsheet ({error}); save or export it again."
+        ) from error
     if not tables:
         raise MeasurementError(f"{label} has no sheet with a table of numbers; give the file that holds the readings.")
     main = max(tables, key=lambda name: len(tables[name][0]))
@@ -71,7 +73,10 @@ def _table(rows: list[list[Any]]) -> tuple[pd.DataFrame, dict[str, str], int] | 
     named += [""] * (width - len(named))
     used = [n for n in range(width) if named[n] or any(n < len(row) and row[n] != "" for row in rows[start:])]
     names = unique_names(named[n] for n in used)
-    columns = {name: _column([row[n] if n < len(row) else "" for row in rows[start:]]) for name, n in zip(names, used, strict=True)}
+    columns = {
+        name: _column([row[n] if n < len(row) else "" for row in rows[start:]])
+        for name, n in zip(names, used, strict=True)
+    }
     frame = pd.DataFrame(columns).dropna(how="all")
     stated = {name: str(units[n]).strip("[]()") for name, n in zip(names, used, strict=True) if units.get(n)}
     return frame, stated, start + 1
@@ -92,8 +97,8 @@ def _column(cells: list[Any]) -> pd.Series | np.ndarray:
     if kinds and kinds <= {datetime.time, datetime.timedelta, int, float}:
         return np.array([np.nan if cell == "" else _seconds(cell) for cell in cells])
     texts = pd.Series([None if cell == "" else str(cell) for cell in cells], dtype="string")
-    numbers = pd.to_numeric(texts.str.replace(",", ".", regex=False), errors="coerce")
-    return numbers.to_numpy(dtype=float, na_value=np.nan) if numbers.notna().sum() > 0.5 * texts.notna().sum() else texts
+    numbers = to_numbers(texts.str.replace(",", ".", regex=False))
+    return numbers if np.isfinite(numbers).sum() > 0.5 * texts.notna().sum() else texts
 
 
 def _seconds(cell: Any) -> float:

@@ -39,12 +39,13 @@ def import_files(
     Raises:
         UserError: a file cannot be used, or something is open and nobody is there to be asked.
     """
+    constants = [_pair(text, "constant") for text in pairs["constant"]]
     options = Options(
         columns=dict(_pair(text, "column") for text in pairs["column"]),
         units=dict(_pair(text, "unit") for text in pairs["unit"]),
-        constants={name: _number(value, f"--constant {name}") for name, value in (_pair(t, "constant") for t in pairs["constant"])},
+        constants={name: _number(value, f"--constant {name}") for name, value in constants},
         **decisions,
-    )  # fmt: skip
+    )
     paths = _files(files, out)
     ask = _ask if sys.stdin.isatty() and sys.stderr.isatty() else None
     with terminal.stages("import") as progress:
@@ -64,7 +65,9 @@ def _check(imported: Imported) -> None:
     try:
         imported.check()
     except UserError as error:
-        raise MeasurementError(f"{str(error).rstrip('.')}; for an import: --unit, --sign or --column state it.") from error
+        raise MeasurementError(
+            f"{str(error).rstrip('.')}; for an import: --unit, --sign or --column state it."
+        ) from error
 
 
 def _files(files: Sequence[Path], out: Path) -> list[Path]:
@@ -73,7 +76,9 @@ def _files(files: Sequence[Path], out: Path) -> list[Path]:
     for path in files:
         if path.is_dir():
             inside = sorted(file for file in path.iterdir() if file.is_file() and not file.name.startswith("."))
-            found += [file for file in inside if file.suffix.lower() not in (".md", ".png", ".jpg", ".pdf", ".toml", ".json")]
+            found += [
+                file for file in inside if file.suffix.lower() not in (".md", ".png", ".jpg", ".pdf", ".toml", ".json")
+            ]
         else:
             found.append(path)
     if any(file.resolve().parent == out.resolve() for file in found):
@@ -100,7 +105,9 @@ def _ask(question: Question) -> str:
     choices = f" ({' or '.join(question.choices)})" if question.choices else ""
     answer = str(typer.prompt(f"{question.sentence}{choices}", default=question.default or None, err=True)).strip()
     if question.choices and answer not in question.choices:
-        raise MeasurementError(f"'{answer}' is none of {', '.join(question.choices)}; run again, or give {question.option}.")
+        raise MeasurementError(
+            f"'{answer}' is none of {', '.join(question.choices)}; run again, or give {question.option}."
+        )
     return answer
 
 
