@@ -146,7 +146,7 @@ def capacity_of(found: Sequence[Count], stated_Ah: float | None) -> tuple[Stated
 
 
 def _full_discharges(count: Count) -> list[tuple[Count, float]]:
-    """Return the charge between the last full row and the first cut-off after it, for each such pair."""
+    """Return the charge between a full cell and the cut-off that follows, for each such pair."""
     result = []
     full, empty = np.flatnonzero(count.full), np.flatnonzero(count.empty)
     while full.size and empty.size:
@@ -154,7 +154,8 @@ def _full_discharges(count: Count) -> list[tuple[Count, float]]:
         if not after.size:
             break
         end = int(after[0])
-        begin = int(full[full < end][-1])
+        before = full[full < end]
+        begin = int(before[np.argmin(count.out_Ah[before])])  # a small pulse from full leaves it near full
         # The cut-off may last for rows: the charge up to the deepest point before the next full row.
         following = full[full > end]
         stop = int(following[0]) if following.size else count.out_Ah.size

@@ -86,8 +86,10 @@ def _restarts(log: Log, where: str) -> Log:
         log = _by_stamps(log, f"the elapsed time begins anew {restarts.size} times")
         return log.also(_reset(where, restarts.size, "the time stamps are used instead"))
     cycle = log.marks.get("cycle")
+    step = log.marks.get("step")
     new_runs = cycle is not None and np.mean(cycle[restarts] != cycle[restarts - 1]) > 0.9
-    if not new_runs and not log.time_is_of_step:
+    of_steps = log.time_is_of_step or (step is not None and np.mean(step[restarts] != step[restarts - 1]) > 0.9)
+    if not new_runs and not of_steps:
         new_runs = not _voltage_goes_on(log, restarts)
     if new_runs:
         said = f"{where}: the clock begins anew {restarts.size} times; each time a new run begins."

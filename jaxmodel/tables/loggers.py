@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import tempfile
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,9 @@ def read_logger(path: Path) -> RawTable:
             f"{label} needs the package {name}: install jaxmodel[{extra}], or {otherwise}."
         ) from None
     try:
-        frame, remarks = _READERS[suffix](path, package)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # theirs, on how they use pandas and NumPy
+            frame, remarks = _READERS[suffix](path, package)
     except MeasurementError:
         raise
     except Exception as error:  # a damaged file fails in as many ways as these packages have lines

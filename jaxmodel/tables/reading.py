@@ -18,7 +18,7 @@ from jaxmodel.tables.spreadsheets import read_spreadsheet
 
 SPREADSHEETS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 COLUMNAR = (".parquet", ".pq", ".feather", ".arrow")
-TEXT = (".csv", ".tsv", ".txt", ".mpt", ".asc", ".log", ".lvm", ".dat", ".bdf", "")
+TEXT = (".csv", ".tsv", ".txt", ".mpt", ".asc", ".log", ".lvm", ".bdf", "")
 SUFFIXES = (*TEXT, *SPREADSHEETS, *COLUMNAR, ".mat", *PACKAGES)
 """The endings of files that `read_table` knows; a file of another is taken as text."""
 
@@ -82,8 +82,8 @@ def _suffix(path: Path) -> str:
     suffix = path.suffix.lower()
     with path.open("rb") as stream:
         start = stream.read(8)
-    if suffix == ".dat" and not start.startswith(b"MDF"):
-        return ".txt"
+    if suffix == ".dat":
+        return suffix if start.startswith(b"MDF") else ".txt"
     if suffix in TEXT or suffix not in SUFFIXES:
         return next((ending for mark, ending in _STARTS if start.startswith(mark)), ".txt")
     if suffix in SPREADSHEETS and re.match(rb"[\w#\"\xef]", start) and not start.startswith(b"PK"):
