@@ -13,6 +13,8 @@ from jaxmodel.units import unit_of
 
 # A gap lasts so many times as long as rows usually are apart, and so long at least [s].
 _GAP, _GAP_S = 20.0, 30.0
+# Where so large a share of the rows is evenly spaced, so many spacings are a gap.
+_EVEN, _GAP_OF_EVEN = 0.95, 5.0
 # Below this share of the largest current a cell rests.
 _REST = 0.02
 # Least share of the range that one digit of a sensor is, to be told.
@@ -53,8 +55,9 @@ def odd_things(run: Log, kind: str) -> Iterator[Finding]:
 def _gaps(run: Log, current: np.ndarray | None) -> Iterator[Finding]:
     apart = np.diff(run.time_s)
     usual = float(np.median(apart))
-    gap = apart > max(_GAP * usual, _GAP_S)
-    if current is not None:
+    even = float(np.mean(np.abs(apart - usual) < 0.1 * usual)) > _EVEN
+    gap = apart > (_GAP_OF_EVEN * usual if even else max(_GAP * usual, _GAP_S))
+    if current is not None and not even:
         # A log that is thinned while nothing happens has no gaps there.
         largest = float(np.nanmax(np.abs(current))) if np.isfinite(current).any() else 0.0
         loaded = np.nan_to_num(np.abs(current)) > _REST * largest
@@ -64,7 +67,7 @@ def _gaps(run: Log, current: np.ndarray | None) -> Iterator[Finding]:
         return
     longest = int(np.argmax(np.where(gap, apart, 0.0)))
     count = int(gap.sum())
-    under = " under load" if current is not None else ""
+    under = " under load" if current is not None and not even else ""
     sentence = (
         f"{run.name}: {count} {'gap' if count == 1 else 'gaps'}{under}, the longest of {apart[longest]:.5g} s from "
         f"{run.time_s[longest]:.6g} s (rows are usually {usual:.3g} s apart); the input is taken as that "
@@ -183,7 +186,7 @@ def _saturation(run: Log, name: str, values: np.ndarray) -> Iterator[Finding]:
         if np.sum(moving) < max(_VISITS, long.shape[0] // 2):
             continue
         lasting = run.time_s[long[:, 1] - 1] - run.time_s[begin]
-        if np.std(lasting) < 0.2 * np.mean(lasting):
+        if name.endswith(("_A", "_V", "_Nm", "duty")) and np.std(lasting) < 0.2 * np.mean(lasting):
             continue  # steps of a programme, all of one length
         share = float(at.mean())
         sentence = (

@@ -73,7 +73,9 @@ def _restarts(log: Log, where: str) -> Log:
     if not back.size:
         return log
     begins = np.isclose(log.time_s[back], log.time_s[0], atol=max(1.0, 0.02 * float(np.nanmax(log.time_s))))
-    restarts = back[begins]
+    # A single row that is late goes back as well, and the next one is where it should be.
+    stays = log.time_s[np.minimum(back + 1, log.rows - 1)] < log.time_s[back - 1]
+    restarts = back[begins & stays]
     if not restarts.size:
         return log
     stamps = log.stamp_s

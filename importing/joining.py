@@ -121,8 +121,10 @@ def shift_of(log: Log) -> list[Finding]:
             time_s + shift - step / 2, log.time_s, heat
         )
         design = np.stack([moved / step, smooth, np.ones(_POINTS)], axis=1)[inner]
-        left = rate[inner] - design @ np.linalg.lstsq(design, rate[inner], rcond=None)[0]
-        errors.append(float(np.sqrt(np.mean(left**2))))
+        fitted = np.linalg.lstsq(design, rate[inner], rcond=None)[0]
+        left = rate[inner] - design @ fitted
+        # A current that cools is none: half a period away, a load that repeats fits as well with the other sign.
+        errors.append(float(np.sqrt(np.mean(left**2))) if fitted[0] > 0.0 or shift == 0.0 else np.inf)
     best, none = int(np.argmin(errors)), errors[_SHIFTS // 2]
     by = float(shifts[best])
     edge = best in (0, _SHIFTS - 1)

@@ -16,6 +16,7 @@ from importing.roles import MARKS, Role, looks_like, required, roles_of, target_
 from importing.times import Times, parse_times
 from jaxmodel.errors import MeasurementError
 from jaxmodel.tables import RawTable, read_table
+from jaxmodel.tables.names import matches
 from jaxmodel.tables.raw_table import to_numbers, units_in
 from jaxmodel.tables.units import Conversion, conversion
 
@@ -47,7 +48,7 @@ def load(path: Path, kind: Kind, options: Options) -> Log:
     chosen: dict[str, Role] = {}
 
     def keep(names: Sequence[str]) -> Sequence[str]:
-        chosen.update(roles_of(names, units_in(names) | dict(options.units), kind, options.columns))
+        chosen.update(roles_of(names, _units_to_match(names, units_in(names), options), kind, options.columns))
         lacking = _lacking(chosen, kind, options)
         if lacking and any(target not in options.columns for target in lacking):
             return names  # what no name tells is looked for in the readings
@@ -63,7 +64,8 @@ def load(path: Path, kind: Kind, options: Options) -> Log:
     )
     seen = [*map(str, table.frame), *table.left_out]
     units = dict(table.units) | {name: unit for name, unit in options.units.items() if name in table.frame}
-    chosen = roles_of(seen, units_in(seen) | units, kind, options.columns)
+    to_match = _units_to_match(seen, units_in(seen) | dict(table.units), options)
+    chosen = roles_of(seen, to_match, kind, options.columns)
     if (lacking := _lacking(chosen, kind, options)) and _may_be_a_log(chosen, seen):
         named = {role.column for role in chosen.values()}
         free = [name for name in table.frame if name not in named and not _without_sense(str(name), units)]
@@ -71,6 +73,12 @@ def load(path: Path, kind: Kind, options: Options) -> Log:
     if not any(target in chosen for target in _readings(kind)):
         raise NotALog(f"{table.label} has no reading of a {kind} among its columns ({', '.join(seen[:8])}).")
     return _log(table, chosen, units, seen, options)
+
+
+def _units_to_match(names: Sequence[str], units: Mapping[str, str], options: Options) -> dict[str, str]:
+    """Return units by which names are matched: a stated one that fits nothing is left to be refused by its column."""
+    stated = {name: unit for name, unit in options.units.items() if name in names and matches(name, unit)}
+    return {**units, **stated}
 
 
 def _may_be_a_log(chosen: Mapping[str, Role], names: Sequence[str]) -> bool:
@@ -183,6 +191,8 @@ def _clocked(
         elif elapsed is None:
             elapsed, of_step = times.seconds, target == "step_time"
             found += _unit_of_time(role, times, where)
+        if role.why == "looks like it":
+            found += [one for one in _about(role, "", where) if isinstance(one, Finding)]
     return Log("", table.source, np.empty(0) if elapsed is None else elapsed, {}, {}, stamp, None, of_step)
 
 

@@ -44,9 +44,9 @@ class Options:
 
     columns: Mapping[str, str] = dataclasses.field(default_factory=dict)
     units: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    sign: Sign | None = None
+    sign: str | None = None
     flip: tuple[str, ...] = ()
-    split_at: SplitAt = "auto"
+    split_at: str = "auto"
     rest_minutes: float = 30.0
     check: tuple[str, ...] | None = None
     ambient: float | None = None

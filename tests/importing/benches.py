@@ -116,6 +116,7 @@ def biologic(log: pd.DataFrame) -> bytes:
 
 def neware(log: pd.DataFrame) -> str:
     """Neware's flat CSV: mA, the time of the step and the total time as h:min:s."""
+
     def clock(seconds: pd.Series) -> list[str]:
         return [f"{int(s // 3600):02d}:{int(s % 3600 // 60):02d}:{s % 60:06.3f}" for s in seconds]
 

@@ -39,7 +39,9 @@ def test_a_name_means_its_quantity(column: str, quantity: str, unit: str):
     assert matches(column)[0].quantity == quantity
 
 
-@pytest.mark.parametrize("column", ["speed_setpoint_rpm", "test", "Rec#", "dV/dt(V/s)", "Internal_Resistance(Ohm)", "Voltage(A)"])
+@pytest.mark.parametrize(
+    "column", ["speed_setpoint_rpm", "test", "Rec#", "dV/dt(V/s)", "Internal_Resistance(Ohm)", "Voltage(A)"]
+)
 def test_what_is_wanted_or_counted_or_in_another_unit_is_no_reading(column: str):
     readings = {"voltage", "current", "speed", "time", "cell_temperature", "motor_voltage", "motor_current"}
     assert not readings & {match.quantity for match in matches(column)}
