@@ -9,7 +9,7 @@ CAPACITY_AH = 3.0
 
 
 def cell_log(seed: int = 0, resistance_ohm: float = 0.03, step_s: float = 10.0) -> pd.DataFrame:
-    """A full cell that rests, gives pulses, is emptied at 1C, rests and is charged to 4.2 V; current positive on discharge."""
+    """A full cell: rests, pulses, emptied at 1C, rest, charged to 4.2 V; current positive on discharge."""
     parts = [(600, 0.0), (60, 6.0), (600, 0.0), (60, 6.0), (600, 0.0), (3500, 2.9), (1200, 0.0), (3600, -2.0)]
     current = np.concatenate([np.full(int(seconds / step_s), amperes) for seconds, amperes in parts])
     time_s = np.arange(current.size) * step_s
@@ -34,9 +34,9 @@ def motor_log(seconds: float = 4.0, step_s: float = 0.01) -> pd.DataFrame:
     voltage = 6.0 * (1.0 + np.floor(4.0 * time_s / seconds))
     torque = 0.05 + 0.05 * (time_s > seconds / 2)
     current = (torque + 0.01) / 0.05
-    return pd.DataFrame(
-        {"time_s": time_s, "voltage_V": voltage, "current_A": current, "torque_Nm": torque, "speed_rad_s": (voltage - 0.5 * current) / 0.05}
-    )  # fmt: skip
+    speed = (voltage - 0.5 * current) / 0.05
+    columns = {"time_s": time_s, "voltage_V": voltage, "current_A": current}
+    return pd.DataFrame({**columns, "torque_Nm": torque, "speed_rad_s": speed})
 
 
 def stamps(log: pd.DataFrame, form: str) -> pd.Series:
@@ -90,7 +90,7 @@ def maccor(log: pd.DataFrame) -> str:
 
 
 def biologic(log: pd.DataFrame) -> bytes:
-    """BioLogic's text (.mpt): its own count of header lines, tabs, decimal commas, current in mA, positive on charge."""
+    """BioLogic's text (.mpt): its own count of header lines, tabs, decimal commas, mA positive on charge."""
     table = pd.DataFrame(
         {
             "mode": 1,
@@ -111,7 +111,8 @@ def biologic(log: pd.DataFrame) -> bytes:
     )
     settings = [f"setting {n} : {n}" for n in range(1500)]
     lines = ["EC-Lab ASCII FILE", f"Nb header lines : {len(settings) + 4}", "", *settings]
-    return ("\r\n".join([*lines, ""]) + table.to_csv(index=False, sep="\t", decimal=",", float_format="%.7E", lineterminator="\r\n")).encode("cp1252")  # fmt: skip
+    rows = table.to_csv(index=False, sep="\t", decimal=",", float_format="%.7E", lineterminator="\r\n")
+    return ("\r\n".join([*lines, ""]) + rows).encode("cp1252")
 
 
 def neware(log: pd.DataFrame) -> str:
@@ -141,7 +142,8 @@ def neware(log: pd.DataFrame) -> str:
 
 def neware_layered(log: pd.DataFrame) -> str:
     """Neware's report: tables of cycles, steps and records in one file, each indented by one field."""
-    lines = ["Cycle ID,Cap_Chg(mAh),Cap_DChg(mAh),,,", ",Step ID,Step Name,Step Time(h:min:s.ms),,", ",,Record ID,Time(h:min:s.ms),Voltage(V),Current(mA),Temperature(C)"]  # fmt: skip
+    lines = ["Cycle ID,Cap_Chg(mAh),Cap_DChg(mAh),,,", ",Step ID,Step Name,Step Time(h:min:s.ms),,"]
+    lines.append(",,Record ID,Time(h:min:s.ms),Voltage(V),Current(mA),Temperature(C)")
     lines.append("1,2900.0,3000.0,,,,")
     record = 0
     for step, rows in log.groupby("step"):

@@ -47,9 +47,8 @@ def test_capacity_and_start_are_counted_whatever_the_format(tmp_path: Path, name
 
 def test_an_imported_case_is_read_again_with_every_reading(tmp_path: Path):
     log = cell_log()
-    imported = import_case(
-        [write(tmp_path, "arbin.csv", log), write(tmp_path, "neware.csv", log)], "cell", ambient=25.0, out=tmp_path / "case"
-    )  # fmt: skip
+    files = [write(tmp_path, name, log) for name in ("arbin.csv", "neware.csv")]
+    imported = import_case(files, "cell", ambient=25.0, out=tmp_path / "case")
     case = read_case(tmp_path / "case")
     assert [run.name for run in case.runs] == ["arbin", "neware"]
     for run, other in zip(case.runs, imported.runs, strict=True):

@@ -1,4 +1,4 @@
-"""Signs, columns, units, runs and held-out conditions are decided by what the files hold, and the user has the last word."""
+"""Signs, columns, units, runs and check runs are decided by what the files hold, and the user has the last word."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_a_current_that_never_changes_is_settled_by_the_charge():
 
 def test_what_physics_cannot_settle_is_asked_for():
     frame = cell_log().assign(voltage_V=3.7)
-    with pytest.raises(MeasurementError, match="sign of the current is not settled.*--sign discharge-positive or"):
+    with pytest.raises(MeasurementError, match=r"sign of the current is not settled.*--sign discharge-positive or"):
         settle([log_of(frame)], None, False)
     (kept,) = settle([log_of(frame)], "charge-positive", False)
     np.testing.assert_array_equal(kept.columns["current_A"], -frame.current_A)
@@ -108,13 +108,13 @@ def test_a_stated_column_and_unit_come_before_what_is_found(tmp_path: Path):
         temperature_tab_degC=30.0 + np.arange(len(cell_log())) * 0.01, x=lambda f: 1000.0 * f.voltage_V
     )
     path = write(tmp_path, log)
-    imported = import_case(
-        path, "cell", ambient=25.0, columns={"cell_temperature_degC": "temperature_tab_degC", "voltage_V": "x"}, units={"x": "mV"}
-    )  # fmt: skip
+    columns = {"cell_temperature_degC": "temperature_tab_degC", "voltage_V": "x"}
+    imported = import_case(path, "cell", ambient=25.0, columns=columns, units={"x": "mV"})
     columns = imported.runs[0].log.columns
     np.testing.assert_array_equal(columns["cell_temperature_degC"], log.temperature_tab_degC)
     np.testing.assert_allclose(columns["voltage_V"], log.voltage_V)
-    assert "cell_temperature_degC" not in import_case(path, "cell", ambient=25.0, columns={"cell_temperature_degC": ""}).runs[0].log.columns  # fmt: skip
+    without = import_case(path, "cell", ambient=25.0, columns={"cell_temperature_degC": ""})
+    assert "cell_temperature_degC" not in without.runs[0].log.columns
 
 
 def test_runs_begin_where_the_clock_or_the_user_says(tmp_path: Path):
@@ -178,7 +178,8 @@ def test_a_list_of_files_states_ambient_label_and_load(tmp_path: Path):
     log = motor_log().drop(columns="torque_Nm")
     write(tmp_path, log, "a.csv")
     write(tmp_path, log, "b.csv")
-    listing = pd.DataFrame({"file": ["a.csv", "b.csv"], "kind": ["no load", "loaded"], "ambient_degC": [20, 30], "load_torque_Nm": [0.0, 0.1]})  # fmt: skip
+    listing = pd.DataFrame({"file": ["a.csv", "b.csv"], "kind": ["no load", "loaded"], "ambient_degC": [20, 30]})
+    listing["load_torque_Nm"] = [0.0, 0.1]
     write(tmp_path, listing, "runs.csv")
     imported = import_case(sorted(tmp_path.glob("*.csv")), "motor")
     assert [run.ambient_degC for run in imported.runs] == [20.0, 30.0]

@@ -36,7 +36,8 @@ def test_sheets_of_one_header_are_read_one_after_the_other(tmp_path: Path):
 
 def test_time_stamps_and_empty_cells_of_a_spreadsheet(tmp_path: Path):
     path = tmp_path / "log.xlsx"
-    frame = pd.DataFrame({"Date_Time": pd.date_range("2024-01-01", periods=5, freq="10s"), "U [V]": [3.0, None, 3.2, 3.3, 3.4], "n": 1.0})  # fmt: skip
+    frame = pd.DataFrame({"Date_Time": pd.date_range("2024-01-01", periods=5, freq="10s"), "n": 1.0})
+    frame["U [V]"] = [3.0, None, 3.2, 3.3, 3.4]
     frame.to_excel(path, index=False)
     table = read_table(path)
     assert table.frame["Date_Time"].dtype.kind == "M"
@@ -55,7 +56,7 @@ def test_columnar_files(tmp_path: Path, suffix: str):
 
 def test_a_structure_of_a_matlab_file(tmp_path: Path):
     path = tmp_path / "log.mat"
-    meas = {"Time": FRAME["Test_Time(s)"].to_numpy(), "Current": FRAME["Current(A)"].to_numpy(), "Voltage": FRAME["Voltage(V)"].to_numpy()}  # fmt: skip
+    meas = dict(zip(["Time", "Current", "Voltage"], FRAME.to_numpy().T, strict=True))
     scipy.io.savemat(path, {"meas": meas, "note": "25 degC", "short": np.arange(3.0)})
     table = read_table(path)
     assert list(table.frame) == ["Time", "Current", "Voltage"]
