@@ -10,6 +10,7 @@ import pandas as pd
 
 from jaxmodel.errors import MeasurementError
 from jaxmodel.measurements import file_label
+from jaxmodel.run_csv import worth_threads
 from jaxmodel.tables.delimited import Keep
 from jaxmodel.tables.raw_table import RawTable, unique_names, units_in
 
@@ -33,9 +34,9 @@ def read_columnar(path: Path, keep: Keep | None = None, rows: int | None = None)
         if path.suffix.lower() in (".parquet", ".pq"):
             names = parquet.read_schema(path).names
             wanted = list(names if keep is None else keep(names))
-            table = parquet.read_table(path, columns=wanted)
+            table = parquet.read_table(path, columns=wanted, use_threads=worth_threads(path))
         else:
-            table = feather.read_table(path, memory_map=False)
+            table = feather.read_table(path, memory_map=False, use_threads=worth_threads(path))
             names = table.column_names
             wanted = list(names if keep is None else keep(names))
             table = table.select(wanted)
@@ -68,4 +69,4 @@ def _column(column: Any) -> np.ndarray | pd.Series:
         return column.cast(pa.float64()).to_numpy()
     if pa.types.is_duration(column.type):
         return column.cast(pa.duration("ns")).cast(pa.int64()).cast(pa.float64()).to_numpy() * 1e-9
-    return column.to_pandas()
+    return column.to_pandas(use_threads=False)

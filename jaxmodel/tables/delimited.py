@@ -14,6 +14,7 @@ import pandas as pd
 
 from jaxmodel.errors import MeasurementError
 from jaxmodel.measurements import file_label
+from jaxmodel.run_csv import worth_threads
 from jaxmodel.tables.raw_table import RawTable, to_numbers, unique_names, units_in
 from jaxmodel.tables.sniffing import MISSING, Layout, layout_of
 
@@ -101,7 +102,11 @@ def _read_by_arrow(path: Path, layout: Layout, names: list[str], wanted: list[st
             table = arrow_csv.read_csv(
                 path,
                 arrow_csv.ReadOptions(
-                    skip_rows=layout.first_line, column_names=names, encoding=layout.encoding, block_size=_BLOCK_BYTES
+                    use_threads=worth_threads(path),
+                    skip_rows=layout.first_line,
+                    column_names=names,
+                    encoding=layout.encoding,
+                    block_size=_BLOCK_BYTES,
                 ),
                 arrow_csv.ParseOptions(delimiter=layout.delimiter, invalid_row_handler=skip),
                 arrow_csv.ConvertOptions(
@@ -123,7 +128,7 @@ def _read_by_arrow(path: Path, layout: Layout, names: list[str], wanted: list[st
     for name in wanted:
         column = table.column(name)
         table = table.drop_columns([name])
-        columns[name] = column.to_numpy() if pa.types.is_floating(column.type) else column.to_pandas()
+        columns[name] = column.to_numpy() if pa.types.is_floating(column.type) else column.to_pandas(use_threads=False)
     frame = pd.DataFrame(columns, copy=False)
     return frame, _skipped(len(bad), str(bad[0].text)[:60] if bad else "", len(names))
 

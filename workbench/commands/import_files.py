@@ -11,7 +11,8 @@ import typer
 
 from importing import Imported, Options, Question, import_case
 from importing.imported import shortened
-from jaxmodel.errors import MeasurementError, UserError
+from jaxmodel.errors import MeasurementError, UserError, nearest
+from jaxmodel.measurements import KINDS
 from workbench import terminal
 
 _MOST_DECISIONS, _MOST_FINDINGS = 40, 40
@@ -39,6 +40,8 @@ def import_files(
     Raises:
         UserError: a file cannot be used, or something is open and nobody is there to be asked.
     """
+    if kind not in KINDS:
+        raise MeasurementError(f"--kind: there is no '{kind}'; use {', '.join(KINDS)}.{nearest(kind, KINDS)}")
     constants = [_pair(text, "constant") for text in pairs["constant"]]
     options = Options(
         columns=dict(_pair(text, "column") for text in pairs["column"]),
@@ -66,7 +69,7 @@ def _check(imported: Imported) -> None:
         imported.check()
     except UserError as error:
         raise MeasurementError(
-            f"{str(error).rstrip('.')}; for an import: --unit, --sign or --column state it."
+            f"{str(error).rstrip('.')}; for an import: --unit, --sign, --flip or --column state it."
         ) from error
 
 
