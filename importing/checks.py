@@ -173,16 +173,14 @@ def _saturation(run: Log, name: str, values: np.ndarray) -> Iterator[Finding]:
             continue
         at = values == limit
         edges = np.flatnonzero(np.diff(at.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
-        long = edges[(edges[:, 1] - edges[:, 0] >= _ROWS_AT_LIMIT) & (edges[:, 0] > 0)]
+        long = edges[(edges[:, 1] - edges[:, 0] >= _ROWS_AT_LIMIT) & (edges[:, 0] > 2)]
         if long.shape[0] < _VISITS:
             continue
-        # It was moving towards the limit when it met it; a controlled voltage or current jumps or creeps there.
+        # It was moving towards the limit for a while when it met it; what is controlled jumps there.
         begin = long[:, 0]
-        last, previous = (
-            np.abs(values[begin] - values[begin - 1]),
-            np.abs(values[begin - 1] - values[np.maximum(begin - 2, 0)]),
-        )
-        moving = (last > 3.0 * digit) & (previous > 3.0 * digit) & (last < 3.0 * previous)
+        steps = np.stack([values[begin - n] - values[np.maximum(begin - n - 1, 0)] for n in range(3)])
+        same_way = np.all(np.sign(steps) == np.sign(steps[0]), axis=0)
+        moving = same_way & np.all(np.abs(steps) > 3.0 * digit, axis=0) & (np.abs(steps[0]) < 3.0 * np.abs(steps[1]))
         if np.sum(moving) < max(_VISITS, long.shape[0] // 2):
             continue
         lasting = run.time_s[long[:, 1] - 1] - run.time_s[begin]

@@ -168,7 +168,10 @@ def _about(role: Role, unit: str, where: str) -> list[Finding | Decision]:
         sentence = f"{where}: {role.target} is column '{role.column}'; it could also be {others} (--column)."
         about.append(Finding("several columns", where, sentence, column=role.target))
     if role.commanded:
-        sentence = f"{where}: column '{role.column}' is what was commanded, by its name, and not measured."
+        sentence = (
+            f"{where}: column '{role.column}' is by its name what was set or supplied, and not "
+            "measured at the terminals."
+        )
         about.append(Finding("commanded", where, sentence, "warning", role.target))
     return about
 
