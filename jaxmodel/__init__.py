@@ -12,6 +12,8 @@ The import sets three things of JAX, all in `jaxmodel.jax_settings`: float64, on
 compiler. The environment variable JAXMODEL_JAX_SETTINGS=off, set before the import, leaves JAX as it is.
 """
 
+from typing import TYPE_CHECKING, Any
+
 from jaxmodel import jax_settings
 
 jax_settings.apply()
@@ -30,7 +32,9 @@ from jaxmodel.parameters import Parameters
 from jaxmodel.ports import CellContext, Effect, MotorContext
 from jaxmodel.profile import Profile, constant
 from jaxmodel.simulation import Cutoff, Status, Trajectory, run_track, simulate, track
-from jaxmodel.tables import RawTable, read_table
+
+if TYPE_CHECKING:
+    from jaxmodel.tables import RawTable, read_table
 
 __all__ = [
     "Case",
@@ -65,3 +69,12 @@ __all__ = [
     "simulate_case",
     "track",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Return what reads files of benches: most programs need none of it."""
+    if name in ("RawTable", "read_table"):
+        from jaxmodel import tables
+
+        return getattr(tables, name)
+    raise AttributeError(f"module 'jaxmodel' has no attribute '{name}'")
