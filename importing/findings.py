@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
 Weight = Literal["note", "warning"]
@@ -82,3 +82,6 @@ class Question:
     option: str
     choices: tuple[str, ...] = ()
     default: str = ""
+
+
+Ask = Callable[[Question], str]

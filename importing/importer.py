@@ -14,7 +14,7 @@ from importing.ambient import fill, with_ambient
 from importing.checks import odd_things
 from importing.clock import with_clock
 from importing.conditions import Condition, condition_of, specimens, splits_of
-from importing.findings import Decision, Finding, Question
+from importing.findings import Ask, Decision, Finding, Question
 from importing.imported import Imported, ImportedRun
 from importing.joining import joined
 from importing.listing import Listed, read_listing
@@ -27,7 +27,6 @@ from importing.sign import motor_signs, settle
 from jaxmodel.errors import MeasurementError
 from jaxmodel.measurements import KINDS, file_label
 
-Ask = Callable[[Question], str]
 _ROBOT_SOC = charge.Stated(1.0, 0.05, "assumed: full")
 
 
@@ -68,7 +67,7 @@ def import_case(
     options = checked(dataclasses.replace(options or Options(), **decisions))
     tell = progress or (lambda _: None)
     paths = [Path(files)] if isinstance(files, str | Path) else [Path(file) for file in files]
-    logs, listed, general = _read(paths, kind, options, tell)
+    logs, listed, general = _read(paths, kind, options, ask, tell)
     tell("clocks and signs")
     logs, clockless = _with_clocks(logs, options, ask)
     general += clockless
@@ -86,7 +85,7 @@ def import_case(
 
 
 def _read(
-    paths: Sequence[Path], kind: Kind, options: Options, tell: Callable[[str], None]
+    paths: Sequence[Path], kind: Kind, options: Options, ask: Ask | None, tell: Callable[[str], None]
 ) -> tuple[list[Log], dict[str, Listed], list[Finding | Decision]]:  # fmt: skip
     """Return the logs among the files, what a list among them says of each, and what is to be said of all."""
     if not paths:
@@ -94,17 +93,21 @@ def _read(
     logs: list[Log] = []
     listed: dict[str, Listed] = {}
     found: list[Finding | Decision] = []
+    readings = []
     for path in paths:
-        tell(f"reading {path.name}")
         others = [other.name for other in paths if other != path]
         if others and path.is_file() and (listing := read_listing(path, others, KINDS[kind].required_inputs)):
             listed |= listing
             found.append(Decision("list of files", "", file_label(path), "it names the other files", "file"))
-            continue
+        else:
+            readings.append(path)
+    for path in readings:
+        tell(f"reading {path.name}")
+        stated = listed[path.name].inputs if path.name in listed else {}
         try:
-            logs.append(load(path, kind, options))
+            logs.append(load(path, kind, options, ask, stated))
         except NotALog as error:
-            if not others:
+            if len(readings) == 1:
                 raise
             found.append(Finding("file left out", file_label(path), f"{error} It is left out.", "warning"))
     if not logs:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from importing.findings import Decision, Finding
+from importing.findings import Ask, Decision, Finding, Question
 from importing.logs import Log
 from importing.options import Kind, Options
 from importing.roles import MARKS, Role, looks_like, required, roles_of, target_unit
@@ -21,6 +21,7 @@ from jaxmodel.tables.raw_table import to_numbers, units_in
 from jaxmodel.tables.units import Conversion, conversion
 
 _SAMPLE_ROWS = 2000
+_NONE = "none"
 _SENSED = ("voltage_V", "pack_voltage_V", "speed_rad_s", "cell_temperature_degC", "winding_temperature_degC")
 _WHY = {
     "named": "by its name",
@@ -38,8 +39,15 @@ class NotALog(MeasurementError):
     """A file that holds no readings of this kind of case, such as a list of files."""
 
 
-def load(path: Path, kind: Kind, options: Options) -> Log:
+def load(path: Path, kind: Kind, options: Options, ask: Ask | None = None, elsewhere: Collection[str] = ()) -> Log:
     """Read a file in the columns and units of a case.
+
+    Args:
+        path: the file.
+        kind: of the case.
+        options: decisions of the user.
+        ask: answers which column is meant where none is found.
+        elsewhere: columns of the case that a list of files states.
 
     Raises:
         NotALog: none of its columns is one of the case.
@@ -72,7 +80,22 @@ def load(path: Path, kind: Kind, options: Options) -> Log:
         chosen |= looks_like(pd.DataFrame(table.frame[free]).head(_SAMPLE_ROWS), kind, lacking)
     if not any(target in chosen for target in _readings(kind)):
         raise NotALog(f"{table.label} has no reading of a {kind} among its columns ({', '.join(seen[:8])}).")
-    return _log(table, chosen, units, seen, options)
+    if ask is not None:
+        for target in _lacking(chosen, kind, options):
+            if target not in elsewhere and target not in options.columns:
+                chosen |= _asked(target, table, chosen, ask)
+    return _log(table, chosen, units, seen)
+
+
+def _asked(target: str, table: RawTable, chosen: Mapping[str, Role], ask: Ask) -> dict[str, Role]:
+    """Return what the user says that a column of the case is."""
+    taken = {role.column for role in chosen.values()}
+    free = [str(name) for name in table.frame if name not in taken]
+    if not free:
+        return {}
+    question = Question(f"{table.label}: which column is {target}?", f'--column {target}="NAME"', (*free, _NONE), _NONE)
+    answer = ask(question)
+    return {} if answer == _NONE else {target: Role(target, answer, "stated")}
 
 
 def _units_to_match(names: Sequence[str], units: Mapping[str, str], options: Options) -> dict[str, str]:
@@ -102,13 +125,12 @@ def _lacking(chosen: Mapping[str, Role], kind: Kind, options: Options) -> list[s
     """Return what a case cannot do without and no name tells."""
     timed = bool(chosen.keys() & {"time_s", "stamp", "step_time"}) or options.seconds_per_row is not None
     lacking = [] if timed else ["time_s"]
-    wanted = ["current_A", "voltage_V"] if kind == "cell" else []
-    return lacking + [name for name in wanted if name not in chosen and name not in options.constants]
+    wanted = [("current_A",), ("voltage_V",)] if kind == "cell" else required(kind)
+    given = chosen.keys() | options.constants.keys()
+    return lacking + [group[0] for group in wanted if not given.intersection(group)]
 
 
-def _log(
-    table: RawTable, chosen: Mapping[str, Role], units: Mapping[str, str], seen: Sequence[str], options: Options
-) -> Log:
+def _log(table: RawTable, chosen: Mapping[str, Role], units: Mapping[str, str], seen: Sequence[str]) -> Log:
     where, name = table.label, table.source.stem
     found: list[Finding | Decision] = []
     log = _clocked(table, chosen, units, found)

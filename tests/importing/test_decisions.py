@@ -200,6 +200,15 @@ def test_what_is_open_is_asked_where_somebody_answers(tmp_path: Path):
     assert imported.runs[0].ambient_degC == 21.5
 
 
+def test_a_column_that_no_name_tells_is_asked_for(tmp_path: Path):
+    log = motor_log().rename(columns={"torque_Nm": "brake"})
+    path = write(tmp_path, log)
+    imported = import_case(path, "motor", ambient=23.0, ask=lambda question: "brake")
+    np.testing.assert_array_equal(imported.runs[0].log.columns["load_torque_Nm"], log.brake)
+    with pytest.raises(MeasurementError, match="no column is load_torque_Nm"):
+        import_case(path, "motor", ambient=23.0, ask=lambda question: "none")
+
+
 @pytest.mark.parametrize(
     ("change", "options", "parts"),
     [
