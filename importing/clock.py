@@ -9,6 +9,7 @@ import numpy as np
 
 from importing.findings import Decision, Finding
 from importing.logs import Log, spans
+from jaxmodel.errors import MeasurementError
 from jaxmodel.measurements import file_label
 
 # A restart of the clock goes on with the same run where the voltage goes on within so much [V] (assumed).
@@ -28,6 +29,9 @@ def with_clock(log: Log, seconds_per_row: float | None) -> Log | None:
     Args:
         log: as read.
         seconds_per_row: stated time from row to row [s].
+
+    Raises:
+        MeasurementError: fewer than two rows have a time.
     """
     where = file_label(log.source)
     if seconds_per_row is not None:
@@ -40,7 +44,7 @@ def with_clock(log: Log, seconds_per_row: float | None) -> Log | None:
         log = _by_stamps(log, "the file has no elapsed time")
     log = _without_timeless_rows(log, where)
     if log.rows < 2:
-        return None
+        raise MeasurementError(f"{where} has fewer than two rows with a time; a run needs at least two.")
     log = _restarts(log, where)
     log = _late_rows(log, where)
     return _against_stamps(_repeated_rows(log, where), where)

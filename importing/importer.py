@@ -26,6 +26,7 @@ from importing.runs import split
 from importing.sign import motor_signs, settle
 from jaxmodel.errors import MeasurementError
 from jaxmodel.measurements import KINDS, file_label
+from jaxmodel.presets import why_not
 
 _ROBOT_SOC = charge.Stated(1.0, 0.05, "assumed: full")
 
@@ -65,6 +66,8 @@ def import_case(
 
         raise MeasurementError(f"import_case: there is no decision '{unknown[0]}'.{nearest(unknown[0], known)}")
     options = checked(dataclasses.replace(options or Options(), **decisions))
+    if options.preset and (problem := why_not(options.preset, kind)):
+        raise MeasurementError(f"preset: {problem}")
     tell = progress or (lambda _: None)
     paths = [Path(files)] if isinstance(files, str | Path) else [Path(file) for file in files]
     logs, listed, general = _read(paths, kind, options, ask, tell)

@@ -164,6 +164,7 @@ def _log(table: RawTable, chosen: Mapping[str, Role], units: Mapping[str, str], 
         log.time_is_of_step,
     )
     found += [Decision("reading", where, remark, table.format, "file") for remark in table.remarks]
+    found += [Finding("not read", where, f"{where}: {loss}", "warning") for loss in table.losses]
     used = {role.column for role in chosen.values()}
     if left := [name for name in seen if name not in used]:
         some = ", ".join(left[:20]) + (f" and {len(left) - 20} more" if len(left) > 20 else "")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import re
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -50,19 +51,23 @@ def read_delimited(
     layout = dataclasses.replace(layout, decimal=decimal or layout.decimal)
     names = unique_names(layout.names)
     wanted = list(names if keep is None else keep(names))
+    remarks: list[str] = []
+    losses: list[str] = []
     if layout.indented:
         frame, remarks = _read_indented(path, layout, names, rows)
         frame = pd.DataFrame(frame[[name for name in frame if name in wanted or name not in names]])
     elif _for_pandas(layout, rows):
-        frame, remarks = _read_by_pandas(path, layout, names, wanted, rows)
+        frame, losses = _read_by_pandas(path, layout, names, wanted, rows)
     else:
-        frame, remarks = _read_by_arrow(path, layout, names, wanted)
+        frame, losses = _read_by_arrow(path, layout, names, wanted)
     frame, more = _numbers(frame, dict(zip(names, layout.texts, strict=True)), layout)
     units = units_in(names) | {name: unit for name, unit in zip(names, layout.units, strict=False) if unit}
     units = {name: unit.strip("[](){}") for name, unit in units.items() if name in frame}
     left_out = tuple(name for name in names if name not in wanted)
-    remarks = (_form(layout), *remarks, *more)
-    return RawTable(frame, units, path, "text", remarks, layout.first_line + 1, left_out=left_out)
+    remarks = [_form(layout), *remarks]
+    return RawTable(
+        frame, units, path, "text", tuple(remarks), layout.first_line + 1, left_out=left_out, losses=(*losses, *more)
+    )
 
 
 def _form(layout: Layout) -> str:
@@ -137,7 +142,7 @@ def _skipped(count: int, first: str, fields: int) -> list[str]:
     if not count:
         return []
     lines = "1 line was" if count == 1 else f"{count:,} lines were"
-    return [f"{lines} left out for another number of fields than {fields}; the first begins {first!r}."]
+    return [f"{lines} left out for another number of fields than {fields}; the first: {first!r}."]
 
 
 def _read_by_pandas(
@@ -146,28 +151,30 @@ def _read_by_pandas(
     options: dict[str, Any] = {"sep": r"\s+" if layout.delimiter == " " else layout.delimiter}
     texts = dict(zip(names, layout.texts, strict=True))
     try:
-        frame = pd.read_csv(
-            path,
-            header=None,
-            names=names,
-            usecols=wanted,
-            skiprows=layout.first_line,
-            nrows=rows,
-            encoding=layout.encoding,
-            encoding_errors="replace",
-            decimal=layout.decimal,
-            thousands=layout.thousands,
-            na_values=list(MISSING),
-            dtype={name: "string" for name in wanted if texts[name]},
-            on_bad_lines="skip",
-            skipinitialspace=True,
-            low_memory=False,
-            engine="c",
-            **options,
-        )
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            frame = pd.read_csv(
+                path,
+                header=None,
+                names=names,
+                skiprows=layout.first_line,
+                nrows=rows,
+                encoding=layout.encoding,
+                encoding_errors="replace",
+                decimal=layout.decimal,
+                thousands=layout.thousands,
+                na_values=list(MISSING),
+                dtype={name: "string" for name in wanted if texts[name]},
+                on_bad_lines="warn",
+                skipinitialspace=True,
+                low_memory=False,
+                engine="c",
+                **options,
+            )
     except (pd.errors.ParserError, csv.Error, ValueError) as error:
         raise MeasurementError(f"{file_label(path)} cannot be read as a table ({_first_line(error)}).") from error
-    return frame[wanted], []
+    skipped = [line for one in caught for line in str(one.message).splitlines() if "Skipping line" in line]
+    return pd.DataFrame(frame[wanted]), _skipped(len(skipped), skipped[0] if skipped else "", len(names))
 
 
 def _first_line(error: Exception) -> str:

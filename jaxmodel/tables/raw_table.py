@@ -24,7 +24,8 @@ class RawTable:
         units: by column, the unit as the file writes it; a column absent here has none.
         source: the file.
         format: in words, such as "text" or "Excel".
-        remarks: sentences on how the file was read and on what of it was not.
+        remarks: sentences on how the file was read, and on sheets and variables that were not.
+        losses: sentences on lines and fields of the table that could not be read.
         first_line: line (or row) of the file on which the first row of the table stands, counted from 1.
         current_positive_on: what the format fixes for the sign of the current; None where it fixes nothing.
         left_out: columns of the file that were not read.
@@ -38,6 +39,7 @@ class RawTable:
     first_line: int = 1
     current_positive_on: Literal["charge", "discharge"] | None = None
     left_out: tuple[str, ...] = ()
+    losses: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
@@ -52,7 +54,7 @@ class RawTable:
         """Return format, columns with units, and remarks, one line each."""
         lines = [f"{self.label}: {self.format}, {len(self.frame):,} rows"]
         lines += [f"  {name} [{self.units[name]}]" if name in self.units else f"  {name}" for name in self.frame]
-        return "\n".join([*lines, *self.remarks])
+        return "\n".join([*lines, *self.remarks, *self.losses])
 
     def __repr__(self) -> str:
         return f"<RawTable {self.label}: {self.format}, {len(self.frame)} rows, {len(self.frame.columns)} columns>"

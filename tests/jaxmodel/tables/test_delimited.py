@@ -73,7 +73,7 @@ def test_text_among_numbers_is_missing_and_said(tmp_path: Path):
     table = read_table(path)
     assert np.isnan(table.frame.u[500])
     assert np.isfinite(table.frame.u.drop(500)).all()
-    assert any("1 field is no number" in remark and "row 501" in remark for remark in table.remarks)
+    assert any("1 field is no number" in remark and "row 501" in remark for remark in table.losses)
 
 
 def test_a_line_with_other_fields_is_left_out_and_said(tmp_path: Path):
@@ -81,7 +81,15 @@ def test_a_line_with_other_fields_is_left_out_and_said(tmp_path: Path):
     path.write_text("t,u\n" + "".join(f"{n}.0,{n}\n" if n != 700 else "stopped by operator\n" for n in range(1000)))
     table = read_table(path)
     assert len(table.frame) == 999
-    assert any("1 line was left out" in remark for remark in table.remarks)
+    assert any("1 line was left out" in remark for remark in table.losses)
+
+
+def test_a_line_left_out_of_a_table_between_blanks_is_said(tmp_path: Path):
+    path = tmp_path / "log.txt"
+    path.write_text("t u\n" + "".join(f"{n}.0 {n}\n" if n != 700 else "7 7 7 7\n" for n in range(1000)))
+    table = read_table(path)
+    assert len(table.frame) == 999
+    assert any("1 line was left out" in remark for remark in table.losses)
 
 
 @pytest.mark.parametrize(
