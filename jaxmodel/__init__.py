@@ -12,6 +12,8 @@ The import sets three things of JAX, all in `jaxmodel.jax_settings`: float64, on
 compiler. The environment variable JAXMODEL_JAX_SETTINGS=off, set before the import, leaves JAX as it is.
 """
 
+from typing import TYPE_CHECKING, Any
+
 from jaxmodel import jax_settings
 
 jax_settings.apply()
@@ -31,6 +33,9 @@ from jaxmodel.ports import CellContext, Effect, MotorContext
 from jaxmodel.profile import Profile, constant
 from jaxmodel.simulation import Cutoff, Status, Trajectory, run_track, simulate, track
 
+if TYPE_CHECKING:
+    from jaxmodel.tables import RawTable, read_table
+
 __all__ = [
     "Case",
     "CaseSimulation",
@@ -42,6 +47,7 @@ __all__ = [
     "MotorContext",
     "Parameters",
     "Profile",
+    "RawTable",
     "Run",
     "Scalar",
     "Status",
@@ -56,9 +62,19 @@ __all__ = [
     "preset_model",
     "presets",
     "read_case",
+    "read_table",
     "run_profile",
     "run_track",
     "simulate",
     "simulate_case",
     "track",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Return what reads files of benches: most programs need none of it."""
+    if name in ("RawTable", "read_table"):
+        from jaxmodel import tables
+
+        return getattr(tables, name)
+    raise AttributeError(f"module 'jaxmodel' has no attribute '{name}'")

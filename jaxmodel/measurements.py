@@ -6,17 +6,15 @@ its time, and its readings are taken at that time.
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 import itertools
-import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from jaxmodel import run_csv
 from jaxmodel.errors import MeasurementError, nearest
 from jaxmodel.units import ending_of, unit_of
 
@@ -117,20 +115,21 @@ def read_measurements(path: Path, kind: str, ambient_degC: float | None = None) 
         MeasurementError: the file cannot be used; the message names file, line and column.
     """
     label = file_label(path)
-    header_line, header, lines, rows = _split(read_utf8(path), label)
-    _check_header(header, kind, f"{label}, line {header_line}")
-    inputs, outputs = _roles(header, kind, ambient_degC, f"{label}, line {header_line}")
-    if len(rows) < 2:
+    header = run_csv.read_header(path, label)
+    where = f"{label}, line {header.line}"
+    _check_header(header.names, kind, where)
+    inputs, outputs = _roles(header.names, kind, ambient_degC, where)
+    columns = run_csv.read_numbers(path, header, label)
+    if (count := columns["time_s"].size) < 2:
         raise MeasurementError(
-            f"{label} has {len(rows)} row{'' if len(rows) == 1 else 's'} of readings below its header; "
+            f"{label} has {count} row{'' if count == 1 else 's'} of readings below its header; "
             "a run needs at least two."
         )
 
-    columns = {
-        name: _numbers(fields, lambda row, name=name: f"{label}, line {lines[row]}, column '{name}'")
-        for name, fields in zip(header, zip(*rows, strict=True), strict=True)
-    }
-    return _measured(columns, inputs, outputs, ambient_degC, label, lambda row: f"{label}, line {lines[row]}")
+    def place(row: int) -> str:
+        return f"{label}, line {run_csv.line_of_row(path, label, row)}"
+
+    return _measured(columns, inputs, outputs, ambient_degC, label, place)
 
 
 def measurements_of(frame: pd.DataFrame, kind: str, ambient_degC: float | None, label: str) -> Measured:
@@ -215,40 +214,6 @@ def read_utf8(path: Path) -> str:
         raise MeasurementError(f"{file_label(path)} is not UTF-8 text; save it again as UTF-8.") from error
 
 
-def _split(text: str, label: str) -> tuple[int, list[str], list[int], list[list[str]]]:
-    """Return the header's line and names, and of every row its line and its fields."""
-    stream = io.StringIO(text, newline="")
-    header_line = 1
-    for first in stream:
-        if first.strip() and not first.lstrip().startswith("#"):
-            break
-        header_line += 1
-    else:
-        raise MeasurementError(f"{label} is empty; its first line must name the columns, time_s first.")
-
-    reader = csv.reader(itertools.chain([first], stream))
-    header: list[str] = []
-    lines: list[int] = []
-    rows: list[list[str]] = []
-    line = header_line
-    try:
-        for fields in reader:
-            if not header:
-                header = [name.strip() for name in fields]
-            elif len(fields) == len(header) and (len(fields) > 1 or fields[0].strip()):
-                lines.append(line)
-                rows.append(fields)
-            elif any(field.strip() for field in fields) or len(fields) > 1:
-                raise MeasurementError(
-                    f"{label}, line {line} has {len(fields)} fields and the header has {len(header)}; leave the field "
-                    "of a missing reading empty between its commas, and write decimals with a point."
-                )
-            line = header_line + reader.line_num
-    except csv.Error as error:
-        raise MeasurementError(f"{label}, line {line} is not CSV ({error}); look for a stray quote.") from error
-    return header_line, header, lines, rows
-
-
 def _check_header(header: Sequence[str], kind: str, where: str) -> None:
     """Raise MeasurementError unless the header is time_s and then columns of this kind, each once."""
     if len(header) == 1 and any(separator in header[0] for separator in ";\t"):
@@ -308,28 +273,3 @@ def _roles(
         if name in given and other not in given:
             raise MeasurementError(f"{where}: '{name}' is used only together with '{other}'; add that or remove this.")
     return tuple(inputs), tuple(name for name in vocabulary.outputs if name in given and name not in inputs)
-
-
-def _numbers(fields: Sequence[str], where: Callable[[int], str]) -> np.ndarray:
-    """Return the fields of one column as numbers, NaN where a field is empty."""
-    numbers = np.full(len(fields), math.nan)
-    for row, field in enumerate(fields):
-        if not field or field.isspace():
-            continue
-        try:
-            numbers[row] = value = float(field)
-        except ValueError:
-            raise MeasurementError(f"{where(row)}: {_short(field)} is not a number; correct it.") from None
-        if math.isnan(value):
-            raise MeasurementError(f"{where(row)}: {_short(field)}; leave the field empty for a missing reading.")
-        if math.isinf(value):
-            raise MeasurementError(f"{where(row)}: {_short(field)} is not finite; correct it or leave it empty.")
-        if "_" in field:  # Python reads 1_0 as ten; in a log it is a damaged field
-            raise MeasurementError(f"{where(row)}: {_short(field)} is not a number; correct it.")
-    return numbers
-
-
-def _short(field: str) -> str:
-    """Return a field in quotes, cut where a stray quote mark has swallowed the lines below."""
-    field = field.strip()
-    return repr(field if len(field) <= 40 else f"{field[:40]}...")

@@ -14,6 +14,8 @@ from typing import Annotated, Any
 import typer
 import typer.core
 
+from workbench.import_command import import_
+
 MISTAKE = 2
 _STOPPED = 130
 
@@ -66,6 +68,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )
+app.command("import", epilog="Example: jaxmodel import logs/*.csv --kind cell --ambient 23 --out my_cell")(import_)
 
 
 def _print_version(asked: bool) -> bool:
