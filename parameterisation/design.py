@@ -1,0 +1,177 @@
+"""The voltage of a cell as a linear function of the values of its curves, for given time constants and energies.
+
+    V = U(SOC) + dU(SOC, T) - i R_0 - lag(i R_S, tau_S) - lag(i R_L, tau_L) - lag(i, tau_3) R_3 - M h
+    R_x = exp(E_x u) r_x(SOC, T),   u = (1 / T_K - 1 / 298.15 K) / 8.314
+
+U, dU and r are hat functions. Eqs. 3-6 and 10 of the paper are replaced by them; a lag is the RC pair of constant time
+constant, whose capacitance is tau / R. h is the state of the effect `ocv_hysteresis`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from parameterisation.rows import Rows
+from parameterisation.smoothing import Penalty, hats, lagged, products, roughness
+
+ZERO_DEGC_IN_K, GAS_J_MOL_K, REFERENCE_DEGC = 273.15, 8.314, 25.0
+# Points of a curve between the least and the largest state of charge, as fractions of the span: close where
+# open-circuit curves bend. Assumed.
+FINE = np.hstack(
+    [np.arange(8) * 0.0125, 0.1 + np.arange(8) * 0.025, 0.3 + np.arange(15) * 0.04, [0.9, 0.93, 0.96, 0.98, 1.0]]
+)
+COARSE = np.array([0.0, 0.03, 0.06, 0.1, 0.15, 0.22, 0.32, 0.45, 0.58, 0.7, 0.8, 0.9, 1.0])
+RESISTANCES = ("R_0", "R_S", "R_L")
+
+
+def colder(degC: np.ndarray | float) -> np.ndarray:
+    """Return (1 / T_K - 1 / 298.15 K) / 8.314 in mol/J."""
+    return (1.0 / (np.asarray(degC) + ZERO_DEGC_IN_K) - 1.0 / (REFERENCE_DEGC + ZERO_DEGC_IN_K)) / GAS_J_MOL_K
+
+
+@dataclasses.dataclass(frozen=True)
+class Shape:
+    """The numbers in which the voltage is not linear.
+
+    Attributes:
+        tau_S: of the short RC pair [s].
+        tau_L: of the long pair [s].
+        E_0: activation energy of the series resistance [J/mol].
+        E_S: of the short pair.
+        E_L: of the long pair.
+        E_tau: of the time constant of the short pair.
+        tau_3: of a third pair without dependence on SOC or temperature [s]; None without it.
+        g: pace of the hysteresis; None without it.
+    """
+
+    tau_S: float
+    tau_L: float
+    E_0: float = 0.0
+    E_S: float = 0.0
+    E_L: float = 0.0
+    E_tau: float = 0.0
+    tau_3: float | None = None
+    g: float | None = None
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Grid:
+    """The points of the curves.
+
+    Attributes:
+        fine: states of charge of U.
+        coarse: of the resistances and dU.
+        degC: temperatures; one where the temperature does not vary.
+        runs: names of the runs whose initial state of charge is uncertain.
+    """
+
+    fine: np.ndarray
+    coarse: np.ndarray
+    degC: np.ndarray
+    runs: tuple[str, ...]
+
+    def layout(self, shape: Shape) -> dict[str, slice]:
+        """Return where the values of each curve stand."""
+        table = self.coarse.size * self.degC.size
+        sizes = {"U": self.fine.size, "dU": table if self.degC.size > 1 else 0}
+        sizes |= dict.fromkeys(RESISTANCES, table)
+        sizes |= {"R_3": int(shape.tau_3 is not None), "M": int(shape.g is not None), "soc": len(self.runs)}
+        ends = np.cumsum(list(sizes.values()))
+        return {name: slice(int(end - size), int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Start:
+    """Where a run starts: state of charge, its sd (None: exact), and state of the hysteresis."""
+
+    soc: float
+    sd: float | None
+    h: float = 0.0
+
+
+def soc_of(rows: Rows, start: Start, capacity_Ah: float) -> np.ndarray:
+    """Return the state of charge at each row by eq. 1."""
+    return start.soc - rows.drawn_Ah / capacity_Ah
+
+
+def hysteresis_of(rows: Rows, start: Start, capacity_Ah: float, g: float) -> np.ndarray:
+    """Return h at each row: dh/dt = |g i / Q| (sgn(i) - h)."""
+    passed = np.append(0.0, np.cumsum(np.diff(rows.time_s) * np.abs(rows.current_A[1:]))) / 3600.0
+    return lagged(passed, np.sign(rows.current_A), capacity_Ah / g, first=start.h)
+
+
+def design(
+    rows: Rows, soc: np.ndarray, start: Start, grid: Grid, shape: Shape, capacity_Ah: float, kept: np.ndarray
+) -> np.ndarray:
+    """Return the derivatives of the voltage by all values but the initial states of charge, at some rows.
+
+    Args:
+        rows: of one run.
+        soc: at each row.
+        start: of the run.
+        grid: the points of the curves.
+        shape: the numbers in which the voltage is not linear.
+        capacity_Ah: of the cell.
+        kept: numbers of the rows.
+
+    Returns:
+        Shape (kept, values), the columns of the initial states of charge zero.
+    """
+    layout = grid.layout(shape)
+    matrix = np.zeros((kept.size, layout["soc"].stop))
+    matrix[:, layout["U"]] = hats(soc[kept], grid.fine)
+    table = products(hats(rows.degC, grid.degC), hats(soc, grid.coarse))
+    if grid.degC.size > 1:
+        matrix[:, layout["dU"]] = table[kept]
+    cold = colder(rows.degC)
+    drive = table * rows.current_A[:, None]
+    matrix[:, layout["R_0"]] = -drive[kept] * np.exp(shape.E_0 * cold[kept])[:, None]
+    tau_S = shape.tau_S * np.exp(shape.E_tau * cold)
+    for name, tau, energy in (("R_S", tau_S, shape.E_S), ("R_L", shape.tau_L, shape.E_L)):
+        used = np.flatnonzero(np.any(table != 0.0, axis=0))  # a run does not see every temperature
+        columns = -lagged(rows.time_s, drive[:, used] * np.exp(energy * cold)[:, None], tau)[kept]
+        block = np.zeros((kept.size, table.shape[1]))
+        block[:, used] = columns
+        matrix[:, layout[name]] = block
+    if shape.tau_3 is not None:
+        matrix[:, layout["R_3"]] = -lagged(rows.time_s, rows.current_A.copy(), shape.tau_3)[kept, None]
+    if shape.g is not None:
+        matrix[:, layout["M"]] = -hysteresis_of(rows, start, capacity_Ah, shape.g)[kept, None]
+    return matrix
+
+
+def penalties_of(grid: Grid, shape: Shape, starts: Sequence[Start], known: dict[str, float]) -> list[Penalty]:
+    """Return the penalties of all values.
+
+    U has a small known bend and an estimated one; dU an estimated size and slope; each resistance an estimated slope
+    over SOC and over temperature, after its Arrhenius law, and a size that hardly acts.
+
+    Args:
+        grid: the points.
+        shape: for the values that are there.
+        starts: of the runs of `grid.runs`.
+        known: typical size of each: `ohm`, `volt`.
+    """
+    layout = grid.layout(shape)
+    found = [Penalty(layout["U"], roughness(grid.fine.size, 2))]
+    over_soc = np.kron(np.eye(grid.degC.size), roughness(grid.coarse.size, 1))
+    across = np.kron(roughness(grid.degC.size, 1), np.eye(grid.coarse.size))
+    both = np.eye(over_soc.shape[0])
+    if grid.degC.size > 1:
+        found += [Penalty(layout["dU"], over_soc), Penalty(layout["dU"], both)]
+    for name in RESISTANCES:
+        found.append(Penalty(layout[name], over_soc))
+        if grid.degC.size > 1:
+            found.append(Penalty(layout[name], across))
+        found.append(Penalty(layout[name], both, fixed=(1.0 / (10.0 * known["ohm"])) ** 2))
+    if shape.tau_3 is not None:
+        found.append(Penalty(layout["R_3"], np.eye(1), fixed=(1.0 / known["ohm"]) ** 2))
+    if shape.g is not None:
+        found.append(Penalty(layout["M"], np.eye(1), fixed=(1.0 / 0.1) ** 2))
+    for number, start in enumerate(starts):
+        at = layout["soc"].start + number
+        found.append(Penalty(slice(at, at + 1), np.eye(1), fixed=1.0 / max(start.sd or 1e-6, 1e-6) ** 2))
+    return found
