@@ -24,6 +24,7 @@ FINE = np.hstack(
     [np.arange(8) * 0.0125, 0.1 + np.arange(8) * 0.025, 0.3 + np.arange(15) * 0.04, [0.9, 0.93, 0.96, 0.98, 1.0]]
 )
 COARSE = np.array([0.0, 0.03, 0.06, 0.1, 0.15, 0.22, 0.32, 0.45, 0.58, 0.7, 0.8, 0.9, 1.0])
+ARRHENIUS = 0.003  # of the typical resistance: how far a table leaves its law while energies are searched
 RESISTANCES = ("R_0", "R_S", "R_L")
 
 
@@ -143,17 +144,20 @@ def design(
     return matrix
 
 
-def penalties_of(grid: Grid, shape: Shape, starts: Sequence[Start], known: dict[str, float]) -> list[Penalty]:
+def penalties_of(
+    grid: Grid, shape: Shape, starts: Sequence[Start], ohm: float, arrhenius: bool = False
+) -> list[Penalty]:
     """Return the penalties of all values.
 
-    U has a small known bend and an estimated one; dU an estimated size and slope; each resistance an estimated slope
-    over SOC and over temperature, after its Arrhenius law, and a size that hardly acts.
+    U has an estimated bend; dU an estimated size and slope; each resistance an estimated slope over SOC and over
+    temperature, after its Arrhenius law, and a size that hardly acts.
 
     Args:
         grid: the points.
         shape: for the values that are there.
         starts: of the runs of `grid.runs`.
-        known: typical size of each: `ohm`, `volt`.
+        ohm: typical resistance.
+        arrhenius: resistances hardly differ from their Arrhenius law, so that its energy is found first.
     """
     layout = grid.layout(shape)
     found = [Penalty(layout["U"], roughness(grid.fine.size, 2))]
@@ -165,10 +169,10 @@ def penalties_of(grid: Grid, shape: Shape, starts: Sequence[Start], known: dict[
     for name in RESISTANCES:
         found.append(Penalty(layout[name], over_soc))
         if grid.degC.size > 1:
-            found.append(Penalty(layout[name], across))
-        found.append(Penalty(layout[name], both, fixed=(1.0 / (10.0 * known["ohm"])) ** 2))
+            found.append(Penalty(layout[name], across, (1.0 / (ARRHENIUS * ohm)) ** 2 if arrhenius else None))
+        found.append(Penalty(layout[name], both, fixed=(1.0 / (10.0 * ohm)) ** 2))
     if shape.tau_3 is not None:
-        found.append(Penalty(layout["R_3"], np.eye(1), fixed=(1.0 / known["ohm"]) ** 2))
+        found.append(Penalty(layout["R_3"], np.eye(1), fixed=(1.0 / ohm) ** 2))
     if shape.g is not None:
         found.append(Penalty(layout["M"], np.eye(1), fixed=(1.0 / 0.1) ** 2))
     for number, start in enumerate(starts):

@@ -23,13 +23,14 @@ FITTED_ROWS = 40_000
 EDGE_ROWS = 3  # after a step of the current, always kept
 HUBER = 2.5  # robust sd of the residual beyond which a reading counts less
 LEAST_V = 0.0005  # least sd of a run's residual
-LONGEST_S = 10.0
+LONGEST_S = 10.0  # a reading counts as the root of the time it stands for, up to this
+POWER = 0.5
 MOST_INFLATION = 10.0  # for the choice of smoothness
-ROUNDS = 3  # of: strengths and weights, then shape
+ROUNDS = 2  # of: strengths and weights, then time constants
 STEP = 0.02  # of the search, in logarithms and 10 kJ/mol
 ENERGY = 1e4  # J/mol; the unit of the search
-ENERGY_SD = 2.0  # prior of an activation energy about 20 kJ/mol, in that unit
-LOG_TAU_SD = 1.5
+ENERGY_SD = 1.5  # prior of an activation energy about the first guess, in that unit
+LOG_TAU_SD = 0.7  # of a time constant about the first guess, that of the rests
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -99,11 +100,12 @@ class _Problem:
     grid: Grid
     capacity_Ah: float
     starts: dict[str, Start]
-    known: dict[str, float]
+    ohm: float
     stated: dict[str, Start]
     kept: dict[str, np.ndarray]
     shares: dict[str, np.ndarray]
     weights: dict[str, np.ndarray]
+    arrhenius: bool = False
 
     def matrices(self, shape: Shape, slope: Callable[[Rows, np.ndarray], np.ndarray] | None):
         """Yield name, design and target of each run; `slope` returns dU/dSOC at rows."""
@@ -121,7 +123,8 @@ class _Problem:
 
     def penalties(self, shape: Shape):
         """Return the penalties of the values."""
-        return penalties_of(self.grid, shape, [self.stated[name] for name in self.grid.runs], self.known)
+        stated = [self.stated[name] for name in self.grid.runs]
+        return penalties_of(self.grid, shape, stated, self.ohm, self.arrhenius)
 
     def sums(self, shape: Shape, slope=None) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Return A'WA, A'Wy, y'Wy and the sum of the weights."""
@@ -163,6 +166,7 @@ def time_shares(rows: Rows, kept: np.ndarray) -> np.ndarray:
     """
     step = np.diff(rows.time_s[kept])
     share = 0.5 * (np.minimum(np.append(step, step[-1:]), LONGEST_S) + np.minimum(np.append(step[:1], step), LONGEST_S))
+    share = share**POWER
     return share / np.mean(share)
 
 
@@ -188,24 +192,26 @@ def fit_joint(
         ohm: typical resistance of the cell.
         progress: called with what is done next.
     """
-    known = {"ohm": ohm}
 
     def problem(most: int, starts_now: dict[str, Start]) -> _Problem:
         total = sum(int(rows.read.sum()) for rows in runs)
         kept = {rows.name: rows_kept(rows, max(200, most * int(rows.read.sum()) // total)) for rows in runs}
         shares = {rows.name: time_shares(rows, kept[rows.name]) for rows in runs}
-        return _Problem(runs, grid, capacity_Ah, dict(starts_now), known, starts, kept, shares, dict(shares))
+        return _Problem(runs, grid, capacity_Ah, dict(starts_now), ohm, starts, kept, shares, dict(shares))
 
-    shape, small, inflation, strengths, slope = first, problem(SEARCHED_ROWS, starts), 30.0, None, None
-    solution: Solution | None = None
+    shape, small, inflation, slope = first, problem(SEARCHED_ROWS, starts), 10.0, None
     spread: dict[str, float] = {}
-    for number in range(ROUNDS):
+    energies = [name for name in searched if name.startswith("E_")]
+    times = [name for name in searched if name not in energies]
+    # Energies first, with all tables near their law: a table over temperature would else take the law's work.
+    plan = [(True, tuple(searched))] * bool(energies) + [(False, tuple(times))] * ROUNDS
+    for number, (small.arrhenius, names) in enumerate(plan):
         if progress:
-            progress(f"joint refit, round {number + 1} of {ROUNDS}")
+            progress(f"joint refit, round {number + 1} of {len(plan)}")
         solution, inflation, slope = _linear(small, shape, inflation, slope)
-        strengths = solution.strengths
-        if searched:
-            shape, spread = _search(small, shape, searched, strengths, solution.variance, inflation, slope)
+        if names:
+            shape, found = _search(small, shape, first, names, solution.strengths, solution.variance, inflation, slope)
+            spread |= found
     full = problem(FITTED_ROWS, small.starts)
     solution, inflation, slope = _linear(full, shape, inflation, slope)
     residuals = {name: target - matrix @ solution.values for name, matrix, target in full.matrices(shape, slope)}
@@ -254,7 +260,7 @@ def _weights(left: dict[str, np.ndarray], shares: dict[str, np.ndarray]) -> dict
     }
 
 
-def _search(problem: _Problem, shape: Shape, searched, strengths, variance, inflation, slope):
+def _search(problem: _Problem, shape: Shape, expected: Shape, searched, strengths, variance, inflation, slope):
     """Return the shape of least penalised squares at known strengths, and the sd of its numbers."""
     scale = {name: ENERGY if name.startswith("E_") else None for name in searched}
 
@@ -265,12 +271,11 @@ def _search(problem: _Problem, shape: Shape, searched, strengths, variance, infl
         }
         return dataclasses.replace(shape, **numbers)
 
-    def start_of(name: str) -> float:
-        value = getattr(shape, name)
-        return value / ENERGY if scale[name] else float(np.log(value))
+    def numbers_of(one: Shape) -> np.ndarray:
+        values = [getattr(one, name) for name in searched]
+        return np.array([v / ENERGY if scale[n] else np.log(v) for n, v in zip(searched, values, strict=True)])
 
-    first = np.array([start_of(name) for name in searched])
-    middle = np.array([2.0 if scale[name] else start_of(name) for name in searched])
+    first, middle = numbers_of(shape), numbers_of(expected)
     width = np.array([ENERGY_SD if scale[name] else LOG_TAU_SD for name in searched])
     prior = penalty_matrix(len(problem.positive(shape)), problem.penalties(shape), strengths)
 
