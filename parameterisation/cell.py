@@ -32,6 +32,7 @@ LEAST_HYSTERESIS_V = 0.005
 FIRST_PACE = 40.0
 START_SD = 0.01
 LEAST_ROWS = 30
+MOST_SHARE_SD = 0.7  # relative sd of C_th or hA from which the data do not give them
 
 
 def parameterise_cell(case: Case, progress: Callable[[str], None] | None = None) -> Parameterisation:
@@ -55,6 +56,8 @@ def parameterise_cell(case: Case, progress: Callable[[str], None] | None = None)
     fit = _joint(case, runs, Q, 2.0 * ohm, gaps, tell)
     tell("heating and cooling")
     thermal = fit_thermal(runs, fit)
+    if thermal is not None and max(thermal.C_th_sd / thermal.C_th, thermal.hA_sd / thermal.hA) > MOST_SHARE_SD:
+        thermal = None
     varied = any(name.startswith("E_") for name in fit.shape_sd)
     found = [drawn, *first_sample(steps), *time_constants(relaxed), *gaps]
     found += table_extractions(fit, tuple(rows.name for rows in runs))
@@ -105,7 +108,7 @@ def grid_of(runs: Sequence[Rows], starts: dict[str, Start], capacity_Ah: float) 
     soc = np.concatenate([starts[rows.name].soc - rows.drawn_Ah[[int(np.argmin(rows.drawn_Ah)), int(np.argmax(rows.drawn_Ah))]] / capacity_Ah for rows in runs])
     low, high = float(soc.min()), float(max(soc.max(), low_high(soc)))
     levels: list[list[float]] = []
-    for middle in sorted(float(np.median(rows.degC)) for rows in runs):
+    for middle in sorted(float(np.median(rows.ambient_degC)) for rows in runs):
         if levels and middle - np.mean(levels[-1]) < MERGED_K:
             levels[-1].append(middle)
         else:

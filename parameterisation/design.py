@@ -24,7 +24,8 @@ FINE = np.hstack(
     [np.arange(8) * 0.0125, 0.1 + np.arange(8) * 0.025, 0.3 + np.arange(15) * 0.04, [0.9, 0.93, 0.96, 0.98, 1.0]]
 )
 COARSE = np.array([0.0, 0.03, 0.06, 0.1, 0.15, 0.22, 0.32, 0.45, 0.58, 0.7, 0.8, 0.9, 1.0])
-ARRHENIUS = 0.003  # of the typical resistance: how far a table leaves its law while energies are searched
+LAWFUL = 0.003  # of the typical resistance: how far a table leaves its Arrhenius law while energies are searched
+LEAVES = 0.2  # of the resistance: the same for the tables, from one temperature to the next. Assumed.
 RESISTANCES = ("R_0", "R_S", "R_L")
 
 
@@ -145,19 +146,20 @@ def design(
 
 
 def penalties_of(
-    grid: Grid, shape: Shape, starts: Sequence[Start], ohm: float, arrhenius: bool = False
+    grid: Grid, shape: Shape, starts: Sequence[Start], ohm: float, level: dict[str, np.ndarray] | None = None
 ) -> list[Penalty]:
     """Return the penalties of all values.
 
-    U has an estimated bend; dU an estimated size and slope; each resistance an estimated slope over SOC and over
-    temperature, after its Arrhenius law, and a size that hardly acts.
+    U has an estimated bend; dU an estimated size and slope; each resistance an estimated slope over SOC, a known
+    distance from its Arrhenius law over temperature, and a size that hardly acts.
 
     Args:
         grid: the points.
         shape: for the values that are there.
         starts: of the runs of `grid.runs`.
         ohm: typical resistance.
-        arrhenius: resistances hardly differ from their Arrhenius law, so that its energy is found first.
+        level: of each resistance over SOC, the size from which its table may leave its Arrhenius law by `LEAVES` from one
+            temperature to the next; None: hardly at all, so that the energies of the laws are found first.
     """
     layout = grid.layout(shape)
     found = [Penalty(layout["U"], roughness(grid.fine.size, 2))]
@@ -169,7 +171,9 @@ def penalties_of(
     for name in RESISTANCES:
         found.append(Penalty(layout[name], over_soc))
         if grid.degC.size > 1:
-            found.append(Penalty(layout[name], across, (1.0 / (ARRHENIUS * ohm)) ** 2 if arrhenius else None))
+            sd = np.full(grid.coarse.size, LAWFUL * ohm) if level is None else LEAVES * np.maximum(level[name], 0.05 * ohm)
+            each = np.tile(1.0 / sd, grid.degC.size)
+            found.append(Penalty(layout[name], each[:, None] * across * each, fixed=1.0))
         found.append(Penalty(layout[name], both, fixed=(1.0 / (10.0 * ohm)) ** 2))
     if shape.tau_3 is not None:
         found.append(Penalty(layout["R_3"], np.eye(1), fixed=(1.0 / ohm) ** 2))

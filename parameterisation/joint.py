@@ -105,7 +105,7 @@ class _Problem:
     kept: dict[str, np.ndarray]
     shares: dict[str, np.ndarray]
     weights: dict[str, np.ndarray]
-    arrhenius: bool = False
+    level: dict[str, np.ndarray] | None = None
 
     def matrices(self, shape: Shape, slope: Callable[[Rows, np.ndarray], np.ndarray] | None):
         """Yield name, design and target of each run; `slope` returns dU/dSOC at rows."""
@@ -124,7 +124,7 @@ class _Problem:
     def penalties(self, shape: Shape):
         """Return the penalties of the values."""
         stated = [self.stated[name] for name in self.grid.runs]
-        return penalties_of(self.grid, shape, stated, self.ohm, self.arrhenius)
+        return penalties_of(self.grid, shape, stated, self.ohm, self.level)
 
     def sums(self, shape: Shape, slope=None) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Return A'WA, A'Wy, y'Wy and the sum of the weights."""
@@ -200,12 +200,16 @@ def fit_joint(
         return _Problem(runs, grid, capacity_Ah, dict(starts_now), ohm, starts, kept, shares, dict(shares))
 
     shape, small, inflation, slope = first, problem(SEARCHED_ROWS, starts), 10.0, None
+    solution: Solution | None = None
     spread: dict[str, float] = {}
     energies = [name for name in searched if name.startswith("E_")]
     times = [name for name in searched if name not in energies]
     # Energies first, with all tables near their law: a table over temperature would else take the law's work.
     plan = [(True, tuple(searched))] * bool(energies) + [(False, tuple(times))] * ROUNDS
-    for number, (small.arrhenius, names) in enumerate(plan):
+    for number, (lawful, names) in enumerate(plan):
+        if not lawful and energies and small.level is None:
+            assert solution is not None
+            small.level = _levels(small, shape, solution.values)
         if progress:
             progress(f"joint refit, round {number + 1} of {len(plan)}")
         solution, inflation, slope = _linear(small, shape, inflation, slope)
@@ -213,11 +217,16 @@ def fit_joint(
             shape, found = _search(small, shape, first, names, solution.strengths, solution.variance, inflation, slope)
             spread |= found
     full = problem(FITTED_ROWS, small.starts)
+    full.level = small.level
     solution, inflation, slope = _linear(full, shape, inflation, slope)
     residuals = {name: target - matrix @ solution.values for name, matrix, target in full.matrices(shape, slope)}
-    return JointFit(
-        grid, shape, solution, capacity_Ah, full.starts, residuals, full.kept, inflation, spread
-    )
+    return JointFit(grid, shape, solution, capacity_Ah, full.starts, residuals, full.kept, inflation, spread)
+
+
+def _levels(problem: _Problem, shape: Shape, values: np.ndarray) -> dict[str, np.ndarray]:
+    """Return each resistance over SOC at 25 degC, the mean over the temperatures of its table."""
+    layout, size = problem.grid.layout(shape), problem.grid.coarse.size
+    return {name: values[layout[name]].reshape(-1, size).mean(axis=0) for name in RESISTANCES}
 
 
 def _linear(problem: _Problem, shape: Shape, inflation: float, slope):
@@ -248,14 +257,15 @@ def _linear(problem: _Problem, shape: Shape, inflation: float, slope):
 
 
 def _weights(left: dict[str, np.ndarray], shares: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the weights of the readings: by the robust variance of their run's residual, and Huber's within it.
+    """Return the weights of the readings: by the robust sd of their run's residual, and Huber's within it.
 
-    A run that the model cannot follow (deep cold) must not spoil those it can. The weights have a mean of about one.
+    A run that the model cannot follow (deep cold) must not spoil those it can. By its variance it would hardly count,
+    although it alone may tell of its temperature: the root of that weight is taken. The mean is about one.
     """
     typical = {name: max(1.4826 * float(np.median(np.abs(r))), LEAST_V) for name, r in left.items()}
     mean = np.exp(np.average(np.log(list(typical.values())), weights=[r.size for r in left.values()]))
     return {
-        name: shares[name] * (mean / typical[name]) ** 2 * np.minimum(1.0, HUBER * typical[name] / np.maximum(np.abs(r), 1e-12))
+        name: shares[name] * (mean / typical[name]) * np.minimum(1.0, HUBER * typical[name] / np.maximum(np.abs(r), 1e-12))
         for name, r in left.items()
     }
 

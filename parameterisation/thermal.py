@@ -21,7 +21,10 @@ from parameterisation.rows import Rows
 from parameterisation.design import soc_of
 from parameterisation.smoothing import inflation_of, lagged
 
-LEAST_RISE_K = 1.0  # of a cell above its surroundings: below it the data say nothing
+LEAST_RISE_K = 1.5  # range of the cell's temperature above its surroundings: below it a run says nothing
+LONGEST_S = 60.0  # a reading counts as the time it stands for, up to this
+OFFSET_K = 0.5  # sd of the error of the ambient temperature of a run
+SHARE_SD = 0.05  # one node is not the cell: least relative sd. Assumed.
 TAU_S = (60.0, 20_000.0)
 
 
@@ -42,7 +45,7 @@ def fit_thermal(runs: Sequence[Rows], fit: JointFit) -> Thermal | None:
     """Return the thermal node of the runs with a thermometer; None where none of them warms by `LEAST_RISE_K`."""
     parts = []
     for rows in runs:
-        if not rows.warm or np.max(np.abs(rows.degC - rows.ambient_degC)) < LEAST_RISE_K:
+        if not rows.warm or np.ptp(np.percentile(rows.degC - rows.ambient_degC, [1, 99])) < LEAST_RISE_K:
             continue
         soc = soc_of(rows, fit.starts[rows.name], fit.capacity_Ah)
         open_V = _open_circuit(fit, soc, rows.degC)
@@ -52,50 +55,82 @@ def fit_thermal(runs: Sequence[Rows], fit: JointFit) -> Thermal | None:
     if not parts:
         return None
 
-    def columns(tau: float) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        found = []
-        for rows, heat in parts:
-            base = lagged(rows.time_s, rows.ambient_degC.copy(), tau, first=float(rows.degC[0]))
-            share = np.sqrt(np.minimum(np.gradient(rows.time_s), 60.0))
-            found.append((lagged(rows.time_s, heat.copy(), tau), rows.degC - base, share))
-        return found
-
-    def solved(log_tau: float) -> tuple[float, float]:
-        every = columns(float(np.exp(log_tau)))
-        over = sum(float((w * x) @ (w * y)) for x, y, w in every)
-        under = sum(float((w * x) @ (w * x)) for x, _, w in every)
-        inverse = max(over / under, 1e-6) if under > 0.0 else 1e-6
-        return inverse, sum(float(np.sum((w * (y - inverse * x)) ** 2)) for x, y, w in every)
-
     grid = np.linspace(*np.log(TAU_S), 25)
-    best = grid[int(np.argmin([solved(at)[1] for at in grid]))]
+    best = grid[int(np.argmin([_Lines(parts, float(np.exp(at))).misfit for at in grid]))]
     step = grid[1] - grid[0]
-    found = minimize_scalar(lambda at: solved(at)[1], bounds=(best - step, best + step), method="bounded")
-    tau = float(np.exp(found.x))
-    inverse, _ = solved(float(found.x))
-    return _result(parts, columns, tau, inverse)
+    found = minimize_scalar(
+        lambda at: _Lines(parts, float(np.exp(at))).misfit, bounds=(best - step, best + step), method="bounded"
+    )
+    return _result(parts, float(np.exp(found.x)))
 
 
-def _result(parts, columns, tau: float, inverse: float) -> Thermal:
-    every = columns(tau)
-    left = [y - inverse * x for x, y, _ in every]
-    rms = float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
-    slopes = [(a[0] * inverse - a[1] - (b[0] * inverse - b[1])) / 0.1 for a, b in zip(columns(tau * math.exp(0.05)), columns(tau * math.exp(-0.05)), strict=True)]
-    jacobian = np.concatenate([np.column_stack([x * inverse, s]) for (x, _, _), s in zip(every, slopes, strict=True)])
-    covariance = np.linalg.pinv(jacobian.T @ jacobian) * rms**2 * inflation_of(left)  # of log(1 / hA), log(tau)
-    hA, C_th = 1.0 / inverse, tau / inverse
+class _Lines:
+    """The linear problem at one time constant: 1 / hA, and an offset of the ambient in each run, with a prior.
+
+    Attributes:
+        inverse: 1 / hA [K/W], at least a little.
+        misfit: weighted squares.
+        left: by run, reading minus fit [K].
+        heated: by run, lag(heat, tau) [W].
+    """
+
+    def __init__(self, parts, tau: float) -> None:
+        blocks, targets, self.heated = [], [], []
+        for number, (rows, heat) in enumerate(parts):
+            share = np.sqrt(np.minimum(np.gradient(rows.time_s), LONGEST_S) / LONGEST_S)
+            warmed = lagged(rows.time_s, heat.copy(), tau)
+            columns = np.zeros((rows.time_s.size, 1 + len(parts)))
+            columns[:, 0] = warmed
+            columns[:, 1 + number] = lagged(rows.time_s, np.ones(rows.time_s.size), tau)
+            base = lagged(rows.time_s, rows.ambient_degC.copy(), tau, first=float(rows.degC[0]))
+            blocks.append(columns * share[:, None])
+            targets.append((rows.degC - base) * share)
+            self.heated.append(warmed)
+        prior = np.hstack([np.zeros((len(parts), 1)), np.eye(len(parts)) / OFFSET_K])
+        self.matrix = np.vstack([*blocks, prior])
+        target = np.concatenate([*targets, np.zeros(len(parts))])
+        self.values = np.linalg.lstsq(self.matrix, target, rcond=None)[0]
+        self.values[0] = max(self.values[0], 1e-3)
+        weighted = target - self.matrix @ self.values
+        self.misfit, self.inverse = float(weighted @ weighted), float(self.values[0])
+        ends = np.cumsum([0, *(rows.time_s.size for rows, _ in parts)])
+        shares = [np.sqrt(np.minimum(np.gradient(rows.time_s), LONGEST_S) / LONGEST_S) for rows, _ in parts]
+        self.weighted = [weighted[a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        self.left = [one / share for one, share in zip(self.weighted, shares, strict=True)]
+
+
+def _result(parts, tau: float) -> Thermal:
+    """Return the node with its sd: from the curvature, correlated residuals allowed for, and the spread of runs."""
+    lines, step = _Lines(parts, tau), 0.05
+    rows_of_all = sum(one.size for one in lines.left)
+    above, below = (_Lines(parts, tau * math.exp(sign * step)) for sign in (1.0, -1.0))
+    rate = (above.matrix @ lines.values - below.matrix @ lines.values)[:rows_of_all] / (2.0 * step)
+    # The decay of the start moves with tau too; it is in the targets.
+    moved = [b - a for a, b in zip(_bases(parts, tau * math.exp(-step)), _bases(parts, tau * math.exp(step)), strict=True)]
+    rate += np.concatenate(moved) / (2.0 * step)
+    jacobian = np.column_stack([lines.matrix[:rows_of_all], rate])
+    penalty = np.diag([0.0, *[1.0 / OFFSET_K**2] * len(parts), 0.0])
+    variance = lines.misfit / rows_of_all * inflation_of(lines.weighted)
+    covariance = np.linalg.pinv(jacobian.T @ jacobian / variance + penalty)
+    hA, C_th = 1.0 / lines.inverse, tau / lines.inverse
+    of_inverse = covariance[0, 0] / lines.inverse**2
+    of_both = of_inverse + covariance[-1, -1] - 2.0 * covariance[0, -1] / lines.inverse
+    rms = float(np.sqrt(np.mean(np.concatenate(lines.left) ** 2)))
     tables = [
         pd.DataFrame({"run": rows.name, "time_s": rows.time_s, "degC": rows.degC, "fit_degC": rows.degC - one})
-        for (rows, _), one in zip(parts, left, strict=True)
+        for (rows, _), one in zip(parts, lines.left, strict=True)
     ]
-    hA_sd = hA * math.sqrt(covariance[0, 0])
-    C_th_sd = C_th * math.sqrt(max(covariance[0, 0] + covariance[1, 1] - 2.0 * covariance[0, 1], 0.0))
-    # Runs differ by more than one fit shows: the spread of hA between runs is part of its sd.
-    single = [float(x @ y) / float(x @ x) for x, y, _ in every if float(x @ x) > 0.0]
-    spread = float(np.std(single)) / inverse if len(single) > 1 else 0.05
-    hA_sd, C_th_sd = math.hypot(hA_sd, hA * spread), math.hypot(C_th_sd, C_th * spread)
     runs = tuple(rows.name for rows, _ in parts)
-    return Thermal(C_th, hA, C_th_sd, hA_sd, rms, pd.concat(tables, ignore_index=True), runs)
+    sd = C_th * math.sqrt(max(of_both, 0.0) + SHARE_SD**2), hA * math.sqrt(of_inverse + SHARE_SD**2)
+    return Thermal(C_th, hA, *sd, rms, pd.concat(tables, ignore_index=True), runs)
+
+
+def _bases(parts, tau: float) -> list[np.ndarray]:
+    found = []
+    for rows, _ in parts:
+        share = np.sqrt(np.minimum(np.gradient(rows.time_s), LONGEST_S) / LONGEST_S)
+        found.append(lagged(rows.time_s, rows.ambient_degC.copy(), tau, first=float(rows.degC[0])) * share)
+    return found
 
 
 def _open_circuit(fit: JointFit, soc: np.ndarray, degC: np.ndarray) -> np.ndarray:
