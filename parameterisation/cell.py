@@ -30,8 +30,8 @@ FIRST_TAU_S = (4.0, 120.0)  # of the pairs: usual of cells of 2 to 5 A h. Assume
 FIRST_ENERGY = {"E_0": 20e3, "E_S": 30e3, "E_L": 30e3}  # J/mol. Assumed.
 LEAST_HYSTERESIS_V = 0.005
 FIRST_PACE = 40.0
-START_SD = 0.01
 LEAST_ROWS = 30
+FADE_SD, OWN_FADE_SD = 0.02, 0.003  # of the capacity from run to run, and of runs that define it. Assumed.
 MOST_SHARE_SD = 0.7  # relative sd of C_th or hA from which the data do not give them
 
 
@@ -53,7 +53,7 @@ def parameterise_cell(case: Case, progress: Callable[[str], None] | None = None)
     slow = branches(runs, Q)
     ohm = float(steps["ohm"].median()) if len(steps) else 0.15 / Q
     gaps = hysteresis_gap(slow, 2.0 * ohm)
-    fit = _joint(case, runs, Q, 2.0 * ohm, gaps, tell)
+    fit = _joint(drawn, runs, 2.0 * ohm, gaps, tell)
     tell("heating and cooling")
     thermal = fit_thermal(runs, fit)
     if thermal is not None and max(thermal.C_th_sd / thermal.C_th, thermal.hA_sd / thermal.hA) > MOST_SHARE_SD:
@@ -126,18 +126,20 @@ def low_high(soc: np.ndarray) -> float:
     return float(soc.min()) + 0.05
 
 
-def _joint(case: Case, runs: Sequence[Rows], Q: float, ohm: float, gaps: Sequence[Extraction], tell) -> JointFit:
+def _joint(drawn: Extraction, runs: Sequence[Rows], ohm: float, gaps: Sequence[Extraction], tell) -> JointFit:
     hysteresis = bool(gaps) and float(np.median([gap.value for gap in gaps])) > LEAST_HYSTERESIS_V
     starts = {}
     for rows in runs:
         stated = rows.run.initial_soc
-        starts[rows.name] = Start(stated.value, stated.sd, _initial_h(rows.run) if hysteresis else 0.0)
-    grid = grid_of(runs, starts, Q)
+        h = _initial_h(rows.run) if hysteresis else 0.0
+        fade_sd = OWN_FADE_SD if rows.name in drawn.runs else FADE_SD
+        starts[rows.name] = Start(stated.value, stated.sd, h, fade_sd=fade_sd)
+    grid = grid_of(runs, starts, drawn.value)
     span = float(np.ptp(np.concatenate([np.percentile(rows.degC, [2, 98]) for rows in runs])))
     energies = FIRST_ENERGY if span > LEAST_SPAN_K else {}
     first = Shape(*FIRST_TAU_S, **energies, g=FIRST_PACE if hysteresis else None)
     searched = ["tau_S", "tau_L", *energies, *(["g"] if hysteresis else [])]
-    return fit_joint(runs, grid, Q, starts, first, searched, ohm, tell)
+    return fit_joint(runs, grid, drawn.value, starts, first, searched, ohm, tell)
 
 
 def _initial_h(run: Run) -> float:
@@ -230,11 +232,14 @@ def _run(run: Run, fit: JointFit, heating: bool, hysteresis: bool) -> Run:
         at = fit.layout["soc"].start + fit.grid.runs.index(run.name)
         sd = float(np.sqrt(fit.solution.covariance[at, at]))
         changes["initial_soc"] = Known(float(np.clip(fit.starts[run.name].soc, 0.0, 1.1)), max(sd, 1e-4))
+        if "capacity_Ah" not in run.overrides and fit.starts[run.name].fade != 0.0:
+            own = fit.capacity_Ah * (1.0 + fit.starts[run.name].fade)
+            changes["overrides"] = run.overrides | {"capacity_Ah": Known(own)}
     read = run.measured.outputs.get("cell_temperature_degC")
     if heating and run.initial_cell_temperature is None and read is not None and np.isfinite(read).any():
         changes["initial_cell_temperature"] = Known(float(read[np.isfinite(read)][0]), 0.3)
     if hysteresis:
-        changes["overrides"] = {"initial_hysteresis": Known(_initial_h(run))} | run.overrides
+        changes["overrides"] = {"initial_hysteresis": Known(_initial_h(run))} | changes.get("overrides", run.overrides)
     return dataclasses.replace(run, **changes)
 
 

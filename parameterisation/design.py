@@ -25,7 +25,7 @@ FINE = np.hstack(
 )
 COARSE = np.array([0.0, 0.03, 0.06, 0.1, 0.15, 0.22, 0.32, 0.45, 0.58, 0.7, 0.8, 0.9, 1.0])
 LAWFUL = 0.003  # of the typical resistance: how far a table leaves its Arrhenius law while energies are searched
-LEAVES = 0.2  # of the resistance: the same for the tables, from one temperature to the next. Assumed.
+LEAVES = 0.5  # of the resistance: the same for the tables, from one temperature to the next. Assumed.
 RESISTANCES = ("R_0", "R_S", "R_L")
 
 
@@ -80,23 +80,29 @@ class Grid:
         table = self.coarse.size * self.degC.size
         sizes = {"U": self.fine.size, "dU": table if self.degC.size > 1 else 0}
         sizes |= dict.fromkeys(RESISTANCES, table)
-        sizes |= {"R_3": int(shape.tau_3 is not None), "M": int(shape.g is not None), "soc": len(self.runs)}
+        sizes |= {"R_3": int(shape.tau_3 is not None), "M": int(shape.g is not None), "soc": len(self.runs), "fade": len(self.runs)}
         ends = np.cumsum(list(sizes.values()))
         return {name: slice(int(end - size), int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Start:
-    """Where a run starts: state of charge, its sd (None: exact), and state of the hysteresis."""
+    """Where a run starts: state of charge, its sd (None: exact), state of the hysteresis, and share of its capacity.
+
+    `fade` is the relative difference of the capacity in this run, by age or by the gain of its current sensor, about 0
+    with `fade_sd`.
+    """
 
     soc: float
     sd: float | None
     h: float = 0.0
+    fade: float = 0.0
+    fade_sd: float = 0.02
 
 
 def soc_of(rows: Rows, start: Start, capacity_Ah: float) -> np.ndarray:
     """Return the state of charge at each row by eq. 1."""
-    return start.soc - rows.drawn_Ah / capacity_Ah
+    return start.soc - rows.drawn_Ah / (capacity_Ah * (1.0 + start.fade))
 
 
 def hysteresis_of(rows: Rows, start: Start, capacity_Ah: float, g: float) -> np.ndarray:
@@ -123,7 +129,7 @@ def design(
         Shape (kept, values), the columns of the initial states of charge zero.
     """
     layout = grid.layout(shape)
-    matrix = np.zeros((kept.size, layout["soc"].stop))
+    matrix = np.zeros((kept.size, layout["fade"].stop))
     matrix[:, layout["U"]] = hats(soc[kept], grid.fine)
     table = products(hats(rows.degC, grid.degC), hats(soc, grid.coarse))
     if grid.degC.size > 1:
@@ -182,4 +188,6 @@ def penalties_of(
     for number, start in enumerate(starts):
         at = layout["soc"].start + number
         found.append(Penalty(slice(at, at + 1), np.eye(1), fixed=1.0 / max(start.sd or 1e-6, 1e-6) ** 2))
+        at = layout["fade"].start + number
+        found.append(Penalty(slice(at, at + 1), np.eye(1), fixed=1.0 / start.fade_sd**2))
     return found

@@ -25,6 +25,7 @@ HUBER = 2.5  # robust sd of the residual beyond which a reading counts less
 LEAST_V = 0.0005  # least sd of a run's residual
 LONGEST_S = 10.0  # a reading counts as the root of the time it stands for, up to this
 POWER = 0.5
+MOST_FADE = 0.3
 MOST_INFLATION = 10.0  # for the choice of smoothness
 ROUNDS = 2  # of: strengths and weights, then time constants
 STEP = 0.02  # of the search, in logarithms and 10 kJ/mol
@@ -109,16 +110,18 @@ class _Problem:
 
     def matrices(self, shape: Shape, slope: Callable[[Rows, np.ndarray], np.ndarray] | None):
         """Yield name, design and target of each run; `slope` returns dU/dSOC at rows."""
-        soc_at = self.grid.layout(shape)["soc"].start
+        layout = self.grid.layout(shape)
         for rows in self.runs:
             start, kept = self.starts[rows.name], self.kept[rows.name]
             soc = soc_of(rows, start, self.capacity_Ah)
             matrix = design(rows, soc, start, self.grid, shape, self.capacity_Ah, kept)
             target = rows.voltage_V[kept].copy()
             if slope is not None and rows.name in self.grid.runs:
-                column = slope(rows, soc)[kept]
-                matrix[:, soc_at + self.grid.runs.index(rows.name)] = column
-                target += column * (start.soc - self.stated[rows.name].soc)
+                number, column = self.grid.runs.index(rows.name), slope(rows, soc)[kept]
+                drawn = column * rows.drawn_Ah[kept] / (self.capacity_Ah * (1.0 + start.fade) ** 2)
+                matrix[:, layout["soc"].start + number] = column
+                matrix[:, layout["fade"].start + number] = drawn
+                target += column * (start.soc - self.stated[rows.name].soc) + drawn * start.fade
             yield rows.name, matrix, target
 
     def penalties(self, shape: Shape):
@@ -139,7 +142,7 @@ class _Problem:
     def positive(self, shape: Shape) -> np.ndarray:
         """Return the mask of the values that are not negative."""
         layout = self.grid.layout(shape)
-        mask = np.zeros(layout["soc"].stop, dtype=bool)
+        mask = np.zeros(layout["fade"].stop, dtype=bool)
         for name in (*RESISTANCES, "R_3", "M"):
             mask[layout[name]] = True
         return mask
@@ -244,9 +247,9 @@ def _linear(problem: _Problem, shape: Shape, inflation: float, slope):
         inflation = inflation_of([r * np.sqrt(problem.weights[name]) for name, r in left.items()])
         if slope is not None:
             for number, name in enumerate(grid.runs):
-                moved = float(values[layout["soc"].start + number])
-                stated = problem.stated[name]
-                problem.starts[name] = dataclasses.replace(stated, soc=stated.soc + moved)
+                stated, moved = problem.stated[name], float(values[layout["soc"].start + number])
+                fade = float(np.clip(values[layout["fade"].start + number], -MOST_FADE, MOST_FADE))
+                problem.starts[name] = dataclasses.replace(stated, soc=stated.soc + moved, fade=fade)
         U = values[layout["U"]]
 
         def slope(rows: Rows, soc: np.ndarray, U=U) -> np.ndarray:
