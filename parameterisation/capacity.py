@@ -40,7 +40,9 @@ def capacity(case: Case, runs: Sequence[Rows]) -> Extraction:
         values = np.array(list(passed.values()))
         sd = math.hypot(COUNTER_SD * values.mean(), values.std(ddof=1) if values.size > 1 else 0.0)
         said = "charge passed by slow discharges and charges, by counting the current"
-        return Extraction("capacity_Ah", float(values.mean()), sd, "A h", tuple(passed), "from full to the cut-off", said)
+        return Extraction(
+            "capacity_Ah", float(values.mean()), sd, "A h", tuple(passed), "from full to the cut-off", said
+        )
     full = [rows for rows in runs if rows.run.initial_soc.value >= FULL]
     lowest = min((float(np.nanmin(rows.voltage_V)) for rows in runs), default=math.nan)
     emptied = [rows for rows in full if np.nanmin(rows.voltage_V) <= lowest + 0.1]
@@ -49,7 +51,9 @@ def capacity(case: Case, runs: Sequence[Rows]) -> Extraction:
         drawn = float(np.max(best.drawn_Ah))
         if stated is None or drawn >= EMPTY_SHARE * stated.value:
             sd = max(0.02, COUNTER_SD) * drawn
-            said = "charge drawn from full to the lowest voltage, under load: a little less than that of a slow discharge"
+            said = (
+                "charge drawn from full to the lowest voltage, under load: a little less than that of a slow discharge"
+            )
             return Extraction("capacity_Ah", drawn, sd, "A h", (best.name,), "all of the run", said)
     if stated is not None:
         return absent("capacity_Ah", stated.value, "A h", "the case's stated value", TEST, stated.sd or math.nan)

@@ -51,7 +51,7 @@ def parameterise_cell(case: Case, progress: Callable[[str], None] | None = None)
     steps = step_resistances(runs, Q, noise_V)
     relaxed = relaxations(runs, Q)
     slow = branches(runs, Q)
-    ohm = float(steps["ohm"].median()) if len(steps) else 0.15 / Q
+    ohm = float(np.median(steps["ohm"].to_numpy())) if len(steps) else 0.15 / Q
     gaps = hysteresis_gap(slow, 2.0 * ohm)
     fit = _joint(drawn, runs, 2.0 * ohm, gaps, tell)
     tell("heating and cooling")
@@ -61,11 +61,18 @@ def parameterise_cell(case: Case, progress: Callable[[str], None] | None = None)
     varied = any(name.startswith("E_") for name in fit.shape_sd)
     found = [drawn, *first_sample(steps), *time_constants(relaxed), *gaps]
     found += table_extractions(fit, tuple(rows.name for rows in runs))
+    found += _capacity_of_runs(drawn, fit)
     found += _hysteresis(fit, runs)
     found += thermal_extractions(thermal) if thermal else []
     found += noise
     found += _missing(runs, fit, thermal, steps, slow, varied)
-    points = {"slow": slow, "rests": rested(runs, Q), "resistance": steps, "relaxation": relaxed, "fit": _fitted(runs, fit)}
+    points = {
+        "slow": slow,
+        "rests": rested(runs, Q),
+        "resistance": steps,
+        "relaxation": relaxed,
+        "fit": _fitted(runs, fit),
+    }
     if thermal:
         points["thermal"] = thermal.points
     said = _case(case, drawn, fit, thermal, noise, varied)
@@ -76,7 +83,7 @@ def parameterise_cell(case: Case, progress: Callable[[str], None] | None = None)
 def _usable(case: Case) -> list[Rows]:
     fitted = [run for run in case.runs if run.split == "fit"]
     if not fitted:
-        raise FitError(f"{case.label}: there is no fit run; parameters are extracted from runs with split = \"fit\".")
+        raise FitError(f'{case.label}: there is no fit run; parameters are extracted from runs with split = "fit".')
     without = [run.name for run in fitted if "voltage_V" not in run.measured.outputs]
     runs = [rows_of(run) for run in fitted if "voltage_V" in run.measured.outputs]
     if not runs:
@@ -105,7 +112,13 @@ def _noise(runs: Sequence[Rows]) -> list[Extraction]:
 
 def grid_of(runs: Sequence[Rows], starts: dict[str, Start], capacity_Ah: float) -> Grid:
     """Return the points of the curves: over the span of the charge, and at the temperatures of the runs."""
-    soc = np.concatenate([starts[rows.name].soc - rows.drawn_Ah[[int(np.argmin(rows.drawn_Ah)), int(np.argmax(rows.drawn_Ah))]] / capacity_Ah for rows in runs])
+    soc = np.concatenate(
+        [
+            starts[rows.name].soc
+            - rows.drawn_Ah[[int(np.argmin(rows.drawn_Ah)), int(np.argmax(rows.drawn_Ah))]] / capacity_Ah
+            for rows in runs
+        ]
+    )
     low, high = float(soc.min()), float(max(soc.max(), low_high(soc)))
     levels: list[list[float]] = []
     for middle in sorted(float(np.median(rows.ambient_degC)) for rows in runs):
@@ -148,6 +161,15 @@ def _initial_h(run: Run) -> float:
     return -1.0 if soc > 0.9 else 1.0 if soc < 0.1 else 0.0
 
 
+def _capacity_of_runs(drawn: Extraction, fit: JointFit) -> list[Extraction]:
+    if len(fit.grid.runs) < 2:
+        return []
+    typical = _typical_capacity(drawn, fit)
+    method = "joint refit: a capacity of its own for each run, by age or by the gain of its current sensor"
+    sd = typical.sd or math.nan
+    return [Extraction("capacity over all fit runs", typical.value, sd, "A h", fit.grid.runs, "all readings", method)]
+
+
 def _hysteresis(fit: JointFit, runs: Sequence[Rows]) -> list[Extraction]:
     if fit.shape.g is None:
         return []
@@ -179,7 +201,9 @@ def _missing(runs, fit: JointFit, thermal: Thermal | None, steps, slow, varied: 
         said.append(absent("slow open-circuit voltage", math.nan, "V", "rests and the joint refit", test))
     elif set(slow["branch"]) != {"charge", "discharge"}:
         test = "The other slow branch (charge or discharge) would give it."
-        said.append(absent("hysteresis", 0.0, "V", "nothing: the slow branch is taken for the open-circuit voltage", test))
+        said.append(
+            absent("hysteresis", 0.0, "V", "nothing: the slow branch is taken for the open-circuit voltage", test)
+        )
     low = float(fit.grid.coarse[0])
     if low > 0.05:
         test = "A discharge to empty would give them."
@@ -200,7 +224,7 @@ def _fitted(runs: Sequence[Rows], fit: JointFit) -> pd.DataFrame:
 
 def _case(case: Case, drawn: Extraction, fit: JointFit, thermal: Thermal | None, noise, varied: bool) -> Case:
     """Return the case with everything found; what it states as exact stays."""
-    found = {"capacity_Ah": Known(drawn.value, drawn.sd if math.isfinite(drawn.sd) else None)}
+    found = {"capacity_Ah": _typical_capacity(drawn, fit)}
     found["series_resistance_scale"] = Known(1.0, pooled_sd(fit, ("R_0",)))
     found["rc_resistance_scale"] = Known(1.0, pooled_sd(fit, ("R_S", "R_L")))
     spread = float(np.clip(max(fit.shape_sd.get("tau_S", 0.3), fit.shape_sd.get("tau_L", 0.3)), 0.02, 1.0))
@@ -215,14 +239,30 @@ def _case(case: Case, drawn: Extraction, fit: JointFit, thermal: Thermal | None,
     if hysteresis:
         M, M_sd = fit.value("M")
         effects["ocv_hysteresis"] = {"M_V": M, "g": float(fit.shape.g or FIRST_PACE)}
-        effect_sd["ocv_hysteresis"] = {"M_V": M_sd, "g": effects["ocv_hysteresis"]["g"] * fit.shape_sd.get("g", 0.5)}
+        effect_sd["ocv_hysteresis"] = {"M_V": M_sd, "g": float(fit.shape.g or FIRST_PACE) * fit.shape_sd.get("g", 0.5)}
     sensors = {one.name.removeprefix("noise of "): one.value for one in noise} | case.sensors
     runs = tuple(_run(run, fit, thermal is not None, hysteresis) for run in case.runs)
     tables = tables_of(fit, varied) | {name: table for name, table in case.tables.items() if table.sd is None}
     parameters = found | exact
     return dataclasses.replace(
-        case, path=None, parameters=parameters, tables=tables, effects=effects, effect_sd=effect_sd, sensors=sensors, runs=runs
+        case,
+        path=None,
+        parameters=parameters,
+        tables=tables,
+        effects=effects,
+        effect_sd=effect_sd,
+        sensors=sensors,
+        runs=runs,
     )
+
+
+def _typical_capacity(drawn: Extraction, fit: JointFit) -> Known:
+    """Return the capacity that a run which was not fitted will have: the mean over the fit runs, with their spread."""
+    fades = np.array([fit.starts[name].fade for name in fit.grid.runs])
+    sd = drawn.sd if math.isfinite(drawn.sd) else 0.05 * drawn.value
+    if not fades.size:
+        return Known(drawn.value, sd)
+    return Known(drawn.value * (1.0 + float(fades.mean())), math.hypot(sd, drawn.value * float(fades.std())))
 
 
 def _run(run: Run, fit: JointFit, heating: bool, hysteresis: bool) -> Run:
@@ -248,5 +288,7 @@ def _remarks(fit: JointFit, runs: Sequence[Rows]) -> tuple[str, ...]:
     for rows in runs:
         left = float(np.sqrt(np.mean(fit.residuals[rows.name] ** 2)))
         said.append(f"The joint refit leaves {1e3 * left:.3g} mV of {rows.name}.")
-    said.append(f"One in {fit.inflation:.0f} readings counts: what the model misses is correlated, and the sd allow for it.")
+    said.append(
+        f"One in {fit.inflation:.0f} readings counts: what the model misses is correlated, and the sd allow for it."
+    )
     return tuple(said)

@@ -80,7 +80,12 @@ class Grid:
         table = self.coarse.size * self.degC.size
         sizes = {"U": self.fine.size, "dU": table if self.degC.size > 1 else 0}
         sizes |= dict.fromkeys(RESISTANCES, table)
-        sizes |= {"R_3": int(shape.tau_3 is not None), "M": int(shape.g is not None), "soc": len(self.runs), "fade": len(self.runs)}
+        sizes |= {
+            "R_3": int(shape.tau_3 is not None),
+            "M": int(shape.g is not None),
+            "soc": len(self.runs),
+            "fade": len(self.runs),
+        }
         ends = np.cumsum(list(sizes.values()))
         return {name: slice(int(end - size), int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
 
@@ -164,8 +169,8 @@ def penalties_of(
         shape: for the values that are there.
         starts: of the runs of `grid.runs`.
         ohm: typical resistance.
-        level: of each resistance over SOC, the size from which its table may leave its Arrhenius law by `LEAVES` from one
-            temperature to the next; None: hardly at all, so that the energies of the laws are found first.
+        level: of each resistance over SOC, of which its table may leave its Arrhenius law by the
+            share `LEAVES` from one temperature to the next; None: hardly at all, so that the energies of the laws are found first.
     """
     layout = grid.layout(shape)
     found = [Penalty(layout["U"], roughness(grid.fine.size, 2))]
@@ -177,7 +182,11 @@ def penalties_of(
     for name in RESISTANCES:
         found.append(Penalty(layout[name], over_soc))
         if grid.degC.size > 1:
-            sd = np.full(grid.coarse.size, LAWFUL * ohm) if level is None else LEAVES * np.maximum(level[name], 0.05 * ohm)
+            sd = (
+                np.full(grid.coarse.size, LAWFUL * ohm)
+                if level is None
+                else LEAVES * np.maximum(level[name], 0.05 * ohm)
+            )
             each = np.tile(1.0 / sd, grid.degC.size)
             found.append(Penalty(layout[name], each[:, None] * across * each, fixed=1.0))
         found.append(Penalty(layout[name], both, fixed=(1.0 / (10.0 * ohm)) ** 2))

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
-from parameterisation.design import Grid, RESISTANCES, Shape, Start, colder, design, penalties_of, soc_of
+from parameterisation.design import RESISTANCES, Grid, Shape, Start, colder, design, penalties_of, soc_of
 from parameterisation.rows import Rows
 from parameterisation.smoothing import Solution, hats, inflation_of, penalty_matrix, products, solve
 
@@ -27,6 +27,8 @@ LONGEST_S = 10.0  # a reading counts as the root of the time it stands for, up t
 POWER = 0.5
 MOST_FADE = 0.3
 MOST_INFLATION = 10.0  # for the choice of smoothness
+ALTERNATIONS = 3  # of values, and weights with initial states of charge
+SOC_STEP = 0.005  # of the slope of the open-circuit voltage
 ROUNDS = 2  # of: strengths and weights, then time constants
 STEP = 0.02  # of the search, in logarithms and 10 kJ/mol
 ENERGY = 1e4  # J/mol; the unit of the search
@@ -108,7 +110,7 @@ class _Problem:
     weights: dict[str, np.ndarray]
     level: dict[str, np.ndarray] | None = None
 
-    def matrices(self, shape: Shape, slope: Callable[[Rows, np.ndarray], np.ndarray] | None):
+    def matrices(self, shape: Shape, slope: Slope | None):
         """Yield name, design and target of each run; `slope` returns dU/dSOC at rows."""
         layout = self.grid.layout(shape)
         for rows in self.runs:
@@ -203,19 +205,19 @@ def fit_joint(
         return _Problem(runs, grid, capacity_Ah, dict(starts_now), ohm, starts, kept, shares, dict(shares))
 
     shape, small, inflation, slope = first, problem(SEARCHED_ROWS, starts), 10.0, None
-    solution: Solution | None = None
     spread: dict[str, float] = {}
+    values = np.empty(0)
     energies = [name for name in searched if name.startswith("E_")]
     times = [name for name in searched if name not in energies]
     # Energies first, with all tables near their law: a table over temperature would else take the law's work.
     plan = [(True, tuple(searched))] * bool(energies) + [(False, tuple(times))] * ROUNDS
     for number, (lawful, names) in enumerate(plan):
         if not lawful and energies and small.level is None:
-            assert solution is not None
-            small.level = _levels(small, shape, solution.values)
+            small.level = _levels(small, shape, values)
         if progress:
             progress(f"joint refit, round {number + 1} of {len(plan)}")
         solution, inflation, slope = _linear(small, shape, inflation, slope)
+        values = solution.values
         if names:
             shape, found = _search(small, shape, first, names, solution.strengths, solution.variance, inflation, slope)
             spread |= found
@@ -232,31 +234,42 @@ def _levels(problem: _Problem, shape: Shape, values: np.ndarray) -> dict[str, np
     return {name: values[layout[name]].reshape(-1, size).mean(axis=0) for name in RESISTANCES}
 
 
-def _linear(problem: _Problem, shape: Shape, inflation: float, slope):
+Slope = Callable[[Rows, np.ndarray], np.ndarray]
+
+
+def _linear(problem: _Problem, shape: Shape, inflation: float, slope: Slope | None) -> tuple[Solution, float, Slope]:
     """Solve for all values: strengths, weights of the readings, and initial states of charge in turn."""
-    grid, layout = problem.grid, problem.grid.layout(shape)
-    solution = None
-    for _ in range(3):
-        sums = problem.sums(shape, slope)
-        solution = solve(
-            *sums, problem.penalties(shape), min(inflation, MOST_INFLATION), positive=problem.positive(shape)
-        )
-        values = solution.values
-        left = {name: target - matrix @ values for name, matrix, target in problem.matrices(shape, slope)}
-        problem.weights = _weights(left, problem.shares)
-        inflation = inflation_of([r * np.sqrt(problem.weights[name]) for name, r in left.items()])
-        if slope is not None:
-            for number, name in enumerate(grid.runs):
-                stated, moved = problem.stated[name], float(values[layout["soc"].start + number])
-                fade = float(np.clip(values[layout["fade"].start + number], -MOST_FADE, MOST_FADE))
-                problem.starts[name] = dataclasses.replace(stated, soc=stated.soc + moved, fade=fade)
-        U = values[layout["U"]]
+    layout = problem.grid.layout(shape)
+    for _ in range(ALTERNATIONS - 1):
+        solution, inflation = _solve_once(problem, shape, inflation, slope)
+        slope = _slope_of(problem.grid.fine, solution.values[layout["U"]])
+    solution, inflation = _solve_once(problem, shape, inflation, slope)
+    return solution, inflation, _slope_of(problem.grid.fine, solution.values[layout["U"]])
 
-        def slope(rows: Rows, soc: np.ndarray, U=U) -> np.ndarray:
-            step = 0.005
-            return (hats(soc + step, grid.fine) - hats(soc - step, grid.fine)) @ U / (2.0 * step)
 
-    return solution, inflation, slope
+def _solve_once(problem: _Problem, shape: Shape, inflation: float, slope: Slope | None) -> tuple[Solution, float]:
+    """Solve for the values at the weights so far; then set the weights and the initial states of charge anew."""
+    layout, sums = problem.grid.layout(shape), problem.sums(shape, slope)
+    solution = solve(*sums, problem.penalties(shape), min(inflation, MOST_INFLATION), positive=problem.positive(shape))
+    values = solution.values
+    left = {name: target - matrix @ values for name, matrix, target in problem.matrices(shape, slope)}
+    problem.weights = _weights(left, problem.shares)
+    inflation = inflation_of([r * np.sqrt(problem.weights[name]) for name, r in left.items()])
+    if slope is not None:
+        for number, name in enumerate(problem.grid.runs):
+            stated, moved = problem.stated[name], float(values[layout["soc"].start + number])
+            fade = float(np.clip(values[layout["fade"].start + number], -MOST_FADE, MOST_FADE))
+            problem.starts[name] = dataclasses.replace(stated, soc=stated.soc + moved, fade=fade)
+    return solution, inflation
+
+
+def _slope_of(knots: np.ndarray, values: np.ndarray) -> Slope:
+    """Return the function that gives dU/dSOC at states of charge."""
+
+    def slope(rows: Rows, soc: np.ndarray) -> np.ndarray:
+        return (hats(soc + SOC_STEP, knots) - hats(soc - SOC_STEP, knots)) @ values / (2.0 * SOC_STEP)
+
+    return slope
 
 
 def _weights(left: dict[str, np.ndarray], shares: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -268,7 +281,9 @@ def _weights(left: dict[str, np.ndarray], shares: dict[str, np.ndarray]) -> dict
     typical = {name: max(1.4826 * float(np.median(np.abs(r))), LEAST_V) for name, r in left.items()}
     mean = np.exp(np.average(np.log(list(typical.values())), weights=[r.size for r in left.values()]))
     return {
-        name: shares[name] * (mean / typical[name]) * np.minimum(1.0, HUBER * typical[name] / np.maximum(np.abs(r), 1e-12))
+        name: shares[name]
+        * (mean / typical[name])
+        * np.minimum(1.0, HUBER * typical[name] / np.maximum(np.abs(r), 1e-12))
         for name, r in left.items()
     }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Sequence
 
@@ -49,9 +50,11 @@ def parameterise_motor(case: Case, progress: Callable[[str], None] | None = None
     tell = progress or (lambda stage: None)
     fitted = [run for run in case.runs if run.split == "fit"]
     if not fitted:
-        raise FitError(f"{case.label}: there is no fit run; parameters are extracted from runs with split = \"fit\".")
+        raise FitError(f'{case.label}: there is no fit run; parameters are extracted from runs with split = "fit".')
     runs = [motor_rows(run) for run in fitted]
-    if not any(rows.speed_rad_s is not None or (rows.voltage_V is not None and rows.current_A is not None) for rows in runs):
+    if not any(
+        rows.speed_rad_s is not None or (rows.voltage_V is not None and rows.current_A is not None) for rows in runs
+    ):
         raise FitError(
             f"{case.label}: no fit run has a speed, or voltage and current together; add 'speed_rad_s' or 'current_A'."
         )
@@ -118,7 +121,10 @@ def _refined(case: Case, found: list[Extraction]) -> tuple[Case, list[Extraction
 
 
 def _speed_constant(runs: Sequence[MotorRows]) -> Extraction | None:
-    """Return k_tau from voltage and speed alone: V = k w + B sgn(w) + C dw/dt; it holds the loss that grows with speed."""
+    """Return k_tau from voltage and speed alone: V = k w + B sgn(w) + C dw/dt.
+
+    It holds the loss that grows with speed.
+    """
     parts = [rows for rows in runs if rows.voltage_V is not None and rows.speed_rad_s is not None and rows.moving.any()]
     if not parts:
         return None
@@ -135,7 +141,7 @@ def _speed_constant(runs: Sequence[MotorRows]) -> Extraction | None:
     values = np.linalg.lstsq(matrix / size, volts, rcond=None)[0] / size
     left = volts - matrix @ values
     ends = np.cumsum([0, *map(len, targets)])
-    inflation = inflation_of([left[a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)])
+    inflation = inflation_of([left[a:b] for a, b in itertools.pairwise(ends)])
     spread = np.linalg.pinv((matrix / size).T @ (matrix / size)) * float(left @ left) / left.size * inflation
     sd = math.sqrt(spread[0, 0]) / size[0]
     if not values[0] > sd:
@@ -147,7 +153,9 @@ def _speed_constant(runs: Sequence[MotorRows]) -> Extraction | None:
 def _mechanical(turning: Mechanics) -> list[Extraction]:
     samples = f"{len(turning.points)} rows, {turning.rms_Nm:.2g} N m left"
     method = "k i - load = friction + J dw/dt by least squares"
-    units = {"tau_0": "N m", "J": "kg m2", "direction": "N m"} | {name: unit for name, (_, _, unit) in SPEED_TERMS.items()}
+    units = {"tau_0": "N m", "J": "kg m2", "direction": "N m"} | {
+        name: unit for name, (_, _, unit) in SPEED_TERMS.items()
+    }
     names = {"direction": "torque of constant sign", "b": "viscous friction b", "c": "windage c"}
     return [
         Extraction(names.get(term, term), size, turning.sd[term], units[term], turning.runs, samples, method)
@@ -187,7 +195,13 @@ def _case(case: Case, found: Sequence[Extraction], turning: Mechanics | None, no
         first = {} if speed is None or not np.isfinite(speed[0]) else {"initial_speed_rad_s": Known(float(speed[0]))}
         runs.append(dataclasses.replace(run, overrides=first | run.overrides))
     return dataclasses.replace(
-        case, path=None, parameters=parameters | exact, effects=effects, effect_sd=effect_sd, sensors=sensors, runs=tuple(runs)
+        case,
+        path=None,
+        parameters=parameters | exact,
+        effects=effects,
+        effect_sd=effect_sd,
+        sensors=sensors,
+        runs=tuple(runs),
     )
 
 

@@ -40,7 +40,10 @@ def electrical(runs: Sequence[MotorRows]) -> tuple[list[Extraction], pd.DataFram
         tables.append(pd.DataFrame({"run": rows.name, **{name: one[at] for name, one in columns.items()}}))
     table = pd.concat(tables, ignore_index=True)
     matrix = table[["current_A", "speed_rad_s"]].to_numpy()
-    both = np.all(np.ptp(matrix, axis=0) > 1e-9) or np.linalg.matrix_rank(matrix / (np.abs(matrix).max(axis=0) + 1e-30)) == 2
+    both = (
+        np.all(np.ptp(matrix, axis=0) > 1e-9)
+        or np.linalg.matrix_rank(matrix / (np.abs(matrix).max(axis=0) + 1e-30)) == 2
+    )
     fit = sm.RLM(table["voltage_V"].to_numpy(), matrix, M=sm.robust.norms.HuberT()).fit()
     left = table["voltage_V"].to_numpy() - matrix @ fit.params
     lost = [left[(table["run"] == rows.name).to_numpy()] for rows in used]
@@ -52,5 +55,7 @@ def electrical(runs: Sequence[MotorRows]) -> tuple[list[Extraction], pd.DataFram
     if both and R > 0.0 and R > sd[0]:
         found.append(Extraction("R_0", R, float(sd[0]), "ohm", names, samples, "V = R i + k w by robust least squares"))
     if both and k > 0.0 and k > sd[1]:
-        found.append(Extraction("k_tau", k, float(sd[1]), "N m/A", names, samples, "V = R i + k w by robust least squares"))
+        found.append(
+            Extraction("k_tau", k, float(sd[1]), "N m/A", names, samples, "V = R i + k w by robust least squares")
+        )
     return found, table

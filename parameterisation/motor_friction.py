@@ -1,8 +1,8 @@
 """Friction and inertia: k i - tau_load = tau_0 sgn(w) + b w + c w |w| + J dw/dt by least squares (eqs. 12 and 13).
 
 Which of b, c, a direction of the friction and a constant torque are needed is chosen by the error in blocks left out.
-Without a measured current the same equation is scaled: k (V - k w) / R stands for the torque, and only ratios to k^2 / R
-are seen.
+Without a measured current the same equation is scaled: k (V - k w) / R stands for the torque, and only ratios to
+k^2 / R are seen.
 """
 
 from __future__ import annotations
@@ -90,7 +90,15 @@ def mechanics(runs: Sequence[MotorRows], k: float, R: float | None = None) -> Me
     variance = float(left @ left) / max(left.size - len(chosen), 1) * inflation
     sd = np.sqrt(np.diag(np.linalg.pinv(matrix.T @ matrix)) * variance)
     tables = [
-        pd.DataFrame({"run": rows.name, "time_s": rows.time_s[at], "speed_rad_s": speed[a:b], "torque_Nm": torque[a:b], "fit_Nm": fitted[a:b]})
+        pd.DataFrame(
+            {
+                "run": rows.name,
+                "time_s": rows.time_s[at],
+                "speed_rad_s": speed[a:b],
+                "torque_Nm": torque[a:b],
+                "fit_Nm": fitted[a:b],
+            }
+        )
         for (rows, at, _), (a, b) in zip(parts, itertools.pairwise(ends), strict=True)
     ]
     return Mechanics(

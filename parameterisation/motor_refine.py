@@ -7,6 +7,7 @@ gives are only the start of a Gauss-Newton fit of `simulate_case` to current and
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping
 
@@ -61,11 +62,15 @@ def refine(case: Case, names: Mapping[str, tuple[str, str]]) -> Refined | None:
     low = [-np.inf if place[0] == "torque_offset" else 0.05 for place in names.values()]
     high = [np.inf if place[0] == "torque_offset" else 20.0 for place in names.values()]
     before = residuals(start)
-    found = least_squares(residuals, start, bounds=(low, high), diff_step=STEP, max_nfev=MOST_CALLS, x_scale="jac", ftol=1e-5, xtol=1e-6)
+    found = least_squares(
+        residuals, start, bounds=(low, high), diff_step=STEP, max_nfev=MOST_CALLS, x_scale="jac", ftol=1e-5, xtol=1e-6
+    )
     if not 2.0 * found.cost < LEAST_GAIN * float(before @ before):
         found.x, found.fun = start, before
-    ends = np.cumsum([0, *(run.measured.time_s.size for run in fitted.runs for name in read if name in run.measured.outputs)])
-    inflation = inflation_of([found.fun[a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)])
+    ends = np.cumsum(
+        [0, *(run.measured.time_s.size for run in fitted.runs for name in read if name in run.measured.outputs)]
+    )
+    inflation = inflation_of([found.fun[a:b] for a, b in itertools.pairwise(ends)])
     variance = float(np.mean(found.fun**2)) * inflation
     spread = np.sqrt(np.abs(np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * variance))
     return Refined(

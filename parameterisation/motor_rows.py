@@ -91,4 +91,4 @@ def _rate(time_s: np.ndarray, speed: np.ndarray) -> np.ndarray:
     even = np.arange(time_s[0], time_s[-1] + step, step)
     window = min(SMOOTHED_ROWS, even.size - 1 + even.size % 2)
     slope = savgol_filter(np.interp(even, time_s, speed), window, 2, deriv=1, delta=step)
-    return np.interp(time_s, even, slope)
+    return np.interp(time_s, even, np.asarray(slope))

@@ -1,6 +1,6 @@
 """Thermal resistances and time constants of a motor from its heating (eqs. 15 and 16), by variable projection.
 
-    T_c = T_amb + lag(P, tau_ca) R_ca,    T_w = T_c + lag(P, tau_wc) R_wc,    P = i^2 R + |w| friction
+T_c = T_amb + lag(P, tau_ca) R_ca,    T_w = T_c + lag(P, tau_wc) R_wc,    P = i^2 R + |w| friction
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from scipy.optimize import minimize_scalar
+from scipy.optimize import fminbound
 
 from parameterisation.motor_rows import MotorRows
 from parameterisation.result import Extraction
@@ -19,7 +19,9 @@ LEAST_RISE_K = 2.0
 TAU_S = {"wc": (2.0, 2000.0), "ca": (30.0, 50_000.0)}
 
 
-def motor_thermal(runs: Sequence[MotorRows], R: float, psi_R: float, T_0: float, friction) -> tuple[list[Extraction], pd.DataFrame]:
+def motor_thermal(
+    runs: Sequence[MotorRows], R: float, psi_R: float, T_0: float, friction
+) -> tuple[list[Extraction], pd.DataFrame]:
     """Return R_wc, tau_wc, R_ca and tau_ca as far as thermometers show them, and the readings with the fit.
 
     Args:
@@ -31,7 +33,10 @@ def motor_thermal(runs: Sequence[MotorRows], R: float, psi_R: float, T_0: float,
     """
     found: list[Extraction] = []
     tables = []
-    jobs = (("ca", lambda rows: rows.case_degC, lambda rows: rows.ambient_degC), ("wc", lambda rows: rows.winding_degC, lambda rows: rows.case_degC))
+    jobs = (
+        ("ca", lambda rows: rows.case_degC, lambda rows: rows.ambient_degC),
+        ("wc", lambda rows: rows.winding_degC, lambda rows: rows.case_degC),
+    )
     for name, top, base in jobs:
         parts = []
         for rows in runs:
@@ -42,7 +47,9 @@ def motor_thermal(runs: Sequence[MotorRows], R: float, psi_R: float, T_0: float,
                 continue
             speed = np.zeros(rows.time_s.size) if rows.speed_rad_s is None else np.nan_to_num(rows.speed_rad_s)
             hot = T_0 if rows.winding_degC is None else np.where(np.isfinite(rows.winding_degC), rows.winding_degC, T_0)
-            power = np.nan_to_num(rows.current_A) ** 2 * R * (1.0 + psi_R * (hot - T_0)) + np.abs(speed) * friction(speed)
+            power = np.nan_to_num(rows.current_A) ** 2 * R * (1.0 + psi_R * (hot - T_0)) + np.abs(speed) * friction(
+                speed
+            )
             parts.append((rows, rise, power))
         if not parts:
             continue
@@ -72,12 +79,17 @@ def _node(parts, name: str) -> tuple[list[Extraction], pd.DataFrame]:
     grid = np.linspace(low, high, 30)
     best = grid[int(np.argmin([solved(at)[1] for at in grid]))]
     step = grid[1] - grid[0]
-    at = float(minimize_scalar(lambda x: solved(x)[1], bounds=(best - step, best + step), method="bounded").x)
+    at = float(np.asarray(fminbound(lambda x: solved(x)[1], best - step, best + step)))
     ohm, squares, left, warmed = solved(at)
     up, down = solved(at + 0.05), solved(at - 0.05)
     rows_of_all = sum(one.size for one in left)
     # Derivatives by log R and log tau: the fit at a fixed resistance.
-    slope = np.concatenate([((lu + (up[0] - ohm) * xu) - (ld + (down[0] - ohm) * xd)) / -0.1 for lu, ld, xu, xd in zip(up[2], down[2], up[3], down[3], strict=True)])
+    slope = np.concatenate(
+        [
+            ((lu + (up[0] - ohm) * xu) - (ld + (down[0] - ohm) * xd)) / -0.1
+            for lu, ld, xu, xd in zip(up[2], down[2], up[3], down[3], strict=True)
+        ]
+    )
     jacobian = np.column_stack([ohm * np.concatenate(warmed), slope])
     variance = squares / max(rows_of_all - 2, 1) * inflation_of(left)
     sd = np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)) * variance)
@@ -87,7 +99,15 @@ def _node(parts, name: str) -> tuple[list[Extraction], pd.DataFrame]:
     tau = float(np.exp(at))
     table = pd.concat(
         [
-            pd.DataFrame({"run": rows.name, "node": name, "time_s": rows.time_s[np.isfinite(rise)], "degC": rise[np.isfinite(rise)], "fit_degC": rise[np.isfinite(rise)] - one})
+            pd.DataFrame(
+                {
+                    "run": rows.name,
+                    "node": name,
+                    "time_s": rows.time_s[np.isfinite(rise)],
+                    "degC": rise[np.isfinite(rise)],
+                    "fit_degC": rise[np.isfinite(rise)] - one,
+                }
+            )
             for (rows, rise, _), one in zip(parts, left, strict=True)
         ],
         ignore_index=True,

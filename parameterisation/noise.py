@@ -14,7 +14,7 @@ LEAST_ROWS = 20
 
 
 def rounding(values: np.ndarray) -> float:
-    """Return the step to which readings are rounded: the smallest change that most changes are multiples of; 0 if none."""
+    """Return the step to which readings are rounded, of which most changes are multiples; 0 if there is none."""
     change = np.abs(np.diff(values[np.isfinite(values)][:MOST]))
     change = change[change > 1e-9]
     if change.size < LEAST_ROWS:
@@ -48,7 +48,9 @@ def white_noise(time_s: np.ndarray, values: np.ndarray, still: np.ndarray | None
     return (robust if robust > 0.0 else float(np.sqrt(np.mean(np.clip(chosen, -1e3, 1e3) ** 2)))) / np.sqrt(6.0)
 
 
-def sensor_noise(runs: Sequence[Run], column: str, unit: str, still: Sequence[np.ndarray] | None = None) -> Extraction | None:
+def sensor_noise(
+    runs: Sequence[Run], column: str, unit: str, still: Sequence[np.ndarray] | None = None
+) -> Extraction | None:
     """Return the noise sd of a column over some runs, at least that of its rounding; None where it is not there."""
     found, names, steps = [], [], []
     for number, run in enumerate(runs):
@@ -66,5 +68,7 @@ def sensor_noise(runs: Sequence[Run], column: str, unit: str, still: Sequence[np
         return None
     sd = max(float(np.median(found)), step / np.sqrt(12.0), 1e-9)
     spread = max(float(np.std(found)), 0.2 * sd) if len(found) > 1 else 0.3 * sd
-    said = "second differences where the reading is quiet" + (f"; readings are rounded to {step:.3g} {unit}" if step else "")
+    said = "second differences where the reading is quiet" + (
+        f"; readings are rounded to {step:.3g} {unit}" if step else ""
+    )
     return Extraction(f"noise of {column}", sd, spread, unit, tuple(names), "evenly spaced readings", said)

@@ -59,7 +59,7 @@ def hysteresis_gap(found: pd.DataFrame, ohm: float) -> list[Extraction]:
         middle = SOC[(SOC >= MIDDLE[0]) & (SOC <= MIDDLE[1])]
         voltage = {name: np.interp(middle, part["soc"], part["voltage_V"]) for name, part in by_branch.items()}
         gap = voltage["charge"] - voltage["discharge"]
-        drop = 2.0 * float(group["current_A"].abs().median()) * ohm
+        drop = 2.0 * float(np.median(np.abs(group["current_A"].to_numpy()))) * ohm
         half = 0.5 * (float(np.median(gap)) - drop)
         runs = tuple(dict.fromkeys(group["run"]))
         method = "half of the gap between slow charge and discharge, less the drop over the resistance"

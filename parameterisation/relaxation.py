@@ -68,7 +68,13 @@ def time_constants(found: pd.DataFrame) -> list[Extraction]:
         which = "short" if name == "tau_1" else "long"
         said.append(
             Extraction(
-                f"time constant of rests, {which}", value, sd, "s", runs, f"{len(found)} rests", "two exponentials by variable projection"
+                f"time constant of rests, {which}",
+                value,
+                sd,
+                "s",
+                runs,
+                f"{len(found)} rests",
+                "two exponentials by variable projection",
             )
         )
     return said

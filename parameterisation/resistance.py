@@ -29,7 +29,7 @@ def step_resistances(runs: Sequence[Rows], capacity_Ah: float, noise_V: float) -
         columns |= {"change_A": change, "ohm": ohm, "sd": np.sqrt(2.0) * noise_V / np.abs(change)}
         tables.append(pd.DataFrame({"run": rows.name, **columns}))
     found = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
-    return found[found["ohm"] > 0.0].reset_index(drop=True) if len(found) else found
+    return found.query("ohm > 0.0").reset_index(drop=True) if len(found) else found
 
 
 def first_sample(found: pd.DataFrame) -> list[Extraction]:
@@ -39,12 +39,15 @@ def first_sample(found: pd.DataFrame) -> list[Extraction]:
         return said
     groups = found.assign(T=(found["degC"] / 5.0).round() * 5.0)
     for T, group in groups.groupby("T"):
-        middle = group[group["soc"].between(0.3, 0.9)]
+        middle = group.query("0.3 <= soc <= 0.9")
         middle = middle if len(middle) >= 3 else group
-        median = float(middle["ohm"].median())
-        spread = float(1.2533 * 1.4826 * (middle["ohm"] - median).abs().median() / np.sqrt(len(middle)))
+        ohm = middle["ohm"].to_numpy()
+        median = float(np.median(ohm))
+        spread = float(1.2533 * 1.4826 * np.median(np.abs(ohm - median)) / np.sqrt(ohm.size))
         runs = tuple(dict.fromkeys(middle["run"]))
-        samples = f"{len(middle)} steps of the current, {middle['step_s'].median():.2g} s after each"
+        samples = f"{len(middle)} steps of the current, {np.median(middle['step_s'].to_numpy()):.2g} s after each"
         name = f"first-sample resistance at {T:.0f} degC"
-        said.append(Extraction(name, median, max(spread, 0.01 * median), "ohm", runs, samples, "voltage step over current step"))
+        said.append(
+            Extraction(name, median, max(spread, 0.01 * median), "ohm", runs, samples, "voltage step over current step")
+        )
     return said

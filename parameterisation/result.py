@@ -161,7 +161,9 @@ class Parameterisation:
 
     def __repr__(self) -> str:
         found = sum(one.found for one in self.extractions)
-        return f"<Parameterisation of {self.case.name}: {found} numbers, {len(self.extractions) - found} not in the data>"
+        return (
+            f"<Parameterisation of {self.case.name}: {found} numbers, {len(self.extractions) - found} not in the data>"
+        )
 
     def _repr_html_(self) -> str:
         table = self.to_dataframe()[["name", "value", "sd", "unit", "found", "runs", "method"]]

@@ -18,7 +18,14 @@ from parameterisation.motor import parameterise_motor
 from parameterisation.result import Extraction, Parameterisation, absent
 
 DRAW_TEST = "Pack current and motor current together, at rest and at several duties, would give it."
-OF_CELL = {"cycles", "storage_months", "capacity_Ah", "series_resistance_scale", "rc_resistance_scale", "rc_capacitance_scale"}
+OF_CELL = {
+    "cycles",
+    "storage_months",
+    "capacity_Ah",
+    "series_resistance_scale",
+    "rc_resistance_scale",
+    "rc_capacitance_scale",
+}
 
 
 def parameterise_robot(case: Case, progress: Callable[[str], None] | None = None) -> Parameterisation:
@@ -37,7 +44,10 @@ def parameterise_robot(case: Case, progress: Callable[[str], None] | None = None
 
     parts: dict[str, Parameterisation] = {}
     problems: list[str] = []
-    jobs = {"cells": (_cell_case(case, number("n_series")), parameterise_cell), "motors": (_motor_case(case), parameterise_motor)}
+    jobs = {
+        "cells": (_cell_case(case, number("n_series")), parameterise_cell),
+        "motors": (_motor_case(case), parameterise_motor),
+    }
     for name, (part, method) in jobs.items():
         if part is None:
             problems.append(f"no fit run has the readings that identify the {name}")
@@ -48,13 +58,21 @@ def parameterise_robot(case: Case, progress: Callable[[str], None] | None = None
             problems.append(str(error))
     if not parts:
         raise FitError(
-            f"{case.label}: {'; '.join(problems)}; give 'pack_voltage_V' with 'pack_current_A', or with 'motor_current_A'."
+            f"{case.label}: {'; '.join(problems)}; give 'pack_voltage_V' with 'pack_current_A' or 'motor_current_A'."
         )
     found = [one for part in parts.values() for one in part.extractions]
     draw = _onboard(case, number("n_motors"), number("onboard_current_A"))
     found.append(draw)
     for name in jobs.keys() - parts.keys():
-        found.append(absent(name, math.nan, "", f"the preset '{case.preset}'", "Runs with pack voltage and current would give them." if name == "cells" else DRAW_TEST))
+        found.append(
+            absent(
+                name,
+                math.nan,
+                "",
+                f"the preset '{case.preset}'",
+                "Runs with pack voltage and current would give them." if name == "cells" else DRAW_TEST,
+            )
+        )
     points = {f"{name}_{key}": table for name, part in parts.items() for key, table in part.points.items()}
     remarks = (*(remark for part in parts.values() for remark in part.remarks), *problems)
     return Parameterisation(_merged(case, parts, draw), tuple(found), points, remarks)
@@ -65,7 +83,10 @@ def _cell_case(case: Case, n_series: float) -> Case | None:
     runs = []
     for run in case.runs:
         outputs = run.measured.outputs
-        if not {"pack_voltage_V", "pack_current_A"} <= outputs.keys() or not np.isfinite(outputs["pack_current_A"]).any():
+        if (
+            not {"pack_voltage_V", "pack_current_A"} <= outputs.keys()
+            or not np.isfinite(outputs["pack_current_A"]).any()
+        ):
             continue
         time_s, current = run.measured.time_s, outputs["pack_current_A"]
         there = np.isfinite(current)
@@ -88,7 +109,10 @@ def _motor_case(case: Case) -> Case | None:
         duty = inputs["duty"] if "duty" in inputs else (inputs["V_set"] - 2.5) / 2.5  # eq. 22
         time_s, pack = run.measured.time_s, outputs["pack_voltage_V"]
         there = np.isfinite(pack)
-        new = {"voltage_V": duty * np.interp(time_s, time_s[there], pack[there]), "ambient_degC": inputs["ambient_degC"]}
+        new = {
+            "voltage_V": duty * np.interp(time_s, time_s[there], pack[there]),
+            "ambient_degC": inputs["ambient_degC"],
+        }
         if "load_torque_Nm" not in inputs:
             continue
         new["load_torque_Nm"] = inputs["load_torque_Nm"]
@@ -129,9 +153,17 @@ def _onboard(case: Case, n_motors: float, known: float) -> Extraction:
 
 def _merged(case: Case, parts: dict[str, Parameterisation], draw: Extraction) -> Case:
     """Return the robot's case with the numbers of its parts."""
-    parameters, tables, effects, effect_sd = dict(case.parameters), dict(case.tables), dict(case.effects), dict(case.effect_sd)
+    parameters, tables, effects, effect_sd = (
+        dict(case.parameters),
+        dict(case.tables),
+        dict(case.effects),
+        dict(case.effect_sd),
+    )
     sensors = dict(case.sensors)
-    renamed = {"cells": {"voltage_V": "pack_voltage_V", "current_A": "pack_current_A"}, "motors": {"current_A": "motor_current_A"}}
+    renamed = {
+        "cells": {"voltage_V": "pack_voltage_V", "current_A": "pack_current_A"},
+        "motors": {"current_A": "motor_current_A"},
+    }
     for name, part in parts.items():
         found = part.case
         wanted = OF_CELL if name == "cells" else {one.name for one in part.extractions if one.found}
@@ -148,11 +180,22 @@ def _merged(case: Case, parts: dict[str, Parameterisation], draw: Extraction) ->
     effect_sd = {name: sd for name, sd in effect_sd.items() if name in effects}
     starts = {run.name: run for part in (parts.get("cells"),) if part for run in part.case.runs}
     runs = tuple(
-        dataclasses.replace(run, initial_soc=starts[run.name].initial_soc, initial_cell_temperature=starts[run.name].initial_cell_temperature)
+        dataclasses.replace(
+            run,
+            initial_soc=starts[run.name].initial_soc,
+            initial_cell_temperature=starts[run.name].initial_cell_temperature,
+        )
         if run.name in starts
         else run
         for run in case.runs
     )
     return dataclasses.replace(
-        case, path=None, parameters=parameters | exact, tables=tables, effects=effects, effect_sd=effect_sd, sensors=sensors, runs=runs
+        case,
+        path=None,
+        parameters=parameters | exact,
+        tables=tables,
+        effects=effects,
+        effect_sd=effect_sd,
+        sensors=sensors,
+        runs=runs,
     )

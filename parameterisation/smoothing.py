@@ -158,7 +158,9 @@ def solve(
             bent = values[at] @ matrix @ values[at]
             new[number] = current[number] * max(gained, 1e-8) / max(bent, 1e-30)
         variance = squares / max(rows - inflation * freedom, 0.1 * rows)
-        new = np.clip(np.clip(new, current / 100.0, current * 100.0), WEAKEST * data / variance, STRONGEST * data / variance)
+        new = np.clip(
+            np.clip(new, current / 100.0, current * 100.0), WEAKEST * data / variance, STRONGEST * data / variance
+        )
         moved = float(np.max(np.abs(np.log(new / current)), initial=0.0))
         current = new
         if moved < SETTLED:

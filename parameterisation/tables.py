@@ -32,7 +32,10 @@ def tables_of(fit: JointFit, over_temperature: bool) -> dict[str, Table]:
         fit: of the curves.
         over_temperature: whether the fit knows how resistances depend on temperature.
     """
-    fine, coarse = fit.grid.fine, np.unique(np.concatenate([fit.grid.coarse, 0.5 * (fit.grid.coarse[1:] + fit.grid.coarse[:-1])]))
+    fine, coarse = (
+        fit.grid.fine,
+        np.unique(np.concatenate([fit.grid.coarse, 0.5 * (fit.grid.coarse[1:] + fit.grid.coarse[:-1])])),
+    )
     many = fit.grid.degC.size > 1
     found = {}
     ocv_degC = fit.grid.degC
@@ -43,7 +46,9 @@ def tables_of(fit: JointFit, over_temperature: bool) -> dict[str, Table]:
     for name, curve in CURVES.items():
         ohm = np.maximum([fit.curve(curve, coarse, float(T)) for T in degC], LEAST_OHM)
         inside = [float(T) for T in fit.grid.degC]
-        spread = np.array([fit.curve_sd(curve, coarse, T) / np.maximum(fit.curve(curve, coarse, T), 1e-4) for T in inside])
+        spread = np.array(
+            [fit.curve_sd(curve, coarse, T) / np.maximum(fit.curve(curve, coarse, T), 1e-4) for T in inside]
+        )
         sd = float(np.clip(np.median(spread), LEAST_SD, 1.0))
         found[name] = _table(coarse, ohm, degC, sd)
         if name == "R_ints":
@@ -51,7 +56,9 @@ def tables_of(fit: JointFit, over_temperature: bool) -> dict[str, Table]:
         tau = fit.shape.tau_S if curve == "R_S" else fit.shape.tau_L
         tau_sd = fit.shape_sd.get("tau_S" if curve == "R_S" else "tau_L", 0.3)
         times = tau * np.exp(fit.shape.E_tau * colder(degC)) if curve == "R_S" else np.full(degC.size, tau)
-        found[f"C_{name[2:]}"] = _table(coarse, times[:, None] / ohm, degC, float(np.clip(np.hypot(sd, tau_sd), LEAST_SD, 1.0)))
+        found[f"C_{name[2:]}"] = _table(
+            coarse, times[:, None] / ohm, degC, float(np.clip(np.hypot(sd, tau_sd), LEAST_SD, 1.0))
+        )
     return found
 
 
@@ -64,7 +71,9 @@ def _table(soc: np.ndarray, values: np.ndarray, degC: np.ndarray, sd: float) -> 
 def table_extractions(fit: JointFit, runs: tuple[str, ...]) -> list[Extraction]:
     """Return the curves at SOC 0.2, 0.5 and 0.9 for each temperature, the time constants and the energies."""
     said = []
-    samples = f"{sum(r.size for r in fit.residuals.values())} readings, {1e3 * np.sqrt(fit.solution.variance):.3g} mV left"
+    samples = (
+        f"{sum(r.size for r in fit.residuals.values())} readings, {1e3 * np.sqrt(fit.solution.variance):.3g} mV left"
+    )
     names = {"ocv": ("U", "V")} | {name: (curve, "ohm") for name, curve in CURVES.items()}
     low, high = fit.grid.coarse[0], fit.grid.coarse[-1]
     for name, (curve, unit) in names.items():
@@ -77,11 +86,25 @@ def table_extractions(fit: JointFit, runs: tuple[str, ...]) -> list[Extraction]:
     for name, field in (("short", "tau_S"), ("long", "tau_L")):
         value = getattr(fit.shape, field)
         sd = value * fit.shape_sd.get(field, float("nan"))
-        said.append(Extraction(f"time constant, {name} pair", value, sd, "s", runs, samples, "variable projection in the joint refit"))
+        said.append(
+            Extraction(
+                f"time constant, {name} pair", value, sd, "s", runs, samples, "variable projection in the joint refit"
+            )
+        )
     for name, field in (("R_ints", "E_0"), ("R_TS", "E_S"), ("R_TL", "E_L")):
         if field in fit.shape_sd:
             value = getattr(fit.shape, field)
-            said.append(Extraction(f"activation energy of {name}", value, fit.shape_sd[field], "J/mol", runs, samples, "variable projection in the joint refit, with tables held to the Arrhenius law"))
+            said.append(
+                Extraction(
+                    f"activation energy of {name}",
+                    value,
+                    fit.shape_sd[field],
+                    "J/mol",
+                    runs,
+                    samples,
+                    "variable projection in the joint refit, with tables held to the Arrhenius law",
+                )
+            )
     return said
 
 

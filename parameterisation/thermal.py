@@ -8,17 +8,18 @@ With tau = C_th / hA the temperature is T_0's decay plus lag(i (U - V), tau) / h
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from scipy.optimize import minimize_scalar
+from scipy.optimize import fminbound
 
+from parameterisation.design import soc_of
 from parameterisation.joint import JointFit
 from parameterisation.result import Extraction
 from parameterisation.rows import Rows
-from parameterisation.design import soc_of
 from parameterisation.smoothing import inflation_of, lagged
 
 LEAST_RISE_K = 1.5  # range of the cell's temperature above its surroundings: below it a run says nothing
@@ -55,13 +56,11 @@ def fit_thermal(runs: Sequence[Rows], fit: JointFit) -> Thermal | None:
     if not parts:
         return None
 
-    grid = np.linspace(*np.log(TAU_S), 25)
+    grid = np.linspace(np.log(TAU_S[0]), np.log(TAU_S[1]), 25)
     best = grid[int(np.argmin([_Lines(parts, float(np.exp(at))).misfit for at in grid]))]
     step = grid[1] - grid[0]
-    found = minimize_scalar(
-        lambda at: _Lines(parts, float(np.exp(at))).misfit, bounds=(best - step, best + step), method="bounded"
-    )
-    return _result(parts, float(np.exp(found.x)))
+    found = fminbound(lambda at: _Lines(parts, float(np.exp(at))).misfit, best - step, best + step)
+    return _result(parts, float(np.exp(np.asarray(found))))
 
 
 class _Lines:
@@ -95,7 +94,7 @@ class _Lines:
         self.misfit, self.inverse = float(weighted @ weighted), float(self.values[0])
         ends = np.cumsum([0, *(rows.time_s.size for rows, _ in parts)])
         shares = [np.sqrt(np.minimum(np.gradient(rows.time_s), LONGEST_S) / LONGEST_S) for rows, _ in parts]
-        self.weighted = [weighted[a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        self.weighted = [weighted[a:b] for a, b in itertools.pairwise(ends)]
         self.left = [one / share for one, share in zip(self.weighted, shares, strict=True)]
 
 
@@ -106,7 +105,9 @@ def _result(parts, tau: float) -> Thermal:
     above, below = (_Lines(parts, tau * math.exp(sign * step)) for sign in (1.0, -1.0))
     rate = (above.matrix @ lines.values - below.matrix @ lines.values)[:rows_of_all] / (2.0 * step)
     # The decay of the start moves with tau too; it is in the targets.
-    moved = [b - a for a, b in zip(_bases(parts, tau * math.exp(-step)), _bases(parts, tau * math.exp(step)), strict=True)]
+    moved = [
+        b - a for a, b in zip(_bases(parts, tau * math.exp(-step)), _bases(parts, tau * math.exp(step)), strict=True)
+    ]
     rate += np.concatenate(moved) / (2.0 * step)
     jacobian = np.column_stack([lines.matrix[:rows_of_all], rate])
     penalty = np.diag([0.0, *[1.0 / OFFSET_K**2] * len(parts), 0.0])
@@ -148,7 +149,10 @@ def _open_circuit(fit: JointFit, soc: np.ndarray, degC: np.ndarray) -> np.ndarra
 
 def thermal_extractions(found: Thermal) -> list[Extraction]:
     """Return C_th and hA as extractions."""
-    method, samples = "heating and cooling of one node under i (V_oc - V)", f"all readings of the thermometer, {found.rms_K:.2g} K left"
+    method, samples = (
+        "heating and cooling of one node under i (V_oc - V)",
+        f"all readings of the thermometer, {found.rms_K:.2g} K left",
+    )
     return [
         Extraction("C_th", found.C_th, found.C_th_sd, "J/K", found.runs, samples, method),
         Extraction("hA", found.hA, found.hA_sd, "W/K", found.runs, samples, method),

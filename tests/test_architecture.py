@@ -24,8 +24,9 @@ MAY_IMPORT = {
     "sensitivity": {"jaxmodel", "sweeps"},
     "discrepancy": {"jaxmodel", "sensitivity"},
     "operation": {"jaxmodel", "sweeps", "sensitivity"},
-    "plots": {"jaxmodel", "sweeps", "sensitivity", "discrepancy", "operation"},
-    "workbench": {"jaxmodel", "sweeps", "sensitivity", "discrepancy", "operation", "plots"},
+    "parameterisation": {"jaxmodel"},
+    "plots": {"jaxmodel", "sweeps", "sensitivity", "discrepancy", "operation", "parameterisation"},
+    "workbench": {"jaxmodel", "sweeps", "sensitivity", "discrepancy", "operation", "parameterisation", "plots"},
 }
 # The parts of `discrepancy`, from low to high: each may import only parts of lower levels.
 DISCREPANCY = [
@@ -44,7 +45,7 @@ DISCREPANCY = [
     {"diagnosis"},
     {"__init__"},
 ]
-WITHOUT_FRONT_END = ["jaxmodel", "sweeps", "sensitivity", "operation"]
+WITHOUT_FRONT_END = ["jaxmodel", "sweeps", "sensitivity", "operation", "parameterisation"]
 FRONT_END = set(
     "altair bokeh click dash fastapi flask jinja2 matplotlib plotly rich seaborn starlette streamlit textual tornado "
     "tqdm typer uvicorn".split()

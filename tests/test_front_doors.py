@@ -10,7 +10,7 @@ import sys
 
 import pytest
 
-PACKAGES = ["jaxmodel", "sweeps", "sensitivity", "discrepancy", "workbench"]
+PACKAGES = ["jaxmodel", "sweeps", "sensitivity", "discrepancy", "parameterisation", "workbench"]
 
 
 @pytest.mark.parametrize("package", PACKAGES)
