@@ -31,7 +31,9 @@ FIRST_ENERGY = {"E_0": 20e3, "E_S": 30e3, "E_L": 30e3}  # J/mol. Assumed.
 LEAST_HYSTERESIS_V = 0.005
 FIRST_PACE = 40.0
 LEAST_ROWS = 30
+LEAST_FADE = 1e-3
 FADE_SD, OWN_FADE_SD = 0.02, 0.003  # of the capacity from run to run, and of runs that define it. Assumed.
+EXACT = 1e-6
 MOST_SHARE_SD = 0.7  # relative sd of C_th or hA from which the data do not give them
 
 
@@ -145,7 +147,8 @@ def _joint(drawn: Extraction, runs: Sequence[Rows], ohm: float, gaps: Sequence[E
     for rows in runs:
         stated = rows.run.initial_soc
         h = _initial_h(rows.run) if hysteresis else 0.0
-        fade_sd = OWN_FADE_SD if rows.name in drawn.runs else FADE_SD
+        # Without a run that defines the capacity, that of a run is not told from a shift of its charge.
+        fade_sd = EXACT if not drawn.found else OWN_FADE_SD if rows.name in drawn.runs else FADE_SD
         starts[rows.name] = Start(stated.value, stated.sd, h, fade_sd=fade_sd)
     grid = grid_of(runs, starts, drawn.value)
     span = float(np.ptp(np.concatenate([np.percentile(rows.degC, [2, 98]) for rows in runs])))
@@ -272,7 +275,7 @@ def _run(run: Run, fit: JointFit, heating: bool, hysteresis: bool) -> Run:
         at = fit.layout["soc"].start + fit.grid.runs.index(run.name)
         sd = float(np.sqrt(fit.solution.covariance[at, at]))
         changes["initial_soc"] = Known(float(np.clip(fit.starts[run.name].soc, 0.0, 1.1)), max(sd, 1e-4))
-        if "capacity_Ah" not in run.overrides and fit.starts[run.name].fade != 0.0:
+        if "capacity_Ah" not in run.overrides and abs(fit.starts[run.name].fade) > LEAST_FADE:
             own = fit.capacity_Ah * (1.0 + fit.starts[run.name].fade)
             changes["overrides"] = run.overrides | {"capacity_Ah": Known(own)}
     read = run.measured.outputs.get("cell_temperature_degC")

@@ -31,7 +31,8 @@ RESISTANCES = ("R_0", "R_S", "R_L")
 
 def colder(degC: np.ndarray | float) -> np.ndarray:
     """Return (1 / T_K - 1 / 298.15 K) / 8.314 in mol/J."""
-    return (1.0 / (np.asarray(degC) + ZERO_DEGC_IN_K) - 1.0 / (REFERENCE_DEGC + ZERO_DEGC_IN_K)) / GAS_J_MOL_K
+    inverse = 1.0 / (np.asarray(degC, dtype=float) + ZERO_DEGC_IN_K)
+    return np.asarray((inverse - 1.0 / (REFERENCE_DEGC + ZERO_DEGC_IN_K)) / GAS_J_MOL_K)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -169,8 +170,8 @@ def penalties_of(
         shape: for the values that are there.
         starts: of the runs of `grid.runs`.
         ohm: typical resistance.
-        level: of each resistance over SOC, of which its table may leave its Arrhenius law by the
-            share `LEAVES` from one temperature to the next; None: hardly at all, so that the energies of the laws are found first.
+        level: each resistance over SOC; its table may leave its Arrhenius law by the share `LEAVES` of it from one
+            temperature to the next. None: hardly at all, so that the energies of the laws are found first.
     """
     layout = grid.layout(shape)
     found = [Penalty(layout["U"], roughness(grid.fine.size, 2))]

@@ -29,6 +29,8 @@ MOST_FADE = 0.3
 MOST_INFLATION = 10.0  # for the choice of smoothness
 ALTERNATIONS = 3  # of values, and weights with initial states of charge
 SOC_STEP = 0.005  # of the slope of the open-circuit voltage
+MOST_ITERATIONS = 25
+LAWFUL_ROUNDS = 2  # with all tables near their Arrhenius law, while energies are searched
 ROUNDS = 2  # of: strengths and weights, then time constants
 STEP = 0.02  # of the search, in logarithms and 10 kJ/mol
 ENERGY = 1e4  # J/mol; the unit of the search
@@ -210,7 +212,7 @@ def fit_joint(
     energies = [name for name in searched if name.startswith("E_")]
     times = [name for name in searched if name not in energies]
     # Energies first, with all tables near their law: a table over temperature would else take the law's work.
-    plan = [(True, tuple(searched))] * bool(energies) + [(False, tuple(times))] * ROUNDS
+    plan = [(True, tuple(searched))] * (LAWFUL_ROUNDS if energies else 0) + [(False, tuple(times))] * ROUNDS
     for number, (lawful, names) in enumerate(plan):
         if not lawful and energies and small.level is None:
             small.level = _levels(small, shape, values)
@@ -319,7 +321,7 @@ def _search(problem: _Problem, shape: Shape, expected: Shape, searched, strength
         return float(0.5 * squares + 0.5 * logdet + 0.5 * np.sum(((x - middle) / width) ** 2))
 
     bounds = [(-2.0, 12.0) if scale[name] else (at - 1.2, at + 1.2) for name, at in zip(searched, first, strict=True)]
-    found = minimize(misfit, first, method="L-BFGS-B", bounds=bounds, options={"maxiter": 10, "eps": STEP})
+    found = minimize(misfit, first, method="L-BFGS-B", bounds=bounds, options={"maxiter": MOST_ITERATIONS, "eps": STEP})
     spread = {}
     for number, name in enumerate(searched):
         unit = np.eye(first.size)[number] * 3.0 * STEP

@@ -37,7 +37,10 @@ TESTS = {
     "tau_ca": "A thermometer on the case while the motor heats for an hour under load would give it.",
 }
 SPEED_TERMS = {"b": ("viscous_friction", "b", "N m s/rad"), "c": ("windage", "c", "N m s2/rad2")}
-REFINED = ("R_0", "k_tau", "tau_0", "J")
+PLACES = {"viscous friction b": ("viscous_friction", "b"), "windage c": ("windage", "c")}
+PLACES |= {"torque of constant sign": ("torque_offset", "c")}
+PLACES |= {name: ("", name) for name in ("R_0", "k_tau", "tau_0", "J")}
+GAINED = 0.98  # of the error
 READINGS = {"current_A": "A", "speed_rad_s": "rad/s", "winding_temperature_degC": "K", "case_temperature_degC": "K"}
 
 
@@ -98,17 +101,25 @@ def parameterise_motor(case: Case, progress: Callable[[str], None] | None = None
 
 
 def _refined(case: Case, found: list[Extraction]) -> tuple[Case, list[Extraction]]:
-    """Return the case and the extractions after the fit of the forward model to current and speed."""
-    places = {"viscous friction b": ("viscous_friction", "b"), "windage c": ("windage", "c")}
-    places |= {"torque of constant sign": ("torque_offset", "c")} | {name: ("", name) for name in REFINED}
-    names = {
-        one.name: places[one.name]
-        for one in found
-        if one.found and one.name in places and (places[one.name][0] in case.effects or one.name in case.parameters)
-    }
+    """Return the case and the extractions after the fit of the forward model to current and speed.
+
+    Derivatives of a coarse log hide a friction that grows with speed: where there is none yet, the forward model is
+    fitted with one too, and keeps it if that lowers the error to `GAINED`.
+    """
+    names = _places(case, found)
     better = refine(case, names)
     if better is None:
         return case, found
+    if "viscous_friction" not in case.effects and "tau_0" in case.parameters:
+        fastest = max(float(np.nanmax(np.abs(r.measured.outputs.get("speed_rad_s", np.ones(1))))) for r in case.runs)
+        more = dict(case.effects) | {"viscous_friction": {"b": 0.1 * case.parameters["tau_0"].value / fastest}}
+        wider = dataclasses.replace(case, effects=more)
+        with_b = names | {"viscous friction b": PLACES["viscous friction b"]}
+        again = refine(wider, with_b)
+        if again is not None and again.after < GAINED * better.after:
+            runs, unit = found[0].runs, SPEED_TERMS["b"][2]
+            term = Extraction("viscous friction b", 0.0, 0.0, unit, runs, "current and speed", "friction over speed")
+            case, names, better, found = wider, with_b, again, [*found, term]
     said = []
     for one in found:
         if one.name in names:
@@ -118,6 +129,15 @@ def _refined(case: Case, found: list[Extraction]) -> tuple[Case, list[Extraction
             one = dataclasses.replace(one, value=sign * better.values[one.name], sd=sd, method=method)
         said.append(one)
     return refined_case(case, names, better), said
+
+
+def _places(case: Case, found: Sequence[Extraction]) -> dict[str, tuple[str, str]]:
+    """Return the effect and field of each number that the forward model refines."""
+    return {
+        one.name: PLACES[one.name]
+        for one in found
+        if one.found and one.name in PLACES and (PLACES[one.name][0] in case.effects or one.name in case.parameters)
+    }
 
 
 def _speed_constant(runs: Sequence[MotorRows]) -> Extraction | None:
