@@ -40,12 +40,12 @@ class Shape:
     """The numbers in which the voltage is not linear.
 
     Attributes:
-        tau_S: of the short RC pair [s].
-        tau_L: of the long pair [s].
+        tau_S: of the short RC pair at 25 degC [s]; it follows the resistance, so that the capacitance does not depend on
+            temperature.
+        tau_L: the same of the long pair.
         E_0: activation energy of the series resistance [J/mol].
         E_S: of the short pair.
         E_L: of the long pair.
-        E_tau: of the time constant of the short pair.
         tau_3: of a third pair without dependence on SOC or temperature [s]; None without it.
         g: pace of the hysteresis; None without it.
     """
@@ -55,7 +55,6 @@ class Shape:
     E_0: float = 0.0
     E_S: float = 0.0
     E_L: float = 0.0
-    E_tau: float = 0.0
     tau_3: float | None = None
     g: float | None = None
 
@@ -143,10 +142,11 @@ def design(
     cold = colder(rows.degC)
     drive = table * rows.current_A[:, None]
     matrix[:, layout["R_0"]] = -drive[kept] * np.exp(shape.E_0 * cold[kept])[:, None]
-    tau_S = shape.tau_S * np.exp(shape.E_tau * cold)
-    for name, tau, energy in (("R_S", tau_S, shape.E_S), ("R_L", shape.tau_L, shape.E_L)):
+    for name, tau, energy in (("R_S", shape.tau_S, shape.E_S), ("R_L", shape.tau_L, shape.E_L)):
         used = np.flatnonzero(np.any(table != 0.0, axis=0))  # a run does not see every temperature
-        columns = -lagged(rows.time_s, drive[:, used] * np.exp(energy * cold)[:, None], tau)[kept]
+        columns = -lagged(rows.time_s, drive[:, used] * np.exp(energy * cold)[:, None], tau * np.exp(energy * cold))[
+            kept
+        ]
         block = np.zeros((kept.size, table.shape[1]))
         block[:, used] = columns
         matrix[:, layout[name]] = block

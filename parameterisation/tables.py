@@ -55,7 +55,7 @@ def tables_of(fit: JointFit, over_temperature: bool) -> dict[str, Table]:
             continue
         tau = fit.shape.tau_S if curve == "R_S" else fit.shape.tau_L
         tau_sd = fit.shape_sd.get("tau_S" if curve == "R_S" else "tau_L", 0.3)
-        times = tau * np.exp(fit.shape.E_tau * colder(degC)) if curve == "R_S" else np.full(degC.size, tau)
+        times = tau * np.exp((fit.shape.E_S if curve == "R_S" else fit.shape.E_L) * colder(degC))
         found[f"C_{name[2:]}"] = _table(
             coarse, times[:, None] / ohm, degC, float(np.clip(np.hypot(sd, tau_sd), LEAST_SD, 1.0))
         )
