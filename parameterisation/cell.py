@@ -165,7 +165,7 @@ def _initial_h(run: Run) -> float:
 
 
 def _capacity_of_runs(drawn: Extraction, fit: JointFit) -> list[Extraction]:
-    if len(fit.grid.runs) < 2:
+    if len(fit.grid.runs) < 2 or not drawn.found:
         return []
     typical = _typical_capacity(drawn, fit)
     method = "joint refit: a capacity of its own for each run, by age or by the gain of its current sensor"

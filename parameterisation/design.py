@@ -40,8 +40,8 @@ class Shape:
     """The numbers in which the voltage is not linear.
 
     Attributes:
-        tau_S: of the short RC pair at 25 degC [s]; it follows the resistance, so that the capacitance does not depend on
-            temperature.
+        tau_S: of the short RC pair at 25 degC [s]; it follows the resistance over temperature, the capacitance
+            does not depend on it.
         tau_L: the same of the long pair.
         E_0: activation energy of the series resistance [J/mol].
         E_S: of the short pair.
