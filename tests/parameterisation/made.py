@@ -32,7 +32,7 @@ def pulses(ambient_degC: float) -> pd.DataFrame:
     """Four times: a pulse of 10 s, a rest, a pulse back, a discharge of a fifth of the capacity, a long rest."""
     blocks = [(60.0, 0.0)]
     for _ in range(4):
-        blocks += [(10.0, 4.0), (60.0, 0.0), (10.0, -2.0), (60.0, 0.0), (800.0, 2.0), (300.0, 0.0)]
+        blocks += [(10.0, 4.0), (60.0, 0.0), (10.0, -2.0), (60.0, 0.0), (740.0, 2.0), (620.0, 0.0)]
     current = np.concatenate([np.full(int(seconds / STEP_S), ampere) for seconds, ampere in blocks])
     return _frame(STEP_S * np.arange(current.size), current, ambient_degC)
 
