@@ -25,8 +25,18 @@ MAY_IMPORT = {
     "sensitivity": {"jaxmodel", "sweeps"},
     "discrepancy": {"jaxmodel", "sensitivity"},
     "operation": {"jaxmodel", "sweeps", "sensitivity"},
-    "plots": {"jaxmodel", "importing", "sweeps", "sensitivity", "discrepancy", "operation"},
-    "workbench": {"jaxmodel", "importing", "sweeps", "sensitivity", "discrepancy", "operation", "plots"},
+    "parameterisation": {"jaxmodel"},
+    "plots": {"jaxmodel", "importing", "sweeps", "sensitivity", "discrepancy", "operation", "parameterisation"},
+    "workbench": {
+        "jaxmodel",
+        "importing",
+        "sweeps",
+        "sensitivity",
+        "discrepancy",
+        "operation",
+        "parameterisation",
+        "plots",
+    },
 }
 # The parts of `discrepancy`, from low to high: each may import only parts of lower levels.
 DISCREPANCY = [
@@ -45,7 +55,7 @@ DISCREPANCY = [
     {"diagnosis"},
     {"__init__"},
 ]
-WITHOUT_FRONT_END = ["jaxmodel", "importing", "sweeps", "sensitivity", "operation"]
+WITHOUT_FRONT_END = ["jaxmodel", "importing", "sweeps", "sensitivity", "operation", "parameterisation"]
 FRONT_END = set(
     "altair bokeh click dash fastapi flask jinja2 matplotlib plotly rich seaborn starlette streamlit textual tornado "
     "tqdm typer uvicorn".split()

@@ -10,7 +10,7 @@ import sys
 
 import pytest
 
-PACKAGES = ["jaxmodel", "importing", "sweeps", "sensitivity", "discrepancy", "workbench"]
+PACKAGES = ["jaxmodel", "importing", "sweeps", "sensitivity", "discrepancy", "parameterisation", "workbench"]
 
 
 @pytest.mark.parametrize("package", PACKAGES)

@@ -5,60 +5,14 @@ The commands themselves are in `workbench.commands` and are imported when one is
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-import typer.core
 
 from workbench.import_command import import_
-
-MISTAKE = 2
-_STOPPED = 130
-
-
-class OneSentence(typer.core.TyperGroup):
-    """A group of commands that says a user's mistake in one sentence on stderr and leaves with exit code 2."""
-
-    def main(self, *args: Any, standalone_mode: bool = True, **kwargs: Any) -> Any:
-        """Run, as every click command does; without `standalone_mode` errors are raised instead."""
-        if not standalone_mode:
-            return super().main(*args, standalone_mode=False, **kwargs)
-        sys.exit(self._exit_code(*args, **kwargs))
-
-    def _exit_code(self, args: Sequence[str] | None = None, *others: Any, **kwargs: Any) -> int:
-        given = list(sys.argv[1:] if args is None else args)
-        try:
-            code = super().main(given or ["--help"], *others, standalone_mode=False, **kwargs)
-        except typer.TyperException as error:
-            sentence = error.format_message()
-            hint = "" if sentence.endswith("?") else "; --help shows what there is."
-            return _mistake(sentence.rstrip("." if hint else "") + hint)
-        except (typer.Abort, KeyboardInterrupt):
-            _mistake("Stopped.")
-            return _STOPPED
-        except OSError as error:
-            return _mistake(
-                f"{error.filename or 'file'}: {error.strerror or error}; give a file or folder that can be used."
-            )
-        except ValueError as error:
-            from jaxmodel.errors import UserError
-
-            if isinstance(error, UserError):
-                return _mistake(str(error))
-            raise
-        return code if isinstance(code, int) else 0
-
-
-def _mistake(sentence: str) -> int:
-    from workbench.terminal import complain
-
-    complain(sentence)
-    return MISTAKE
-
+from workbench.one_sentence import OneSentence
 
 app = typer.Typer(
     cls=OneSentence,
@@ -266,6 +220,16 @@ def identify(
     from workbench.commands.identify import identify_case
 
     identify_case(case, out, parameter or [], profile or [], add or [], effect or [], answer_only=answer_only)
+
+
+@app.command(epilog="Example: jaxmodel parameterise CASE --out parameterised")
+def parameterise(
+    case: CasePath, out: Out = Path("parameterised"), effect: Effects = None, answer_only: AnswerOnly = False
+) -> None:
+    """Extract first parameters with their sd from the fit runs of a case, and write the case that holds them."""
+    from workbench.commands.parameterise import parameterise_case
+
+    parameterise_case(case, out, effect or [], answer_only=answer_only)
 
 
 @app.command(epilog="Example: jaxmodel compare examples/samsung_30q --out results")

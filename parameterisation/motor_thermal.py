@@ -1,0 +1,118 @@
+"""Thermal resistances and time constants of a motor from its heating (eqs. 15 and 16), by variable projection.
+
+T_c = T_amb + lag(P, tau_ca) R_ca,    T_w = T_c + lag(P, tau_wc) R_wc,    P = i^2 R + |w| friction
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from scipy.optimize import fminbound
+
+from parameterisation.motor_rows import MotorRows
+from parameterisation.result import Extraction
+from parameterisation.smoothing import inflation_of, lagged
+
+LEAST_RISE_K = 2.0
+TAU_S = {"wc": (2.0, 2000.0), "ca": (30.0, 50_000.0)}
+
+
+def motor_thermal(
+    runs: Sequence[MotorRows], R: float, psi_R: float, T_0: float, friction
+) -> tuple[list[Extraction], pd.DataFrame]:
+    """Return R_wc, tau_wc, R_ca and tau_ca as far as thermometers show them, and the readings with the fit.
+
+    Args:
+        runs: of one motor.
+        R: winding resistance at T_0 [ohm].
+        psi_R: its temperature coefficient [1/K].
+        T_0: reference temperature [degC].
+        friction: returns the friction torque [N m] at speeds [rad/s].
+    """
+    found: list[Extraction] = []
+    tables = []
+    jobs = (
+        ("ca", lambda rows: rows.case_degC, lambda rows: rows.ambient_degC),
+        ("wc", lambda rows: rows.winding_degC, lambda rows: rows.case_degC),
+    )
+    for name, top, base in jobs:
+        parts = []
+        for rows in runs:
+            if rows.current_A is None or top(rows) is None or base(rows) is None:
+                continue
+            rise = top(rows) - base(rows)
+            if np.isfinite(rise).sum() < 10 or np.nanmax(rise) < LEAST_RISE_K:
+                continue
+            speed = np.zeros(rows.time_s.size) if rows.speed_rad_s is None else np.nan_to_num(rows.speed_rad_s)
+            hot = T_0 if rows.winding_degC is None else np.where(np.isfinite(rows.winding_degC), rows.winding_degC, T_0)
+            power = np.nan_to_num(rows.current_A) ** 2 * R * (1.0 + psi_R * (hot - T_0)) + np.abs(speed) * friction(
+                speed
+            )
+            parts.append((rows, rise, power))
+        if not parts:
+            continue
+        one, table = _node(parts, name)
+        found += one
+        tables.append(table)
+    return found, pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+
+
+def _node(parts, name: str) -> tuple[list[Extraction], pd.DataFrame]:
+    """Return resistance and time constant of one step of the chain."""
+
+    def solved(log_tau: float):
+        tau, over, under, each = float(np.exp(log_tau)), 0.0, 0.0, []
+        for rows, rise, power in parts:
+            there = np.isfinite(rise)
+            first = float(rise[there][0])
+            start = lagged(rows.time_s, np.zeros(rows.time_s.size), tau, first=first)
+            x, y = lagged(rows.time_s, power.copy(), tau)[there], (rise - start)[there]
+            over, under = over + float(x @ y), under + float(x @ x)
+            each.append((x, y))
+        ohm = over / max(under, 1e-30)
+        left = [y - ohm * x for x, y in each]
+        return ohm, float(sum(one @ one for one in left)), left, [x for x, _ in each]
+
+    low, high = np.log(TAU_S[name])
+    grid = np.linspace(low, high, 30)
+    best = grid[int(np.argmin([solved(at)[1] for at in grid]))]
+    step = grid[1] - grid[0]
+    at = float(np.asarray(fminbound(lambda x: solved(x)[1], best - step, best + step)))
+    ohm, squares, left, warmed = solved(at)
+    up, down = solved(at + 0.05), solved(at - 0.05)
+    rows_of_all = sum(one.size for one in left)
+    # Derivatives by log R and log tau: the fit at a fixed resistance.
+    slope = np.concatenate(
+        [
+            ((lu + (up[0] - ohm) * xu) - (ld + (down[0] - ohm) * xd)) / -0.1
+            for lu, ld, xu, xd in zip(up[2], down[2], up[3], down[3], strict=True)
+        ]
+    )
+    jacobian = np.column_stack([ohm * np.concatenate(warmed), slope])
+    variance = squares / max(rows_of_all - 2, 1) * inflation_of(left)
+    sd = np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)) * variance)
+    names = tuple(rows.name for rows, _, _ in parts)
+    samples = f"{rows_of_all} readings, {np.sqrt(squares / rows_of_all):.2g} K left"
+    method = "heating by the losses of eq. 16"
+    tau = float(np.exp(at))
+    table = pd.concat(
+        [
+            pd.DataFrame(
+                {
+                    "run": rows.name,
+                    "node": name,
+                    "time_s": rows.time_s[np.isfinite(rise)],
+                    "degC": rise[np.isfinite(rise)],
+                    "fit_degC": rise[np.isfinite(rise)] - one,
+                }
+            )
+            for (rows, rise, _), one in zip(parts, left, strict=True)
+        ],
+        ignore_index=True,
+    )
+    return [
+        Extraction(f"R_{name}", ohm, max(float(sd[0]) * ohm, 0.01 * ohm), "K/W", names, samples, method),
+        Extraction(f"tau_{name}", tau, max(float(sd[1]) * tau, 0.01 * tau), "s", names, samples, method),
+    ], table

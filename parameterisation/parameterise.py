@@ -1,0 +1,31 @@
+"""First parameters of a case from its fit runs alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from jaxmodel import Case
+from parameterisation.cell import parameterise_cell
+from parameterisation.motor import parameterise_motor
+from parameterisation.result import Parameterisation
+from parameterisation.robot import parameterise_robot
+
+
+def parameterise(case: Case, *, progress: Callable[[str], None] | None = None) -> Parameterisation:
+    """Extract first parameters, with sd, from the fit runs of a case.
+
+    What the case states as exact is kept; what it states with an sd is a first guess. Check runs are never used: the
+    forward simulation of the result shows their error.
+
+    Args:
+        case: from `jaxmodel.read_case` or `jaxmodel.Case.from_dataframes`; it needs runs and a kind only.
+        progress: called with the name of each stage.
+
+    Returns:
+        Numbers with sd and origin, the case that holds them, and what the data do not give.
+
+    Raises:
+        FitError: the fit runs lack readings without which nothing can be extracted.
+    """
+    kinds = {"cell": parameterise_cell, "motor": parameterise_motor, "robot": parameterise_robot}
+    return kinds[case.kind](case, progress)

@@ -1,0 +1,139 @@
+"""Extractions drawn on the readings that they were made from, and the tables of a parameterised cell."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from jaxmodel.case import Case
+from plots.style import BLACK, FINAL, LINES, MEASURED, PAGE_CM, new_figure, styled
+
+_TABLES = {"ocv": "V", "R_ints": "mohm", "R_TS": "mohm", "R_TL": "mohm", "C_TS": "F", "C_TL": "F"}
+_MOST_RUNS = 8
+_MOST_LINES = 8
+
+
+@styled
+def extraction(found: Any, name: str) -> Figure:
+    """Draw the points of one extraction of a parameterisation: readings in grey, what was fitted in colour."""
+    table = found.points[name]
+    kind = name.split("_", 1)[1] if name.startswith(("cells_", "motors_")) else name
+    draw = {
+        "slow": lambda: _against_soc(table, "voltage_V", "slow discharge and charge [V]", "run"),
+        "rests": lambda: _against_soc(table, "voltage_V", "voltage at the end of rests [V]", "run"),
+        "resistance": lambda: _against_soc(
+            table.assign(mohm=1e3 * table["ohm"]), "mohm", "first sample [mohm]", "degC"
+        ),
+        "relaxation": lambda: _relaxation(table),
+        "fit": lambda: _over_time(table, "voltage_V", "fit_V", "voltage [V]"),
+        "thermal": lambda: _over_time(table, "degC", "fit_degC", "temperature or its rise [degC, K]"),
+        "electrical": lambda: _over_time(table, "voltage_V", "fit_V", "voltage [V]"),
+        "friction": lambda: _friction(table),
+    }
+    return draw[kind]()
+
+
+def _against_soc(table: pd.DataFrame, column: str, label: str, by: str) -> Figure:
+    figure = new_figure(PAGE_CM, 8.5)
+    axes = figure.subplots()
+    groups = table["run"] if by == "run" else (table["degC"] / 5.0).round() * 5.0
+    for colour, (key, part) in zip(_colours(), table.groupby(groups), strict=False):
+        text = str(key) if by == "run" else f"{key:.0f} degC"
+        axes.plot(part["soc"], part[column], ".", color=colour, markersize=3.5, label=text, rasterized=True)
+    axes.set_xlabel("state of charge")
+    axes.set_ylabel(label)
+    if column == "mohm":
+        axes.set_ylim(0.0, 1.3 * float(np.percentile(table[column], 95)))
+    axes.legend(ncols=2)
+    return figure
+
+
+def _colours():
+    while True:
+        yield from LINES
+
+
+def _relaxation(table: pd.DataFrame) -> Figure:
+    figure = new_figure(PAGE_CM, 8.5)
+    axes = figure.subplots()
+    for colour, name, text in ((LINES[0], "tau_1", "short"), (LINES[1], "tau_2", "long")):
+        axes.plot(table["soc"], table[name], "o", color=colour, markersize=4.0, label=f"{text} time constant of a rest")
+    axes.set_yscale("log")
+    axes.set_xlabel("state of charge")
+    axes.set_ylabel("time constant [s]")
+    axes.legend()
+    return figure
+
+
+def _over_time(table: pd.DataFrame, column: str, fitted: str, label: str) -> Figure:
+    """Draw each run over time: readings, fit, and below them what is left."""
+    runs = list(dict.fromkeys(table["run"]))[:_MOST_RUNS]
+    columns = min(len(runs), 2)
+    rows = -(-len(runs) // columns)
+    figure = new_figure(PAGE_CM, 1.5 + 5.5 * rows)
+    grid = figure.subplots(rows, columns, squeeze=False)
+    for axes, run in zip(grid.flat, runs, strict=False):
+        _one(axes, table.loc[table["run"] == run], column, fitted)
+        axes.set_title(str(run))
+        axes.set_xlabel("time [h]")
+        axes.set_ylabel(label)
+    for axes in grid.flat[len(runs) :]:
+        axes.set_visible(False)
+    grid[0, 0].legend()
+    return figure
+
+
+def _one(axes: Axes, part: Any, column: str, fitted: str) -> None:
+    hours = part["time_s"] / 3600.0
+    axes.plot(hours, part[column], ".", color=MEASURED, markersize=2.5, label="measured", rasterized=True)
+    axes.plot(hours, part[fitted], color=FINAL, lw=0.9, label="fitted", rasterized=True)
+    rms = float(np.sqrt(np.mean((part[column] - part[fitted]) ** 2)))
+    axes.text(0.98, 0.03, f"rms {rms:.2g}", transform=axes.transAxes, ha="right", color=BLACK)
+
+
+def _friction(table: pd.DataFrame) -> Figure:
+    figure = new_figure(PAGE_CM, 8.5)
+    axes = figure.subplots()
+    axes.plot(
+        table["speed_rad_s"],
+        table["torque_Nm"],
+        ".",
+        color=MEASURED,
+        markersize=3.0,
+        label="k i less the load",
+        rasterized=True,
+    )
+    axes.plot(table["speed_rad_s"], table["fit_Nm"], ".", color=FINAL, markersize=2.0, label="fitted", rasterized=True)
+    axes.set_xlabel("speed [rad/s]")
+    axes.set_ylabel("torque [N m]")
+    axes.legend()
+    return figure
+
+
+@styled
+def curves(case: Case) -> Figure:
+    """Draw the tables of a cell over state of charge, a line for each temperature."""
+    names = [name for name in _TABLES if name in case.tables]
+    figure = new_figure(PAGE_CM, 1.5 + 5.0 * -(-len(names) // 2))
+    grid = figure.subplots(-(-len(names) // 2), 2, squeeze=False)
+    for axes, name in zip(grid.flat, names, strict=False):
+        table, unit = case.tables[name], _TABLES[name]
+        values = np.atleast_2d(table.values) * (1e3 if unit == "mohm" else 1.0)
+        degC = [None] if table.temperature_degC is None else list(table.temperature_degC)
+        every = max(1, len(degC) // _MOST_LINES)
+        for colour, T, row in zip(_colours(), degC[::every], values[::every], strict=False):
+            axes.plot(table.soc, row, color=colour, label="" if T is None else f"{T:g} degC")
+        if name != "ocv":
+            axes.set_yscale("log")
+        axes.set_title(name)
+        axes.set_xlabel("state of charge")
+        axes.set_ylabel(f"[{unit}]")
+        if degC[0] is not None:
+            axes.legend(ncols=2, fontsize=7)
+    for axes in grid.flat[len(names) :]:
+        axes.set_visible(False)
+    return figure

@@ -1,0 +1,162 @@
+"""A cell of known truth is recovered from its readings, each number within its stated interval."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jaxmodel import Known, read_case, simulate_case
+from jaxmodel.errors import FitError, MeasurementError
+from parameterisation import Parameterisation, parameterise
+from tests.parameterisation import made
+
+SIGMAS = 4.0
+
+
+@pytest.fixture(scope="module")
+def found() -> Parameterisation:
+    effects = {"arrhenius_resistance": {"E_a": made.ENERGY}}
+    frames = {"slow": made.slow(1.0), "cold": made.pulses(5.0), "warm": made.pulses(25.0), "drive": made.drive(15.0)}
+    return parameterise(made.raw_cell(made.measured(frames, effects=effects), check=["drive"]))
+
+
+@pytest.fixture(scope="module")
+def heated() -> Parameterisation:
+    effects = {"self_heating": {"C_th": 60.0, "hA": 0.2}}
+    frames = {
+        "slow": made.slow(1.0),
+        "pulses": made.pulses(25.0),
+        "fast": made.drive(25.0).assign(current_A=6.0).iloc[:1000],
+    }
+    return parameterise(made.raw_cell(made.measured(frames, thermometer=True, effects=effects)))
+
+
+def factor(degC: float) -> float:
+    return float(np.exp(made.ENERGY / 8.314 * (1.0 / (degC + 273.15) - 1.0 / 293.15)))
+
+
+def test_capacity_is_that_of_the_slow_discharge(found: Parameterisation) -> None:
+    one = found["capacity_Ah"]
+    assert one.found
+    assert one.runs == ("slow",)
+    assert abs(one.value - made.CAPACITY_AH) < SIGMAS * one.sd
+
+
+@pytest.mark.parametrize("degC", [5.0, 25.0])
+def test_series_resistance_and_open_circuit_voltage_are_recovered(found: Parameterisation, degC: float) -> None:
+    for soc in (0.2, 0.5, 0.9):
+        series = found[f"R_ints at SOC {soc:g}, {degC:g} degC"]
+        assert abs(series.value - made.R_0 * factor(degC)) < SIGMAS * series.sd + 0.02 * made.R_0
+        voltage = found[f"ocv at SOC {soc:g}, {degC:g} degC"]
+        assert abs(voltage.value - made.open_V(np.array(soc))) < SIGMAS * voltage.sd + 0.002
+
+
+def test_pairs_are_recovered(found: Parameterisation) -> None:
+    for name, truth in (("short", made.TAU_S), ("long", made.TAU_L)):
+        one = found[f"time constant, {name} pair"]
+        truth = truth * factor(25.0)  # time constants are those at 25 degC
+        assert abs(one.value - truth) < SIGMAS * one.sd + 0.03 * truth
+    for name, ohm in (("R_TS", made.R_S), ("R_TL", made.R_L)):
+        one = found[f"{name} at SOC 0.5, 25 degC"]
+        assert abs(one.value - ohm * factor(25.0)) < SIGMAS * one.sd + 0.03 * ohm
+
+
+def test_activation_energies_are_recovered(found: Parameterisation) -> None:
+    for name in ("R_ints", "R_TS", "R_TL"):
+        one = found[f"activation energy of {name}"]
+        assert abs(one.value - made.ENERGY) < SIGMAS * one.sd + 500.0
+
+
+def test_noise_is_recovered(found: Parameterisation) -> None:
+    one = found["noise of voltage_V"]
+    assert abs(one.value - made.NOISE_V) < SIGMAS * one.sd
+
+
+def test_a_run_that_was_not_used_is_predicted_to_a_few_millivolts(found: Parameterisation) -> None:
+    row = found.errors.set_index("run").loc["drive"]
+    assert row["split"] == "check"
+    assert row["rms"] < 0.004
+
+
+def test_first_sample_is_an_upper_bound_of_the_series_resistance(found: Parameterisation) -> None:
+    one = found["first-sample resistance at 25 degC"]
+    assert made.R_0 * factor(25.0) < one.value + one.sd
+    assert one.value < (made.R_0 + made.R_S) * factor(25.0)
+
+
+def test_check_runs_are_not_used(found: Parameterisation) -> None:
+    assert all("drive" not in one.runs for one in found.extractions)
+    stated = {run.name: run.initial_soc.value for run in found.case.runs}
+    assert stated["drive"] == 1.0
+
+
+def test_what_the_data_cannot_give_is_said_with_a_test_that_would_give_it(found: Parameterisation) -> None:
+    missing = {one.name: one for one in found.extractions if not one.found}
+    assert "C_th and hA" in missing
+    assert "thermometer" in missing["C_th and hA"].test
+    assert "hysteresis" in missing
+    assert "self_heating" not in found.case.effects
+
+
+def test_heat_capacity_and_transfer_are_recovered(heated: Parameterisation) -> None:
+    for name, truth in (("C_th", 60.0), ("hA", 0.2)):
+        assert abs(heated[name].value - truth) < SIGMAS * heated[name].sd
+    assert set(heated.case.effects["self_heating"]) == {"C_th", "hA"}
+
+
+def test_one_temperature_gives_no_activation_energy() -> None:
+    frames = made.measured({"slow": made.slow(1.0), "pulses": made.pulses(25.0)})
+    found = parameterise(made.raw_cell(frames))
+    assert not found["activation energies"].found
+    assert "two temperatures" in found["activation energies"].test
+    assert found.case.tables["R_ints"].temperature_degC is None
+
+
+def test_half_the_gap_between_slow_branches_is_hysteresis() -> None:
+    effects, starts = {"ocv_hysteresis": {"M_V": 0.02, "g": 60.0}}, {"charge": 0.0}
+    frames = made.measured(
+        {"discharge": made.slow(1.0), "charge": made.slow(-1.0), "pulses": made.pulses(25.0)},
+        effects=effects,
+        starts=starts,
+    )
+    found = parameterise(made.raw_cell(frames, starts=starts))
+    one = found["hysteresis at 25 degC"]
+    assert abs(one.value - 0.02) < SIGMAS * one.sd
+    assert abs(found["M_V"].value - 0.02) < 0.004
+
+
+def test_case_that_is_written_predicts_as_the_one_in_memory(found: Parameterisation, tmp_path: Path) -> None:
+    again = read_case(found.write(tmp_path / "out", pictures=False))
+    one, other = found.simulation[3].table, simulate_case(again)[3].table
+    np.testing.assert_allclose(one["voltage_V"], other["voltage_V"], atol=1e-9)
+
+
+def test_exact_numbers_of_the_case_are_kept() -> None:
+    frames = made.measured({"pulses": made.pulses(25.0)})
+    case = made.raw_cell(frames)
+    case = dataclasses.replace(case, parameters=case.parameters | {"capacity_Ah": Known(2.0)})
+    assert not parameterise(case)["capacity_Ah"].found
+
+
+@pytest.mark.parametrize(("change", "says"), [("voltage", "voltage_V"), ("check", "no fit run"), ("still", "current")])
+def test_failures_say_what_is_missing(change: str, says: str) -> None:
+    frame = made.measured({"pulses": made.pulses(25.0)})["pulses"]
+    frame = frame.drop(columns="voltage_V") if change == "voltage" else frame
+    frame = frame.assign(current_A=0.0) if change == "still" else frame
+    case = made.raw_cell({"pulses": frame}, check=["pulses"] if change == "check" else ())
+    with pytest.raises(FitError, match=says):
+        parameterise(case)
+
+
+def test_unknown_picture_is_refused_with_the_known_ones(found: Parameterisation) -> None:
+    with pytest.raises(MeasurementError, match="no extraction is called"):
+        found.plot.extraction("resistances of gold")
+
+
+def test_every_picture_is_drawn(found: Parameterisation) -> None:
+    pictures = {name: found.plot.extraction(name) for name in found.points} | {"curves": found.plot.curves()}
+    assert {"slow", "rests", "resistance", "relaxation", "fit", "curves"} <= pictures.keys()
+    assert all(figure.axes for figure in pictures.values())

@@ -1,0 +1,67 @@
+"""A motor of known truth is recovered, and what its readings cannot give is said."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from jaxmodel import Case
+from jaxmodel.errors import FitError
+from parameterisation import Parameterisation, parameterise
+from tests.parameterisation import made
+
+SIGMAS = 4.0
+
+
+@pytest.fixture(scope="module")
+def found() -> Parameterisation:
+    return parameterise(Case.from_dataframes({"steps": made.measured_motor()}, kind="motor", name="made"))
+
+
+@pytest.mark.parametrize("name", ["R_0", "k_tau", "J", "tau_0"])
+def test_numbers_are_recovered(found: Parameterisation, name: str) -> None:
+    one = found[name]
+    assert abs(one.value - made.MOTOR[name]) < SIGMAS * one.sd + 0.005 * made.MOTOR[name]
+    assert found.case.parameters[name].sd == pytest.approx(one.sd, rel=1.0)
+
+
+def test_friction_that_grows_with_speed_is_an_effect_of_the_case(found: Parameterisation) -> None:
+    assert found.case.effects["viscous_friction"]["b"] == pytest.approx(made.VISCOUS, rel=0.05)
+
+
+def test_forward_simulation_is_as_good_as_the_sensors(found: Parameterisation) -> None:
+    errors = found.errors.set_index("reading")["rms"]
+    assert errors["current_A"] < 0.03
+    assert errors["speed_rad_s"] < 0.3
+
+
+def test_heating_without_a_thermometer_is_not_in_the_data(found: Parameterisation) -> None:
+    for name in ("R_wc", "R_ca", "L_a"):
+        assert not found[name].found
+        assert found[name].test
+
+
+def test_without_a_current_the_resistance_is_not_in_the_data() -> None:
+    frame = made.measured_motor(columns=("speed_rad_s",))
+    found = parameterise(Case.from_dataframes({"steps": frame}, kind="motor", parameters={"R_0": (0.3, 0.1)}))
+    assert not found["R_0"].found
+    assert "locked" in found["R_0"].test
+    assert found["k_tau"].value == pytest.approx(made.MOTOR["k_tau"], rel=0.05)
+
+
+def test_heating_gives_thermal_resistances() -> None:
+    time = np.arange(0.0, 6000.0, 10.0)
+    power = 20.0
+    rise = 2.0 * power * (1.0 - np.exp(-time / 900.0))
+    frame = made.motor_frame().iloc[: time.size].assign(time_s=time, voltage_V=6.0, load_torque_Nm=0.0)
+    frame["current_A"] = np.sqrt(power / made.MOTOR["R_0"])
+    frame["case_temperature_degC"] = 25.0 + rise
+    exact = {"R_0": made.MOTOR["R_0"], "psi_R": 0.0, "k_tau": 0.05, "tau_0": 0.0}
+    found = parameterise(Case.from_dataframes({"heat": frame}, kind="motor", parameters=exact))
+    assert found["R_ca"].value == pytest.approx(2.0, rel=0.03)
+    assert found["tau_ca"].value == pytest.approx(900.0, rel=0.03)
+
+
+def test_a_motor_without_readings_is_refused() -> None:
+    with pytest.raises(FitError, match="speed_rad_s"):
+        parameterise(Case.from_dataframes({"steps": made.motor_frame()}, kind="motor"))
