@@ -13,6 +13,7 @@ import typer
 
 from workbench.import_command import import_
 from workbench.one_sentence import OneSentence
+from workbench.start_command import start
 
 app = typer.Typer(
     cls=OneSentence,
@@ -22,6 +23,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )
+app.command(epilog="Example: jaxmodel start logs/*.csv --kind cell --ambient 23 --out results")(start)
 app.command("import", epilog="Example: jaxmodel import logs/*.csv --kind cell --ambient 23 --out my_cell")(import_)
 
 

@@ -49,7 +49,7 @@ def import_files(
         constants={name: _number(value, f"--constant {name}") for name, value in constants},
         **decisions,
     )
-    paths = _files(files, out)
+    paths = files_of(files, out)
     ask = _ask if sys.stdin.isatty() and sys.stderr.isatty() else None
     with terminal.stages("import") as progress:
         imported = import_case(paths, cast(Any, kind), options=options, ask=ask, progress=progress)
@@ -73,8 +73,12 @@ def _check(imported: Imported) -> None:
         ) from error
 
 
-def _files(files: Sequence[Path], out: Path) -> list[Path]:
-    """Return the files, those of a folder by name."""
+def files_of(files: Sequence[Path], out: Path) -> list[Path]:
+    """Return the files, those of a folder by name.
+
+    Raises:
+        MeasurementError: they are in the folder of the case.
+    """
     found: list[Path] = []
     for path in files:
         if path.is_dir():
