@@ -33,11 +33,11 @@ def start_to_finish(files: Sequence[Path], kind: str, out: Path, *, again: bool 
     Raises:
         UserError: a stage cannot be done; what the earlier ones wrote is kept.
     """
-    case = files[0] if len(files) == 1 and (files[0] / "case.toml").is_file() else out / CASE
-    sources = sorted(case.iterdir()) if case is not out / CASE else files_of(files, out / CASE)
-    made_from = _digest(sources, {"kind": kind, **decisions})
-    stages = _Stages(out, made_from, again)
-    if case == out / CASE:
+    is_case = len(files) == 1 and (files[0] / "case.toml").is_file()
+    case = files[0] if is_case else out / CASE
+    sources = sorted(case.iterdir()) if is_case else files_of(files, case)
+    stages = _Stages(out, _digest(sources, {"kind": kind, **decisions}), again)
+    if not is_case:
         stages.do("import", case / "case.toml", lambda: import_files(files, kind, case, **decisions))
     better = out / PARAMETERISED
     stages.do("parameterise", better / "case.toml", lambda: parameterise_case(case, better, []))
