@@ -18,6 +18,7 @@ class ChannelEvidence:
         check: RMS error of the final model on check runs; NaN without check runs.
         tolerance: stated; None if not stated.
         model_error: s of the model error, in the channel's unit; 0 without one.
+        check_before: RMS error of the calibrated base model on check runs; NaN without check runs.
     """
 
     noise: float
@@ -26,6 +27,7 @@ class ChannelEvidence:
     check: float
     tolerance: float | None
     model_error: float
+    check_before: float = float("nan")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,7 +64,7 @@ RULES = {
     "large remaining error": (
         "unknown_effect",
         "the remaining error is several times the noise, above a stated tolerance, and more than a share of the base "
-        "model's error",
+        "model's error, on fit runs and on check runs",
     ),
     "named": ("missing_effect", "an effect other than a sensor fault has a probability of at least 0.5"),
     "fault": ("sensor_fault", "a sensor fault has a probability of at least 0.5"),
@@ -108,8 +110,10 @@ def _decision(rule: str, unexplained: str | None) -> Decision:
 
 
 def _mostly_left(one: ChannelEvidence, settings: Settings) -> bool:
-    """Return True if most of a channel's error remains and is material."""
+    """Return True if most of a channel's error remains, on held-out runs too, and is material."""
     if one.model_error <= 0.0 or (one.tolerance is not None and one.fit <= one.tolerance):
+        return False
+    if one.check <= settings.unexplained_share * one.check_before:  # False for NaN, without check runs
         return False
     return one.fit > settings.far_above_noise * one.noise and one.fit > settings.unexplained_share * one.before
 

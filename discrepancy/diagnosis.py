@@ -286,6 +286,7 @@ def _channel_evidence(inv: Workings, found: policy.Found, name: str, base: Rung,
         check=last.errors[name].check,
         tolerance=None if tolerance is None else tolerance.rms,
         model_error=found.final.scale.error.of_channel(name),
+        check_before=base.errors[name].check,
     )
 
 

@@ -43,6 +43,13 @@ def test_each_rule_gives_its_verdict(given: Evidence, rule: str):
     assert (found.unexplained is not None) == (rule in ("unknown law", "large remaining error", "held out"))
 
 
+def test_an_effect_that_takes_most_of_the_held_out_error_is_named_whatever_is_left_of_the_fit():
+    most = dataclasses.replace(LEFT, check_before=30.0)
+    little = dataclasses.replace(LEFT, check_before=10.0)
+    assert decide(evidence(effects={"self_heating": 0.9}, channels={"voltage_V": most})).rule == "named"
+    assert decide(evidence(effects={"self_heating": 0.9}, channels={"voltage_V": little})).rule != "named"
+
+
 def test_of_several_rules_that_hold_the_first_in_the_table_gives_the_verdict():
     every = [
         {"unknown": ("a law",)},
