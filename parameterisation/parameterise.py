@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from threadpoolctl import threadpool_limits
+
 from jaxmodel import Case
 from parameterisation.cell import parameterise_cell
 from parameterisation.motor import parameterise_motor
@@ -11,6 +13,8 @@ from parameterisation.result import Parameterisation
 from parameterisation.robot import parameterise_robot
 
 
+# The matrices are small: on busy cores a second thread of BLAS makes each product wait.
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def parameterise(case: Case, *, progress: Callable[[str], None] | None = None) -> Parameterisation:
     """Extract first parameters, with sd, from the fit runs of a case.
 
