@@ -109,8 +109,8 @@ class Settings:
     )
     unexplained_share: float = _constant(
         0.5,
-        "remaining share of the base model's error in a channel, on fit runs and on check runs, above which the verdict "
-        "is `unknown_effect`",
+        "remaining share of the base model's error in a channel, on fit runs and on check runs, above which the "
+        "verdict is `unknown_effect`",
     )
     far_above_noise: float = _constant(3.0, "remaining error, in multiples of the noise, required for that verdict")
     held_out_factor: float = _constant(
