@@ -6,15 +6,16 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxmodel.case import Case
-from plots.style import BLACK, FINAL, LINES, MEASURED, PAGE_CM, new_figure, styled
+from plots.style import BLACK, FINAL, LINES, MEASURED, PAGE_CM, SEQUENCE, new_figure, plain_log, styled
 
 _TABLES = {"ocv": "V", "R_ints": "mohm", "R_TS": "mohm", "R_TL": "mohm", "C_TS": "F", "C_TL": "F"}
 _MOST_RUNS = 8
-_MOST_LINES = 8
+_MOST_LINES = 5
 
 
 @styled
@@ -116,24 +117,43 @@ def _friction(table: pd.DataFrame) -> Figure:
 
 @styled
 def curves(case: Case) -> Figure:
-    """Draw the tables of a cell over state of charge, a line for each temperature."""
+    """Draw the tables of a cell over state of charge, a line for each of at most five temperatures."""
     names = [name for name in _TABLES if name in case.tables]
     figure = new_figure(PAGE_CM, 1.5 + 5.0 * -(-len(names) // 2))
     grid = figure.subplots(-(-len(names) // 2), 2, squeeze=False)
+    known = [degC for name in names if (degC := case.tables[name].temperature_degC) is not None]
+    everywhere = np.concatenate([*known, np.zeros(0)])
+    palette = colormaps[SEQUENCE]
     for axes, name in zip(grid.flat, names, strict=False):
         table, unit = case.tables[name], _TABLES[name]
         values = np.atleast_2d(table.values) * (1e3 if unit == "mohm" else 1.0)
         degC = [None] if table.temperature_degC is None else list(table.temperature_degC)
-        every = max(1, len(degC) // _MOST_LINES)
-        for colour, T, row in zip(_colours(), degC[::every], values[::every], strict=False):
-            axes.plot(table.soc, row, color=colour, label="" if T is None else f"{T:g} degC")
+        for row in np.unique(np.linspace(0, len(degC) - 1, min(len(degC), _MOST_LINES)).round().astype(int)):
+            T, curve = degC[row], values[row]
+            share = 0.5 if T is None else (T - everywhere.min()) / max(float(np.ptp(everywhere)), 1.0)
+            # A pair of no resistance has a capacitance without meaning.
+            shown = np.where(_exists(case, name, row), curve, np.nan)
+            axes.plot(table.soc, shown, color=palette(0.9 * share), label="" if T is None else f"{T:g} degC")
         if name != "ocv":
             axes.set_yscale("log")
+            plain_log(axes.yaxis)
         axes.set_title(name)
         axes.set_xlabel("state of charge")
         axes.set_ylabel(f"[{unit}]")
         if degC[0] is not None:
-            axes.legend(ncols=2, fontsize=7)
+            axes.legend(fontsize=6, loc="center left", bbox_to_anchor=(1.0, 0.5))
     for axes in grid.flat[len(names) :]:
         axes.set_visible(False)
     return figure
+
+
+def _exists(case: Case, name: str, row: int) -> np.ndarray | np.bool:
+    """Return where an RC pair has a resistance worth drawing; True everywhere for other tables."""
+    resistance = case.tables.get({"C_TS": "R_TS", "C_TL": "R_TL"}.get(name, name))
+    if name == "ocv" or name == "R_ints" or resistance is None:
+        return np.True_
+    values = np.atleast_2d(resistance.values)
+    own = values[min(row, len(values) - 1)]
+    if own.shape != np.atleast_2d(case.tables[name].values)[row].shape:
+        return np.True_
+    return own > 5e-3 * np.median(values)

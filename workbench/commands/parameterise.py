@@ -68,25 +68,25 @@ def _write_page(found: Parameterisation, out: Path, seconds: float, *, pictures:
             [
                 "The sd allow for what the model misses: its residuals are correlated, and only one in many counts.",
                 Table(
-                    "numbers", ("number", "value", "sd", "unit", "how", "from"), [_row(one) for one in given], words=1
+                    "numbers", ("number", "how", "from", "value", "sd", "unit"), [_row(one) for one in given], words=3
                 ),
             ],
         )
     ]
     if missing:
-        rows = [(one.name, _number(one.value), one.method, one.test) for one in missing]
-        head = ("number", "value used", "where it comes from", "a test that would give it")
-        sections.append(Section("Not in these data", [Table("missing", head, rows, words=1)]))
+        rows = [(one.name, one.method, one.test, _number(one.value)) for one in missing]
+        head = ("number", "where it comes from", "a test that would give it", "value used")
+        sections.append(Section("Not in these data", [Table("missing", head, rows, words=3)]))
     if pictures:
         sections += [
             Section(
-                name.replace("_", " "),
+                name.replace("_", " ").capitalize(),
                 [Picture(f"extraction-{name}", png(found.plot.extraction(name)), _caption(name))],
             )
             for name in found.points
         ]
         if found.case.tables:
-            sections.append(Section("tables", [Picture("curves", png(found.plot.curves()), CAPTIONS["curves"])]))
+            sections.append(Section("Tables", [Picture("curves", png(found.plot.curves()), CAPTIONS["curves"])]))
     sections.append(Section("Forward simulation of every run", [_errors(found.errors)]))
     findings = [f"{len(given)} numbers from the data, {len(missing)} not in them.", *found.remarks]
     write_article(
@@ -105,14 +105,8 @@ def _caption(name: str) -> str:
 
 
 def _row(one: Extraction) -> tuple[str, ...]:
-    return (
-        one.name,
-        _number(one.value),
-        _number(one.sd, 2),
-        one.unit,
-        one.method,
-        f"{', '.join(one.runs)}: {one.samples}",
-    )
+    where = f"{', '.join(one.runs)}: {one.samples}"
+    return (one.name, one.method, where, _number(one.value), _number(one.sd, 2), one.unit)
 
 
 def _number(value: float, digits: int = 5) -> str:
