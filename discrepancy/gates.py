@@ -125,8 +125,7 @@ def is_material(inv: Workings, trial: Trial, lacking: Trial) -> bool:
 
     Enough is a tenth of a stated tolerance on fitted data or, without a tolerance, a share of the error above noise on
     left-out data: of the error of all runs, or of its geometric mean over runs. In that mean an effect counts that
-    takes most of the error of some runs, although others have a larger error with another cause. Beside a model error,
-    of which nothing is known, what is left within half of the assumed tolerance does not count.
+    takes most of the error of some runs, although others have a larger error with another cause.
     """
     settings, stated = inv.settings, inv.case.tolerance
     share = settings.least_share if len(lacking.labels) < 2 else settings.later_share
@@ -140,8 +139,7 @@ def is_material(inv: Workings, trial: Trial, lacking: Trial) -> bool:
             if removed >= (settings.material_share * stated[channel].rms) ** 2:
                 return True
         elif channel in before:
-            floor = least if lacking.scale.error.of_channel(channel) else 0.0
-            pooled = pooled_before[channel] - pooled_after[channel] > share * (max(pooled_before[channel], 0.0) + floor)
+            pooled = pooled_before[channel] - pooled_after[channel] > share * max(pooled_before[channel], 0.0)
             left = np.exp(np.mean(np.log((after[channel] + least) / (before[channel] + least))))
             if pooled or left < 1.0 - share:
                 return True

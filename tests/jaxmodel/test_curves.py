@@ -105,6 +105,24 @@ def test_table_over_charge_and_temperature_is_bilinear_and_held(soc: np.ndarray,
     np.testing.assert_array_equal(inside, np.all(held == points, axis=1))
 
 
+@pytest.mark.parametrize("temperatures", [1, 13])
+def test_large_table_is_looked_up_with_the_values_and_slopes_of_the_sum(monkeypatch, temperatures: int):
+    rng = np.random.default_rng(7)
+    degC = None if temperatures == 1 else np.linspace(-20.0, 60.0, temperatures)
+    soc = np.sort(rng.random(50))
+    table = Table(soc, rng.random((temperatures, 50)), degC)
+    points = jnp.asarray(np.stack([rng.uniform(-0.1, 1.1, 400), rng.uniform(-40.0, 80.0, 400)]))
+
+    def values_and_slopes():
+        both = jax.vmap(jax.value_and_grad(table, argnums=(0, 1)))
+        return both(*points)
+
+    looked_up = values_and_slopes()
+    monkeypatch.setattr("jaxmodel.curves.MOST_SUMMED", 10_000)
+    for one, other in zip(jax.tree.leaves(looked_up), jax.tree.leaves(values_and_slopes()), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-10, atol=1e-12)
+
+
 def test_table_of_one_point_is_a_constant():
     table = Table([0.5], [4000.0])
     assert [float(table(jnp.asarray(soc), jnp.asarray(20.0))) for soc in (0.0, 0.5, 2.0)] == [4000.0] * 3
