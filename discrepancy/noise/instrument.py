@@ -22,6 +22,7 @@ from discrepancy.settings import SETTINGS, Settings
 BETWEEN_JUMPS = "the readings between jumps of the inputs"
 
 _SHORTEST_WINDOW = 8
+_MOST_WINDOWS = 5000  # of a channel; more say no more
 _PARABOLA = 3  # columns
 _KEPT_PROBABILITY = 0.99
 _RHO_BOUNDS = (-0.8, 0.99)
@@ -285,8 +286,12 @@ def _windows(values: Floats, starts: Bools, time_s: ArrayLike | None, window: in
     clock = np.arange(len(values), dtype=float) if time_s is None else np.asarray(time_s, dtype=float)
     rows = np.flatnonzero(np.isfinite(values))
     chain = np.cumsum(starts)[rows]
-    chains = np.split(rows, np.flatnonzero(np.diff(chain)) + 1)
-    parts = [part for one in chains for part in np.array_split(one, max(1, round(len(one) / window)))]
+    first = np.flatnonzero(np.diff(chain, prepend=-1))
+    length = np.diff(np.append(first, rows.size))
+    long = length >= _SHORTEST_WINDOW
+    every = max(1, int(length[long].sum()) // (window * _MOST_WINDOWS))
+    chains = [rows[begin : begin + count] for begin, count in zip(first[long], length[long], strict=True)]
+    parts = [part for one in chains for part in _cut(one, window, every)]
     parts = [part for part in parts if len(part) >= _SHORTEST_WINDOW]
     if not parts:
         return None
@@ -303,6 +308,15 @@ def _windows(values: Floats, starts: Bools, time_s: ArrayLike | None, window: in
         if number < _PARABOLA:
             column /= np.repeat(np.sqrt(np.add.reduceat(column**2, first)), length)
     return _Windows(np.stack(columns), lag, first, length)
+
+
+def _cut(rows: Integers, window: int, every: int) -> list[Integers]:
+    """Return each `every`-th of the windows of about equal length into which rows are cut."""
+    count = max(1, round(len(rows) / window))
+    if every == 1:
+        return np.array_split(rows, count)
+    edges = np.arange(count + 1) * len(rows) // count
+    return [rows[edges[k] : edges[k + 1]] for k in range(0, count, every)]
 
 
 def _distances(windows: _Windows, rho: float) -> tuple[Floats, Floats]:

@@ -7,13 +7,11 @@ thousands of others in a sum of squares. It has no physical cause, so it is excl
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
 
 import numpy as np
 
 from discrepancy.preparation.signals import (
     Rows,
-    Values,
     after_pauses,
     calm,
     detect_quantum,
@@ -67,19 +65,15 @@ def outliers(run: Run, channel: str, stated_sd: float = 0.0) -> Rows:
     scale = max(stated_sd, robust_sd(off) / np.sqrt(1.5), detect_quantum(read))
     if not scale:
         return found
-    after_pause = after_pauses(time_s[there])
-    for first, last in _spans(read, FAR * scale):
-        away = np.stack([read[first:last] - read[first - 1], read[first:last] - read[last]])
-        back = abs(read[last] - read[first - 1]) < 0.5 * np.abs(away).min()
-        one_way = np.all(away > FAR * scale) or np.all(away < -FAR * scale)
-        together = quiet[first - 1 : last + 1].all() and not after_pause[first : last + 1].any()
-        if one_way and back and together:
-            found[there[first:last]] = True
+    unlikely = ~quiet | after_pauses(time_s[there])
+    jumps = np.flatnonzero(np.abs(np.diff(read)) > FAR * scale) + 1
+    for length in range(1, MOST_ROWS + 1):
+        first = jumps[jumps + length < read.size]
+        rows = first[:, None] + np.arange(length)
+        away = np.concatenate([read[rows] - read[first - 1, None], read[rows] - read[first + length, None]], axis=1)
+        back = np.abs(read[first + length] - read[first - 1]) < 0.5 * np.abs(away).min(axis=1)
+        one_way = np.all(away > FAR * scale, axis=1) | np.all(away < -FAR * scale, axis=1)
+        around = first[:, None] + np.arange(length + 1)
+        together = quiet[first - 1] & ~np.any(unlikely[around], axis=1)
+        found[there[rows[back & one_way & together]]] = True
     return found
-
-
-def _spans(read: Values, far: float) -> Iterator[tuple[int, int]]:
-    """Give the first row and the one after the last of all short spans that begin with a jump."""
-    for first in np.flatnonzero(np.abs(np.diff(read)) > far) + 1:
-        for last in range(first + 1, min(first + MOST_ROWS, read.size - 1) + 1):
-            yield int(first), last

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from discrepancy.preparation.signals import (
     Rows,
@@ -45,6 +46,8 @@ SLOWER = 2.5
 FINE = 2.0
 # If more than this share of a channel's readings is suspicious, it is not stuck.
 MOST_OF_CHANNEL = 0.5
+# A width, with rounding errors.
+_ROUNDED = 1.001
 # Quantities that read exactly zero at standstill.
 _MAY_REST = ("rad/s", "A")
 
@@ -173,6 +176,8 @@ def stretches(run: Run, channel: str, within: float = 0.0, least_rows: int = 1) 
         least_rows: shorter stretches are left out.
     """
     values, time_s = run.measured.outputs[channel], run.measured.time_s
+    if within > 0.0 and not _may_be_long(values[np.isfinite(values)], within, least_rows):
+        return []
     there, first, last = _bounds(values, within)
     long = np.flatnonzero(last - first + 1 >= least_rows)
     return [
@@ -187,6 +192,13 @@ def stretches(run: Run, channel: str, within: float = 0.0, least_rows: int = 1) 
     ]
 
 
+def _may_be_long(read: Values, within: float, least_rows: int) -> bool:
+    """Return True if so many neighbouring readings stay within a width anywhere: a quick test of a long run."""
+    spread = maximum_filter1d(read, least_rows) - minimum_filter1d(read, least_rows)
+    inner = spread[least_rows // 2 : read.size - (least_rows - 1) // 2]
+    return bool(np.any(inner <= _ROUNDED * within))
+
+
 def _bounds(values: Values, within: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the rows with readings, and the first and last of these for each stretch within a width."""
     there = np.flatnonzero(np.isfinite(values))
@@ -196,7 +208,7 @@ def _bounds(values: Values, within: float) -> tuple[np.ndarray, np.ndarray, np.n
         kept, low, high = [], np.inf, -np.inf
         for row, value in zip(first.tolist(), read[first].tolist(), strict=True):
             low, high = min(low, value), max(high, value)
-            if not kept or high - low > 1.001 * within:
+            if not kept or high - low > _ROUNDED * within:
                 kept.append(row)
                 low = high = value
         first = np.array(kept)
