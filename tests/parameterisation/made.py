@@ -90,10 +90,10 @@ def motor_frame() -> pd.DataFrame:
     return pd.DataFrame({"time_s": time, "voltage_V": volts, "load_torque_Nm": load, "ambient_degC": 25.0})
 
 
-def measured_motor(columns=("current_A", "speed_rad_s")) -> pd.DataFrame:
+def measured_motor(columns=("current_A", "speed_rad_s"), **other: float) -> pd.DataFrame:
     frame = motor_frame()
     truth = Case.from_dataframes(
-        {"steps": frame}, kind="motor", parameters=MOTOR, effects={"viscous_friction": {"b": VISCOUS}}
+        {"steps": frame}, kind="motor", parameters=MOTOR | other, effects={"viscous_friction": {"b": VISCOUS}}
     )
     table, rng = simulate_case(truth)[0].table, np.random.default_rng(2)
     for column, sd in (("current_A", 0.02), ("speed_rad_s", 0.2)):

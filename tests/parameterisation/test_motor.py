@@ -49,6 +49,16 @@ def test_without_a_current_the_resistance_is_not_in_the_data() -> None:
     assert found["k_tau"].value == pytest.approx(made.MOTOR["k_tau"], rel=0.05)
 
 
+def test_a_lag_between_voltage_and_speed_is_found_and_none_is_made_up() -> None:
+    exact = {"R_0": made.MOTOR["R_0"]}
+    for inductance in (0.03, 1e-5):
+        frame = made.measured_motor(columns=("speed_rad_s",), L_a=inductance)
+        one = parameterise(Case.from_dataframes({"steps": frame}, kind="motor", parameters=exact))["L_a"]
+        assert one.found == (inductance > 0.01)
+        if one.found:
+            assert abs(one.value - inductance) < SIGMAS * one.sd + 0.05 * inductance
+
+
 def test_heating_gives_thermal_resistances() -> None:
     time = np.arange(0.0, 6000.0, 10.0)
     power = 20.0
