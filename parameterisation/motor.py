@@ -87,7 +87,7 @@ def parameterise_motor(case: Case, progress: Callable[[str], None] | None = None
         size = np.abs(speed)
         return terms.get("tau_0", 0.0) + terms.get("b", 0.0) * size + terms.get("c", 0.0) * size**2
 
-    heat, warmed = motor_thermal(runs, value("R_0"), value("psi_R"), value("T_0"), friction)
+    heat, warmed = motor_thermal(runs, value("R_0"), value("psi_R"), value("T_0"), friction, {name: known.value for name, known in exact.items()})
     found += [one for one in heat if one.name not in exact]
     noise = [one for column, unit in READINGS.items() if (one := sensor_noise(fitted, column, unit))]
     found += noise
