@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pandas as pd
 
-from jaxmodel import Case, Known
+from jaxmodel import Case, Known, simulate_case
 from jaxmodel.cases import with_preset
 from jaxmodel.errors import FitError
 from jaxmodel.parameters import info
@@ -41,6 +41,7 @@ PLACES = {"viscous friction b": ("viscous_friction", "b"), "windage c": ("windag
 PLACES |= {"torque of constant sign": ("torque_offset", "c")}
 PLACES |= {name: ("", name) for name in ("R_0", "k_tau", "tau_0", "J", "L_a")}
 GAINED = 0.98  # of the error
+UNKNOWN_SHARE = 0.5  # relative sd of a thermal resistance that neither case nor data tell. Assumed.
 LAG_ROWS = 4.0  # first value of the lag, in rows
 LAGGING = "lag L_a / R_0 between voltage and torque: inductance, or a filter of drive or sensor"
 READINGS = {"current_A": "A", "speed_rad_s": "rad/s", "winding_temperature_degC": "K", "case_temperature_degC": "K"}
@@ -66,7 +67,7 @@ def parameterise_motor(case: Case, progress: Callable[[str], None] | None = None
     stated = with_preset(case).parameters
     exact = {name: known for name, known in case.parameters.items() if known.sd is None}
     tell("winding and torque constant")
-    found, volts = electrical(runs)
+    found, volts = electrical(runs, _stated(case, "psi_R"), _stated(case, "T_0"))
     found = [one for one in found if one.name not in exact]
     numbers = {one.name: one.value for one in found}
 
@@ -87,7 +88,9 @@ def parameterise_motor(case: Case, progress: Callable[[str], None] | None = None
         size = np.abs(speed)
         return terms.get("tau_0", 0.0) + terms.get("b", 0.0) * size + terms.get("c", 0.0) * size**2
 
-    heat, warmed = motor_thermal(runs, value("R_0"), value("psi_R"), value("T_0"), friction, {name: known.value for name, known in exact.items()})
+    heat, warmed = motor_thermal(
+        runs, value("R_0"), value("psi_R"), value("T_0"), friction, {name: known.value for name, known in exact.items()}
+    )
     found += [one for one in heat if one.name not in exact]
     noise = [one for column, unit in READINGS.items() if (one := sensor_noise(fitted, column, unit))]
     found += noise
@@ -129,6 +132,9 @@ def _refined(case: Case, found: list[Extraction], follows: bool) -> tuple[Case, 
         _, case, better, term = best
         names, found = names | {term.name: PLACES[term.name]}, [one for one in found if one.name != term.name] + [term]
         further = [one for one in (_growing_friction(case, found), _lag(case, found) if follows else None) if one]
+    if "R_0" in names:
+        unseen = better.values["R_0"] * _unseen_heat(refined_case(case, names, better))
+        better = dataclasses.replace(better, sd=better.sd | {"R_0": math.hypot(better.sd["R_0"], unseen)})
     said = []
     for one in found:
         if one.name in names:
@@ -138,6 +144,21 @@ def _refined(case: Case, found: list[Extraction], follows: bool) -> tuple[Case, 
             one = dataclasses.replace(one, value=sign * better.values[one.name], sd=sd, method=method)
         said.append(one)
     return refined_case(case, names, better), said
+
+
+def _unseen_heat(case: Case) -> float:
+    """Return the relative sd of R_0 where no thermometer tells how warm the winding was: psi_R times the sd of its rise."""
+    fitted = [run for run in case.runs if run.split == "fit"]
+    if any("winding_temperature_degC" in run.measured.outputs for run in fitted):
+        return 0.0
+    rises = [
+        one.table["winding_temperature_degC"].to_numpy() - one.run.measured.inputs["ambient_degC"]
+        for one in simulate_case(dataclasses.replace(case, runs=tuple(fitted)))
+    ]
+    rise = float(np.nanmean(np.abs(np.concatenate(rises))))
+    known = [case.parameters.get(name) for name in ("R_wc", "R_ca")]
+    share = max(UNKNOWN_SHARE if one is None else (one.sd or 0.0) / one.value for one in known)
+    return _stated(case, "psi_R") * rise * share
 
 
 def _growing_friction(case: Case, found: Sequence[Extraction]) -> tuple[Case, Extraction] | None:

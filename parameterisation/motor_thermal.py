@@ -49,10 +49,8 @@ def motor_thermal(
             if np.isfinite(rise).sum() < 10 or np.nanmax(rise) < LEAST_RISE_K:
                 continue
             speed = np.zeros(rows.time_s.size) if rows.speed_rad_s is None else np.nan_to_num(rows.speed_rad_s)
-            hot = T_0 if rows.winding_degC is None else np.where(np.isfinite(rows.winding_degC), rows.winding_degC, T_0)
-            power = np.nan_to_num(rows.current_A) ** 2 * R * (1.0 + psi_R * (hot - T_0)) + np.abs(speed) * friction(
-                speed
-            )
+            warm_R = R * (1.0 + psi_R * (rows.hot_degC(T_0) - T_0))
+            power = np.nan_to_num(rows.current_A) ** 2 * warm_R + np.abs(speed) * friction(speed)
             parts.append((rows, rise, power))
         if not parts:
             continue

@@ -10,6 +10,8 @@ import dataclasses
 import math
 from collections.abc import Callable
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxmodel import Case, Known, Run
@@ -119,7 +121,8 @@ def _cell_case(case: Case, n_series: float) -> Case | None:
         overrides = {name: value for name, value in run.overrides.items() if name not in AGE}
         runs.append(dataclasses.replace(run, measured=Measured(time_s, inputs, read), overrides=overrides))
     kept = {name: value for name, value in case.parameters.items() if name not in (*AGE, *SCALES)}
-    left = float(storage_factor(_number(case, "storage_months"), _number(case, "storage_temperature_degC")))
+    storage = (jnp.asarray(_number(case, name)) for name in ("storage_months", "storage_temperature_degC"))
+    left = float(storage_factor(*storage))
     stated = case.parameters.get("capacity_Ah", Known(_number(case, "capacity_Ah"), 0.1 * _number(case, "capacity_Ah")))
     kept["capacity_Ah"] = Known(left * stated.value, None if stated.sd is None else left * stated.sd)
     return _part(dataclasses.replace(case, parameters=kept), "cell", runs)
@@ -132,10 +135,9 @@ def _motor_case(case: Case) -> Case | None:
         inputs, outputs, time_s = run.measured.inputs, run.measured.outputs, run.measured.time_s
         if not _read(run, "pack_voltage_V") or not (_read(run, "motor_current_A") or _read(run, "speed_rad_s")):
             continue
-        load = np.broadcast_to(np.asarray(load_torque(case_model(case, run).parameters, dict(inputs))), time_s.shape)
         new = {
             "voltage_V": _duty(run) * _filled(time_s, outputs["pack_voltage_V"]),
-            "load_torque_Nm": np.array(load, dtype=float),
+            "load_torque_Nm": _by_row(load_torque, case, run),
             "ambient_degC": inputs["ambient_degC"],
         }
         names = ("speed_rad_s", "winding_temperature_degC", "case_temperature_degC")
@@ -153,6 +155,13 @@ def _read(run: Run, name: str) -> bool:
 def _filled(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
     there = np.isfinite(values)
     return np.interp(time_s, time_s[there], values[there])
+
+
+def _by_row(relation: Callable, case: Case, run: Run) -> np.ndarray:
+    """Return a relation of parameters and inputs for each row of a run, shape (rows,)."""
+    parameters = case_model(case, run).parameters
+    inputs = {name: jnp.asarray(values) for name, values in run.measured.inputs.items()}
+    return np.array(jax.vmap(lambda row: relation(parameters, row))(inputs))
 
 
 def _duty(run: Run) -> np.ndarray:
@@ -174,7 +183,7 @@ def _onboard(case: Case) -> Extraction:
         outputs = run.measured.outputs
         if run.split != "fit" or not (_read(run, "pack_current_A") and _read(run, "motor_current_A")):
             continue
-        limbs = np.asarray(accessory_draw(case_model(case, run).parameters, dict(run.measured.inputs)))
+        limbs = _by_row(accessory_draw, case, run)
         motors = _number(case, "n_motors") * _duty(run) * outputs["motor_current_A"]
         left = outputs["pack_current_A"] - motors - limbs
         values.append(left[np.isfinite(left)])
@@ -225,7 +234,9 @@ def _run(run: Run, parts: dict[str, Parameterisation], replaced: set[str]) -> Ru
     overrides = {name: value for name, value in run.overrides.items() if name not in replaced.intersection(AGE)}
     for part in parts.values():
         overrides |= next((one.overrides for one in part.case.runs if one.name == run.name), {})
-    run = dataclasses.replace(run, overrides={k: v for k, v in overrides.items() if k not in replaced.intersection(AGE)})
+    run = dataclasses.replace(
+        run, overrides={k: v for k, v in overrides.items() if k not in replaced.intersection(AGE)}
+    )
     cells = parts["cells"].case.runs if "cells" in parts else ()
     for one in cells:
         if one.name == run.name:

@@ -17,7 +17,9 @@ from workbench.cli import app
 @pytest.fixture(scope="module")
 def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
-    made.raw_cell(made.measured({"pulses": made.pulses(25.0), "drive": made.drive(25.0)}), check=["drive"]).write(folder)
+    made.raw_cell(made.measured({"pulses": made.pulses(25.0), "drive": made.drive(25.0)}), check=["drive"]).write(
+        folder
+    )
     return folder
 
 
