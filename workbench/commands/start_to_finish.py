@@ -44,7 +44,9 @@ def start_to_finish(files: Sequence[Path], kind: str, out: Path, *, again: bool 
             logs = files_of(files, case)
             work = lambda: import_files(files, kind, case, **decisions)  # noqa: E731
             stages.do("import", logs, {"kind": kind, **decisions}, case / "case.toml", work)
-        stages.do("parameterise", _files_of(case), {}, better / "case.toml", lambda: parameterise_case(case, better, []))
+        stages.do(
+            "parameterise", _files_of(case), {}, better / "case.toml", lambda: parameterise_case(case, better, [])
+        )
         stages.do("diagnose", _files_of(better), {}, answer, lambda: diagnose_all([better], out / DIAGNOSIS, []))
     except KeyboardInterrupt:
         terminal.say("The same command goes on with the stage that was stopped.")
