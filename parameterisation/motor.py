@@ -147,7 +147,7 @@ def _refined(case: Case, found: list[Extraction], follows: bool) -> tuple[Case, 
 
 
 def _unseen_heat(case: Case) -> float:
-    """Return the relative sd of R_0 where no thermometer tells how warm the winding was: psi_R times the sd of its rise."""
+    """Return the relative sd of R_0 where no thermometer is in the winding: psi_R times the sd of its rise."""
     fitted = [run for run in case.runs if run.split == "fit"]
     if any("winding_temperature_degC" in run.measured.outputs for run in fitted):
         return 0.0

@@ -42,7 +42,7 @@ def electrical(runs: Sequence[MotorRows], psi_R: float, T_0: float) -> tuple[lis
         at = rows.read
         columns = {"time_s": rows.time_s, "current_A": rows.current_A, "speed_rad_s": rows.speed_rad_s}
         columns["voltage_V"] = rows.voltage_V
-        columns["warm_current_A"] = rows.current_A * (1.0 + psi_R * (rows.hot_degC(T_0) - T_0))
+        columns["warm_current_A"] = np.asarray(rows.current_A) * (1.0 + psi_R * (rows.hot_degC(T_0) - T_0))
         tables.append(pd.DataFrame({"run": rows.name, **{name: one[at] for name, one in columns.items()}}))
     table = pd.concat(tables, ignore_index=True)
     matrix = table[["warm_current_A", "speed_rad_s"]].to_numpy()

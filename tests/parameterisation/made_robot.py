@@ -27,7 +27,7 @@ NOISE = {
 }
 
 
-def drive(seed: int, rows: int = 1500, incline: bool = False) -> pd.DataFrame:
+def drive(seed: int, rows: int = 900, incline: bool = False) -> pd.DataFrame:
     """Random duty and load for 15 to 45 s each, with pauses; 1 s rows, 20 degC."""
     rng = np.random.default_rng(seed)
     blocks = [(60, 0.0, 0.0)]

@@ -20,8 +20,11 @@ SIGMAS = 4.0
 
 @pytest.fixture(scope="module")
 def found() -> Parameterisation:
-    frames = {"one": made_robot.drive(0), "slope": made_robot.drive(1, incline=True), "check": made_robot.drive(2)}
-    return parameterise(made_robot.robot(frames, check=["check"]))
+    frames = {"one": made_robot.drive(0), "slope": made_robot.drive(1, incline=True), "check": made_robot.drive(2, 600)}
+    case = made_robot.robot(frames, check=["check"])
+    for values in case.runs[0].measured.outputs.values():
+        values[100:110] = np.nan  # a gap is no reading
+    return parameterise(case)
 
 
 @pytest.mark.parametrize("name", ["R_0", "k_tau", "tau_0", "R_wc", "R_ca", "onboard_current_A"])
@@ -40,7 +43,7 @@ def test_cells_are_those_of_today(found: Parameterisation) -> None:
         storage_factor(*(jnp.asarray(EXACT[n], float) for n in ("storage_months", "storage_temperature_degC")))
     )
     assert parameters["capacity_Ah"].value == pytest.approx(left * TRUE["capacity_Ah"], rel=0.03)
-    series = found["R_ints at SOC 0.5, 20 degC"]
+    series = found["R_ints at SOC 0.9, 20 degC"]
     assert series.value > float(cycle_resistance(jnp.asarray(EXACT["cycles"], float)))  # the age is in the resistance
     assert any("hold their age" in remark for remark in found.remarks)
 
@@ -78,19 +81,11 @@ def test_a_robot_without_a_motors_current_gives_its_cells_and_no_draw() -> None:
 
 def test_a_robot_without_a_packs_current_gives_its_motors() -> None:
     readings = ("pack_voltage_V", "motor_current_A", "speed_rad_s")
-    found = parameterise(made_robot.robot({"one": made_robot.drive(0, 600)}, readings))
+    found = parameterise(made_robot.robot({"one": made_robot.drive(0, 400)}, readings))
     assert abs(found["R_0"].value - TRUE["R_0"]) < SIGMAS * found["R_0"].sd
     assert "pack current" in found["cells"].test
     assert found.case.parameters["cycles"].value == EXACT["cycles"]
     assert not found.case.tables
-
-
-def test_gaps_in_the_readings_are_no_readings() -> None:
-    case = made_robot.robot({"one": made_robot.drive(0, 600)})
-    outputs = case.runs[0].measured.outputs
-    for values in outputs.values():
-        values[100:110] = np.nan
-    assert abs(parameterise(case)["k_tau"].value - TRUE["k_tau"]) < 0.01 * TRUE["k_tau"]
 
 
 def test_a_robot_with_neither_is_refused_in_one_sentence() -> None:

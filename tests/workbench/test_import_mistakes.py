@@ -26,7 +26,10 @@ NO_LOGS: dict[str, tuple[bytes, str]] = {
     "one_column.csv": (b"voltage_V\n" + b"4.0\n3.9\n" * 20, "one column of numbers"),
     "one_row.csv": ((HEADER + "0,0,4.1\n").encode(), "fewer than two rows"),
     "two_rows.csv": ((HEADER + "0,0,4.1\n10,1,4.0\n").encode(), "--sign"),
-    "letter.txt": ("Sehr geehrte Frau Müller,\ndas Gerät ist defekt\nund kommt zurück.\n".encode("latin-1"), "no rows of numbers"),
+    "letter.txt": (
+        "Sehr geehrte Frau Müller,\ndas Gerät ist defekt\nund kommt zurück.\n".encode("latin-1"),
+        "no rows of numbers",
+    ),
     "no_current.csv": (b"time_s,voltage_V\n" + b"".join(b"%d,4.0\n" % n for n in range(30)), "current_A"),
     "missing.csv": (b"", "There is no file"),
 }

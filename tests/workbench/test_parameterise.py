@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
 from jaxmodel import read_case
+from jaxmodel.known import scalars, tables
+from jaxmodel.presets import PresetForm
 from tests.parameterisation import made
 from tests.workbench.conftest import Run
 from workbench.cli import app
@@ -59,6 +63,34 @@ def test_tables_alone_are_written_without_pictures(run: Run, case: Path, tmp_pat
     assert (tmp_path / "extractions.csv").is_file()
     assert not list(tmp_path.glob("*.png"))
     assert not (tmp_path / "report.html").exists()
+
+
+def test_a_preset_holds_the_numbers_their_sources_and_the_errors_held_out(run: Run, case: Path, tmp_path: Path) -> None:
+    options = ("--preset", "my_cell", "--data", "bench 7", "--licence", "CC0")
+    result = run("parameterise", case, "--answer-only", *options, "--out", tmp_path)
+    assert result.exit_code == 0, result.stderr
+    form = PresetForm.model_validate(tomllib.loads((tmp_path / "my_cell.toml").read_text()))
+    assert (form.data, form.licence, form.kinds) == ("bench 7", "CC0", ["cell", "robot"])
+    written = read_case(tmp_path)
+    parameters = scalars(form.parameters.model_extra or {}, "my_cell")
+    assert {name: one.value for name, one in parameters.items()} == {
+        name: one.value for name, one in written.parameters.items()
+    }
+    np.testing.assert_array_equal(tables(form.parameters)["ocv"].values, written.tables["ocv"].values)
+    errors = pd.read_csv(tmp_path / "errors.csv").set_index("run")
+    assert [(one.run, one.column) for one in form.held_out] == [("drive", "voltage_V")]
+    assert form.held_out[0].rms == pytest.approx(errors.loc["drive", "rms"], rel=0.01)
+    text = (tmp_path / "my_cell.toml").read_text()
+    assert "joint refit of all curves of pulses" in text
+    assert "# not identified: activation energies" in text
+
+
+@pytest.mark.parametrize(("name", "says"), [("My Cell", "is no name"), ("../cell", "is no name")])
+def test_a_name_that_no_preset_can_have_is_refused_before_the_work(run: Run, case: Path, tmp_path: Path, name, says):
+    result = run("parameterise", case, "--preset", name, "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert says in result.stderr
+    assert not (tmp_path / "out").exists()
 
 
 def test_measurements_are_not_written_over(run: Run, case: Path) -> None:

@@ -1,4 +1,4 @@
-"""`jaxmodel start`: three stages, each done once, and repeated where it was stopped or what it was made from changed."""
+"""`jaxmodel start`: three stages, each done once, and repeated where it was stopped or its files changed."""
 
 from __future__ import annotations
 

@@ -47,7 +47,10 @@ def test_time_stamps_and_empty_cells_of_a_spreadsheet(tmp_path: Path):
 
 def ods(rows: list[list[object]]) -> bytes:
     """An OpenDocument spreadsheet with one sheet, as an office program packs it."""
-    office, sheet = "urn:oasis:names:tc:opendocument:xmlns:office:1.0", "urn:oasis:names:tc:opendocument:xmlns:table:1.0"
+    office, sheet = (
+        "urn:oasis:names:tc:opendocument:xmlns:office:1.0",
+        "urn:oasis:names:tc:opendocument:xmlns:table:1.0",
+    )
     text = "urn:oasis:names:tc:opendocument:xmlns:text:1.0"
 
     def cell(value: object) -> str:
@@ -55,7 +58,9 @@ def ods(rows: list[list[object]]) -> bytes:
             return "<table:table-cell/>"
         if isinstance(value, str):
             return f'<table:table-cell office:value-type="string"><text:p>{value}</text:p></table:table-cell>'
-        return f'<table:table-cell office:value-type="float" office:value="{value}"><text:p>x</text:p></table:table-cell>'
+        return (
+            f'<table:table-cell office:value-type="float" office:value="{value}"><text:p>x</text:p></table:table-cell>'
+        )
 
     body = "".join(f"<table:table-row>{''.join(map(cell, row))}</table:table-row>" for row in rows)
     content = (
