@@ -146,6 +146,12 @@ def _log(table: RawTable, chosen: Mapping[str, Role], units: Mapping[str, str], 
             continue
         columns[target] = values
         found += _about(role, units.get(role.column, ""), where)
+        if role.column in table.repeated:
+            sentence = (
+                f"{where}: several columns are called '{role.column}'; the first is taken as {target}. The next is "
+                f'--column {target}="{role.column} 2".'
+            )
+            found.append(Finding("repeated name", where, sentence, "warning", target))
     discharged = None
     if role := chosen.get("discharged_Ah"):
         discharged = _converted(table, role, units.get(role.column, ""), "A h", where, [])

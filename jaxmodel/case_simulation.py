@@ -128,6 +128,8 @@ def simulate_case(
     models = [case_model(case, run, fidelity=fidelity) for run in case.runs]
     profiles = [run_profile(run) for run in case.runs]
     steps = max(track(m, p).duration_s.shape[0] for m, p in zip(models, profiles, strict=True))
+    if case.kind != "cell":
+        steps = _rounded_up(steps)  # a motor's steps depend on its parameters: else each change of them would compile
     rows = max(profile.time_s.size for profile in profiles)
     cutoff = Cutoff(**case.cutoff) if case.cutoff else None
     outcomes = []
@@ -141,6 +143,12 @@ def simulate_case(
         ran = run_track(model, padded, jnp.asarray(np.pad(profile.time_s, (0, missing), mode="edge")), cutoff)
         outcomes.append(_outcome(case.kind, run, ran, profile.time_s.size))
     return CaseSimulation(case, tuple(outcomes))
+
+
+def _rounded_up(count: int) -> int:
+    """Return a number to four binary digits, rounded up."""
+    size = 1 << max(count.bit_length() - 4, 0)
+    return -(-count // size) * size
 
 
 def _outcome(kind: str, run: Run, ran: Trajectory, rows: int) -> SimulatedRun:

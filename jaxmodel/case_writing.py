@@ -28,7 +28,7 @@ def write_case(case: Case, path: Path, comments: list[str] | None = None) -> Non
     files = [run.source or _write_csv(run, path.parent / f"{_file_name(run.name)}.csv") for run in case.runs]
     content: dict[str, Any] = {"title": case.title, "kind": case.kind, "preset": case.preset}
     content["parameters"] = {name: _known(known) for name, known in case.parameters.items()}
-    content["parameters"] |= {name: _table(name, table) for name, table in case.tables.items()}
+    content["parameters"] |= {name: table_entry(name, table) for name, table in case.tables.items()}
     content["effects"] = {name: _effect(values, case.effect_sd.get(name, {})) for name, values in case.effects.items()}
     content |= {"sensors": case.sensors, "tolerance": _tolerances(case.tolerance), "cutoff": case.cutoff}
     content = {name: entry for name, entry in content.items() if entry or name in ("title", "parameters")}
@@ -90,7 +90,8 @@ def _tolerances(tolerances: Mapping[str, Tolerance]) -> dict[str, Any]:
     return {name: one.rms if one.max is None else {"rms": one.rms, "max": one.max} for name, one in tolerances.items()}
 
 
-def _table(name: str, table: Table) -> dict[str, Any]:
+def table_entry(name: str, table: Table) -> dict[str, Any]:
+    """Return a table as `[parameters]` holds it."""
     entry: dict[str, Any] = {"soc": table.soc.tolist()}
     if table.temperature_degC is not None:
         entry["temperature_degC"] = table.temperature_degC.tolist()

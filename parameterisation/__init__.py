@@ -11,6 +11,7 @@ What `__all__` lists is the public API; the modules behind it may change.
 """
 
 from parameterisation.parameterise import parameterise
+from parameterisation.preset import write_preset
 from parameterisation.result import Extraction, Parameterisation
 
-__all__ = ["Extraction", "Parameterisation", "parameterise"]
+__all__ = ["Extraction", "Parameterisation", "parameterise", "write_preset"]

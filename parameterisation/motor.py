@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pandas as pd
 
-from jaxmodel import Case, Known
+from jaxmodel import Case, Known, simulate_case
 from jaxmodel.cases import with_preset
 from jaxmodel.errors import FitError
 from jaxmodel.parameters import info
@@ -39,8 +39,11 @@ TESTS = {
 SPEED_TERMS = {"b": ("viscous_friction", "b", "N m s/rad"), "c": ("windage", "c", "N m s2/rad2")}
 PLACES = {"viscous friction b": ("viscous_friction", "b"), "windage c": ("windage", "c")}
 PLACES |= {"torque of constant sign": ("torque_offset", "c")}
-PLACES |= {name: ("", name) for name in ("R_0", "k_tau", "tau_0", "J")}
+PLACES |= {name: ("", name) for name in ("R_0", "k_tau", "tau_0", "J", "L_a")}
 GAINED = 0.98  # of the error
+UNKNOWN_SHARE = 0.5  # relative sd of a thermal resistance that neither case nor data tell. Assumed.
+LAG_ROWS = 4.0  # first value of the lag, in rows
+LAGGING = "lag L_a / R_0 between voltage and torque: inductance, or a filter of drive or sensor"
 READINGS = {"current_A": "A", "speed_rad_s": "rad/s", "winding_temperature_degC": "K", "case_temperature_degC": "K"}
 
 
@@ -64,14 +67,12 @@ def parameterise_motor(case: Case, progress: Callable[[str], None] | None = None
     stated = with_preset(case).parameters
     exact = {name: known for name, known in case.parameters.items() if known.sd is None}
     tell("winding and torque constant")
-    found, volts = electrical(runs)
+    found, volts = electrical(runs, _stated(case, "psi_R"), _stated(case, "T_0"))
     found = [one for one in found if one.name not in exact]
     numbers = {one.name: one.value for one in found}
 
     def value(name: str) -> float:
-        if name in numbers:
-            return numbers[name]
-        return stated[name].value if name in stated else float(info(name).default)
+        return numbers[name] if name in numbers else _stated(case, name)
 
     if "k_tau" not in numbers and "k_tau" not in exact and (seen := _speed_constant(runs)):
         found.append(seen)
@@ -87,7 +88,9 @@ def parameterise_motor(case: Case, progress: Callable[[str], None] | None = None
         size = np.abs(speed)
         return terms.get("tau_0", 0.0) + terms.get("b", 0.0) * size + terms.get("c", 0.0) * size**2
 
-    heat, warmed = motor_thermal(runs, value("R_0"), value("psi_R"), value("T_0"), friction)
+    heat, warmed = motor_thermal(
+        runs, value("R_0"), value("psi_R"), value("T_0"), friction, {name: known.value for name, known in exact.items()}
+    )
     found += [one for one in heat if one.name not in exact]
     noise = [one for column, unit in READINGS.items() if (one := sensor_noise(fitted, column, unit))]
     found += noise
@@ -96,30 +99,42 @@ def parameterise_motor(case: Case, progress: Callable[[str], None] | None = None
     points = {"electrical": volts, "friction": turning.points if turning else pd.DataFrame(), "thermal": warmed}
     points = {name: table for name, table in points.items() if len(table)}
     tell("output error of the forward model")
-    said, found = _refined(_case(case, found, turning, noise), found)
+    said, found = _refined(_case(case, found, turning, noise), found, any(rows.follows for rows in runs))
     return Parameterisation(said, tuple(found), points, _remarks(turning))
 
 
-def _refined(case: Case, found: list[Extraction]) -> tuple[Case, list[Extraction]]:
+def _refined(case: Case, found: list[Extraction], follows: bool) -> tuple[Case, list[Extraction]]:
     """Return the case and the extractions after the fit of the forward model to current and speed.
 
-    Derivatives of a coarse log hide a friction that grows with speed: where there is none yet, the forward model is
-    fitted with one too, and keeps it if that lowers the error to `GAINED`.
+    Derivatives of a coarse log hide a friction that grows with speed, and show no lag between voltage and torque. The
+    forward model is fitted with each of them too, and keeps one while it lowers the error to `GAINED`.
+
+    Args:
+        case: with first values.
+        found: so far.
+        follows: whether the rows show accelerations.
     """
     names = _places(case, found)
     better = refine(case, names)
     if better is None:
         return case, found
-    if "viscous_friction" not in case.effects and "tau_0" in case.parameters:
-        fastest = max(float(np.nanmax(np.abs(r.measured.outputs.get("speed_rad_s", np.ones(1))))) for r in case.runs)
-        more = dict(case.effects) | {"viscous_friction": {"b": 0.1 * case.parameters["tau_0"].value / fastest}}
-        wider = dataclasses.replace(case, effects=more)
-        with_b = names | {"viscous friction b": PLACES["viscous friction b"]}
-        again = refine(wider, with_b)
-        if again is not None and again.after < GAINED * better.after:
-            runs, unit = found[0].runs, SPEED_TERMS["b"][2]
-            term = Extraction("viscous friction b", 0.0, 0.0, unit, runs, "current and speed", "friction over speed")
-            case, names, better, found = wider, with_b, again, [*found, term]
+    further = [one for one in (_growing_friction(case, found), _lag(case, found) if follows else None) if one]
+    while further:
+        tried = []
+        for wider, term in further:
+            more = dataclasses.replace(case, parameters=case.parameters | wider.parameters, effects=wider.effects)
+            again = refine(more, names | {term.name: PLACES[term.name]})
+            if again is not None:
+                tried.append((again.after, more, again, term))
+        best = min(tried, key=lambda one: one[0], default=None)
+        if best is None or best[0] >= GAINED * better.after:
+            break
+        _, case, better, term = best
+        names, found = names | {term.name: PLACES[term.name]}, [one for one in found if one.name != term.name] + [term]
+        further = [one for one in (_growing_friction(case, found), _lag(case, found) if follows else None) if one]
+    if "R_0" in names:
+        unseen = better.values["R_0"] * _unseen_heat(refined_case(case, names, better))
+        better = dataclasses.replace(better, sd=better.sd | {"R_0": math.hypot(better.sd["R_0"], unseen)})
     said = []
     for one in found:
         if one.name in names:
@@ -131,6 +146,47 @@ def _refined(case: Case, found: list[Extraction]) -> tuple[Case, list[Extraction
     return refined_case(case, names, better), said
 
 
+def _unseen_heat(case: Case) -> float:
+    """Return the relative sd of R_0 where no thermometer is in the winding: psi_R times the sd of its rise."""
+    fitted = [run for run in case.runs if run.split == "fit"]
+    if any("winding_temperature_degC" in run.measured.outputs for run in fitted):
+        return 0.0
+    rises = [
+        one.table["winding_temperature_degC"].to_numpy() - one.run.measured.inputs["ambient_degC"]
+        for one in simulate_case(dataclasses.replace(case, runs=tuple(fitted)))
+    ]
+    rise = float(np.nanmean(np.abs(np.concatenate(rises))))
+    known = [case.parameters.get(name) for name in ("R_wc", "R_ca")]
+    share = max(UNKNOWN_SHARE if one is None else (one.sd or 0.0) / one.value for one in known)
+    return _stated(case, "psi_R") * rise * share
+
+
+def _growing_friction(case: Case, found: Sequence[Extraction]) -> tuple[Case, Extraction] | None:
+    """Return the case with a little viscous friction to be refined; None where it has some."""
+    if "viscous_friction" in case.effects or "tau_0" not in case.parameters:
+        return None
+    fastest = max(float(np.nanmax(np.abs(r.measured.outputs.get("speed_rad_s", np.ones(1))))) for r in case.runs)
+    more = dict(case.effects) | {"viscous_friction": {"b": 0.1 * case.parameters["tau_0"].value / fastest}}
+    term = Extraction(
+        "viscous friction b", 0.0, 0.0, SPEED_TERMS["b"][2], found[0].runs, "current and speed", "friction over speed"
+    )
+    return dataclasses.replace(case, effects=more), term
+
+
+def _lag(case: Case, found: Sequence[Extraction]) -> tuple[Case, Extraction] | None:
+    """Return the case with an inductance that lags by some rows, to be refined.
+
+    None where the case states one, it is found already, or no run is driven by its voltage.
+    """
+    driven = [run for run in case.runs if run.split == "fit" and "voltage_V" in run.measured.inputs]
+    if any(one.name == "L_a" and one.found for one in found) or "L_a" in case.parameters or not driven:
+        return None
+    seconds = LAG_ROWS * float(np.median(np.concatenate([np.diff(run.measured.time_s) for run in driven])))
+    first = seconds * _stated(case, "R_0")
+    term = Extraction("L_a", first, 0.0, "H", tuple(run.name for run in driven), "current and speed", LAGGING)
+    return dataclasses.replace(case, parameters=case.parameters | {"L_a": Known(first, first)}), term
+
+
 def _places(case: Case, found: Sequence[Extraction]) -> dict[str, tuple[str, str]]:
     """Return the effect and field of each number that the forward model refines."""
     return {
@@ -138,6 +194,12 @@ def _places(case: Case, found: Sequence[Extraction]) -> dict[str, tuple[str, str
         for one in found
         if one.found and one.name in PLACES and (PLACES[one.name][0] in case.effects or one.name in case.parameters)
     }
+
+
+def _stated(case: Case, name: str) -> float:
+    """Return a number that the case or its preset states, else the default."""
+    stated = with_preset(case).parameters
+    return stated[name].value if name in stated else float(info(name).default)
 
 
 def _speed_constant(runs: Sequence[MotorRows]) -> Extraction | None:

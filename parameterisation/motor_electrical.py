@@ -1,4 +1,7 @@
-"""Winding resistance and torque constant: V = R i + k w by least squares (eq. 11, at rest of the current)."""
+"""Winding resistance and torque constant: V = R_0 (1 + psi_R (T_w - T_0)) i + k w by least squares.
+
+This is eq. 11 at rest of the current; without a thermometer in the winding, T_w is T_0.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +19,15 @@ from parameterisation.smoothing import inflation_of
 LOCKED = "A locked rotor, or a heavy load, would give R; a run at no load would give k_tau."
 
 
-def electrical(runs: Sequence[MotorRows]) -> tuple[list[Extraction], pd.DataFrame]:
+def electrical(runs: Sequence[MotorRows], psi_R: float, T_0: float) -> tuple[list[Extraction], pd.DataFrame]:
     """Return R_0 and k_tau, where voltage, current and speed were measured, and the readings with the fit.
 
     Robust least squares (Huber) over all rows; sd by the number of independent readings.
 
     Args:
         runs: of one motor.
+        psi_R: temperature coefficient of the winding [1/K].
+        T_0: its reference temperature [degC].
 
     Returns:
         Extractions (none where a column is missing everywhere), and run, time_s, current_A, speed_rad_s, voltage_V,
@@ -37,9 +42,10 @@ def electrical(runs: Sequence[MotorRows]) -> tuple[list[Extraction], pd.DataFram
         at = rows.read
         columns = {"time_s": rows.time_s, "current_A": rows.current_A, "speed_rad_s": rows.speed_rad_s}
         columns["voltage_V"] = rows.voltage_V
+        columns["warm_current_A"] = np.asarray(rows.current_A) * (1.0 + psi_R * (rows.hot_degC(T_0) - T_0))
         tables.append(pd.DataFrame({"run": rows.name, **{name: one[at] for name, one in columns.items()}}))
     table = pd.concat(tables, ignore_index=True)
-    matrix = table[["current_A", "speed_rad_s"]].to_numpy()
+    matrix = table[["warm_current_A", "speed_rad_s"]].to_numpy()
     both = (
         np.all(np.ptp(matrix, axis=0) > 1e-9)
         or np.linalg.matrix_rank(matrix / (np.abs(matrix).max(axis=0) + 1e-30)) == 2

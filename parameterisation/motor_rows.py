@@ -59,6 +59,12 @@ class MotorRows:
             return np.ones(self.time_s.size, dtype=bool)
         return np.abs(self.speed_rad_s) > STILL_SHARE * np.nanmax(np.abs(self.speed_rad_s))
 
+    def hot_degC(self, otherwise: float) -> np.ndarray:
+        """Return the temperature of the winding [degC], another one where it was not read."""
+        if self.winding_degC is None:
+            return np.full(self.time_s.size, otherwise)
+        return np.where(np.isfinite(self.winding_degC), self.winding_degC, otherwise)
+
 
 def motor_rows(run: Run) -> MotorRows:
     """Return the arrays of a run."""

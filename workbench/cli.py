@@ -226,12 +226,20 @@ def identify(
 
 @app.command(epilog="Example: jaxmodel parameterise CASE --out parameterised")
 def parameterise(
-    case: CasePath, out: Out = Path("parameterised"), effect: Effects = None, answer_only: AnswerOnly = False
+    case: CasePath,
+    out: Out = Path("parameterised"),
+    effect: Effects = None,
+    answer_only: AnswerOnly = False,
+    preset: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Write NAME.toml too, a preset.", show_default=False)
+    ] = None,
+    data: Annotated[str, typer.Option(help="For --preset: where the measurements are from.")] = "not stated",
+    licence: Annotated[str, typer.Option(help="For --preset: of the measurements.")] = "none stated",
 ) -> None:
     """Extract first parameters with their sd from the fit runs of a case, and write the case that holds them."""
     from workbench.commands.parameterise import parameterise_case
 
-    parameterise_case(case, out, effect or [], answer_only=answer_only)
+    parameterise_case(case, out, effect or [], answer_only=answer_only, preset=preset, data=data, licence=licence)
 
 
 @app.command(epilog="Example: jaxmodel compare examples/samsung_30q --out results")

@@ -43,6 +43,8 @@ class OneSentence(typer.core.TyperGroup):
             if isinstance(error, UserError):
                 return _mistake(str(error))
             raise
+        if code == _STOPPED:  # so typer says that Ctrl-C was pressed
+            _mistake("Stopped.")
         return code if isinstance(code, int) else 0
 
 

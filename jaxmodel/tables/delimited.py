@@ -16,7 +16,7 @@ import pandas as pd
 from jaxmodel.errors import MeasurementError
 from jaxmodel.measurements import file_label
 from jaxmodel.run_csv import worth_threads
-from jaxmodel.tables.raw_table import RawTable, to_numbers, unique_names, units_in
+from jaxmodel.tables.raw_table import RawTable, repeated_names, to_numbers, unique_names, units_in
 from jaxmodel.tables.sniffing import MISSING, Layout, layout_of
 
 Keep = Callable[[Sequence[str]], Sequence[str]]
@@ -66,7 +66,15 @@ def read_delimited(
     left_out = tuple(name for name in names if name not in wanted)
     remarks = [_form(layout), *remarks]
     return RawTable(
-        frame, units, path, "text", tuple(remarks), layout.first_line + 1, left_out=left_out, losses=(*losses, *more)
+        frame,
+        units,
+        path,
+        "text",
+        tuple(remarks),
+        layout.first_line + 1,
+        left_out=left_out,
+        losses=(*losses, *more),
+        repeated=repeated_names(layout.names),
     )
 
 

@@ -29,6 +29,7 @@ class RawTable:
         first_line: line (or row) of the file on which the first row of the table stands, counted from 1.
         current_positive_on: what the format fixes for the sign of the current; None where it fixes nothing.
         left_out: columns of the file that were not read.
+        repeated: names that several columns have; the second is called 'name 2'.
     """
 
     frame: pd.DataFrame
@@ -40,6 +41,7 @@ class RawTable:
     current_positive_on: Literal["charge", "discharge"] | None = None
     left_out: tuple[str, ...] = ()
     losses: tuple[str, ...] = ()
+    repeated: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
@@ -82,3 +84,9 @@ def unique_names(names: Iterable[str]) -> list[str]:
             candidate = f"{name} {count}"
         result.append(candidate)
     return result
+
+
+def repeated_names(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the names that stand more than once among those of columns."""
+    seen = [" ".join(str(name).split()) for name in names]
+    return tuple(dict.fromkeys(name for name in seen if name and seen.count(name) > 1))

@@ -58,6 +58,8 @@ def read_table(
         MeasurementError: the file is not there, is damaged or not a table, or its package is not installed.
     """
     path = Path(path)
+    if path.is_dir():
+        raise MeasurementError(f"{file_label(path)} is a folder; name the files in it.")
     if not path.is_file():
         raise MeasurementError(f"There is no file {file_label(path)}; check its name.")
     keep = _keeper(columns, path)

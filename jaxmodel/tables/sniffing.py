@@ -15,6 +15,7 @@ from jaxmodel.tables.units import spelled
 
 _SAMPLE_BYTES = 4 << 20
 _ENOUGH_LINES = 400
+_HEADER_LINES = 2  # names, and units
 _DELIMITERS = ("\t", ";", ",", "|")
 _BYTE_ORDER_MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -25,6 +26,14 @@ _BYTE_ORDER_MARKS = (
 )
 # Encodings of benches' computers; the detector guesses exotic ones for a lone degree sign.
 _ENCODINGS = ["cp1252", "gb18030", "shift_jis", "cp1251", "euc_kr", "big5"]
+# Time, current, voltage: words that tell an encoding where a line or two of it are too short for statistics.
+_WORDS_IN = {
+    "gb18030": ("时间", "电流", "电压"),
+    "shift_jis": ("時間", "電流", "電圧"),
+    "euc_kr": ("시간", "전류", "전압"),
+    "big5": ("時間", "電流", "電壓"),
+    "cp1251": ("время", "ток", "напряжение"),
+}
 MISSING = ("", "nan", "NaN", "NAN", "na", "NA", "n/a", "N/A", "#N/A", "null", "NULL", "None", "-", "--", "---")
 
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$")
@@ -91,10 +100,28 @@ def encoding_of(path: Path) -> str:
     import charset_normalizer
 
     lines = b"\n".join(line for line in head[: 1 << 18].splitlines() if any(byte > 127 for byte in line))
+    for name, words in _WORDS_IN.items():
+        text = lines.decode(name, errors="replace").lower()
+        if sum(word in text for word in words) > 1:
+            return name
     best = charset_normalizer.from_bytes(lines[:20_000], cp_isolation=_ENCODINGS, threshold=0.9).best()
     # A degree or micro sign by itself is also half of a character of the east.
     alone = re.search(rb"[\x00-\x7f][\xb0\xb5\xb2\xb3\xba][\x00-\x7f]", lines) is not None
     return "cp1252" if best is None or alone else best.encoding
+
+
+def _no_table(path: Path, lines: Sequence[str]) -> str:
+    """Return why a text holds no table, in one sentence."""
+    filled = [line.strip() for line in lines if line.strip()]
+    numbers = [line for line in filled if _NUMBER.match(line)]
+    if len(numbers) > 1 and len(numbers) >= len(filled) - _HEADER_LINES:
+        return f"{file_label(path)} has one column of numbers; a log has a time and its readings in one row."
+    if len(filled) <= _HEADER_LINES and any(mark in line for line in filled for mark in _DELIMITERS):
+        return f"{file_label(path)} has names of columns and no rows; export the measurement again."
+    return (
+        f"{file_label(path)} has no rows of numbers in its first {len(lines):,} lines; give a table with one row of "
+        "readings per line."
+    )
 
 
 def layout_of(path: Path, encoding: str | None = None, delimiter: str | None = None) -> Layout:
@@ -124,11 +151,7 @@ def layout_of(path: Path, encoding: str | None = None, delimiter: str | None = N
             best = (score, candidate, start, count)
     score, found, start, count = best
     if score <= 0.0:
-        raise MeasurementError(
-            f"{file_label(path)} has no rows of numbers in its first {len(lines):,} lines; give a table "
-            "with one row of "
-            "readings per line."
-        )
+        raise MeasurementError(_no_table(path, lines))
     rows = [split(line, found) for line in lines[start : start + _ENOUGH_LINES] if line.strip()]
     rows = [row for row in rows if len(row) == count]
     decimal, thousands = _marks([field for row in rows for field in row], found)

@@ -11,7 +11,7 @@ import pandas as pd
 
 from jaxmodel.errors import MeasurementError, nearest
 from jaxmodel.measurements import file_label
-from jaxmodel.tables.raw_table import RawTable, to_numbers, unique_names, units_in
+from jaxmodel.tables.raw_table import RawTable, repeated_names, to_numbers, unique_names, units_in
 from jaxmodel.tables.units import spelled
 
 _SEARCHED_ROWS = 2000
@@ -55,11 +55,15 @@ def read_spreadsheet(path: Path, sheet: str | None = None) -> RawTable:
     if others := [name for name in book.sheet_names if name not in parts]:
         remarks.append(f"Not read: the sheets {', '.join(others)}.")
     units = units_in(header) | tables[main][1]
-    return RawTable(frame, units, path, "spreadsheet", tuple(remarks), tables[main][2])
+    repeated = tables[main][3]
+    return RawTable(frame, units, path, "spreadsheet", tuple(remarks), tables[main][2], repeated=repeated)
 
 
-def _table(rows: list[list[Any]]) -> tuple[pd.DataFrame, dict[str, str], int] | None:
-    """Return the table of a sheet, the units of a row below its names, and its first row; None if it has none."""
+def _table(rows: list[list[Any]]) -> tuple[pd.DataFrame, dict[str, str], int, tuple[str, ...]] | None:
+    """Return the table of a sheet, the units of a row below its names, its first row, and names that occur twice.
+
+    None if the sheet has no table.
+    """
     start = next((number for number, row in enumerate(rows[:_SEARCHED_ROWS]) if _is_row(row)), None)
     if start is None:
         return None
@@ -79,7 +83,7 @@ def _table(rows: list[list[Any]]) -> tuple[pd.DataFrame, dict[str, str], int] | 
     }
     frame = pd.DataFrame(columns).dropna(how="all")
     stated = {name: str(units[n]).strip("[]()") for name, n in zip(names, used, strict=True) if units.get(n)}
-    return frame, stated, start + 1
+    return frame, stated, start + 1, repeated_names(named[n] for n in used)
 
 
 def _is_row(row: list[Any]) -> bool:

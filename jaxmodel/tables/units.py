@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 SPELLINGS = {
     "1": "dimensionless", "-": "dimensionless", "%": "percent", "pct": "percent", "percent": "percent",
     "fraction": "dimensionless", "pu": "dimensionless",
-    "s": "second", "sec": "second", "secs": "second", "seconds": "second", "second": "second", "sek": "second",
+    "s": "second", "sec": "second", "secs": "second", "seconds": "second", "second": "second", "sek": "second", 
+    "秒": "second", "分": "minute", "小时": "hour",
     "ms": "millisecond", "msec": "millisecond", "us": "microsecond", "µs": "microsecond", "ns": "nanosecond",
     "min": "minute", "mins": "minute", "minutes": "minute", "minute": "minute",
     "h": "hour", "hr": "hour", "hrs": "hour", "hours": "hour", "hour": "hour", "std": "hour", "d": "day", "days": "day",

@@ -65,7 +65,7 @@ def test_a_file_of_the_other_sign_among_many_is_told(tmp_path: Path):
     assert [finding.where for finding in imported.findings if finding.what == "sign"] == ["c"]
 
 
-@settings(max_examples=15)
+@settings(max_examples=10)
 @given(
     current=st.sampled_from([("A", 1.0), ("mA", 1e-3), ("kA", 1e3)]),
     voltage=st.sampled_from([("V", 1.0), ("mV", 1e-3)]),
@@ -73,7 +73,7 @@ def test_a_file_of_the_other_sign_among_many_is_told(tmp_path: Path):
     warmth=st.sampled_from([("°C", 1.0, 0.0), ("K", 1.0, -273.15), ("degF", 5.0 / 9.0, -160.0 / 9.0)]),
 )
 def test_any_unit_gives_the_same_readings(tmp_path_factory, current, voltage, time, warmth):
-    log = cell_log()
+    log = cell_log()[::4].reset_index(drop=True)
     frame = pd.DataFrame(
         {
             f"t [{time[0]}]": log.time_s / time[1],
@@ -136,7 +136,7 @@ def test_runs_begin_where_the_clock_or_the_user_says(tmp_path: Path):
 def test_a_whole_condition_is_held_out(tmp_path: Path):
     files = []
     for where, degrees in (("p25", 0.0), ("n10", -35.0), ("p45", 20.0)):
-        log = cell_log().assign(temperature_degC=lambda f, by=degrees: f.temperature_degC + by)
+        log = cell_log()[::3].assign(temperature_degC=lambda f, by=degrees: f.temperature_degC + by)
         files += [write(tmp_path, log, f"{name}_{where}degC.csv") for name in ("a", "b")]
     imported = import_case(files, "cell")
     assert {run.log.name for run in imported.runs if run.split == "check"} == {"a_p25degC", "b_p25degC"}

@@ -12,10 +12,10 @@ from importing import import_case
 from jaxmodel import read_case
 
 SETS = {
-    "samsung_30q_18650": ("cell1*.csv", 3.0),
-    "k2_lfp_26650": ("*.csv", 2.2),
+    "samsung_30q_18650": ("cell1_*[1c][C0]*.csv", 3.0),
+    "k2_lfp_26650": ("*_p[23]0degC.csv", 2.2),
     "a123_26650_plett": ("*p25degC.csv", 2.06),
-    "lg_mj1_18650": ("*.csv", 2.96),
+    "lg_mj1_18650": ("*_p*0degC.csv", 2.96),
 }
 
 

@@ -10,7 +10,7 @@ from jaxmodel import Case, simulate_case
 CAPACITY_AH, R_0, R_S, R_L, TAU_S, TAU_L = 2.0, 0.030, 0.010, 0.015, 6.0, 150.0
 ENERGY = 20e3  # J/mol of all resistances
 NOISE_V = 0.0005
-STEP_S = 2.0
+STEP_S, LONG_STEP_S = 2.0, 10.0
 SOC = np.linspace(0.0, 1.0, 41)
 
 
@@ -29,12 +29,17 @@ def cell_tables() -> dict:
 
 
 def pulses(ambient_degC: float) -> pd.DataFrame:
-    """Four times: a pulse of 10 s, a rest, a pulse back, a discharge of a fifth of the capacity, a long rest."""
-    blocks = [(60.0, 0.0)]
+    """Four times: a pulse of 10 s, a rest, a pulse back, a discharge of a fifth of the capacity, a long rest.
+
+    As a cycler logs them: rows every 2 s, and every 10 s in what is long.
+    """
+    blocks = [(60.0, 0.0, STEP_S)]
     for _ in range(4):
-        blocks += [(10.0, 4.0), (60.0, 0.0), (10.0, -2.0), (60.0, 0.0), (740.0, 2.0), (620.0, 0.0)]
-    current = np.concatenate([np.full(int(seconds / STEP_S), ampere) for seconds, ampere in blocks])
-    return _frame(STEP_S * np.arange(current.size), current, ambient_degC)
+        blocks += [(10.0, 4.0, STEP_S), (60.0, 0.0, STEP_S), (10.0, -2.0, STEP_S), (60.0, 0.0, STEP_S)]
+        blocks += [(40.0, 2.0, STEP_S), (700.0, 2.0, LONG_STEP_S), (40.0, 0.0, STEP_S), (580.0, 0.0, LONG_STEP_S)]
+    steps = np.concatenate([np.full(int(seconds / step), step) for seconds, _, step in blocks])
+    current = np.concatenate([np.full(int(seconds / step), ampere) for seconds, ampere, step in blocks])
+    return _frame(np.append(0.0, np.cumsum(steps)[:-1]), current, ambient_degC)
 
 
 def slow(sign: float, ambient_degC: float = 25.0) -> pd.DataFrame:
@@ -90,10 +95,10 @@ def motor_frame() -> pd.DataFrame:
     return pd.DataFrame({"time_s": time, "voltage_V": volts, "load_torque_Nm": load, "ambient_degC": 25.0})
 
 
-def measured_motor(columns=("current_A", "speed_rad_s")) -> pd.DataFrame:
+def measured_motor(columns=("current_A", "speed_rad_s"), **other: float) -> pd.DataFrame:
     frame = motor_frame()
     truth = Case.from_dataframes(
-        {"steps": frame}, kind="motor", parameters=MOTOR, effects={"viscous_friction": {"b": VISCOUS}}
+        {"steps": frame}, kind="motor", parameters=MOTOR | other, effects={"viscous_friction": {"b": VISCOUS}}
     )
     table, rng = simulate_case(truth)[0].table, np.random.default_rng(2)
     for column, sd in (("current_A", 0.02), ("speed_rad_s", 0.2)):

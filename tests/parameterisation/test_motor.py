@@ -46,7 +46,16 @@ def test_without_a_current_the_resistance_is_not_in_the_data() -> None:
     found = parameterise(Case.from_dataframes({"steps": frame}, kind="motor", parameters={"R_0": (0.3, 0.1)}))
     assert not found["R_0"].found
     assert "locked" in found["R_0"].test
+    assert not found["L_a"].found  # no lag is made up
     assert found["k_tau"].value == pytest.approx(made.MOTOR["k_tau"], rel=0.05)
+
+
+def test_a_lag_between_voltage_and_speed_is_found() -> None:
+    frame = made.measured_motor(columns=("speed_rad_s",), L_a=0.03)
+    exact = {"R_0": made.MOTOR["R_0"]}
+    one = parameterise(Case.from_dataframes({"steps": frame}, kind="motor", parameters=exact))["L_a"]
+    assert one.found
+    assert abs(one.value - 0.03) < SIGMAS * one.sd + 0.0015
 
 
 def test_heating_gives_thermal_resistances() -> None:

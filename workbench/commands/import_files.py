@@ -77,15 +77,18 @@ def files_of(files: Sequence[Path], out: Path) -> list[Path]:
     """Return the files, those of a folder by name.
 
     Raises:
-        MeasurementError: they are in the folder of the case.
+        MeasurementError: they are in the folder of the case, or a folder holds none.
     """
     found: list[Path] = []
     for path in files:
         if path.is_dir():
             inside = sorted(file for file in path.iterdir() if file.is_file() and not file.name.startswith("."))
-            found += [
+            logs = [
                 file for file in inside if file.suffix.lower() not in (".md", ".png", ".jpg", ".pdf", ".toml", ".json")
             ]
+            if not logs:
+                raise MeasurementError(f"{path} is a folder without logs; name the files.")
+            found += logs
         else:
             found.append(path)
     if any(file.resolve().parent == out.resolve() for file in found):

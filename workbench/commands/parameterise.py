@@ -10,7 +10,8 @@ from pathlib import Path
 import pandas as pd
 
 from jaxmodel.errors import MeasurementError
-from parameterisation import Extraction, Parameterisation, parameterise
+from parameterisation import Extraction, Parameterisation, parameterise, write_preset
+from parameterisation.preset import checked_name
 from plots.style import png
 from workbench import terminal
 from workbench.article import Picture, Section, Table, write_article
@@ -29,7 +30,16 @@ CAPTIONS = {
 }
 
 
-def parameterise_case(path: Path, out: Path, effects: Sequence[str], *, answer_only: bool = False) -> Parameterisation:
+def parameterise_case(
+    path: Path,
+    out: Path,
+    effects: Sequence[str],
+    *,
+    answer_only: bool = False,
+    preset: str | None = None,
+    data: str = "",
+    licence: str = "",
+) -> Parameterisation:
     """Write the parameterised case, its tables and, but for `answer_only`, pictures and a page to `out`.
 
     Args:
@@ -37,6 +47,9 @@ def parameterise_case(path: Path, out: Path, effects: Sequence[str], *, answer_o
         out: folder for the results.
         effects: the user's own, as `file.py:Class`.
         answer_only: leaves out pictures and page.
+        preset: the name of a preset to be written too.
+        data: where the measurements are from, for the preset.
+        licence: of the measurements, for the preset.
 
     Raises:
         UserError: the case cannot be used, or its fit runs lack what is needed.
@@ -44,18 +57,24 @@ def parameterise_case(path: Path, out: Path, effects: Sequence[str], *, answer_o
     case = read_case_with(path, effects)
     if any(file.resolve().parent == out.resolve() for file in case.files):
         raise MeasurementError(f"--out {out}: the case was read from this folder; give another one.")
+    if preset is not None:
+        checked_name(preset)
     start(out)
     began = time.perf_counter()
     with terminal.stages(case.name) as progress:
         found = parameterise(case, progress=progress)
         progress("forward simulation")
         found.write(out, pictures=False)
+        if preset is not None:
+            write_preset(found, out / f"{preset}.toml", data, licence)
         if not answer_only:
             progress("pictures and page")
         _write_page(found, out, time.perf_counter() - began, pictures=not answer_only)
     _print(found)
     page = "" if answer_only else ", report.html and its pictures"
     terminal.say(f"case.toml, extractions.csv, errors.csv{page} are in {out}.")
+    if preset is not None:
+        terminal.say(f"{out / preset}.toml is a preset: put it into jaxmodel/presets and name it in PRESETS there.")
     return found
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import zipfile
 from pathlib import Path
 
@@ -42,6 +43,53 @@ def test_time_stamps_and_empty_cells_of_a_spreadsheet(tmp_path: Path):
     table = read_table(path)
     assert table.frame["Date_Time"].dtype.kind == "M"
     assert np.isnan(table.frame["U [V]"][1])
+
+
+def ods(rows: list[list[object]]) -> bytes:
+    """An OpenDocument spreadsheet with one sheet, as an office program packs it."""
+    office, sheet = (
+        "urn:oasis:names:tc:opendocument:xmlns:office:1.0",
+        "urn:oasis:names:tc:opendocument:xmlns:table:1.0",
+    )
+    text = "urn:oasis:names:tc:opendocument:xmlns:text:1.0"
+
+    def cell(value: object) -> str:
+        if value is None:
+            return "<table:table-cell/>"
+        if isinstance(value, str):
+            return f'<table:table-cell office:value-type="string"><text:p>{value}</text:p></table:table-cell>'
+        return (
+            f'<table:table-cell office:value-type="float" office:value="{value}"><text:p>x</text:p></table:table-cell>'
+        )
+
+    body = "".join(f"<table:table-row>{''.join(map(cell, row))}</table:table-row>" for row in rows)
+    content = (
+        f'<?xml version="1.0" encoding="UTF-8"?><office:document-content xmlns:office="{office}" xmlns:table="{sheet}" '
+        f'xmlns:text="{text}" office:version="1.2"><office:body><office:spreadsheet><table:table table:name="Log">'
+        f"{body}</table:table></office:spreadsheet></office:body></office:document-content>"
+    )
+    mime = "application/vnd.oasis.opendocument.spreadsheet"
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as file:
+        file.writestr("mimetype", mime)
+        file.writestr("META-INF/manifest.xml", '<?xml version="1.0"?><manifest:manifest xmlns:manifest="urn:x"/>')
+        file.writestr("content.xml", content)
+    return packed.getvalue()
+
+
+def test_ods(tmp_path: Path):
+    path = tmp_path / "log.ods"
+    names = [*FRAME, "Note"]
+    rows: list[list[object]] = [[*row, "rest"] for row in FRAME.to_numpy().tolist()]
+    rows[3][2] = None
+    path.write_bytes(ods([["Test of cell 7"], [], list(names), *rows]))
+    table = read_table(path)
+    expected = FRAME.copy()
+    expected.loc[3, "Voltage(V)"] = np.nan
+    pd.testing.assert_frame_equal(table.frame[[*FRAME]], expected)
+    assert dict(table.units) == {"Test_Time(s)": "s", "Current(A)": "A", "Voltage(V)": "V"}
+    assert set(table.frame["Note"]) == {"rest"}
+    assert table.remarks == ("Read sheet 'Log'.",)
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".feather"])
