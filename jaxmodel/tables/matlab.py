@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -61,7 +62,7 @@ def _content(path: Path, label: str) -> Mapping[str, Any]:
     except (MatReadError, ValueError, TypeError, OSError, EOFError, IndexError, KeyError) as error:
         raise MeasurementError(f"{label} cannot be read as a MATLAB file ({error}); save it again.") from error
     try:
-        import pymatreader
+        pymatreader = importlib.import_module("pymatreader")  # an extra
     except ImportError:
         raise MeasurementError(
             f"{label} is a MATLAB file of version 7.3; install jaxmodel[matlab], or save it with '-v7'."
