@@ -18,7 +18,7 @@ from parameterisation.design import Columns, Grid, Shape, Smoothness, Start, pen
 from parameterisation.smoothing import data_scale, penalty_matrix, quick
 
 BLOCKS = 4  # of each run
-STEPS = (1.0, 0.4)  # of the search, in units of `UNIT`
+STEPS = (1.0, 0.4, 0.15)  # of the search, in units of `UNIT`
 ENERGY = 1e4  # J/mol; the unit of an energy
 ENERGIES = ("E_0", "E_S", "E_L")
 LOG_TAU, LOG_SD = 0.5, 2.3  # units of the logarithms of time constants and sd
