@@ -244,7 +244,8 @@ def _case(case: Case, drawn: Extraction, fit: JointFit, thermal: Thermal | None,
         effects["ocv_hysteresis"] = {"M_V": M, "g": float(fit.shape.g or FIRST_PACE)}
         effect_sd["ocv_hysteresis"] = {"M_V": M_sd, "g": float(fit.shape.g or FIRST_PACE) * fit.shape_sd.get("g", 0.5)}
     sensors = {one.name.removeprefix("noise of "): one.value for one in noise} | case.sensors
-    runs = tuple(_run(run, fit, thermal is not None, hysteresis) for run in case.runs)
+    typical = found["capacity_Ah"].value
+    runs = tuple(_run(run, fit, typical, thermal is not None, hysteresis) for run in case.runs)
     tables = tables_of(fit, varied) | {name: table for name, table in case.tables.items() if table.sd is None}
     parameters = found | exact
     return dataclasses.replace(
@@ -260,23 +261,28 @@ def _case(case: Case, drawn: Extraction, fit: JointFit, thermal: Thermal | None,
 
 
 def _typical_capacity(drawn: Extraction, fit: JointFit) -> Known:
-    """Return the capacity that a run which was not fitted will have: the mean over the fit runs, with their spread."""
-    fades = np.array([fit.starts[name].fade for name in fit.grid.runs])
+    """Return the capacity that a run which was not fitted will have: the mean over fit runs, with their spread.
+
+    Over those that do not define it, where there are any: a slow discharge gives more than a profile.
+    """
+    starts = [fit.starts[name] for name in fit.grid.runs]
+    loose = max((start.fade_sd for start in starts), default=0.0)
+    fades = np.array([start.fade for start in starts if start.fade_sd == loose])
     sd = drawn.sd if math.isfinite(drawn.sd) else 0.05 * drawn.value
     if not fades.size:
         return Known(drawn.value, sd)
     return Known(drawn.value * (1.0 + float(fades.mean())), math.hypot(sd, drawn.value * float(fades.std())))
 
 
-def _run(run: Run, fit: JointFit, heating: bool, hysteresis: bool) -> Run:
+def _run(run: Run, fit: JointFit, typical_Ah: float, heating: bool, hysteresis: bool) -> Run:
     """Return a run with its fitted start, the first reading of its thermometer, and the state of its hysteresis."""
     changes: dict = {}
     if run.name in fit.grid.runs:
         at = fit.layout["soc"].start + fit.grid.runs.index(run.name)
         sd = float(np.sqrt(fit.solution.covariance[at, at]))
         changes["initial_soc"] = Known(float(np.clip(fit.starts[run.name].soc, 0.0, 1.1)), max(sd, 1e-4))
-        if "capacity_Ah" not in run.overrides and abs(fit.starts[run.name].fade) > LEAST_FADE:
-            own = fit.capacity_Ah * (1.0 + fit.starts[run.name].fade)
+        own = fit.capacity_Ah * (1.0 + fit.starts[run.name].fade)
+        if "capacity_Ah" not in run.overrides and abs(own / typical_Ah - 1.0) > LEAST_FADE:
             changes["overrides"] = run.overrides | {"capacity_Ah": Known(own)}
     read = run.measured.outputs.get("cell_temperature_degC")
     if heating and run.initial_cell_temperature is None and read is not None and np.isfinite(read).any():

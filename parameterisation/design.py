@@ -1,6 +1,6 @@
 """The voltage of a cell as a linear function of the values of its curves, for given time constants and energies.
 
-    V = U(SOC) + dU(SOC, T) - i R_0 - lag(i R_S, tau_S) - lag(i R_L, tau_L) - lag(i, tau_3) R_3 - M h
+    V = U(SOC) + dU(SOC, T) - i R_0 - lag(i R_S, tau_S) - lag(i R_L, tau_L) - M h
     R_x = exp(E_x u) r_x(SOC, T),   u = (1 / T_K - 1 / 298.15 K) / 8.314
 
 U, dU and r are hat functions. Eqs. 3-6 and 10 of the paper are replaced by them; a lag is the RC pair of constant time
@@ -20,13 +20,14 @@ from parameterisation.smoothing import Penalty, hats, lagged, products, roughnes
 ZERO_DEGC_IN_K, GAS_J_MOL_K, REFERENCE_DEGC = 273.15, 8.314, 25.0
 # Points of a curve between the least and the largest state of charge, as fractions of the span: close where
 # open-circuit curves bend. Assumed.
-FINE = np.hstack(
-    [np.arange(8) * 0.0125, 0.1 + np.arange(8) * 0.025, 0.3 + np.arange(15) * 0.04, [0.9, 0.93, 0.96, 0.98, 1.0]]
-)
+_END = np.array([0.0, 0.001, 0.002, 0.004, 0.007, 0.0125, 0.02, 0.03, 0.045, 0.065])
+FINE = np.hstack([_END, 0.09 + np.arange(9) * 0.025, 0.32 + np.arange(15) * 0.04, 0.9, np.flip(1.0 - _END)])
 COARSE = np.array([0.0, 0.03, 0.06, 0.1, 0.15, 0.22, 0.32, 0.45, 0.58, 0.7, 0.8, 0.9, 1.0])
-LAWFUL = 0.003  # of the typical resistance: how far a table leaves its Arrhenius law while energies are searched
-LEAVES = 0.5  # of the resistance: the same for the tables, from one temperature to the next. Assumed.
 RESISTANCES = ("R_0", "R_S", "R_L")
+SIZE = 100.0  # of a resistance, in typical ones: hardly acts
+LEAST_LEVEL = 0.05  # of the typical resistance: below it a resistance may leave its law as if it were that
+HYSTERESIS_V = 0.1
+EXACT = 1e-6
 
 
 def colder(degC: np.ndarray | float) -> np.ndarray:
@@ -46,7 +47,6 @@ class Shape:
         E_0: activation energy of the series resistance [J/mol].
         E_S: of the short pair.
         E_L: of the long pair.
-        tau_3: of a third pair without dependence on SOC or temperature [s]; None without it.
         g: pace of the hysteresis; None without it.
     """
 
@@ -55,7 +55,6 @@ class Shape:
     E_0: float = 0.0
     E_S: float = 0.0
     E_L: float = 0.0
-    tau_3: float | None = None
     g: float | None = None
 
 
@@ -81,7 +80,6 @@ class Grid:
         sizes = {"U": self.fine.size, "dU": table if self.degC.size > 1 else 0}
         sizes |= dict.fromkeys(RESISTANCES, table)
         sizes |= {
-            "R_3": int(shape.tau_3 is not None),
             "M": int(shape.g is not None),
             "soc": len(self.runs),
             "fade": len(self.runs),
@@ -116,88 +114,116 @@ def hysteresis_of(rows: Rows, start: Start, capacity_Ah: float, g: float) -> np.
     return lagged(passed, np.sign(rows.current_A), capacity_Ah / g, first=start.h)
 
 
-def design(
-    rows: Rows, soc: np.ndarray, start: Start, grid: Grid, shape: Shape, capacity_Ah: float, kept: np.ndarray
-) -> np.ndarray:
-    """Return the derivatives of the voltage by all values but the initial states of charge, at some rows.
+class Columns:
+    """The derivatives of the voltage of a run by all values, at some rows, for any shape; what was last used is kept.
 
-    Args:
-        rows: of one run.
-        soc: at each row.
-        start: of the run.
-        grid: the points of the curves.
-        shape: the numbers in which the voltage is not linear.
-        capacity_Ah: of the cell.
-        kept: numbers of the rows.
-
-    Returns:
-        Shape (kept, values), the columns of the initial states of charge zero.
+    Attributes:
+        moves: by the initial state of charge and the fade, shape (kept, 2); None where they are known.
     """
-    layout = grid.layout(shape)
-    matrix = np.zeros((kept.size, layout["fade"].stop))
-    matrix[:, layout["U"]] = hats(soc[kept], grid.fine)
-    table = products(hats(rows.degC, grid.degC), hats(soc, grid.coarse))
-    if grid.degC.size > 1:
-        matrix[:, layout["dU"]] = table[kept]
-    cold = colder(rows.degC)
-    drive = table * rows.current_A[:, None]
-    matrix[:, layout["R_0"]] = -drive[kept] * np.exp(shape.E_0 * cold[kept])[:, None]
-    for name, tau, energy in (("R_S", shape.tau_S, shape.E_S), ("R_L", shape.tau_L, shape.E_L)):
-        used = np.flatnonzero(np.any(table != 0.0, axis=0))  # a run does not see every temperature
-        columns = -lagged(rows.time_s, drive[:, used] * np.exp(energy * cold)[:, None], tau * np.exp(energy * cold))[
-            kept
-        ]
-        block = np.zeros((kept.size, table.shape[1]))
-        block[:, used] = columns
-        matrix[:, layout[name]] = block
-    if shape.tau_3 is not None:
-        matrix[:, layout["R_3"]] = -lagged(rows.time_s, rows.current_A.copy(), shape.tau_3)[kept, None]
-    if shape.g is not None:
-        matrix[:, layout["M"]] = -hysteresis_of(rows, start, capacity_Ah, shape.g)[kept, None]
-    return matrix
+
+    def __init__(
+        self, rows: Rows, start: Start, grid: Grid, capacity_Ah: float, kept: np.ndarray, moves: np.ndarray | None
+    ) -> None:
+        """Take the run, its start, the points of the curves, the capacity, and the numbers of the rows."""
+        self._rows, self._start, self._grid, self._capacity_Ah, self._kept = rows, start, grid, capacity_Ah, kept
+        self.moves = moves
+        soc = soc_of(rows, start, capacity_Ah)
+        self._fine = hats(soc[kept], grid.fine)
+        self._table = products(hats(rows.degC, grid.degC), hats(soc, grid.coarse))
+        self._used = np.flatnonzero(np.any(self._table != 0.0, axis=0))  # a run does not see every temperature
+        self._known: dict[str, tuple[tuple, np.ndarray]] = {}
+
+    def _block(self, name: str, key: tuple[float, ...]) -> np.ndarray:
+        """Return the columns of a resistance for its energy and time constant, or of M for its pace."""
+        if name not in self._known or self._known[name][0] != key:
+            self._known[name] = (key, self._made(name, *key))
+        return self._known[name][1]
+
+    def _made(self, name: str, first: float, tau_s: float = 0.0) -> np.ndarray:
+        rows, kept = self._rows, self._kept
+        if name == "M":
+            return -hysteresis_of(rows, self._start, self._capacity_Ah, first)[kept, None]
+        grown = np.exp(first * colder(rows.degC))
+        drive = self._table[:, self._used] * (rows.current_A * grown)[:, None]
+        block = np.zeros((kept.size, self._table.shape[1]))
+        block[:, self._used] = -(drive if tau_s == 0.0 else lagged(rows.time_s, drive, tau_s * grown))[kept]
+        return block
+
+    def matrix(self, shape: Shape) -> np.ndarray:
+        """Return the derivatives, shape (kept, values)."""
+        layout = self._grid.layout(shape)
+        matrix = np.zeros((self._kept.size, layout["fade"].stop))
+        matrix[:, layout["U"]] = self._fine
+        if self._grid.degC.size > 1:
+            matrix[:, layout["dU"]] = self._table[self._kept]
+        matrix[:, layout["R_0"]] = self._block("R_0", (shape.E_0,))
+        matrix[:, layout["R_S"]] = self._block("R_S", (shape.E_S, shape.tau_S))
+        matrix[:, layout["R_L"]] = self._block("R_L", (shape.E_L, shape.tau_L))
+        if shape.g is not None:
+            matrix[:, layout["M"]] = self._block("M", (shape.g,))
+        if self.moves is not None:
+            number = self._grid.runs.index(self._rows.name)
+            matrix[:, layout["soc"].start + number] = self.moves[:, 0]
+            matrix[:, layout["fade"].start + number] = self.moves[:, 1]
+        return matrix
+
+
+@dataclasses.dataclass(frozen=True)
+class Smoothness:
+    """How far curves may bend, as sd beside readings that count as `smoothing.READINGS` readings of `VOLT`.
+
+    All are searched; the values here are where the search starts.
+
+    Attributes:
+        ocv: second difference of U from knot to knot [V].
+        shift: difference of dU from knot to knot, and a third of its size [V].
+        ohm: difference of a resistance from knot to knot, as a share of the typical resistance.
+        law: from one temperature to the next, how far a resistance leaves its Arrhenius law, as a share of it.
+        own: how far a run's initial state of charge and capacity leave what is stated, as a share of their sd.
+    """
+
+    ocv: float = 0.01
+    shift: float = 0.003
+    ohm: float = 0.3
+    law: float = 0.1
+    own: float = 0.03
 
 
 def penalties_of(
-    grid: Grid, shape: Shape, starts: Sequence[Start], ohm: float, level: dict[str, np.ndarray] | None = None
+    grid: Grid,
+    shape: Shape,
+    starts: Sequence[Start],
+    ohm: float,
+    smooth: Smoothness,
+    level: dict[str, np.ndarray] | None,
 ) -> list[Penalty]:
     """Return the penalties of all values.
-
-    U has an estimated bend; dU an estimated size and slope; each resistance an estimated slope over SOC, a known
-    distance from its Arrhenius law over temperature, and a size that hardly acts.
 
     Args:
         grid: the points.
         shape: for the values that are there.
         starts: of the runs of `grid.runs`.
         ohm: typical resistance.
-        level: each resistance over SOC; its table may leave its Arrhenius law by the share `LEAVES` of it from one
-            temperature to the next. None: hardly at all, so that the energies of the laws are found first.
+        smooth: the sd of the penalties.
+        level: each resistance over SOC at 25 degC; None: the typical one.
     """
-    layout = grid.layout(shape)
-    found = [Penalty(layout["U"], roughness(grid.fine.size, 2))]
+    layout, many = grid.layout(shape), grid.degC.size > 1
+    found = [Penalty(layout["U"], roughness(grid.fine.size, 2) / smooth.ocv**2)]
     over_soc = np.kron(np.eye(grid.degC.size), roughness(grid.coarse.size, 1))
     across = np.kron(roughness(grid.degC.size, 1), np.eye(grid.coarse.size))
     both = np.eye(over_soc.shape[0])
-    if grid.degC.size > 1:
-        found += [Penalty(layout["dU"], over_soc), Penalty(layout["dU"], both)]
+    if many:
+        found.append(Penalty(layout["dU"], (over_soc + both / 9.0) / smooth.shift**2))
     for name in RESISTANCES:
-        found.append(Penalty(layout[name], over_soc))
-        if grid.degC.size > 1:
-            sd = (
-                np.full(grid.coarse.size, LAWFUL * ohm)
-                if level is None
-                else LEAVES * np.maximum(level[name], 0.05 * ohm)
-            )
-            each = np.tile(1.0 / sd, grid.degC.size)
-            found.append(Penalty(layout[name], each[:, None] * across * each, fixed=1.0))
-        found.append(Penalty(layout[name], both, fixed=(1.0 / (10.0 * ohm)) ** 2))
-    if shape.tau_3 is not None:
-        found.append(Penalty(layout["R_3"], np.eye(1), fixed=(1.0 / ohm) ** 2))
+        total = over_soc / (smooth.ohm * ohm) ** 2 + both / (SIZE * ohm) ** 2
+        if many:
+            mean = ohm * np.ones(grid.coarse.size) if level is None else np.maximum(level[name], LEAST_LEVEL * ohm)
+            each = np.tile(1.0 / (smooth.law * mean), grid.degC.size)
+            total = total + each[:, None] * across * each
+        found.append(Penalty(layout[name], total))
     if shape.g is not None:
-        found.append(Penalty(layout["M"], np.eye(1), fixed=(1.0 / 0.1) ** 2))
-    for number, start in enumerate(starts):
-        at = layout["soc"].start + number
-        found.append(Penalty(slice(at, at + 1), np.eye(1), fixed=1.0 / max(start.sd or 1e-6, 1e-6) ** 2))
-        at = layout["fade"].start + number
-        found.append(Penalty(slice(at, at + 1), np.eye(1), fixed=1.0 / start.fade_sd**2))
+        found.append(Penalty(layout["M"], np.eye(1) / HYSTERESIS_V**2))
+    sd = [(start.sd or EXACT, start.fade_sd) for start in starts]
+    for name, each in (("soc", [one for one, _ in sd]), ("fade", [one for _, one in sd])):
+        found.append(Penalty(layout[name], np.diag([1.0 / (smooth.own * one) ** 2 for one in each])))
     return found

@@ -1,8 +1,9 @@
 """One joint refit of all curves of a cell to all its fit runs: variable projection around linear least squares.
 
-The linear part (`parameterisation.design`) is solved with smoothness by restricted likelihood; time constants,
-activation energies and the pace of the hysteresis are searched around it (variable projection, Golub and Pereyra 1973).
-Readings far from the fit count less (Huber). Initial states of charge move within their stated sd.
+The linear part (`parameterisation.design`) is solved for given time constants, activation energies and smoothness.
+These are searched for the least error at readings that were left out (`parameterisation.search`); no run that is not
+fitted takes part. Readings far from the fit count less (Huber). Initial states of charge and capacities of runs move as
+far as that search finds useful.
 """
 
 from __future__ import annotations
@@ -11,14 +12,13 @@ import dataclasses
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
-from scipy.optimize import minimize
 
-from parameterisation.design import RESISTANCES, Grid, Shape, Start, colder, design, penalties_of, soc_of
+from parameterisation.design import RESISTANCES, Columns, Grid, Shape, Smoothness, Start, colder, penalties_of, soc_of
 from parameterisation.rows import Rows
+from parameterisation.search import Parts, search
 from parameterisation.smoothing import Solution, hats, inflation_of, penalty_matrix, products, solve
 
-SEARCHED_ROWS = 12_000  # of all runs together, while the shape is searched
+SEARCHED_ROWS = 12_000  # of all runs together, while numbers are searched
 FITTED_ROWS = 40_000
 EDGE_ROWS = 3  # after a step of the current, always kept
 HUBER = 2.5  # robust sd of the residual beyond which a reading counts less
@@ -26,16 +26,10 @@ LEAST_V = 0.0005  # least sd of a run's residual
 LONGEST_S = 10.0  # a reading counts as the root of the time it stands for, up to this
 POWER = 0.5
 MOST_FADE = 0.3
-MOST_INFLATION = 10.0  # for the choice of smoothness
+LONGEST_JUDGED_S = 120.0  # a reading stands for, where readings left out are judged
 ALTERNATIONS = 3  # of values, and weights with initial states of charge
+ROUNDS = 2  # of: weights, then the search
 SOC_STEP = 0.005  # of the slope of the open-circuit voltage
-MOST_ITERATIONS = 15
-LAWFUL_ROUNDS = 2  # with all tables near their Arrhenius law, while energies are searched
-ROUNDS = 2  # of: strengths and weights, then time constants
-STEP = 0.02  # of the search, in logarithms and 10 kJ/mol
-ENERGY = 1e4  # J/mol; the unit of the search
-ENERGY_SD = 1.5  # prior of an activation energy about the first guess, in that unit
-LOG_TAU_SD = 0.7  # of a time constant about the first guess, that of the rests
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -45,6 +39,7 @@ class JointFit:
     Attributes:
         grid: the points of the curves.
         shape: time constants and energies.
+        smoothness: of the curves.
         solution: the values and their covariance.
         capacity_Ah: that the state of charge is counted with.
         starts: by run, with the fitted state of charge.
@@ -56,6 +51,7 @@ class JointFit:
 
     grid: Grid
     shape: Shape
+    smoothness: Smoothness
     solution: Solution
     capacity_Ah: float
     starts: dict[str, Start]
@@ -92,64 +88,109 @@ class JointFit:
         return np.sqrt(np.maximum(np.sum((weights @ self.solution.covariance) * weights, axis=1), 0.0))
 
     def value(self, name: str) -> tuple[float, float]:
-        """Return a single value, `R_3` or `M`, and its sd."""
+        """Return a single value, such as `M`, and its sd."""
         at = self.layout[name].start
         return float(self.solution.values[at]), float(np.sqrt(self.solution.covariance[at, at]))
 
 
 @dataclasses.dataclass(eq=False)
 class _Problem:
-    """The problem on some rows of each run, with the weights of the readings."""
+    """The problem on some rows of each run, with the weights of the readings and what is known by now."""
 
     runs: Sequence[Rows]
     grid: Grid
     capacity_Ah: float
-    starts: dict[str, Start]
-    ohm: float
     stated: dict[str, Start]
-    kept: dict[str, np.ndarray]
-    shares: dict[str, np.ndarray]
-    weights: dict[str, np.ndarray]
+    ohm: float
+    most: int
+    starts: dict[str, Start] = dataclasses.field(init=False)
+    kept: dict[str, np.ndarray] = dataclasses.field(init=False)
+    shares: dict[str, np.ndarray] = dataclasses.field(init=False)
+    weights: dict[str, np.ndarray] = dataclasses.field(init=False)
+    slope: np.ndarray | None = None
     level: dict[str, np.ndarray] | None = None
 
-    def matrices(self, shape: Shape, slope: Slope | None):
-        """Yield name, design and target of each run; `slope` returns dU/dSOC at rows."""
-        layout = self.grid.layout(shape)
-        for rows in self.runs:
-            start, kept = self.starts[rows.name], self.kept[rows.name]
-            soc = soc_of(rows, start, self.capacity_Ah)
-            matrix = design(rows, soc, start, self.grid, shape, self.capacity_Ah, kept)
-            target = rows.voltage_V[kept].copy()
-            if slope is not None and rows.name in self.grid.runs:
-                number, column = self.grid.runs.index(rows.name), slope(rows, soc)[kept]
-                drawn = column * rows.drawn_Ah[kept] / (self.capacity_Ah * (1.0 + start.fade) ** 2)
-                matrix[:, layout["soc"].start + number] = column
-                matrix[:, layout["fade"].start + number] = drawn
-                target += column * (start.soc - self.stated[rows.name].soc) + drawn * start.fade
-            yield rows.name, matrix, target
+    def __post_init__(self) -> None:
+        total = sum(int(rows.read.sum()) for rows in self.runs)
+        self.kept = {r.name: rows_kept(r, max(200, self.most * int(r.read.sum()) // total)) for r in self.runs}
+        self.shares = {rows.name: time_shares(rows, self.kept[rows.name]) for rows in self.runs}
+        self.weights, self.starts = dict(self.shares), dict(self.stated)
 
-    def penalties(self, shape: Shape):
-        """Return the penalties of the values."""
+    def columns(self) -> dict[str, Columns]:
+        """Return by run what its columns are made of, at the present states of charge."""
+        return {
+            rows.name: Columns(
+                rows, self.starts[rows.name], self.grid, self.capacity_Ah, self.kept[rows.name], self._moves(rows)
+            )
+            for rows in self.runs
+        }
+
+    def _moves(self, rows: Rows) -> np.ndarray | None:
+        """Return the derivatives of the voltage by the initial state of charge and the fade, shape (kept, 2)."""
+        if self.slope is None or rows.name not in self.grid.runs:
+            return None
+        start, kept = self.starts[rows.name], self.kept[rows.name]
+        soc = soc_of(rows, start, self.capacity_Ah)[kept]
+        rise = hats(soc + SOC_STEP, self.grid.fine) - hats(soc - SOC_STEP, self.grid.fine)
+        column = rise @ self.slope / (2.0 * SOC_STEP)
+        drawn = rows.drawn_Ah[kept] / (self.capacity_Ah * (1.0 + start.fade) ** 2)
+        return np.column_stack([column, column * drawn])
+
+    def target(self, rows: Rows, moves: np.ndarray | None) -> np.ndarray:
+        """Return what the columns are to give: the voltage, where moves count from what is stated."""
+        start = self.starts[rows.name]
+        voltage = rows.voltage_V[self.kept[rows.name]]
+        if moves is None:
+            return voltage
+        return voltage + moves @ np.array([start.soc - self.stated[rows.name].soc, start.fade])
+
+    def parts(self, columns: dict[str, Columns]) -> Parts:
+        """Return the problem in the parts that the search leaves out."""
+        targets = {rows.name: self.target(rows, columns[rows.name].moves) for rows in self.runs}
         stated = [self.stated[name] for name in self.grid.runs]
-        return penalties_of(self.grid, shape, stated, self.ohm, self.level)
+        return Parts(self.grid, columns, targets, self.weights, self.judged(), stated, self.ohm, self.level)
 
-    def sums(self, shape: Shape, slope=None) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """Return A'WA, A'Wy, y'Wy and the sum of the weights."""
-        square, aim, energy, count = 0.0, 0.0, 0.0, 0.0
-        for name, matrix, target in self.matrices(shape, slope):
-            weight = self.weights[name]
-            heavy = matrix * weight[:, None]
-            square, aim = square + heavy.T @ matrix, aim + heavy.T @ target
-            energy, count = energy + float(weight @ target**2), count + weight.size
-        return np.asarray(square), np.asarray(aim), energy, count
+    def judged(self) -> dict[str, np.ndarray]:
+        """Return how much each reading counts where runs are left out, under load and at rest, shape (2, kept)."""
+        return {rows.name: counts(rows, self.kept[rows.name]) for rows in self.runs}
 
-    def positive(self, shape: Shape) -> np.ndarray:
-        """Return the mask of the values that are not negative."""
-        layout = self.grid.layout(shape)
-        mask = np.zeros(layout["fade"].stop, dtype=bool)
-        for name in (*RESISTANCES, "R_3", "M"):
-            mask[layout[name]] = True
-        return mask
+    def solved(self, shape: Shape, smoothness: Smoothness) -> tuple[Solution, float, dict[str, np.ndarray]]:
+        """Return the solution, the inflation, and the residuals; set weights, starts and levels for the next time."""
+        columns, layout = self.columns(), self.grid.layout(shape)
+        designs = {name: one.matrix(shape) for name, one in columns.items()}
+        targets = {rows.name: self.target(rows, columns[rows.name].moves) for rows in self.runs}
+        stated, weights = [self.stated[name] for name in self.grid.runs], self.weights
+        penalties = penalties_of(self.grid, shape, stated, self.ohm, smoothness, self.level)
+        positive = np.zeros(layout["fade"].stop, dtype=bool)
+        for name in (*RESISTANCES, "M"):
+            positive[layout[name]] = True
+
+        def residuals(values: np.ndarray) -> dict[str, np.ndarray]:
+            return {name: targets[name] - matrix @ values for name, matrix in designs.items()}
+
+        solution, inflation = solve(
+            np.asarray(sum((matrix.T * weights[name]) @ matrix for name, matrix in designs.items())),
+            np.asarray(sum((matrix.T * weights[name]) @ targets[name] for name, matrix in designs.items())),
+            float(sum(weights[name] @ target**2 for name, target in targets.items())),
+            float(sum(weight.sum() for weight in weights.values())),
+            penalty_matrix(positive.size, penalties),
+            positive,
+            lambda values: inflation_of([r * np.sqrt(weights[name]) for name, r in residuals(values).items()]),
+        )
+        left = residuals(solution.values)
+        self._learn(solution.values, layout, left)
+        return solution, inflation, left
+
+    def _learn(self, values: np.ndarray, layout: dict[str, slice], left: dict[str, np.ndarray]) -> None:
+        self.weights = _weights(left, self.shares)
+        size = self.grid.coarse.size
+        self.level = {name: values[layout[name]].reshape(-1, size).mean(axis=0) for name in RESISTANCES}
+        if self.slope is not None:
+            for number, name in enumerate(self.grid.runs):
+                stated, moved = self.stated[name], float(values[layout["soc"].start + number])
+                fade = float(np.clip(values[layout["fade"].start + number], -MOST_FADE, MOST_FADE))
+                self.starts[name] = dataclasses.replace(stated, soc=stated.soc + moved, fade=fade)
+        self.slope = values[layout["U"]]
 
 
 def rows_kept(rows: Rows, most: int) -> np.ndarray:
@@ -165,8 +206,16 @@ def rows_kept(rows: Rows, most: int) -> np.ndarray:
     return np.union1d(every, np.intersect1d(near, there))
 
 
+def counts(rows: Rows, kept: np.ndarray) -> np.ndarray:
+    """Return the charge that each kept reading stands for under load, and the time at rest, shape (2, kept)."""
+    time_s = np.minimum(np.gradient(rows.time_s[kept]), LONGEST_JUDGED_S)
+    current = np.abs(rows.current_A[kept])
+    resting = current <= rows.resting_A
+    return np.stack([np.where(resting, 0.0, time_s * current), np.where(resting, time_s, 0.0)])
+
+
 def time_shares(rows: Rows, kept: np.ndarray) -> np.ndarray:
-    """Return how much each kept reading counts: the time it stands for, up to `LONGEST_S`, with a mean of 1.
+    """Return how much each kept reading counts: the root of the time it stands for, up to `LONGEST_S`; mean 1.
 
     What the model misses lasts for seconds to minutes. A log that is dense in pulses would otherwise be fitted there
     alone, and one that is thinned at rest not at all.
@@ -199,79 +248,19 @@ def fit_joint(
         ohm: typical resistance of the cell.
         progress: called with what is done next.
     """
-
-    def problem(most: int, starts_now: dict[str, Start]) -> _Problem:
-        total = sum(int(rows.read.sum()) for rows in runs)
-        kept = {rows.name: rows_kept(rows, max(200, most * int(rows.read.sum()) // total)) for rows in runs}
-        shares = {rows.name: time_shares(rows, kept[rows.name]) for rows in runs}
-        return _Problem(runs, grid, capacity_Ah, dict(starts_now), ohm, starts, kept, shares, dict(shares))
-
-    shape, small, inflation, slope = first, problem(SEARCHED_ROWS, starts), 10.0, None
-    spread: dict[str, float] = {}
-    values = np.empty(0)
-    energies = [name for name in searched if name.startswith("E_")]
-    times = [name for name in searched if name not in energies]
-    # Energies first, with all tables near their law: a table over temperature would else take the law's work.
-    plan = [(True, tuple(searched))] * (LAWFUL_ROUNDS if energies else 0) + [(False, tuple(times))] * ROUNDS
-    for number, (lawful, names) in enumerate(plan):
-        if not lawful and energies and small.level is None:
-            small.level = _levels(small, shape, values)
+    small = _Problem(runs, grid, capacity_Ah, starts, ohm, SEARCHED_ROWS)
+    shape, smoothness = first, Smoothness()
+    for number in range(ROUNDS):
         if progress:
-            progress(f"joint refit, round {number + 1} of {len(plan)}")
-        solution, inflation, slope = _linear(small, shape, inflation, slope)
-        values = solution.values
-        if names:
-            shape, found = _search(small, shape, first, names, solution.strengths, solution.variance, inflation, slope)
-            spread |= found
-    full = problem(FITTED_ROWS, small.starts)
-    full.level = small.level
-    solution, inflation, slope = _linear(full, shape, inflation, slope)
-    residuals = {name: target - matrix @ solution.values for name, matrix, target in full.matrices(shape, slope)}
-    return JointFit(grid, shape, solution, capacity_Ah, full.starts, residuals, full.kept, inflation, spread)
-
-
-def _levels(problem: _Problem, shape: Shape, values: np.ndarray) -> dict[str, np.ndarray]:
-    """Return each resistance over SOC at 25 degC, the mean over the temperatures of its table."""
-    layout, size = problem.grid.layout(shape), problem.grid.coarse.size
-    return {name: values[layout[name]].reshape(-1, size).mean(axis=0) for name in RESISTANCES}
-
-
-Slope = Callable[[Rows, np.ndarray], np.ndarray]
-
-
-def _linear(problem: _Problem, shape: Shape, inflation: float, slope: Slope | None) -> tuple[Solution, float, Slope]:
-    """Solve for all values: strengths, weights of the readings, and initial states of charge in turn."""
-    layout = problem.grid.layout(shape)
-    for _ in range(ALTERNATIONS - 1):
-        solution, inflation = _solve_once(problem, shape, inflation, slope)
-        slope = _slope_of(problem.grid.fine, solution.values[layout["U"]])
-    solution, inflation = _solve_once(problem, shape, inflation, slope)
-    return solution, inflation, _slope_of(problem.grid.fine, solution.values[layout["U"]])
-
-
-def _solve_once(problem: _Problem, shape: Shape, inflation: float, slope: Slope | None) -> tuple[Solution, float]:
-    """Solve for the values at the weights so far; then set the weights and the initial states of charge anew."""
-    layout, sums = problem.grid.layout(shape), problem.sums(shape, slope)
-    solution = solve(*sums, problem.penalties(shape), min(inflation, MOST_INFLATION), positive=problem.positive(shape))
-    values = solution.values
-    left = {name: target - matrix @ values for name, matrix, target in problem.matrices(shape, slope)}
-    problem.weights = _weights(left, problem.shares)
-    inflation = inflation_of([r * np.sqrt(problem.weights[name]) for name, r in left.items()])
-    if slope is not None:
-        for number, name in enumerate(problem.grid.runs):
-            stated, moved = problem.stated[name], float(values[layout["soc"].start + number])
-            fade = float(np.clip(values[layout["fade"].start + number], -MOST_FADE, MOST_FADE))
-            problem.starts[name] = dataclasses.replace(stated, soc=stated.soc + moved, fade=fade)
-    return solution, inflation
-
-
-def _slope_of(knots: np.ndarray, values: np.ndarray) -> Slope:
-    """Return the function that gives dU/dSOC at states of charge."""
-
-    def slope(rows: Rows, soc: np.ndarray) -> np.ndarray:
-        return (hats(soc + SOC_STEP, knots) - hats(soc - SOC_STEP, knots)) @ values / (2.0 * SOC_STEP)
-
-    return slope
+            progress(f"joint refit, round {number + 1} of {ROUNDS}")
+        for _ in range(ALTERNATIONS):
+            small.solved(shape, smoothness)
+        shape, smoothness, spread = search(small.parts(small.columns()), shape, smoothness, searched)
+    full = _Problem(runs, grid, capacity_Ah, starts, ohm, FITTED_ROWS)
+    full.starts, full.level, full.slope = dict(small.starts), small.level, small.slope
+    for _ in range(ALTERNATIONS):
+        solution, inflation, left = full.solved(shape, smoothness)
+    return JointFit(grid, shape, smoothness, solution, capacity_Ah, full.starts, left, full.kept, inflation, spread)
 
 
 def _weights(left: dict[str, np.ndarray], shares: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -288,43 +277,3 @@ def _weights(left: dict[str, np.ndarray], shares: dict[str, np.ndarray]) -> dict
         * np.minimum(1.0, HUBER * typical[name] / np.maximum(np.abs(r), 1e-12))
         for name, r in left.items()
     }
-
-
-def _search(problem: _Problem, shape: Shape, expected: Shape, searched, strengths, variance, inflation, slope):
-    """Return the shape of least penalised squares at known strengths, and the sd of its numbers."""
-    scale = {name: ENERGY if name.startswith("E_") else None for name in searched}
-
-    def to_shape(x: np.ndarray) -> Shape:
-        numbers = {
-            name: float(at * scale[name]) if scale[name] else float(np.exp(at))
-            for name, at in zip(searched, x, strict=True)
-        }
-        return dataclasses.replace(shape, **numbers)
-
-    def numbers_of(one: Shape) -> np.ndarray:
-        values = [getattr(one, name) for name in searched]
-        return np.array([v / ENERGY if scale[n] else np.log(v) for n, v in zip(searched, values, strict=True)])
-
-    first, middle = numbers_of(shape), numbers_of(expected)
-    width = np.array([ENERGY_SD if scale[name] else LOG_TAU_SD for name in searched])
-    prior = penalty_matrix(len(problem.positive(shape)), problem.penalties(shape), strengths)
-
-    def misfit(x: np.ndarray) -> float:
-        square, aim, energy, _ = problem.sums(to_shape(x), slope)
-        precision = square / (inflation * variance) + prior
-        size = 1.0 / np.sqrt(np.diag(precision))
-        precision = precision * size[:, None] * size + 1e-9 * np.eye(size.size)
-        factor = cho_factor(precision, lower=True, check_finite=False)
-        target = size * aim / (inflation * variance)
-        squares = energy / (inflation * variance) - target @ cho_solve(factor, target, check_finite=False)
-        logdet = 2.0 * np.sum(np.log(np.diag(factor[0]) / size))
-        return float(0.5 * squares + 0.5 * logdet + 0.5 * np.sum(((x - middle) / width) ** 2))
-
-    bounds = [(-2.0, 12.0) if scale[name] else (at - 1.2, at + 1.2) for name, at in zip(searched, first, strict=True)]
-    found = minimize(misfit, first, method="L-BFGS-B", bounds=bounds, options={"maxiter": MOST_ITERATIONS, "eps": STEP})
-    spread = {}
-    for number, name in enumerate(searched):
-        unit = np.eye(first.size)[number] * 3.0 * STEP
-        bent = (misfit(found.x + unit) - 2.0 * found.fun + misfit(found.x - unit)) / (3.0 * STEP) ** 2
-        spread[name] = float(1.0 / np.sqrt(max(bent, 1e-6))) * (ENERGY if scale[name] else 1.0)
-    return to_shape(found.x), spread

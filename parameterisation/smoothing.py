@@ -1,23 +1,20 @@
-"""Linear least squares with smooth curves: hat functions, first-order lags, penalties and their strengths.
+"""Linear least squares with smooth curves: hat functions, first-order lags and penalties.
 
-The strengths of the penalties are those of the largest restricted likelihood (REML), by the update of Fellner and
-Schall (Wood and Fasiolo, Biometrics 73, 2017). Residuals of a model of a cell are correlated over many rows: the
-likelihood is tempered, each row counting 1 / inflation, with the inflation measured on the residuals.
+Residuals of a model of a cell are correlated over many rows: in the covariance each row counts 1 / inflation, with the
+inflation measured on the residuals.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_banded
 from scipy.optimize import lsq_linear
 
-ROUNDS = 40  # of the strengths
-SETTLED = 0.02  # largest change of the logarithm of a strength at which they are settled
-WEAKEST, STRONGEST = 1e-7, 1e4  # of a strength, in units of what the data say
-RIDGE = 1e-8  # of a curve's size: makes a penalty invertible
+READINGS, VOLT = 100.0, 0.01  # what all rows together count as beside a penalty; its size is searched
+RIDGE = 1e-9  # of a value's size: makes a penalty invertible
 
 
 def hats(x: np.ndarray, knots: np.ndarray) -> np.ndarray:
@@ -69,17 +66,15 @@ def roughness(size: int, order: int) -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Penalty:
-    """A quadratic penalty on some values: strength x values' matrix values.
+    """A quadratic penalty on some values: values' matrix values.
 
     Attributes:
         at: the values it acts on.
-        matrix: positive semi-definite, shape (at, at).
-        fixed: a precision that is known (1 / sd^2, in the values' unit); None: the strength is estimated.
+        matrix: positive semi-definite, shape (at, at), in 1 / sd^2.
     """
 
     at: slice
     matrix: np.ndarray
-    fixed: float | None = None
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -89,23 +84,24 @@ class Solution:
     Attributes:
         values: shape (values,).
         covariance: of the values, model misfit included by the inflation.
-        strengths: of the penalties that are not fixed.
         variance: of a residual.
-        freedom: the effective number of values.
     """
 
     values: np.ndarray
     covariance: np.ndarray
-    strengths: np.ndarray
     variance: float
-    freedom: float
 
 
-def penalty_matrix(size: int, penalties: Sequence[Penalty], strengths: np.ndarray) -> np.ndarray:
-    """Return the sum of the penalties, with known strengths and the given ones in their order."""
-    total, free = np.zeros((size, size)), iter(strengths)
+def data_scale(count: float) -> float:
+    """Return what a sum of weighted squares [V^2] is multiplied with: all rows are `READINGS` readings of `VOLT`."""
+    return READINGS / (count * VOLT**2)
+
+
+def penalty_matrix(size: int, penalties: Sequence[Penalty]) -> np.ndarray:
+    """Return the sum of the penalties."""
+    total = np.zeros((size, size))
     for penalty in penalties:
-        total[penalty.at, penalty.at] += (next(free) if penalty.fixed is None else penalty.fixed) * penalty.matrix
+        total[penalty.at, penalty.at] += penalty.matrix
     return total
 
 
@@ -113,69 +109,39 @@ def solve(
     square: np.ndarray,
     aim: np.ndarray,
     energy: float,
-    rows: float,
-    penalties: Sequence[Penalty],
-    inflation: float,
-    strengths: np.ndarray | None = None,
-    positive: np.ndarray | None = None,
-) -> Solution:
-    """Return the values of least penalised squares, with the strengths of largest restricted likelihood.
+    count: float,
+    prior: np.ndarray,
+    positive: np.ndarray,
+    inflation: Callable[[np.ndarray], float],
+) -> tuple[Solution, float]:
+    """Return the values of least penalised squares, and how many rows count as one.
 
     Args:
-        square: A'A, shape (values, values).
-        aim: A'y.
-        energy: y'y.
-        rows: number of rows, by weight.
-        penalties: on the values; every value that the rows do not determine has one.
-        inflation: rows that count as one.
-        strengths: known strengths; None estimates them.
+        square: A'WA, shape (values, values).
+        aim: A'Wy.
+        energy: y'Wy.
+        count: sum of the weights.
+        prior: sum of the penalties.
         positive: mask of values that are not negative.
+        inflation: gives rows that count as one, for values.
     """
-    size = aim.size
-    free = [p for p in penalties if p.fixed is None]
-    estimate = strengths is None
-    variance = max(energy / max(rows, 1.0) * 1e-4, 1e-12)
-    # The information of the data on the values of a penalty, in units of its matrix: bounds of its strength.
-    largest = np.max(np.diag(square))
-    data = np.array([_size(square[p.at, p.at], 1e-9 * largest) / _size(p.matrix, 1e-300) for p in free]) / inflation
-    current = 0.01 * data / variance if strengths is None else np.asarray(strengths, dtype=float)
-    tiny = RIDGE * np.maximum(np.diag(square), 1e-9 * largest) / inflation
-    values, spread, freedom = np.zeros(size), np.zeros((size, size)), 0.0
-    for _ in range(ROUNDS if estimate else 3):
-        prior = penalty_matrix(size, penalties, current) + np.diag(tiny / variance)
-        spread = inverse(square / (inflation * variance) + prior)
-        values = spread @ (aim / (inflation * variance))
-        squares = max(energy - 2.0 * values @ aim + values @ square @ values, 1e-18)
-        freedom = float(np.sum(spread * square) / (inflation * variance))
-        if not estimate:
-            variance = squares / max(rows - inflation * freedom, 0.1 * rows)
-            continue
-        within = inverse(prior)
-        new = current.copy()
-        for number, penalty in enumerate(free):
-            at, matrix = penalty.at, penalty.matrix
-            gained = np.sum(within[at, at] * matrix) - np.sum(spread[at, at] * matrix)
-            bent = values[at] @ matrix @ values[at]
-            new[number] = current[number] * max(gained, 1e-8) / max(bent, 1e-30)
-        variance = squares / max(rows - inflation * freedom, 0.1 * rows)
-        new = np.clip(
-            np.clip(new, current / 100.0, current * 100.0), WEAKEST * data / variance, STRONGEST * data / variance
-        )
-        moved = float(np.max(np.abs(np.log(new / current)), initial=0.0))
-        current = new
-        if moved < SETTLED:
-            break
-    precision = square / (inflation * variance) + penalty_matrix(size, penalties, current) + np.diag(tiny / variance)
-    covariance = inverse(precision)
-    target = aim / (inflation * variance)
-    values = covariance @ target
-    if positive is not None and np.any(values[positive] < 0.0):
+    scale = data_scale(count)
+    precision, target = scale * square + prior, scale * aim
+    values = quick(precision, target)
+    if np.any(values[positive] < 0.0):
         values = _not_negative(precision, target, positive)
-    return Solution(values, covariance, current, float(variance), freedom)
+    correlated = inflation(values)
+    variance = max(energy - 2.0 * values @ aim + values @ square @ values, 1e-18) / count
+    covariance = inverse(precision) * (scale * variance * correlated)
+    return Solution(values, covariance, float(variance)), correlated
 
 
-def _size(matrix: np.ndarray, least: float) -> float:
-    return max(float(np.mean(np.diag(matrix))), least)
+def quick(precision: np.ndarray, aim: np.ndarray) -> np.ndarray:
+    """Return the solution of a positive definite system, whose rows are first brought to one size."""
+    size = 1.0 / np.sqrt(np.diag(precision))
+    scaled = precision * size[:, None] * size
+    scaled[np.diag_indices_from(scaled)] += RIDGE
+    return size * cho_solve(cho_factor(scaled, lower=True, check_finite=False), size * aim, check_finite=False)
 
 
 def inverse(matrix: np.ndarray) -> np.ndarray:
