@@ -23,6 +23,7 @@ from parameterisation.rows import Rows, rows_of
 from parameterisation.tables import pooled_sd, table_extractions, tables_of
 from parameterisation.thermal import Thermal, fit_thermal, thermal_extractions
 
+AGE = ("cycles", "storage_months")
 MERGED_K = 6.0  # temperatures closer than this share a point of the tables
 LEAST_SPAN_K = 4.0  # of all fit runs, for an activation energy to be sought
 WARM_K = 10.0  # a cell that warms by more above its warmest run gets a point there
@@ -79,7 +80,10 @@ def parameterise_cell(case: Case, progress: Callable[[str], None] | None = None)
         points["thermal"] = thermal.points
     said = _case(case, drawn, fit, thermal, noise, varied)
     points = {name: table for name, table in points.items() if len(table)}
-    return Parameterisation(said, tuple(found), points, _remarks(fit, runs))
+    remarks = _remarks(fit, runs)
+    if any(case.parameters[name].value for name in AGE if name in case.parameters):
+        remarks = (*remarks, "The numbers hold the cell's age; cycles and storage_months count from here.")
+    return Parameterisation(said, tuple(found), points, remarks)
 
 
 def _usable(case: Case) -> list[Rows]:
@@ -226,14 +230,18 @@ def _fitted(runs: Sequence[Rows], fit: JointFit) -> pd.DataFrame:
 
 
 def _case(case: Case, drawn: Extraction, fit: JointFit, thermal: Thermal | None, noise, varied: bool) -> Case:
-    """Return the case with everything found; what it states as exact stays."""
+    """Return the case with everything found; what it states as exact stays, but for the age, which the numbers hold."""
     found = {"capacity_Ah": _typical_capacity(drawn, fit)}
     found["series_resistance_scale"] = Known(1.0, pooled_sd(fit, ("R_0",)))
     found["rc_resistance_scale"] = Known(1.0, pooled_sd(fit, ("R_S", "R_L")))
     spread = float(np.clip(max(fit.shape_sd.get("tau_S", 0.3), fit.shape_sd.get("tau_L", 0.3)), 0.02, 1.0))
     found["rc_capacitance_scale"] = Known(1.0, spread)
-    found |= {"cycles": Known(0.0), "storage_months": Known(0.0)}
-    exact = {name: known for name, known in case.parameters.items() if known.sd is None or name not in found}
+    found |= dict.fromkeys(AGE, Known(0.0))
+    exact = {
+        name: known
+        for name, known in case.parameters.items()
+        if name not in AGE and (known.sd is None or name not in found)
+    }
     effects, effect_sd = dict(case.effects), dict(case.effect_sd)
     if thermal is not None and "self_heating" not in effects:
         effects["self_heating"] = {"C_th": thermal.C_th, "hA": thermal.hA}

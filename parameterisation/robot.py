@@ -22,7 +22,7 @@ from jaxmodel.errors import FitError
 from jaxmodel.measurements import Measured
 from jaxmodel.parameters import info
 from jaxmodel.robot import accessory_draw, duty_of_signal, load_torque
-from parameterisation.cell import parameterise_cell
+from parameterisation.cell import AGE, parameterise_cell
 from parameterisation.motor import parameterise_motor
 from parameterisation.result import Extraction, Parameterisation, absent
 
@@ -31,7 +31,6 @@ TESTS = {
     "motors": "Runs with duty, pack voltage, and motor current or speed would give them.",
     "draw": "Pack current and motor current together, at rest and at several duties, would give it.",
 }
-AGE = ("cycles", "storage_months")
 # What tables found in the data replace; a scale beside them would count twice.
 SCALES = ("series_resistance_scale", "rc_resistance_scale", "rc_capacitance_scale")
 OF_CELL = {*AGE, *SCALES, "capacity_Ah"}

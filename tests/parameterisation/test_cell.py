@@ -134,11 +134,15 @@ def test_case_that_is_written_predicts_as_the_one_in_memory(found: Parameterisat
     np.testing.assert_allclose(one["voltage_V"], other["voltage_V"], atol=1e-9)
 
 
-def test_exact_numbers_of_the_case_are_kept() -> None:
+def test_exact_numbers_of_the_case_are_kept_but_for_the_age() -> None:
     frames = made.measured({"pulses": made.pulses(25.0)})
     case = made.raw_cell(frames)
-    case = dataclasses.replace(case, parameters=case.parameters | {"capacity_Ah": Known(2.0)})
-    assert not parameterise(case)["capacity_Ah"].found
+    exact = {"capacity_Ah": Known(2.0), "cycles": Known(300.0)}
+    found = parameterise(dataclasses.replace(case, parameters=case.parameters | exact))
+    assert not found["capacity_Ah"].found
+    # The resistance of an aged cell is that of its age: it must not age by the 300 cycles once more.
+    assert found.case.parameters["cycles"].value == 0.0
+    assert "age" in " ".join(found.remarks)
 
 
 @pytest.mark.parametrize(("change", "says"), [("voltage", "voltage_V"), ("check", "no fit run"), ("still", "current")])
