@@ -132,7 +132,7 @@ def curves(case: Case) -> Figure:
             T, curve = degC[row], values[row]
             share = 0.5 if T is None else (T - everywhere.min()) / max(float(np.ptp(everywhere)), 1.0)
             # A pair of no resistance has a capacitance without meaning.
-            shown = np.where(_exists(case, name, row), curve, np.nan)
+            shown = np.where(_exists(case, name, int(row)), curve, np.nan)
             axes.plot(table.soc, shown, color=palette(0.9 * share), label="" if T is None else f"{T:g} degC")
         if name != "ocv":
             axes.set_yscale("log")
