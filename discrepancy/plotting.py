@@ -3,24 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jaxmodel.errors import MeasurementError, nearest
+from jaxmodel.plotting import chosen_run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-def _run(name: str | None, names: Iterable[str]) -> str:
-    """Return the name of a run, the first by default; raise MeasurementError if there is no such run."""
-    names = list(names)
-    chosen = names[0] if name is None else name
-    if chosen not in names:
-        hint = nearest(chosen, names) or f" The runs are {', '.join(names)}."
-        raise MeasurementError(f"plot: no run is called '{chosen}'.{hint}")
-    return chosen
 
 
 class _Saved:
@@ -57,7 +47,7 @@ class DiagnosisPlots(_Saved):
         """
         from plots import diagnosis
 
-        return diagnosis.run_of(self.diagnosis, _run(name, (run.name for run in self.diagnosis.case.runs)))
+        return diagnosis.run_of(self.diagnosis, chosen_run(name, (run.name for run in self.diagnosis.case.runs)))
 
     def residuals(self) -> Figure:
         """Draw the residuals of base and final model over state of charge, current, temperature or speed."""
@@ -126,7 +116,7 @@ class InvestigationPlots:
         from plots import runs
 
         by_name = {run.name: run for run in self.investigation.case.runs}
-        chosen = _run(name, by_name)
+        chosen = chosen_run(name, by_name)
         models = self.investigation.models()
         drawn = {"calibrated base model": models[0].predictions[chosen]}
         if self.investigation.added:

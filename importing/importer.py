@@ -24,7 +24,7 @@ from importing.motor_constants import constants_of
 from importing.options import Kind, Options, checked
 from importing.runs import split
 from importing.sign import motor_signs, settle
-from jaxmodel.errors import MeasurementError
+from jaxmodel.errors import MeasurementError, nearest
 from jaxmodel.measurements import KINDS, file_label
 from jaxmodel.presets import why_not
 
@@ -62,8 +62,6 @@ def import_case(
         raise MeasurementError(f"kind: there is no '{kind}'; use cell, motor or robot.")
     known = {field.name for field in dataclasses.fields(Options)}
     if unknown := [name for name in decisions if name not in known]:
-        from jaxmodel.errors import nearest
-
         raise MeasurementError(f"import_case: there is no decision '{unknown[0]}'.{nearest(unknown[0], known)}")
     options = checked(dataclasses.replace(options or Options(), **decisions))
     if options.preset and (problem := why_not(options.preset, kind)):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
-from jaxmodel.errors import MeasurementError, nearest
+from jaxmodel.plotting import chosen_run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,9 +26,7 @@ class ImportPlots:
         from plots.imports import imported_run
 
         by_name = {one.log.name: one.log for one in self.imported.runs}
-        name = next(iter(by_name)) if run is None else run
-        if name not in by_name:
-            raise MeasurementError(f"plot: no run is called '{name}'.{nearest(name, by_name)}")
+        name = chosen_run(run, by_name)
         log = by_name[name]
         marked = [(finding.what, finding.column, finding.spans_s) for finding in log.findings]
         notes = [finding.sentence for finding in log.findings if finding.weight == "warning"]

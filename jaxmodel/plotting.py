@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from jaxmodel.errors import MeasurementError, nearest
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+def chosen_run(name: str | None, names: Iterable[str]) -> str:
+    """Return the name of a run, the first by default; raise MeasurementError if there is no such run."""
+    names = list(names)
+    chosen = names[0] if name is None else name
+    if chosen not in names:
+        hint = nearest(chosen, names) or f" The runs are {', '.join(names)}."
+        raise MeasurementError(f"plot: no run is called '{chosen}'.{hint}")
+    return chosen
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,7 +37,5 @@ class SimulationPlots:
         from plots import runs
 
         by_name = {one.run.name: one for one in self.simulation}
-        name = next(iter(by_name)) if run is None else run
-        if name not in by_name:
-            raise MeasurementError(f"plot: no run is called '{name}'.{nearest(name, by_name)}")
+        name = chosen_run(run, by_name)
         return runs.simulation(name, by_name[name].table, by_name[name].run)

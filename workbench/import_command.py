@@ -7,6 +7,36 @@ from typing import Annotated
 
 import typer
 
+# Options that `jaxmodel start` takes too.
+Columns = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--column", metavar='NAME="COLUMN"', help='As current_A="I/mA"; "" for none; repeatable.', show_default=False
+    ),
+]
+Units = Annotated[
+    list[str] | None,
+    typer.Option("--unit", metavar='"COLUMN=UNIT"', help="The unit of a column; repeatable.", show_default=False),
+]
+Constants = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--constant", metavar="NAME=VALUE", help="An input that never changes; repeatable.", show_default=False
+    ),
+]
+Sign = Annotated[
+    str | None, typer.Option(metavar="discharge-positive|charge-positive", help="Of the current.", show_default=False)
+]
+Check = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--check", metavar="RUN", help='Hold out this run, or those of a pattern "*_n20*".', show_default=False
+    ),
+]
+Ambient = Annotated[float | None, typer.Option(metavar="DEGC", help="Of all runs.", show_default=False)]
+InitialSoc = Annotated[float | None, typer.Option(help="At the start of all runs.", show_default=False)]
+Capacity = Annotated[float | None, typer.Option(metavar="AH", help="Of the cell.", show_default=False)]
+
 
 def import_(
     files: Annotated[
@@ -15,22 +45,10 @@ def import_(
     ],
     kind: Annotated[str, typer.Option(metavar="cell|motor|robot", help="What was measured.", show_default=False)],
     out: Annotated[Path, typer.Option("--out", metavar="CASE", help="Folder for the case.", show_default=False)],
-    column: Annotated[
-        list[str] | None,
-        typer.Option(metavar='NAME="COLUMN"', help='As current_A="I/mA"; "" for none; repeatable.', show_default=False),
-    ] = None,
-    unit: Annotated[
-        list[str] | None,
-        typer.Option(metavar='"COLUMN=UNIT"', help="The unit of a column; repeatable.", show_default=False),
-    ] = None,
-    constant: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME=VALUE", help="An input that never changes; repeatable.", show_default=False),
-    ] = None,
-    sign: Annotated[
-        str | None,
-        typer.Option(metavar="discharge-positive|charge-positive", help="Of the current.", show_default=False),
-    ] = None,
+    column: Columns = None,
+    unit: Units = None,
+    constant: Constants = None,
+    sign: Sign = None,
     flip: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Reverse this column; repeatable.", show_default=False)
     ] = None,
@@ -38,13 +56,10 @@ def import_(
         str, typer.Option(metavar="auto|files|rests|steps", help="Where runs begin, besides each file.")
     ] = "auto",
     rest_minutes: Annotated[float, typer.Option(help="The shortest rest that ends a run.")] = 30.0,
-    check: Annotated[
-        list[str] | None,
-        typer.Option(metavar="RUN", help='Hold out this run, or those of a pattern "*_n20*".', show_default=False),
-    ] = None,
-    ambient: Annotated[float | None, typer.Option(metavar="DEGC", help="Of all runs.", show_default=False)] = None,
-    initial_soc: Annotated[float | None, typer.Option(help="At the start of all runs.", show_default=False)] = None,
-    capacity: Annotated[float | None, typer.Option(metavar="AH", help="Of the cell.", show_default=False)] = None,
+    check: Check = None,
+    ambient: Ambient = None,
+    initial_soc: InitialSoc = None,
+    capacity: Capacity = None,
     preset: Annotated[str | None, typer.Option(help="For what the files do not tell.", show_default=False)] = None,
     seconds_per_row: Annotated[
         float | None, typer.Option(help="For files without a clock.", show_default=False)

@@ -109,8 +109,8 @@ def test_table_over_charge_and_temperature_is_bilinear_and_held(soc: np.ndarray,
 def test_large_table_is_looked_up_with_the_values_and_slopes_of_the_sum(monkeypatch, temperatures: int):
     rng = np.random.default_rng(7)
     degC = None if temperatures == 1 else np.linspace(-20.0, 60.0, temperatures)
-    soc = np.sort(rng.random(50))
-    table = Table(soc, rng.random((temperatures, 50)), degC)
+    soc = np.sort(rng.random(200))
+    table = Table(soc, rng.random((temperatures, 200)), degC)
     points = jnp.asarray(np.stack([rng.uniform(-0.1, 1.1, 400), rng.uniform(-40.0, 80.0, 400)]))
 
     def values_and_slopes():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -42,8 +43,8 @@ def start_to_finish(files: Sequence[Path], kind: str, out: Path, *, again: bool 
     try:
         if given is None:
             logs = files_of(files, case)
-            work = lambda: import_files(files, kind, case, **decisions)  # noqa: E731
-            stages.do("import", logs, {"kind": kind, **decisions}, case / "case.toml", work)
+            importing = partial(import_files, files, kind, case, **decisions)
+            stages.do("import", logs, {"kind": kind, **decisions}, case / "case.toml", importing)
         stages.do(
             "parameterise", _files_of(case), {}, better / "case.toml", lambda: parameterise_case(case, better, [])
         )
