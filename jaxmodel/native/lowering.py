@@ -1,0 +1,921 @@
+"""The primitives of JAX, written as vector instructions.
+
+An array of a lane is its numbers, each in a register: an operation on arrays is one on each of their elements. What has
+an element for each step of a long run is a `Series` instead: a function from an index to a number, evaluated in a loop
+where its elements are used.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
+
+from jaxmodel.native.elementary import Elementary
+from jaxmodel.native.emitter import Emitter, Value, constant
+
+# Arrays of more elements stay in memory.
+MOST_IN_REGISTERS = 512
+
+Array = np.ndarray  # of `Value`s
+
+
+class NotNative(Exception):
+    """A function has an operation that has no vector instructions here."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Series:
+    """One number for each index along a first axis that is too long for registers.
+
+    Attributes:
+        length: of the axis.
+        dtype: of the numbers.
+        at: the instructions of the number at an index, which is the text of an i64.
+    """
+
+    length: int
+    dtype: np.dtype
+    at: Callable[[str], Value]
+
+
+@dataclasses.dataclass(frozen=True)
+class Memory:
+    """An array in memory that is the same for all lanes, row after row.
+
+    Attributes:
+        pointer: to its first element.
+        shape: of the array.
+        dtype: of its elements.
+        first: element at which it starts.
+    """
+
+    pointer: str
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    first: int = 0
+
+
+Operand = Any  # an Array, a Series or a Memory
+
+
+class Lowering:
+    """Writes the equations of a jaxpr to an emitter.
+
+    Attributes:
+        room: numbers of working memory that a packet needs, by lane.
+    """
+
+    def __init__(self, emitter: Emitter, workspace: str) -> None:
+        self.e = emitter
+        self.room = 0
+        self._workspace = workspace
+        self._functions: dict[np.dtype, Elementary] = {}
+
+    def run(self, jaxpr: Jaxpr, consts: Sequence[Operand], arguments: Sequence[Operand]) -> list[Operand]:
+        """Write all equations and return the results.
+
+        Raises:
+            NotNative: an equation has no vector instructions.
+        """
+        known: dict[Any, Operand] = dict(zip(jaxpr.constvars, consts, strict=True))
+        known |= zip(jaxpr.invars, arguments, strict=True)
+        needed = _needed(jaxpr)
+
+        def read(atom: Any) -> Operand:
+            return constants(atom.val, atom.aval.dtype) if isinstance(atom, Literal) else known[atom]
+
+        for equation, used in zip(jaxpr.eqns, needed, strict=True):
+            if used:
+                results = self._equation(equation, [read(atom) for atom in equation.invars])
+                known |= zip(equation.outvars, results, strict=True)
+        return [read(atom) for atom in jaxpr.outvars]
+
+    def functions(self, dtype: np.dtype) -> Elementary:
+        """Return the elementary functions of a type."""
+        if np.dtype(dtype) not in self._functions:
+            self._functions[np.dtype(dtype)] = Elementary(self.e, dtype)
+        return self._functions[np.dtype(dtype)]
+
+    def _equation(self, equation: Any, given: list[Operand]) -> list[Operand]:
+        name, params = equation.primitive.name, equation.params
+        out = equation.outvars[0].aval if equation.outvars else None
+        if name in _INNER:
+            inner = next(params[key] for key in _INNER[name] if key in params)
+            if isinstance(inner, ClosedJaxpr):
+                return self.run(inner.jaxpr, [constants(c) for c in inner.consts], given)
+            return self.run(inner, [], given)
+        if name in _UNCHANGED:
+            return given
+        if name in ("scan", "while"):
+            return getattr(self, f"_{name}")(equation, given)
+        if name == "cond":
+            return self._cond(params["branches"], given)
+        if name == "split":
+            return self._split(given[0], params)
+        if any(isinstance(x, Series | Memory) for x in given):
+            return [self._of_long(name, given, params, out)]
+        if name in _ON_ARRAYS:
+            return [_ON_ARRAYS[name](self, given, params, out)]
+        return [self._by_element(name, given, params, out.dtype)]
+
+    def _by_element(self, name: str, given: list[Array], params: dict, dtype: np.dtype) -> Array:
+        operation = _element(name)
+        shape = np.broadcast_shapes(*(x.shape for x in given))
+        result = np.empty(shape, dtype=object)
+        for index in np.ndindex(shape):
+            values = [x[index] if x.shape else x[()] for x in given]
+            result[index] = operation(self, values, params, np.dtype(dtype))
+        return result
+
+    # Long arrays
+
+    def series(self, x: Operand) -> Series:
+        """Return an array along its first axis as a series of numbers.
+
+        Raises:
+            NotNative: it has further axes.
+        """
+        if isinstance(x, Series):
+            return x
+        if isinstance(x, Memory) and len(x.shape) == 1:
+            return Series(x.shape[0], x.dtype, lambda index: self._element_of(x, index))
+        if isinstance(x, np.ndarray) and x.shape == ():
+            return Series(0, x[()].dtype, lambda index: x[()])  # the same at every index
+        if isinstance(x, np.ndarray) and x.ndim == 1:
+            return self._spilled(x)
+        raise NotNative("an array over steps and something else")
+
+    def _element_of(self, memory: Memory, index: str) -> Value:
+        if memory.first:
+            index = self.e.emit(f"add i64 {index}, {memory.first}", np.dtype("i8"), False).text
+        return self.e.load(self.e.address(memory.pointer, index, memory.dtype, False), memory.dtype, False)
+
+    def _spilled(self, x: Array) -> Series:
+        """Return the elements of a small array, put into working memory so that they have an index."""
+        flat = x.ravel()
+        dtype = flat[0].dtype
+        place = self.reserve(flat.size)
+        for number, value in enumerate(flat):
+            self.e.store(self.e.widen(value), self.e.address(place, str(number), dtype, True))
+        return Series(
+            x.shape[0], dtype, lambda index: self.e.load(self.e.address(place, index, dtype, True), dtype, True)
+        )
+
+    def reserve(self, count: int) -> str:
+        """Return a pointer to working memory for so many numbers of each lane."""
+        offset, self.room = self.room, self.room + count
+        return self.e.emit(
+            f"getelementptr inbounds i8, ptr {self._workspace}, i64 {8 * self.e.lanes * offset}", np.dtype("i8"), False
+        ).text
+
+    def _of_long(self, name: str, given: list[Operand], params: dict, out: Any) -> Operand:
+        first = given[0]
+        if isinstance(first, Memory) and name in _VIEWS:
+            return self._view(name, first, given[1:], params, out)
+        if name == "gather":
+            return self._gather(given, params, out)
+        if name in ("broadcast_in_dim", "reshape", "squeeze", "expand_dims") and isinstance(first, Series):
+            if out.shape == (first.length,):
+                return first
+            raise NotNative(f"{name} of an array over steps")
+        if name == "concatenate":
+            return self._joined([self.series(x) for x in given], out)
+        if name == "slice" and isinstance(first, Series):
+            (start,), strides = params["start_indices"], params["strides"]
+            if strides in (None, (1,)):
+                return self._moved(first, start, out.shape[0])
+        if name in ("reduce_and", "reduce_or", "reduce_sum", "reduce_max", "reduce_min", "reduce_prod"):
+            return self._reduced(name, self.series(first))
+        operation = _element(name)
+        series = [self.series(x) for x in given]
+        if out.ndim != 1:
+            raise NotNative(f"{name} of an array over steps")
+        return Series(
+            out.shape[0],
+            np.dtype(out.dtype),
+            lambda index: operation(self, [one.at(index) for one in series], params, np.dtype(out.dtype)),
+        )
+
+    def _moved(self, series: Series, start: int, length: int) -> Series:
+        def at(index: str) -> Value:
+            return series.at(self.e.emit(f"add i64 {index}, {start}", np.dtype("i8"), False).text)
+
+        return Series(length, series.dtype, at if start else series.at)
+
+    def _joined(self, parts: list[Series], out: Any) -> Series:
+        """Return series one after the other, put into working memory."""
+        dtype, start, place = np.dtype(out.dtype), 0, self.reserve(out.shape[0])
+        for part in parts:
+            with Loop(self.e, part.length) as index:
+                target = self.e.emit(f"add i64 {index}, {start}", np.dtype("i8"), False).text
+                self.e.store(self.e.widen(part.at(index)), self.e.address(place, target, dtype, True))
+            start += part.length
+        return Series(
+            out.shape[0], dtype, lambda index: self.e.load(self.e.address(place, index, dtype, True), dtype, True)
+        )
+
+    def _reduced(self, name: str, series: Series) -> Array:
+        combine = _REDUCE[name]
+        with Loop(self.e, series.length, [self.e.widen(_neutral(name, series.dtype))]) as loop:
+            value = self.e.widen(series.at(loop.index))
+            loop.next = [combine(self, [loop.carried[0], value], {}, series.dtype)]
+        return _array(loop.carried[0])
+
+    def _view(self, name: str, memory: Memory, rest: list[Operand], params: dict, out: Any) -> Operand:
+        """Return a part of an array in memory, without moving it: rows of its first axis, or another shape."""
+        if name == "slice":
+            start, limit, strides = params["start_indices"], params["limit_indices"], params["strides"]
+            whole = all(s == 0 and e == n for s, e, n in zip(start[1:], limit[1:], memory.shape[1:], strict=True))
+            if not whole or strides not in (None, (1,) * len(memory.shape)):
+                return self.loaded(memory)[tuple(map(slice, start, limit, strides or (None,) * len(start)))]
+            memory = dataclasses.replace(memory, first=memory.first + start[0] * math.prod(memory.shape[1:]))
+        if name == "dynamic_slice":
+            starts = [x[()] for x in rest]
+            if not all(start.is_constant for start in starts):
+                raise NotNative("a slice whose place is computed")
+            memory = dataclasses.replace(
+                memory, first=memory.first + int(starts[0].text) * math.prod(memory.shape[1:])
+            )
+        view = dataclasses.replace(memory, shape=tuple(out.shape))
+        return self.loaded(view) if math.prod(out.shape) <= MOST_IN_REGISTERS // 4 else view
+
+    def loaded(self, memory: Memory) -> Array:
+        """Return an array in memory in registers."""
+        if math.prod(memory.shape) > MOST_IN_REGISTERS:
+            raise NotNative(f"an array of shape {memory.shape} as a whole")
+        flat = [self._element_of(memory, str(number)) for number in range(math.prod(memory.shape))]
+        result = np.empty(len(flat), dtype=object)
+        result[:] = flat
+        return result.reshape(memory.shape)
+
+    def _gather(self, given: list[Operand], params: dict, out: Any) -> Operand:
+        """Return elements of a one-dimensional array at computed places, or rows of a series at those of another."""
+        source, places = given
+        dims = params["dimension_numbers"]
+        size = 1 if isinstance(source, Series) else len(source.shape)
+        if size != 1 or params["slice_sizes"] != (1,) or dims.collapsed_slice_dims != (0,):
+            raise NotNative("a gather from an array of several axes")
+        length = source.length if isinstance(source, Series) else source.shape[0]
+        clip = "CLIP" in str(params["mode"])
+        if isinstance(places, Series | Memory):
+            where = self._indices(places)
+            inner = self.series(source)
+            return Series(out.shape[0], np.dtype(out.dtype), lambda index: inner.at(self._as_i64(where.at(index)).text))
+        inside = self.series(source) if not isinstance(source, np.ndarray) else self._spilled(source)
+        result = np.empty(out.shape, dtype=object)
+        flat = places.reshape(*out.shape) if places.ndim else places
+        for index in np.ndindex(*out.shape):
+            place = self._as_i64(flat[index])
+            if clip:
+                place = self._held(place, length)
+            result[index] = self._picked(source, inside, place, np.dtype(out.dtype))
+        return result
+
+    def _indices(self, places: Operand) -> Series:
+        if isinstance(places, Memory) and len(places.shape) == 2 and places.shape[1] == 1:
+            places = dataclasses.replace(places, shape=places.shape[:1])
+        return self.series(places)
+
+    def _as_i64(self, value: Value) -> Value:
+        if value.dtype.itemsize == 8:
+            return value
+        return self.e.convert("sext" if value.dtype.kind == "i" else "zext", value, np.int64)
+
+    def _held(self, place: Value, length: int) -> Value:
+        zero, last = constant(0, np.int64), constant(length - 1, np.int64)
+        return self.e.intrinsic("smin", self.e.intrinsic("smax", place, zero), last)
+
+    def _picked(self, source: Operand, series: Series, place: Value, dtype: np.dtype) -> Value:
+        """Return the element at a place that may differ from lane to lane."""
+        if not place.wide:
+            return series.at(place.text)
+        lanes, kind = self.e.lanes, self.e.type_of(np.dtype(np.int64), True)
+        result = "poison"
+        for lane in range(lanes):
+            index = self.e.emit(f"extractelement {kind} {place.text}, i64 {lane}", np.dtype(np.int64), False)
+            one = series.at(index.text)
+            if one.wide:
+                one = self.e.emit(f"extractelement {self.e.typed(one)}, i64 {lane}", dtype, False)
+            target = self.e.type_of(dtype, True)
+            result = self.e.emit(
+                f"insertelement {target} {result}, {self.e.typed(one)}, i64 {lane}", dtype, True
+            ).text
+        return Value(result, dtype, True)
+
+    # Loops
+
+    def _scan(self, equation: Any, given: list[Operand]) -> list[Operand]:
+        params = equation.params
+        body, length = params["jaxpr"], params["length"]
+        consts, carry = params["num_consts"], params["num_carry"]
+        if params["reverse"]:
+            raise NotNative("a scan from the end")
+        fixed, begin, over = given[:consts], given[consts : consts + carry], given[consts + carry :]
+        steps = [self._steps(x) for x in over]
+        flat, shapes = _flattened(begin)
+        room = []
+        for variable in equation.outvars[carry:]:
+            if type(variable).__name__ == "DropVar":
+                room.append(None)
+            elif len(variable.aval.shape) == 1:
+                room.append((self.reserve(length), np.dtype(variable.aval.dtype)))
+            else:
+                raise NotNative("arrays kept at every step")
+        with Loop(self.e, length, [self.e.widen(x) for x in flat]) as loop:
+            rows = [step(loop.index) for step in steps]
+            carried = _reshaped(loop.carried, shapes)
+            results = self.run(body.jaxpr, [constants(c) for c in body.consts], [*fixed, *carried, *rows])
+            for place, value in zip(room, results[carry:], strict=True):
+                if place is not None:
+                    address = self.e.address(place[0], loop.index, place[1], True)
+                    self.e.store(self.e.widen(value[()]), address)
+            loop.next = [self.e.widen(x) for x in _flattened(results[:carry])[0]]
+        kept: list[Operand] = []
+        for place in room:
+            kept.append(None if place is None else self._stored(*place, length))
+        return [*_reshaped(loop.carried, shapes), *kept]
+
+    def _stored(self, place: str, dtype: np.dtype, length: int) -> Series:
+        return Series(
+            length, dtype, lambda index: self.e.load(self.e.address(place, index, dtype, True), dtype, True)
+        )
+
+    def _steps(self, x: Operand) -> Callable[[str], Operand]:
+        """Return what a scan gives of an array at a step."""
+        if isinstance(x, Memory) and len(x.shape) > 1:
+            size = math.prod(x.shape[1:])
+
+            def row(index: str) -> Array:
+                start = self.e.emit(f"mul i64 {index}, {size}", np.dtype("i8"), False).text
+                if x.first:
+                    start = self.e.emit(f"add i64 {start}, {x.first}", np.dtype("i8"), False).text
+                pointer = self.e.address(x.pointer, start, x.dtype, False)
+                return self.loaded(Memory(pointer, x.shape[1:], x.dtype))
+
+            return row
+        if isinstance(x, np.ndarray) and x.ndim > 1:
+            raise NotNative("a scan over an array of several axes")
+        series = self.series(x)
+        return lambda index: _array(series.at(index))
+
+    def _while(self, equation: Any, given: list[Operand]) -> list[Operand]:
+        """Write a loop that runs as long as a lane goes on; a lane that does not keeps what it has."""
+        params, e = equation.params, self.e
+        first, second = params["cond_nconsts"], params["body_nconsts"]
+        of_condition, of_body, begin = given[:first], given[first : first + second], given[first + second :]
+        condition, body = params["cond_jaxpr"], params["body_jaxpr"]
+        flat, shapes = _flattened(begin)
+        flat = [e.widen(x) for x in flat]
+        test, inside, end, before = e.name("test"), e.name("inside"), e.name("end"), e.block
+        e.jump(test)
+        e.start_block(test)
+        place = len(e.lines)
+        e.begin_scope()
+        carried = [Value("%" + e.name(), x.dtype, True) for x in flat]
+        now = _reshaped(carried, shapes)
+        (goes_on,) = self.run(condition.jaxpr, [constants(c) for c in condition.consts], [*of_condition, *now])
+        running = goes_on[()]
+        e.branch(e.any_lane(running), inside, end)
+        e.start_block(inside)
+        results = self.run(body.jaxpr, [constants(c) for c in body.consts], [*of_body, *now])
+        kept = [
+            e.widen(e.select(running, new, old)) for new, old in zip(_flattened(results)[0], carried, strict=True)
+        ]
+        last = e.block
+        e.jump(test)
+        e.end_scope()
+        starts = []
+        for register, start, new in zip(carried, flat, kept, strict=True):
+            kind = e.type_of(register.dtype, True)
+            starts.append(
+                f"  {register.text} = phi {kind} [ {start.text}, %{before} ], [ {new.text}, %{last} ]"
+            )
+        e.lines[place:place] = starts
+        e.start_block(end)
+        return now
+
+    def _cond(self, branches: Sequence[ClosedJaxpr], given: list[Operand]) -> list[Operand]:
+        """Write all branches and select: they are pure."""
+        index = given[0][()]
+        results = [self.run(b.jaxpr, [constants(c) for c in b.consts], given[1:]) for b in branches]
+        chosen = results[-1]
+        for number in reversed(range(len(branches) - 1)):
+            holds = index if index.dtype.kind == "b" else self.e.compare("icmp sle", index, constant(number, index.dtype))
+            if index.dtype.kind == "b":  # false is the first branch
+                chosen = [self._chosen(holds, new, old) for new, old in zip(chosen, results[number], strict=True)]
+            else:
+                chosen = [self._chosen(holds, new, old) for new, old in zip(results[number], chosen, strict=True)]
+        return chosen
+
+    def _chosen(self, holds: Value, yes: Operand, no: Operand) -> Array:
+        if isinstance(yes, Series) or isinstance(no, Series):
+            raise NotNative("a branch with an array over steps")
+        result = np.empty(yes.shape, dtype=object)
+        for index in np.ndindex(yes.shape):
+            result[index] = self.e.select(holds, yes[index], no[index])
+        return result
+
+    def _split(self, x: Operand, params: dict) -> list[Operand]:
+        if not isinstance(x, np.ndarray):
+            raise NotNative("a split of an array over steps")
+        ends = np.cumsum(params["sizes"])[:-1]
+        return list(np.split(x, ends, axis=params["axis"]))
+
+
+class Loop:
+    """A loop over indices from 0; carried values are phi nodes.
+
+    Attributes:
+        index: the text of the index.
+        carried: values at the start of a round; after the loop those at its end.
+        next: values at the end of a round, to be set in the body.
+    """
+
+    def __init__(self, emitter: Emitter, length: int, begin: Sequence[Value] = ()) -> None:
+        self.e, self.length, self.begin = emitter, length, list(begin)
+        self.next: list[Value] = []
+
+    def __enter__(self) -> Any:
+        e = self.e
+        self._before, self._head, self._done = e.block, e.name("loop"), e.name("done")
+        self.index = "%" + e.name()
+        self.carried = [Value("%" + e.name(), x.dtype, True) for x in self.begin]
+        # A loop of no rounds leaves the values at its start.
+        e.branch(Value("true" if self.length else "false", np.dtype(bool)), self._head, self._done)
+        e.start_block(self._head)
+        self._place = len(e.lines)
+        e.begin_scope()
+        return self if self.begin else self.index
+
+    def __exit__(self, kind: Any, *rest: Any) -> None:
+        if kind is not None:
+            return
+        e = self.e
+        e.end_scope()
+        following = e.emit(f"add nuw nsw i64 {self.index}, 1", np.dtype("i8"), False)
+        ends = e.emit(f"icmp eq i64 {following.text}, {self.length}", np.dtype(bool), False)
+        last = e.block
+        e.branch(ends, self._done, self._head)
+        lines = [f"  {self.index} = phi i64 [ 0, %{self._before} ], [ {following.text}, %{last} ]"]
+        after = []
+        results = []
+        for register, start, new in zip(self.carried, self.begin, self.next, strict=True):
+            kind_text = e.type_of(register.dtype, True)
+            lines.append(f"  {register.text} = phi {kind_text} [ {start.text}, %{self._before} ], [ {new.text}, %{last} ]")
+            result = Value("%" + e.name(), register.dtype, True)
+            after.append(f"  {result.text} = phi {kind_text} [ {start.text}, %{self._before} ], [ {new.text}, %{last} ]")
+            results.append(result)
+        e.lines[self._place : self._place] = lines
+        e.start_block(self._done)
+        e.lines += after
+        self.carried = results
+
+
+def constants(value: Any, dtype: Any = None) -> Array:
+    """Return numbers that are known when the kernel is compiled."""
+    array = np.asarray(value, dtype)
+    if array.size > MOST_IN_REGISTERS:
+        raise NotNative(f"a constant of shape {array.shape}")
+    result = np.empty(array.shape, dtype=object)
+    for index in np.ndindex(array.shape):
+        result[index] = constant(array[index], array.dtype)
+    return result
+
+
+def _array(value: Value) -> Array:
+    result = np.empty((), dtype=object)
+    result[()] = value
+    return result
+
+
+def _flattened(arrays: Sequence[Operand]) -> tuple[list[Value], list[tuple[int, ...]]]:
+    if any(not isinstance(x, np.ndarray) for x in arrays):
+        raise NotNative("a long array carried from step to step")
+    return [value for x in arrays for value in x.ravel()], [x.shape for x in arrays]
+
+
+def _reshaped(values: Sequence[Value], shapes: Sequence[tuple[int, ...]]) -> list[Array]:
+    result, start = [], 0
+    for shape in shapes:
+        size = math.prod(shape)
+        array = np.empty(size, dtype=object)
+        array[:] = values[start : start + size]
+        result.append(array.reshape(shape))
+        start += size
+    return result
+
+
+def _needed(jaxpr: Jaxpr) -> list[bool]:
+    """Return for each equation whether a result depends on it."""
+    wanted = {v for v in jaxpr.outvars if not isinstance(v, Literal)}
+    needed = []
+    for equation in reversed(jaxpr.eqns):
+        used = any(v in wanted for v in equation.outvars)
+        needed.append(used)
+        if used:
+            wanted |= {v for v in equation.invars if not isinstance(v, Literal)}
+    return needed[::-1]
+
+
+# Primitives with a jaxpr inside, and the parameters that may hold it.
+_INNER = {
+    name: ("jaxpr", "call_jaxpr", "fun_jaxpr")
+    for name in ("jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call", "remat", "checkpoint")
+}
+_UNCHANGED = (
+    "optimization_barrier", "stop_gradient", "copy", "copy_p", "device_put", "pvary", "reshard", "sharding_constraint",
+    "reduce_precision",
+)  # fmt: skip
+_VIEWS = ("slice", "dynamic_slice", "squeeze", "reshape", "broadcast_in_dim", "expand_dims")
+
+
+# Operations by element: (lowering, values, params, dtype of the result) -> value.
+
+def _arithmetic(of_floats: str, of_integers: str) -> Callable:
+    def operation(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+        return lowering.e.binary(of_floats if dtype.kind == "f" else of_integers, *given)
+
+    return operation
+
+
+def _comparison(of_floats: str, of_integers: str) -> Callable:
+    def operation(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+        kind = given[0].dtype.kind
+        if kind == "f":
+            return lowering.e.compare(f"fcmp {of_floats}", *given)
+        sign = "" if of_integers in ("eq", "ne") else ("s" if kind == "i" else "u")
+        return lowering.e.compare(f"icmp {sign}{of_integers}", *given)
+
+    return operation
+
+
+def _extreme(larger: bool) -> Callable:
+    """Return the larger or smaller of two numbers; not a number if one is not."""
+
+    def operation(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+        e, (x, y) = lowering.e, given
+        if dtype.kind == "b":
+            return e.binary("or" if larger else "and", x, y)
+        if dtype.kind in "iu":
+            return e.intrinsic(("s" if dtype.kind == "i" else "u") + ("max" if larger else "min"), x, y)
+        if y.is_constant:
+            x, y = y, x
+        if x.is_constant:  # one instruction, which returns the second number where the comparison fails
+            return e.select(e.compare("fcmp ogt" if larger else "fcmp olt", x, y), x, y)
+        return e.intrinsic("maximum" if larger else "minimum", x, y)
+
+    return operation
+
+
+def _function(name: str) -> Callable:
+    def operation(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+        return getattr(lowering.functions(dtype), name)(*given)
+
+    return operation
+
+
+def _intrinsic(name: str) -> Callable:
+    def operation(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+        if dtype.kind != "f":
+            raise NotNative(f"{name} of whole numbers")
+        return lowering.e.intrinsic(name, *given)
+
+    return operation
+
+
+def _library(name: str) -> Callable:
+    def operation(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+        return lowering.e.by_lane(name, *given)
+
+    return operation
+
+
+def _neg(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    if dtype.kind == "f":
+        return lowering.e.unary("fneg", given[0])
+    return lowering.e.binary("sub", constant(0, dtype), given[0])
+
+
+def _abs(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    if dtype.kind == "f":
+        return lowering.e.intrinsic("fabs", given[0])
+    return lowering.e.intrinsic("smax", given[0], _neg(lowering, given, params, dtype))
+
+
+def _sign(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    e, x = lowering.e, given[0]
+    kind = "f" if dtype.kind == "f" else "i"
+    up, down = ("fcmp ogt", "fcmp olt") if kind == "f" else ("icmp sgt", "icmp slt")
+    zero = constant(0, dtype)
+    return e.select(
+        e.compare(up, x, zero), constant(1, dtype), e.select(e.compare(down, x, zero), constant(-1, dtype), x)
+    )
+
+
+def _not(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    return lowering.e.binary("xor", given[0], constant(dtype.kind == "b" or -1, dtype))
+
+
+def _is_finite(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    x = given[0]
+    return lowering.e.compare("fcmp olt", lowering.e.intrinsic("fabs", x), constant(np.inf, x.dtype))
+
+
+def _select_n(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    which, *cases = given
+    if which.dtype.kind == "b":
+        return lowering.e.select(which, cases[1], cases[0])
+    chosen = cases[-1]
+    for number in reversed(range(len(cases) - 1)):
+        chosen = lowering.e.select(
+            lowering.e.compare("icmp sle", which, constant(number, which.dtype)), cases[number], chosen
+        )
+    return chosen
+
+
+def _integer_pow(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    """Return x^n by squaring."""
+    times = _ELEMENTS["mul"]
+    exponent, square, result = abs(params["y"]), given[0], None
+    while exponent:
+        if exponent & 1:
+            result = square if result is None else times(lowering, [result, square], {}, dtype)
+        exponent >>= 1
+        if exponent:
+            square = times(lowering, [square, square], {}, dtype)
+    if result is None:
+        return constant(1, dtype)
+    return lowering.e.binary("fdiv", constant(1, dtype), result) if params["y"] < 0 else result
+
+
+def _square(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    return _ELEMENTS["mul"](lowering, [given[0], given[0]], {}, dtype)
+
+
+def _pow(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    x, y = given
+    if y.dtype.kind != "f":
+        y = _convert(lowering, [y], {}, dtype)
+    return lowering.functions(dtype).power(x, y)
+
+
+def _rsqrt(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    return lowering.e.binary("fdiv", constant(1, dtype), lowering.e.intrinsic("sqrt", given[0]))
+
+
+def _sine(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    return lowering.functions(dtype).sine_and_cosine(given[0])[0]
+
+
+def _cosine(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    return lowering.functions(dtype).sine_and_cosine(given[0])[1]
+
+
+def _round(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    to_even = int(params["rounding_method"]) == 1
+    return lowering.e.intrinsic("roundeven" if to_even else "round", given[0])
+
+
+def _clamp(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    low, x, high = given
+    x = _ELEMENTS["max"](lowering, [low, x], {}, dtype)
+    return _ELEMENTS["min"](lowering, [x, high], {}, dtype)
+
+
+def _convert(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    e, x = lowering.e, given[0]
+    source, target = x.dtype, np.dtype(dtype)
+    if source == target:
+        return x
+    pair = source.kind + target.kind
+    if target.kind == "b":
+        zero = constant(0, source)
+        return e.compare("fcmp une" if source.kind == "f" else "icmp ne", x, zero)
+    if pair == "ff":
+        return e.convert("fpext" if target.itemsize > source.itemsize else "fptrunc", x, target)
+    if source.kind == "b":
+        return e.select(x, constant(1, target), constant(0, target))
+    if source.kind in "iu" and target.kind == "f":
+        return e.convert("sitofp" if source.kind == "i" else "uitofp", x, target)
+    if source.kind == "f":
+        return e.saturated("fptosi" if target.kind == "i" else "fptoui", x, target)
+    if target.itemsize == source.itemsize:
+        return dataclasses.replace(x, dtype=target)
+    if target.itemsize < source.itemsize:
+        return e.convert("trunc", x, target)
+    return e.convert("sext" if source.kind == "i" else "zext", x, target)
+
+
+def _remainder(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    if dtype.kind != "f":
+        return lowering.e.binary("srem" if dtype.kind == "i" else "urem", *given)
+    return lowering.e.by_lane("fmod", *given)
+
+
+_ELEMENTS: dict[str, Callable] = {
+    "add": _arithmetic("fadd", "add"),
+    "add_any": _arithmetic("fadd", "add"),
+    "sub": _arithmetic("fsub", "sub"),
+    "mul": _arithmetic("fmul", "mul"),
+    "div": _arithmetic("fdiv", "sdiv"),
+    "rem": _remainder,
+    "neg": _neg,
+    "abs": _abs,
+    "sign": _sign,
+    "max": _extreme(larger=True),
+    "min": _extreme(larger=False),
+    "gt": _comparison("ogt", "gt"),
+    "ge": _comparison("oge", "ge"),
+    "lt": _comparison("olt", "lt"),
+    "le": _comparison("ole", "le"),
+    "eq": _comparison("oeq", "eq"),
+    "ne": _comparison("une", "ne"),
+    "and": _arithmetic("and", "and"),
+    "or": _arithmetic("or", "or"),
+    "xor": _arithmetic("xor", "xor"),
+    "not": _not,
+    "is_finite": _is_finite,
+    "select_n": _select_n,
+    "clamp": _clamp,
+    "convert_element_type": _convert,
+    "integer_pow": _integer_pow,
+    "square": _square,
+    "pow": _pow,
+    "sqrt": _intrinsic("sqrt"),
+    "rsqrt": _rsqrt,
+    "floor": _intrinsic("floor"),
+    "ceil": _intrinsic("ceil"),
+    "round": _round,
+    "exp": _function("exp"),
+    "expm1": _function("expm1"),
+    "log": _function("log"),
+    "log1p": _function("log1p"),
+    "tanh": _function("tanh"),
+    "logistic": _function("logistic"),
+    "asinh": _function("asinh"),
+    "sin": _sine,
+    "cos": _cosine,
+    **{
+        name: _library(name)
+        for name in ("tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "acosh", "atanh", "cbrt", "erf", "erfc", "exp2")
+    },
+}
+_REDUCE = {
+    "reduce_sum": _ELEMENTS["add"],
+    "reduce_prod": _ELEMENTS["mul"],
+    "reduce_max": _ELEMENTS["max"],
+    "reduce_min": _ELEMENTS["min"],
+    "reduce_and": _ELEMENTS["and"],
+    "reduce_or": _ELEMENTS["or"],
+}
+
+
+def _neutral(name: str, dtype: np.dtype) -> Value:
+    value = {
+        "reduce_sum": 0, "reduce_prod": 1, "reduce_max": -np.inf, "reduce_min": np.inf, "reduce_and": True,
+        "reduce_or": False,
+    }[name]  # fmt: skip
+    if dtype.kind in "iu" and not np.isfinite(value):
+        value = np.iinfo(dtype).min if value < 0 else np.iinfo(dtype).max
+    return constant(value, dtype)
+
+
+def _element(name: str) -> Callable:
+    if name not in _ELEMENTS:
+        raise NotNative(f'the operation "{name}"')
+    return _ELEMENTS[name]
+
+
+# Operations on arrays: (lowering, arrays, params, abstract result) -> array.
+
+def _reduce(name: str) -> Callable:
+    def operation(lowering: Lowering, given: list[Array], params: dict, out: Any) -> Array:
+        axes = params["axes"]
+        moved = np.moveaxis(given[0], axes, range(len(axes)))
+        moved = moved.reshape(-1, *out.shape)
+        result = np.empty(out.shape, dtype=object)
+        for index in np.ndindex(*out.shape):
+            values = [moved[(row, *index)] for row in range(moved.shape[0])]
+            total = values[0] if values else _neutral(name, np.dtype(out.dtype))
+            for value in values[1:]:
+                total = _REDUCE[name](lowering, [total, value], {}, np.dtype(out.dtype))
+            result[index] = total
+        return result
+
+    return operation
+
+
+def _broadcast(lowering: Lowering, given: list[Array], params: dict, out: Any) -> Array:
+    if math.prod(out.shape) > MOST_IN_REGISTERS:
+        if given[0].shape == () and len(out.shape) == 1:
+            value = given[0][()]
+            return Series(out.shape[0], value.dtype, lambda index: value)  # type: ignore[return-value]
+        raise NotNative(f"an array of shape {out.shape}")
+    shape = [1] * len(out.shape)
+    for axis, size in zip(params["broadcast_dimensions"], given[0].shape, strict=True):
+        shape[axis] = size
+    return np.broadcast_to(given[0].reshape(shape), out.shape)
+
+
+def _slice(lowering: Lowering, given: list[Array], params: dict, out: Any) -> Array:
+    strides = params["strides"] or (1,) * given[0].ndim
+    return given[0][tuple(map(slice, params["start_indices"], params["limit_indices"], strides))]
+
+
+def _dynamic_slice(lowering: Lowering, given: list[Array], params: dict, out: Any) -> Array:
+    source, *starts = given
+    places = [x[()] for x in starts]
+    if not all(place.is_constant for place in places):
+        raise NotNative("a slice whose place is computed")
+    at = [
+        min(max(int(place.text), 0), size - width)
+        for place, size, width in zip(places, source.shape, out.shape, strict=True)
+    ]
+    return source[tuple(slice(start, start + width) for start, width in zip(at, out.shape, strict=True))]
+
+
+def _pad(lowering: Lowering, given: list[Array], params: dict, out: Any) -> Array:
+    source, value = given
+    result = np.empty(out.shape, dtype=object)
+    result.fill(value[()])
+    places = []
+    for (low, high, inner), size in zip(params["padding_config"], source.shape, strict=True):
+        if low < 0 or high < 0:
+            raise NotNative("a negative padding")
+        places.append(slice(low, low + (size - 1) * (inner + 1) + 1, inner + 1))
+    result[tuple(places)] = source
+    return result
+
+
+def _dot(lowering: Lowering, given: list[Array], params: dict, out: Any) -> Array:
+    (left, right), (batch_left, batch_right) = params["dimension_numbers"]
+    if batch_left or batch_right:
+        raise NotNative("a product of matrices over further axes")
+    x = np.moveaxis(given[0], left, range(-len(left), 0)) if left else given[0]
+    y = np.moveaxis(given[1], right, range(len(right))) if right else given[1]
+    inner = math.prod(given[0].shape[axis] for axis in left)
+    rows, columns = x.reshape(-1, inner), y.reshape(inner, -1)
+    dtype = np.dtype(out.dtype)
+    result = np.empty((rows.shape[0], columns.shape[1]), dtype=object)
+    for i, j in np.ndindex(*result.shape):
+        total = _ELEMENTS["mul"](lowering, [rows[i, 0], columns[0, j]], {}, dtype)
+        for k in range(1, inner):
+            product = _ELEMENTS["mul"](lowering, [rows[i, k], columns[k, j]], {}, dtype)
+            total = _ELEMENTS["add"](lowering, [total, product], {}, dtype)
+        result[i, j] = total
+    return result.reshape(out.shape)
+
+
+def _cumulative(name: str) -> Callable:
+    def operation(lowering: Lowering, given: list[Array], params: dict, out: Any) -> Array:
+        source = np.moveaxis(given[0], params["axis"], 0)
+        source = source[::-1] if params["reverse"] else source
+        result = np.empty(source.shape, dtype=object)
+        for index in np.ndindex(source.shape[1:]):
+            total = None
+            for row in range(source.shape[0]):
+                value = source[(row, *index)]
+                total = value if total is None else _REDUCE[name](lowering, [total, value], {}, np.dtype(out.dtype))
+                result[(row, *index)] = total
+        result = result[::-1] if params["reverse"] else result
+        return np.moveaxis(result, 0, params["axis"])
+
+    return operation
+
+
+def _iota(lowering: Lowering, given: list[Array], params: dict, out: Any) -> Array:
+    if math.prod(out.shape) > MOST_IN_REGISTERS:
+        raise NotNative(f"an array of shape {out.shape}")
+    shape = [1] * len(out.shape)
+    shape[params["dimension"]] = -1
+    count = np.arange(out.shape[params["dimension"]], dtype=out.dtype).reshape(shape)
+    return constants(np.broadcast_to(count, out.shape))
+
+
+_ON_ARRAYS: dict[str, Callable] = {
+    **{name: _reduce(name) for name in _REDUCE},
+    "broadcast_in_dim": _broadcast,
+    "reshape": lambda lowering, given, params, out: given[0].reshape(out.shape),
+    "squeeze": lambda lowering, given, params, out: given[0].reshape(out.shape),
+    "expand_dims": lambda lowering, given, params, out: given[0].reshape(out.shape),
+    "transpose": lambda lowering, given, params, out: given[0].transpose(params["permutation"]),
+    "rev": lambda lowering, given, params, out: np.flip(given[0], params["dimensions"]),
+    "concatenate": lambda lowering, given, params, out: np.concatenate(given, axis=params["dimension"]),
+    "stack": lambda lowering, given, params, out: np.stack(given, axis=params.get("axis", params.get("dimension", 0))),
+    "slice": _slice,
+    "dynamic_slice": _dynamic_slice,
+    "gather": lambda lowering, given, params, out: lowering._gather(given, params, out),
+    "pad": _pad,
+    "dot_general": _dot,
+    "cumsum": _cumulative("reduce_sum"),
+    "cumprod": _cumulative("reduce_prod"),
+    "cummax": _cumulative("reduce_max"),
+    "cummin": _cumulative("reduce_min"),
+    "iota": _iota,
+}  # fmt: skip
+

@@ -1,0 +1,98 @@
+"""LLVM: from the text of a module to a function in this process."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import hashlib
+import os
+from pathlib import Path
+from typing import Any
+
+import llvmlite
+import llvmlite.binding as llvm
+
+from jaxmodel.jax_settings import cache_folder
+
+
+@functools.cache
+def target() -> Any:
+    """Return the target machine of this host."""
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    return llvm.Target.from_default_triple().create_target_machine(
+        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=3, jit=True,
+        reloc="pic" if os.name != "nt" else "default",
+    )  # fmt: skip
+
+
+def vector_bits() -> int:
+    """Return the size of this processor's vector registers."""
+    features = llvm.get_host_cpu_features()
+    if features.get("avx512f"):
+        return 512
+    return 256 if features.get("avx2") or features.get("avx") else 128
+
+
+class Function:
+    """A compiled function; it lives as long as this object.
+
+    Attributes:
+        call: with the arguments as they were declared.
+    """
+
+    def __init__(self, image: bytes, name: str, arguments: list[Any]) -> None:
+        self._jit = llvm.create_lljit_compiler(target(), suppress_errors=False, use_jit_link=False)
+        builder = llvm.JITLibraryBuilder().add_object_img(image).export_symbol(name).add_current_process()
+        self._library = builder.link(self._jit, name)
+        self.call = ctypes.CFUNCTYPE(None, *arguments)(self._library[name])
+
+
+def load(text: str, name: str, arguments: list[Any]) -> Function:
+    """Return a function of a module, compiled, or from the folder of compiled programs."""
+    return Function(_image(text), name, arguments)
+
+
+def _image(text: str) -> bytes:
+    """Return the machine code, kept by content: of the module, of the compiler and of the processor."""
+    machine = target()
+    made_by = (llvmlite.__version__, machine.triple, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten())
+    key = hashlib.sha256("\n".join((*made_by, text)).encode()).hexdigest()
+    kept = cache_folder() / "native" / f"{key}.o"
+    if (image := _read(kept, key)) is not None:
+        return image
+    image = _compiled(text)
+    _write(kept, image)
+    return image
+
+
+def _compiled(text: str) -> bytes:
+    machine = target()
+    module = llvm.parse_assembly(text)
+    module.triple = machine.triple
+    options = llvm.create_pipeline_tuning_options(speed_level=2)
+    options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = False
+    builder = llvm.create_pass_builder(machine, options)
+    builder.getModulePassManager().run(module, builder)
+    return machine.emit_object(module)
+
+
+def _read(path: Path, key: str) -> bytes | None:
+    """Return what was kept if it is whole."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return None
+    digest, image = content[:32], content[32:]
+    return image if hashlib.sha256(image).digest() == digest else None
+
+
+def _write(path: Path, image: bytes) -> None:
+    """Keep machine code; whoever reads finds all of it or nothing. Nothing is kept where it cannot be."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        partial = path.with_suffix(f".{os.getpid()}")
+        partial.write_bytes(hashlib.sha256(image).digest() + image)
+        partial.replace(path)
+    except OSError:
+        return
