@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from sweeps import Study
-from sweeps.engine import Runner
+from sweeps.runner import Runner
 
 DURATION_S = 1800
 AMBIENT_DEGC = 20.0
@@ -43,7 +43,7 @@ class Ours:
         self._chunks = self._runner.chunks(None, whole=True)
         self._runner.prepare(self._chunks)
         self.steps = self._runner.steps
-        self.course: Any = self._runner._shared[1]
+        self.course: Any = self._runner.shared[1]
 
     def __call__(self) -> dict[str, np.ndarray]:
         """Run all chunks and return each metric over the lanes."""

@@ -24,7 +24,7 @@ import jax
 from jaxmodel.errors import SweepError
 from jaxmodel.jax_settings import use_all_cores
 from sweeps import manifest
-from sweeps.engine import Runner
+from sweeps.runner import Runner
 from sweeps.lane import Outcome
 from sweeps.plan import Chunks
 from sweeps.study import Study

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 
-from sweeps.engine import Runner
+from sweeps.runner import Runner
 from sweeps.plan import COPIES
 from sweeps.study import Study
 

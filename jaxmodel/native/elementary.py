@@ -168,13 +168,12 @@ class Elementary:
         return grown, exponent, number
 
     def exp(self, x: Value) -> Value:
-        """Return e^x; below the smallest normal number it is 0."""
-        grown, exponent, _ = self._exp_parts(x)
+        """Return e^x; it is never below the smallest normal number."""
+        held = self.e.select(self.e.compare("fcmp ogt", self.k(self.format.least), x), self.k(self.format.least), x)
+        grown, exponent, _ = self._exp_parts(held)
         one_more = self.add(grown, self.k(1.0))
         value = self._as_float(self.e.binary("add", self._as_bits(one_more), exponent))
-        value = self.e.select(self.less(x, self.k(self.format.least)), self.k(0.0), value)
-        # Also not a number where x is not.
-        return self.e.select(self.e.compare("fcmp ole", x, self.k(self.format.largest)), value, self.mul(x, self.k(np.inf)))
+        return self.e.select(self.e.compare("fcmp ogt", x, self.k(self.format.largest)), self.k(np.inf), value)
 
     def expm1(self, x: Value) -> Value:
         """Return e^x - 1, accurate near zero."""
@@ -294,7 +293,7 @@ class Elementary:
         f, bottom = self.sub(part, k(1.0)), self.add(part, k(1.0))
         s = self.div(f, bottom)
         # What the quotient leaves over: also of the sum below it, which is rounded where the part is above 1.
-        missed = self.sub(k(1.0), self.sub(bottom, part))
+        missed = self.sub(part, self.sub(bottom, k(1.0)))
         s_low = self.div(self._remainder(s, bottom, f, missed), bottom)
         z = self.mul(s, s)
         tail = self.fma(self.mul(s, z), self.polynomial(z, self.format.log), self.add(s_low, s_low))
@@ -315,10 +314,17 @@ class Elementary:
         is_whole = e.compare("fcmp oeq", e.intrinsic("floor", y), y)
         half = self.mul(y, k(0.5))
         odd = e.binary("and", is_whole, e.compare("fcmp one", e.intrinsic("floor", half), half))
-        value = e.select(self.less(x, k(0.0)), e.select(is_whole, e.select(odd, self.neg(value), value), k(np.nan)), value)
+        undefined = e.binary("and", self.less(x, k(0.0)), e.compare("fcmp one", x, k(-np.inf)))
+        undefined = e.select(is_whole, constant(False), undefined)
+        value = e.select(odd, e.intrinsic("copysign", value, x), value)
+        value = e.select(undefined, k(np.nan), value)
         broken = e.binary("or", e.compare("fcmp uno", x, x), e.compare("fcmp uno", y, y))
         value = e.select(broken, k(np.nan), value)
+        endless = e.binary(
+            "and", e.compare("fcmp oeq", size, k(1.0)), e.compare("fcmp oeq", self.abs(y), k(np.inf))
+        )
         one = e.binary("or", e.compare("fcmp oeq", y, k(0.0)), e.compare("fcmp oeq", x, k(1.0)))
+        one = e.binary("or", one, endless)
         return e.select(one, k(1.0), value)
 
     def _remainder(self, s: Value, bottom: Value, f: Value, missed: Value) -> Value:

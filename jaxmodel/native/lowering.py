@@ -30,10 +30,10 @@ class NotNative(Exception):
 
 @dataclasses.dataclass(frozen=True)
 class Series:
-    """One number for each index along a first axis that is too long for registers.
+    """One number for each index along the one axis of an array, which is too long for registers.
 
     Attributes:
-        length: of the axis.
+        length: of the axis; others have one element.
         dtype: of the numbers.
         at: the instructions of the number at an index, which is the text of an i64.
     """
@@ -126,10 +126,10 @@ class Lowering:
     def _by_element(self, name: str, given: list[Array], params: dict, dtype: np.dtype) -> Array:
         operation = _element(name)
         shape = np.broadcast_shapes(*(x.shape for x in given))
+        given = [np.broadcast_to(x, shape) for x in given]
         result = np.empty(shape, dtype=object)
         for index in np.ndindex(shape):
-            values = [x[index] if x.shape else x[()] for x in given]
-            result[index] = operation(self, values, params, np.dtype(dtype))
+            result[index] = operation(self, [x[index] for x in given], params, np.dtype(dtype))
         return result
 
     # Long arrays
@@ -142,8 +142,8 @@ class Lowering:
         """
         if isinstance(x, Series):
             return x
-        if isinstance(x, Memory) and len(x.shape) == 1:
-            return Series(x.shape[0], x.dtype, lambda index: self._element_of(x, index))
+        if isinstance(x, Memory) and math.prod(x.shape) == max(x.shape):
+            return Series(max(x.shape), x.dtype, lambda index: self._element_of(x, index))
         if isinstance(x, np.ndarray) and x.shape == ():
             return Series(0, x[()].dtype, lambda index: x[()])  # the same at every index
         if isinstance(x, np.ndarray) and x.ndim == 1:
@@ -176,11 +176,13 @@ class Lowering:
     def _of_long(self, name: str, given: list[Operand], params: dict, out: Any) -> Operand:
         first = given[0]
         if isinstance(first, Memory) and name in _VIEWS:
+            if name in ("reshape", "broadcast_in_dim") and math.prod(out.shape) != math.prod(first.shape):
+                raise NotNative(f"{name} of an array in memory")
             return self._view(name, first, given[1:], params, out)
         if name == "gather":
             return self._gather(given, params, out)
         if name in ("broadcast_in_dim", "reshape", "squeeze", "expand_dims") and isinstance(first, Series):
-            if out.shape == (first.length,):
+            if math.prod(out.shape) == first.length:
                 return first
             raise NotNative(f"{name} of an array over steps")
         if name == "concatenate":
@@ -193,10 +195,10 @@ class Lowering:
             return self._reduced(name, self.series(first))
         operation = _element(name)
         series = [self.series(x) for x in given]
-        if out.ndim != 1:
+        if math.prod(out.shape) != max(out.shape):
             raise NotNative(f"{name} of an array over steps")
         return Series(
-            out.shape[0],
+            max(out.shape),
             np.dtype(out.dtype),
             lambda index: operation(self, [one.at(index) for one in series], params, np.dtype(out.dtype)),
         )
@@ -232,12 +234,14 @@ class Lowering:
             start, limit, strides = params["start_indices"], params["limit_indices"], params["strides"]
             whole = all(s == 0 and e == n for s, e, n in zip(start[1:], limit[1:], memory.shape[1:], strict=True))
             if not whole or strides not in (None, (1,) * len(memory.shape)):
-                return self.loaded(memory)[tuple(map(slice, start, limit, strides or (None,) * len(start)))]
+                numbers = np.arange(math.prod(memory.shape)).reshape(memory.shape)
+                return self._loaded(memory, numbers[tuple(map(slice, start, limit, strides or (None,) * len(start)))])
             memory = dataclasses.replace(memory, first=memory.first + start[0] * math.prod(memory.shape[1:]))
         if name == "dynamic_slice":
             starts = [x[()] for x in rest]
             if not all(start.is_constant for start in starts):
-                raise NotNative("a slice whose place is computed")
+                flat = dataclasses.replace(memory, shape=(math.prod(memory.shape),))
+                return self.rows_at(self.series(flat), memory.shape, starts, out)
             memory = dataclasses.replace(
                 memory, first=memory.first + int(starts[0].text) * math.prod(memory.shape[1:])
             )
@@ -246,12 +250,16 @@ class Lowering:
 
     def loaded(self, memory: Memory) -> Array:
         """Return an array in memory in registers."""
-        if math.prod(memory.shape) > MOST_IN_REGISTERS:
-            raise NotNative(f"an array of shape {memory.shape} as a whole")
-        flat = [self._element_of(memory, str(number)) for number in range(math.prod(memory.shape))]
-        result = np.empty(len(flat), dtype=object)
-        result[:] = flat
-        return result.reshape(memory.shape)
+        return self._loaded(memory, np.arange(math.prod(memory.shape)).reshape(memory.shape))
+
+    def _loaded(self, memory: Memory, numbers: np.ndarray) -> Array:
+        """Return the elements of these numbers."""
+        if numbers.size > MOST_IN_REGISTERS:
+            raise NotNative(f"an array of shape {numbers.shape} as a whole")
+        result = np.empty(numbers.shape, dtype=object)
+        for index in np.ndindex(numbers.shape):
+            result[index] = self._element_of(memory, str(numbers[index]))
+        return result
 
     def _gather(self, given: list[Operand], params: dict, out: Any) -> Operand:
         """Return elements of a one-dimensional array at computed places, or rows of a series at those of another."""
@@ -263,7 +271,7 @@ class Lowering:
         length = source.length if isinstance(source, Series) else source.shape[0]
         clip = "CLIP" in str(params["mode"])
         if isinstance(places, Series | Memory):
-            where = self._indices(places)
+            where = self.series(places)
             inner = self.series(source)
             return Series(out.shape[0], np.dtype(out.dtype), lambda index: inner.at(self._as_i64(where.at(index)).text))
         inside = self.series(source) if not isinstance(source, np.ndarray) else self._spilled(source)
@@ -273,13 +281,8 @@ class Lowering:
             place = self._as_i64(flat[index])
             if clip:
                 place = self._held(place, length)
-            result[index] = self._picked(source, inside, place, np.dtype(out.dtype))
+            result[index] = self._picked(inside, place, np.dtype(out.dtype))
         return result
-
-    def _indices(self, places: Operand) -> Series:
-        if isinstance(places, Memory) and len(places.shape) == 2 and places.shape[1] == 1:
-            places = dataclasses.replace(places, shape=places.shape[:1])
-        return self.series(places)
 
     def _as_i64(self, value: Value) -> Value:
         if value.dtype.itemsize == 8:
@@ -290,7 +293,7 @@ class Lowering:
         zero, last = constant(0, np.int64), constant(length - 1, np.int64)
         return self.e.intrinsic("smin", self.e.intrinsic("smax", place, zero), last)
 
-    def _picked(self, source: Operand, series: Series, place: Value, dtype: np.dtype) -> Value:
+    def _picked(self, series: Series, place: Value, dtype: np.dtype) -> Value:
         """Return the element at a place that may differ from lane to lane."""
         if not place.wide:
             return series.at(place.text)
@@ -306,6 +309,23 @@ class Lowering:
                 f"insertelement {target} {result}, {self.e.typed(one)}, i64 {lane}", dtype, True
             ).text
         return Value(result, dtype, True)
+
+    def rows_at(self, flat: Series, shape: tuple[int, ...], starts: list[Value], out: Any) -> Array:
+        """Return rows of an array from a place on that is computed, held within the array.
+
+        Raises:
+            NotNative: they are parts of rows.
+        """
+        if out.shape[1:] != shape[1:]:
+            raise NotNative("a slice whose place is computed, of several axes")
+        row = math.prod(shape[1:])
+        first = self._held(self._as_i64(starts[0]), shape[0] - out.shape[0] + 1)
+        first = self.e.binary("mul", first, constant(row, np.int64))
+        result = np.empty(math.prod(out.shape), dtype=object)
+        for number in range(result.size):
+            place = self.e.binary("add", first, constant(number, np.int64))
+            result[number] = self._picked(flat, place, np.dtype(out.dtype))
+        return result.reshape(out.shape)
 
     # Loops
 
@@ -831,7 +851,7 @@ def _dynamic_slice(lowering: Lowering, given: list[Array], params: dict, out: An
     source, *starts = given
     places = [x[()] for x in starts]
     if not all(place.is_constant for place in places):
-        raise NotNative("a slice whose place is computed")
+        return lowering.rows_at(lowering._spilled(source.ravel()), source.shape, places, out)
     at = [
         min(max(int(place.text), 0), size - width)
         for place, size, width in zip(places, source.shape, out.shape, strict=True)

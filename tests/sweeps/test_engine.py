@@ -16,7 +16,7 @@ from jaxmodel.model import Model, read
 from jaxmodel.names import with_values
 from jaxmodel.profile import BENDING_STEP_SHARE, SETTLED, Profile, constant
 from jaxmodel.simulation import Cutoff, Status, Trajectory, simulate, track
-from sweeps import Metric, Study, engine, plan, run
+from sweeps import Metric, Study, by_vectors, plan, run
 
 TABLE_2 = {0.175: -2.05e-4, 0.25: -2.80e-4, 0.30: -3.30e-4, 0.35: -3.80e-4}
 
@@ -153,7 +153,7 @@ def test_lane_that_fails_harms_no_other(cell_study):
 def test_chunks_change_nothing_and_are_reported(cell_study, monkeypatch):
     study = cell_study(axes={"current_A": np.linspace(0.1, 3.0, 300)})
     whole = run(study)
-    monkeypatch.setattr(plan, "LANE_STEPS_PER_CALL", 1)
+    monkeypatch.setattr(by_vectors, "LANE_STEPS_PER_CALL", 1)
     monkeypatch.setattr(plan, "LANE_STEPS_PER_CHUNK", 1)
     seen: list[tuple[int, int]] = []
     chunked = run(study, lambda done, total: seen.append((done, total)))
@@ -166,13 +166,13 @@ def test_chunks_change_nothing_and_are_reported(cell_study, monkeypatch):
 
 def test_second_sweep_of_a_kind_compiles_nothing(cell_study):
     run(cell_study())
-    before = engine._program.cache_info()
+    before = by_vectors._kernel.cache_info()
     run(cell_study(parameters={"capacity_Ah": 4.0}))
-    after = engine._program.cache_info()
+    after = by_vectors._kernel.cache_info()
     assert (after.hits, after.misses) == (before.hits + 1, before.misses)
 
 
-def test_operation_that_one_kernel_cannot_hold_still_runs(cell_study):
+def test_operation_without_vector_instructions_still_runs_and_is_named(cell_study):
     @dataclasses.dataclass(frozen=True)
     class MedianOfThree(Metric):
         def init(self, first):
@@ -186,7 +186,8 @@ def test_operation_that_one_kernel_cannot_hold_still_runs(cell_study):
 
     median = MedianOfThree("median_soc", "", "median of the last three rows", ("cell",))
     study = cell_study(metrics=["final_soc", "soc_gradient", median])
-    result = run(study)
+    with pytest.warns(UserWarning, match='runs through XLA: the operation "sort" has no vector instructions'):
+        result = run(study)
     one_row_back = result.final_soc - 10.0 * result.soc_gradient
     np.testing.assert_allclose(result.median_soc, one_row_back, rtol=1e-12)
 

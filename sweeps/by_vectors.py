@@ -1,0 +1,71 @@
+"""Lanes as vector instructions of the processor: packets of lanes, spread over threads."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+import jax
+import numpy as np
+from jax.sharding import Mesh
+
+from jaxmodel.model import Model
+from jaxmodel.native import Kernel, Pool
+from sweeps.lane import Keep, Outcome, SteppedProfile, run_lane
+from sweeps.plan import LANE_STEPS_PER_CALL
+
+
+class ByVectors:
+    """A sweep's kernel in as many threads as there are devices."""
+
+    def __init__(
+        self,
+        keep: Keep,
+        shared: tuple[Model, SteppedProfile, Any],
+        lanes: Callable[[np.ndarray], dict[str, Any]],
+        mesh: Mesh,
+        steps: int,
+    ) -> None:
+        """Compile it; the arguments are those of `ByXla`.
+
+        Raises:
+            NotNative: an operation of a lane has no vector instructions.
+        """
+        self._lanes_of, self._shared = lanes, jax.tree.map(np.asarray, shared)
+        own = {name: np.asarray(value)[0] for name, value in lanes(np.zeros(1, dtype=int)).items()}
+        leaves, structure = jax.tree.flatten((self._shared, own))
+        self._kernel = _kernel(keep, structure, tuple((x.shape, x.dtype) for x in leaves))
+        self._threads = mesh.size
+        per_packet = steps * self._kernel.lanes
+        self._packets = max(1, LANE_STEPS_PER_CALL // per_packet)
+
+    def outcomes(
+        self, spans: Iterable[tuple[int, int, int]], done: Callable[[int], None]
+    ) -> Iterator[tuple[int, Outcome]]:
+        """Run spans (number, first lane, lanes) and yield the outcome of each with its number."""
+        with Pool(self._kernel, self._threads) as pool:
+            for number, first, count in spans:
+                yield number, self._run(pool, first, count, done)
+
+    def call(self, first: int, count: int) -> int:
+        """Run as many lanes of a span as a call has, keep nothing of them, and return their number."""
+        lanes = min(count, self._threads * self._packets * self._kernel.lanes)
+        with Pool(self._kernel, self._threads) as pool:
+            self._run(pool, first, lanes, lambda lanes: None)
+        return lanes
+
+    def _run(self, pool: Pool, first: int, count: int, done: Callable[[int], None]) -> Outcome:
+        own = self._lanes_of(np.arange(first, first + count))
+        return pool.run(self._shared, own, count, self._packets, done)
+
+
+@functools.lru_cache(maxsize=32)
+def _kernel(keep: Keep, structure: Any, leaves: tuple[tuple[tuple[int, ...], np.dtype], ...]) -> Kernel:
+    """Return the kernel of a lane, cached for like sweeps."""
+    shared, own = jax.tree.unflatten(structure, [jax.ShapeDtypeStruct(*leaf) for leaf in leaves])
+
+    def one_lane(shared: tuple[Model, SteppedProfile, Any], own: dict[str, jax.Array]) -> Outcome:
+        return run_lane(keep, *shared, own)
+
+    return Kernel(one_lane, shared, own)

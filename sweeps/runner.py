@@ -1,0 +1,107 @@
+"""A study on the devices of this process."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxmodel.errors import SweepError
+from jaxmodel.model import Model
+from jaxmodel.names import with_values
+from jaxmodel.native import NotNative
+from sweeps.by_vectors import ByVectors
+from sweeps.by_xla import ByXla
+from sweeps.devices import lane_mesh
+from sweeps.lane import Keep, Outcome, lay_out
+from sweeps.plan import DEFAULT_MEMORY, Chunks, bytes_of, cut, lanes_per_chunk, size_text
+from sweeps.results import variables_of
+from sweeps.study import Study
+
+
+class Runner:
+    """A study on its devices: on processors as vector instructions, else, or where that cannot be, through XLA.
+
+    Attributes:
+        steps: of each lane.
+    """
+
+    def __init__(self, study: Study, devices: Sequence[Any] | None = None, through_xla: bool = False) -> None:
+        self._study = study
+        self._mesh = lane_mesh(devices)
+        self._through_xla = through_xla or self._mesh.devices.flat[0].platform != "cpu"
+        prepared = study.prepared
+        stepped = lay_out(_stiffest(study), prepared.profile, prepared.stored_rows)
+        self.steps = int(stepped.duration_s.size)
+        self._keep = Keep(prepared.metrics, tuple(study.store))
+        self.shared = (prepared.model, stepped, prepared.cutoff)
+
+    @property
+    def device_names(self) -> str:
+        """How many devices of which kind."""
+        return f"{self._mesh.size} x {self._mesh.devices.flat[0].device_kind}"
+
+    @property
+    def bytes_per_lane(self) -> int:
+        """The size of a lane's axes and results."""
+        return 8 * len(self._study.lanes(np.zeros(1, dtype=int))) + self.result_bytes_per_lane
+
+    @property
+    def result_bytes_per_lane(self) -> int:
+        """The size of a lane's results."""
+        return sum(variable.bytes_per_lane for variable in variables_of(self._study).values())
+
+    def chunks(self, memory: float | int | str | None, whole: bool, least: int = 1) -> Chunks:
+        """Return the cut of the study for so much memory, in some chunks at least.
+
+        `whole` says that the results stay in memory too.
+
+        Raises:
+            SweepError: the memory does not suffice.
+        """
+        lanes, kept = self._study.size, self._study.size * self.result_bytes_per_lane
+        allowed = DEFAULT_MEMORY if memory is None else bytes_of(memory)
+        if whole and memory is not None and kept > allowed:
+            raise SweepError(
+                f"memory: the results of {lanes:,} lanes take {size_text(kept)}, more than {size_text(allowed)}; "
+                "name a folder with out, or allow more."
+            )
+        return cut(self._study.shape, lanes_per_chunk(lanes, self.steps, self.bytes_per_lane, allowed, least))
+
+    def prepare(self, chunks: Chunks) -> None:
+        """Compile what runs the chunks, and put on the devices what all lanes share."""
+        given = self._keep, jax.tree.map(jnp.asarray, self.shared), self._study.lanes, self._mesh
+        self._program: ByVectors | ByXla | None = None
+        if not self._through_xla:
+            try:
+                self._program = ByVectors(*given, self.steps)
+            except NotNative as reason:
+                warnings.warn(f"The sweep runs through XLA: {reason} has no vector instructions yet.", stacklevel=3)
+        if self._program is None:
+            self._program = ByXla(*given, self.steps, chunks.lanes)
+
+    def outcomes(
+        self, chunks: Chunks, numbers: Iterable[int], done: Callable[[int], None] = lambda lanes: None
+    ) -> Iterator[tuple[int, Outcome]]:
+        """Run chunks and yield each with its number; `done` is called with lanes as they are done."""
+        assert self._program is not None
+        return self._program.outcomes(((number, *chunks.span(number)) for number in numbers), done)
+
+    def call(self, chunks: Chunks) -> int:
+        """Run the first call of the first chunk, keep nothing of it, and return its number of lanes."""
+        assert self._program is not None
+        return self._program.call(*chunks.span(0))
+
+
+def _stiffest(study: Study) -> Model:
+    """Return a model with the extreme time constants of all lanes: steps for it serve them all.
+
+    The least L_a / R_0 is needed, and R_0 J / k_tau^2 of the fastest and of the slowest motor, in this order.
+    """
+    ends = {"L_a": (min, min), "R_0": (min, max), "J": (min, max), "k_tau": (max, min)}
+    varied = {name: [pick(study.range_of(name)) for pick in ends[name]] for name in ends if name in study.varied}
+    return with_values(study.prepared.model, {name: jnp.asarray(values) for name, values in varied.items()})
