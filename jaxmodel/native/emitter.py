@@ -5,13 +5,16 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
 # `contract` lets a product and a sum become one operation; `arcp` lets a division by a number that is the same in every
 # step become a product with its reciprocal. Neither assumes that numbers are finite.
 FLAGS = "contract arcp"
+# How far from a length that is known only when the kernel runs a number may be and still mean one.
+NEAR = 8
 _TYPES = {"f8": "double", "f4": "float", "i8": "i64", "i4": "i32", "u8": "i64", "u4": "i32", "b1": "i1"}
 
 
@@ -69,13 +72,20 @@ class Emitter:
     once, not for each lane.
     """
 
-    def __init__(self, lanes: int) -> None:
+    def __init__(self, lanes: int, sizes: Mapping[int, str] | None = None) -> None:
+        """Begin a function.
+
+        Args:
+            lanes: in a vector.
+            sizes: lengths that are known only when the kernel runs: the number that stands for each, and its register.
+        """
         self.lanes = lanes
+        self._sizes = dict(sizes or {})
         self.lines: list[str] = []
         self.declarations: dict[str, str] = {}
         self.block = "entry"
         self._number = itertools.count()
-        self._wide: list[dict[Value, Value]] = [{}]
+        self._known: list[dict[Any, Any]] = [{}]
 
     def name(self, stem: str = "v") -> str:
         """Return a fresh name."""
@@ -103,11 +113,11 @@ class Emitter:
 
     def begin_scope(self) -> None:
         """Begin instructions that may be run without those before having been run in the same round."""
-        self._wide.append({})
+        self._known.append({})
 
     def end_scope(self) -> None:
         """End them."""
-        self._wide.pop()
+        self._known.pop()
 
     def jump(self, block: str) -> None:
         """Go to a block."""
@@ -124,15 +134,34 @@ class Emitter:
         if value.is_constant:
             scalar = value.scalar_type
             return Value(f"splat ({scalar} {value.text})", value.dtype, wide=True)
-        for known in reversed(self._wide):
-            if value in known:
-                return known[value]
+        return self.once(value, lambda: self._splat(value))
+
+    def once(self, key: Any, compute: Callable[[], Any]) -> Any:
+        """Return what was computed before in this scope, or one around it, under a key; else compute it."""
+        for known in reversed(self._known):
+            if key in known:
+                return known[key]
+        found = compute()
+        self._known[-1][key] = found
+        return found
+
+    def count(self, number: int) -> str:
+        """Return a length or an index as the text of an i64; also one near a length known only when the kernel runs."""
+        for size, register in self._sizes.items():
+            if number == size:
+                return register
+            if abs(number - size) <= NEAR:
+                key = (register, number - size)
+                add = f"add i64 {register}, {number - size}"
+                return self.once(key, lambda add=add: self.emit(add, np.dtype(np.int64), False)).text
+        return str(number)
+
+    def _splat(self, value: Value) -> Value:
         kind = self.type_of(value.dtype, True)
         one = self.emit(f"insertelement {kind} poison, {self.typed(value)}, i64 0", value.dtype, True)
         wide = self.emit(
             f"shufflevector {kind} {one.text}, {kind} poison, <{self.lanes} x i32> zeroinitializer", value.dtype, True
         )
-        self._wide[-1][value] = wide
         return wide
 
     def alike(self, *values: Value) -> tuple[Value, ...]:

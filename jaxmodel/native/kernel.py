@@ -12,13 +12,15 @@ import jax
 import numpy as np
 
 from jaxmodel.native import machine
-from jaxmodel.native.emitter import Emitter, Value, scalar_type
-from jaxmodel.native.lowering import MOST_IN_REGISTERS, Loop, Lowering, Memory, NotNative, Series
+from jaxmodel.native.emitter import NEAR, Emitter, Value
+from jaxmodel.native.lowering import MOST_IN_REGISTERS, MOST_SPREAD, Loop, Lowering, Memory, NotNative, Series
 
 __all__ = ["Kernel", "NotNative"]
 
 _NAME = "run"
-_ARGUMENTS = [ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p]
+_ARGUMENTS = [ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p]
+# Lengths that stand for those that are known only when a kernel runs; primes, which no model has.
+STEPS, ROWS = 1_000_003, 500_009
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,7 +40,9 @@ class Kernel:
         lanes: in a packet.
     """
 
-    def __init__(self, function: Callable, shared: Any, own: Any, lanes: int | None = None) -> None:
+    def __init__(
+        self, function: Callable, shared: Any, own: Any, lanes: int | None = None, sizes: Sequence[int] = ()
+    ) -> None:
         """Compile a function.
 
         Args:
@@ -46,6 +50,8 @@ class Kernel:
             shared: a pytree of arrays that are the same for all lanes.
             own: a pytree of the arrays of one lane, or their shapes.
             lanes: in a packet, by default two registers of doubles.
+            sizes: lengths of axes in the shapes of the arguments that stand for others, given when the kernel runs
+                (`STEPS`, `ROWS`): one kernel for runs of any length.
 
         Raises:
             NotNative: it has an operation that has no vector instructions here.
@@ -58,12 +64,15 @@ class Kernel:
         self._consts = [np.asarray(c) for c in traced.consts]
         self._results = _leaves(jaxpr.outvars)
         self.lanes = lanes or _packet(jaxpr)
+        self._sizes = tuple(sizes)
         self.text = self._written(jaxpr)
         self._function = machine.load(self.text, _NAME, _ARGUMENTS)
 
     def _written(self, jaxpr: Any) -> str:
         """Return the module: a loop over packets."""
-        e = Emitter(self.lanes)
+        e = Emitter(self.lanes, {size: f"%size{k}" for k, size in enumerate(self._sizes)})
+        for k in range(len(self._sizes)):
+            e.lines.append(f"  %at{k} = getelementptr i64, ptr %sizes, i64 {k}\n  %size{k} = load i64, ptr %at{k}")
         lowering = Lowering(e, "%work")
         pointers = [
             e.load(e.address("%arguments", str(k), np.dtype("i8"), False), np.dtype("i8"), False)
@@ -85,21 +94,31 @@ class Kernel:
         e.lines.append(f"  br i1 %ends, label %{done}, label %{head}")
         e.lines.insert(place, f"  {packet} = phi i64 [ %first, %{before} ], [ %next, %{last} ]")
         e.start_block(done)
-        self._room = max(1, lowering.room)
+        self._room = lowering.room
         body = "\n".join(e.lines)
         declared = "\n".join(e.declarations.values())
         return (
-            f"define void @{_NAME}(i64 %first, i64 %last, i64 %count, ptr noalias %arguments, ptr noalias %work) "
+            f"define void @{_NAME}(i64 %first, i64 %last, i64 %count, ptr %sizes, ptr %arguments, "
+            "ptr noalias %work) "
             f'nounwind "prefer-vector-width"="512" {{\nentry:\n{body}\n  ret void\n}}\n{declared}\n'
         )
 
-    def workspace(self) -> np.ndarray:
+    def workspace(self, sizes: Sequence[int] = ()) -> np.ndarray:
         """Return working memory for one thread."""
-        return np.empty(self._room * self.lanes)
+        return np.empty(max(1, sum(self._actual(count, sizes) for count in self._room)) * self.lanes)
 
-    def buffers(self, count: int) -> list[np.ndarray]:
+    def buffers(self, count: int, sizes: Sequence[int] = ()) -> list[np.ndarray]:
         """Return arrays for the results of so many lanes, a multiple of a packet."""
-        return [np.empty((*leaf.shape, count), leaf.dtype) for leaf in self._results]
+        return [
+            np.empty((*(self._actual(size, sizes) for size in leaf.shape), count), leaf.dtype) for leaf in self._results
+        ]
+
+    def _actual(self, number: int, sizes: Sequence[int]) -> int:
+        """Return the length that a number stands for."""
+        for stands, size in zip(self._sizes, sizes, strict=True):
+            if abs(number - stands) <= NEAR:
+                return number - stands + size
+        return number
 
     def arguments(self, shared: Any, own: Any, results: list[np.ndarray]) -> Any:
         """Return what `run` reads and writes; `own` has the lanes along the last axis, a multiple of a packet."""
@@ -111,9 +130,14 @@ class Kernel:
         ]
         return given, (ctypes.c_void_p * len(given))(*(x.ctypes.data for x in given))
 
-    def run(self, arguments: Any, first: int, last: int, count: int, workspace: np.ndarray) -> None:
+    def run(
+        self, arguments: Any, first: int, last: int, count: int, workspace: np.ndarray, sizes: Sequence[int] = ()
+    ) -> None:
         """Run some packets; releases the interpreter's lock."""
-        self._function.call(first, last, count, ctypes.addressof(arguments[1]), workspace.ctypes.data)
+        lengths = (ctypes.c_int64 * max(1, len(sizes)))(*sizes)
+        self._function.call(
+            first, last, count, ctypes.addressof(lengths), ctypes.addressof(arguments[1]), workspace.ctypes.data
+        )
 
     def tree(self, results: Sequence[np.ndarray], count: int) -> Any:
         """Return results as the function's, with an axis of lanes first."""
@@ -135,7 +159,7 @@ def _pointer(e: Emitter, value: Value) -> str:
 
 def _shared(e: Emitter, lowering: Lowering, pointer: str, leaf: _Leaf) -> Any:
     memory = Memory(pointer, leaf.shape, leaf.dtype)
-    return lowering.loaded(memory) if leaf.size <= MOST_IN_REGISTERS // 4 else memory
+    return lowering.loaded(memory) if leaf.size <= MOST_SPREAD else memory
 
 
 def _own(e: Emitter, pointer: str, leaf: _Leaf) -> Any:
@@ -172,5 +196,3 @@ def _store(e: Emitter, lowering: Lowering, results: list[tuple[Any, _Leaf, str]]
             for series, leaf, pointer in group:
                 e.store(e.widen(series.at(index)), _row(e, pointer, index, leaf))
 
-
-assert scalar_type

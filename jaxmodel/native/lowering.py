@@ -18,8 +18,10 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 from jaxmodel.native.elementary import Elementary
 from jaxmodel.native.emitter import Emitter, Value, constant
 
-# Arrays of more elements stay in memory.
+# Arrays of more elements are not written out; arrays that many lanes share, or that one number fills, stay in memory
+# from fewer on.
 MOST_IN_REGISTERS = 512
+MOST_SPREAD = 128
 
 Array = np.ndarray  # of `Value`s
 
@@ -28,7 +30,7 @@ class NotNative(Exception):
     """A function has an operation that has no vector instructions here."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Series:
     """One number for each index along the one axis of an array, which is too long for registers.
 
@@ -36,11 +38,13 @@ class Series:
         length: of the axis; others have one element.
         dtype: of the numbers.
         at: the instructions of the number at an index, which is the text of an i64.
+        is_kept: whether they only load it.
     """
 
     length: int
     dtype: np.dtype
     at: Callable[[str], Value]
+    is_kept: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,12 +71,12 @@ class Lowering:
     """Writes the equations of a jaxpr to an emitter.
 
     Attributes:
-        room: numbers of working memory that a packet needs, by lane.
+        room: numbers of working memory by lane, each a length or a count.
     """
 
     def __init__(self, emitter: Emitter, workspace: str) -> None:
         self.e = emitter
-        self.room = 0
+        self.room: list[int] = []
         self._workspace = workspace
         self._functions: dict[np.dtype, Elementary] = {}
 
@@ -87,13 +91,23 @@ class Lowering:
         needed = _needed(jaxpr)
 
         def read(atom: Any) -> Operand:
-            return constants(atom.val, atom.aval.dtype) if isinstance(atom, Literal) else known[atom]
+            return self._literal(atom) if isinstance(atom, Literal) else known[atom]
 
         for equation, used in zip(jaxpr.eqns, needed, strict=True):
             if used:
                 results = self._equation(equation, [read(atom) for atom in equation.invars])
                 known |= zip(equation.outvars, results, strict=True)
         return [read(atom) for atom in jaxpr.outvars]
+
+    def _literal(self, atom: Any) -> Array:
+        """Return a constant of the jaxpr; one that stands for a length is that."""
+        dtype = np.dtype(atom.aval.dtype)
+        if dtype.kind in "iu" and np.ndim(atom.val) == 0:
+            text = self.e.count(int(atom.val))
+            if text.startswith("%"):
+                value = Value(text, np.dtype(np.int64))
+                return _array(_convert(self, [value], {}, dtype))
+        return constants(atom.val, dtype)
 
     def functions(self, dtype: np.dtype) -> Elementary:
         """Return the elementary functions of a type."""
@@ -114,7 +128,7 @@ class Lowering:
         if name in ("scan", "while"):
             return getattr(self, f"_{name}")(equation, given)
         if name == "cond":
-            return self._cond(params["branches"], given)
+            return self._cond(equation, given)
         if name == "split":
             return self._split(given[0], params)
         if any(isinstance(x, Series | Memory) for x in given):
@@ -143,35 +157,65 @@ class Lowering:
         if isinstance(x, Series):
             return x
         if isinstance(x, Memory) and math.prod(x.shape) == max(x.shape):
-            return Series(max(x.shape), x.dtype, lambda index: self._element_of(x, index))
-        if isinstance(x, np.ndarray) and x.shape == ():
-            return Series(0, x[()].dtype, lambda index: x[()])  # the same at every index
+            return Series(max(x.shape), x.dtype, lambda index: self._element_of(x, index), is_kept=True)
+        if isinstance(x, np.ndarray) and x.size == 1:
+            value = x.ravel()[0]
+            return Series(1, value.dtype, lambda index: value)  # the same at every index
         if isinstance(x, np.ndarray) and x.ndim == 1:
             return self._spilled(x)
         raise NotNative("an array over steps and something else")
 
     def _element_of(self, memory: Memory, index: str) -> Value:
         if memory.first:
-            index = self.e.emit(f"add i64 {index}, {memory.first}", np.dtype("i8"), False).text
+            index = self._sum(index, memory.first)
         return self.e.load(self.e.address(memory.pointer, index, memory.dtype, False), memory.dtype, False)
+
+    def _sum(self, index: str, more: int) -> str:
+        """Return index + more."""
+        return self.e.emit(f"add i64 {index}, {self.e.count(more)}", np.dtype("i8"), False).text
+
+    def lazy(self, length: int, dtype: Any, compute: Callable[[str], Value]) -> Series:
+        """Return a series whose number at an index is computed once where it is used several times."""
+        key = object()
+        return Series(length, np.dtype(dtype), lambda index: self.e.once((key, index), lambda: compute(index)))
 
     def _spilled(self, x: Array) -> Series:
         """Return the elements of a small array, put into working memory so that they have an index."""
         flat = x.ravel()
-        dtype = flat[0].dtype
         place = self.reserve(flat.size)
         for number, value in enumerate(flat):
-            self.e.store(self.e.widen(value), self.e.address(place, str(number), dtype, True))
+            self.e.store(self.e.widen(value), self.e.address(place, str(number), value.dtype, True))
+        return self._stored(place, flat[0].dtype, x.shape[0])
+
+    def kept(self, series: Series) -> Series:
+        """Return a series whose numbers are in memory."""
+        if series.is_kept:
+            return series
+        place = self.reserve(series.length)
+        self._keep(series, place, 0)
+        return self._stored(place, series.dtype, series.length)
+
+    def _keep(self, series: Series, place: str, start: int) -> None:
+        """Store all numbers of a series from a place on."""
+        with Loop(self.e, series.length) as index:
+            target = self._sum(index, start) if start else index
+            self.e.store(self.e.widen(series.at(index)), self.e.address(place, target, series.dtype, True))
+
+    def _stored(self, place: str, dtype: np.dtype, length: int) -> Series:
+        e = self.e
         return Series(
-            x.shape[0], dtype, lambda index: self.e.load(self.e.address(place, index, dtype, True), dtype, True)
+            length, np.dtype(dtype), lambda index: e.load(e.address(place, index, dtype, True), dtype, True), is_kept=True
         )
 
     def reserve(self, count: int) -> str:
         """Return a pointer to working memory for so many numbers of each lane."""
-        offset, self.room = self.room, self.room + count
-        return self.e.emit(
-            f"getelementptr inbounds i8, ptr {self._workspace}, i64 {8 * self.e.lanes * offset}", np.dtype("i8"), False
-        ).text
+        e, index = self.e, np.dtype("i8")
+        offset = "0"
+        for size in self.room:
+            offset = e.emit(f"add i64 {offset}, {e.count(size)}", index, False).text
+        self.room.append(count)
+        offset = e.emit(f"mul i64 {offset}, {8 * e.lanes}", index, False).text
+        return e.emit(f"getelementptr inbounds i8, ptr {self._workspace}, i64 {offset}", index, False).text
 
     def _of_long(self, name: str, given: list[Operand], params: dict, out: Any) -> Operand:
         first = given[0]
@@ -187,39 +231,66 @@ class Lowering:
             raise NotNative(f"{name} of an array over steps")
         if name == "concatenate":
             return self._joined([self.series(x) for x in given], out)
+        if name == "scatter":
+            return self._scattered(given, params)
+        if name == "cumsum":
+            return self._cumulated(self.series(first), params)
         if name == "slice" and isinstance(first, Series):
-            (start,), strides = params["start_indices"], params["strides"]
-            if strides in (None, (1,)):
-                return self._moved(first, start, out.shape[0])
+            (start, *_), strides = params["start_indices"], params["strides"]
+            if strides is None or set(strides) == {1}:
+                return self._moved(first, start, math.prod(out.shape))
         if name in ("reduce_and", "reduce_or", "reduce_sum", "reduce_max", "reduce_min", "reduce_prod"):
             return self._reduced(name, self.series(first))
         operation = _element(name)
         series = [self.series(x) for x in given]
         if math.prod(out.shape) != max(out.shape):
             raise NotNative(f"{name} of an array over steps")
-        return Series(
-            max(out.shape),
-            np.dtype(out.dtype),
-            lambda index: operation(self, [one.at(index) for one in series], params, np.dtype(out.dtype)),
+        dtype = np.dtype(out.dtype)
+        return self.lazy(
+            max(out.shape), dtype, lambda index: operation(self, [one.at(index) for one in series], params, dtype)
         )
 
-    def _moved(self, series: Series, start: int, length: int) -> Series:
-        def at(index: str) -> Value:
-            return series.at(self.e.emit(f"add i64 {index}, {start}", np.dtype("i8"), False).text)
+    def _moved(self, series: Series, start: int, length: int) -> Operand:
+        """Return a part of a series."""
+        if length == 1:
+            return np.array([series.at(self.e.count(start))], dtype=object)
+        if not start:
+            return dataclasses.replace(series, length=length)
+        return dataclasses.replace(series, length=length, at=lambda index: series.at(self._sum(index, start)))
 
-        return Series(length, series.dtype, at if start else series.at)
+    def _scattered(self, given: list[Operand], params: dict) -> Series:
+        """Return a series with some of its numbers replaced."""
+        source, places, updates = (self.series(x) for x in given)
+        dims = params["dimension_numbers"]
+        if dims.update_window_dims or dims.inserted_window_dims != (0,):
+            raise NotNative("a scatter into an array of several axes")
+        place = self.reserve(source.length)
+        self._keep(source, place, 0)
+        with Loop(self.e, updates.length) as index:
+            target = self._as_i64(places.at(index))
+            if target.wide:
+                raise NotNative("a scatter to places that differ from lane to lane")
+            self.e.store(self.e.widen(updates.at(index)), self.e.address(place, target.text, source.dtype, True))
+        return self._stored(place, source.dtype, source.length)
+
+    def _cumulated(self, series: Series, params: dict) -> Series:
+        """Return the sums up to each number of a series."""
+        if params["reverse"]:
+            raise NotNative("a sum from the end")
+        place = self.reserve(series.length)
+        with Loop(self.e, series.length, [self.e.widen(constant(0, series.dtype))]) as loop:
+            total = self.e.binary("fadd" if series.dtype.kind == "f" else "add", loop.carried[0], series.at(loop.index))
+            self.e.store(total, self.e.address(place, loop.index, series.dtype, True))
+            loop.next = [total]
+        return self._stored(place, series.dtype, series.length)
 
     def _joined(self, parts: list[Series], out: Any) -> Series:
         """Return series one after the other, put into working memory."""
-        dtype, start, place = np.dtype(out.dtype), 0, self.reserve(out.shape[0])
+        start, place = 0, self.reserve(max(out.shape))
         for part in parts:
-            with Loop(self.e, part.length) as index:
-                target = self.e.emit(f"add i64 {index}, {start}", np.dtype("i8"), False).text
-                self.e.store(self.e.widen(part.at(index)), self.e.address(place, target, dtype, True))
+            self._keep(part, place, start)
             start += part.length
-        return Series(
-            out.shape[0], dtype, lambda index: self.e.load(self.e.address(place, index, dtype, True), dtype, True)
-        )
+        return self._stored(place, np.dtype(out.dtype), max(out.shape))
 
     def _reduced(self, name: str, series: Series) -> Array:
         combine = _REDUCE[name]
@@ -246,7 +317,7 @@ class Lowering:
                 memory, first=memory.first + int(starts[0].text) * math.prod(memory.shape[1:])
             )
         view = dataclasses.replace(memory, shape=tuple(out.shape))
-        return self.loaded(view) if math.prod(out.shape) <= MOST_IN_REGISTERS // 4 else view
+        return self.loaded(view) if math.prod(out.shape) <= MOST_SPREAD else view
 
     def loaded(self, memory: Memory) -> Array:
         """Return an array in memory in registers."""
@@ -265,24 +336,26 @@ class Lowering:
         """Return elements of a one-dimensional array at computed places, or rows of a series at those of another."""
         source, places = given
         dims = params["dimension_numbers"]
-        size = 1 if isinstance(source, Series) else len(source.shape)
-        if size != 1 or params["slice_sizes"] != (1,) or dims.collapsed_slice_dims != (0,):
+        shape = (source.length,) if isinstance(source, Series) else source.shape
+        if math.prod(shape) != max(shape) or math.prod(params["slice_sizes"]) != 1 or dims.start_index_map != (0,):
             raise NotNative("a gather from an array of several axes")
-        length = source.length if isinstance(source, Series) else source.shape[0]
+        length, dtype = max(shape), np.dtype(out.dtype)
         clip = "CLIP" in str(params["mode"])
-        if isinstance(places, Series | Memory):
-            where = self.series(places)
-            inner = self.series(source)
-            return Series(out.shape[0], np.dtype(out.dtype), lambda index: inner.at(self._as_i64(where.at(index)).text))
-        inside = self.series(source) if not isinstance(source, np.ndarray) else self._spilled(source)
-        result = np.empty(out.shape, dtype=object)
-        flat = places.reshape(*out.shape) if places.ndim else places
-        for index in np.ndindex(*out.shape):
-            place = self._as_i64(flat[index])
-            if clip:
-                place = self._held(place, length)
-            result[index] = self._picked(inside, place, np.dtype(out.dtype))
-        return result
+
+        def picked(place: Value) -> Value:
+            place = self._as_i64(place)
+            return self._picked(series, self._held(place, length) if clip else place, dtype)
+
+        if isinstance(places, np.ndarray) and places.size <= MOST_IN_REGISTERS:
+            # Of a lane's own places a series is best kept: each lane would compute its number anew.
+            series = self._spilled(source.ravel()) if isinstance(source, np.ndarray) else self.kept(self.series(source))
+            result = np.empty(out.shape, dtype=object)
+            result.ravel()[:] = [picked(place) for place in places.ravel()]
+            return result
+        where, series = self.series(places), self.series(source)
+        if not isinstance(places, Memory):
+            series = self.kept(series)
+        return self.lazy(max(out.shape), dtype, lambda index: picked(where.at(index)))
 
     def _as_i64(self, value: Value) -> Value:
         if value.dtype.itemsize == 8:
@@ -290,7 +363,7 @@ class Lowering:
         return self.e.convert("sext" if value.dtype.kind == "i" else "zext", value, np.int64)
 
     def _held(self, place: Value, length: int) -> Value:
-        zero, last = constant(0, np.int64), constant(length - 1, np.int64)
+        zero, last = constant(0, np.int64), Value(self.e.count(length - 1), np.dtype(np.int64))
         return self.e.intrinsic("smin", self.e.intrinsic("smax", place, zero), last)
 
     def _picked(self, series: Series, place: Value, dtype: np.dtype) -> Value:
@@ -336,6 +409,8 @@ class Lowering:
         if params["reverse"]:
             raise NotNative("a scan from the end")
         fixed, begin, over = given[:consts], given[consts : consts + carry], given[consts + carry :]
+        if any(isinstance(x, Series) for x in begin):
+            return self._scan_of_each(equation, given)
         steps = [self._steps(x) for x in over]
         flat, shapes = _flattened(begin)
         room = []
@@ -360,10 +435,29 @@ class Lowering:
             kept.append(None if place is None else self._stored(*place, length))
         return [*_reshaped(loop.carried, shapes), *kept]
 
-    def _stored(self, place: str, dtype: np.dtype, length: int) -> Series:
-        return Series(
-            length, dtype, lambda index: self.e.load(self.e.address(place, index, dtype, True), dtype, True)
-        )
+    def _scan_of_each(self, equation: Any, given: list[Operand]) -> list[Operand]:
+        """Write a scan that carries an array over steps: for each of its elements, where that is used, a loop."""
+        params = equation.params
+        body, consts, carry = params["jaxpr"], params["num_consts"], params["num_carry"]
+        fixed, begin = given[:consts], [self.series(x) for x in given[consts : consts + carry]]
+        if len(given) > consts + carry or len(equation.outvars) > carry:
+            raise NotNative("a scan over arrays over steps")
+        length = max(one.length for one in begin)
+        key = object()
+
+        def at(index: str) -> tuple[Value, ...]:
+            starts = [self.e.widen(one.at(index)) for one in begin]
+            with Loop(self.e, params["length"], starts) as loop:
+                each = [self.lazy(length, x.dtype, lambda _, x=x: x) for x in loop.carried]
+                results = self.run(body.jaxpr, [constants(c) for c in body.consts], [*fixed, *each])
+                loop.next = [self.e.widen(self.series(x).at(index)) for x in results]
+            return tuple(loop.carried)
+
+        def of(number: int) -> Callable[[str], Value]:
+            # All results of the loop are known once one of them is.
+            return lambda index: self.e.once((key, index), lambda: at(index))[number]
+
+        return [Series(length, one.dtype, of(number)) for number, one in enumerate(begin)]
 
     def _steps(self, x: Operand) -> Callable[[str], Operand]:
         """Return what a scan gives of an array at a step."""
@@ -419,18 +513,59 @@ class Lowering:
         e.start_block(end)
         return now
 
-    def _cond(self, branches: Sequence[ClosedJaxpr], given: list[Operand]) -> list[Operand]:
-        """Write all branches and select: they are pure."""
-        index = given[0][()]
+    def _cond(self, equation: Any, given: list[Operand]) -> list[Operand]:
+        """Write the branches: all, and select, as they are pure; one is run alone where all lanes agree."""
+        branches, index = equation.params["branches"], given[0][()]
+        if index.dtype.kind == "b":
+            index = self.e.select(index, constant(1, np.int32), constant(0, np.int32))
+        if not index.wide:
+            return self._branched(branches, index, given[1:], [v.aval for v in equation.outvars])
         results = [self.run(b.jaxpr, [constants(c) for c in b.consts], given[1:]) for b in branches]
         chosen = results[-1]
         for number in reversed(range(len(branches) - 1)):
-            holds = index if index.dtype.kind == "b" else self.e.compare("icmp sle", index, constant(number, index.dtype))
-            if index.dtype.kind == "b":  # false is the first branch
-                chosen = [self._chosen(holds, new, old) for new, old in zip(chosen, results[number], strict=True)]
-            else:
-                chosen = [self._chosen(holds, new, old) for new, old in zip(results[number], chosen, strict=True)]
+            holds = self.e.compare("icmp sle", index, constant(number, index.dtype))
+            chosen = [self._chosen(holds, new, old) for new, old in zip(results[number], chosen, strict=True)]
         return chosen
+
+    def _branched(
+        self, branches: Sequence[ClosedJaxpr], index: Value, given: list[Operand], avals: Sequence[Any]
+    ) -> list[Operand]:
+        """Run one branch; its results go through memory."""
+        e = self.e
+        places = [self.reserve(math.prod(aval.shape)) for aval in avals]
+        end = e.name("joined")
+        for number, branch in enumerate(branches):
+            inside, other = e.name("branch"), e.name("other")
+            last = number == len(branches) - 1
+            holds = Value("true", np.dtype(bool)) if last else e.compare("icmp sle", index, constant(number, index.dtype))
+            e.branch(holds, inside, other if not last else end)
+            e.start_block(inside)
+            e.begin_scope()
+            results = self.run(branch.jaxpr, [constants(c) for c in branch.consts], given)
+            for place, result, aval in zip(places, results, avals, strict=True):
+                self._put(result, place, aval)
+            e.end_scope()
+            e.jump(end)
+            if not last:
+                e.start_block(other)
+        e.start_block(end)
+        return [self._taken(place, aval) for place, aval in zip(places, avals, strict=True)]
+
+    def _put(self, result: Operand, place: str, aval: Any) -> None:
+        dtype = np.dtype(aval.dtype)
+        if math.prod(aval.shape) > MOST_IN_REGISTERS:
+            self._keep(dataclasses.replace(self.series(result), length=max(aval.shape)), place, 0)
+            return
+        for number, value in enumerate(result.ravel()):
+            self.e.store(self.e.widen(value), self.e.address(place, str(number), dtype, True))
+
+    def _taken(self, place: str, aval: Any) -> Operand:
+        series = self._stored(place, np.dtype(aval.dtype), math.prod(aval.shape))
+        if series.length > MOST_IN_REGISTERS:
+            return series
+        result = np.empty(aval.shape, dtype=object)
+        result.ravel()[:] = [series.at(str(number)) for number in range(series.length)]
+        return result
 
     def _chosen(self, holds: Value, yes: Operand, no: Operand) -> Array:
         if isinstance(yes, Series) or isinstance(no, Series):
@@ -466,7 +601,12 @@ class Loop:
         self.index = "%" + e.name()
         self.carried = [Value("%" + e.name(), x.dtype, True) for x in self.begin]
         # A loop of no rounds leaves the values at its start.
-        e.branch(Value("true" if self.length else "false", np.dtype(bool)), self._head, self._done)
+        count = e.count(self.length)
+        if count.startswith("%"):
+            some = e.emit(f"icmp sgt i64 {count}, 0", np.dtype(bool), False)
+        else:
+            some = Value("true" if self.length else "false", np.dtype(bool))
+        e.branch(some, self._head, self._done)
         e.start_block(self._head)
         self._place = len(e.lines)
         e.begin_scope()
@@ -477,8 +617,9 @@ class Loop:
             return
         e = self.e
         e.end_scope()
+        count = e.count(self.length)
         following = e.emit(f"add nuw nsw i64 {self.index}, 1", np.dtype("i8"), False)
-        ends = e.emit(f"icmp eq i64 {following.text}, {self.length}", np.dtype(bool), False)
+        ends = e.emit(f"icmp eq i64 {following.text}, {count}", np.dtype(bool), False)
         last = e.block
         e.branch(ends, self._done, self._head)
         lines = [f"  {self.index} = phi i64 [ 0, %{self._before} ], [ {following.text}, %{last} ]"]
@@ -570,6 +711,19 @@ def _comparison(of_floats: str, of_integers: str) -> Callable:
             return lowering.e.compare(f"fcmp {of_floats}", *given)
         sign = "" if of_integers in ("eq", "ne") else ("s" if kind == "i" else "u")
         return lowering.e.compare(f"icmp {sign}{of_integers}", *given)
+
+    return operation
+
+
+def _before(or_equal: bool) -> Callable:
+    """Return whether a number is before another where what is not a number comes last."""
+
+    def operation(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+        e, (x, y) = lowering.e, given
+        if or_equal:
+            return e.binary("or", e.compare("fcmp ole", x, y), e.compare("fcmp uno", y, y))
+        last = e.binary("and", e.compare("fcmp uno", y, y), e.compare("fcmp ord", x, x))
+        return e.binary("or", e.compare("fcmp olt", x, y), last)
 
     return operation
 
@@ -753,6 +907,8 @@ _ELEMENTS: dict[str, Callable] = {
     "ge": _comparison("oge", "ge"),
     "lt": _comparison("olt", "lt"),
     "le": _comparison("ole", "le"),
+    "le_to": _before(or_equal=True),
+    "lt_to": _before(or_equal=False),
     "eq": _comparison("oeq", "eq"),
     "ne": _comparison("une", "ne"),
     "and": _arithmetic("and", "and"),
@@ -830,11 +986,12 @@ def _reduce(name: str) -> Callable:
     return operation
 
 
-def _broadcast(lowering: Lowering, given: list[Array], params: dict, out: Any) -> Array:
+def _broadcast(lowering: Lowering, given: list[Array], params: dict, out: Any) -> Operand:
+    if math.prod(out.shape) > MOST_SPREAD and given[0].size == 1:
+        if math.prod(out.shape) == max(out.shape):
+            value = given[0].ravel()[0]
+            return Series(max(out.shape), value.dtype, lambda index: value)
     if math.prod(out.shape) > MOST_IN_REGISTERS:
-        if given[0].shape == () and len(out.shape) == 1:
-            value = given[0][()]
-            return Series(out.shape[0], value.dtype, lambda index: value)  # type: ignore[return-value]
         raise NotNative(f"an array of shape {out.shape}")
     shape = [1] * len(out.shape)
     for axis, size in zip(params["broadcast_dimensions"], given[0].shape, strict=True):
@@ -908,7 +1065,12 @@ def _cumulative(name: str) -> Callable:
     return operation
 
 
-def _iota(lowering: Lowering, given: list[Array], params: dict, out: Any) -> Array:
+def _iota(lowering: Lowering, given: list[Array], params: dict, out: Any) -> Operand:
+    if len(out.shape) == 1 and out.shape[0] > MOST_SPREAD:
+        whole = np.dtype(np.int64)
+        return Series(
+            out.shape[0], np.dtype(out.dtype), lambda i: _convert(lowering, [Value(i, whole)], {}, np.dtype(out.dtype))
+        )
     if math.prod(out.shape) > MOST_IN_REGISTERS:
         raise NotNative(f"an array of shape {out.shape}")
     shape = [1] * len(out.shape)

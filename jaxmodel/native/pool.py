@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import Any
 
@@ -15,10 +15,11 @@ from jaxmodel.native.kernel import Kernel
 class Pool:
     """Threads that share the packets of a call; no lane sees another, so that their number changes no bit."""
 
-    def __init__(self, kernel: Kernel, threads: int) -> None:
-        self._kernel = kernel
+    def __init__(self, kernel: Kernel, threads: int, sizes: Sequence[int] = ()) -> None:
+        """Start threads; `sizes` are the lengths that the kernel leaves open."""
+        self._kernel, self._sizes = kernel, sizes
         self._executor = ThreadPoolExecutor(threads)
-        self._free = [kernel.workspace() for _ in range(threads)]
+        self._free = [kernel.workspace(sizes) for _ in range(threads)]
 
     def __enter__(self) -> Pool:
         return self
@@ -41,13 +42,13 @@ class Pool:
         width = self._kernel.lanes
         whole = -(-count // width) * width
         filled = jax.tree.map(lambda x: _filled(np.asarray(x), whole), own)
-        results = self._kernel.buffers(whole)
+        results = self._kernel.buffers(whole, self._sizes)
         arguments = self._kernel.arguments(shared, filled, results)
 
         def part(first: int, last: int) -> int:
             workspace = self._free.pop()
             try:
-                self._kernel.run(arguments, first, last, whole, workspace)
+                self._kernel.run(arguments, first, last, whole, workspace, self._sizes)
             finally:
                 self._free.append(workspace)
             return min(last * width, count) - first * width

@@ -11,7 +11,7 @@ import pytest
 from jax import lax
 
 from jaxmodel import native
-from jaxmodel.native import Kernel, NotNative, Pool, machine
+from jaxmodel.native import ROWS, STEPS, Kernel, NotNative, Pool, machine
 
 LANES = 37
 RNG = np.random.default_rng(0)
@@ -79,6 +79,21 @@ def chosen(shared, x):
     return two + three
 
 
+def sought(shared, x):
+    """What sensors do with a signal over a run: places by bisection, interpolation, sums, and numbers put in."""
+    ends = jnp.cumsum(shared["spans"])
+    signal = jnp.sin(ends * x["rate"])
+    late = ends[shared["rows"]] - x["delay"]
+    after = jnp.clip(jnp.searchsorted(ends, late), 0, ends.shape[0] - 1)
+    put = signal.at[shared["rows"]].set(0.5 * late)
+    return {
+        "found": signal[after] * (late > 0.0),
+        "between": jnp.interp(late, ends, put),
+        "last": put[-1] + signal[0],
+        "either": lax.cond(shared["on"], lambda: put * x["rate"], lambda: signal),
+    }
+
+
 def own(**arrays: np.ndarray) -> dict[str, np.ndarray]:
     return arrays
 
@@ -88,6 +103,11 @@ FUNCTIONS: dict[str, tuple[Callable, object, dict[str, np.ndarray]]] = {
         scanned,
         {"over": LONG, "rows": np.arange(0, 901, 7)},
         own(start=RNG.normal(size=LANES), gain=RNG.uniform(0.1, 2.0, LANES)),
+    ),
+    "signals": (
+        sought,
+        {"spans": RNG.integers(1, 9, 700) / 8, "rows": np.arange(3, 700, 5), "on": np.array(True)},
+        own(rate=RNG.uniform(0.1, 1.0, LANES), delay=RNG.uniform(-3.0, 3.0, LANES)),
     ),
     "while": (rooted, {}, own(of=10.0 ** RNG.uniform(-8, 8, LANES))),
     "arrays": (
@@ -112,6 +132,28 @@ def test_kernel_does_what_vmap_does(name: str) -> None:
     assert jax.tree.structure(found) == jax.tree.structure(wanted)
     jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-13, atol=1e-13), found, wanted)
     jax.tree.map(lambda x, y: np.testing.assert_equal((x.dtype, x.shape), (y.dtype, y.shape)), found, wanted)
+
+
+@pytest.mark.parametrize("on", [True, False])
+def test_one_kernel_serves_runs_of_any_length(on: bool) -> None:
+    _, _, lanes = FUNCTIONS["signals"]
+    whole = np.dtype(int)
+    shapes = {
+        "spans": jax.ShapeDtypeStruct((STEPS,), float),
+        "rows": jax.ShapeDtypeStruct((ROWS - 1,), whole),
+        "on": jax.ShapeDtypeStruct((), bool),
+    }
+    kernel = Kernel(sought, shapes, jax.tree.map(lambda x: x[0], lanes), sizes=(STEPS, ROWS))
+    for steps, rows in ((40, 12), (3000, 1001)):
+        shared = {
+            "spans": RNG.integers(1, 9, steps) / 8,
+            "rows": np.sort(RNG.choice(steps, rows - 1, replace=False)),
+            "on": np.array(on),
+        }
+        wanted = jax.vmap(sought, in_axes=(None, 0))(jax.tree.map(jnp.asarray, shared), lanes)
+        with Pool(kernel, 2, (steps, rows)) as pool:
+            found = pool.run(shared, lanes, LANES, 1)
+        jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-12, atol=1e-12), found, wanted)
 
 
 def test_bits_depend_neither_on_threads_nor_on_the_cut() -> None:
@@ -145,7 +187,7 @@ def test_shared_values_are_read_when_the_kernel_runs() -> None:
     [
         (jnp.sort, 'the operation "sort"'),
         (lambda x: jnp.linalg.inv(x[None, :2] * x[:2, None] + jnp.eye(2)), "the operation"),
-        (lambda x: jnp.outer(x, jnp.arange(600.0)), "600"),
+        (lambda x: jnp.sum(jnp.outer(x, jnp.arange(600.0))), "over steps"),
     ],
 )
 def test_what_has_no_instructions_is_named(function: Callable, message: str) -> None:
@@ -173,4 +215,4 @@ def test_compiled_code_is_kept_and_a_broken_file_is_not_used(tmp_path, monkeypat
 
 
 def test_front_door_names_what_it_has() -> None:
-    assert set(native.__all__) == {"Kernel", "NotNative", "Pool"}
+    assert set(native.__all__) == {"ROWS", "STEPS", "Kernel", "NotNative", "Pool"}
