@@ -34,8 +34,8 @@ def states_after(advance: Callable, begin, given, steps: Array | None, one_kerne
     return jax.tree.map(lambda x, held: jnp.where(past, held, x), kept, last)
 
 
-def observed_after(advance: Callable, observe: Callable, begin, given, steps: Array, one_kernel: bool):
-    """Return observations after every step, stacked along a first axis; undefined after the needed steps.
+def observed_after(advance: Callable, observe: Callable, begin, given, steps: Array | None, one_kernel: bool):
+    """Return observations after every step, stacked along a first axis; undefined after the needed steps, if stated.
 
     Args:
         advance: as of `states_after`.
@@ -46,6 +46,8 @@ def observed_after(advance: Callable, observe: Callable, begin, given, steps: Ar
         one_kernel: the same.
     """
     run = as_one_kernel if one_kernel else _plainly
+    if steps is None:
+        return run(partial(_follow, advance, observe), begin, given)[1]
     return _in_rounds(run, advance, observe, begin, given, steps)[1]
 
 

@@ -44,11 +44,11 @@ class Needed(eqx.Module):
     """What the lanes of a batch need at most; everything else is skipped.
 
     Attributes:
-        steps: number of steps; later ones are not computed. Such a run has forward-mode derivatives only.
+        steps: number of steps; later ones are not computed. Such a run has forward-mode derivatives only. None for all.
         dynamic_sensors: whether any lane has a sensor effect with internal state or delay.
     """
 
-    steps: Array
+    steps: Array | None
     dynamic_sensors: Array
 
 
@@ -120,7 +120,7 @@ def read_track(model: Model, track: Track, time_s: Array, needed: Needed) -> dic
 
 @eqx.filter_jit
 def _read_true(
-    model: Model, track: Track, steps: Array, one_kernel: bool, with_states: bool
+    model: Model, track: Track, steps: Array | None, one_kernel: bool, with_states: bool
 ) -> tuple[dict[str, Array], State]:
     """Return ideal readings at the rows, and the states at the start and after every step if requested."""
     start = _start(model, track)

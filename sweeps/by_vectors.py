@@ -44,20 +44,20 @@ class ByVectors:
         self, spans: Iterable[tuple[int, int, int]], done: Callable[[int], None]
     ) -> Iterator[tuple[int, Outcome]]:
         """Run spans (number, first lane, lanes) and yield the outcome of each with its number."""
-        with Pool(self._kernel, self._threads) as pool:
+        with Pool(self._threads) as pool:
             for number, first, count in spans:
                 yield number, self._run(pool, first, count, done)
 
     def call(self, first: int, count: int) -> int:
         """Run as many lanes of a span as a call has, keep nothing of them, and return their number."""
         lanes = min(count, self._threads * self._packets * self._kernel.lanes)
-        with Pool(self._kernel, self._threads) as pool:
+        with Pool(self._threads) as pool:
             self._run(pool, first, lanes, lambda lanes: None)
         return lanes
 
     def _run(self, pool: Pool, first: int, count: int, done: Callable[[int], None]) -> Outcome:
         own = self._lanes_of(np.arange(first, first + count))
-        return pool.run(self._shared, own, count, self._packets, done)
+        return pool.start(self._kernel, self._shared, own, count, self._packets).tree(done)
 
 
 @functools.lru_cache(maxsize=32)

@@ -66,15 +66,19 @@ class Unknowns(eqx.Module):
     reach: Array
     mixes: tuple[Array, ...]
 
-    def numbers(self, x: Array | np.ndarray) -> Array:
-        """Return the numbers at the coordinates x, both of shape (unknowns,)."""
-        bounded = jnp.isfinite(self.reach)
-        off = jnp.where(bounded, self.reach * jnp.tanh(x / jnp.where(bounded, self.reach, 1.0)), x)
-        straight = self.centre + self.spread * off
-        below = self.ceiling - self.bend * jnp.logaddexp(0.0, (self.ceiling - straight) / self.bend)
-        straight = jnp.where(jnp.isfinite(self.ceiling), below, straight)
-        curved = self.origin + self.sign * jnp.exp(jnp.where(self.logarithmic, straight, 0.0))
-        return jnp.where(self.logarithmic, curved, straight)
+    def numbers(self, x: Array | np.ndarray) -> Any:
+        """Return the numbers at the coordinates x, both of shape (..., unknowns); on the host if x is."""
+        xp: Any = np if isinstance(x, np.ndarray) else jnp
+        parts = (self.reach, self.centre, self.spread, self.ceiling, self.bend, self.origin, self.sign, self.logarithmic)
+        reach, centre, spread, ceiling, bend, origin, sign, logarithmic = map(xp.asarray, parts)
+        with np.errstate(all="ignore"):  # of what is not chosen
+            bounded = xp.isfinite(reach)
+            off = xp.where(bounded, reach * xp.tanh(x / xp.where(bounded, reach, 1.0)), x)
+            straight = centre + spread * off
+            below = ceiling - bend * xp.logaddexp(0.0, (ceiling - straight) / bend)
+            straight = xp.where(xp.isfinite(ceiling), below, straight)
+            curved = origin + sign * xp.exp(xp.where(logarithmic, straight, 0.0))
+            return xp.where(logarithmic, curved, straight)
 
 
 class Problem(eqx.Module):
@@ -100,9 +104,8 @@ class Problem(eqx.Module):
     noisy: tuple[str, ...] = eqx.field(static=True)
     shapes: tuple[tuple[int, int, int], ...] = eqx.field(static=True)
 
-    def _model_at(self, model: Model, own: Array, lane: Lane) -> Model:
-        """Return a run's model; `own` (unknowns,) is True for unknowns that apply to the run."""
-        found = self.unknowns.numbers(lane.x)
+    def model_at(self, model: Model, own: Array, found: Array, switches: Array, laws: Array) -> Model:
+        """Return a run's model with numbers `found`; `own` (unknowns,) is True for unknowns that apply to the run."""
         values: dict[str, Any] = {}
         for name, places in self.unknowns.targets:
             value = _get(model, name)
@@ -112,9 +115,9 @@ class Problem(eqx.Module):
         for (name, first, last), mix in zip(self.unknowns.vectors, self.unknowns.mixes, strict=True):
             values[name] = (mix @ found[first:last]).reshape(_get(model, name).shape)
         for place, label in enumerate(self.switched):
-            values[f"{label}.switch"] = lane.switches[place]
+            values[f"{label}.switch"] = switches[place]
         if any(effect.label == "law" for effect in model.effects):
-            values["law.settings"] = lane.laws
+            values["law.settings"] = laws
         return _with(model, values)
 
     def predictions(self, lanes: Lane) -> Array:
@@ -128,7 +131,8 @@ class Problem(eqx.Module):
             model, own, steps, time_s = run
             inputs = steps.inputs | {name: steps.inputs.get(name, 0.0) + more for name, more in lane.added.items()}
             steps = dataclasses.replace(steps, inputs=inputs)
-            readings = read_track(self._model_at(model, own, lane), steps, time_s, needed)
+            at = self.model_at(model, own, self.unknowns.numbers(lane.x), lane.switches, lane.laws)
+            readings = read_track(at, steps, time_s, needed)
             return jnp.stack([readings[name] for name in self.channels], axis=-1)
 
         runs, count, needed = self.times.shape[0], lanes.x.shape[0], self._needed(lanes)

@@ -103,9 +103,9 @@ class Kernel:
             f'nounwind "prefer-vector-width"="512" {{\nentry:\n{body}\n  ret void\n}}\n{declared}\n'
         )
 
-    def workspace(self, sizes: Sequence[int] = ()) -> np.ndarray:
-        """Return working memory for one thread."""
-        return np.empty(max(1, sum(self._actual(count, sizes) for count in self._room)) * self.lanes)
+    def workspace_size(self, sizes: Sequence[int] = ()) -> int:
+        """Return how many numbers of working memory a thread needs."""
+        return max(1, sum(self._actual(count, sizes) for count in self._room)) * self.lanes
 
     def buffers(self, count: int, sizes: Sequence[int] = ()) -> list[np.ndarray]:
         """Return arrays for the results of so many lanes, a multiple of a packet."""

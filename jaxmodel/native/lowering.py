@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import jax
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 
@@ -47,6 +48,14 @@ class Series:
     is_kept: bool = False
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Rows:
+    """A small array for each index along a first axis that is too long for registers; as `Series` else."""
+
+    length: int
+    at: Callable[[str], Array]
+
+
 @dataclasses.dataclass(frozen=True)
 class Memory:
     """An array in memory that is the same for all lanes, row after row.
@@ -64,7 +73,7 @@ class Memory:
     first: int = 0
 
 
-Operand = Any  # an Array, a Series or a Memory
+Operand = Any  # an Array, a Series, Rows or a Memory
 
 
 class Lowering:
@@ -131,6 +140,10 @@ class Lowering:
             return self._cond(equation, given)
         if name == "split":
             return self._split(given[0], params)
+        if any(isinstance(x, Rows) for x in given) or (
+            any(isinstance(x, Series) for x in given) and math.prod(out.shape) > max(out.shape, default=1)
+        ):
+            return [self._of_rows(name, given, params, out)]
         if any(isinstance(x, Series | Memory) for x in given):
             return [self._of_long(name, given, params, out)]
         if name in _ON_ARRAYS:
@@ -249,6 +262,31 @@ class Lowering:
         return self.lazy(
             max(out.shape), dtype, lambda index: operation(self, [one.at(index) for one in series], params, dtype)
         )
+
+    def _of_rows(self, name: str, given: list[Operand], params: dict, out: Any) -> Operand:
+        """Return the result of an operation that acts on each row of arrays over steps."""
+        whole = [x for x in given if isinstance(x, Series | Rows)]
+        length = max(x.length for x in whole)
+        row_out = jax.ShapeDtypeStruct(out.shape[1:], out.dtype)
+        inner = _of_each_row(name, params, out)
+
+        def row_of(x: Operand, index: str) -> Array:
+            if isinstance(x, Rows):
+                return x.at(index)
+            if isinstance(x, Series | Memory):
+                return _array(self.series(x).at(index))
+            return x if x.ndim == 0 else x[0]
+
+        def compute(index: str) -> Array:
+            rows = [row_of(x, index) for x in given]
+            if name in _ON_ARRAYS:
+                return _ON_ARRAYS[name](self, rows, inner, row_out)
+            return np.broadcast_to(self._by_element(name, rows, params, out.dtype), row_out.shape)
+
+        key = object()
+        if math.prod(row_out.shape) == 1:
+            return self.lazy(length, out.dtype, lambda index: compute(index).ravel()[0])
+        return Rows(length, lambda index: self.e.once((key, index), lambda: compute(index)))
 
     def _moved(self, series: Series, start: int, length: int) -> Operand:
         """Return a part of a series."""
@@ -671,6 +709,33 @@ def _reshaped(values: Sequence[Value], shapes: Sequence[tuple[int, ...]]) -> lis
     return result
 
 
+def _of_each_row(name: str, params: dict, out: Any) -> dict:
+    """Return the parameters of an operation on the rows of an array, along whose first axis it does nothing.
+
+    Raises:
+        NotNative: it does something there.
+    """
+    changed = dict(params)
+    for key in ("axes", "broadcast_dimensions", "dimensions"):
+        if key in params:
+            if name.startswith("reduce") and 0 in params[key]:
+                raise NotNative(f"{name} over the steps of an array of several axes")
+            changed[key] = tuple(axis - 1 for axis in params[key] if axis != 0)
+    for key in ("axis", "dimension"):
+        if key in params and not isinstance(params[key], bool):
+            if params[key] == 0:
+                raise NotNative(f"{name} along the steps of an array of several axes")
+            changed[key] = params[key] - 1
+    for key in ("start_indices", "limit_indices", "strides"):
+        if params.get(key) is not None:
+            changed[key] = tuple(params[key][1:])
+    if name == "slice" and params["limit_indices"][0] - params["start_indices"][0] != out.shape[0]:
+        raise NotNative("a slice of an array of several axes")
+    if name in ("gather", "pad", "dot_general", "dynamic_slice", "transpose", "iota"):
+        raise NotNative(f"{name} of an array over steps")
+    return changed
+
+
 def _needed(jaxpr: Jaxpr) -> list[bool]:
     """Return for each equation whether a result depends on it."""
     wanted = {v for v in jaxpr.outvars if not isinstance(v, Literal)}
@@ -991,7 +1056,15 @@ def _broadcast(lowering: Lowering, given: list[Array], params: dict, out: Any) -
         if math.prod(out.shape) == max(out.shape):
             value = given[0].ravel()[0]
             return Series(max(out.shape), value.dtype, lambda index: value)
+        if 0 not in params["broadcast_dimensions"]:
+            value = given[0].ravel()[0]
+            return Rows(out.shape[0], lambda index: np.broadcast_to(_array(value), out.shape[1:]))
     if math.prod(out.shape) > MOST_IN_REGISTERS:
+        if 0 not in params["broadcast_dimensions"]:
+            row_out = jax.ShapeDtypeStruct(out.shape[1:], out.dtype)
+            inner = {"broadcast_dimensions": tuple(axis - 1 for axis in params["broadcast_dimensions"])}
+            row = _broadcast(lowering, given, inner, row_out)
+            return Rows(out.shape[0], lambda index: row)
         raise NotNative(f"an array of shape {out.shape}")
     shape = [1] * len(out.shape)
     for axis, size in zip(params["broadcast_dimensions"], given[0].shape, strict=True):

@@ -17,8 +17,8 @@ EXTREME = np.array([0.0, -0.0, 1.0, -1.0, 2.0, -2.0, 0.5, -0.5, 3.0, -3.0, 1e308
 
 def by_vectors(function: Callable, *arguments: np.ndarray) -> np.ndarray:
     kernel = Kernel(lambda _, own: function(*own), (), tuple(x[0] for x in arguments))
-    with Pool(kernel, 1) as pool:
-        return pool.run((), arguments, arguments[0].size, packets=100)
+    with Pool(1) as pool:
+        return pool.start(kernel, (), arguments, arguments[0].size, packets=100).tree()
 
 
 def spread(low: float, high: float, seed: int = 0) -> np.ndarray:

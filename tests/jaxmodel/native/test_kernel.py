@@ -20,8 +20,8 @@ TABLE = RNG.normal(size=(40, 30))
 
 
 def run(kernel: Kernel, shared, own, count: int = LANES, threads: int = 1, packets: int = 1):
-    with Pool(kernel, threads) as pool:
-        return pool.run(shared, own, count, packets)
+    with Pool(threads) as pool:
+        return pool.start(kernel, shared, own, count, packets).tree()
 
 
 def scanned(shared, x):
@@ -151,8 +151,8 @@ def test_one_kernel_serves_runs_of_any_length(on: bool) -> None:
             "on": np.array(on),
         }
         wanted = jax.vmap(sought, in_axes=(None, 0))(jax.tree.map(jnp.asarray, shared), lanes)
-        with Pool(kernel, 2, (steps, rows)) as pool:
-            found = pool.run(shared, lanes, LANES, 1)
+        with Pool(2) as pool:
+            found = pool.start(kernel, shared, lanes, LANES, 1, (steps, rows)).tree()
         jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-12, atol=1e-12), found, wanted)
 
 

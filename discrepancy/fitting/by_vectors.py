@@ -1,0 +1,154 @@
+"""Predictions of a case as vector instructions of the processor: one kernel for runs and lanes of any number."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from discrepancy.fitting.problem import Lane, Problem
+from jaxmodel.native import ROWS, STEPS, Kernel, Pool
+from jaxmodel.simulation import Needed, Track, read_track
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class OneRun:
+    """A run of a problem, without padding.
+
+    Attributes:
+        number: of the run in the problem.
+        sizes: steps and rows.
+        shared: its part of the problem; what is the same for all lanes.
+    """
+
+    number: int
+    sizes: tuple[int, int]
+    shared: Any
+
+
+def runs_of(problem: Problem) -> list[OneRun]:
+    """Return the runs of a problem, each with its own length, as arrays on the host."""
+    models, tracks = jax.tree.map(np.asarray, (problem.models, problem.tracks))
+    of_run, mixes = np.asarray(problem.unknowns.of_run), tuple(map(np.asarray, problem.unknowns.mixes))
+    found = []
+    for number, last_step in enumerate(tracks.last_step):
+        rows = int(np.argmax(last_step == last_step[-1])) + 2
+        steps = int(last_step[-1]) + 1
+        track = Track(
+            duration_s=tracks.duration_s[number, :steps],
+            inputs={name: values[number, : steps + 1] for name, values in tracks.inputs.items()},
+            last_step=last_step[: rows - 1],
+        )
+        model = jax.tree.map(lambda leaf, n=number: leaf[n], models)
+        found.append(OneRun(number, (steps, rows), (model, track, of_run[number], mixes)))
+    return found
+
+
+def predicted(problem: Problem, runs: Sequence[OneRun], lanes: Sequence[Lane], pool: Pool) -> list[np.ndarray]:
+    """Return the readings of each run, shape (channels, rows, lanes).
+
+    Args:
+        problem: a case.
+        runs: of it.
+        lanes: arrays on the host.
+        pool: of threads.
+
+    Raises:
+        NotNative: an effect has an operation without vector instructions.
+    """
+    with_added = any(lane.added for lane in lanes)
+    kernel = kernel_of(problem, runs[0], lanes[0], with_added)
+    x = np.stack([lane.x for lane in lanes])
+    own: dict[str, Any] = {
+        "numbers": problem.unknowns.numbers(x),
+        "switches": np.stack([lane.switches for lane in lanes]),
+        "laws": np.stack([lane.laws for lane in lanes]),
+    }
+    dynamic = np.array(any(_has_dynamic_sensors(problem, lane) for lane in lanes))
+    jobs = []
+    for run in runs:
+        steps = run.sizes[0]
+        if with_added:
+            zero = np.zeros(steps + 1)
+            own["added"] = {
+                name: np.stack([lane.added[name][run.number, : steps + 1] if lane.added else zero for lane in lanes])
+                for name in problem.noisy
+            }
+        jobs.append(pool.start(kernel, (*run.shared, dynamic), own, len(lanes), 1, run.sizes))
+    return [np.stack(job.raw()) for job in jobs]
+
+
+def _has_dynamic_sensors(problem: Problem, lane: Lane) -> bool:
+    return any(
+        effect.switch is None or lane.switches[problem.switched.index(effect.label)] != 0.0
+        for effect in problem.models.effects
+        if effect.has_state
+    )
+
+
+def kernel_of(problem: Problem, run: OneRun, lane: Lane, with_added: bool) -> Kernel:
+    """Return the kernel of a problem, the same for all that differ only in numbers and in lengths of runs."""
+    leaves, tree = jax.tree.flatten(_shapes(problem, run, lane, with_added))
+    statics = eqx.partition(dataclasses.replace(problem, shapes=()), eqx.is_array)[1]
+    rest, rest_tree = jax.tree.flatten(statics)
+    key = (tree, rest_tree, tuple(rest), tuple((leaf.shape, leaf.dtype) for leaf in leaves))
+    return _kernel(_Given(key, problem))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Given:
+    """A problem, known by what its kernel depends on."""
+
+    key: Any
+    problem: Problem = dataclasses.field(compare=False)
+
+
+@functools.lru_cache(maxsize=64)
+def _kernel(given: _Given) -> Kernel:
+    problem, (tree, _, _, leaves) = given.problem, given.key
+    shared, own = jax.tree.unflatten(tree, [jax.ShapeDtypeStruct(*leaf) for leaf in leaves])
+
+    def one_lane(shared: Any, own: dict[str, Any]) -> list[jax.Array]:
+        model, track, of_run, mixes, dynamic = shared
+        whole = dataclasses.replace(problem, unknowns=dataclasses.replace(problem.unknowns, mixes=mixes))
+        more = own.get("added", {})
+        inputs = track.inputs | {name: track.inputs.get(name, 0.0) + values for name, values in more.items()}
+        track = dataclasses.replace(track, inputs=inputs)
+        at = whole.model_at(model, of_run, own["numbers"], own["switches"], own["laws"])
+        readings = read_track(at, track, track.duration_s, Needed(None, dynamic))
+        return [readings[name] for name in problem.channels]
+
+    return Kernel(one_lane, shared, own, sizes=(STEPS, ROWS))
+
+
+def _shapes(problem: Problem, run: OneRun, lane: Lane, with_added: bool) -> Any:
+    """Return the shapes of the kernel's arguments, with the lengths that stand for those of a run."""
+    model, track, of_run, mixes = run.shared
+    shape = jax.ShapeDtypeStruct
+
+    def like(leaf: np.ndarray) -> Any:
+        return shape(np.shape(leaf), np.asarray(leaf).dtype)
+
+    long = Track(
+        duration_s=shape((STEPS,), np.dtype(float)),
+        inputs={name: shape((STEPS + 1,), values.dtype) for name, values in track.inputs.items()},
+        last_step=shape((ROWS - 1,), track.last_step.dtype),
+    )
+    numbers = shape((of_run.shape[0],), np.dtype(float))
+    own: dict[str, Any] = {
+        "numbers": numbers,
+        "switches": shape(np.shape(lane.switches), np.dtype(float)),
+        "laws": shape(np.shape(lane.laws), np.dtype(float)),
+    }
+    if with_added:
+        own["added"] = {name: shape((STEPS + 1,), np.dtype(float)) for name in problem.noisy}
+    shared = (*jax.tree.map(like, (model,)), long, like(of_run), jax.tree.map(like, mixes), shape((), np.dtype(bool)))
+    return shared, own
+
+
+__all__ = ["OneRun", "kernel_of", "predicted", "runs_of"]
