@@ -6,9 +6,9 @@ import dataclasses
 
 import numpy as np
 import pytest
+from discrepancy.residuals.summary import COLUMNS
 
 from discrepancy.residuals import ChannelResiduals, error_table
-from discrepancy.residuals.summary import COLUMNS
 from tests.discrepancy.residuals.made_residuals import constant_currents
 
 
