@@ -80,7 +80,7 @@ def compare(case: Case, *, progress: Progress | None = None) -> Diagnosis:
         extrapolated=remarks.extrapolated(inv.case),
         tolerance=tolerances(inv),
         where_base={name: one.where for name, one in remaining.items()},
-        errors=errors_by_run(inv, {"base": left}),
+        errors=errors_by_run(inv, {"base": ladder[-1]}),
     )
 
 
@@ -125,7 +125,7 @@ def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ord
     final = found.final
     adjusted = with_adjusted_starts(inv, final)
     ladder = [nominal(inv), rung(inv, "calibrated", inv.base)]
-    ladder += [rung(inv, "with " + " + ".join(m.labels), m) for m in found.path[1:] if m is not final]
+    ladder += [rung(inv, "with " + " + ".join(m.labels), m, compared=True) for m in found.path[1:] if m is not final]
     if final.labels:
         ladder.append(rung(inv, "with " + " + ".join(final.labels), final, adjusted))
     last = ladder[-1]
@@ -133,7 +133,7 @@ def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ord
     left["final"] = residuals_of(inv, last) if final.labels else left["base"]
     groups = {label: inv.space.candidates[label].group for label in final.labels}
     lacking = {label: _lacking(inv, found.compared, final, label) for label in final.labels}
-    removes = {label: _removes(rung(inv, "", trial), last) for label, trial in lacking.items()}
+    removes = {label: _removes(rung(inv, "", trial, compared=True), last) for label, trial in lacking.items()}
     probabilities, indistinguishable = _probabilities(inv, found)
     holding = {
         label: sum(p for labels, p in probabilities.items() if label in labels)
@@ -211,7 +211,7 @@ def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ord
         tolerance=tolerances(inv),
         fit_for_purpose=fit_for_purpose(inv, last),
         where_base=_where(inv, left["base"]),
-        errors=errors_by_run(inv, left),
+        errors=errors_by_run(inv, {"base": ladder[1], "final": last}),
         rivals=tuple(_name(inv, one.labels) for one in rivals),
         proposals=proposals,
         law_source=_law_source(inv, laws),
@@ -310,7 +310,7 @@ def _immaterial(inv: Workings, refused: Addition, last: Rung) -> Immaterial:
         reason = (
             "with the model error estimated again, its size is implausible or it increases the error on left-out data"
         )
-    removes = _removes(last, rung(inv, "", refused.trial))
+    removes = _removes(last, rung(inv, "", refused.trial, compared=True))
     return Immaterial(
         name, removes, f"{name}: it is significant on the fit runs (log evidence {refused.gain:+.1f}), but {reason}"
     )

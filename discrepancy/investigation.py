@@ -86,8 +86,7 @@ class Investigation(Workings):
     @one_thread_of_blas
     def errors(self) -> pd.DataFrame:
         """Return the present model's errors: a row for each channel of each run, against noise and tolerance."""
-        left = residuals_of(self, rung(self, "present", self.model))
-        return errors_by_run(self, {"present": left}).drop(columns="model")
+        return errors_by_run(self, {"present": self.present()}).drop(columns="model")
 
     @one_thread_of_blas
     def where(self) -> pd.DataFrame:

@@ -46,6 +46,32 @@ class ChannelError:
 
 
 @dataclasses.dataclass(frozen=True)
+class RunError:
+    """Error (measured minus predicted) of one channel in one run, over all its readings that count, in its unit.
+
+    Attributes:
+        readings: their number, at least 1; the first of a check run, which adjust its start, do not count.
+        rms: root mean square.
+        mean: mean.
+        worst: the largest size.
+    """
+
+    readings: int
+    rms: float
+    mean: float
+    worst: float
+
+    @classmethod
+    def of(cls, errors: np.ndarray) -> RunError | None:
+        """Return the error of some readings (n,), NaN where there is none; None if there is none at all."""
+        read = errors[np.isfinite(errors)]
+        if not read.size:
+            return None
+        rms = float(np.sqrt(read @ read / read.size))
+        return cls(read.size, rms, float(np.mean(read)), float(max(read.max(), -read.min())))
+
+
+@dataclasses.dataclass(frozen=True)
 class Rung:
     """One model of the ladder.
 
@@ -55,9 +81,10 @@ class Rung:
         estimates: calibrated parameters by name; those of one run as 'initial_soc[run-01]'.
         at_bound: names of the estimates more than three prior sd from their stated value.
         errors: by channel.
-        predictions: by run, then channel, at the rows of the run.
+        predictions: by run, then channel, at the rows of the run; empty in a model that is only compared.
         chi2: of the whitened residuals of the fit runs.
         readings: number of residuals.
+        by_run: errors by channel, then run.
     """
 
     name: str
@@ -68,6 +95,7 @@ class Rung:
     predictions: dict[str, dict[str, np.ndarray]]
     chi2: float
     readings: int
+    by_run: dict[str, dict[str, RunError]] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -16,10 +15,11 @@ from discrepancy.fitting.readings import Weights, collect
 from discrepancy.noise.model_error import NONE
 from discrepancy.preparation.thinning import start_rows
 from discrepancy.residuals.conditions import time_since_load_changed
-from discrepancy.residuals.summary import error_table
 from discrepancy.residuals.table import ChannelResiduals
-from discrepancy.result import ChannelError, Estimate, Rung
+from discrepancy.result import ChannelError, Estimate, RunError, Rung
+from discrepancy.settings import Settings
 from discrepancy.workings import Workings
+from jaxmodel.case import Run
 from jaxmodel.declaration import describe
 from jaxmodel.names import parameter_table
 from jaxmodel.units import unit_of
@@ -73,58 +73,81 @@ def with_adjusted_starts(inv: Workings, trial: Trial) -> AdjustedStarts:
 
 
 def nominal(inv: Workings) -> Rung:
-    """Return the base model with its stated parameters."""
+    """Return the base model with its stated parameters; without predictions."""
     base = inv.base
-    x = np.zeros_like(base.fitted.x)
-    predicted = inv.space.predicted(base.setting, x)
-    by_run = inv.space.by_run(predicted)
-    errors = {name: _errors(inv, name, by_run, by_run) for name in inv.noise}
-    return Rung("nominal", (), {}, (), errors, by_run, float("nan"), base.fitted.rows.size)
+    by_run = _by_run(inv, inv.space.predicted(base.setting, np.zeros_like(base.fitted.x)))
+    errors = {name: _error(inv, one, one) for name, one in by_run.items()}
+    return Rung("nominal", (), {}, (), errors, {}, float("nan"), base.fitted.rows.size, by_run)
 
 
-def rung(inv: Workings, name: str, trial: Trial, adjusted: AdjustedStarts | None = None) -> Rung:
-    """Return one model of the ladder, with its errors on fit runs and on check runs."""
+def rung(
+    inv: Workings, name: str, trial: Trial, adjusted: AdjustedStarts | None = None, *, compared: bool = False
+) -> Rung:
+    """Return one model of the ladder, with its errors on fit runs and on check runs.
+
+    Args:
+        inv: the investigation.
+        name: in the ladder.
+        trial: the model.
+        adjusted: with the starts of check runs adjusted, if known.
+        compared: it is only compared with others: its predictions are not kept.
+    """
     adjusted = adjusted or with_adjusted_starts(inv, trial)
-    by_run = inv.space.by_run(inv.space.predicted(trial.setting, adjusted.x))
-    as_stated = inv.space.by_run(inv.space.predicted(trial.setting, trial.fitted.x))
+    predictions = inv.space.predicted(trial.setting, adjusted.x)
+    by_run = as_stated = _by_run(inv, predictions)
+    if np.any(adjusted.x != trial.fitted.x):
+        checks = [number for number, run in enumerate(inv.case.runs) if run.split == "check"]
+        as_stated = _by_run(inv, inv.space.predicted(trial.setting, trial.fitted.x, checks))
     estimates, far = estimates_of(inv, trial)
     return Rung(
         name=name,
         added=trial.labels,
         estimates=estimates,
         at_bound=far,
-        errors={channel: _errors(inv, channel, by_run, as_stated) for channel in inv.noise},
-        predictions=by_run,
+        errors={channel: _error(inv, by_run[channel], as_stated[channel]) for channel in inv.noise},
+        predictions={} if compared else predictions,
         chi2=trial.fitted.chi2,
         readings=trial.fitted.rows.size,
+        by_run=by_run,
     )
 
 
-def _errors(
-    inv: Workings,
-    channel: str,
-    predictions: Mapping[str, Mapping[str, np.ndarray]],
-    as_stated: Mapping[str, Mapping[str, np.ndarray]],
-) -> ChannelError:
-    def errors(split: str, predicted: Mapping[str, Mapping[str, np.ndarray]]) -> np.ndarray:
-        parts = []
+def _by_run(inv: Workings, predictions: Mapping[str, Mapping[str, np.ndarray]]) -> dict[str, dict[str, RunError]]:
+    """Return the errors by channel and run, over all readings but those that adjust the start of a check run."""
+    found: dict[str, dict[str, RunError]] = {}
+    for channel in inv.noise:
+        found[channel] = {}
         for run in inv.case.runs:
-            if run.split != split or channel not in run.measured.outputs:
+            if run.name not in predictions or channel not in run.measured.outputs:
                 continue
-            first = start_rows(run, inv.settings).stop if split == "check" else 0
-            parts.append((run.measured.outputs[channel] - predicted[run.name][channel])[first:])
-        together = np.concatenate([*parts, np.zeros(0)])
-        return together[np.isfinite(together)]
+            rows = judged_rows(run, inv.settings)
+            error = RunError.of(run.measured.outputs[channel][rows] - predictions[run.name][channel][rows])
+            if error is not None:
+                found[channel][run.name] = error
+    return found
 
-    def rms(values: np.ndarray) -> float:
-        return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
 
-    held_out = errors("check", predictions)
+def judged_rows(run: Run, settings: Settings) -> slice:
+    """Return the rows of a run on which a model is judged: all but those that adjust the start of a check run."""
+    return slice(start_rows(run, settings).stop if run.split == "check" else 0, None)
+
+
+def _error(inv: Workings, by_run: Mapping[str, RunError], as_stated: Mapping[str, RunError]) -> ChannelError:
+    """Return the error of a channel, of all readings of its fit runs and check runs."""
+
+    def of(split: str, errors: Mapping[str, RunError]) -> list[RunError]:
+        return [errors[run.name] for run in inv.case.runs if run.split == split and run.name in errors]
+
+    def rms(errors: Sequence[RunError]) -> float:
+        count = sum(one.readings for one in errors)
+        return float(np.sqrt(sum(one.readings * one.rms**2 for one in errors) / count)) if count else float("nan")
+
+    held_out = of("check", by_run)
     return ChannelError(
-        fit=rms(errors("fit", predictions)),
+        fit=rms(of("fit", by_run)),
         check=rms(held_out),
-        stated=rms(errors("check", as_stated)),
-        worst=float(np.max(np.abs(held_out))) if held_out.size else float("nan"),
+        stated=rms(of("check", as_stated)),
+        worst=max((one.worst for one in held_out), default=float("nan")),
     )
 
 
@@ -156,15 +179,15 @@ def residuals_of(inv: Workings, one: Rung) -> list[ChannelResiduals]:
     """Return the residuals of every channel, thinned, with the conditions of each reading."""
     found = []
     names = tuple(run.name for run in inv.case.runs)
+    since_load_changed = [time_since_load_changed(run) for run in inv.case.runs]
     for channel in inv.noise:
         parts: dict[str, list[np.ndarray]] = {}
         for number, run in enumerate(inv.case.runs):
             values = run.measured.outputs.get(channel)
             if values is None:
                 continue
-            first = start_rows(run, inv.settings).stop if run.split == "check" else 0
-            there = np.flatnonzero(np.isfinite(values))
-            there = there[there >= first]
+            first = judged_rows(run, inv.settings).start
+            there = first + np.flatnonzero(np.isfinite(values[first:]))
             if there.size < 2:
                 continue
             kept = there[:: max(1, -(-there.size // _MOST_OF_A_RUN))]
@@ -179,12 +202,12 @@ def residuals_of(inv: Workings, one: Rung) -> list[ChannelResiduals]:
             cycles = run.overrides.get("cycles", inv.case.parameters.get("cycles"))
             if cycles is not None:
                 given["cycles"] = np.full(kept.size, cycles.value)
-            given["time_since_load_changed_s"] = time_since_load_changed(run)[kept]
+            given["time_since_load_changed_s"] = since_load_changed[number][kept]
             columns = {
                 "run": np.full(kept.size, number),
                 "time_s": time_s,
                 "weight_s": np.maximum(np.gradient(time_s), 1e-9) if kept.size > 1 else np.ones(1),
-                "error": (values - predicted[channel])[kept],
+                "error": values[kept] - predicted[channel][kept],
             } | {f"condition {n}": v for n, v in given.items()}
             for name, column in columns.items():
                 parts.setdefault(name, []).append(column)
@@ -213,12 +236,35 @@ def residuals_of(inv: Workings, one: Rung) -> list[ChannelResiduals]:
 _CONDITIONS = ("soc", "speed", "cell", "winding", "case", "current", "motor", "pack")
 
 
-def errors_by_run(inv: Workings, left: Mapping[str, Sequence[ChannelResiduals]]) -> pd.DataFrame:
-    """Return a row for each channel of each run and model, given the residuals by model name."""
-    splits: dict[str, Literal["fit", "check"]] = {run.name: run.split for run in inv.case.runs}
-    tables = []
-    for name, channels in left.items():
-        table = error_table(channels, splits)
-        table.insert(0, "model", name)
-        tables.append(table)
-    return pd.concat(tables, ignore_index=True)
+def errors_by_run(inv: Workings, models: Mapping[str, Rung]) -> pd.DataFrame:
+    """Return a row for each channel of each run and model, over all readings, in the channel's unit.
+
+    Columns: model, run, split, channel, unit, readings; rms, mean and max (the largest size) of the errors; noise_sd,
+    rms_over_noise, tolerance; within_tolerance, None where no tolerance is stated.
+    """
+    rows = []
+    for model, one in models.items():
+        for channel, noise in inv.noise.items():
+            tolerance = inv.case.tolerance.get(channel)
+            for run in inv.case.runs:
+                error = one.by_run[channel].get(run.name)
+                if error is None:
+                    continue
+                rows.append(
+                    {
+                        "model": model,
+                        "run": run.name,
+                        "split": run.split,
+                        "channel": channel,
+                        "unit": "K" if unit_of(channel) == "degC" else unit_of(channel),
+                        "readings": error.readings,
+                        "rms": error.rms,
+                        "mean": error.mean,
+                        "max": error.worst,
+                        "noise_sd": noise.sd,
+                        "rms_over_noise": error.rms / noise.sd,
+                        "tolerance": float("nan") if tolerance is None else tolerance.rms,
+                        "within_tolerance": None if tolerance is None else error.rms <= tolerance.rms,
+                    }
+                )
+    return pd.DataFrame(rows)

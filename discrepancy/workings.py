@@ -248,9 +248,9 @@ class Workings:
         if unit_of(channel) == "degC":
             return self.settings.assumed_temperature_K
         runs = [run.measured.outputs[channel] for run in self.case.runs if channel in run.measured.outputs]
-        values = np.concatenate(runs)
+        highest, lowest = np.nanmax([np.nanmax(one) for one in runs]), np.nanmin([np.nanmin(one) for one in runs])
         share = self.settings.assumed_voltage if unit_of(channel) == "V" else self.settings.assumed_share
-        return share * float(np.nanmax(values) - np.nanmin(values))
+        return share * float(highest - lowest)
 
     # Fits.
 

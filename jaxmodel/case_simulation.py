@@ -1,4 +1,4 @@
-"""Simulation of all runs of a case, with one compiled program."""
+"""Simulation of all runs of a case."""
 
 from __future__ import annotations
 
@@ -6,17 +6,15 @@ import dataclasses
 import html
 from collections.abc import Callable, Iterator
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.case import Case, Run
 from jaxmodel.measurements import KINDS
+from jaxmodel.pieces import run_in_pieces
 from jaxmodel.plotting import SimulationPlots
-from jaxmodel.simulation import Cutoff, Status, Trajectory, run_track, track
+from jaxmodel.simulation import Cutoff, Status
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -111,8 +109,6 @@ def simulate_case(
 ) -> CaseSimulation:
     """Run the model of a case over each of its runs.
 
-    All runs are padded to the same number of steps and rows, so that JAX compiles once for the whole case.
-
     Args:
         case: with its effects and cut-off.
         fidelity: "formula" or "lut".
@@ -125,43 +121,15 @@ def simulate_case(
         ParameterError: as `case_model`.
         EffectError: as `case_model`.
     """
-    models = [case_model(case, run, fidelity=fidelity) for run in case.runs]
-    profiles = [run_profile(run) for run in case.runs]
-    steps = max(track(m, p).duration_s.shape[0] for m, p in zip(models, profiles, strict=True))
-    if case.kind != "cell":
-        steps = _rounded_up(steps)  # a motor's steps depend on its parameters: else each change of them would compile
-    rows = max(profile.time_s.size for profile in profiles)
     cutoff = Cutoff(**case.cutoff) if case.cutoff else None
     outcomes = []
-    for run, model, profile in zip(case.runs, models, profiles, strict=True):
+    for run in case.runs:
         if progress:
             progress(run.name)
-        padded = track(model, profile, steps)
-        missing = rows - profile.time_s.size
-        last_step = jnp.asarray(np.pad(padded.last_step, (0, missing), mode="edge"))
-        padded = eqx.tree_at(lambda c: c.last_step, padded, last_step)
-        ran = run_track(model, padded, jnp.asarray(np.pad(profile.time_s, (0, missing), mode="edge")), cutoff)
-        outcomes.append(_outcome(case.kind, run, ran, profile.time_s.size))
+        course = run_in_pieces(case_model(case, run, fidelity=fidelity), run_profile(run), cutoff)
+        usual = [name for name in KINDS[case.kind].outputs if name in course.readings]
+        columns = {name: course.readings[name] for name in dict.fromkeys((*usual, *course.readings))}
+        time_s = run.measured.time_s
+        table = pd.DataFrame({"time_s": time_s} | columns | {"valid": course.valid}, copy=False)
+        outcomes.append(SimulatedRun(run, table, course.status, float(time_s[course.end_row])))
     return CaseSimulation(case, tuple(outcomes))
-
-
-def _rounded_up(count: int) -> int:
-    """Return a number to four binary digits, rounded up."""
-    size = 1 << max(count.bit_length() - 4, 0)
-    return -(-count // size) * size
-
-
-def _outcome(kind: str, run: Run, ran: Trajectory, rows: int) -> SimulatedRun:
-    ran = jax.tree.map(np.asarray, ran)  # slicing by JAX would compile a program for each column
-    time_s = np.asarray(ran.time_s)[:rows]
-    status = Status(int(ran.status))
-    end = min(int(ran.end_row), rows - 1)
-    columns: dict[str, np.ndarray] = {"time_s": time_s}
-    usual = [name for name in KINDS[kind].outputs if name in ran.readings]
-    for name in dict.fromkeys((*usual, *ran.readings)):
-        column = np.array(ran.readings[name][:rows], dtype=float)
-        column[end + 1 :] = np.nan
-        columns[name] = column
-    valid = np.array(ran.valid[:rows], dtype=bool)
-    valid[end + 1 :] = True
-    return SimulatedRun(run, pd.DataFrame(columns | {"valid": valid}), status, float(time_s[end]))

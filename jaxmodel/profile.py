@@ -63,19 +63,21 @@ class Grid:
         duration_s: shape (steps,); padding steps at the end have zero length and no effect.
         row: shape (steps,), the row of the profile whose inputs hold over the step.
         last_step: shape (rows - 1,), the step that ends at each row after the first.
+        jumped_s: time of the last jump; 0 without a motor.
     """
 
     duration_s: np.ndarray
     row: np.ndarray
     last_step: np.ndarray
+    jumped_s: float = 0.0
 
     def padded(self, steps: int) -> Grid:
         """Return the same grid with steps of zero length appended."""
         extra = steps - self.duration_s.size
-        return Grid(
-            np.append(self.duration_s, np.zeros(extra)),
-            np.append(self.row, np.full(extra, self.row[-1])),
-            self.last_step,
+        return dataclasses.replace(
+            self,
+            duration_s=np.append(self.duration_s, np.zeros(extra)),
+            row=np.append(self.row, np.full(extra, self.row[-1])),
         )
 
 
@@ -100,6 +102,7 @@ def make_grid(
     electrical_time_constant_s: float | None,
     bending_time_constants_s: tuple[float, float] | None = None,
     growth: float = GROWTH,
+    jumped_s: float | None = None,
 ) -> Grid:
     """Return the grid of a profile: one step a row, and after a jump of the inputs steps that grow from milliseconds.
 
@@ -109,51 +112,53 @@ def make_grid(
         bending_time_constants_s: R J / k^2 of a motor with a kink at zero current: while its speed settles after a
             jump, steps stay a small share of it. The shortest and the longest of motors in many lanes.
         growth: ratio of each step after a jump to the previous one.
+        jumped_s: time of the last jump, if the profile is a later part of a run; None if the run begins with it.
     """
     rows = np.diff(profile.time_s)
     if electrical_time_constant_s is None:
         return Grid(rows, np.arange(1, rows.size + 1), np.arange(rows.size))
-    jumps = _jumps(profile)
-    durations, owners = [], []
-    since_jump = 0.0
-    for index, (span, jump) in enumerate(zip(rows, jumps, strict=True)):
-        since_jump = 0.0 if jump else since_jump
-        parts = growing_steps(span, FIRST_STEP_SHARE * electrical_time_constant_s, growth) if jump else [span]
-        if bending_time_constants_s is not None:
-            parts = _fine_while_settling(parts, since_jump, *bending_time_constants_s)
-        since_jump += span
-        durations.extend(parts)
-        owners.extend([index + 1] * len(parts))
-    row = np.asarray(owners)
-    last_step = np.searchsorted(row, np.arange(1, rows.size + 1), side="right") - 1
-    return Grid(np.asarray(durations), row, last_step)
+    jumps = _jumps(profile, begins=jumped_s is None)
+    count = np.where(jumps, _growing(rows, FIRST_STEP_SHARE * electrical_time_constant_s, growth), 1)
+    share = growth ** np.arange(count.max())
+    before = np.append(0.0, np.cumsum(share))
+    row, number = _parts(count)
+    unit = rows[row] / before[count][row]
+    duration = unit * share[number]
+    started = profile.time_s[:-1]
+    jumped = np.maximum.accumulate(np.where(jumps, started, -np.inf if jumped_s is None else jumped_s))
+    if bending_time_constants_s is not None:
+        since_jump = (started - jumped)[row] + unit * before[number]
+        fine = _while_settling(duration, since_jump, *bending_time_constants_s)
+        step, _ = _parts(fine)
+        duration, row = (duration / fine)[step], row[step]
+    return Grid(duration, row + 1, np.cumsum(np.bincount(row, minlength=rows.size)) - 1, float(jumped[-1]))
 
 
-def _fine_while_settling(parts: list[float], since_jump: float, shortest: float, longest: float) -> list[float]:
-    """Divide steps that begin while a motor settles, so that none is longer than a share of its time constant.
+def _growing(span: np.ndarray, first: float, growth: float) -> np.ndarray:
+    """Return into how many steps spans are cut that start near `first` and grow by a constant factor, in s."""
+    count = np.ceil(np.log1p(span / first * (growth - 1.0)) / np.log(growth)).astype(int)
+    return np.maximum(count, 1)
+
+
+def _parts(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the owner of every part, and its number among those of its owner, if owner k has `count[k]` parts."""
+    owner = np.repeat(np.arange(count.size), count)
+    return owner, np.arange(owner.size) - (np.cumsum(count) - count)[owner]
+
+
+def _while_settling(duration: np.ndarray, since_jump: np.ndarray, shortest: float, longest: float) -> np.ndarray:
+    """Return into how many each step is divided that begins while a motor settles: none exceeds a share of its time.
 
     Motors with shorter time constants have settled before; the others determine the step.
     """
-    fine = []
-    for part in parts:
-        time_constant = max(shortest, since_jump / SETTLED)
-        settling = since_jump < SETTLED * longest
-        count = int(np.ceil(part / (BENDING_STEP_SHARE * time_constant))) if settling else 1
-        fine.extend([part / count] * count)
-        since_jump += part
-    return fine
+    time_constant = np.maximum(shortest, since_jump / SETTLED)
+    count = np.ceil(duration / (BENDING_STEP_SHARE * time_constant)).astype(int)
+    return np.where(since_jump < SETTLED * longest, count, 1)
 
 
-def growing_steps(span: float, first: float, growth: float = GROWTH) -> list[float]:
-    """Cut a span into steps that start near `first` and grow by a constant factor, in s."""
-    count = max(1, int(np.ceil(np.log1p(span / first * (growth - 1.0)) / np.log(growth))))
-    weights = growth ** np.arange(count)
-    return list(span * weights / weights.sum())
-
-
-def _jumps(profile: Profile) -> np.ndarray:
-    """Return after which rows an input of the motor changed; the first interval starts the motor."""
+def _jumps(profile: Profile, begins: bool) -> np.ndarray:
+    """Return after which rows an input of the motor changed; the first interval of a run starts the motor."""
     moving = [values for name, values in profile.inputs.items() if name != "ambient_degC"]
     changed = np.any([np.diff(values) != 0.0 for values in moving], axis=0)
-    changed[0] = True
+    changed[0] |= begins
     return changed

@@ -34,7 +34,7 @@ def distort(
 
     Effects with state or delay are skipped if no lane has one (`dynamic` is False): they take as long as the run.
     """
-    sensors = _sensors(model)
+    sensors = sensors_of(model)
     if not sensors:
         return readings
     if dynamic is None or not any(effect.has_state for effect in sensors):
@@ -44,16 +44,17 @@ def distort(
 
 def has_dynamic_sensors(model: Model) -> bool:
     """Return True if a sensor effect has state or delay, which needs the states of the whole run."""
-    return any(effect.has_state for effect in _sensors(model))
+    return any(effect.has_state for effect in sensors_of(model))
 
 
-def _sensors(model: Model) -> tuple[Effect, ...]:
+def sensors_of(model: Model) -> tuple[Effect, ...]:
+    """Return the sensor effects of a model, in order."""
     return tuple(effect for effect in model.effects if hasattr(effect, "reading"))
 
 
 @eqx.filter_custom_jvp
 def _distort_if_needed(dynamic: Array, model: Model, *given) -> dict[str, Array]:
-    sensors = _sensors(model)
+    sensors = sensors_of(model)
     static = tuple(effect for effect in sensors if not effect.has_state)
     return jax.lax.cond(dynamic, lambda: _distort(sensors, model, *given), lambda: _distort(static, model, *given))
 
@@ -62,7 +63,9 @@ def _distort_if_needed(dynamic: Array, model: Model, *given) -> dict[str, Array]
 def _distort_if_needed_jvp(primals, tangents):
     """Include all sensor effects: an effect that is off may have a derivative."""
     (_, model, *given), (_, *along) = primals, tangents
-    return eqx.filter_jvp(lambda model, *given: _distort(_sensors(model), model, *given), (model, *given), tuple(along))
+    return eqx.filter_jvp(
+        lambda model, *given: _distort(sensors_of(model), model, *given), (model, *given), tuple(along)
+    )
 
 
 @eqx.filter_jit
@@ -71,11 +74,7 @@ def _distort(
 ) -> dict[str, Array]:
     signals = {}
     if any(effect.has_state for effect in sensors):
-        before = {name: values[:-1] for name, values in states.items()}
-        after = {name: values[1:] for name, values in states.items()}
-        during = {name: values[1:] for name, values in track.inputs.items()}
-        read_all = jax.vmap(lambda s, u: read(model, s, u))
-        starts, ends = read_all(before, during), read_all(after, during)
+        starts, ends = within_steps(model, states, track.inputs)
         signals = {
             # At the end of a row the signal equals its reading exactly, so that a sensor without delay changes nothing.
             name: Signal(
@@ -83,10 +82,27 @@ def _distort(
             )
             for name, values in readings.items()
         }
-    return {
-        name: fold(tuple(e for e in sensors if e.column in ("", name)), "reading", values, signals.get(name))
-        for name, values in readings.items()
-    }
+    return {name: faulty(sensors, name, values, signals.get(name)) for name, values in readings.items()}
+
+
+def within_steps(model: Model, states: State, inputs: dict[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Return the ideal readings at the start and at the end of every step, (steps,), both under its own inputs.
+
+    Args:
+        model: any kind.
+        states: (1 + steps,) at the start and after every step.
+        inputs: (1 + steps,) of the first row and of every step.
+    """
+    before = {name: values[:-1] for name, values in states.items()}
+    after = {name: values[1:] for name, values in states.items()}
+    during = {name: values[1:] for name, values in inputs.items()}
+    read_all = jax.vmap(lambda s, u: read(model, s, u))
+    return read_all(before, during), read_all(after, during)
+
+
+def faulty(sensors: tuple[Effect, ...], name: str, values: Array, signal: Signal | None) -> Array:
+    """Return the readings of a column, over its rows, after its sensor effects; they need `signal` if one has state."""
+    return fold(tuple(e for e in sensors if e.column in ("", name)), "reading", values, signal)
 
 
 def lagged(signal: Signal, time_constant_s) -> Array:

@@ -13,7 +13,7 @@ from jaxtyping import Array
 from jaxmodel.declaration import Scalar
 from jaxmodel.flow import State
 from jaxmodel.kernel import holds_constants
-from jaxmodel.model import Model, initial_state, read, step, valid
+from jaxmodel.model import Model, Readings, initial_state, read, step, valid
 from jaxmodel.ports import touches
 from jaxmodel.profile import GROWTH, GROWTH_SATURATING, Grid, Profile, Track, make_grid
 from jaxmodel.scan import observed_after, states_after
@@ -74,7 +74,7 @@ class Trajectory(eqx.Module):
 
 def track(model: Model, profile: Profile, steps: int | None = None) -> Track:
     """Return the steps of a profile for a model, padded to a number of steps if one is given."""
-    grid = _grid(model, profile)
+    grid = grid_of(model, profile)
     if steps is not None:
         grid = grid.padded(steps)
     rows = np.concatenate([[0], grid.row])
@@ -83,7 +83,8 @@ def track(model: Model, profile: Profile, steps: int | None = None) -> Track:
     return Track(*jax.device_put((grid.duration_s, inputs, grid.last_step)))
 
 
-def _grid(model: Model, profile: Profile) -> Grid:
+def grid_of(model: Model, profile: Profile, jumped_s: float | None = None) -> Grid:
+    """Return the steps of a profile for a model; `jumped_s` as of `jaxmodel.profile.make_grid`."""
     if model.kind == "cell":
         return make_grid(profile, None)
     p = jax.tree.map(np.asarray, model.parameters)
@@ -91,7 +92,9 @@ def _grid(model: Model, profile: Profile) -> Grid:
     bends = touches(model.effects, "armature_voltage_drop")
     growth = GROWTH_SATURATING if touches(model.effects, "motor_torque") else GROWTH
     bending = np.asarray(p.R_0 * p.J / p.k_tau**2)
-    return make_grid(profile, electrical, (float(bending.min()), float(bending.max())) if bends else None, growth)
+    return make_grid(
+        profile, electrical, (float(bending.min()), float(bending.max())) if bends else None, growth, jumped_s
+    )
 
 
 def simulate(model: Model, profile: Profile, cutoff: Cutoff | None = None) -> Trajectory:
@@ -194,7 +197,7 @@ def _run_true(
             state, running = carry
             inputs, duration, ends_row = given
             state = step(model, state, inputs, jnp.where(running, duration, 0.0))
-            running &= ~(ends_row & _below(model, state, inputs, cutoff))
+            running &= ~(ends_row & below(model, read(model, state, inputs), cutoff))
             return state, running
 
         # Only at the end of a row: the inrush current pulls the voltage below any cut-off for some milliseconds.
@@ -225,15 +228,13 @@ def _run_true(
     return truth, fine_states
 
 
-def _below(model: Model, state: State, inputs, cutoff: Cutoff) -> Array:
-    readings = read(model, state, inputs)
-    below = jnp.asarray(False)
-    if "soc" in readings:
-        cell_voltage = readings.get("voltage_V")
-        if cell_voltage is None:
-            cell_voltage = readings["pack_voltage_V"] / model.parameters.n_series
-        below = (readings["soc"] < cutoff.soc) | (cell_voltage < cutoff.voltage_V)
-    return below
+def below(model: Model, readings: Readings, cutoff: Cutoff) -> Array:
+    """Return True where ideal readings are below a cut-off; a motor has none."""
+    if "soc" not in readings:
+        return jnp.asarray(False)
+    voltage = readings["voltage_V"] if "voltage_V" in readings else readings["pack_voltage_V"]
+    series = 1.0 if "voltage_V" in readings else model.parameters.n_series
+    return (readings["soc"] < cutoff.soc) | (voltage / series < cutoff.voltage_V)
 
 
 def to_frame(trajectory: Trajectory):

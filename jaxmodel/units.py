@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -51,12 +51,12 @@ def difference_unit(unit: str) -> str:
     return "K" if unit in ("°C", "degC") else unit
 
 
-def readable(values: Iterable[float], unit: str) -> tuple[float, str]:
+def readable(values: Sequence[float] | np.ndarray, unit: str) -> tuple[float, str]:
     """Return the factor and unit (V, mV, µV) that are most readable for the largest of some values."""
     if unit not in ("V", "A", "s", "ohm", "K"):
         return 1.0, unit
-    finite = [abs(v) for v in values if np.isfinite(v) and v != 0.0]
-    largest = max(finite, default=1.0)
+    sizes = np.abs(np.asarray(values, dtype=float))
+    largest = float(np.max(sizes, initial=0.0, where=np.isfinite(sizes))) or 1.0
     if unit == "K" and largest > 0.02:
         return 1.0, unit
     size, prefix = next(((size, prefix) for size, prefix in _PREFIXES if largest >= size), _PREFIXES[-1])

@@ -9,10 +9,13 @@ from matplotlib.figure import Figure
 
 from discrepancy.result import Diagnosis
 from discrepancy.wording import final_in_short
+from jaxmodel.case import Case
 from jaxmodel.case_simulation import CaseSimulation
 from plots import evidence, runs
 from plots.errors import errors_by_run
 
+# Rows of all runs that are drawn over the conditions; more dots cannot be distinguished.
+_MOST_DOTS = 50_000
 _CONDITIONS = {
     "cell": ("soc", "current_A", "cell_temperature_degC"),
     "motor": ("current_A", "speed_rad_s", "winding_temperature_degC"),
@@ -68,13 +71,13 @@ def _models(diagnosis: Diagnosis) -> Mapping[str, Mapping[str, Mapping[str, np.n
 
 def _residuals(diagnosis: Diagnosis, predictions: Mapping[str, Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
     """Return measured minus predicted of every channel, run after run; NaN without a reading."""
-    runs = diagnosis.case.runs
+    every = _drawn(diagnosis.case)
     return {
         channel: np.concatenate(
             [
-                run.measured.outputs.get(channel, np.full(run.measured.time_s.size, np.nan))
-                - predictions[run.name][channel]
-                for run in runs
+                run.measured.outputs.get(channel, np.full(run.measured.time_s.size, np.nan))[every]
+                - predictions[run.name][channel][every]
+                for run in diagnosis.case.runs
             ]
         )
         for channel in diagnosis.noise
@@ -83,12 +86,20 @@ def _residuals(diagnosis: Diagnosis, predictions: Mapping[str, Mapping[str, np.n
 
 def _conditions(simulation: CaseSimulation) -> dict[str, np.ndarray]:
     """Return the conditions that matter for a kind, run after run: inputs as measured, the rest as modelled."""
+    every = _drawn(simulation.case)
     return {
         name: np.concatenate(
             [
-                one.run.measured.inputs[name] if name in one.run.measured.inputs else one.table[name].to_numpy()
+                (one.run.measured.inputs[name] if name in one.run.measured.inputs else one.table[name].to_numpy())[
+                    every
+                ]
                 for one in simulation
             ]
         )
         for name in _CONDITIONS[simulation.case.kind]
     }
+
+
+def _drawn(case: Case) -> slice:
+    """Return which rows of every run are drawn over conditions: every k-th of a long case."""
+    return slice(None, None, -(-sum(run.measured.time_s.size for run in case.runs) // _MOST_DOTS))

@@ -23,6 +23,7 @@ from plots.style import (
     MEASURED,
     axis_label,
     column_label,
+    drawn_rows,
     minutes_or_seconds,
     residual_scale,
     styled,
@@ -73,16 +74,18 @@ def fit_and_residuals(
         block, column = divmod(place, columns)
         above, below = drawn.grid[2 * block : 2 * block + 2, column]
         measured = run.measured.outputs[channel]
-        above.plot(time, measured, ".", color=MEASURED, markersize=2.5, label="measured", rasterized=True)
+        rows = drawn_rows([measured, *(measured - predictions[channel] for predictions in models.values())])
+        at, measured = time[rows], measured[rows]
+        above.plot(at, measured, ".", color=MEASURED, markersize=2.5, label="measured", rasterized=True)
         for colour, (name, predictions) in zip(_model_colours(len(models)), models.items(), strict=True):
-            above.plot(time, predictions[channel], color=colour, label=name)
+            above.plot(at, predictions[channel][rows], color=colour, label=name)
         drawn.label_y(above, _in_two_lines(channel) if blocks > 1 else column_label(channel), _LABEL_CM)
-        residuals = {name: measured - predictions[channel] for name, predictions in models.items()}
-        shown_unit = draw_residuals(below, time, residuals, noise_sd[channel], split_unit(channel)[1])
+        residuals = {name: measured - predictions[channel][rows] for name, predictions in models.items()}
+        shown_unit = draw_residuals(below, at, residuals, noise_sd[channel], split_unit(channel)[1])
         label = axis_label("residual", shown_unit)
         drawn.label_y(below, label.replace(" ", "\n", 1) if blocks > 1 else label, _LABEL_CM)
         for axes in (above, below):
-            _shade(axes, time, invalid)
+            _shade(axes, at, invalid[rows])
             for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
                 handles.setdefault(name, handle)
         if place + columns >= len(channels):
@@ -207,16 +210,19 @@ def simulation(name: str, table: pd.DataFrame, run: Run, shown_inputs: Sequence[
     grid = drawn.grid
     legend_shown = False
     for axes, panel in zip(grid.T.flat, shown, strict=False):
+        measured = run.measured.outputs.get(panel)
         if panel in shown_inputs:
-            axes.step(time, inputs[panel], where="pre", color=BLACK, lw=1.0)
+            rows = drawn_rows([inputs[panel]])
+            axes.step(time[rows], inputs[panel][rows], where="pre", color=BLACK, lw=1.0)
         else:
-            axes.plot(time, table[panel], color=BASE, label="model")
-            measured = run.measured.outputs.get(panel)
+            model = table[panel].to_numpy()
+            rows = drawn_rows([model] if measured is None else [model, measured])
+            axes.plot(time[rows], model[rows], color=BASE, label="model")
             if measured is not None and np.any(np.isfinite(measured)):
-                axes.plot(time, measured, ".", color=MEASURED, markersize=2.5, zorder=1.5, label="measured")
+                axes.plot(time[rows], measured[rows], ".", color=MEASURED, markersize=2.5, zorder=1.5, label="measured")
         axes.locator_params(nbins=5)
         drawn.label_y(axes, _in_two_lines(panel), _LABEL_CM)
-        _shade(axes, time, ~table["valid"].to_numpy(dtype=bool))
+        _shade(axes, time[rows], ~table["valid"].to_numpy(dtype=bool)[rows])
         if not legend_shown and len(axes.get_legend_handles_labels()[1]) > 1:
             axes.legend(loc="best", markerscale=3)
             legend_shown = True

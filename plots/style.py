@@ -22,6 +22,8 @@ P = ParamSpec("P")
 
 PAGE_CM = 17.0  # text width of an A4 report
 DOTS_PER_INCH = 170
+# Rows of a run that are drawn over time: some for each column of dots of a page.
+MOST_ROWS = 10_000
 CSS_DOTS_PER_INCH = 96  # of a browser
 
 # Colours of Okabe and Ito, distinguishable with any kind of colour vision and in grey.
@@ -148,6 +150,27 @@ def residual_scale(axes: Axes, models: Sequence[np.ndarray], floor: float) -> No
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.yaxis.set_minor_locator(SymmetricalLogLocator(base=10.0, linthresh=smallest, subs=[2, 5]))
     axes.set_ylim(min(1.5 * lowest, -smallest), max(1.5 * highest, smallest))
+
+
+def drawn_rows(series: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the rows of long series, (rows,) each, to be drawn: all of a short one.
+
+    Of more than `MOST_ROWS` the lowest and highest of each series in equal parts: a picture has no more columns of
+    dots, and nothing that stands out is lost.
+    """
+    rows = series[0].size
+    if rows <= MOST_ROWS:
+        return np.arange(rows)
+    parts = MOST_ROWS // (2 * len(series))
+    length = -(-rows // parts)
+    begins = np.arange(0, rows, length)
+    found = [begins, [rows - 1]]
+    for values in series:
+        padded = np.pad(values, (0, begins.size * length - rows), constant_values=np.nan).reshape(-1, length)
+        there = np.isfinite(padded)
+        found.append(begins + np.argmin(np.where(there, padded, np.inf), axis=1))
+        found.append(begins + np.argmax(np.where(there, padded, -np.inf), axis=1))
+    return np.unique(np.concatenate(found))
 
 
 def plain_log(axis: Any) -> None:

@@ -268,8 +268,8 @@ def _known(layout: Layout, trial: Trial, free: Sequence[int]) -> np.ndarray:
 
 def _fastest(space: ModelSpace, trial: Trial) -> float:
     """Return the highest speed of a motor in the present runs: driven by current, it has no other limit."""
-    speed = space.predicted(trial.setting, trial.fitted.x)[..., space.coarse.channels.index("speed_rad_s")]
-    return float(np.max(np.abs(speed)))
+    predicted = space.predicted(trial.setting, trial.fitted.x).values()
+    return max(float(np.max(np.abs(of_run["speed_rad_s"]))) for of_run in predicted)
 
 
 def _possible(channels: Sequence[str], predicted: np.ndarray, fastest: float) -> np.ndarray:

@@ -47,18 +47,6 @@ def predictions(problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
     return _of_batches(blocks, lanes, together)
 
 
-def alone(problem: Problem, lane: Lane) -> np.ndarray:
-    """Return the predicted readings of one lane, shape (runs, rows, channels), in a program without other lanes."""
-    found = np.empty((*problem.times.shape, len(problem.channels)))
-    stacked = jax.tree.map(lambda leaf: np.asarray(leaf)[None], lane)
-    for runs, part in problem.blocks:
-        predicted = np.asarray(_predictions(part, _to_runs(stacked, runs, part)))[0]
-        rows = predicted.shape[1]
-        found[runs, :rows] = predicted[: len(runs)]
-        found[runs, rows:] = found[runs, rows - 1 : rows]
-    return found
-
-
 def at_places(problem: Problem, places: tuple[np.ndarray, np.ndarray, np.ndarray], lanes: Sequence[Lane]) -> np.ndarray:
     """Return the predictions of lanes for some readings, shape (lanes, readings).
 

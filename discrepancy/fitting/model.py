@@ -10,19 +10,20 @@ import equinox as eqx
 import numpy as np
 
 from discrepancy.fitting.candidates import Candidate, candidates, laws
-from discrepancy.fitting.lanes import alone, at_places, predictions
+from discrepancy.fitting.lanes import at_places, predictions
 from discrepancy.fitting.laws import PORTS, no_laws
 from discrepancy.fitting.layout import Layout, make_layout
-from discrepancy.fitting.problem import Lane, Problem, make_problem, tracks_of
+from discrepancy.fitting.problem import Lane, Problem, make_problem, tracks_of, with_effects
 from discrepancy.fitting.readings import Readings
 from discrepancy.noise.contract import without_input_noise
 from discrepancy.noise.instrument import NoiseModel
 from discrepancy.preparation.held_inputs import noisy_inputs
 from discrepancy.preparation.thinning import thinned
 from discrepancy.settings import SETTINGS, Settings
-from jaxmodel.build import own_effect_hint
+from jaxmodel.build import case_model, own_effect_hint, run_profile
 from jaxmodel.case import Case
 from jaxmodel.errors import EffectError, nearest
+from jaxmodel.pieces import run_in_pieces
 from jaxmodel.ports import Effect
 
 Labels = tuple[str, ...]
@@ -80,7 +81,6 @@ class ModelSpace:
         self.case, self.settings = case, settings
         self.fitted = thinned(case, settings)
         self._own: dict[tuple[int, tuple[str, ...]], Problem] = {}
-        self._whole: dict[tuple[bool, bool], Problem] = {}
         self._quieted: dict[int, tuple[Problem, Problem]] = {}
         ranges, sizes = _ranges(case), _sizes(case)
         everything = [*candidates(case), *laws(case, ranges, sizes, settings)]
@@ -92,26 +92,26 @@ class ModelSpace:
     @functools.cached_property
     def coarse(self) -> Problem:
         """Return the problem at the steps of the base model, without unknown laws."""
-        return self._made(self.fitted, False, False)
+        return self._made(False, False)
 
     @functools.cached_property
     def fine(self) -> Problem:
         """Return the problem at the finer steps for nonlinear armature equations."""
-        return self._made(self.fitted, True, False)
+        return self._made(True, False)
 
     @functools.cached_property
     def with_laws(self) -> Problem:
         """Return the problem with unknown laws, at the steps of the base model."""
-        return self._made(self.fitted, False, True)
+        return self._made(False, True)
 
     @functools.cached_property
     def fine_with_laws(self) -> Problem:
         """Return the problem with unknown laws, at finer steps."""
-        return self._made(self.fitted, True, True)
+        return self._made(True, True)
 
-    def _made(self, case: Case, is_fine: bool, has_laws: bool) -> Problem:
+    def _made(self, is_fine: bool, has_laws: bool) -> Problem:
         some = [one for one in self.candidates.values() if has_laws or one.group != "law"]
-        return make_problem(case, self.layout, some, self._bending if is_fine else ())
+        return make_problem(self.fitted, self.layout, some, self._bending if is_fine else ())
 
     @property
     def _bending(self) -> list[Effect]:
@@ -216,24 +216,32 @@ class ModelSpace:
             labels |= dict.fromkeys(meant)
         return self.key(tuple(labels))
 
-    def predicted(self, setting: Setting, x: np.ndarray) -> np.ndarray:
-        """Return the predictions of a model for all readings of the case, shape (runs, rows, channels)."""
-        if self.fitted is self.case:
-            return predictions(self.problem(setting), [setting.lane(x)])[0]
-        of = (setting.is_fine, setting.has_laws)
-        if of not in self._whole:
-            self._whole[of] = self._made(self.case, *of)
-        return alone(self._of_effects(self._whole[of], setting), setting.lane(x))
+    def predicted(
+        self, setting: Setting, x: np.ndarray, runs: Sequence[int] | None = None
+    ) -> dict[str, dict[str, np.ndarray]]:
+        """Return what a model predicts for all readings, by run and channel, each over the rows of the run.
 
-    def by_run(self, predicted: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
-        """Return predictions by run and channel, each over the rows of the run."""
-        return {
-            run.name: {
-                channel: predicted[number, : run.measured.time_s.size, place]
-                for place, channel in enumerate(self.coarse.channels)
-            }
-            for number, run in enumerate(self.case.runs)
-        }
+        Args:
+            setting: the model.
+            x: (unknowns,) coordinates.
+            runs: numbers of the runs; all if None.
+        """
+        lane, channels = setting.lane(x), self.coarse.channels
+        numbers = range(len(self.case.runs)) if runs is None else runs
+        found: dict[str, dict[str, np.ndarray]] = {}
+        if self.fitted is self.case:
+            together = predictions(self.problem(setting), [lane])[0]
+            for number in numbers:
+                run, rows = self.case.runs[number], slice(self.case.runs[number].measured.time_s.size)
+                found[run.name] = {name: together[number, rows, place] for place, name in enumerate(channels)}
+            return found
+        problem = self._of_effects(self.problem_of_all(setting), setting)
+        for number in numbers:
+            run = self.case.runs[number]
+            bare = with_effects(case_model(self.case, run), self._bending if setting.is_fine else ())
+            course = run_in_pieces(problem.model_of(number, lane), run_profile(run), steps_of=bare)
+            found[run.name] = {name: course.readings[name] for name in channels}
+        return found
 
 
 class View:
@@ -260,28 +268,28 @@ class View:
 
 def _ranges(case: Case) -> dict[str, tuple[float, float]]:
     """Return lowest and highest value of every measured or derived quantity in the fit runs."""
-    found: dict[str, list[np.ndarray]] = {}
+    found: dict[str, list[float]] = {}
+
+    def see(name: str, values: np.ndarray) -> None:
+        read = values[np.isfinite(values)]
+        found.setdefault(name, []).extend([float(read.min()), float(read.max())] if read.size else [])
+
     for run in case.runs:
         if run.split != "fit":
             continue
         for name, values in (run.measured.outputs | run.measured.inputs).items():
-            found.setdefault(name, []).append(values[np.isfinite(values)])
-        found.setdefault("time_s", []).append(run.measured.time_s - run.measured.time_s[0])
+            see(name, values)
+        see("time_s", run.measured.time_s - run.measured.time_s[0])
         cycles = run.overrides.get("cycles", case.parameters.get("cycles"))
         if cycles is not None:
-            found.setdefault("cycles", []).append(np.array([cycles.value]))
+            see("cycles", np.array([cycles.value]))
         if "current_A" in run.measured.inputs and "capacity_Ah" in case.parameters:
             time_s, current = run.measured.time_s, run.measured.inputs["current_A"]
             taken = np.cumsum(current * np.diff(time_s, prepend=time_s[0])) / 3600.0
-            found.setdefault("soc", []).append(run.initial_soc.value - taken / case.parameters["capacity_Ah"].value)
+            see("soc", run.initial_soc.value - taken / case.parameters["capacity_Ah"].value)
     if "cell_temperature_degC" not in found and "ambient_degC" in found:
         found["cell_temperature_degC"] = found["ambient_degC"]
-    ranges = {}
-    for name, parts in found.items():
-        values = np.concatenate([*parts, np.zeros(0)])
-        if values.size:
-            ranges[name] = (float(values.min()), float(values.max()))
-    return ranges
+    return {name: (min(ends), max(ends)) for name, ends in found.items() if ends}
 
 
 def _sizes(case: Case) -> dict[str, float]:

@@ -120,6 +120,11 @@ class Problem(eqx.Module):
             values["law.settings"] = laws
         return _with(model, values)
 
+    def model_of(self, run: int, lane: Lane) -> Model:
+        """Return the model of one run at a lane."""
+        of_run = jax.tree.map(lambda leaf: np.asarray(leaf)[run], (self.models, self.unknowns.of_run))
+        return _model_at(self, *jax.device_put((*of_run, lane)))
+
     def predictions(self, lanes: Lane) -> Array:
         """Return the predicted readings of many lanes, shape (lanes, runs, rows, channels).
 
@@ -233,6 +238,9 @@ class Problem(eqx.Module):
         )
 
 
+_model_at = eqx.filter_jit(Problem._model_at)
+
+
 def _part(values: Array, runs: np.ndarray, size: int | None = None) -> Array:
     """Return some runs and the first columns; on the host, where a new shape compiles no program."""
     kept = np.asarray(values)[runs]
@@ -274,7 +282,7 @@ def make_problem(
         fine_for: effects that determine the step size too.
     """
     bare = [case_model(case, run) for run in case.runs]
-    tracks, times = _tracks([_with_effects(model, tuple(fine_for)) for model in bare], case)
+    tracks, times = _tracks([with_effects(model, fine_for) for model in bare], case)
     effects, switched = [], []
     for candidate in candidates:
         if candidate.effect.label in [effect.label for effect in effects]:
@@ -292,7 +300,7 @@ def make_problem(
         for field in ("logarithmic", "centre", "spread", "origin", "sign", "ceiling", "bend", "reach")
     }
     return Problem(
-        models=_stacked([_with_effects(model, tuple(effects)) for model in bare]),
+        models=_stacked([with_effects(model, effects) for model in bare]),
         tracks=tracks,
         times=times,
         unknowns=Unknowns(
@@ -311,11 +319,12 @@ def make_problem(
 
 def tracks_of(case: Case, fine_for: Sequence[Effect]) -> Track:
     """Return the steps of a case with other inputs and the same times as a problem."""
-    bare = [_with_effects(case_model(case, run), tuple(fine_for)) for run in case.runs]
+    bare = [with_effects(case_model(case, run), fine_for) for run in case.runs]
     return _tracks(bare, case)[0]
 
 
-def _with_effects(model: Model, added: tuple[Effect, ...]) -> Model:
+def with_effects(model: Model, added: Sequence[Effect]) -> Model:
+    """Return a model with more effects."""
     return eqx.tree_at(lambda m: m.effects, model, (*model.effects, *added))
 
 

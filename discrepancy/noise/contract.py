@@ -25,21 +25,23 @@ def noise_of_case(case: Case) -> dict[str, NoiseModel]:
     are left out.
     """
     noise = {}
+    calm = {}
+    for run in case.runs:
+        inputs = np.stack(list(run.measured.inputs.values()), axis=1)
+        calm[run.name] = break_at_jumps(chain_starts([run.measured.time_s]), inputs, settling_rows=3)
     for name in KINDS[case.kind].outputs:
         runs = [run for run in case.runs if name in run.measured.outputs]
         readings = [run.measured.outputs[name] for run in runs]
         if not runs or not any(np.isfinite(values).any() for values in readings):
             continue
-        inputs = [np.stack(list(run.measured.inputs.values()), axis=1) for run in runs]
         times = [run.measured.time_s for run in runs]
-        calm = [break_at_jumps(chain_starts([t]), part, settling_rows=3) for t, part in zip(times, inputs, strict=True)]
-        series = [np.concatenate(part) for part in (readings, calm, times)]
+        series = [np.concatenate(part) for part in (readings, [calm[run.name] for run in runs], times)]
 
         def estimate(known_sd, series=series):
             return local_noise(*series, known_sd=known_sd, window=_WINDOW)
 
         model = channel_noise(
-            np.concatenate(readings),
+            series[0],
             estimate,
             stated_sd=case.sensors.get(name),
         )

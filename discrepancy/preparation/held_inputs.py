@@ -10,7 +10,6 @@ input would cause a systematic error.
 from __future__ import annotations
 
 import dataclasses
-import itertools
 
 import numpy as np
 from scipy.stats import chi2, kstwobign
@@ -41,28 +40,25 @@ def with_held_inputs(case: Case) -> Case:
 
 
 def held(values: np.ndarray, sd: float) -> np.ndarray:
-    """Return readings (rows,) of an input, with each stretch in which it was held replaced by its mean."""
-    jumps = np.flatnonzero(np.abs(np.diff(values)) > _JUMP * sd) + 1
-    edges = np.concatenate([[0], jumps, [values.size]])
-    steady = [
-        slice(first, last)
-        for first, last in itertools.pairwise(edges)
-        if last - first >= LONG and _steady(values[first:last], sd)
-    ]
-    if sum(part.stop - part.start for part in steady) < _MOST * values.size:
+    """Return readings (rows,) of an input, with each stretch in which it was held replaced by its mean.
+
+    It was held where noise of this sd explains the scatter about the mean and the drift of the cumulative sum.
+    """
+    begins = np.append(0, np.flatnonzero(np.abs(np.diff(values)) > _JUMP * sd) + 1)
+    rows = np.diff(np.append(begins, values.size))
+    stretch = np.repeat(np.arange(rows.size), rows)
+    mean = np.add.reduceat(values, begins) / rows
+    away = (values - mean[stretch]) / sd
+    drift = np.cumsum(away)
+    drift -= (drift[begins] - away[begins])[stretch]
+    lengths, place = np.unique(rows, return_inverse=True)
+    most_scatter = chi2.isf(_IMPROBABLE, np.maximum(lengths - 1, 1))[place]
+    most_drift = kstwobign.isf(_IMPROBABLE) * np.sqrt(rows)
+    steady = (rows >= LONG) & (np.add.reduceat(away**2, begins) < most_scatter)
+    steady &= np.maximum.reduceat(np.abs(drift), begins) < most_drift
+    if np.sum(rows[steady]) < _MOST * values.size:
         return values
-    found = np.array(values, dtype=float)
-    for part in steady:
-        found[part] = values[part].mean()
-    return found
-
-
-def _steady(readings: np.ndarray, sd: float) -> bool:
-    """Return True if noise explains the scatter about the mean and the drift of the cumulative sum."""
-    away = (readings - readings.mean()) / sd
-    scatter = chi2.isf(_IMPROBABLE, away.size - 1)
-    drift = kstwobign.isf(_IMPROBABLE) * np.sqrt(away.size)
-    return bool(np.sum(away**2) < scatter and np.max(np.abs(np.cumsum(away))) < drift)
+    return np.where(steady[stretch], mean[stretch], values)
 
 
 def rows_held(values: np.ndarray, row: np.ndarray) -> np.ndarray:

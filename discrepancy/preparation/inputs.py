@@ -10,8 +10,8 @@ from jaxmodel.build import case_model, run_profile
 from jaxmodel.case import Case, Run
 from jaxmodel.errors import FitError, MeasurementError
 from jaxmodel.measurements import KINDS
+from jaxmodel.pieces import run_in_pieces
 from jaxmodel.robot import duty_of_signal
-from jaxmodel.simulation import simulate
 
 # With reversed current, the voltage error of a cell must fall to this share to count as a wrong sign.
 _CLOSER = 0.5
@@ -81,8 +81,8 @@ def _misfit(case: Case, runs: list[Run], sign: float) -> float:
     errors = []
     for run in runs:
         turned = run.driven_by(run.measured.inputs | {"current_A": sign * run.measured.inputs["current_A"]})
-        found = simulate(case_model(case, run), run_profile(turned)).readings["voltage_V"]
-        errors.append(run.measured.outputs["voltage_V"] - np.asarray(found))
+        found = run_in_pieces(case_model(case, run), run_profile(turned)).readings["voltage_V"]
+        errors.append(run.measured.outputs["voltage_V"] - found)
     together = np.concatenate(errors)
     together = together[np.isfinite(together)]
     return float(np.sqrt(np.mean(together**2))) if together.size else np.inf

@@ -144,6 +144,8 @@ def _stuck_within(case: Case, channel: str, within: float, quantum: float) -> li
         and all(abs(stretch.value - one) > 3.0 * quantum for one in held)
         and np.mean(loaded(run, largest)[stretch.first : stretch.last + 1]) >= WHILE_LOADED
     ]
+    if not suspects:
+        return []
     by_run = {run.name: [one for other, one in suspects if other is run] for run in runs}
     behaviour = _behaviour(runs, channel, by_run, within, largest)
     if behaviour.readings < LEAST_ROWS or sum(one.rows for _, one in suspects) > MOST_OF_CHANNEL * readings.size:

@@ -11,6 +11,7 @@ fitted; errors are computed from all readings.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -56,14 +57,15 @@ def thinned_rows(measured: Measured, most: int) -> Measured:
     in_window = _windows(measured, most)
     edges = np.flatnonzero(np.diff(in_window.astype(int)))
     parts = [_rows(measured, slice(0, edges[0] + 1))]
+    gaps_s = float(np.sum(np.diff(measured.time_s)[~in_window[1:]]))
+    longest_s = 2.0 * gaps_s / ((1.0 - _IN_WINDOWS) * most)
+    ends = {name: (float(values.min()), float(values.max())) for name, values in measured.inputs.items()}
     # Row 0 and the last row are in windows, so that edges alternate between the last row of a window and of a gap.
     for last, end in zip(edges[::2], edges[1::2], strict=True):
         following = edges[edges > end]
         stop = int(following[0]) + 1 if following.size else measured.time_s.size
-        longest = (1.0 - _IN_WINDOWS) * most
-        gaps_s = float(np.sum(np.diff(measured.time_s)[~in_window[1:]]))
         parts += [
-            _blocks(measured, int(last), int(end), 2.0 * gaps_s / longest),
+            _blocks(measured, int(last), int(end), longest_s, ends),
             _rows(measured, slice(int(end) + 1, stop)),
         ]
     return _joined(parts)
@@ -122,8 +124,18 @@ def _changes(measured: Measured) -> np.ndarray:
     return changes
 
 
-def _blocks(measured: Measured, first: int, last: int, longest_s: float) -> Measured:
-    """Return the rows (first, last] as blocks of two steps at most, without readings."""
+def _blocks(
+    measured: Measured, first: int, last: int, longest_s: float, within: Mapping[str, tuple[float, float]]
+) -> Measured:
+    """Return the rows (first, last] as blocks of two steps at most, without readings.
+
+    Args:
+        measured: the run.
+        first: the row before.
+        last: the last row.
+        longest_s: length of the longest block.
+        within: lowest and highest value of each input in the run: a duty does not exceed 1.
+    """
     time = measured.time_s
     ends, end = [last], last
     while end > first:
@@ -131,8 +143,11 @@ def _blocks(measured: Measured, first: int, last: int, longest_s: float) -> Meas
         end = min(end - 1, max(first, int(np.searchsorted(time, time[end] - length))))
         ends.append(end)
     edges = np.array(ends[::-1])
-    row_s = np.diff(time)
-    steps = {name: _two_levels(values, row_s, edges) for name, values in measured.inputs.items()}
+    row_s = np.diff(time[first : last + 1])
+    steps = {
+        name: _two_levels(values[first + 1 : last + 1], row_s, edges - first, within[name])
+        for name, values in measured.inputs.items()
+    }
     one_step = np.diff(edges) == 1
     for each in steps.values():
         each[one_step] = each[one_step].mean(axis=1, keepdims=True)
@@ -147,20 +162,18 @@ def _blocks(measured: Measured, first: int, last: int, longest_s: float) -> Meas
     )
 
 
-def _two_levels(values: np.ndarray, row_s: np.ndarray, edges: np.ndarray) -> np.ndarray:
+def _two_levels(of_rows: np.ndarray, row_s: np.ndarray, edges: np.ndarray, within: tuple[float, float]) -> np.ndarray:
     """Return the two levels (blocks, 2) of an input in each block between rows `edges`, in the order of its halves."""
-    of_rows, begins = values[edges[0] + 1 : edges[-1] + 1], edges[:-1] - edges[0]
-    weights = row_s[edges[0] : edges[-1]]
+    begins = edges[:-1]
 
     def mean(of: np.ndarray) -> np.ndarray:
-        return np.add.reduceat(of * weights, begins) / np.add.reduceat(weights, begins)
+        return np.add.reduceat(of * row_s, begins) / np.add.reduceat(row_s, begins)
 
     block = np.repeat(np.arange(begins.size), np.diff(edges))
     middle = mean(of_rows)
     away = of_rows - middle[block]
     spread = np.sqrt(mean(away**2))
-    # Within the values of the run: a duty does not exceed 1.
-    spread = np.minimum(spread, np.minimum(values.max() - middle, middle - values.min()))
+    spread = np.minimum(spread, np.minimum(within[1] - middle, middle - within[0]))
     order = np.arange(of_rows.size) - begins[block]
     falls = mean(away * (order - mean(order.astype(float))[block])) < 0.0
     sign = np.where(falls, 1.0, -1.0)

@@ -1,11 +1,10 @@
-"""Residuals of a model: where it fails and by how much, as sentences and tables."""
+"""Residuals of a model: where it fails and by how much, as sentences."""
 
 from __future__ import annotations
 
 from discrepancy.residuals.regimes import Bins, Regimes, cut, regimes
 from discrepancy.residuals.statement import Statement
 from discrepancy.residuals.statements import Account, account, statements
-from discrepancy.residuals.summary import error_table
 from discrepancy.residuals.table import ChannelResiduals
 
 __all__ = [
@@ -16,7 +15,6 @@ __all__ = [
     "Statement",
     "account",
     "cut",
-    "error_table",
     "regimes",
     "statements",
 ]

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxmodel.errors import MeasurementError
-from jaxmodel.profile import FIRST_STEP_SHARE, GROWTH, Profile, constant, growing_steps, make_grid
+from jaxmodel.profile import FIRST_STEP_SHARE, GROWTH, Profile, constant, make_grid
 
 TAU = 0.7e-3
 
@@ -21,11 +21,28 @@ def voltages(*levels: float, ambient: float = 20.0) -> Profile:
 
 @given(st.floats(1e-4, 1e4), st.floats(1e-6, 1e3))
 def test_growing_steps_fill_their_span(span: float, first: float):
-    steps = np.array(growing_steps(span, first))
+    drive = {"voltage_V": np.ones(2), "load_torque_Nm": np.zeros(2), "ambient_degC": np.zeros(2)}
+    steps = make_grid(Profile(np.array([0.0, span]), drive), first / FIRST_STEP_SHARE).duration_s
     assert steps.sum() == pytest.approx(span, rel=1e-12)
     np.testing.assert_allclose(steps[1:] / steps[:-1], GROWTH)
     assert steps[0] <= first * (1.0 + 1e-9)
     assert steps.size == 1 or steps[0] > first / (2.0 * GROWTH)
+
+
+@pytest.mark.parametrize("bending", [None, (0.05, 0.4)])
+def test_a_grid_laid_in_parts_is_the_whole_grid_to_the_bit(bending: tuple[float, float] | None):
+    levels = np.repeat(np.random.default_rng(0).choice([0.0, 6.0, 12.0], 60), 3)
+    whole = voltages(*levels)
+    grid = make_grid(whole, TAU, bending)
+    parts, jumped = [], None
+    for first in (0, 7, 8, 90):
+        rows = slice(first, {0: 7, 7: 8, 8: 90, 90: 179}[first] + 1)
+        part = Profile(whole.time_s[rows], {name: values[rows] for name, values in whole.inputs.items()})
+        parts.append(make_grid(part, TAU, bending, jumped_s=jumped))
+        jumped = parts[-1].jumped_s
+    np.testing.assert_array_equal(np.concatenate([part.duration_s for part in parts]), grid.duration_s)
+    assert sum(part.row.size for part in parts) == grid.row.size
+    assert jumped == grid.jumped_s
 
 
 @given(st.lists(st.sampled_from([0.0, 6.0, 12.0]), min_size=2, max_size=30))

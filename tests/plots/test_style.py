@@ -1,13 +1,14 @@
-"""A picture is shown by a notebook at its size on paper."""
+"""A picture is shown by a notebook at its size on paper; of long series what stands out is drawn."""
 
 from __future__ import annotations
 
 import io
 
 import matplotlib.image
+import numpy as np
 import pytest
 
-from plots.style import CSS_DOTS_PER_INCH, DOTS_PER_INCH, new_figure
+from plots.style import CSS_DOTS_PER_INCH, DOTS_PER_INCH, MOST_ROWS, drawn_rows, new_figure
 
 
 def test_notebook_shows_picture_at_its_size() -> None:
@@ -17,3 +18,13 @@ def test_notebook_shows_picture_at_its_size() -> None:
     assert size["width"] / CSS_DOTS_PER_INCH == pytest.approx(10.0 / 2.54, rel=0.01)
     assert pixels[1] / DOTS_PER_INCH == pytest.approx(size["width"] / CSS_DOTS_PER_INCH, rel=0.01)
     assert pixels[0] / pixels[1] == pytest.approx(0.5, rel=0.01)
+
+
+def test_short_series_are_drawn_whole_and_long_ones_with_what_stands_out() -> None:
+    assert drawn_rows([np.zeros(MOST_ROWS)]).size == MOST_ROWS
+    first, second = np.zeros(40 * MOST_ROWS + 7), np.full(40 * MOST_ROWS + 7, np.nan)
+    first[123_456], first[-1], second[77] = 5.0, -3.0, 1.0
+    rows = drawn_rows([first, second])
+    assert rows.size <= 1.5 * MOST_ROWS
+    assert {0, 77, 123_456, first.size - 1} <= set(rows)
+    assert np.all(np.diff(rows) > 0)

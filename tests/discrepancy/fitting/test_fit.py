@@ -156,7 +156,7 @@ def test_a_motor_stated_to_stall_is_calibrated_from_another_start() -> None:
     inv = investigation_of(case, "viscous_friction")
     scale, setting = inv.first_scale, inv.space.setting([])
     stalled = inv.space.predicted(setting, np.zeros(inv.space.layout.size))
-    assert np.max(np.abs(stalled[0, :, inv.space.coarse.channels.index("speed_rad_s")])) < 1e-3
+    assert np.max(np.abs(stalled[run.name]["speed_rad_s"])) < 1e-3
     start = best_random_start(scale.view, setting, scale.weights)
     assert objectives(scale.view, setting, scale.weights, start[None])[0] < 0.1 * np.sum(speed**2) / 0.05**2
     assert inv.base.fitted.converged
