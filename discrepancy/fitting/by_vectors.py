@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import threading
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,56 +12,29 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from discrepancy.fitting.problem import Lane, Problem
-from jaxmodel.native import ROWS, STEPS, Kernel, Pool
+from discrepancy.fitting.problem import Lane, OneRun, Problem
+from jaxmodel.native import ROWS, STEPS, Kernel, NotNative, Pool
 from jaxmodel.simulation import Needed, Track, read_track
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class OneRun:
-    """A run of a problem, without padding.
-
-    Attributes:
-        number: of the run in the problem.
-        sizes: steps and rows.
-        shared: its part of the problem; what is the same for all lanes.
-    """
-
-    number: int
-    sizes: tuple[int, int]
-    shared: Any
-
-
-def runs_of(problem: Problem) -> list[OneRun]:
-    """Return the runs of a problem, each with its own length, as arrays on the host."""
-    models, tracks = jax.tree.map(np.asarray, (problem.models, problem.tracks))
-    of_run, mixes = np.asarray(problem.unknowns.of_run), tuple(map(np.asarray, problem.unknowns.mixes))
-    found = []
-    for number, last_step in enumerate(tracks.last_step):
-        rows = int(np.argmax(last_step == last_step[-1])) + 2
-        steps = int(last_step[-1]) + 1
-        track = Track(
-            duration_s=tracks.duration_s[number, :steps],
-            inputs={name: values[number, : steps + 1] for name, values in tracks.inputs.items()},
-            last_step=last_step[: rows - 1],
-        )
-        model = jax.tree.map(lambda leaf, n=number: leaf[n], models)
-        found.append(OneRun(number, (steps, rows), (model, track, of_run[number], mixes)))
-    return found
-
-
-def predicted(problem: Problem, runs: Sequence[OneRun], lanes: Sequence[Lane], pool: Pool) -> list[np.ndarray]:
+def predicted(problem: Problem, lanes: Sequence[Lane], pool: Pool) -> list[np.ndarray]:
     """Return the readings of each run, shape (channels, rows, lanes).
 
     Args:
         problem: a case.
-        runs: of it.
         lanes: arrays on the host.
         pool: of threads.
 
     Raises:
         NotNative: an effect has an operation without vector instructions.
     """
+    # Sensors with a state of their own cost as much as the run: lanes that have none go without.
+    dynamic = np.array([_has_dynamic_sensors(problem, lane) for lane in lanes])
+    if dynamic.any() and not dynamic.all():
+        parts = [predicted(problem, [lanes[k] for k in np.flatnonzero(which)], pool) for which in (dynamic, ~dynamic)]
+        order = np.argsort(np.concatenate([np.flatnonzero(dynamic), np.flatnonzero(~dynamic)]))
+        return [np.concatenate(both, axis=-1)[..., order] for both in zip(*parts, strict=True)]
+    runs = problem.by_run
     with_added = any(lane.added for lane in lanes)
     kernel = kernel_of(problem, runs[0], lanes[0], with_added)
     x = np.stack([lane.x for lane in lanes])
@@ -69,7 +43,6 @@ def predicted(problem: Problem, runs: Sequence[OneRun], lanes: Sequence[Lane], p
         "switches": np.stack([lane.switches for lane in lanes]),
         "laws": np.stack([lane.laws for lane in lanes]),
     }
-    dynamic = np.array(any(_has_dynamic_sensors(problem, lane) for lane in lanes))
     jobs = []
     for run in runs:
         steps = run.sizes[0]
@@ -79,7 +52,7 @@ def predicted(problem: Problem, runs: Sequence[OneRun], lanes: Sequence[Lane], p
                 name: np.stack([lane.added[name][run.number, : steps + 1] if lane.added else zero for lane in lanes])
                 for name in problem.noisy
             }
-        jobs.append(pool.start(kernel, (*run.shared, dynamic), own, len(lanes), 1, run.sizes))
+        jobs.append(pool.start(kernel, (*run.shared, dynamic[0]), own, len(lanes), 1, run.sizes))
     return [np.stack(job.raw()) for job in jobs]
 
 
@@ -92,12 +65,23 @@ def _has_dynamic_sensors(problem: Problem, lane: Lane) -> bool:
 
 
 def kernel_of(problem: Problem, run: OneRun, lane: Lane, with_added: bool) -> Kernel:
-    """Return the kernel of a problem, the same for all that differ only in numbers and in lengths of runs."""
+    """Return the kernel of a problem, the same for all that differ only in numbers and in lengths of runs.
+
+    Raises:
+        NotNative: there is none.
+    """
     leaves, tree = jax.tree.flatten(_shapes(problem, run, lane, with_added))
     statics = eqx.partition(dataclasses.replace(problem, shapes=()), eqx.is_array)[1]
     rest, rest_tree = jax.tree.flatten(statics)
     key = (tree, rest_tree, tuple(rest), tuple((leaf.shape, leaf.dtype) for leaf in leaves))
-    return _kernel(_Given(key, problem))
+    with _compiling:
+        kernel = _kernel(_Given(key, dataclasses.replace(problem, models=None, tracks=None, times=None)))
+    if isinstance(kernel, NotNative):
+        raise kernel
+    return kernel
+
+
+_compiling = threading.Lock()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,7 +93,7 @@ class _Given:
 
 
 @functools.lru_cache(maxsize=64)
-def _kernel(given: _Given) -> Kernel:
+def _kernel(given: _Given) -> Kernel | NotNative:
     problem, (tree, _, _, leaves) = given.problem, given.key
     shared, own = jax.tree.unflatten(tree, [jax.ShapeDtypeStruct(*leaf) for leaf in leaves])
 
@@ -123,7 +107,10 @@ def _kernel(given: _Given) -> Kernel:
         readings = read_track(at, track, track.duration_s, Needed(None, dynamic))
         return [readings[name] for name in problem.channels]
 
-    return Kernel(one_lane, shared, own, sizes=(STEPS, ROWS))
+    try:
+        return Kernel(one_lane, shared, own, sizes=(STEPS, ROWS))
+    except NotNative as reason:
+        return reason
 
 
 def _shapes(problem: Problem, run: OneRun, lane: Lane, with_added: bool) -> Any:
@@ -150,5 +137,3 @@ def _shapes(problem: Problem, run: OneRun, lane: Lane, with_added: bool) -> Any:
     shared = (*jax.tree.map(like, (model,)), long, like(of_run), jax.tree.map(like, mixes), shape((), np.dtype(bool)))
     return shared, own
 
-
-__all__ = ["OneRun", "kernel_of", "predicted", "runs_of"]

@@ -1,4 +1,4 @@
-"""Predictions for many settings of the unknowns: one compiled program, batches of lanes on each core."""
+"""Predictions for many settings of the unknowns: vector instructions on processors, else one program of XLA."""
 
 from __future__ import annotations
 
@@ -14,8 +14,10 @@ import numpy as np
 from jaxtyping import Array
 from threadpoolctl import threadpool_limits
 
+from discrepancy.fitting import by_vectors
 from discrepancy.fitting.problem import Lane, Problem
 from discrepancy.fitting.programs import Programs
+from jaxmodel.native import NotNative, Pool
 
 # A kernel of 16 lanes takes half as long as one of 32; one of 8 more than half as long as one of 16.
 LANES = 16
@@ -34,6 +36,8 @@ def predictions(problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
         problem: a case.
         lanes: arrays on the host.
     """
+    if (found := _by_vectors(problem, lanes)) is not None:
+        return _padded(problem, found, len(lanes))
     blocks = problem.blocks
 
     def together(predicted: Sequence[Array]) -> np.ndarray:
@@ -47,6 +51,31 @@ def predictions(problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
     return _of_batches(blocks, lanes, together)
 
 
+def _by_vectors(problem: Problem, lanes: Sequence[Lane]) -> list[np.ndarray] | None:
+    """Return the readings of each run, shape (channels, rows, lanes); None if XLA is to compute them."""
+    if jax.default_backend() != "cpu":
+        return None
+    try:
+        return by_vectors.predicted(problem, lanes, _pool())
+    except NotNative:  # an effect of the user's, most likely
+        return None
+
+
+@functools.cache
+def _pool() -> Pool:
+    return Pool(os.cpu_count() or 1)
+
+
+def _padded(problem: Problem, of_runs: Sequence[np.ndarray], count: int) -> np.ndarray:
+    """Return the readings of runs in one array, the last row of a run repeated."""
+    found = np.empty((count, *problem.times.shape, len(problem.channels)))
+    for number, readings in enumerate(of_runs):
+        rows = readings.shape[1]
+        found[:, number, :rows] = readings.transpose(2, 1, 0)
+        found[:, number, rows:] = found[:, number, rows - 1 : rows]
+    return found
+
+
 def at_places(problem: Problem, places: tuple[np.ndarray, np.ndarray, np.ndarray], lanes: Sequence[Lane]) -> np.ndarray:
     """Return the predictions of lanes for some readings, shape (lanes, readings).
 
@@ -56,6 +85,12 @@ def at_places(problem: Problem, places: tuple[np.ndarray, np.ndarray, np.ndarray
         lanes: arrays on the host.
     """
     run, row, channel = places
+    if (of_runs := _by_vectors(problem, lanes)) is not None:
+        found = np.empty((len(lanes), run.size))
+        for number, readings in enumerate(of_runs):
+            mine = np.flatnonzero(run == number)
+            found[:, mine] = readings[channel[mine], row[mine]].T
+        return found
     picked = []  # of each block: its readings, and where they are in its predictions
     for runs, part in problem.blocks:
         of_block = np.full(problem.times.shape[0], -1)

@@ -81,6 +81,21 @@ class Unknowns(eqx.Module):
             return xp.where(logarithmic, curved, straight)
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class OneRun:
+    """A run of a problem, without padding.
+
+    Attributes:
+        number: of the run in the problem.
+        sizes: steps and rows.
+        shared: its part of the problem; what is the same for all lanes.
+    """
+
+    number: int
+    sizes: tuple[int, int]
+    shared: Any
+
+
 class Problem(eqx.Module):
     """Predictions of all runs for any setting of the unknowns; a pytree, so that cases of equal shape share programs.
 
@@ -123,7 +138,9 @@ class Problem(eqx.Module):
     def model_of(self, run: int, lane: Lane) -> Model:
         """Return the model of one run at a lane."""
         of_run = jax.tree.map(lambda leaf: np.asarray(leaf)[run], (self.models, self.unknowns.of_run))
-        return _model_at(self, *jax.device_put((*of_run, lane)))
+        model, own = of_run
+        given = (model, own, self.unknowns.numbers(np.asarray(lane.x)), lane.switches, lane.laws)
+        return _model_at(self, *jax.device_put(given))
 
     def predictions(self, lanes: Lane) -> Array:
         """Return the predicted readings of many lanes, shape (lanes, runs, rows, channels).
@@ -218,6 +235,23 @@ class Problem(eqx.Module):
                 blocks.append((some, self._of_runs(np.pad(some, (0, count - some.size), mode="edge"), *size)))
         return blocks
 
+    @functools.cached_property
+    def by_run(self) -> list[OneRun]:
+        """Return the runs, each with its own length, as arrays on the host."""
+        models, tracks = jax.tree.map(np.asarray, (self.models, self.tracks))
+        of_run, mixes = np.asarray(self.unknowns.of_run), tuple(map(np.asarray, self.unknowns.mixes))
+        found = []
+        for number, last_step in enumerate(tracks.last_step):
+            rows, steps = int(np.argmax(last_step == last_step[-1])) + 2, int(last_step[-1]) + 1
+            track = Track(
+                duration_s=tracks.duration_s[number, :steps],
+                inputs={name: values[number, : steps + 1] for name, values in tracks.inputs.items()},
+                last_step=last_step[: rows - 1],
+            )
+            model = jax.tree.map(lambda leaf, n=number: leaf[n], models)
+            found.append(OneRun(number, (steps, rows), (model, track, of_run[number], mixes)))
+        return found
+
     def _length(self, runs: np.ndarray | slice | int) -> tuple[int, int]:
         """Return the rows and steps of the longest of some runs, rounded up."""
         return rounded_length(np.atleast_2d(np.asarray(self.tracks.last_step)[runs]))
@@ -238,7 +272,7 @@ class Problem(eqx.Module):
         )
 
 
-_model_at = eqx.filter_jit(Problem._model_at)
+_model_at = eqx.filter_jit(Problem.model_at)
 
 
 def _part(values: Array, runs: np.ndarray, size: int | None = None) -> Array:
