@@ -477,7 +477,9 @@ class Lowering:
         """Write a scan that carries an array over steps: for each of its elements, where that is used, a loop."""
         params = equation.params
         body, consts, carry = params["jaxpr"], params["num_consts"], params["num_carry"]
-        fixed, begin = given[:consts], [self.series(x) for x in given[consts : consts + carry]]
+        # Kept now: in the loop they would be computed whole for each element.
+        fixed = [self.kept(x) if isinstance(x, Series) else x for x in given[:consts]]
+        begin = [self.series(x) for x in given[consts : consts + carry]]
         if len(given) > consts + carry or len(equation.outvars) > carry:
             raise NotNative("a scan over arrays over steps")
         length = max(one.length for one in begin)
