@@ -23,7 +23,7 @@ def test_what_is_thinned_for_the_fits_is_predicted_whole():
     measured = drive(2000)
     frame = pd.DataFrame({"time_s": measured.time_s} | measured.inputs | measured.outputs)
     case = Case.from_dataframes(
-        {"drive": frame, "later": frame[:1500]},
+        {"drive": frame, "later": frame.head(1500)},
         kind="cell",
         check=["later"],
         parameters={"capacity_Ah": {"value": 10.0, "sd": 0.1}, "series_resistance_scale": {"value": 1.0, "sd": 0.1}},
@@ -44,17 +44,17 @@ def test_what_is_thinned_for_the_fits_is_predicted_whole():
 
 def test_errors_are_those_of_all_judged_readings(plain_small: Investigation):
     present, table = plain_small.present(), plain_small.errors()
-    for row in table.itertuples():
-        run = next(one for one in plain_small.case.runs if one.name == row.run)
-        rows = judged_rows(run, SETTINGS)
-        error = (run.measured.outputs[row.channel] - present.predictions[run.name][row.channel])[rows]
-        assert row.readings == np.isfinite(error).sum()
-        assert row.rms == pytest.approx(np.sqrt(np.nanmean(error**2)), rel=1e-12)
-        assert row.max == pytest.approx(np.nanmax(np.abs(error)))
-    for channel, of_runs in table.groupby("channel"):
-        fitted = of_runs[of_runs["split"] == "fit"]
+    for row in table.to_dict("records"):
+        run = next(one for one in plain_small.case.runs if one.name == row["run"])
+        rows, channel = judged_rows(run, SETTINGS), row["channel"]
+        error = (run.measured.outputs[channel] - present.predictions[run.name][channel])[rows]
+        assert row["readings"] == np.isfinite(error).sum()
+        assert row["rms"] == pytest.approx(np.sqrt(np.nanmean(error**2)), rel=1e-12)
+        assert row["max"] == pytest.approx(np.nanmax(np.abs(error)))
+    for channel, found in present.errors.items():
+        fitted = table[(table["split"] == "fit") & (table["channel"] == channel)]
         together = np.sqrt(np.average(fitted["rms"] ** 2, weights=fitted["readings"]))
-        assert present.errors[channel].fit == pytest.approx(together, rel=1e-12)
+        assert found.fit == pytest.approx(together, rel=1e-12)
 
 
 def test_missing_readings_do_not_count():

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxmodel import pieces
-from jaxmodel.effects import CATALOGUE
+from jaxmodel.build import make_effect
 from jaxmodel.model import Model
 from jaxmodel.parameters import Parameters
 from jaxmodel.pieces import run_in_pieces
@@ -14,13 +15,19 @@ from jaxmodel.profile import Profile
 from jaxmodel.simulation import Cutoff, Status, simulate
 
 ROWS = 700
-LATE = (CATALOGUE["temperature_lag"](tau=40.0, column="cell_temperature_degC"), CATALOGUE["clock_shift"](d=2.5))
-FAULTY = (CATALOGUE["voltage_offset"](c=0.02, column="voltage_V"), CATALOGUE["self_heating"]())
+LATE = (
+    make_effect("temperature_lag", {"tau": 40.0, "column": "cell_temperature_degC"}, "here"),
+    make_effect("clock_shift", {"d": 2.5}, "here"),
+)
+FAULTY = (
+    make_effect("voltage_offset", {"c": 0.02, "column": "voltage_V"}, "here"),
+    make_effect("self_heating", {}, "here"),
+)
 MODELS = {
     "cell": Model("cell", Parameters(), effects=FAULTY),
     "cell with late sensors": Model("cell", Parameters(), effects=(*FAULTY, *LATE)),
     "motor": Model("motor", Parameters()),
-    "robot with brushes": Model("robot", Parameters(), effects=(CATALOGUE["brush_drop"](),)),
+    "robot with brushes": Model("robot", Parameters(), effects=(make_effect("brush_drop", {}, "here"),)),
 }
 
 
@@ -67,5 +74,5 @@ def test_a_run_in_pieces_ends_where_the_whole_run_does():
 
 def test_numbers_that_are_not_finite_are_said_to_be():
     profile = profile_of("cell")
-    course = run_in_pieces(Model("cell", Parameters(capacity_Ah=1e-300)), profile)
+    course = run_in_pieces(Model("cell", Parameters(capacity_Ah=jnp.asarray(1e-300))), profile)
     assert course.status == Status.NOT_FINITE
