@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -248,7 +249,7 @@ def _mechanical(turning: Mechanics) -> list[Extraction]:
 
 def _absent(case: Case, name: str, stated: dict[str, Known]) -> Extraction:
     known = stated.get(name)
-    where = "the case's stated value" if name in case.parameters else f"the preset '{case.preset}'"
+    where = "the case's stated value" if name in case.parameters else f"the preset '{Path(case.preset).name}'"
     value = known.value if known is not None else float(info(name).default)
     return absent(name, value, UNITS[name], where, TESTS[name], known.sd if known and known.sd else math.nan)
 

@@ -179,6 +179,58 @@ def test_a_case_from_disk_takes_values_and_uncertainty(tmp_path: Path) -> None:
     assert case.tables["ocv"] is preset.tables["ocv"]
 
 
+def file_of(folder: Path, capacity_Ah: float = 2.5) -> Path:
+    folder.mkdir(exist_ok=True)
+    head = 'title = "Ours"\nkinds = ["cell"]\ndata = "bench 7"\nlicence = "CC0"\n'
+    text = f"{head}[parameters]\ncapacity_Ah = {capacity_Ah}\n"
+    (folder / "ours.toml").write_text(text, "utf-8")
+    return folder / "ours.toml"
+
+
+def case_naming(folder: Path, preset: str) -> Path:
+    folder.mkdir(exist_ok=True)
+    (folder / "run.csv").write_text("time_s,current_A,ambient_degC,voltage_V\n0,0,20,4.1\n1,1,20,4.0\n", "utf-8")
+    text = f'kind = "cell"\npreset = "{preset}"\n[[runs]]\nfile = "run.csv"\nsplit = "fit"\n'
+    (folder / "case.toml").write_text(text, "utf-8")
+    return folder
+
+
+def test_a_preset_may_be_a_file_beside_the_case(tmp_path: Path) -> None:
+    file_of(tmp_path)
+    case = read_case(case_naming(tmp_path / "case", "../ours.toml"))
+    assert case.parameters["capacity_Ah"] == Known(2.5)
+    assert float(case_model(case).parameters.capacity_Ah) == 2.5
+    file_of(tmp_path, 2.6)  # a file may change, and a preset of the package does not
+    assert read_case(tmp_path / "case").parameters["capacity_Ah"] == Known(2.6)
+    written = tmp_path / "elsewhere" / "deeper"
+    case.write(written)
+    assert 'preset = "../../ours.toml"' in (written / "case.toml").read_text("utf-8")
+    assert read_case(written).preset == case.preset
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (None, "there is no file 'ours.toml'"),
+        (("title", "titel"), "preset 'ours.toml': title is wrong"),
+        (("capacity_Ah = 2.5", "capacity_Ah = -1"), "capacity_Ah"),
+        (("[parameters]", "[parameters"), "preset 'ours.toml' cannot be read"),
+        (('"cell"', '"motor"'), "preset 'ours.toml' (Ours) serves kind motor, not 'cell'"),
+    ],
+)
+def test_a_file_that_is_no_preset_gets_one_sentence(tmp_path: Path, change: tuple[str, str] | None, says: str) -> None:
+    file = file_of(tmp_path)
+    if change is None:
+        file.unlink()
+    else:
+        file.write_text(file.read_text("utf-8").replace(*change), "utf-8")
+    case = read_case(case_naming(tmp_path / "case", "../ours.toml"))
+    with pytest.raises(ParameterError) as caught:
+        case_model(case)
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
 @pytest.mark.parametrize(("kind", "sentence"), [("cell", ""), ("motor", "serves kind cell and robot, not 'motor'")])
 def test_a_study_takes_a_preset(tmp_path: Path, kind: str, sentence: str) -> None:
     (tmp_path / "study.toml").write_text(
