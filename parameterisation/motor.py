@@ -37,8 +37,12 @@ TESTS = {
     "R_ca": "A thermometer on the case while the motor heats for an hour under load would give it.",
     "tau_ca": "A thermometer on the case while the motor heats for an hour under load would give it.",
 }
-SPEED_TERMS = {"b": ("viscous_friction", "b", "N m s/rad"), "c": ("windage", "c", "N m s2/rad2")}
-PLACES = {"viscous friction b": ("viscous_friction", "b"), "windage c": ("windage", "c")}
+TERMS = {"b": ("viscous_friction", "b", "N m s/rad"), "c": ("windage", "c", "N m s2/rad2"), "e": ("gear_loss", "e", "")}
+PLACES = {
+    "viscous friction b": ("viscous_friction", "b"),
+    "windage c": ("windage", "c"),
+    "gear loss e": ("gear_loss", "e"),
+}
 PLACES |= {"torque of constant sign": ("torque_offset", "c")}
 PLACES |= {name: ("", name) for name in ("R_0", "k_tau", "tau_0", "J", "L_a")}
 GAINED = 0.98  # of the error
@@ -169,7 +173,7 @@ def _growing_friction(case: Case, found: Sequence[Extraction]) -> tuple[Case, Ex
     fastest = max(float(np.nanmax(np.abs(r.measured.outputs.get("speed_rad_s", np.ones(1))))) for r in case.runs)
     more = dict(case.effects) | {"viscous_friction": {"b": 0.1 * case.parameters["tau_0"].value / fastest}}
     term = Extraction(
-        "viscous friction b", 0.0, 0.0, SPEED_TERMS["b"][2], found[0].runs, "current and speed", "friction over speed"
+        "viscous friction b", 0.0, 0.0, TERMS["b"][2], found[0].runs, "current and speed", "friction over speed"
     )
     return dataclasses.replace(case, effects=more), term
 
@@ -236,10 +240,8 @@ def _speed_constant(runs: Sequence[MotorRows]) -> Extraction | None:
 def _mechanical(turning: Mechanics) -> list[Extraction]:
     samples = f"{len(turning.points)} rows, {turning.rms_Nm:.2g} N m left"
     method = "k i - load = friction + J dw/dt by least squares"
-    units = {"tau_0": "N m", "J": "kg m2", "direction": "N m"} | {
-        name: unit for name, (_, _, unit) in SPEED_TERMS.items()
-    }
-    names = {"direction": "torque of constant sign", "b": "viscous friction b", "c": "windage c"}
+    units = {"tau_0": "N m", "J": "kg m2", "direction": "N m"} | {name: unit for name, (_, _, unit) in TERMS.items()}
+    names = {"direction": "torque of constant sign", "b": "viscous friction b", "c": "windage c", "e": "gear loss e"}
     return [
         Extraction(names.get(term, term), size, turning.sd[term], units[term], turning.runs, samples, method)
         for term, size in turning.values.items()
@@ -262,7 +264,7 @@ def _case(case: Case, found: Sequence[Extraction], turning: Mechanics | None, no
         if one.found and one.name in UNITS and math.isfinite(one.sd) and one.value > 0.0
     }
     effects, effect_sd = dict(case.effects), dict(case.effect_sd)
-    for term, (effect, field, _) in SPEED_TERMS.items():
+    for term, (effect, field, _) in TERMS.items():
         if turning is not None and turning.values.get(term, 0.0) > 0.0 and effect not in effects:
             effects[effect] = {field: turning.values[term]}
             effect_sd[effect] = {field: turning.sd[term]}
