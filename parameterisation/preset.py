@@ -88,8 +88,10 @@ def checked_name(name: str) -> str:
 def _entry(found: Parameterisation, name: str) -> dict[str, Any]:
     """Return value, sd and source of a parameter."""
     known = found.case.parameters[name]
-    extracted = next((one for one in found.extractions if one.name == name and one.found), None)
-    if extracted is not None:
+    extracted = next((one for one in found.extractions if one.name == name), None)
+    if extracted is not None and not extracted.found:
+        source = extracted.method
+    elif extracted is not None:
         source = f"{extracted.method}, from {', '.join(extracted.runs)}"
     elif name in ("cycles", "storage_months"):
         source = "the numbers are of the hardware as it was measured, age included"

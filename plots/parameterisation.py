@@ -94,7 +94,7 @@ def _over_time(table: pd.DataFrame, column: str, fitted: str, quantity: str, uni
         axes.plot(time, part[column], ".", color=MEASURED, markersize=2.5, label="measured", rasterized=True)
         axes.plot(time, part[fitted], color=FINAL, lw=0.9, label="fitted", rasterized=True)
         rms = float(np.sqrt(np.mean((part[column] - part[fitted]) ** 2)))
-        axes.set_title(f"{run}: RMS {rms:.2g} {unit.replace('°C', 'K').removesuffix(', K')}", fontsize=8.5)
+        axes.set_title(f"{run}\nRMS {rms:.2g} {unit.replace('°C', 'K').removesuffix(', K')}", fontsize=8.5)
         axes.set_xlabel(f"time [{unit_of_time}]")
         axes.set_ylabel(axis_label(quantity, unit))
     for axes in grid.flat[len(runs) :]:

@@ -11,14 +11,14 @@ import pandas as pd
 from benchmarks.real.base_models import two_pair_cell
 from benchmarks.real.writing import SOC, Runs, toml_table, write_toml, write_warm_run
 
-TABLES = Path(__file__).with_name("panasonic_25degC.toml")
+ROOT = Path(__file__).parents[2]
 FOLDER = "panasonic_18650pf"
 TITLE = "Panasonic NCR18650PF, drive cycles from -20 to 25 degC"
 SENSORS = "voltage_V = 0.001\ncurrent_A = 0.005\ncell_temperature_degC = 0.1\n"
 CURVES = {"ocv": "voltage_V", "R_ints": "ohm", "R_TS": "ohm", "C_TS": "farad", "R_TL": "ohm", "C_TL": "farad"}
 LOADED_A = 0.1
 
-# With tables at 25 degC.
+# With the preset's tables at 25 degC.
 PRESET_RUNS: dict[str, Runs] = {
     "panasonic_drive": (
         ("us06_p25", 25, "fit"),
@@ -68,8 +68,8 @@ OWN_RUNS: dict[str, Runs] = {
 
 
 def with_preset(source: Path, out: Path, runs: Runs) -> None:
-    """Write a case whose base model has tables at 25 degC and takes the chamber for the cell."""
-    curves = tomllib.loads(TABLES.read_text(encoding="utf-8"))
+    """Write a case whose base model has the preset's tables at 25 degC and takes the chamber for the cell."""
+    preset = tomllib.loads((ROOT / "jaxmodel" / "presets" / "panasonic_18650pf.toml").read_text())["parameters"]
     text = f"""title = "{TITLE}"
 kind = "cell"
 
@@ -82,8 +82,10 @@ storage_months = 0
 cycles = 0
 """
     for name, key in CURVES.items():
-        curve = curves[name]
-        text += toml_table(name, key, np.asarray(curve[key]), np.asarray(curve["soc"]))
+        curve = preset[name]
+        values = np.asarray(curve[key])
+        warm = values[-1] if values.ndim == 2 else values  # the row of 25 degC
+        text += toml_table(name, key, warm, np.asarray(curve["soc"]))
     write_toml(out, text + f"\n[sensors]\n{SENSORS}" + _write_runs(source / FOLDER, out, runs))
 
 

@@ -14,7 +14,7 @@ preset() {  # NAME TITLE DATA LICENCE IMPORT_OPTION...
     jaxmodel parameterise "$out/$name/case" --preset "$name" --data "$from" --licence "$licence" --out "$out/$name"
 }
 
-for name in ${*:-k2_lfp_26650 lg_mj1 panasonic_18650pf prony_gearmotor}; do
+for name in ${*:-k2_lfp_26650 lg_mj1}; do
     case $name in
     k2_lfp_26650)
         preset "$name" "K2 Energy 26650 LFP, 2.2 A h" \
@@ -33,14 +33,6 @@ copy GitHub fededc88/Panasonic-18650PF-Data, commit 6d720489" \
             "$panasonic"/drive_us06_*degC.csv "$panasonic"/drive_cycle1_p25degC.csv \
             "$panasonic"/cc1C_p25degC_start1.csv \
             --kind cell --check "drive_us06*" --check "drive_cycle1*" --check "cc1C*" ;;
-    prony_gearmotor)
-        preset "$name" "an unnamed 12 V gear motor measured on a brake" \
-            "GitHub gkret123/DC-Motor-Data-Analysis, commit 972c5218, GK_Data_M1.xlsx" \
-            "none stated: numbers fitted to the data, none of the data" \
-            "$data"/gearmotor_prony_brake/static_load_points.csv --kind motor --ambient 25 --seconds-per-row 10 \
-            --column voltage_V=applied_voltage_V --column step=applied_voltage_V --split-at steps \
-            --rows "applied_voltage_V != 8 and not (torque_Nm < 0.02 and current_A > 0.2)" \
-            --check static_load_points-4 --check static_load_points-5 ;;
     *)
         echo "no preset is called $name" >&2
         exit 2 ;;
