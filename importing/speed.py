@@ -43,7 +43,7 @@ def with_speed(run: Log) -> Log:
     window = _window(on_even)
     slope = savgol_filter(on_even, window, _ORDER, deriv=1, delta=count * step)
     speed = np.full(run.rows, np.nan)
-    speed[there] = np.interp(time_s, even, slope)
+    speed[there] = np.interp(time_s, even, np.asarray(slope))
     why = f"slope of cubics through {window * count * step:.2g} s of the position"
     said = Decision("speed_rad_s", run.name, "from the position", why, "file")
     return dataclasses.replace(without, columns=columns | {"speed_rad_s": speed}).also(said)
@@ -67,7 +67,7 @@ def _window(angle: np.ndarray) -> int:
     windows = np.unique(np.geomspace(_SHORTEST, longest, 30).astype(int) // 2 * 2 + 1)
 
     def error(window: int) -> float:
-        left = angle - savgol_filter(angle, window, _ORDER)
+        left = angle - np.asarray(savgol_filter(angle, window, _ORDER))
         return float(np.mean(left**2)) / (1.0 - float(savgol_coeffs(window, _ORDER)[window // 2])) ** 2
 
     return min(windows.tolist(), key=error)
