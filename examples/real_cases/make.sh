@@ -69,7 +69,9 @@ for name in ${*:-$all}; do
     undc)
         motor "$data"/undcmotor/prbs_open_loop.csv "$data"/undcmotor/step_*.csv --constant load_torque_Nm=0 \
             --check "step*" ;;
-    emps)  # a carriage: k_tau is its force per volt, 1 m stands for 1 rad and 1 kg for 1 kg m2
+    # A carriage; 1 m stands for 1 rad. Its 35.15 N/V are not in the data: state k_tau = 35.15 in case.toml, else forces and
+    # mass are in the ratio of the paper's k_tau to it.
+    emps)
         motor "$data"/emps/emps_estimation.csv --column current_A=drive_voltage_V --unit drive_voltage_V=A \
             --column position_rad=position_m --unit position_m=rad --constant load_torque_Nm=0 ;;
     *)
