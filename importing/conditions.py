@@ -12,6 +12,7 @@ import numpy as np
 from importing.findings import Decision, Finding
 from importing.logs import Log
 from jaxmodel.errors import MeasurementError, nearest
+from jaxmodel.units import unit_of
 
 # Ambient temperatures within so much [K] are one condition, and currents within this factor.
 _SAME_K, _SAME_RATE, _CHANGING_K = 4.0, 1.25, 8.0
@@ -29,9 +30,11 @@ class Condition:
     Attributes:
         ambient_degC: of its first row; None where nothing tells.
         profile: "constant current", "pulses", "dynamic" or "rest".
-        rate: typical load: the median of the larger half of the loaded currents [A], or of the speed or duty.
+        rate: typical load: the median of the loaded currents [A]; of a motor the voltage [V], of a robot the duty where
+            no current was measured.
         direction: "discharge", "charge", or "" for both.
         changing: whether the ambient temperature changes in the run.
+        unit: of the rate.
     """
 
     ambient_degC: float | None
@@ -39,6 +42,7 @@ class Condition:
     rate: float
     direction: str
     changing: bool = False
+    unit: str = "A"
 
     def words(self, capacity_Ah: float | None = None) -> str:
         """Return the condition for a label: '25 degC, constant current, 1C discharge'."""
@@ -47,7 +51,7 @@ class Condition:
         if self.rate and capacity_Ah:
             parts.append(f"{_of_capacity(self.rate / capacity_Ah)} {self.direction}".rstrip())
         elif self.rate:
-            parts.append(f"{self.rate:.3g} A")
+            parts.append(f"{self.rate:.3g} {self.unit}".rstrip())
         return ", ".join(parts)
 
 
@@ -60,9 +64,9 @@ def condition_of(run: Log, ambient: float | None) -> Condition:
     column = run.columns.get("ambient_degC")
     warmth = float(np.nanmedian(column)) if column is not None else ambient
     changing = column is not None and float(np.ptp(column[np.isfinite(column)])) > _CHANGING_K
-    name = next(
-        (n for n in ("current_A", "pack_current_A", "motor_current_A", "voltage_V", "duty") if n in run.columns), None
-    )
+    # A cell is driven by its current and a motor, which may have a load, by its voltage.
+    drives = ("voltage_V",) * ("load_torque_Nm" in run.columns) + ("current_A", "pack_current_A", "motor_current_A")
+    name = next((n for n in (*drives, "voltage_V", "duty") if n in run.columns), None)
     if name is None:
         return Condition(warmth, "dynamic", 0.0, "", changing)
     load = run.columns[name]
@@ -89,7 +93,7 @@ def condition_of(run: Log, ambient: float | None) -> Condition:
     charge, discharge = float(np.sum(load[loaded] < 0.0)), float(np.sum(load[loaded] > 0.0))
     mixed = min(charge, discharge) > 0.05 * (charge + discharge)
     direction = "" if not name.endswith("_A") or mixed else "charge" if charge > discharge else "discharge"
-    return Condition(warmth, profile, middle, direction, changing)
+    return Condition(warmth, profile, middle, direction, changing, unit_of(name))
 
 
 def _share_of_levels(load: np.ndarray, weight: np.ndarray, largest: float) -> float:

@@ -106,6 +106,8 @@ class Imported:
     @property
     def title(self) -> str:
         """What the case is called."""
+        if self.options.title:
+            return self.options.title
         folders = sorted({run.log.source.resolve().parent.name for run in self.runs})
         return f"{', '.join(folders)}: imported {self.kind}"
 

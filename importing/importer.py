@@ -24,9 +24,10 @@ from importing.motor_constants import constants_of
 from importing.options import Kind, Options, checked
 from importing.runs import split
 from importing.sign import motor_signs, settle
+from importing.speed import with_speed
 from jaxmodel.errors import MeasurementError, nearest
 from jaxmodel.measurements import KINDS, file_label
-from jaxmodel.presets import why_not
+from jaxmodel.presets import located, why_not
 
 _ROBOT_SOC = charge.Stated(1.0, 0.05, "assumed: full")
 
@@ -64,8 +65,10 @@ def import_case(
     if unknown := [name for name in decisions if name not in known]:
         raise MeasurementError(f"import_case: there is no decision '{unknown[0]}'.{nearest(unknown[0], known)}")
     options = checked(dataclasses.replace(options or Options(), **decisions))
-    if options.preset and (problem := why_not(options.preset, kind)):
-        raise MeasurementError(f"preset: {problem}")
+    if options.preset:
+        options = dataclasses.replace(options, preset=located(options.preset, Path()))
+        if problem := why_not(str(options.preset), kind):
+            raise MeasurementError(f"preset: {problem}")
     tell = progress or (lambda _: None)
     paths = [Path(files)] if isinstance(files, str | Path) else [Path(file) for file in files]
     logs, listed, general = _read(paths, kind, options, ask, tell)
@@ -75,7 +78,7 @@ def import_case(
     logs = joined(logs)
     logs = _signed(logs, kind, options, ask)
     runs = [run for log in logs for run in split(_scaled(log, kind, options), options)]
-    runs = [_complete(run, kind, options, listed.get(run.source.name)) for run in runs]
+    runs = [_complete(with_speed(run), kind, options, listed.get(run.source.name)) for run in runs]
     tell(f"checking {len(runs)} runs")
     runs = [run.also(*odd_things(run, kind)) for run in runs]
     imported = _assembled(runs, kind, options, ask, listed, general)
@@ -122,7 +125,8 @@ def _read(
             and target not in ("time_s", "stamp", "step_time", "state", "step", "cycle", "discharged_Ah")
         ):
             raise MeasurementError(
-                f"column: no file has a column '{column}' with readings for {target}; check its name."
+                f"column: no file has a column '{column}' with readings for {target}, or the columns of that formula; "
+                "check the names."
             )
     return logs, listed, found
 

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from importing.findings import Ask, Decision, Finding, Question
+from importing.formulas import computed, wanted
 from importing.logs import Log
 from importing.options import Kind, Options
 from importing.roles import MARKS, Role, looks_like, required, roles_of, target_unit
@@ -58,6 +59,8 @@ def load(path: Path, kind: Kind, options: Options, ask: Ask | None = None, elsew
     def keep(names: Sequence[str]) -> Sequence[str]:
         chosen.update(roles_of(names, _units_to_match(names, units_in(names), options), kind, options.columns))
         lacking = _lacking(chosen, kind, options)
+        if wanted(options, names):
+            return names
         if lacking and any(target not in options.columns for target in lacking):
             return names  # what no name tells is looked for in the readings
         return list(dict.fromkeys(role.column for role in chosen.values()))
@@ -70,6 +73,7 @@ def load(path: Path, kind: Kind, options: Options, ask: Ask | None = None, elsew
         delimiter=options.delimiter,
         decimal=options.decimal,
     )
+    table, kept = computed(table, options)
     seen = [*map(str, table.frame), *table.left_out]
     units = dict(table.units) | {name: unit for name, unit in options.units.items() if name in table.frame}
     to_match = _units_to_match(seen, units_in(seen) | dict(table.units), options)
@@ -84,7 +88,7 @@ def load(path: Path, kind: Kind, options: Options, ask: Ask | None = None, elsew
         for target in _lacking(chosen, kind, options):
             if target not in elsewhere and target not in options.columns:
                 chosen |= _asked(target, table, chosen, ask)
-    return _log(table, chosen, units, seen)
+    return _log(table, chosen, units, seen).also(*kept)
 
 
 def _asked(target: str, table: RawTable, chosen: Mapping[str, Role], ask: Ask) -> dict[str, Role]:

@@ -18,10 +18,13 @@ class Options:
     """Decisions of the user; the default of each lets the files decide.
 
     Attributes:
-        columns: by column of the case (`current_A`, `time_s`), the column of the files that holds it; '' for none.
+        title: of the case; by default the names of the folders of the files.
+        columns: by column of the case (`current_A`, `time_s`), the column of the files that holds it, or a formula of
+            columns (`duty * supply_V`); '' for none.
         units: by column of the files, its unit.
         sign: what the sign of the current means in the files; for a motor, "discharge-positive" is positive when
             it drives.
+        rows: a condition on columns of the files; only rows for which it holds are imported.
         flip: columns of the case whose sign is reversed.
         split_at: where runs begin: "files" for each file, "rests" after each long rest too, "steps" at each new cycle
             or step too; "auto" for each file and each restart of its clock.
@@ -42,9 +45,11 @@ class Options:
         decimal: of text.
     """
 
+    title: str | None = None
     columns: Mapping[str, str] = dataclasses.field(default_factory=dict)
     units: Mapping[str, str] = dataclasses.field(default_factory=dict)
     sign: str | None = None
+    rows: str | None = None
     flip: tuple[str, ...] = ()
     split_at: str = "auto"
     rest_minutes: float = 30.0

@@ -27,6 +27,7 @@ ROLES: dict[str, dict[str, str]] = {
         "current_A": "motor_current",
         "load_torque_Nm": "load_torque",
         "speed_rad_s": "speed",
+        "position_rad": "angle",
         "winding_temperature_degC": "winding_temperature",
         "case_temperature_degC": "case_temperature",
         "ambient_degC": "ambient_temperature",
@@ -189,7 +190,7 @@ def target_unit(target: str) -> str:
     """Return the unit of a column of a case."""
     if target == "discharged_Ah":
         return "A h"
-    return "V" if target == "V_set" else unit_of(target)
+    return {"V_set": "V", "position_rad": "rad"}.get(target) or unit_of(target)
 
 
 def required(kind: str) -> tuple[tuple[str, ...], ...]:

@@ -9,6 +9,7 @@ from typing import Any
 
 from importing.imported import Imported, file_name, shortened
 from jaxmodel import toml
+from jaxmodel.case_writing import preset_entry
 from jaxmodel.errors import MeasurementError
 from jaxmodel.run_csv import write_numbers
 
@@ -25,7 +26,7 @@ def write(imported: Imported, folder: Path, pictures: bool) -> Path:
     for run, name in zip(imported.runs, names, strict=True):
         write_numbers({"time_s": run.log.time_s, **run.log.columns}, folder / f"{name}.csv")
     file = folder / "case.toml"
-    file.write_text(_head(imported) + toml.document(_content(imported, names)), encoding="utf-8")
+    file.write_text(_head(imported) + toml.document(_content(imported, names, folder)), encoding="utf-8")
     (folder / "import.json").write_text(json.dumps(to_dict(imported), indent=1, ensure_ascii=False) + "\n", "utf-8")
     if pictures:
         for run, name in zip(imported.runs, names, strict=True):
@@ -43,10 +44,10 @@ def _names(imported: Imported) -> list[str]:
     return names
 
 
-def _content(imported: Imported, names: list[str]) -> dict[str, Any]:
+def _content(imported: Imported, names: list[str], folder: Path) -> dict[str, Any]:
     content: dict[str, Any] = {"title": imported.title, "kind": imported.kind}
     if imported.options.preset:
-        content["preset"] = imported.options.preset
+        content["preset"] = preset_entry(imported.options.preset, folder / "case.toml")
     if parameters := imported.parameters():
         content["parameters"] = parameters
     content["runs"] = [
@@ -73,6 +74,8 @@ def to_dict(imported: Imported) -> dict[str, Any]:
     options = {
         name: value for name, value in dataclasses.asdict(imported.options).items() if value not in (None, {}, ())
     }
+    if imported.options.preset:
+        options["preset"] = Path(imported.options.preset).name
     return {
         "kind": imported.kind,
         "files": sorted({run.log.source.name for run in imported.runs}),

@@ -133,7 +133,8 @@ class Case:
             kind: "cell", "motor" or "robot".
             name: of the case and its results.
             title: free text.
-            preset: source of every parameter that is not stated here, a key of `jaxmodel.presets.PRESETS`.
+            preset: source of every parameter that is not stated here: a key of `jaxmodel.presets.PRESETS`, or the path
+                of a file of that form, which ends in `.toml`.
             parameters: scalar parameters by name: a number is exact, `(value, sd)` has a standard deviation.
             tables: curves by name: `{"ocv": {"soc": [...], "voltage_V": [...]}}`.
             effects: effects turned on, with their parameters: `{"self_heating": {}}`.
@@ -196,7 +197,7 @@ class Case:
         """Return the case in a few lines: hardware, uncertain parameters, runs."""
         uncertain = [f"{name} = {k.value:g} ± {k.sd:g}" for name, k in self.parameters.items() if k.sd is not None]
         lines = [
-            f"{self.title} ({self.kind}, preset {self.preset})",
+            f"{self.title} ({self.kind}, preset {Path(self.preset).name})",
             f"uncertain: {', '.join(uncertain) or 'nothing'}",
             f"tables: {', '.join(self.tables) or 'none'}",
             *([f"formulas of the paper's cell: {', '.join(self.formulas)}"] if self.formulas else []),

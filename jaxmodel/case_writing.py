@@ -26,7 +26,8 @@ def write_case(case: Case, path: Path, comments: list[str] | None = None) -> Non
         comments: lines at the top.
     """
     files = [run.source or _write_csv(run, path.parent / f"{_file_name(run.name)}.csv") for run in case.runs]
-    content: dict[str, Any] = {"title": case.title, "kind": case.kind, "preset": case.preset}
+    content: dict[str, Any] = {"title": case.title, "kind": case.kind}
+    content["preset"] = preset_entry(case.preset, path)
     content["parameters"] = {name: _known(known) for name, known in case.parameters.items()}
     content["parameters"] |= {name: table_entry(name, table) for name, table in case.tables.items()}
     content["effects"] = {name: _effect(values, case.effect_sd.get(name, {})) for name, values in case.effects.items()}
@@ -97,6 +98,11 @@ def table_entry(name: str, table: Table) -> dict[str, Any]:
         entry["temperature_degC"] = table.temperature_degC.tolist()
     entry[_VALUE_KEYS[name]] = table.values.tolist()
     return entry | ({} if table.sd is None else {"sd_V" if name == "ocv" else "sd_relative": table.sd})
+
+
+def preset_entry(preset: str, path: Path) -> str:
+    """Return a preset as a case's file states it: its name, or the path of its file from the folder of the case."""
+    return _from(path, Path(preset)) if preset.endswith(".toml") else preset
 
 
 def _from(path: Path, file: Path) -> str:

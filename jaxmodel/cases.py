@@ -25,7 +25,7 @@ from jaxmodel.measurements import (
     read_utf8,
 )
 from jaxmodel.ports import Effect
-from jaxmodel.presets import PRESETS, read_preset, why_not
+from jaxmodel.presets import located, read_preset, why_not
 
 
 def read_case(path: str | Path, *, own_effects: Iterable[type[Effect]] = ()) -> Case:
@@ -116,7 +116,7 @@ def _case(
         path=path,
         title=entry.title or name,
         kind=entry.kind,
-        preset=entry.preset,
+        preset=located(entry.preset, Path() if path is None else path.parent),
         parameters=numbers,
         tables=tables(entry.parameters),
         effects={name: _effect_values(effect) for name, effect in entry.effects.items()},
@@ -128,7 +128,7 @@ def _case(
         own_effects=effects.own_effects(own),
     )
     # An unknown preset is refused when a model is built; reading the measurements needs none.
-    case = with_preset(case) if case.preset in PRESETS else case
+    case = case if why_not(case.preset, case.kind) else with_preset(case)
     plausible.check(case)
     return case
 

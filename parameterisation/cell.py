@@ -237,6 +237,7 @@ def _case(case: Case, drawn: Extraction, fit: JointFit, thermal: Thermal | None,
     spread = float(np.clip(max(fit.shape_sd.get("tau_S", 0.3), fit.shape_sd.get("tau_L", 0.3)), 0.02, 1.0))
     found["rc_capacitance_scale"] = Known(1.0, spread)
     found |= dict.fromkeys(AGE, Known(0.0))
+    found["nominal_cell_voltage_V"] = Known(_mean_voltage(fit))
     exact = {
         name: known
         for name, known in case.parameters.items()
@@ -266,6 +267,13 @@ def _case(case: Case, drawn: Extraction, fit: JointFit, thermal: Thermal | None,
         sensors=sensors,
         runs=runs,
     )
+
+
+def _mean_voltage(fit: JointFit) -> float:
+    """Return the mean of the open-circuit voltage over the charge [V]."""
+    soc = np.linspace(0.0, 1.0, 101)
+    middle = float(fit.grid.degC[fit.grid.degC.size // 2])
+    return round(float(np.mean(fit.curve("U", soc, middle))), 4)
 
 
 def _typical_capacity(drawn: Extraction, fit: JointFit) -> Known:

@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -36,8 +37,12 @@ TESTS = {
     "R_ca": "A thermometer on the case while the motor heats for an hour under load would give it.",
     "tau_ca": "A thermometer on the case while the motor heats for an hour under load would give it.",
 }
-SPEED_TERMS = {"b": ("viscous_friction", "b", "N m s/rad"), "c": ("windage", "c", "N m s2/rad2")}
-PLACES = {"viscous friction b": ("viscous_friction", "b"), "windage c": ("windage", "c")}
+TERMS = {"b": ("viscous_friction", "b", "N m s/rad"), "c": ("windage", "c", "N m s2/rad2"), "e": ("gear_loss", "e", "")}
+PLACES = {
+    "viscous friction b": ("viscous_friction", "b"),
+    "windage c": ("windage", "c"),
+    "gear loss e": ("gear_loss", "e"),
+}
 PLACES |= {"torque of constant sign": ("torque_offset", "c")}
 PLACES |= {name: ("", name) for name in ("R_0", "k_tau", "tau_0", "J", "L_a")}
 GAINED = 0.98  # of the error
@@ -94,6 +99,13 @@ def parameterise_motor(case: Case, progress: Callable[[str], None] | None = None
     found += [one for one in heat if one.name not in exact]
     noise = [one for column, unit in READINGS.items() if (one := sensor_noise(fitted, column, unit))]
     found += noise
+    if (
+        not {"J"} & (numbers.keys() | stated.keys() | {one.name for one in found})
+        and {"k_tau", "R_0"} <= numbers.keys()
+    ):
+        inertia = _usual_inertia(numbers["k_tau"], numbers["R_0"])
+        case = dataclasses.replace(case, parameters=case.parameters | {"J": Known(inertia, 0.5 * inertia)})
+        found.append(absent("J", inertia, UNITS["J"], "the mechanical time constant of the paper's motor", TESTS["J"]))
     have = {one.name for one in found}
     found += [_absent(case, name, stated) for name in UNITS if name not in have and name not in exact]
     points = {"electrical": volts, "friction": turning.points if turning else pd.DataFrame(), "thermal": warmed}
@@ -162,13 +174,13 @@ def _unseen_heat(case: Case) -> float:
 
 
 def _growing_friction(case: Case, found: Sequence[Extraction]) -> tuple[Case, Extraction] | None:
-    """Return the case with a little viscous friction to be refined; None where it has some."""
-    if "viscous_friction" in case.effects or "tau_0" not in case.parameters:
+    """Return the case with a little viscous friction to be refined; None where it has some, or no constant friction."""
+    if "viscous_friction" in case.effects or "tau_0" not in case.parameters or not case.parameters["tau_0"].value:
         return None
     fastest = max(float(np.nanmax(np.abs(r.measured.outputs.get("speed_rad_s", np.ones(1))))) for r in case.runs)
     more = dict(case.effects) | {"viscous_friction": {"b": 0.1 * case.parameters["tau_0"].value / fastest}}
     term = Extraction(
-        "viscous friction b", 0.0, 0.0, SPEED_TERMS["b"][2], found[0].runs, "current and speed", "friction over speed"
+        "viscous friction b", 0.0, 0.0, TERMS["b"][2], found[0].runs, "current and speed", "friction over speed"
     )
     return dataclasses.replace(case, effects=more), term
 
@@ -192,7 +204,10 @@ def _places(case: Case, found: Sequence[Extraction]) -> dict[str, tuple[str, str
     return {
         one.name: PLACES[one.name]
         for one in found
-        if one.found and one.name in PLACES and (PLACES[one.name][0] in case.effects or one.name in case.parameters)
+        if one.found
+        and one.value
+        and one.name in PLACES
+        and (PLACES[one.name][0] in case.effects or one.name in case.parameters)
     }
 
 
@@ -200,6 +215,12 @@ def _stated(case: Case, name: str) -> float:
     """Return a number that the case or its preset states, else the default."""
     stated = with_preset(case).parameters
     return stated[name].value if name in stated else float(info(name).default)
+
+
+def _usual_inertia(k: float, R: float) -> float:
+    """Return the inertia at which the time constant R J / k^2 is that of the paper's motor [kg m2]."""
+    k_paper, R_paper, J_paper = (float(info(name).default) for name in ("k_tau", "R_0", "J"))
+    return J_paper * (k / k_paper) ** 2 * R_paper / R
 
 
 def _speed_constant(runs: Sequence[MotorRows]) -> Extraction | None:
@@ -235,10 +256,8 @@ def _speed_constant(runs: Sequence[MotorRows]) -> Extraction | None:
 def _mechanical(turning: Mechanics) -> list[Extraction]:
     samples = f"{len(turning.points)} rows, {turning.rms_Nm:.2g} N m left"
     method = "k i - load = friction + J dw/dt by least squares"
-    units = {"tau_0": "N m", "J": "kg m2", "direction": "N m"} | {
-        name: unit for name, (_, _, unit) in SPEED_TERMS.items()
-    }
-    names = {"direction": "torque of constant sign", "b": "viscous friction b", "c": "windage c"}
+    units = {"tau_0": "N m", "J": "kg m2", "direction": "N m"} | {name: unit for name, (_, _, unit) in TERMS.items()}
+    names = {"direction": "torque of constant sign", "b": "viscous friction b", "c": "windage c", "e": "gear loss e"}
     return [
         Extraction(names.get(term, term), size, turning.sd[term], units[term], turning.runs, samples, method)
         for term, size in turning.values.items()
@@ -248,7 +267,7 @@ def _mechanical(turning: Mechanics) -> list[Extraction]:
 
 def _absent(case: Case, name: str, stated: dict[str, Known]) -> Extraction:
     known = stated.get(name)
-    where = "the case's stated value" if name in case.parameters else f"the preset '{case.preset}'"
+    where = "the case's stated value" if name in case.parameters else f"the preset '{Path(case.preset).name}'"
     value = known.value if known is not None else float(info(name).default)
     return absent(name, value, UNITS[name], where, TESTS[name], known.sd if known and known.sd else math.nan)
 
@@ -258,10 +277,10 @@ def _case(case: Case, found: Sequence[Extraction], turning: Mechanics | None, no
     parameters = {
         one.name: Known(one.value, one.sd)
         for one in found
-        if one.found and one.name in UNITS and math.isfinite(one.sd) and one.value > 0.0
+        if one.found and one.name in UNITS and math.isfinite(one.sd) and (one.value > 0.0 or one.name == "tau_0")
     }
     effects, effect_sd = dict(case.effects), dict(case.effect_sd)
-    for term, (effect, field, _) in SPEED_TERMS.items():
+    for term, (effect, field, _) in TERMS.items():
         if turning is not None and turning.values.get(term, 0.0) > 0.0 and effect not in effects:
             effects[effect] = {field: turning.values[term]}
             effect_sd[effect] = {field: turning.sd[term]}

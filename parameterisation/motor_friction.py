@@ -1,6 +1,8 @@
-"""Friction and inertia: k i - tau_load = tau_0 sgn(w) + b w + c w |w| + J dw/dt by least squares (eqs. 12 and 13).
+"""Friction, loss of the gear and inertia by least squares: eqs. 12 and 13.
 
-Which of b, c, a direction of the friction and a constant torque are needed is chosen by the error in blocks left out.
+k i - tau_load = tau_0 sgn(w) + b w + c w |w| + e tau_load + J dw/dt
+
+Which of b, c, e and a torque of constant sign are needed is chosen by the error in blocks left out.
 Without a measured current the same equation is scaled: k (V - k w) / R stands for the torque, and only ratios to
 k^2 / R are seen.
 """
@@ -19,7 +21,7 @@ from scipy.optimize import lsq_linear
 from parameterisation.motor_rows import MotorRows
 from parameterisation.smoothing import inflation_of
 
-EXTRA = ("b", "c", "direction")
+EXTRA = ("b", "c", "e", "direction")
 BLOCKS = 8
 GAINED = 0.98  # a further term must lower the error left out to this share
 SIGNED = ("direction",)
@@ -30,7 +32,7 @@ class Mechanics:
     """Terms of the torque by name with sd, the readings, and what is left.
 
     Attributes:
-        values: `tau_0`, `b`, `c`, `direction` (a torque of constant sign), `J`.
+        values: `tau_0`, `b`, `c`, `e`, `direction` (a torque of constant sign), `J`.
         sd: of each.
         points: run, time_s, speed_rad_s, torque_Nm (what drives, without load), fit_Nm.
         rms_Nm: left.
@@ -71,6 +73,7 @@ def mechanics(runs: Sequence[MotorRows], k: float, R: float | None = None) -> Me
     rate = np.concatenate([rows.rate[at] for rows, at, _ in parts])
     torque = np.concatenate([drive for _, _, drive in parts])
     columns = {"tau_0": np.sign(speed), "b": speed, "c": speed * np.abs(speed), "direction": np.ones(speed.size)}
+    columns["e"] = np.concatenate([rows.load_Nm[at] for rows, at, _ in parts])
     # The inertia is the same in every choice; it needs accelerations that are more than noise.
     always = ["tau_0", *(["J"] if any(rows.follows for rows, _, _ in parts) and np.std(rate) > 0.0 else [])]
     columns["J"] = rate

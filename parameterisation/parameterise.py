@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 
 from threadpoolctl import threadpool_limits
@@ -11,6 +12,7 @@ from parameterisation.cell import parameterise_cell
 from parameterisation.motor import parameterise_motor
 from parameterisation.result import Parameterisation
 from parameterisation.robot import parameterise_robot
+from parameterisation.rounding import rounded
 
 
 # The matrices are small: on busy cores a second thread of BLAS makes each product wait.
@@ -32,4 +34,5 @@ def parameterise(case: Case, *, progress: Callable[[str], None] | None = None) -
         FitError: the fit runs lack readings without which nothing can be extracted.
     """
     kinds = {"cell": parameterise_cell, "motor": parameterise_motor, "robot": parameterise_robot}
-    return kinds[case.kind](case, progress)
+    found = kinds[case.kind](case, progress)
+    return dataclasses.replace(found, case=rounded(found.case))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from pathlib import Path
 from typing import Any
@@ -30,11 +31,9 @@ def write_preset(found: Parameterisation, path: Path, data: str, licence: str) -
     """
     checked_name(path.stem)
     case = found.case
-    held_out = [
-        {"run": str(row["run"]), "column": str(row["reading"]), "rms": _short(float(row["rms"]))}
-        for row in found.errors.to_dict("records")
-        if row["split"] == "check"
-    ]
+    held_out = _held_out(found, "".join(f", with {name}" for name in case.effects))
+    if case.effects:
+        held_out = _held_out(_without_effects(found), "") + held_out
     if not held_out:
         raise MeasurementError(
             f"{case.label}: no run is held out, and a preset states its errors on such runs; "
@@ -57,6 +56,24 @@ def write_preset(found: Parameterisation, path: Path, data: str, licence: str) -
     path.write_text(lines + toml.document(content), encoding="utf-8")
 
 
+def _held_out(found: Parameterisation, added: str) -> list[dict[str, Any]]:
+    """Return the errors of the check runs; `added` is said after their names."""
+    return [
+        {"run": f"{row['run']}{added}", "column": str(row["reading"]), "rms": _short(float(row["rms"]))}
+        for row in found.errors.to_dict("records")
+        if row["split"] == "check"
+    ]
+
+
+def _without_effects(found: Parameterisation) -> Parameterisation:
+    """Return the numbers in a case without the effects that they were found with: what the preset alone is."""
+    runs = tuple(
+        dataclasses.replace(run, overrides={n: k for n, k in run.overrides.items() if n != "initial_hysteresis"})
+        for run in found.case.runs
+    )
+    return dataclasses.replace(found, case=dataclasses.replace(found.case, effects={}, effect_sd={}, runs=runs))
+
+
 def checked_name(name: str) -> str:
     """Return a name that a preset can have.
 
@@ -71,11 +88,15 @@ def checked_name(name: str) -> str:
 def _entry(found: Parameterisation, name: str) -> dict[str, Any]:
     """Return value, sd and source of a parameter."""
     known = found.case.parameters[name]
-    extracted = next((one for one in found.extractions if one.name == name and one.found), None)
-    if extracted is not None:
+    extracted = next((one for one in found.extractions if one.name == name), None)
+    if extracted is not None and not extracted.found:
+        source = extracted.method
+    elif extracted is not None:
         source = f"{extracted.method}, from {', '.join(extracted.runs)}"
     elif name in ("cycles", "storage_months"):
         source = "the numbers are of the hardware as it was measured, age included"
+    elif name == "nominal_cell_voltage_V":
+        source = "mean of ocv over SOC"
     elif name.endswith("_scale"):
         source = f"{_REFIT}; sd: that of the mean of the curve"
     else:

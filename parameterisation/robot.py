@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -73,7 +74,10 @@ def parameterise_robot(case: Case, progress: Callable[[str], None] | None = None
         )
     draw = _onboard(case)
     found = [one for part in parts.values() for one in part.extractions] + [draw]
-    found += [absent(name, math.nan, "", f"the case or its preset '{case.preset}'", TESTS[name]) for name in problems]
+    found += [
+        absent(name, math.nan, "", f"the case or its preset '{Path(case.preset).name}'", TESTS[name])
+        for name in problems
+    ]
     points = {f"{name}_{key}": table for name, part in parts.items() for key, table in part.points.items()}
     remarks = [remark for part in parts.values() for remark in part.remarks] + [*problems.values()]
     if "cells" in parts and any(_number(case, name) for name in AGE):
@@ -190,7 +194,9 @@ def _onboard(case: Case) -> Extraction:
     every = np.concatenate(values) if values else np.empty(0)
     if every.size < 3 or np.median(every) <= 0.0:
         known = _number(case, "onboard_current_A")
-        return absent("onboard_current_A", known, "A", f"the case or its preset '{case.preset}'", TESTS["draw"])
+        return absent(
+            "onboard_current_A", known, "A", f"the case or its preset '{Path(case.preset).name}'", TESTS["draw"]
+        )
     median = float(np.median(every))
     spread = 1.4826 * float(np.median(np.abs(every - median)))
     sd = max(1.2533 * spread / math.sqrt(every.size / INDEPENDENT), LEAST_SHARE_SD * median)

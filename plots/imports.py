@@ -8,10 +8,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
+from jaxmodel.units import split_unit
 from plots.panels import Row, panels
 from plots.style import BLUE, GREY, LINES, ORANGE, column_label, minutes_or_seconds, styled
 
-_PANEL_CM, _LEFT_CM, _LABEL_CM, _TIME_CM = 3.1, 2.0, 1.1, 1.05
+_PANEL_CM, _LEFT_CM, _LABEL_CM, _TIME_CM = 3.1, 2.3, 1.6, 1.05
 _LINE_CM, _CHARACTERS, _MOST_NOTES = 0.38, 118, 6
 # More points than a picture has pixels are drawn as the least and largest of each stretch.
 _MOST_POINTS = 4000
@@ -25,7 +26,7 @@ def imported_run(
     marked: Sequence[tuple[str, str, Sequence[tuple[float, float]]]] = (),
     notes: Sequence[str] = (),
 ) -> Figure:
-    """Draw a run with what was found in it.
+    """Draw a run with what was found in it; a column that never changes stands in the title.
 
     Args:
         name: of the run.
@@ -34,6 +35,11 @@ def imported_run(
         marked: what was found: its sort, its column ('' or time_s for all), and the times that it concerns.
         notes: sentences below the picture.
     """
+    still = {column: values[0] for column, values in columns.items() if np.all(values == values[0])}
+    if len(still) == len(columns):
+        still = {}
+    columns = {column: values for column, values in columns.items() if column not in still}
+    constant = ", ".join(f"{quantity} {still[c]:.4g} {unit}" for c in still for quantity, unit in [split_unit(c)])
     lines = [line for note in notes[:_MOST_NOTES] for line in textwrap.wrap(note, _CHARACTERS, subsequent_indent="   ")]
     if len(notes) > _MOST_NOTES:
         lines.append(f"and {len(notes) - _MOST_NOTES} more in import.json")
@@ -46,7 +52,7 @@ def imported_run(
         bottom_cm=_TIME_CM + _LINE_CM * (len(lines) + 1),
     )
     factor, unit = minutes_or_seconds(time_s)
-    drawn.grid[0, 0].set_title(name)
+    drawn.grid[0, 0].set_title(f"{name} ({constant})" if constant else name)
     for axes, (column, values) in zip(drawn.grid[:, 0], columns.items(), strict=True):
         x, y = thinned(time_s, values)
         axes.plot(x * factor, y, color=BLUE, linewidth=0.9, rasterized=True)

@@ -7,13 +7,25 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib import colormaps
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxmodel.case import Case
-from plots.style import BLACK, FINAL, LINES, MEASURED, PAGE_CM, SEQUENCE, new_figure, plain_log, styled
+from plots.style import (
+    FINAL,
+    LINES,
+    MEASURED,
+    PAGE_CM,
+    SEQUENCE,
+    axis_label,
+    minutes_or_seconds,
+    new_figure,
+    plain_log,
+    styled,
+)
 
-_TABLES = {"ocv": "V", "R_ints": "mohm", "R_TS": "mohm", "R_TL": "mohm", "C_TS": "F", "C_TL": "F"}
+_TABLES = {"ocv": "V", "R_ints": "mΩ", "R_TS": "mΩ", "R_TL": "mΩ", "C_TS": "F", "C_TL": "F"}
+# Of a motor the rise over the ambient is fitted.
+_THERMOMETER = {"cell": ("temperature", "°C"), "motor": ("rise", "K"), "robot": ("temperature or rise", "°C, K")}
 _MOST_RUNS = 8
 _MOST_LINES = 5
 
@@ -26,13 +38,11 @@ def extraction(found: Any, name: str) -> Figure:
     draw = {
         "slow": lambda: _against_soc(table, "voltage_V", "slow discharge and charge [V]", "run"),
         "rests": lambda: _against_soc(table, "voltage_V", "voltage at the end of rests [V]", "run"),
-        "resistance": lambda: _against_soc(
-            table.assign(mohm=1e3 * table["ohm"]), "mohm", "first sample [mohm]", "degC"
-        ),
+        "resistance": lambda: _against_soc(table.assign(mohm=1e3 * table["ohm"]), "mohm", "first sample [mΩ]", "degC"),
         "relaxation": lambda: _relaxation(table),
-        "fit": lambda: _over_time(table, "voltage_V", "fit_V", "voltage [V]"),
-        "thermal": lambda: _over_time(table, "degC", "fit_degC", "temperature or its rise [degC, K]"),
-        "electrical": lambda: _over_time(table, "voltage_V", "fit_V", "voltage [V]"),
+        "fit": lambda: _over_time(table, "voltage_V", "fit_V", "voltage", "V"),
+        "thermal": lambda: _over_time(table, "degC", "fit_degC", *_THERMOMETER[found.case.kind]),
+        "electrical": lambda: _over_time(table, "voltage_V", "fit_V", "voltage", "V"),
         "friction": lambda: _friction(table),
     }
     return draw[kind]()
@@ -43,7 +53,7 @@ def _against_soc(table: pd.DataFrame, column: str, label: str, by: str) -> Figur
     axes = figure.subplots()
     groups = table["run"] if by == "run" else (table["degC"] / 5.0).round() * 5.0
     for colour, (key, part) in zip(_colours(), table.groupby(groups), strict=False):
-        text = str(key) if by == "run" else f"{key:.0f} degC"
+        text = str(key) if by == "run" else f"{key:.0f} °C"
         axes.plot(part["soc"], part[column], ".", color=colour, markersize=3.5, label=text, rasterized=True)
     axes.set_xlabel("state of charge")
     axes.set_ylabel(label)
@@ -70,30 +80,27 @@ def _relaxation(table: pd.DataFrame) -> Figure:
     return figure
 
 
-def _over_time(table: pd.DataFrame, column: str, fitted: str, label: str) -> Figure:
-    """Draw each run over time: readings, fit, and below them what is left."""
+def _over_time(table: pd.DataFrame, column: str, fitted: str, quantity: str, unit: str) -> Figure:
+    """Draw each run over time: readings and fit, and in its title the RMS of what is left."""
     runs = list(dict.fromkeys(table["run"]))[:_MOST_RUNS]
     columns = min(len(runs), 2)
     rows = -(-len(runs) // columns)
     figure = new_figure(PAGE_CM, 1.5 + 5.5 * rows)
     grid = figure.subplots(rows, columns, squeeze=False)
     for axes, run in zip(grid.flat, runs, strict=False):
-        _one(axes, table.loc[table["run"] == run], column, fitted)
-        axes.set_title(str(run))
-        axes.set_xlabel("time [h]")
-        axes.set_ylabel(label)
+        part = table.loc[table["run"] == run]
+        factor, unit_of_time = minutes_or_seconds(part["time_s"].to_numpy())
+        time = factor * part["time_s"]
+        axes.plot(time, part[column], ".", color=MEASURED, markersize=2.5, label="measured", rasterized=True)
+        axes.plot(time, part[fitted], color=FINAL, lw=0.9, label="fitted", rasterized=True)
+        rms = float(np.sqrt(np.mean((part[column] - part[fitted]) ** 2)))
+        axes.set_title(f"{run}\nRMS {rms:.2g} {unit.replace('°C', 'K').removesuffix(', K')}", fontsize=8.5)
+        axes.set_xlabel(f"time [{unit_of_time}]")
+        axes.set_ylabel(axis_label(quantity, unit))
     for axes in grid.flat[len(runs) :]:
         axes.set_visible(False)
     grid[0, 0].legend()
     return figure
-
-
-def _one(axes: Axes, part: Any, column: str, fitted: str) -> None:
-    hours = part["time_s"] / 3600.0
-    axes.plot(hours, part[column], ".", color=MEASURED, markersize=2.5, label="measured", rasterized=True)
-    axes.plot(hours, part[fitted], color=FINAL, lw=0.9, label="fitted", rasterized=True)
-    rms = float(np.sqrt(np.mean((part[column] - part[fitted]) ** 2)))
-    axes.text(0.98, 0.03, f"rms {rms:.2g}", transform=axes.transAxes, ha="right", color=BLACK)
 
 
 def _friction(table: pd.DataFrame) -> Figure:
@@ -126,22 +133,22 @@ def curves(case: Case) -> Figure:
     palette = colormaps[SEQUENCE]
     for axes, name in zip(grid.flat, names, strict=False):
         table, unit = case.tables[name], _TABLES[name]
-        values = np.atleast_2d(table.values) * (1e3 if unit == "mohm" else 1.0)
+        values = np.atleast_2d(table.values) * (1e3 if unit == "mΩ" else 1.0)
         degC = [None] if table.temperature_degC is None else list(table.temperature_degC)
         for row in np.unique(np.linspace(0, len(degC) - 1, min(len(degC), _MOST_LINES)).round().astype(int)):
             T, curve = degC[row], values[row]
             share = 0.5 if T is None else (T - everywhere.min()) / max(float(np.ptp(everywhere)), 1.0)
             # A pair of no resistance has a capacitance without meaning.
             shown = np.where(_exists(case, name, int(row)), curve, np.nan)
-            axes.plot(table.soc, shown, color=palette(0.9 * share), label="" if T is None else f"{T:g} degC")
+            axes.plot(table.soc, shown, color=palette(0.9 * share), label="" if T is None else f"{T:g} °C")
         if name != "ocv":
             axes.set_yscale("log")
             plain_log(axes.yaxis)
-        axes.set_title(name)
         axes.set_xlabel("state of charge")
-        axes.set_ylabel(f"[{unit}]")
-        if degC[0] is not None:
-            axes.legend(fontsize=6, loc="center left", bbox_to_anchor=(1.0, 0.5))
+        axes.set_ylabel(f"{name} [{unit}]")
+        # The resistances and capacitances have the temperatures of the first of them.
+        if degC[0] is not None and name in ("ocv", next((other for other in names if other != "ocv"), "")):
+            axes.legend(fontsize=7, loc="lower right" if name == "ocv" else "upper right")
     for axes in grid.flat[len(names) :]:
         axes.set_visible(False)
     return figure

@@ -19,7 +19,7 @@ from jaxmodel.model import Model, initial_state
 from jaxmodel.names import parameter_table, with_values
 from jaxmodel.parameters import TABLE
 from jaxmodel.ports import Effect
-from jaxmodel.presets import why_not
+from jaxmodel.presets import located, why_not
 from jaxmodel.profile import Profile
 from jaxmodel.simulation import Cutoff
 from jaxmodel.units import unit_of
@@ -114,10 +114,10 @@ def _case(study: StudyForm) -> Case:
         case = dataclasses.replace(case, effects=effects)
     elif study.kind is None:
         raise SweepError('kind is missing; add kind = "cell", "motor" or "robot", or name a case.')
-    elif problem := why_not(study.preset, study.kind):
+    elif problem := why_not(preset := located(study.preset, study.folder), study.kind):
         raise SweepError(f"preset: {problem}")
     else:
-        case = Case("study", None, study.title, study.kind, study.preset, {}, {}, {}, {}, (), {})
+        case = Case("study", None, study.title, study.kind, preset, {}, {}, {}, {}, (), {})
         case = dataclasses.replace(case, own_effects=own_effects(study.own_effects))
     for name in study.effects:
         if _is_of_sensor(name, case.catalogue):

@@ -11,7 +11,10 @@ import typer
 Columns = Annotated[
     list[str] | None,
     typer.Option(
-        "--column", metavar='NAME="COLUMN"', help='As current_A="I/mA"; "" for none; repeatable.', show_default=False
+        "--column",
+        metavar='NAME="COLUMN"',
+        help='As current_A="I/mA", or a formula, as voltage_V="duty * supply_V"; repeatable.',
+        show_default=False,
     ),
 ]
 Units = Annotated[
@@ -45,9 +48,13 @@ def import_(
     ],
     kind: Annotated[str, typer.Option(metavar="cell|motor|robot", help="What was measured.", show_default=False)],
     out: Annotated[Path, typer.Option("--out", metavar="CASE", help="Folder for the case.", show_default=False)],
+    title: Annotated[str | None, typer.Option(help="Of the case.", show_default=False)] = None,
     column: Columns = None,
     unit: Units = None,
     constant: Constants = None,
+    rows: Annotated[
+        str | None, typer.Option(metavar="CONDITION", help='Import these only, as "I_A > 0".', show_default=False)
+    ] = None,
     sign: Sign = None,
     flip: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Reverse this column; repeatable.", show_default=False)
@@ -80,6 +87,8 @@ def import_(
         kind,
         out,
         pairs={"column": column or [], "unit": unit or [], "constant": constant or []},
+        title=title,
+        rows=rows,
         sign=sign,
         flip=tuple(flip or ()),
         split_at=split_at,

@@ -1,7 +1,7 @@
 """Hardware by name: the paper's robot, and real cells and motors, each a TOML file of this folder.
 
 A preset states the parameters of one piece of hardware, in the form of a case's `[parameters]`, with sd and source.
-Other values are those of the paper.
+Other values are those of the paper. A file of the same form is a preset too: its name ends in `.toml`.
 """
 
 from __future__ import annotations
@@ -10,12 +10,13 @@ import dataclasses
 import functools
 import tomllib
 from importlib import resources
+from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from jaxmodel.case_schema import ParametersEntry
-from jaxmodel.errors import nearest
+from jaxmodel.errors import UserError, nearest
 from jaxmodel.known import Known, Table, scalars, tables
 
 Kind = Literal["cell", "motor", "robot"]
@@ -59,7 +60,7 @@ class Preset:
     """One piece of hardware.
 
     Attributes:
-        name: a key of `PRESETS`.
+        name: a key of `PRESETS`, or the path of a file.
         kinds: kinds of model for which it can be used.
         parameters: scalar parameters by name.
         tables: curves by name.
@@ -71,27 +72,53 @@ class Preset:
     tables: dict[str, Table]
 
 
+def located(name: str, folder: Path) -> str:
+    """Return the name of a preset; that of a file as its path, which is relative to a folder where it is stated."""
+    return str((folder / name).resolve()) if name.endswith(".toml") else name
+
+
 def read_form(name: str) -> PresetForm:
-    """Return the file of a preset except the paper's, with data set, licence and errors on held-out runs."""
-    text = (resources.files(__name__) / f"{name}.toml").read_text(encoding="utf-8")
-    return PresetForm.model_validate(tomllib.loads(text))
+    """Return the content of a preset except the paper's, with data set, licence and errors on held-out runs."""
+    file = Path(name) if name.endswith(".toml") else resources.files(__name__) / f"{name}.toml"
+    return PresetForm.model_validate(tomllib.loads(file.read_text(encoding="utf-8")))
+
+
+def read_preset(name: str) -> Preset:
+    """Return a preset by its name: a key of `PRESETS`, or the path of a file."""
+    return _of_form(name) if name.endswith(".toml") else _of_package(name)
 
 
 @functools.cache
-def read_preset(name: str) -> Preset:
-    """Return a preset by its name, a key of `PRESETS`."""
-    if name == "paper":
-        return Preset(name, ("cell", "motor", "robot"), {}, {})
+def _of_package(name: str) -> Preset:
+    return Preset(name, ("cell", "motor", "robot"), {}, {}) if name == "paper" else _of_form(name)
+
+
+def _of_form(name: str) -> Preset:
     form = read_form(name)
-    numbers = scalars(form.parameters.__pydantic_extra__, f"preset '{name}'")
+    numbers = scalars(form.parameters.__pydantic_extra__, f"preset '{Path(name).name}'")
     return Preset(name, tuple(form.kinds), numbers, tables(form.parameters))
 
 
 def why_not(name: str, kind: str) -> str:
     """Return why a preset cannot be used for a kind of model, as a sentence; '' if it can."""
-    if name not in PRESETS:
+    label = Path(name).name
+    if name.endswith(".toml"):
+        if not Path(name).is_file():
+            return f"there is no file '{label}' where the preset is sought ({Path(name).parent}); correct its name."
+        try:
+            title, kinds = read_form(name).title, read_preset(name).kinds
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            place = ".".join(map(str, first["loc"])) or "the file"
+            return (
+                f"preset '{label}': {place} is wrong: {first['msg']}; it has the form of the files in jaxmodel/presets."
+            )
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError, UserError) as error:
+            return f"preset '{label}' cannot be read: {error}"
+    elif name not in PRESETS:
         return f"no preset is called '{name}'.{nearest(name, PRESETS)}"
-    kinds = read_preset(name).kinds
+    else:
+        title, kinds = PRESETS[name], read_preset(name).kinds
     if kind in kinds:
         return ""
-    return f"preset '{name}' ({PRESETS[name]}) serves kind {' and '.join(kinds)}, not '{kind}'; use another of the two."
+    return f"preset '{label}' ({title}) serves kind {' and '.join(kinds)}, not '{kind}'; use another of the two."

@@ -192,6 +192,12 @@ QUANTITIES: dict[str, Quantity] = {
         _of("speed velocity rpm omega drehzahl"),
         without=_TARGET | _of("wheel"),
     ),
+    "angle": Quantity(
+        "rad",
+        _names("position, angle, motor position, motor angle, shaft angle, encoder, encoder position, theta, winkel"),
+        _of("position angle encoder winkel"),
+        without=_TARGET,
+    ),
     "load_torque": Quantity(
         "N m",
         _names(

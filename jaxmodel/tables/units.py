@@ -52,6 +52,7 @@ _TARGETS = {
     "W h": "watt*hour",
     "degC": "degC",
     "rad/s": "radian/second",
+    "rad": "radian",
     "N m": "newton*meter",
     "m/s2": "meter/second**2",
     "deg": "degree",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from jaxmodel import Case
@@ -33,6 +34,22 @@ def test_forward_simulation_is_as_good_as_the_sensors(found: Parameterisation) -
     errors = found.errors.set_index("reading")["rms"]
     assert errors["current_A"] < 0.03
     assert errors["speed_rad_s"] < 0.3
+
+
+def test_a_gear_that_loses_a_share_of_the_load_is_an_effect_of_the_case() -> None:
+    """Steady points at three voltages under several loads: R, k, constant friction and the share are told apart."""
+    volts, load = (one.ravel() for one in np.meshgrid([6.0, 9.0, 12.0], np.linspace(0.0, 0.4, 9)))
+    frame = pd.DataFrame({"time_s": 10.0 * np.arange(volts.size), "voltage_V": volts, "load_torque_Nm": load})
+    frame["current_A"] = (0.05 + 1.3 * load) / 0.7
+    frame["speed_rad_s"] = (volts - 5.0 * frame["current_A"]) / 0.7
+    noise = np.random.default_rng(3).normal(0.0, 1.0, (2, volts.size))
+    frame = frame.assign(current_A=frame.current_A + 2e-3 * noise[0], speed_rad_s=frame.speed_rad_s + 0.02 * noise[1])
+    exact = {"psi_R": 0.0, "J": 1e-4}
+    case = Case.from_dataframes({"points": frame.assign(ambient_degC=25.0)}, kind="motor", parameters=exact)
+    found = parameterise(case)
+    assert found.case.effects["gear_loss"]["e"] == pytest.approx(0.3, rel=0.1)
+    assert found["k_tau"].value == pytest.approx(0.7, rel=0.02)
+    assert found["tau_0"].value == pytest.approx(0.05, rel=0.1)
 
 
 def test_heating_without_a_thermometer_is_not_in_the_data(found: Parameterisation) -> None:

@@ -137,7 +137,9 @@ def _print(imported: Imported) -> None:
         for row in cast("list[dict[str, Any]]", table.to_dict("records"))
     ]
     columns = ("run", "split", "rows", "duration", "ambient [degC]", "initial SOC", "look at", "label")
-    terminal.table(imported.title, columns, rows, right=(2, 3, 4, 5, 6))
+    if imported.kind == "motor":
+        columns, *rows = [row[:5] + row[6:] for row in (columns, *rows)]
+    terminal.table(imported.title, columns, rows, right=range(2, len(columns) - 1))
     decided = shortened([one for one in imported.decisions if one.about not in ("reading", "clock", "convention")])
     for line in decided[:_MOST_DECISIONS]:
         terminal.say(f"decided: {line}")

@@ -74,7 +74,7 @@ def parameterise_case(
     page = "" if answer_only else ", report.html and its pictures"
     terminal.say(f"case.toml, extractions.csv, errors.csv{page} are in {out}.")
     if preset is not None:
-        terminal.say(f"{out / preset}.toml is a preset: put it into jaxmodel/presets and name it in PRESETS there.")
+        terminal.say(f'{out / preset}.toml is a preset: a case beside it uses it by preset = "{preset}.toml".')
     return found
 
 

@@ -1,0 +1,40 @@
+#!/bin/sh
+# The presets of jaxmodel/presets from measured data, by the two commands alone.
+# Usage: make.sh DATA_FOLDER OUT_FOLDER [NAME ...]; README.md says what DATA_FOLDER holds.
+set -eu
+data=$1 out=$2
+shift 2
+arts="ARTS-Lab, University of South Carolina, GitHub ARTS-Laboratory"
+panasonic=$data/panasonic_18650pf
+
+preset() {  # NAME TITLE DATA LICENCE IMPORT_OPTION...
+    name=$1 title=$2 from=$3 licence=$4
+    shift 4
+    jaxmodel import "$@" --title "$title" --answer-only --out "$out/$name/case"
+    jaxmodel parameterise "$out/$name/case" --preset "$name" --data "$from" --licence "$licence" --out "$out/$name"
+}
+
+for name in ${*:-k2_lfp_26650 lg_mj1}; do
+    case $name in
+    k2_lfp_26650)
+        preset "$name" "K2 Energy 26650 LFP, 2.2 A h" \
+            "$arts/dataset-K2-26650-cell-characterization, commit 682baaae" "CC BY-SA 4.0" \
+            "$data"/k2_lfp_26650/*.csv --kind cell --check cc1C_p30degC ;;
+    lg_mj1)
+        preset "$name" "LG INR18650-MJ1 that gave 2.9 A h" \
+            "$arts/dataset-LG-MJ1-INR-18650-cell-characterization, commit 60490059" "CC BY-SA 4.0" \
+            "$data"/lg_mj1_18650/*.csv --kind cell ;;
+    panasonic_18650pf)
+        preset "$name" "Panasonic NCR18650PF, 2.9 A h" \
+            "P. Kollmeyer, Panasonic 18650PF Li-ion Battery Data, Mendeley Data v1, DOI 10.17632/wykht8y7tg.1; \
+copy GitHub fededc88/Panasonic-18650PF-Data, commit 6d720489" \
+            "not verified (the copy states none; cite the DOI)" \
+            "$panasonic"/runs.csv "$panasonic"/c20_*.csv "$panasonic"/hppc_*.csv "$panasonic"/drive_nn_*.csv \
+            "$panasonic"/drive_us06_*degC.csv "$panasonic"/drive_cycle1_p25degC.csv \
+            "$panasonic"/cc1C_p25degC_start1.csv \
+            --kind cell --check "drive_us06*" --check "drive_cycle1*" --check "cc1C*" ;;
+    *)
+        echo "no preset is called $name" >&2
+        exit 2 ;;
+    esac
+done
