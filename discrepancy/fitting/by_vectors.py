@@ -136,4 +136,3 @@ def _shapes(problem: Problem, run: OneRun, lane: Lane, with_added: bool) -> Any:
         own["added"] = {name: shape((STEPS + 1,), np.dtype(float)) for name in problem.noisy}
     shared = (*jax.tree.map(like, (model,)), long, like(of_run), jax.tree.map(like, mixes), shape((), np.dtype(bool)))
     return shared, own
-

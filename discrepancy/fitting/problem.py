@@ -69,7 +69,16 @@ class Unknowns(eqx.Module):
     def numbers(self, x: Array | np.ndarray) -> Any:
         """Return the numbers at the coordinates x, both of shape (..., unknowns); on the host if x is."""
         xp: Any = np if isinstance(x, np.ndarray) else jnp
-        parts = (self.reach, self.centre, self.spread, self.ceiling, self.bend, self.origin, self.sign, self.logarithmic)
+        parts = (
+            self.reach,
+            self.centre,
+            self.spread,
+            self.ceiling,
+            self.bend,
+            self.origin,
+            self.sign,
+            self.logarithmic,
+        )
         reach, centre, spread, ceiling, bend, origin, sign, logarithmic = map(xp.asarray, parts)
         with np.errstate(all="ignore"):  # of what is not chosen
             bounded = xp.isfinite(reach)

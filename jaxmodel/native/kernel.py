@@ -124,7 +124,10 @@ class Kernel:
         """Return what `run` reads and writes; `own` has the lanes along the last axis, a multiple of a packet."""
         given = [
             *self._consts,
-            *(np.ascontiguousarray(x, leaf.dtype) for x, leaf in zip(jax.tree.leaves(shared), self._shared, strict=True)),
+            *(
+                np.ascontiguousarray(x, leaf.dtype)
+                for x, leaf in zip(jax.tree.leaves(shared), self._shared, strict=True)
+            ),
             *(np.ascontiguousarray(x, leaf.dtype) for x, leaf in zip(jax.tree.leaves(own), self._own, strict=True)),
             *results,
         ]
@@ -195,4 +198,3 @@ def _store(e: Emitter, lowering: Lowering, results: list[tuple[Any, _Leaf, str]]
         with Loop(e, length) as index:
             for series, leaf, pointer in group:
                 e.store(e.widen(series.at(index)), _row(e, pointer, index, leaf))
-

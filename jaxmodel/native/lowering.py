@@ -217,7 +217,10 @@ class Lowering:
     def _stored(self, place: str, dtype: np.dtype, length: int) -> Series:
         e = self.e
         return Series(
-            length, np.dtype(dtype), lambda index: e.load(e.address(place, index, dtype, True), dtype, True), is_kept=True
+            length,
+            np.dtype(dtype),
+            lambda index: e.load(e.address(place, index, dtype, True), dtype, True),
+            is_kept=True,
         )
 
     def reserve(self, count: int) -> str:
@@ -351,9 +354,7 @@ class Lowering:
             if not all(start.is_constant for start in starts):
                 flat = dataclasses.replace(memory, shape=(math.prod(memory.shape),))
                 return self.rows_at(self.series(flat), memory.shape, starts, out)
-            memory = dataclasses.replace(
-                memory, first=memory.first + int(starts[0].text) * math.prod(memory.shape[1:])
-            )
+            memory = dataclasses.replace(memory, first=memory.first + int(starts[0].text) * math.prod(memory.shape[1:]))
         view = dataclasses.replace(memory, shape=tuple(out.shape))
         return self.loaded(view) if math.prod(out.shape) <= MOST_SPREAD else view
 
@@ -416,9 +417,7 @@ class Lowering:
             if one.wide:
                 one = self.e.emit(f"extractelement {self.e.typed(one)}, i64 {lane}", dtype, False)
             target = self.e.type_of(dtype, True)
-            result = self.e.emit(
-                f"insertelement {target} {result}, {self.e.typed(one)}, i64 {lane}", dtype, True
-            ).text
+            result = self.e.emit(f"insertelement {target} {result}, {self.e.typed(one)}, i64 {lane}", dtype, True).text
         return Value(result, dtype, True)
 
     def rows_at(self, flat: Series, shape: tuple[int, ...], starts: list[Value], out: Any) -> Array:
@@ -537,18 +536,14 @@ class Lowering:
         e.branch(e.any_lane(running), inside, end)
         e.start_block(inside)
         results = self.run(body.jaxpr, [constants(c) for c in body.consts], [*of_body, *now])
-        kept = [
-            e.widen(e.select(running, new, old)) for new, old in zip(_flattened(results)[0], carried, strict=True)
-        ]
+        kept = [e.widen(e.select(running, new, old)) for new, old in zip(_flattened(results)[0], carried, strict=True)]
         last = e.block
         e.jump(test)
         e.end_scope()
         starts = []
         for register, start, new in zip(carried, flat, kept, strict=True):
             kind = e.type_of(register.dtype, True)
-            starts.append(
-                f"  {register.text} = phi {kind} [ {start.text}, %{before} ], [ {new.text}, %{last} ]"
-            )
+            starts.append(f"  {register.text} = phi {kind} [ {start.text}, %{before} ], [ {new.text}, %{last} ]")
         e.lines[place:place] = starts
         e.start_block(end)
         return now
@@ -577,7 +572,9 @@ class Lowering:
         for number, branch in enumerate(branches):
             inside, other = e.name("branch"), e.name("other")
             last = number == len(branches) - 1
-            holds = Value("true", np.dtype(bool)) if last else e.compare("icmp sle", index, constant(number, index.dtype))
+            holds = (
+                Value("true", np.dtype(bool)) if last else e.compare("icmp sle", index, constant(number, index.dtype))
+            )
             e.branch(holds, inside, other if not last else end)
             e.start_block(inside)
             e.begin_scope()
@@ -667,9 +664,13 @@ class Loop:
         results = []
         for register, start, new in zip(self.carried, self.begin, self.next, strict=True):
             kind_text = e.type_of(register.dtype, True)
-            lines.append(f"  {register.text} = phi {kind_text} [ {start.text}, %{self._before} ], [ {new.text}, %{last} ]")
+            lines.append(
+                f"  {register.text} = phi {kind_text} [ {start.text}, %{self._before} ], [ {new.text}, %{last} ]"
+            )
             result = Value("%" + e.name(), register.dtype, True)
-            after.append(f"  {result.text} = phi {kind_text} [ {start.text}, %{self._before} ], [ {new.text}, %{last} ]")
+            after.append(
+                f"  {result.text} = phi {kind_text} [ {start.text}, %{self._before} ], [ {new.text}, %{last} ]"
+            )
             results.append(result)
         e.lines[self._place : self._place] = lines
         e.start_block(self._done)
@@ -763,6 +764,7 @@ _VIEWS = ("slice", "dynamic_slice", "squeeze", "reshape", "broadcast_in_dim", "e
 
 
 # Operations by element: (lowering, values, params, dtype of the result) -> value.
+
 
 def _arithmetic(of_floats: str, of_integers: str) -> Callable:
     def operation(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
@@ -1005,7 +1007,21 @@ _ELEMENTS: dict[str, Callable] = {
     "cos": _cosine,
     **{
         name: _library(name)
-        for name in ("tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "acosh", "atanh", "cbrt", "erf", "erfc", "exp2")
+        for name in (
+            "tan",
+            "asin",
+            "acos",
+            "atan",
+            "atan2",
+            "sinh",
+            "cosh",
+            "acosh",
+            "atanh",
+            "cbrt",
+            "erf",
+            "erfc",
+            "exp2",
+        )
     },
 }
 _REDUCE = {
@@ -1035,6 +1051,7 @@ def _element(name: str) -> Callable:
 
 
 # Operations on arrays: (lowering, arrays, params, abstract result) -> array.
+
 
 def _reduce(name: str) -> Callable:
     def operation(lowering: Lowering, given: list[Array], params: dict, out: Any) -> Array:
@@ -1175,4 +1192,3 @@ _ON_ARRAYS: dict[str, Callable] = {
     "cummin": _cumulative("reduce_min"),
     "iota": _iota,
 }  # fmt: skip
-

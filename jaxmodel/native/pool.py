@@ -43,9 +43,7 @@ class Pool:
     def __exit__(self, *error: object) -> None:
         self._executor.shutdown(cancel_futures=True)
 
-    def start(
-        self, kernel: Kernel, shared: Any, own: Any, count: int, packets: int, sizes: Sequence[int] = ()
-    ) -> Job:
+    def start(self, kernel: Kernel, shared: Any, own: Any, count: int, packets: int, sizes: Sequence[int] = ()) -> Job:
         """Start a call.
 
         Args:
