@@ -13,6 +13,7 @@ import jax
 import numpy as np
 
 from discrepancy.fitting.problem import Lane, OneRun, Problem
+from discrepancy.fitting.programs import are_of_project, made_from
 from jaxmodel.native import ROWS, STEPS, Kernel, NotNative, Pool
 from jaxmodel.simulation import Needed, Track, read_track
 
@@ -75,7 +76,8 @@ def kernel_of(problem: Problem, run: OneRun, lane: Lane, with_added: bool) -> Ke
     rest, rest_tree = jax.tree.flatten(statics)
     key = (tree, rest_tree, tuple(rest), tuple((leaf.shape, leaf.dtype) for leaf in leaves))
     with _compiling:
-        kernel = _kernel(_Given(key, dataclasses.replace(problem, models=None, tracks=None, times=None)))
+        bare = dataclasses.replace(problem, models=None, tracks=None, times=None)
+        kernel = _kernel(_Given(key, bare, are_of_project(map(type, problem.models.effects))))
     if isinstance(kernel, NotNative):
         raise kernel
     return kernel
@@ -90,6 +92,7 @@ class _Given:
 
     key: Any
     problem: Problem = dataclasses.field(compare=False)
+    of_project: bool = dataclasses.field(compare=False)
 
 
 @functools.lru_cache(maxsize=64)
@@ -108,9 +111,15 @@ def _kernel(given: _Given) -> Kernel | NotNative:
         return [readings[name] for name in problem.channels]
 
     try:
-        return Kernel(one_lane, shared, own, sizes=(STEPS, ROWS))
+        return Kernel(one_lane, shared, own, sizes=(STEPS, ROWS), known_as=_name_of(given))
     except NotNative as reason:
         return reason
+
+
+def _name_of(given: _Given) -> str:
+    """Return what identifies a kernel in other processes; "" with an effect of the user, whose source may change."""
+    text = repr(given.key)
+    return "" if not given.of_project or " at 0x" in text else f"{made_from()} {text}"
 
 
 def _shapes(problem: Problem, run: OneRun, lane: Lane, with_added: bool) -> Any:

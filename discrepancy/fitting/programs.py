@@ -16,7 +16,7 @@ import platform
 import threading
 import zlib
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +61,7 @@ class Programs:
         if key not in self.compiled:
             with self._compiling[key]:
                 if key not in self.compiled:
-                    file = _file_of(key) if _are_of_project(classes) else None
+                    file = _file_of(key) if are_of_project(classes) else None
                     self.compiled[key], value = _read(file, leaves) or self._made(leaves, tree, rest, file)
                     return value
         return self.compiled[key](*leaves)
@@ -81,7 +81,8 @@ class Programs:
         return made, made(*leaves)
 
 
-def _are_of_project(classes: Sequence[type]) -> bool:
+def are_of_project(classes: Iterable[type]) -> bool:
+    """Return whether all classes are of this project."""
     return all(one.__module__.partition(".")[0] in _PROJECT for one in classes)
 
 
@@ -90,12 +91,12 @@ def _file_of(key: object) -> Path | None:
     folder, described = jax.config.jax_compilation_cache_dir, repr(key)  # type: ignore[attr-defined]
     if not folder or " at 0x" in described:  # the key contains a memory address
         return None
-    name = hashlib.sha256(f"{_made_from()} {described}".encode()).hexdigest()
+    name = hashlib.sha256(f"{made_from()} {described}".encode()).hexdigest()
     return Path(folder) / f"jaxmodel-{name}.program"
 
 
 @functools.cache
-def _made_from() -> str:
+def made_from() -> str:
     """Return a digest of the traced source, the compiler, and the machine."""
     digest = hashlib.sha256()
     here = Path(__file__).resolve().parents[2]

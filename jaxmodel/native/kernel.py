@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ctypes
 import dataclasses
+import io
+import json
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -18,6 +20,7 @@ from jaxmodel.native.lowering import MOST_IN_REGISTERS, MOST_SPREAD, Loop, Lower
 __all__ = ["Kernel", "NotNative"]
 
 _NAME = "run"
+_LEAVES = ("shared", "own", "results")
 _ARGUMENTS = [ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p]
 # Lengths that stand for those that are known only when a kernel runs; primes, which no model has.
 STEPS, ROWS = 1_000_003, 500_009
@@ -33,6 +36,36 @@ class _Leaf:
         return math.prod(self.shape)
 
 
+@dataclasses.dataclass(frozen=True)
+class _Module:
+    """What a kernel is made from: the text of its instructions, and what the function's arguments and results are."""
+
+    lanes: int
+    shared: list[_Leaf]
+    own: list[_Leaf]
+    results: list[_Leaf]
+    consts: list[np.ndarray]
+    text: str = ""
+    room: list[int] = dataclasses.field(default_factory=list)
+
+    def packed(self) -> bytes:
+        """Return it as bytes."""
+        leaves = {name: [[list(x.shape), x.dtype.str] for x in getattr(self, name)] for name in _LEAVES}
+        head = json.dumps(leaves | {"lanes": self.lanes, "room": self.room, "text": self.text})
+        file = io.BytesIO()
+        np.savez_compressed(file, *self.consts, head=np.frombuffer(head.encode(), np.uint8))
+        return file.getvalue()
+
+    @classmethod
+    def unpacked(cls, content: bytes) -> _Module:
+        """Return what `packed` made."""
+        with np.load(io.BytesIO(content)) as arrays:
+            head = json.loads(arrays["head"].tobytes())
+            consts = [arrays[f"arr_{number}"] for number in range(len(arrays.files) - 1)]
+        leaves = {name: [_Leaf(tuple(shape), np.dtype(kind)) for shape, kind in head.pop(name)] for name in _LEAVES}
+        return cls(**head, **leaves, consts=consts)
+
+
 class Kernel:
     """A compiled function (shared, own) -> results of one lane, run for many.
 
@@ -41,7 +74,13 @@ class Kernel:
     """
 
     def __init__(
-        self, function: Callable, shared: Any, own: Any, lanes: int | None = None, sizes: Sequence[int] = ()
+        self,
+        function: Callable,
+        shared: Any,
+        own: Any,
+        lanes: int | None = None,
+        sizes: Sequence[int] = (),
+        known_as: str = "",
     ) -> None:
         """Compile a function.
 
@@ -52,65 +91,45 @@ class Kernel:
             lanes: in a packet, by default two registers of doubles.
             sizes: lengths of axes in the shapes of the arguments that stand for others, given when the kernel runs
                 (`STEPS`, `ROWS`): one kernel for runs of any length.
+            known_as: names the function, its source and its arguments: with the same name it is not even traced again.
+                Its results are a list then.
 
         Raises:
             NotNative: it has an operation that has no vector instructions here.
         """
+        self._sizes = tuple(sizes)
+        module = _kept(known_as)
+        self._tree: Any = None if module is None else jax.tree.structure([0] * len(module.results))
+        if module is None:
+            module = self._made(function, shared, own, lanes)
+            if known_as:
+                machine.keep(f"{machine.digest(known_as)}.kernel", module.packed())
+        self._module, self.lanes = module, module.lanes
+        self._function = machine.load(module.text, _NAME, _ARGUMENTS)
+
+    def _made(self, function: Callable, shared: Any, own: Any, lanes: int | None) -> _Module:
         traced, shapes = jax.make_jaxpr(function, return_shape=True)(shared, own)
-        self._out_tree = jax.tree.structure(shapes)
         jaxpr = traced.jaxpr
         count = len(jax.tree.leaves(shared))
-        self._shared, self._own = (_leaves(v) for v in (jaxpr.invars[:count], jaxpr.invars[count:]))
-        self._consts = [np.asarray(c) for c in traced.consts]
-        self._results = _leaves(jaxpr.outvars)
-        self.lanes = lanes or _packet(jaxpr)
-        self._sizes = tuple(sizes)
-        self.text = self._written(jaxpr)
-        self._function = machine.load(self.text, _NAME, _ARGUMENTS)
-
-    def _written(self, jaxpr: Any) -> str:
-        """Return the module: a loop over packets."""
-        e = Emitter(self.lanes, {size: f"%size{k}" for k, size in enumerate(self._sizes)})
-        for k in range(len(self._sizes)):
-            e.lines.append(f"  %at{k} = getelementptr i64, ptr %sizes, i64 {k}\n  %size{k} = load i64, ptr %at{k}")
-        lowering = Lowering(e, "%work")
-        pointers = [
-            e.load(e.address("%arguments", str(k), np.dtype("i8"), False), np.dtype("i8"), False)
-            for k in range(len(self._shared) + len(self._consts) + len(self._own) + len(self._results))
-        ]
-        pointers = iter([_pointer(e, value) for value in pointers])
-        consts = [_shared(e, lowering, next(pointers), _Leaf(c.shape, c.dtype)) for c in self._consts]
-        shared = [_shared(e, lowering, next(pointers), leaf) for leaf in self._shared]
-        packet, head, done = "%packet", e.name("packets"), e.name("finished")
-        before = e.block
-        e.lines.append(f"  %any = icmp slt i64 %first, %last\n  br i1 %any, label %{head}, label %{done}")
-        e.start_block(head)
-        place = len(e.lines)
-        own = [_own(e, next(pointers), leaf) for leaf in self._own]
-        results = lowering.run(jaxpr, consts, [*shared, *own])
-        _store(e, lowering, list(zip(results, self._results, pointers, strict=True)))
-        e.lines.append(f"  %next = add nsw i64 {packet}, 1\n  %ends = icmp eq i64 %next, %last")
-        last = e.block
-        e.lines.append(f"  br i1 %ends, label %{done}, label %{head}")
-        e.lines.insert(place, f"  {packet} = phi i64 [ %first, %{before} ], [ %next, %{last} ]")
-        e.start_block(done)
-        self._room = lowering.room
-        body = "\n".join(e.lines)
-        declared = "\n".join(e.declarations.values())
-        return (
-            f"define void @{_NAME}(i64 %first, i64 %last, i64 %count, ptr %sizes, ptr %arguments, "
-            "ptr noalias %work) "
-            f'nounwind "prefer-vector-width"="512" {{\nentry:\n{body}\n  ret void\n}}\n{declared}\n'
+        self._tree = jax.tree.structure(shapes)
+        module = _Module(
+            lanes=lanes or _packet(jaxpr),
+            shared=_leaves(jaxpr.invars[:count]),
+            own=_leaves(jaxpr.invars[count:]),
+            results=_leaves(jaxpr.outvars),
+            consts=[np.asarray(c) for c in traced.consts],
         )
+        return _written(module, jaxpr, self._sizes)
 
     def workspace_size(self, sizes: Sequence[int] = ()) -> int:
         """Return how many numbers of working memory a thread needs."""
-        return max(1, sum(self._actual(count, sizes) for count in self._room)) * self.lanes
+        return max(1, sum(self._actual(count, sizes) for count in self._module.room)) * self.lanes
 
     def buffers(self, count: int, sizes: Sequence[int] = ()) -> list[np.ndarray]:
         """Return arrays for the results of so many lanes, a multiple of a packet."""
         return [
-            np.empty((*(self._actual(size, sizes) for size in leaf.shape), count), leaf.dtype) for leaf in self._results
+            np.empty((*(self._actual(size, sizes) for size in leaf.shape), count), leaf.dtype)
+            for leaf in self._module.results
         ]
 
     def _actual(self, number: int, sizes: Sequence[int]) -> int:
@@ -123,12 +142,15 @@ class Kernel:
     def arguments(self, shared: Any, own: Any, results: list[np.ndarray]) -> Any:
         """Return what `run` reads and writes; `own` has the lanes along the last axis, a multiple of a packet."""
         given = [
-            *self._consts,
+            *self._module.consts,
             *(
                 np.ascontiguousarray(x, leaf.dtype)
-                for x, leaf in zip(jax.tree.leaves(shared), self._shared, strict=True)
+                for x, leaf in zip(jax.tree.leaves(shared), self._module.shared, strict=True)
             ),
-            *(np.ascontiguousarray(x, leaf.dtype) for x, leaf in zip(jax.tree.leaves(own), self._own, strict=True)),
+            *(
+                np.ascontiguousarray(x, leaf.dtype)
+                for x, leaf in zip(jax.tree.leaves(own), self._module.own, strict=True)
+            ),
             *results,
         ]
         return given, (ctypes.c_void_p * len(given))(*(x.ctypes.data for x in given))
@@ -144,7 +166,49 @@ class Kernel:
 
     def tree(self, results: Sequence[np.ndarray], count: int) -> Any:
         """Return results as the function's, with an axis of lanes first."""
-        return jax.tree.unflatten(self._out_tree, [np.moveaxis(x, -1, 0)[:count] for x in results])
+        return jax.tree.unflatten(self._tree, [np.moveaxis(x, -1, 0)[:count] for x in results])
+
+
+def _written(module: _Module, jaxpr: Any, sizes: Sequence[int]) -> _Module:
+    """Return the module with its text: a loop over packets."""
+    e = Emitter(module.lanes, {size: f"%size{k}" for k, size in enumerate(sizes)})
+    for k in range(len(sizes)):
+        e.lines.append(f"  %at{k} = getelementptr i64, ptr %sizes, i64 {k}\n  %size{k} = load i64, ptr %at{k}")
+    lowering = Lowering(e, "%work")
+    pointers = [
+        e.load(e.address("%arguments", str(k), np.dtype("i8"), False), np.dtype("i8"), False)
+        for k in range(len(module.shared) + len(module.consts) + len(module.own) + len(module.results))
+    ]
+    pointers = iter([_pointer(e, value) for value in pointers])
+    consts = [_shared(e, lowering, next(pointers), _Leaf(c.shape, c.dtype)) for c in module.consts]
+    shared = [_shared(e, lowering, next(pointers), leaf) for leaf in module.shared]
+    packet, head, done = "%packet", e.name("packets"), e.name("finished")
+    before = e.block
+    e.lines.append(f"  %any = icmp slt i64 %first, %last\n  br i1 %any, label %{head}, label %{done}")
+    e.start_block(head)
+    place = len(e.lines)
+    own = [_own(e, next(pointers), leaf) for leaf in module.own]
+    results = lowering.run(jaxpr, consts, [*shared, *own])
+    _store(e, lowering, list(zip(results, module.results, pointers, strict=True)))
+    e.lines.append(f"  %next = add nsw i64 {packet}, 1\n  %ends = icmp eq i64 %next, %last")
+    last = e.block
+    e.lines.append(f"  br i1 %ends, label %{done}, label %{head}")
+    e.lines.insert(place, f"  {packet} = phi i64 [ %first, %{before} ], [ %next, %{last} ]")
+    e.start_block(done)
+    body = "\n".join(e.lines)
+    declared = "\n".join(e.declarations.values())
+    text = (
+        f"define void @{_NAME}(i64 %first, i64 %last, i64 %count, ptr %sizes, ptr %arguments, "
+        "ptr noalias %work) "
+        f'nounwind "prefer-vector-width"="512" {{\nentry:\n{body}\n  ret void\n}}\n{declared}\n'
+    )
+    return dataclasses.replace(module, text=text, room=lowering.room)
+
+
+def _kept(known_as: str) -> _Module | None:
+    """Return the module that was kept under a name."""
+    content = machine.kept(f"{machine.digest(known_as)}.kernel") if known_as else None
+    return None if content is None else _Module.unpacked(content)
 
 
 def _leaves(variables: Sequence[Any]) -> list[_Leaf]:

@@ -6,6 +6,7 @@ import ctypes
 import functools
 import hashlib
 import os
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -57,13 +58,17 @@ def _image(text: str) -> bytes:
     """Return the machine code, kept by content: of the module, of the compiler and of the processor."""
     machine = target()
     made_by = (llvmlite.__version__, machine.triple, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten())
-    key = hashlib.sha256("\n".join((*made_by, text)).encode()).hexdigest()
-    kept = cache_folder() / "native" / f"{key}.o"
-    if (image := _read(kept, key)) is not None:
+    name = digest(*made_by, text) + ".o"
+    if (image := kept(name)) is not None:
         return image
     image = _compiled(text)
-    _write(kept, image)
+    keep(name, image)
     return image
+
+
+def digest(*texts: str) -> str:
+    """Return the SHA-256 of texts."""
+    return hashlib.sha256("\n".join(texts).encode()).hexdigest()
 
 
 def _compiled(text: str) -> bytes:
@@ -77,22 +82,26 @@ def _compiled(text: str) -> bytes:
     return machine.emit_object(module)
 
 
-def _read(path: Path, key: str) -> bytes | None:
-    """Return what was kept if it is whole."""
+def kept(name: str) -> bytes | None:
+    """Return what was kept under a name if it is there and whole."""
     try:
-        content = path.read_bytes()
+        content = (_folder() / name).read_bytes()
     except OSError:
         return None
-    digest, image = content[:32], content[32:]
-    return image if hashlib.sha256(image).digest() == digest else None
+    return content[32:] if hashlib.sha256(content[32:]).digest() == content[:32] else None
 
 
-def _write(path: Path, image: bytes) -> None:
-    """Keep machine code; whoever reads finds all of it or nothing. Nothing is kept where it cannot be."""
+def keep(name: str, content: bytes) -> None:
+    """Keep something; whoever reads finds all of it or nothing. Nothing is kept where it cannot be."""
+    path = _folder() / name
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        partial = path.with_suffix(f".{os.getpid()}")
-        partial.write_bytes(hashlib.sha256(image).digest() + image)
+        partial = path.with_suffix(f".{os.getpid()}-{threading.get_ident()}")
+        partial.write_bytes(hashlib.sha256(content).digest() + content)
         partial.replace(path)
     except OSError:
         return
+
+
+def _folder() -> Path:
+    return cache_folder() / "native"

@@ -187,7 +187,7 @@ def test_shared_values_are_read_when_the_kernel_runs() -> None:
     [
         (jnp.sort, 'the operation "sort"'),
         (lambda x: jnp.linalg.inv(x[None, :2] * x[:2, None] + jnp.eye(2)), "the operation"),
-        (lambda x: jnp.sum(jnp.outer(x, jnp.arange(600.0))), "over steps"),
+        (lambda x: jnp.sum(jnp.outer(x, jnp.arange(600.0))), "steps"),
     ],
 )
 def test_what_has_no_instructions_is_named(function: Callable, message: str) -> None:
