@@ -15,7 +15,7 @@ import numpy as np
 from discrepancy.fitting.problem import Lane, OneRun, Problem
 from discrepancy.fitting.programs import are_of_project, made_from
 from jaxmodel.native import ROWS, STEPS, Kernel, NotNative, Pool
-from jaxmodel.simulation import Needed, Track, read_track
+from jaxmodel.simulation import Needed, read_track
 
 
 def predicted(problem: Problem, lanes: Sequence[Lane], pool: Pool) -> list[np.ndarray]:
@@ -76,8 +76,7 @@ def kernel_of(problem: Problem, run: OneRun, lane: Lane, with_added: bool) -> Ke
     rest, rest_tree = jax.tree.flatten(statics)
     key = (tree, rest_tree, tuple(rest), tuple((leaf.shape, leaf.dtype) for leaf in leaves))
     with _compiling:
-        bare = dataclasses.replace(problem, models=None, tracks=None, times=None)
-        kernel = _kernel(_Given(key, bare, are_of_project(map(type, problem.models.effects))))
+        kernel = _kernel(_Given(key, problem, are_of_project(map(type, problem.models.effects))))
     if isinstance(kernel, NotNative):
         raise kernel
     return kernel
@@ -127,14 +126,15 @@ def _shapes(problem: Problem, run: OneRun, lane: Lane, with_added: bool) -> Any:
     model, track, of_run, mixes = run.shared
     shape = jax.ShapeDtypeStruct
 
-    def like(leaf: np.ndarray) -> Any:
+    def like(leaf: Any) -> Any:
         return shape(np.shape(leaf), np.asarray(leaf).dtype)
 
-    long = Track(
-        duration_s=shape((STEPS,), np.dtype(float)),
-        inputs={name: shape((STEPS + 1,), values.dtype) for name, values in track.inputs.items()},
-        last_step=shape((ROWS - 1,), track.last_step.dtype),
+    lengths = (
+        shape((STEPS,), np.dtype(float)),
+        {name: shape((STEPS + 1,), values.dtype) for name, values in track.inputs.items()},
+        shape((ROWS - 1,), track.last_step.dtype),
     )
+    long = eqx.tree_at(lambda t: (t.duration_s, t.inputs, t.last_step), track, lengths)
     numbers = shape((of_run.shape[0],), np.dtype(float))
     own: dict[str, Any] = {
         "numbers": numbers,
