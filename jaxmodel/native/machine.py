@@ -14,6 +14,9 @@ import llvmlite.binding as llvm
 
 from jaxmodel.jax_settings import cache_folder
 
+# How the names of features begin that say which instructions there are for floating-point numbers.
+_OF_VECTORS = ("avx", "fma", "neon", "sve", "fp-armv8")
+
 
 @functools.cache
 def target() -> Any:
@@ -32,6 +35,13 @@ def vector_bits() -> int:
     if features.get("avx512f"):
         return 512
     return 256 if features.get("avx2") or features.get("avx") else 128
+
+
+def processor() -> str:
+    """Return what the bits of a result depend on: the processor's name for the compiler, and its vector features."""
+    features = llvm.get_host_cpu_features()
+    vectors = [name for name in sorted(features) if features[name] and name.startswith(_OF_VECTORS)]
+    return f"{llvm.get_host_cpu_name()} ({' '.join(vectors)})"
 
 
 class Function:
