@@ -78,7 +78,9 @@ DOUBLE = Format(
 SINGLE = Format(
     mantissa=23,
     bias=127,
-    exp=_hex("0x1.0000000000000p-1 0x1.5554dcf88fd17p-3 0x1.5555192d5f5dep-5 0x1.120b6e42d2112p-7 0x1.6d11093a17fd8p-10"),
+    exp=_hex(
+        "0x1.0000000000000p-1 0x1.5554dcf88fd17p-3 0x1.5555192d5f5dep-5 0x1.120b6e42d2112p-7 0x1.6d11093a17fd8p-10"
+    ),
     log=_hex("0x1.5555554bb1b2fp-1 0x1.9999eb63e783dp-2 0x1.245c40aecb50cp-2 0x1.ddcf7101b6371p-3"),
     sine=_hex("-0x1.555552a43b210p-3 0x1.110c282749f3ap-7 -0x1.9ac96b052ede0p-13"),
     cosine=_hex("0x1.555554414e3a6p-5 -0x1.6c12d2887c343p-10 0x1.9bd86445fb99bp-16"),
@@ -233,9 +235,7 @@ class Elementary:
         lost = self.div(self.sub(x, self.sub(u, self.k(1.0))), u)
         value = self.add(self.log(u), lost)
         # Also where u is 0 or infinite, and the loss therefore not a number.
-        inside = self.e.binary(
-            "and", self.e.compare("fcmp ogt", u, self.k(0.0)), self.less(u, self.k(np.inf))
-        )
+        inside = self.e.binary("and", self.e.compare("fcmp ogt", u, self.k(0.0)), self.less(u, self.k(np.inf)))
         return self.e.select(inside, value, self.log(u))
 
     def tanh(self, x: Value) -> Value:
@@ -320,9 +320,7 @@ class Elementary:
         value = e.select(undefined, k(np.nan), value)
         broken = e.binary("or", e.compare("fcmp uno", x, x), e.compare("fcmp uno", y, y))
         value = e.select(broken, k(np.nan), value)
-        endless = e.binary(
-            "and", e.compare("fcmp oeq", size, k(1.0)), e.compare("fcmp oeq", self.abs(y), k(np.inf))
-        )
+        endless = e.binary("and", e.compare("fcmp oeq", size, k(1.0)), e.compare("fcmp oeq", self.abs(y), k(np.inf)))
         one = e.binary("or", e.compare("fcmp oeq", y, k(0.0)), e.compare("fcmp oeq", x, k(1.0)))
         one = e.binary("or", one, endless)
         return e.select(one, k(1.0), value)

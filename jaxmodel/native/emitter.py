@@ -159,9 +159,7 @@ class Emitter:
         yes, no = self.alike(yes, no)
         if condition.wide:
             yes, no = self.widen(yes), self.widen(no)
-        return self.emit(
-            f"select {self.typed(condition)}, {self.typed(yes)}, {self.typed(no)}", yes.dtype, yes.wide
-        )
+        return self.emit(f"select {self.typed(condition)}, {self.typed(yes)}, {self.typed(no)}", yes.dtype, yes.wide)
 
     def convert(self, operation: str, x: Value, dtype) -> Value:
         """Return a number in another type: 'sitofp', 'zext', 'bitcast' and the like."""
@@ -233,14 +231,10 @@ class Emitter:
             return self.emit(f"call {scalar} @{symbol}({given})", first.dtype, False)
         kind, result = self.type_of(first.dtype, True), "poison"
         for lane in range(self.lanes):
-            parts = [
-                self.emit(f"extractelement {kind} {x.text}, i64 {lane}", x.dtype, False) for x in arguments
-            ]
+            parts = [self.emit(f"extractelement {kind} {x.text}, i64 {lane}", x.dtype, False) for x in arguments]
             given = ", ".join(map(self.typed, parts))
             one = self.emit(f"call {scalar} @{symbol}({given})", first.dtype, False)
-            result = self.emit(
-                f"insertelement {kind} {result}, {self.typed(one)}, i64 {lane}", first.dtype, True
-            ).text
+            result = self.emit(f"insertelement {kind} {result}, {self.typed(one)}, i64 {lane}", first.dtype, True).text
         return Value(result, first.dtype, True)
 
     # Memory. An address is the text of a pointer; an index counts numbers, or packets where `wide`.

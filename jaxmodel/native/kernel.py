@@ -105,7 +105,10 @@ class Kernel:
         """Return what `run` reads and writes; `own` has the lanes along the last axis, a multiple of a packet."""
         given = [
             *self._consts,
-            *(np.ascontiguousarray(x, leaf.dtype) for x, leaf in zip(jax.tree.leaves(shared), self._shared, strict=True)),
+            *(
+                np.ascontiguousarray(x, leaf.dtype)
+                for x, leaf in zip(jax.tree.leaves(shared), self._shared, strict=True)
+            ),
             *(np.ascontiguousarray(x, leaf.dtype) for x, leaf in zip(jax.tree.leaves(own), self._own, strict=True)),
             *results,
         ]

@@ -242,9 +242,7 @@ class Lowering:
             if not all(start.is_constant for start in starts):
                 flat = dataclasses.replace(memory, shape=(math.prod(memory.shape),))
                 return self.rows_at(self.series(flat), memory.shape, starts, out)
-            memory = dataclasses.replace(
-                memory, first=memory.first + int(starts[0].text) * math.prod(memory.shape[1:])
-            )
+            memory = dataclasses.replace(memory, first=memory.first + int(starts[0].text) * math.prod(memory.shape[1:]))
         view = dataclasses.replace(memory, shape=tuple(out.shape))
         return self.loaded(view) if math.prod(out.shape) <= MOST_IN_REGISTERS // 4 else view
 
@@ -305,9 +303,7 @@ class Lowering:
             if one.wide:
                 one = self.e.emit(f"extractelement {self.e.typed(one)}, i64 {lane}", dtype, False)
             target = self.e.type_of(dtype, True)
-            result = self.e.emit(
-                f"insertelement {target} {result}, {self.e.typed(one)}, i64 {lane}", dtype, True
-            ).text
+            result = self.e.emit(f"insertelement {target} {result}, {self.e.typed(one)}, i64 {lane}", dtype, True).text
         return Value(result, dtype, True)
 
     def rows_at(self, flat: Series, shape: tuple[int, ...], starts: list[Value], out: Any) -> Array:
@@ -361,9 +357,7 @@ class Lowering:
         return [*_reshaped(loop.carried, shapes), *kept]
 
     def _stored(self, place: str, dtype: np.dtype, length: int) -> Series:
-        return Series(
-            length, dtype, lambda index: self.e.load(self.e.address(place, index, dtype, True), dtype, True)
-        )
+        return Series(length, dtype, lambda index: self.e.load(self.e.address(place, index, dtype, True), dtype, True))
 
     def _steps(self, x: Operand) -> Callable[[str], Operand]:
         """Return what a scan gives of an array at a step."""
@@ -403,18 +397,14 @@ class Lowering:
         e.branch(e.any_lane(running), inside, end)
         e.start_block(inside)
         results = self.run(body.jaxpr, [constants(c) for c in body.consts], [*of_body, *now])
-        kept = [
-            e.widen(e.select(running, new, old)) for new, old in zip(_flattened(results)[0], carried, strict=True)
-        ]
+        kept = [e.widen(e.select(running, new, old)) for new, old in zip(_flattened(results)[0], carried, strict=True)]
         last = e.block
         e.jump(test)
         e.end_scope()
         starts = []
         for register, start, new in zip(carried, flat, kept, strict=True):
             kind = e.type_of(register.dtype, True)
-            starts.append(
-                f"  {register.text} = phi {kind} [ {start.text}, %{before} ], [ {new.text}, %{last} ]"
-            )
+            starts.append(f"  {register.text} = phi {kind} [ {start.text}, %{before} ], [ {new.text}, %{last} ]")
         e.lines[place:place] = starts
         e.start_block(end)
         return now
@@ -425,7 +415,9 @@ class Lowering:
         results = [self.run(b.jaxpr, [constants(c) for c in b.consts], given[1:]) for b in branches]
         chosen = results[-1]
         for number in reversed(range(len(branches) - 1)):
-            holds = index if index.dtype.kind == "b" else self.e.compare("icmp sle", index, constant(number, index.dtype))
+            holds = (
+                index if index.dtype.kind == "b" else self.e.compare("icmp sle", index, constant(number, index.dtype))
+            )
             if index.dtype.kind == "b":  # false is the first branch
                 chosen = [self._chosen(holds, new, old) for new, old in zip(chosen, results[number], strict=True)]
             else:
@@ -486,9 +478,13 @@ class Loop:
         results = []
         for register, start, new in zip(self.carried, self.begin, self.next, strict=True):
             kind_text = e.type_of(register.dtype, True)
-            lines.append(f"  {register.text} = phi {kind_text} [ {start.text}, %{self._before} ], [ {new.text}, %{last} ]")
+            lines.append(
+                f"  {register.text} = phi {kind_text} [ {start.text}, %{self._before} ], [ {new.text}, %{last} ]"
+            )
             result = Value("%" + e.name(), register.dtype, True)
-            after.append(f"  {result.text} = phi {kind_text} [ {start.text}, %{self._before} ], [ {new.text}, %{last} ]")
+            after.append(
+                f"  {result.text} = phi {kind_text} [ {start.text}, %{self._before} ], [ {new.text}, %{last} ]"
+            )
             results.append(result)
         e.lines[self._place : self._place] = lines
         e.start_block(self._done)
@@ -556,6 +552,7 @@ _VIEWS = ("slice", "dynamic_slice", "squeeze", "reshape", "broadcast_in_dim", "e
 
 # Operations by element: (lowering, values, params, dtype of the result) -> value.
 
+
 def _arithmetic(of_floats: str, of_integers: str) -> Callable:
     def operation(lowering: Lowering, given: list[Value], params: dict, dtype: np.dtype) -> Value:
         return lowering.e.binary(of_floats if dtype.kind == "f" else of_integers, *given)
@@ -587,7 +584,9 @@ def _extreme(larger: bool) -> Callable:
             x, y = y, x
         if x.is_constant:  # one instruction, which returns the second number where the comparison fails
             return e.select(e.compare("fcmp ogt" if larger else "fcmp olt", x, y), x, y)
-        return e.intrinsic("maximum" if larger else "minimum", x, y)
+        # Half the instructions of `llvm.maximum`, which also puts -0 below 0.
+        chosen = e.select(e.compare("fcmp ogt" if larger else "fcmp olt", x, y), x, y)
+        return e.select(e.compare("fcmp uno", x, x), x, chosen)
 
     return operation
 
@@ -782,7 +781,21 @@ _ELEMENTS: dict[str, Callable] = {
     "cos": _cosine,
     **{
         name: _library(name)
-        for name in ("tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "acosh", "atanh", "cbrt", "erf", "erfc", "exp2")
+        for name in (
+            "tan",
+            "asin",
+            "acos",
+            "atan",
+            "atan2",
+            "sinh",
+            "cosh",
+            "acosh",
+            "atanh",
+            "cbrt",
+            "erf",
+            "erfc",
+            "exp2",
+        )
     },
 }
 _REDUCE = {
@@ -812,6 +825,7 @@ def _element(name: str) -> Callable:
 
 
 # Operations on arrays: (lowering, arrays, params, abstract result) -> array.
+
 
 def _reduce(name: str) -> Callable:
     def operation(lowering: Lowering, given: list[Array], params: dict, out: Any) -> Array:
@@ -938,4 +952,3 @@ _ON_ARRAYS: dict[str, Callable] = {
     "cummin": _cumulative("reduce_min"),
     "iota": _iota,
 }  # fmt: skip
-

@@ -76,7 +76,16 @@ def _image(text: str) -> bytes:
     return image
 
 
+def assembly(text: str) -> str:
+    """Return the machine code of a module as text, to be counted."""
+    return target().emit_assembly(_optimised(text))
+
+
 def _compiled(text: str) -> bytes:
+    return target().emit_object(_optimised(text))
+
+
+def _optimised(text: str) -> Any:
     machine = target()
     module = llvm.parse_assembly(text)
     module.triple = machine.triple
@@ -84,7 +93,7 @@ def _compiled(text: str) -> bytes:
     options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = False
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
-    return machine.emit_object(module)
+    return module
 
 
 def _read(path: Path, key: str) -> bytes | None:
