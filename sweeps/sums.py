@@ -20,4 +20,4 @@ def nothing() -> Sum:
 
 def add(total: Sum, part: Scalar) -> Sum:
     """Return a sum with one more part."""
-    return (total[0] + part,) if len(total) == 1 else sum_and_rest(*total, part)
+    return (total[0] + part,) if len(total) == 1 else sum_and_rest(total[0], total[1], part)

@@ -56,7 +56,6 @@ def _plain_remarks() -> Iterator[None]:
     """Say a remark as a sentence on stderr, without the file and line of a warning."""
 
     def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
-        from jaxmodel.errors import Remark
         from workbench.terminal import complain
 
         if issubclass(category, Remark):
@@ -64,7 +63,10 @@ def _plain_remarks() -> Iterator[None]:
         else:
             shown(message, category, *place, **more)
 
+    from jaxmodel.errors import Remark
+
     with warnings.catch_warnings():
+        warnings.simplefilter("always", Remark)
         shown, warnings.showwarning = warnings.showwarning, show
         yield
 

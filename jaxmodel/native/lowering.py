@@ -87,7 +87,7 @@ class Lowering:
         needed = _needed(jaxpr)
 
         def read(atom: Any) -> Operand:
-            return constants(atom.val, atom.aval.dtype) if isinstance(atom, Literal) else known[atom]
+            return constants(atom.val, getattr(atom.aval, "dtype", None)) if isinstance(atom, Literal) else known[atom]
 
         for equation, used in zip(jaxpr.eqns, needed, strict=True):
             if used:
@@ -103,7 +103,7 @@ class Lowering:
 
     def _equation(self, equation: Any, given: list[Operand]) -> list[Operand]:
         name, params = equation.primitive.name, equation.params
-        out = equation.outvars[0].aval if equation.outvars else None
+        out: Any = equation.outvars[0].aval if equation.outvars else None
         if name in _INNER:
             inner = next(params[key] for key in _INNER[name] if key in params)
             if isinstance(inner, ClosedJaxpr):
@@ -145,7 +145,8 @@ class Lowering:
         if isinstance(x, Memory) and math.prod(x.shape) == max(x.shape):
             return Series(max(x.shape), x.dtype, lambda index: self._element_of(x, index))
         if isinstance(x, np.ndarray) and x.shape == ():
-            return Series(0, x[()].dtype, lambda index: x[()])  # the same at every index
+            value: Any = x[()]
+            return Series(0, value.dtype, lambda index: value)  # the same at every index
         if isinstance(x, np.ndarray) and x.ndim == 1:
             return self._spilled(x)
         raise NotNative("an array over steps and something else")
@@ -353,7 +354,7 @@ class Lowering:
             loop.next = [self.e.widen(x) for x in _flattened(results[:carry])[0]]
         kept: list[Operand] = []
         for place in room:
-            kept.append(None if place is None else self._stored(*place, length))
+            kept.append(None if place is None else self._stored(place[0], place[1], length))
         return [*_reshaped(loop.carried, shapes), *kept]
 
     def _stored(self, place: str, dtype: np.dtype, length: int) -> Series:
@@ -863,7 +864,7 @@ def _slice(lowering: Lowering, given: list[Array], params: dict, out: Any) -> Ar
 
 def _dynamic_slice(lowering: Lowering, given: list[Array], params: dict, out: Any) -> Array:
     source, *starts = given
-    places = [x[()] for x in starts]
+    places: list[Any] = [x[()] for x in starts]
     if not all(place.is_constant for place in places):
         return lowering.rows_at(lowering._spilled(source.ravel()), source.shape, places, out)
     at = [

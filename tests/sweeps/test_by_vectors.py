@@ -25,7 +25,7 @@ AGREES = 1e-12
 UNSTABLE = 1e-13
 MOST_UNSTABLE, MOST_UNFOUND = 0.2, 0.01
 LANES = 10_000
-NUDGES = 4
+NUDGES = 8
 
 OF_CELL = (
     "arrhenius_resistance", "capacity_temperature", "charge_transfer", "entropic_ocv", "ocv_hysteresis",
