@@ -56,6 +56,7 @@ def _plain_remarks() -> Iterator[None]:
     """Say a remark as a sentence on stderr, without the file and line of a warning."""
 
     def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+        from jaxmodel.errors import Remark
         from workbench.terminal import complain
 
         if issubclass(category, Remark):
@@ -63,10 +64,9 @@ def _plain_remarks() -> Iterator[None]:
         else:
             shown(message, category, *place, **more)
 
-    from jaxmodel.errors import Remark
-
     with warnings.catch_warnings():
-        warnings.simplefilter("always", Remark)
+        # By its words: importing its class would import the model before help is shown.
+        warnings.filterwarnings("always", "The sweep runs through XLA")
         shown, warnings.showwarning = warnings.showwarning, show
         yield
 
