@@ -7,7 +7,7 @@ BIN := .venv/bin
 INSTALLED := .venv/.installed
 INSTALLED_DOCS := .venv/.installed-docs
 
-.PHONY: demo test docs notebooks bench bench-peers format clean
+.PHONY: demo test docs notebooks bench bench-check bench-peers format clean
 
 demo: $(INSTALLED)
 	$(BIN)/jaxmodel demo --out demo-results
@@ -33,6 +33,10 @@ notebooks: $(INSTALLED_DOCS)
 
 bench: $(INSTALLED) bench-peers
 	$(BIN)/python -m benchmarks
+
+# A minute: ours against C alone, compared with the committed ratios; fails if the step has become slower.
+bench-check: $(INSTALLED)
+	$(BIN)/python -m benchmarks check
 
 # The peers' packages do not go with ours (PyBaMM pins its own): an environment apart. Without it they are left out.
 bench-peers: $(INSTALLED)

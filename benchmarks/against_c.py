@@ -21,8 +21,13 @@ def differences(ours: dict[str, np.ndarray], by_hand: list[np.ndarray]) -> dict[
     return {name: float(np.max(np.abs(mine - other))) for name, mine, other in pairs}
 
 
-def against_c(kind: str, lanes: int = LANES, devices: int = 1, rounds: int = 5, step_s: float = 1.0) -> dict[str, Any]:
-    """Time a kind of model, agreement checked first; without a compiler the reason stands for the times."""
+def against_c(
+    kind: str, lanes: int = LANES, devices: int = 1, rounds: int = 5, step_s: float = 1.0, others: bool = False
+) -> dict[str, Any]:
+    """Time a kind of model, agreement checked first; without a compiler the reason stands for the times.
+
+    With `others` also ours through XLA, and ours in float32.
+    """
     ours = Ours(study_of(kind, lanes, step_s), devices)
     lane_steps = lanes * ours.steps
     row: dict[str, Any] = {"kind": kind, "lanes": lanes, "steps": ours.steps, "cores": devices}
@@ -33,7 +38,13 @@ def against_c(kind: str, lanes: int = LANES, devices: int = 1, rounds: int = 5, 
     apart = differences(ours(), by_hand())
     if any(apart[name] > most for name, most in MOST_APART.items()):
         raise AssertionError(f"the C program and ours differ: {apart}")
-    times = alternate({"ours": ours, "c": by_hand}, rounds, warm=True)
-    mine, other = (times[name].as_row(lane_steps) for name in ("ours", "c"))
+    contestants: dict[str, Any] = {"ours": ours, "c": by_hand}
+    if others:
+        contestants["xla"] = Ours(ours.study, devices, through_xla=True)
+        contestants["float32"] = Ours(study_of(kind, lanes, step_s, precision="float32"), devices)
+        for name in ("xla", "float32"):
+            contestants[name]()
+    times = {name: timing.as_row(lane_steps) for name, timing in alternate(contestants, rounds, warm=True).items()}
+    mine, other = times["ours"], times["c"]
     ratios = {"ratio": mine["best_s"] / other["best_s"], "ratio_cpu": mine["cpu_s"] / other["cpu_s"]}
-    return row | {"apart": apart, "ours": mine, "c": other, **ratios}
+    return row | {"apart": apart, **times, **ratios}

@@ -63,6 +63,13 @@ def print_against_c(title: str, rows: list[dict[str, Any]]) -> None:
         end = [f"{row['c']['ns_per_lane_step']:.1f}", f"{row['ratio']:.2f}", f"{row['ratio_cpu']:.2f}"]
         lines.append([*start, *end, *(f"{apart:.0e}" for apart in row["apart"].values())])
     table(f"{title} (ns per lane and step, best run)", columns, lines, right=range(1, 10))
+    for row in rows:
+        if "xla" in row:
+            times = ", ".join(
+                f"{what} {row[name]['cpu_ns_per_lane_step']:.1f}"
+                for name, what in (("ours", "ours"), ("float32", "in float32"), ("xla", "through XLA"), ("c", "C"))
+            )
+            print(f"{row['kind']}, ns of core time per lane and step: {times}")
 
 
 def print_equal_accuracy(rows: list[dict[str, Any]]) -> None:

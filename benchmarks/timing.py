@@ -25,6 +25,7 @@ class Timing:
         row = {"best_s": min(self.wall_s), "median_s": statistics.median(self.wall_s), "cpu_s": min(self.cpu_s)}
         if lane_steps:
             row |= {"ns_per_lane_step": 1e9 * row["best_s"] / lane_steps}
+            row |= {"cpu_ns_per_lane_step": 1e9 * row["cpu_s"] / lane_steps}
         return row
 
 

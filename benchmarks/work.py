@@ -7,7 +7,9 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxmodel.native import Kernel
 from sweeps import Study
+from sweeps.by_vectors import ByVectors
 from sweeps.runner import Runner
 
 DURATION_S = 1800
@@ -37,13 +39,20 @@ def study_of(kind: str, lanes: int, step_s: float = 1.0, **more: Any) -> Study:
 class Ours:
     """The sweep engine on a study, compiled; on the first so many devices, all if not said."""
 
-    def __init__(self, study: Study, devices: int | None = None) -> None:
+    def __init__(self, study: Study, devices: int | None = None, through_xla: bool = False) -> None:
         self.study = study
-        self._runner = Runner(study, jax.devices()[:devices])
+        self._runner = Runner(study, jax.devices()[:devices], through_xla)
         self._chunks = self._runner.chunks(None, whole=True)
         self._runner.prepare(self._chunks)
         self.steps = self._runner.steps
         self.course: Any = self._runner.shared[1]
+
+    @property
+    def kernel(self) -> Kernel:
+        """The kernel of vector instructions that runs it."""
+        program = self._runner._program
+        assert isinstance(program, ByVectors)
+        return program._kernel
 
     def __call__(self) -> dict[str, np.ndarray]:
         """Run all chunks and return each metric over the lanes."""

@@ -30,6 +30,10 @@ class EffectError(UserError):
     """An effect is unknown, does not apply to this kind of model, or is not valid."""
 
 
+class Remark(UserWarning):
+    """What a user should know of a result and need not act on; one sentence, as that of an error."""
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return ' Did you mean ...?' for the known name nearest to a misspelt one, or ''."""
     by_lower_case = {entry.lower(): entry for entry in known}

@@ -7,6 +7,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 State = dict[str, Array]
+# Ends the name of what is lost when a state is added to.
+REST = ".rest"
 
 
 class Flow(eqx.Module):
@@ -43,15 +45,36 @@ def mean_exponential(z):
 def advance(state: State, flows: dict[str, Flow], duration) -> State:
     """Move each state over `duration` seconds by the exact solution of its flow with source and decay held.
 
-    x(h) = x e^(-d h) + source h (1 - e^(-d h)) / (d h). States without a flow (those of the armature) stay.
+    x(h) = x e^(-d h) + source h (1 - e^(-d h)) / (d h). States without a flow (those of the armature) stay. A state
+    that `with_rests` gave one is added up without loss, in float32 too.
     """
     moved = dict(state)
     for name, flow in flows.items():
+        rest = state.get(name + REST)
         if flow.target is not None:
-            # Rounding in 1 - e^-z only rounds the target; `expm1` would cost three times as much.
-            moved[name] = state[name] + (flow.target - state[name]) * (1.0 - jnp.exp(-flow.decay * duration))
-            continue
-        # x + h (source - d x) mean(e^-ds) is the same solution, and exact for an integral.
-        rate = flow.source - flow.decay * state[name]
-        moved[name] = state[name] + duration * rate * mean_exponential(flow.decay * duration)
+            # Rounding in 1 - e^-z only rounds the target; `expm1` would cost three times as much. In float32 it would
+            # round it visibly where z is small.
+            z = flow.decay * duration
+            share = 1.0 - jnp.exp(-z) if rest is None else -jnp.expm1(-z)
+            move = (flow.target - state[name]) * share
+        else:
+            # x + h (source - d x) mean(e^-ds) is the same solution, and exact for an integral.
+            rate = flow.source - flow.decay * state[name]
+            move = duration * rate * mean_exponential(flow.decay * duration)
+        if rest is None:
+            moved[name] = state[name] + move
+        else:
+            moved[name], moved[name + REST] = sum_and_rest(state[name], rest, move)
     return moved
+
+
+def with_rests(state: State) -> State:
+    """Return a state with a place for what is lost when each of its numbers is added to."""
+    return state | {name + REST: jnp.zeros_like(value) for name, value in state.items()}
+
+
+def sum_and_rest(total, rest, part):
+    """Return total + rest + part, rounded, and what the rounding lost (Kahan's sum)."""
+    added = part + rest
+    now = total + added
+    return now, added - (now - total)

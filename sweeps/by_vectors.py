@@ -26,8 +26,9 @@ class ByVectors:
         lanes: Callable[[np.ndarray], dict[str, Any]],
         mesh: Mesh,
         steps: int,
+        single: bool = False,
     ) -> None:
-        """Compile it; the arguments are those of `ByXla`.
+        """Compile it; the arguments are those of `ByXla`, and whether to compute in float32.
 
         Raises:
             NotNative: an operation of a lane has no vector instructions.
@@ -35,7 +36,7 @@ class ByVectors:
         self._lanes_of, self._shared = lanes, jax.tree.map(np.asarray, shared)
         own = {name: np.asarray(value)[0] for name, value in lanes(np.zeros(1, dtype=int)).items()}
         leaves, structure = jax.tree.flatten((self._shared, own))
-        self._kernel = _kernel(keep, structure, tuple((x.shape, x.dtype) for x in leaves))
+        self._kernel = _kernel(keep, structure, tuple((x.shape, x.dtype) for x in leaves), single)
         self._threads = mesh.size
         per_packet = steps * self._kernel.lanes
         self._packets = max(1, LANE_STEPS_PER_CALL // per_packet)
@@ -57,15 +58,23 @@ class ByVectors:
 
     def _run(self, pool: Pool, first: int, count: int, done: Callable[[int], None]) -> Outcome:
         own = self._lanes_of(np.arange(first, first + count))
-        return pool.start(self._kernel, self._shared, own, count, self._packets).tree(done)
+        return jax.tree.map(_doubled, pool.start(self._kernel, self._shared, own, count, self._packets).tree(done))
 
 
 @functools.lru_cache(maxsize=32)
-def _kernel(keep: Keep, structure: Any, leaves: tuple[tuple[tuple[int, ...], np.dtype], ...]) -> Kernel:
-    """Return the kernel of a lane, cached for like sweeps."""
-    shared, own = jax.tree.unflatten(structure, [jax.ShapeDtypeStruct(*leaf) for leaf in leaves])
+def _kernel(keep: Keep, structure: Any, leaves: tuple[tuple[tuple[int, ...], np.dtype], ...], single: bool) -> Kernel:
+    """Return the kernel of a lane, in float64 or float32, cached for like sweeps."""
+    halves = {"float64": "float32", "int64": "int32", "uint64": "uint32"} if single else {}
+    types = [(shape, np.dtype(halves.get(dtype.name, dtype))) for shape, dtype in leaves]
+    shared, own = jax.tree.unflatten(structure, [jax.ShapeDtypeStruct(*leaf) for leaf in types])
 
     def one_lane(shared: tuple[Model, SteppedProfile, Any], own: dict[str, jax.Array]) -> Outcome:
         return run_lane(keep, *shared, own)
 
-    return Kernel(one_lane, shared, own)
+    with jax.enable_x64(not single):
+        return Kernel(one_lane, shared, own)
+
+
+def _doubled(values: np.ndarray) -> np.ndarray:
+    """Return results as they are kept, floats in float64."""
+    return values.astype(np.float64, copy=False) if values.dtype.kind == "f" else values

@@ -20,13 +20,14 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from typing import Any
 
 import jax
+import llvmlite
 
 from jaxmodel.errors import SweepError
 from jaxmodel.jax_settings import use_all_cores
 from sweeps import manifest
-from sweeps.runner import Runner
 from sweeps.lane import Outcome
 from sweeps.plan import Chunks
+from sweeps.runner import Runner
 from sweeps.study import Study
 
 # Chunks per thread: enough that a slow worker at the end delays little.
@@ -41,12 +42,13 @@ class Cluster:
 
     Attributes:
         steps: of each lane.
+        remark: as that of a `Runner`.
     """
 
     def __init__(self, study: Study, client: Any) -> None:
         self._study, self._client = study, client
         self._layout = Runner(study)
-        self.steps = self._layout.steps
+        self.steps, self.remark = self._layout.steps, ""
         self._name = f"sweep-{study.digest[:16]}"
 
     @property
@@ -63,9 +65,20 @@ class Cluster:
         return self._layout.chunks(memory, whole, least=CHUNKS_PER_THREAD * self._threads)
 
     def prepare(self, chunks: Chunks) -> None:
-        """Give the study to every worker, those that join later too."""
-        given = _given(_packed(self._study, chunks), _fingerprint())
+        """Give the study to every worker, those that join later too.
+
+        Whether lanes can be vector instructions is found out here, so that the user hears of it and all workers do the
+        same.
+        """
+        through_xla = not self._layout.as_vectors()
+        self.remark = self._layout.remark
+        given = _given(_packed(self._study, chunks, through_xla), _fingerprint())
         self._client.register_plugin(given, name=self._name)
+
+    @property
+    def program(self) -> str:
+        """What computes the lanes, as that of a `Runner`."""
+        return self._layout.program
 
     def outcomes(
         self, chunks: Chunks, numbers: Iterable[int], done: Callable[[int], None] = lambda lanes: None
@@ -163,10 +176,10 @@ def _cores() -> int:
 
 def _fingerprint() -> str:
     """Return what must be the same on a worker, so that its bits are ours."""
-    return f"{manifest.sources_digest()[:12]}, jax {jax.__version__}"
+    return f"{manifest.sources_digest()[:12]}, jax {jax.__version__}, llvmlite {llvmlite.__version__}"
 
 
-def _packed(study: Study, chunks: Chunks) -> bytes:
+def _packed(study: Study, chunks: Chunks, through_xla: bool) -> bytes:
     """Return a study ready to travel, the user's own effects and metrics with their code: no worker can import them."""
     import cloudpickle
 
@@ -177,7 +190,7 @@ def _packed(study: Study, chunks: Chunks) -> bytes:
     for module in modules:
         cloudpickle.register_pickle_by_value(module)
     try:
-        return cloudpickle.dumps((study, chunks))
+        return cloudpickle.dumps((study, chunks, through_xla))
     finally:
         for module in modules:
             cloudpickle.unregister_pickle_by_value(module)
@@ -214,7 +227,7 @@ def _run(name: str, number: int) -> Outcome:
 
 @functools.lru_cache(maxsize=32)
 def _ready(payload: bytes, device: int) -> tuple[Runner, Chunks]:
-    study, chunks = pickle.loads(payload)
-    runner = Runner(study, [jax.local_devices()[device]])
+    study, chunks, through_xla = pickle.loads(payload)
+    runner = Runner(study, [jax.local_devices()[device]], through_xla)
     runner.prepare(chunks)
     return runner, chunks

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import time
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
-from jaxmodel.errors import SweepError
+from jaxmodel.errors import Remark, SweepError
 from sweeps.results import InMemory
 from sweeps.runner import Runner
 from sweeps.store import Store
@@ -41,8 +42,8 @@ def run(
             by default none. Also as text: "2 GiB".
         engine: "local" runs on the devices of this process, "dask" on a cluster of one worker per core, and an address
             such as "tcp://host:8786" on that scheduler's workers. The results are the same to the bit. "xla" runs in
-            this process through XLA also where a lane can be vector instructions of the processor
-            (`jaxmodel.native`): slower, and equal but for rounding.
+            this process through XLA also where a lane can be vector instructions of the processor: slower, and equal
+            but for rounding.
 
     Returns:
         A dataset with the axes as coordinates, each metric and each stored column as a variable, and `status`, a
@@ -50,8 +51,11 @@ def run(
         With `out` it is read from the disk as far as it is used.
 
     Raises:
-        SweepError: `out` holds another sweep or a finished one, the disk is full, or the memory does not suffice; what
-            is done stays.
+        SweepError: `out` holds another sweep or a finished one, the disk is full, the memory does not suffice, or the
+            lanes cannot be computed in the study's precision; what is done stays.
+
+    Warns:
+        Remark: a lane has an operation without vector instructions, and the sweep runs through XLA.
     """
     with _executor(engine, study) as executor:
         chunks = executor.chunks(memory, whole=out is None)
@@ -93,8 +97,11 @@ def _fill(sink: InMemory | Store, executor: Any, study: Study, progress: Progres
     count(0)
     if pending:
         executor.prepare(sink.chunks)
+        if executor.remark:
+            warnings.warn(executor.remark, Remark, stacklevel=3)
+        sink.begin(executor.program)
     compiled = time.perf_counter()
-    for number, outcome in executor.outcomes(sink.chunks, sink.pending, count):
+    for number, outcome in executor.outcomes(sink.chunks, sink.pending, count) if pending else ():
         sink.commit(number, outcome)
     return {
         "lanes": study.size,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import time
 
-from sweeps.runner import Runner
 from sweeps.plan import COPIES
+from sweeps.runner import Runner
 from sweeps.study import Study
 
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxmodel.flow import State
+from jaxmodel.flow import State, with_rests
 from jaxmodel.model import Model, initial_state, read, step, valid
 from jaxmodel.names import with_values
 from jaxmodel.profile import Profile
@@ -19,6 +19,7 @@ from jaxmodel.robot import Inputs
 from jaxmodel.simulation import Cutoff, Status, track
 from sweeps.metrics import End, Metric, Moment, Step
 from sweeps.power import powers
+from sweeps.sums import add, nothing
 
 
 @dataclasses.dataclass(frozen=True)
@@ -126,11 +127,13 @@ def run_lane(
             updated = jax.tree.map(lambda new, old: jnp.where(running, new, old), updated, carried)
             running &= ~(ends_row & _below(model, after, cutoff))
         kept = {name: after.columns[name] for name in keep.columns}
-        return (state, running, elapsed + taken, updated), kept
+        return (state, running, add(elapsed, taken), updated), kept
 
     carried = tuple(metric.init(first) for metric in keep.metrics)
-    begin = (start, jnp.asarray(True), jnp.zeros(()), carried)
-    (state, running, elapsed, carried), kept = jax.lax.scan(
+    if jnp.zeros(()).dtype == jnp.float32:
+        start = with_rests(start)
+    begin = (start, jnp.asarray(True), nothing(), carried)
+    (state, running, (elapsed, *_), carried), kept = jax.lax.scan(
         advance_one, begin, (stepped.later, stepped.duration_s, stepped.ends_row)
     )
     # A number that is not finite stays so: the last state and its readings show whether any was.

@@ -15,10 +15,11 @@ from typing import Any
 import jax
 
 import jaxmodel
+from jaxmodel.native import processor
 from sweeps.study import Study
 
 # Whose versions can move a bit of a result, and whose cannot.
-_DECIDING = ("jax", "jaxlib", "equinox", "numpy", "scipy")
+_DECIDING = ("jax", "jaxlib", "llvmlite", "equinox", "numpy", "scipy")
 _VERSIONS_OF = ("jaxmodel", *_DECIDING, "xarray", "zarr")
 
 
@@ -34,7 +35,7 @@ def manifest_of(study: Study) -> dict[str, Any]:
         "code_sha256": code_digest(study),
         "versions": {"python": platform.python_version()}
         | {package: importlib.metadata.version(package) for package in _VERSIONS_OF},
-        "machine": f"{jax.default_backend()}, {platform.machine()}",
+        "machine": f"{jax.default_backend()}, {platform.machine()}, {processor()}",
     }
 
 

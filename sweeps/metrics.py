@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool
 
 from jaxmodel.declaration import Scalar
 from sweeps.power import LOSSES
+from sweeps.sums import add, nothing
 
 Carry = Any
 
@@ -151,18 +152,18 @@ class Ratio(Metric):
 
     def init(self, first: Moment) -> Carry:
         """Start both at zero."""
-        return jnp.zeros(()), jnp.zeros(())
+        return nothing(), nothing()
 
     def update(self, carry: Carry, step: Step) -> Carry:
         """Add the step to both."""
         return tuple(
-            total + 0.5 * (self._sum(names, step.before) + self._sum(names, step.after)) * step.duration_s
+            add(total, 0.5 * (self._sum(names, step.before) + self._sum(names, step.after)) * step.duration_s)
             for total, names in zip(carry, (self.over, self.under), strict=True)
         )
 
     def finish(self, carry: Carry, end: End) -> Scalar:
         """Return the ratio."""
-        over, under = carry
+        (over, *_), (under, *_) = carry
         return over / jnp.where(under > 0.0, under, jnp.nan)
 
     def _sum(self, names: tuple[str, ...], moment: Moment) -> Scalar:
@@ -200,15 +201,15 @@ class Integral(Metric):
 
     def init(self, first: Moment) -> Carry:
         """Start at zero."""
-        return jnp.zeros(())
+        return nothing()
 
     def update(self, carry: Carry, step: Step) -> Carry:
         """Add the step."""
-        return carry + 0.5 * (self._product(step.before) + self._product(step.after)) * step.duration_s
+        return add(carry, 0.5 * (self._product(step.before) + self._product(step.after)) * step.duration_s)
 
     def finish(self, carry: Carry, end: End) -> Scalar:
         """Return the integral in the metric's unit, or the mean over the elapsed time."""
-        return carry / (end.elapsed_s if self.mean else self.seconds_per_unit)
+        return carry[0] / (end.elapsed_s if self.mean else self.seconds_per_unit)
 
     def _product(self, moment: Moment) -> Scalar:
         return math.prod(moment.columns[name] for name in self.columns)  # type: ignore[return-value]

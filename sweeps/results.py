@@ -91,6 +91,11 @@ class InMemory:
         self.pending = range(len(chunks))
         self._variables = variables_of(study)
         self._values = {name: np.empty(v.shape, v.dtype) for name, v in self._variables.items()}
+        self._program = ""
+
+    def begin(self, program: str) -> None:
+        """Note what computes the lanes."""
+        self._program = program
 
     def commit(self, number: int, outcome: Outcome) -> None:
         """Take the outcome of a chunk."""
@@ -105,7 +110,7 @@ class InMemory:
             name: (v.dims, self._values[name].reshape(*shape, *v.shape[1:]), v.attributes)
             for name, v in self._variables.items()
         }
-        manifest = manifest_of(self._study) | {"performance": dict(performance)}
+        manifest = manifest_of(self._study) | {"program": self._program, "performance": dict(performance)}
         return coordinates_of(self._study).assign(variables).assign_attrs(attributes_of(manifest))
 
     def close(self) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
@@ -22,18 +21,23 @@ from sweeps.plan import DEFAULT_MEMORY, Chunks, bytes_of, cut, lanes_per_chunk, 
 from sweeps.results import variables_of
 from sweeps.study import Study
 
+BY_VECTORS, BY_XLA = "vector instructions", "XLA"
+
 
 class Runner:
     """A study on its devices: on processors as vector instructions, else, or where that cannot be, through XLA.
 
     Attributes:
         steps: of each lane.
+        remark: why a study is run through XLA that was not meant to be, known once it is prepared; else "".
     """
 
     def __init__(self, study: Study, devices: Sequence[Any] | None = None, through_xla: bool = False) -> None:
         self._study = study
         self._mesh = lane_mesh(devices)
         self._through_xla = through_xla or self._mesh.devices.flat[0].platform != "cpu"
+        self._program: ByVectors | ByXla | None = None
+        self.remark = ""
         prepared = study.prepared
         stepped = lay_out(_stiffest(study), prepared.profile, prepared.stored_rows)
         self.steps = int(stepped.duration_s.size)
@@ -73,16 +77,44 @@ class Runner:
         return cut(self._study.shape, lanes_per_chunk(lanes, self.steps, self.bytes_per_lane, allowed, least))
 
     def prepare(self, chunks: Chunks) -> None:
-        """Compile what runs the chunks, and put on the devices what all lanes share."""
-        given = self._keep, jax.tree.map(jnp.asarray, self.shared), self._study.lanes, self._mesh
-        self._program: ByVectors | ByXla | None = None
-        if not self._through_xla:
-            try:
-                self._program = ByVectors(*given, self.steps)
-            except NotNative as reason:
-                warnings.warn(f"The sweep runs through XLA: {reason} has no vector instructions yet.", stacklevel=3)
-        if self._program is None:
-            self._program = ByXla(*given, self.steps, chunks.lanes)
+        """Compile what runs the chunks, and put on the devices what all lanes share.
+
+        Raises:
+            SweepError: the lanes cannot be computed in float32.
+        """
+        if not self.as_vectors():
+            shared = jax.tree.map(jnp.asarray, self.shared)
+            self._program = ByXla(self._keep, shared, self._study.lanes, self._mesh, self.steps, chunks.lanes)
+
+    def as_vectors(self) -> bool:
+        """Compile the lanes as vector instructions, and return whether that is possible and wanted.
+
+        Raises:
+            SweepError: it is not, and the lanes are to be computed in float32.
+        """
+        single = self._study.precision == "float32"
+        if self._through_xla:
+            if single:
+                raise SweepError(
+                    'precision: "float32" needs the vector instructions of a processor; through XLA and on '
+                    'accelerators a sweep computes in "float64".'
+                )
+            return False
+        try:
+            self._program = ByVectors(self._keep, self.shared, self._study.lanes, self._mesh, self.steps, single)
+        except NotNative as reason:
+            if single:
+                raise SweepError(
+                    f'precision: {reason} has no vector instructions yet, which "float32" needs; give "float64".'
+                ) from reason
+            self._through_xla = True
+            self.remark = f"The sweep runs through XLA: {reason} has no vector instructions yet."
+        return not self._through_xla
+
+    @property
+    def program(self) -> str:
+        """What computes the lanes, as a manifest says it; known once they are prepared."""
+        return BY_XLA if self._through_xla else BY_VECTORS
 
     def outcomes(
         self, chunks: Chunks, numbers: Iterable[int], done: Callable[[int], None] = lambda lanes: None

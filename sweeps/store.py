@@ -167,6 +167,21 @@ class Store:
             for name, values in self._study.drawn(lanes).items():
                 arrays[name][lanes[0] : lanes[-1] + 1] = values
 
+    def begin(self, program: str) -> None:
+        """Note what computes the lanes, before the first of them is.
+
+        Raises:
+            SweepError: those that are done were computed by another program.
+        """
+        was = self._manifest.setdefault("program", program)
+        if was != program:
+            raise SweepError(
+                f"{self.folder} cannot be continued: it was begun with {was}, and would go on with {program}, which "
+                "rounds otherwise; give another folder, or the engine that began it."
+            )
+        with self._plain_errors():
+            _replace(self.folder / MANIFEST, manifest_text(self._manifest))
+
     def commit(self, number: int, outcome: Outcome) -> None:
         """Write a chunk, then note that it is done.
 

@@ -43,6 +43,7 @@ class Study(StudyForm):
         case: a case file (or its folder), or a `jaxmodel.Case`, that describes the hardware, instead of a preset; its
             runs and sensors are not used.
         fidelity: "formula", or "lut" for the paper's look-up tables.
+        precision: "float64", or "float32" for sweeps that screen: half the time of a sweep, some digits less.
         parameters: values by name, as in a case file, or `effect.parameter`.
         effects: effects turned on, with their values, as in a case file.
         profile: inputs over time: constants, pulse trains, a CSV or drive cycle, a mission.

@@ -21,6 +21,7 @@ from sweeps.profile_form import ProfileForm
 
 Kind = Literal["cell", "motor", "robot"]
 Fidelity = Literal["formula", "lut"]
+Precision = Literal["float64", "float32"]
 
 
 class StudyFields(TypedDict, total=False):
@@ -31,6 +32,7 @@ class StudyFields(TypedDict, total=False):
     preset: str
     case: str | Case | None
     fidelity: Fidelity
+    precision: Precision
     parameters: Mapping[str, float]
     effects: Mapping[str, Mapping[str, float | str]]
     profile: ProfileForm | Mapping[str, Any]
@@ -54,6 +56,7 @@ class StudyForm(Form):
     preset: str = "paper"
     case: str | Case | None = None
     fidelity: Fidelity = "formula"
+    precision: Precision = "float64"
     parameters: Annotated[dict[str, float], BeforeValidator(refuse_unquoted_names)] = Field(default_factory=dict)
     effects: dict[str, dict[str, float | str]] = Field(default_factory=dict)
     profile: ProfileForm

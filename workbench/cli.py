@@ -90,8 +90,18 @@ def sweep(
         typer.Option("--memory", metavar="SIZE", help='For the chunks under way, as "512 MiB".', show_default=False),
     ] = None,
     engine: Annotated[
-        str, typer.Option(metavar="local|dask|tcp://HOST:PORT", help="This process, a cluster of its own, or yours.")
+        str,
+        typer.Option(
+            metavar="local|xla|dask|tcp://HOST:PORT",
+            help="This process, the same through XLA alone, a cluster of its own, or yours.",
+        ),
     ] = "local",
+    precision: Annotated[
+        str | None,
+        typer.Option(
+            metavar="float64|float32", help="Instead of the study's: float32 screens many lanes.", show_default=False
+        ),
+    ] = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Say lanes, chunks, memory, disk and time, and run none of it.")
     ] = False,
@@ -102,7 +112,15 @@ def sweep(
     from workbench.commands.sweep import sweep
 
     sweep(
-        study, out, effect or [], resume=resume, memory=memory, engine=engine, dry_run=dry_run, pictures=not answer_only
+        study,
+        out,
+        effect or [],
+        resume=resume,
+        memory=memory,
+        engine=engine,
+        precision=precision,
+        dry_run=dry_run,
+        pictures=not answer_only,
     )
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import typer
@@ -25,7 +27,8 @@ class OneSentence(typer.core.TyperGroup):
     def _exit_code(self, args: Sequence[str] | None = None, *others: Any, **kwargs: Any) -> int:
         given = list(sys.argv[1:] if args is None else args)
         try:
-            code = super().main(given or ["--help"], *others, standalone_mode=False, **kwargs)
+            with _plain_remarks():
+                code = super().main(given or ["--help"], *others, standalone_mode=False, **kwargs)
         except typer.TyperException as error:
             sentence = error.format_message()
             hint = "" if sentence.endswith("?") else "; --help shows what there is."
@@ -46,6 +49,26 @@ class OneSentence(typer.core.TyperGroup):
         if code == _STOPPED:  # so typer says that Ctrl-C was pressed
             _mistake("Stopped.")
         return code if isinstance(code, int) else 0
+
+
+@contextlib.contextmanager
+def _plain_remarks() -> Iterator[None]:
+    """Say a remark as a sentence on stderr, without the file and line of a warning."""
+
+    def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+        from jaxmodel.errors import Remark
+        from workbench.terminal import complain
+
+        if issubclass(category, Remark):
+            complain(str(message))
+        else:
+            shown(message, category, *place, **more)
+
+    with warnings.catch_warnings():
+        # By its words: importing its class would import the model before help is shown.
+        warnings.filterwarnings("always", "The sweep runs through XLA")
+        shown, warnings.showwarning = warnings.showwarning, show
+        yield
 
 
 def _mistake(sentence: str) -> int:

@@ -36,8 +36,8 @@ def predicted(problem: Problem, lanes: Sequence[Lane], pool: Pool) -> list[np.nd
         order = np.argsort(np.concatenate([np.flatnonzero(dynamic), np.flatnonzero(~dynamic)]))
         return [np.concatenate(both, axis=-1)[..., order] for both in zip(*parts, strict=True)]
     runs = problem.by_run
-    with_added = any(lane.added for lane in lanes)
-    kernel = kernel_of(problem, runs[0], lanes[0], with_added)
+    added = tuple(sorted({name for lane in lanes for name in lane.added}))
+    kernel = kernel_of(problem, runs[0], lanes[0], added)
     x = np.stack([lane.x for lane in lanes])
     own: dict[str, Any] = {
         "numbers": problem.unknowns.numbers(x),
@@ -47,12 +47,16 @@ def predicted(problem: Problem, lanes: Sequence[Lane], pool: Pool) -> list[np.nd
     jobs = []
     for run in runs:
         steps = run.sizes[0]
-        if with_added:
-            zero = np.zeros(steps + 1)
-            own["added"] = {
-                name: np.stack([lane.added[name][run.number, : steps + 1] if lane.added else zero for lane in lanes])
-                for name in problem.noisy
-            }
+        zero = np.zeros(steps + 1)
+        own["added"] = {
+            name: np.stack(
+                [
+                    np.asarray(lane.added[name])[run.number, : steps + 1] if name in lane.added else zero
+                    for lane in lanes
+                ]
+            )
+            for name in added
+        }
         jobs.append(pool.start(kernel, (*run.shared, dynamic[0]), own, len(lanes), 1, run.sizes))
     return [np.stack(job.raw()) for job in jobs]
 
@@ -65,13 +69,13 @@ def _has_dynamic_sensors(problem: Problem, lane: Lane) -> bool:
     )
 
 
-def kernel_of(problem: Problem, run: OneRun, lane: Lane, with_added: bool) -> Kernel:
+def kernel_of(problem: Problem, run: OneRun, lane: Lane, added: Sequence[str]) -> Kernel:
     """Return the kernel of a problem, the same for all that differ only in numbers and in lengths of runs.
 
     Raises:
         NotNative: there is none.
     """
-    leaves, tree = jax.tree.flatten(_shapes(problem, run, lane, with_added))
+    leaves, tree = jax.tree.flatten(_shapes(run, lane, added))
     statics = eqx.partition(dataclasses.replace(problem, shapes=()), eqx.is_array)[1]
     rest, rest_tree = jax.tree.flatten(statics)
     key = (tree, rest_tree, tuple(rest), tuple((leaf.shape, leaf.dtype) for leaf in leaves))
@@ -102,8 +106,7 @@ def _kernel(given: _Given) -> Kernel | NotNative:
     def one_lane(shared: Any, own: dict[str, Any]) -> list[jax.Array]:
         model, track, of_run, mixes, dynamic = shared
         whole = dataclasses.replace(problem, unknowns=dataclasses.replace(problem.unknowns, mixes=mixes))
-        more = own.get("added", {})
-        inputs = track.inputs | {name: track.inputs.get(name, 0.0) + values for name, values in more.items()}
+        inputs = track.inputs | {n: track.inputs.get(n, 0.0) + more for n, more in own["added"].items()}
         track = dataclasses.replace(track, inputs=inputs)
         at = whole.model_at(model, of_run, own["numbers"], own["switches"], own["laws"])
         readings = read_track(at, track, track.duration_s, Needed(None, dynamic))
@@ -121,7 +124,7 @@ def _name_of(given: _Given) -> str:
     return "" if not given.of_project or " at 0x" in text else f"{made_from()} {text}"
 
 
-def _shapes(problem: Problem, run: OneRun, lane: Lane, with_added: bool) -> Any:
+def _shapes(run: OneRun, lane: Lane, added: Sequence[str]) -> Any:
     """Return the shapes of the kernel's arguments, with the lengths that stand for those of a run."""
     model, track, of_run, mixes = run.shared
     shape = jax.ShapeDtypeStruct
@@ -141,7 +144,6 @@ def _shapes(problem: Problem, run: OneRun, lane: Lane, with_added: bool) -> Any:
         "switches": shape(np.shape(lane.switches), np.dtype(float)),
         "laws": shape(np.shape(lane.laws), np.dtype(float)),
     }
-    if with_added:
-        own["added"] = {name: shape((STEPS + 1,), np.dtype(float)) for name in problem.noisy}
+    own["added"] = {name: shape((STEPS + 1,), np.dtype(float)) for name in added}
     shared = (*jax.tree.map(like, (model,)), long, like(of_run), jax.tree.map(like, mixes), shape((), np.dtype(bool)))
     return shared, own

@@ -2,6 +2,7 @@
 
 from jaxmodel.native.kernel import ROWS, STEPS, Kernel
 from jaxmodel.native.lowering import NotNative
+from jaxmodel.native.machine import processor
 from jaxmodel.native.pool import Pool
 
-__all__ = ["ROWS", "STEPS", "Kernel", "NotNative", "Pool"]
+__all__ = ["ROWS", "STEPS", "Kernel", "NotNative", "Pool", "processor"]

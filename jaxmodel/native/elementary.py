@@ -279,7 +279,8 @@ class Elementary:
         left = self._bit(self.e.binary("add", bits, self.whole(1)), 2)
         near = self.e.select(down, self.neg(first), first), self.e.select(left, self.neg(second), second)
         far = self.e.compare("fcmp ogt", self.abs(x), self.k(1e6))
-        return self.e.rarely(far, near, lambda: (self.e.by_lane("sin", x), self.e.by_lane("cos", x)))
+        sine, cosine = self.e.rarely(far, near, lambda: (self.e.by_lane("sin", x), self.e.by_lane("cos", x)))
+        return sine, cosine
 
     def _bit(self, bits: Value, mask: int) -> Value:
         return self.e.compare("icmp ne", self.e.binary("and", bits, self.whole(mask)), self.whole(0))

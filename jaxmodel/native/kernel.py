@@ -233,7 +233,7 @@ def _own(e: Emitter, pointer: str, leaf: _Leaf) -> Any:
     if leaf.size > MOST_IN_REGISTERS:
         if len(leaf.shape) > 1:
             raise NotNative(f"an array of shape {leaf.shape} in each lane")
-        return Series(leaf.shape[0], leaf.dtype, lambda index: e.load(_row(e, pointer, index, leaf), leaf.dtype, True))
+        return Series(leaf.size, leaf.dtype, lambda index: e.load(_row(e, pointer, index, leaf), leaf.dtype, True))
     result = np.empty(leaf.size, dtype=object)
     for number in range(leaf.size):
         result[number] = e.load(_row(e, pointer, str(number), leaf), leaf.dtype, True)

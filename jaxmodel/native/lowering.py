@@ -110,7 +110,7 @@ class Lowering:
 
     def _literal(self, atom: Any) -> Array:
         """Return a constant of the jaxpr; one that stands for a length is that."""
-        dtype = np.dtype(atom.aval.dtype)
+        dtype = np.dtype(getattr(atom.aval, "dtype", np.asarray(atom.val).dtype))
         if dtype.kind in "iu" and np.ndim(atom.val) == 0:
             text = self.e.count(int(atom.val))
             if text.startswith("%"):
@@ -126,7 +126,7 @@ class Lowering:
 
     def _equation(self, equation: Any, given: list[Operand]) -> list[Operand]:
         name, params = equation.primitive.name, equation.params
-        out = equation.outvars[0].aval if equation.outvars else None
+        out: Any = equation.outvars[0].aval if equation.outvars else None
         if name in _INNER:
             inner = next(params[key] for key in _INNER[name] if key in params)
             if isinstance(inner, ClosedJaxpr):
@@ -469,7 +469,7 @@ class Lowering:
             loop.next = [self.e.widen(x) for x in _flattened(results[:carry])[0]]
         kept: list[Operand] = []
         for place in room:
-            kept.append(None if place is None else self._stored(*place, length))
+            kept.append(None if place is None else self._stored(place[0], place[1], length))
         return [*_reshaped(loop.carried, shapes), *kept]
 
     def _scan_of_each(self, equation: Any, given: list[Operand]) -> list[Operand]:
@@ -810,7 +810,9 @@ def _extreme(larger: bool) -> Callable:
             x, y = y, x
         if x.is_constant:  # one instruction, which returns the second number where the comparison fails
             return e.select(e.compare("fcmp ogt" if larger else "fcmp olt", x, y), x, y)
-        return e.intrinsic("maximum" if larger else "minimum", x, y)
+        # Half the instructions of `llvm.maximum`, which also puts -0 below 0.
+        chosen = e.select(e.compare("fcmp ogt" if larger else "fcmp olt", x, y), x, y)
+        return e.select(e.compare("fcmp uno", x, x), x, chosen)
 
     return operation
 
@@ -1098,7 +1100,7 @@ def _slice(lowering: Lowering, given: list[Array], params: dict, out: Any) -> Ar
 
 def _dynamic_slice(lowering: Lowering, given: list[Array], params: dict, out: Any) -> Array:
     source, *starts = given
-    places = [x[()] for x in starts]
+    places: list[Any] = [x[()] for x in starts]
     if not all(place.is_constant for place in places):
         return lowering.rows_at(lowering._spilled(source.ravel()), source.shape, places, out)
     at = [

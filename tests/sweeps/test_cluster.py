@@ -119,7 +119,9 @@ def test_scheduler_that_is_not_there_is_told(study, monkeypatch):
     monkeypatch.setattr("sweeps.cluster._PATIENCE_S", 1)
     with pytest.raises(SweepError, match="no scheduler answers at tcp://127"):
         run(study, engine="tcp://127.0.0.1:9")
-    with pytest.raises(SweepError, match='engine: there is no engine "cluster"; give "local", "dask", or an address'):
+    with pytest.raises(
+        SweepError, match='engine: there is no engine "cluster"; give "local", "xla", "dask", or an address'
+    ):
         run(study, engine="cluster")
 
 

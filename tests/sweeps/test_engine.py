@@ -12,11 +12,12 @@ import pytest
 import xarray as xr
 
 from jaxmodel.cell import storage_factor
+from jaxmodel.errors import Remark
 from jaxmodel.model import Model, read
 from jaxmodel.names import with_values
 from jaxmodel.profile import BENDING_STEP_SHARE, SETTLED, Profile, constant
 from jaxmodel.simulation import Cutoff, Status, Trajectory, simulate, track
-from sweeps import Metric, Study, by_vectors, plan, run
+from sweeps import Metric, Study, by_vectors, plan, run, runner
 
 TABLE_2 = {0.175: -2.05e-4, 0.25: -2.80e-4, 0.30: -3.30e-4, 0.35: -3.80e-4}
 
@@ -186,7 +187,7 @@ def test_operation_without_vector_instructions_still_runs_and_is_named(cell_stud
 
     median = MedianOfThree("median_soc", "", "median of the last three rows", ("cell",))
     study = cell_study(metrics=["final_soc", "soc_gradient", median])
-    with pytest.warns(UserWarning, match='runs through XLA: the operation "sort" has no vector instructions'):
+    with pytest.warns(Remark, match='runs through XLA: the operation "sort" has no vector instructions'):
         result = run(study)
     one_row_back = result.final_soc - 10.0 * result.soc_gradient
     np.testing.assert_allclose(result.median_soc, one_row_back, rtol=1e-12)
@@ -257,7 +258,7 @@ def test_steps_serve_the_slowest_and_the_fastest_motor_of_a_sweep() -> None:
     }
     axes = {"R_0": [0.1, 1.0], "J": [1e-4, 1e-3]}
     profile = Study(**shared, axes=axes).prepared.profile
-    steps = np.asarray(track(engine._stiffest(Study(**shared, axes=axes)), profile).duration_s)
+    steps = np.asarray(track(runner._stiffest(Study(**shared, axes=axes)), profile).duration_s)
     begun = np.cumsum(steps) - steps
     p = Study(**shared, axes=axes).prepared.model.parameters
     for resistance, inertia in itertools.product(*axes.values()):

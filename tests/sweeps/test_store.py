@@ -240,8 +240,29 @@ def test_only_the_same_study_by_the_same_code_goes_on(cell_study, tmp_path, monk
     with monkeypatch.context() as other:
         other.setattr(manifest.jax, "default_backend", lambda: "abacus")
         assert "this machine is abacus" in refused(study())
+    with monkeypatch.context() as other:
+        other.setattr(manifest, "processor", lambda: "abacus (beads)")
+        assert ", abacus (beads), and it was" in refused(study())
+    with monkeypatch.context() as other:
+        real = manifest.importlib.metadata.version
+        other.setattr(manifest.importlib.metadata, "version", lambda name: "0" if name == "llvmlite" else real(name))
+        assert "llvmlite is 0, and was" in refused(study())
     csv.write_text("time_s,current_A,ambient_degC\n0,1,20\n10,1.1,20\n")
     assert f"the file {csv} has changed" in refused(study())
+
+
+def test_only_the_program_that_began_a_sweep_goes_on(study, whole, many_chunks, tmp_path, monkeypatch):
+    """Vector instructions and XLA round otherwise: a result of both would be that of neither."""
+    with monkeypatch.context() as failing:
+        stop_after(failing, 2, OSError(errno.ENOSPC, "No space left on device"))
+        with pytest.raises(SweepError, match="disk is full"):
+            run(study, out=tmp_path)
+    with pytest.raises(
+        SweepError, match="it was begun with vector instructions, and would go on with XLA, which rounds otherwise"
+    ):
+        run(study, out=tmp_path, resume=True, engine="xla")
+    assert_same_bits(run(study, out=tmp_path, resume=True), whole)
+    assert json.loads((tmp_path / "manifest.json").read_text())["program"] == "vector instructions"
 
 
 def test_stopped_sweep_is_not_begun_anew_and_two_runs_do_not_write_one_folder(

@@ -21,6 +21,7 @@ from jaxmodel.case import Case
 from jaxmodel.cases import read_case
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.jax_settings import cache_folder
+from jaxmodel.native import NotNative
 from jaxmodel.simulation import simulate
 from tests.made_up import law, with_additions
 from tests.workbench.conftest import Run
@@ -153,6 +154,27 @@ def test_sweep_is_told_before_it_is_run_goes_on_and_is_not_run_over(run: Run, st
     resumed = run("sweep", study, "--out", tmp_path / "out", "--resume")
     assert resumed.exit_code == 0, resumed.output
     assert run("sweep", study, "--out", tmp_path / "other", "--engine", "nobody").exit_code == 2
+
+
+def test_sweep_through_xla_for_want_of_an_instruction_is_said_in_one_line(
+    run: Run, study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def cannot(*_: object) -> None:
+        raise NotNative('the operation "sort"')
+
+    monkeypatch.setattr("sweeps.runner.ByVectors", cannot)
+    result = run("sweep", study, "--out", tmp_path / "out", "--answer-only")
+    assert result.exit_code == 0
+    assert result.stderr == 'The sweep runs through XLA: the operation "sort" has no vector instructions yet.\n'
+
+
+def test_sweep_in_float32_is_asked_for_on_the_command_line(run: Run, study: Path, tmp_path: Path) -> None:
+    assert run("sweep", study, "--out", tmp_path / "out", "--answer-only", "--precision", "float32").exit_code == 0
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert manifest["study"]["precision"] == "float32"
+    refused = run("sweep", study, "--out", tmp_path / "other", "--precision", "float16")
+    assert refused.exit_code == 2
+    assert "precision" in refused.stderr
 
 
 def test_sweep_of_a_sample_over_axes_is_drawn(run: Run, tmp_path: Path) -> None:

@@ -28,6 +28,7 @@ def sweep(
     *,
     dry_run: bool = False,
     memory: str | None = None,
+    precision: str | None = None,
     pictures: bool = True,
     **how: Any,
 ) -> xr.Dataset | None:
@@ -39,6 +40,7 @@ def sweep(
         effects: of the user's own, as `file.py:Class`.
         dry_run: reports what the sweep would take, and writes nothing.
         memory: as `sweeps.run` takes it.
+        precision: instead of the study's.
         pictures: whether to draw.
         how: `resume` and `engine`, as `sweeps.run` takes them.
 
@@ -46,6 +48,8 @@ def sweep(
         UserError: the study cannot be run.
     """
     study = sweeps.read_study(path, own_effects=own_effects(effects))
+    if precision is not None:
+        study = study.replace(precision=precision)  # type: ignore[arg-type]  # checked as that of a file
     if dry_run:
         keep_compiled_programs()
         print_forecast(study.title or path.name, sweeps.forecast(study, memory))
