@@ -1,0 +1,126 @@
+"""LLVM: from the text of a module to a function in this process."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import hashlib
+import os
+import threading
+from pathlib import Path
+from typing import Any
+
+import llvmlite
+import llvmlite.binding as llvm
+
+from jaxmodel.jax_settings import cache_folder
+
+# How the names of features begin that say which instructions there are for floating-point numbers.
+_OF_VECTORS = ("avx", "fma", "neon", "sve", "fp-armv8")
+
+
+@functools.cache
+def target() -> Any:
+    """Return the target machine of this host."""
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    return llvm.Target.from_default_triple().create_target_machine(
+        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=3, jit=True,
+        reloc="pic" if os.name != "nt" else "default",
+    )  # fmt: skip
+
+
+def vector_bits() -> int:
+    """Return the size of this processor's vector registers."""
+    features = llvm.get_host_cpu_features()
+    if features.get("avx512f"):
+        return 512
+    return 256 if features.get("avx2") or features.get("avx") else 128
+
+
+def processor() -> str:
+    """Return what the bits of a result depend on: the processor's name for the compiler, and its vector features."""
+    features = llvm.get_host_cpu_features()
+    vectors = [name for name in sorted(features) if features[name] and name.startswith(_OF_VECTORS)]
+    return f"{llvm.get_host_cpu_name()} ({' '.join(vectors)})"
+
+
+class Function:
+    """A compiled function; it lives as long as this object.
+
+    Attributes:
+        call: with the arguments as they were declared.
+    """
+
+    def __init__(self, image: bytes, name: str, arguments: list[Any]) -> None:
+        self._jit = llvm.create_lljit_compiler(target(), suppress_errors=False, use_jit_link=False)
+        builder = llvm.JITLibraryBuilder().add_object_img(image).export_symbol(name).add_current_process()
+        self._library = builder.link(self._jit, name)
+        self.call = ctypes.CFUNCTYPE(None, *arguments)(self._library[name])
+
+
+def load(text: str, name: str, arguments: list[Any]) -> Function:
+    """Return a function of a module, compiled, or from the folder of compiled programs."""
+    return Function(_image(text), name, arguments)
+
+
+def _image(text: str) -> bytes:
+    """Return the machine code, kept by content: of the module, of the compiler and of the processor."""
+    machine = target()
+    made_by = (llvmlite.__version__, machine.triple, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten())
+    name = digest(*made_by, text) + ".o"
+    if (image := kept(name)) is not None:
+        return image
+    image = _compiled(text)
+    keep(name, image)
+    return image
+
+
+def digest(*texts: str) -> str:
+    """Return the SHA-256 of texts."""
+    return hashlib.sha256("\n".join(texts).encode()).hexdigest()
+
+
+def assembly(text: str) -> str:
+    """Return the machine code of a module as text, to be counted."""
+    return target().emit_assembly(_optimised(text))
+
+
+def _compiled(text: str) -> bytes:
+    return target().emit_object(_optimised(text))
+
+
+def _optimised(text: str) -> Any:
+    machine = target()
+    module = llvm.parse_assembly(text)
+    module.triple = machine.triple
+    options = llvm.create_pipeline_tuning_options(speed_level=2)
+    options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = False
+    builder = llvm.create_pass_builder(machine, options)
+    builder.getModulePassManager().run(module, builder)
+    return module
+
+
+def kept(name: str) -> bytes | None:
+    """Return what was kept under a name if it is there and whole."""
+    try:
+        content = (_folder() / name).read_bytes()
+    except OSError:
+        return None
+    return content[32:] if hashlib.sha256(content[32:]).digest() == content[:32] else None
+
+
+def keep(name: str, content: bytes) -> None:
+    """Keep something; whoever reads finds all of it or nothing. Nothing is kept where it cannot be."""
+    path = _folder() / name
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        partial = path.with_suffix(f".{os.getpid()}-{threading.get_ident()}")
+        partial.write_bytes(hashlib.sha256(content).digest() + content)
+        partial.replace(path)
+    except OSError:
+        return
+
+
+def _folder() -> Path:
+    return cache_folder() / "native"
