@@ -143,7 +143,7 @@ class Lowering:
         if any(isinstance(x, Rows) for x in given) or (
             any(isinstance(x, Series) for x in given) and math.prod(out.shape) > max(out.shape, default=1)
         ):
-            return [self._of_rows(name, given, params, out)]
+            return [self._of_rows(name, given, [v.aval.shape for v in equation.invars], params, out)]
         if any(isinstance(x, Series | Memory) for x in given):
             return [self._of_long(name, given, params, out)]
         if name in _ON_ARRAYS:
@@ -266,22 +266,24 @@ class Lowering:
             max(out.shape), dtype, lambda index: operation(self, [one.at(index) for one in series], params, dtype)
         )
 
-    def _of_rows(self, name: str, given: list[Operand], params: dict, out: Any) -> Operand:
+    def _of_rows(
+        self, name: str, given: list[Operand], shapes: list[tuple[int, ...]], params: dict, out: Any
+    ) -> Operand:
         """Return the result of an operation that acts on each row of arrays over steps."""
         whole = [x for x in given if isinstance(x, Series | Rows)]
         length = max(x.length for x in whole)
         row_out = jax.ShapeDtypeStruct(out.shape[1:], out.dtype)
         inner = _of_each_row(name, params, out)
 
-        def row_of(x: Operand, index: str) -> Array:
+        def row_of(x: Operand, shape: tuple[int, ...], index: str) -> Array:
             if isinstance(x, Rows):
                 return x.at(index)
             if isinstance(x, Series | Memory):
-                return _array(self.series(x).at(index))
+                return _array(self.series(x).at(index)).reshape((1,) * max(len(shape) - 1, 0))
             return x if x.ndim == 0 else x[0]
 
         def compute(index: str) -> Array:
-            rows = [row_of(x, index) for x in given]
+            rows = [row_of(x, shape, index) for x, shape in zip(given, shapes, strict=True)]
             if name in _ON_ARRAYS:
                 return _ON_ARRAYS[name](self, rows, inner, row_out)
             return np.broadcast_to(self._by_element(name, rows, params, out.dtype), row_out.shape)

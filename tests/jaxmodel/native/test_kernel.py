@@ -90,6 +90,7 @@ def sought(shared, x):
         "found": signal[after] * (late > 0.0),
         "between": jnp.interp(late, ends, put),
         "last": put[-1] + signal[0],
+        "of_each": jax.vmap(lambda t: jnp.sum(jnp.concatenate([t[None], shared["spans"][:3] * x["rate"]]) ** 2))(late),
         "either": lax.cond(shared["on"], lambda: put * x["rate"], lambda: signal),
     }
 
