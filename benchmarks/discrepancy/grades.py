@@ -221,10 +221,11 @@ JUDGES: dict[str, Callable[[Mapping[str, Any], Mapping[str, Any]], Judgement]] =
 
 def after_over_reachable(truth: Mapping[str, Any], said: Mapping[str, Any]) -> float:
     """Return the worst channel's error on check runs with all that was added, over what the truth leaves there."""
+    errors = said.get("error")
     reachable = truth.get("reachable_check") or truth.get("noise_sd") or {}
     ratios = [
         error["after"]["check"] / reachable[channel]
-        for channel, error in (said.get("error") or {}).items()
+        for channel, error in (errors.items() if isinstance(errors, dict) else ())  # text: the diagnosis failed
         if reachable.get(channel) and error["after"].get("check")
     ]
     return max(ratios, default=float("nan"))

@@ -15,7 +15,9 @@ import numpy as np
 
 from jaxmodel.native import machine
 from jaxmodel.native.emitter import NEAR, Emitter, Value
-from jaxmodel.native.lowering import MOST_IN_REGISTERS, MOST_SPREAD, Loop, Lowering, Memory, NotNative, Series
+from jaxmodel.native.loop import Loop
+from jaxmodel.native.lowering import Lowering
+from jaxmodel.native.operands import MOST_IN_REGISTERS, MOST_SPREAD, Memory, NotNative, Series
 
 __all__ = ["Kernel", "NotNative"]
 

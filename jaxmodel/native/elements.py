@@ -1,0 +1,301 @@
+"""Operations on numbers by the names of JAX's primitives: (lowering, values, params, dtype of the result) -> value."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from jaxmodel.native.emitter import Value, constant
+from jaxmodel.native.operands import NotNative
+
+
+def _arithmetic(of_floats: str, of_integers: str) -> Callable:
+    def operation(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+        return lowering.e.binary(of_floats if dtype.kind == "f" else of_integers, *given)
+
+    return operation
+
+
+def _comparison(of_floats: str, of_integers: str) -> Callable:
+    def operation(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+        kind = given[0].dtype.kind
+        if kind == "f":
+            return lowering.e.compare(f"fcmp {of_floats}", *given)
+        sign = "" if of_integers in ("eq", "ne") else ("s" if kind == "i" else "u")
+        return lowering.e.compare(f"icmp {sign}{of_integers}", *given)
+
+    return operation
+
+
+def _before(or_equal: bool) -> Callable:
+    """Return whether a number is before another where what is not a number comes last."""
+
+    def operation(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+        e, (x, y) = lowering.e, given
+        if or_equal:
+            return e.binary("or", e.compare("fcmp ole", x, y), e.compare("fcmp uno", y, y))
+        last = e.binary("and", e.compare("fcmp uno", y, y), e.compare("fcmp ord", x, x))
+        return e.binary("or", e.compare("fcmp olt", x, y), last)
+
+    return operation
+
+
+def _extreme(larger: bool) -> Callable:
+    """Return the larger or smaller of two numbers; not a number if one is not."""
+
+    def operation(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+        e, (x, y) = lowering.e, given
+        if dtype.kind == "b":
+            return e.binary("or" if larger else "and", x, y)
+        if dtype.kind in "iu":
+            return e.intrinsic(("s" if dtype.kind == "i" else "u") + ("max" if larger else "min"), x, y)
+        if y.is_constant:
+            x, y = y, x
+        if x.is_constant:  # one instruction, which returns the second number where the comparison fails
+            return e.select(e.compare("fcmp ogt" if larger else "fcmp olt", x, y), x, y)
+        # Half the instructions of `llvm.maximum`, which also puts -0 below 0.
+        chosen = e.select(e.compare("fcmp ogt" if larger else "fcmp olt", x, y), x, y)
+        return e.select(e.compare("fcmp uno", x, x), x, chosen)
+
+    return operation
+
+
+def _function(name: str) -> Callable:
+    def operation(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+        return getattr(lowering.functions(dtype), name)(*given)
+
+    return operation
+
+
+def _intrinsic(name: str) -> Callable:
+    def operation(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+        if dtype.kind != "f":
+            raise NotNative(f"{name} of whole numbers")
+        return lowering.e.intrinsic(name, *given)
+
+    return operation
+
+
+def _library(name: str) -> Callable:
+    def operation(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+        return lowering.e.by_lane(name, *given)
+
+    return operation
+
+
+def _neg(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    if dtype.kind == "f":
+        return lowering.e.unary("fneg", given[0])
+    return lowering.e.binary("sub", constant(0, dtype), given[0])
+
+
+def _abs(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    if dtype.kind == "f":
+        return lowering.e.intrinsic("fabs", given[0])
+    return lowering.e.intrinsic("smax", given[0], _neg(lowering, given, params, dtype))
+
+
+def _sign(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    e, x = lowering.e, given[0]
+    kind = "f" if dtype.kind == "f" else "i"
+    up, down = ("fcmp ogt", "fcmp olt") if kind == "f" else ("icmp sgt", "icmp slt")
+    zero = constant(0, dtype)
+    return e.select(
+        e.compare(up, x, zero), constant(1, dtype), e.select(e.compare(down, x, zero), constant(-1, dtype), x)
+    )
+
+
+def _not(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    return lowering.e.binary("xor", given[0], constant(dtype.kind == "b" or -1, dtype))
+
+
+def _is_finite(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    x = given[0]
+    return lowering.e.compare("fcmp olt", lowering.e.intrinsic("fabs", x), constant(np.inf, x.dtype))
+
+
+def _select_n(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    which, *cases = given
+    if which.dtype.kind == "b":
+        return lowering.e.select(which, cases[1], cases[0])
+    chosen = cases[-1]
+    for number in reversed(range(len(cases) - 1)):
+        chosen = lowering.e.select(
+            lowering.e.compare("icmp sle", which, constant(number, which.dtype)), cases[number], chosen
+        )
+    return chosen
+
+
+def _integer_pow(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    """Return x^n by squaring."""
+    times = ELEMENTS["mul"]
+    exponent, square, result = abs(params["y"]), given[0], None
+    while exponent:
+        if exponent & 1:
+            result = square if result is None else times(lowering, [result, square], {}, dtype)
+        exponent >>= 1
+        if exponent:
+            square = times(lowering, [square, square], {}, dtype)
+    if result is None:
+        return constant(1, dtype)
+    return lowering.e.binary("fdiv", constant(1, dtype), result) if params["y"] < 0 else result
+
+
+def _square(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    return ELEMENTS["mul"](lowering, [given[0], given[0]], {}, dtype)
+
+
+def _pow(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    x, y = given
+    if y.dtype.kind != "f":
+        y = convert(lowering, [y], {}, dtype)
+    return lowering.functions(dtype).power(x, y)
+
+
+def _rsqrt(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    return lowering.e.binary("fdiv", constant(1, dtype), lowering.e.intrinsic("sqrt", given[0]))
+
+
+def _sine(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    return lowering.functions(dtype).sine_and_cosine(given[0])[0]
+
+
+def _cosine(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    return lowering.functions(dtype).sine_and_cosine(given[0])[1]
+
+
+def _round(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    to_even = int(params["rounding_method"]) == 1
+    return lowering.e.intrinsic("roundeven" if to_even else "round", given[0])
+
+
+def _clamp(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    low, x, high = given
+    x = ELEMENTS["max"](lowering, [low, x], {}, dtype)
+    return ELEMENTS["min"](lowering, [x, high], {}, dtype)
+
+
+def convert(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    """Return a number in another type."""
+    e, x = lowering.e, given[0]
+    source, target = x.dtype, np.dtype(dtype)
+    if source == target:
+        return x
+    pair = source.kind + target.kind
+    if target.kind == "b":
+        zero = constant(0, source)
+        return e.compare("fcmp une" if source.kind == "f" else "icmp ne", x, zero)
+    if pair == "ff":
+        return e.convert("fpext" if target.itemsize > source.itemsize else "fptrunc", x, target)
+    if source.kind == "b":
+        return e.select(x, constant(1, target), constant(0, target))
+    if source.kind in "iu" and target.kind == "f":
+        return e.convert("sitofp" if source.kind == "i" else "uitofp", x, target)
+    if source.kind == "f":
+        return e.saturated("fptosi" if target.kind == "i" else "fptoui", x, target)
+    if target.itemsize == source.itemsize:
+        return dataclasses.replace(x, dtype=target)
+    if target.itemsize < source.itemsize:
+        return e.convert("trunc", x, target)
+    return e.convert("sext" if source.kind == "i" else "zext", x, target)
+
+
+def _remainder(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    if dtype.kind != "f":
+        return lowering.e.binary("srem" if dtype.kind == "i" else "urem", *given)
+    return lowering.e.by_lane("fmod", *given)
+
+
+ELEMENTS: dict[str, Callable] = {
+    "add": _arithmetic("fadd", "add"),
+    "add_any": _arithmetic("fadd", "add"),
+    "sub": _arithmetic("fsub", "sub"),
+    "mul": _arithmetic("fmul", "mul"),
+    "div": _arithmetic("fdiv", "sdiv"),
+    "rem": _remainder,
+    "neg": _neg,
+    "abs": _abs,
+    "sign": _sign,
+    "max": _extreme(larger=True),
+    "min": _extreme(larger=False),
+    "gt": _comparison("ogt", "gt"),
+    "ge": _comparison("oge", "ge"),
+    "lt": _comparison("olt", "lt"),
+    "le": _comparison("ole", "le"),
+    "le_to": _before(or_equal=True),
+    "lt_to": _before(or_equal=False),
+    "eq": _comparison("oeq", "eq"),
+    "ne": _comparison("une", "ne"),
+    "and": _arithmetic("and", "and"),
+    "or": _arithmetic("or", "or"),
+    "xor": _arithmetic("xor", "xor"),
+    "not": _not,
+    "is_finite": _is_finite,
+    "select_n": _select_n,
+    "clamp": _clamp,
+    "convert_element_type": convert,
+    "integer_pow": _integer_pow,
+    "square": _square,
+    "pow": _pow,
+    "sqrt": _intrinsic("sqrt"),
+    "rsqrt": _rsqrt,
+    "floor": _intrinsic("floor"),
+    "ceil": _intrinsic("ceil"),
+    "round": _round,
+    "exp": _function("exp"),
+    "expm1": _function("expm1"),
+    "log": _function("log"),
+    "log1p": _function("log1p"),
+    "tanh": _function("tanh"),
+    "logistic": _function("logistic"),
+    "asinh": _function("asinh"),
+    "sin": _sine,
+    "cos": _cosine,
+    **{
+        name: _library(name)
+        for name in (
+            "tan",
+            "asin",
+            "acos",
+            "atan",
+            "atan2",
+            "sinh",
+            "cosh",
+            "acosh",
+            "atanh",
+            "cbrt",
+            "erf",
+            "erfc",
+            "exp2",
+        )
+    },
+}
+REDUCE = {
+    "reduce_sum": ELEMENTS["add"],
+    "reduce_prod": ELEMENTS["mul"],
+    "reduce_max": ELEMENTS["max"],
+    "reduce_min": ELEMENTS["min"],
+    "reduce_and": ELEMENTS["and"],
+    "reduce_or": ELEMENTS["or"],
+}
+
+
+def neutral(name: str, dtype: np.dtype) -> Value:
+    """Return the number with which a reduction begins."""
+    value = {
+        "reduce_sum": 0, "reduce_prod": 1, "reduce_max": -np.inf, "reduce_min": np.inf, "reduce_and": True,
+        "reduce_or": False,
+    }[name]  # fmt: skip
+    if dtype.kind in "iu" and not np.isfinite(value):
+        value = np.iinfo(dtype).min if value < 0 else np.iinfo(dtype).max
+    return constant(value, dtype)
+
+
+def element(name: str) -> Callable:
+    """Return the operation of a primitive on numbers; NotNative if there is none."""
+    if name not in ELEMENTS:
+        raise NotNative(f'the operation "{name}"')
+    return ELEMENTS[name]

@@ -1,0 +1,352 @@
+"""Operations on arrays with an element for each step of a run, which are too long for registers."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxmodel.native.arrays import ON_ARRAYS
+from jaxmodel.native.elements import REDUCE, element, neutral
+from jaxmodel.native.emitter import Emitter, Value, constant
+from jaxmodel.native.loop import Loop
+from jaxmodel.native.operands import (
+    MOST_IN_REGISTERS,
+    MOST_SPREAD,
+    Array,
+    Memory,
+    NotNative,
+    Operand,
+    Rows,
+    Series,
+    array_of,
+)
+
+_VIEWS = ("slice", "dynamic_slice", "squeeze", "reshape", "broadcast_in_dim", "expand_dims")
+
+
+class LongArrays:
+    """The part of a lowering that handles long arrays.
+
+    Attributes:
+        room: numbers of working memory by lane, each a length or a count.
+    """
+
+    e: Emitter
+    room: list[int]
+    by_element: Callable[..., Array]
+    _workspace: str
+
+    def series(self, x: Operand) -> Series:
+        """Return an array along its first axis as a series of numbers.
+
+        Raises:
+            NotNative: it has further axes.
+        """
+        if isinstance(x, Series):
+            return x
+        if isinstance(x, Memory) and math.prod(x.shape) == max(x.shape):
+            return Series(max(x.shape), x.dtype, lambda index: self.element_of(x, index), is_kept=True)
+        if isinstance(x, np.ndarray) and x.size == 1:
+            value = x.ravel()[0]
+            return Series(1, value.dtype, lambda index: value)  # the same at every index
+        if isinstance(x, np.ndarray) and x.ndim == 1:
+            return self.spilled(x)
+        raise NotNative("an array over steps and something else")
+
+    def element_of(self, memory: Memory, index: str) -> Value:
+        """Return an element of an array in memory."""
+        if memory.first:
+            index = self._sum(index, memory.first)
+        return self.e.load(self.e.address(memory.pointer, index, memory.dtype, False), memory.dtype, False)
+
+    def _sum(self, index: str, more: int) -> str:
+        """Return index + more."""
+        return self.e.emit(f"add i64 {index}, {self.e.count(more)}", np.dtype("i8"), False).text
+
+    def lazy(self, length: int, dtype: Any, compute: Callable[[str], Value]) -> Series:
+        """Return a series whose number at an index is computed once where it is used several times."""
+        key = object()
+        return Series(length, np.dtype(dtype), lambda index: self.e.once((key, index), lambda: compute(index)))
+
+    def spilled(self, x: Array) -> Series:
+        """Return the elements of a small array, put into working memory so that they have an index."""
+        flat = x.ravel()
+        place = self.reserve(flat.size)
+        for number, value in enumerate(flat):
+            self.e.store(self.e.widen(value), self.e.address(place, str(number), value.dtype, True))
+        return self.stored(place, flat[0].dtype, x.shape[0])
+
+    def kept(self, series: Series) -> Series:
+        """Return a series whose numbers are in memory."""
+        if series.is_kept:
+            return series
+        place = self.reserve(series.length)
+        self.keep(series, place, 0)
+        return self.stored(place, series.dtype, series.length)
+
+    def keep(self, series: Series, place: str, start: int) -> None:
+        """Store all numbers of a series from a place on."""
+        with Loop(self.e, series.length) as index:
+            target = self._sum(index, start) if start else index
+            self.e.store(self.e.widen(series.at(index)), self.e.address(place, target, series.dtype, True))
+
+    def stored(self, place: str, dtype: np.dtype, length: int) -> Series:
+        """Return the numbers in working memory from a place on."""
+        e = self.e
+        return Series(
+            length,
+            np.dtype(dtype),
+            lambda index: e.load(e.address(place, index, dtype, True), dtype, True),
+            is_kept=True,
+        )
+
+    def reserve(self, count: int) -> str:
+        """Return a pointer to working memory for so many numbers of each lane."""
+        e, index = self.e, np.dtype("i8")
+        offset = "0"
+        for size in self.room:
+            offset = e.emit(f"add i64 {offset}, {e.count(size)}", index, False).text
+        self.room.append(count)
+        offset = e.emit(f"mul i64 {offset}, {8 * e.lanes}", index, False).text
+        return e.emit(f"getelementptr inbounds i8, ptr {self._workspace}, i64 {offset}", index, False).text
+
+    def of_long(self, name: str, given: list[Operand], params: dict, out: Any) -> Operand:
+        """Return the result of an operation on long arrays of one axis."""
+        first = given[0]
+        if isinstance(first, Memory) and name in _VIEWS:
+            if name in ("reshape", "broadcast_in_dim") and math.prod(out.shape) != math.prod(first.shape):
+                raise NotNative(f"{name} of an array in memory")
+            return self._view(name, first, given[1:], params, out)
+        if name == "gather":
+            return self.gather(given, params, out)
+        if name in ("broadcast_in_dim", "reshape", "squeeze", "expand_dims") and isinstance(first, Series):
+            if math.prod(out.shape) == first.length:
+                return first
+            raise NotNative(f"{name} of an array over steps")
+        if name == "concatenate":
+            return self._joined([self.series(x) for x in given], out)
+        if name == "scatter":
+            return self._scattered(given, params)
+        if name == "cumsum":
+            return self._cumulated(self.series(first), params)
+        if name == "slice" and isinstance(first, Series):
+            (start, *_), strides = params["start_indices"], params["strides"]
+            if strides is None or set(strides) == {1}:
+                return self._moved(first, start, math.prod(out.shape))
+        if name in ("reduce_and", "reduce_or", "reduce_sum", "reduce_max", "reduce_min", "reduce_prod"):
+            return self._reduced(name, self.series(first))
+        operation = element(name)
+        series = [self.series(x) for x in given]
+        if math.prod(out.shape) != max(out.shape):
+            raise NotNative(f"{name} of an array over steps")
+        dtype = np.dtype(out.dtype)
+        return self.lazy(
+            max(out.shape), dtype, lambda index: operation(self, [one.at(index) for one in series], params, dtype)
+        )
+
+    def of_rows(
+        self, name: str, given: list[Operand], shapes: list[tuple[int, ...]], params: dict, out: Any
+    ) -> Operand:
+        """Return the result of an operation that acts on each row of arrays over steps."""
+        whole = [x for x in given if isinstance(x, Series | Rows)]
+        length = max(x.length for x in whole)
+        row_out = jax.ShapeDtypeStruct(out.shape[1:], out.dtype)
+        inner = _of_each_row(name, params, out)
+
+        def row_of(x: Operand, shape: tuple[int, ...], index: str) -> Array:
+            if isinstance(x, Rows):
+                return x.at(index)
+            if isinstance(x, Series | Memory):
+                return array_of(self.series(x).at(index)).reshape((1,) * max(len(shape) - 1, 0))
+            return x if x.ndim == 0 else x[0]
+
+        def compute(index: str) -> Array:
+            rows = [row_of(x, shape, index) for x, shape in zip(given, shapes, strict=True)]
+            if name in ON_ARRAYS:
+                return ON_ARRAYS[name](self, rows, inner, row_out)
+            return np.broadcast_to(self.by_element(name, rows, params, out.dtype), row_out.shape)
+
+        key = object()
+        if math.prod(row_out.shape) == 1:
+            return self.lazy(length, out.dtype, lambda index: compute(index).ravel()[0])
+        return Rows(length, lambda index: self.e.once((key, index), lambda: compute(index)))
+
+    def _moved(self, series: Series, start: int, length: int) -> Operand:
+        """Return a part of a series."""
+        if length == 1:
+            return np.array([series.at(self.e.count(start))], dtype=object)
+        if not start:
+            return dataclasses.replace(series, length=length)
+        return dataclasses.replace(series, length=length, at=lambda index: series.at(self._sum(index, start)))
+
+    def _scattered(self, given: list[Operand], params: dict) -> Series:
+        """Return a series with some of its numbers replaced."""
+        source, places, updates = (self.series(x) for x in given)
+        dims = params["dimension_numbers"]
+        if dims.update_window_dims or dims.inserted_window_dims != (0,):
+            raise NotNative("a scatter into an array of several axes")
+        place = self.reserve(source.length)
+        self.keep(source, place, 0)
+        with Loop(self.e, updates.length) as index:
+            target = self.as_i64(places.at(index))
+            if target.wide:
+                raise NotNative("a scatter to places that differ from lane to lane")
+            self.e.store(self.e.widen(updates.at(index)), self.e.address(place, target.text, source.dtype, True))
+        return self.stored(place, source.dtype, source.length)
+
+    def _cumulated(self, series: Series, params: dict) -> Series:
+        """Return the sums up to each number of a series."""
+        if params["reverse"]:
+            raise NotNative("a sum from the end")
+        place = self.reserve(series.length)
+        with Loop(self.e, series.length, [self.e.widen(constant(0, series.dtype))]) as loop:
+            total = self.e.binary("fadd" if series.dtype.kind == "f" else "add", loop.carried[0], series.at(loop.index))
+            self.e.store(total, self.e.address(place, loop.index, series.dtype, True))
+            loop.next = [total]
+        return self.stored(place, series.dtype, series.length)
+
+    def _joined(self, parts: list[Series], out: Any) -> Series:
+        """Return series one after the other, put into working memory."""
+        start, place = 0, self.reserve(max(out.shape))
+        for part in parts:
+            self.keep(part, place, start)
+            start += part.length
+        return self.stored(place, np.dtype(out.dtype), max(out.shape))
+
+    def _reduced(self, name: str, series: Series) -> Array:
+        combine = REDUCE[name]
+        with Loop(self.e, series.length, [self.e.widen(neutral(name, series.dtype))]) as loop:
+            value = self.e.widen(series.at(loop.index))
+            loop.next = [combine(self, [loop.carried[0], value], {}, series.dtype)]
+        return array_of(loop.carried[0])
+
+    def _view(self, name: str, memory: Memory, rest: list[Operand], params: dict, out: Any) -> Operand:
+        """Return a part of an array in memory, without moving it: rows of its first axis, or another shape."""
+        if name == "slice":
+            start, limit, strides = params["start_indices"], params["limit_indices"], params["strides"]
+            whole = all(s == 0 and e == n for s, e, n in zip(start[1:], limit[1:], memory.shape[1:], strict=True))
+            if not whole or strides not in (None, (1,) * len(memory.shape)):
+                numbers = np.arange(math.prod(memory.shape)).reshape(memory.shape)
+                return self._loaded(memory, numbers[tuple(map(slice, start, limit, strides or (None,) * len(start)))])
+            memory = dataclasses.replace(memory, first=memory.first + start[0] * math.prod(memory.shape[1:]))
+        if name == "dynamic_slice":
+            starts = [x[()] for x in rest]
+            if not all(start.is_constant for start in starts):
+                flat = dataclasses.replace(memory, shape=(math.prod(memory.shape),))
+                return self.rows_at(self.series(flat), memory.shape, starts, out)
+            memory = dataclasses.replace(memory, first=memory.first + int(starts[0].text) * math.prod(memory.shape[1:]))
+        view = dataclasses.replace(memory, shape=tuple(out.shape))
+        return self.loaded(view) if math.prod(out.shape) <= MOST_SPREAD else view
+
+    def loaded(self, memory: Memory) -> Array:
+        """Return an array in memory in registers."""
+        return self._loaded(memory, np.arange(math.prod(memory.shape)).reshape(memory.shape))
+
+    def _loaded(self, memory: Memory, numbers: np.ndarray) -> Array:
+        """Return the elements of these numbers."""
+        if numbers.size > MOST_IN_REGISTERS:
+            raise NotNative(f"an array of shape {numbers.shape} as a whole")
+        result = np.empty(numbers.shape, dtype=object)
+        for index in np.ndindex(numbers.shape):
+            result[index] = self.element_of(memory, str(numbers[index]))
+        return result
+
+    def gather(self, given: list[Operand], params: dict, out: Any) -> Operand:
+        """Return elements of a one-dimensional array at computed places, or rows of a series at those of another."""
+        source, places = given
+        dims = params["dimension_numbers"]
+        shape = (source.length,) if isinstance(source, Series) else source.shape
+        if math.prod(shape) != max(shape) or math.prod(params["slice_sizes"]) != 1 or dims.start_index_map != (0,):
+            raise NotNative("a gather from an array of several axes")
+        length, dtype = max(shape), np.dtype(out.dtype)
+        clip = "CLIP" in str(params["mode"])
+
+        def picked(place: Value) -> Value:
+            place = self.as_i64(place)
+            return self.picked(series, self.held(place, length) if clip else place, dtype)
+
+        if isinstance(places, np.ndarray) and places.size <= MOST_IN_REGISTERS:
+            # Of a lane's own places a series is best kept: each lane would compute its number anew.
+            series = self.spilled(source.ravel()) if isinstance(source, np.ndarray) else self.kept(self.series(source))
+            result = np.empty(out.shape, dtype=object)
+            result.ravel()[:] = [picked(place) for place in places.ravel()]
+            return result
+        where, series = self.series(places), self.series(source)
+        if not isinstance(places, Memory):
+            series = self.kept(series)
+        return self.lazy(max(out.shape), dtype, lambda index: picked(where.at(index)))
+
+    def as_i64(self, value: Value) -> Value:
+        """Return a whole number in 64 bits."""
+        if value.dtype.itemsize == 8:
+            return value
+        return self.e.convert("sext" if value.dtype.kind == "i" else "zext", value, np.int64)
+
+    def held(self, place: Value, length: int) -> Value:
+        """Return a place within an array of some length."""
+        zero, last = constant(0, np.int64), Value(self.e.count(length - 1), np.dtype(np.int64))
+        return self.e.intrinsic("smin", self.e.intrinsic("smax", place, zero), last)
+
+    def picked(self, series: Series, place: Value, dtype: np.dtype) -> Value:
+        """Return the element at a place that may differ from lane to lane."""
+        if not place.wide:
+            return series.at(place.text)
+        lanes, kind = self.e.lanes, self.e.type_of(np.dtype(np.int64), True)
+        result = "poison"
+        for lane in range(lanes):
+            index = self.e.emit(f"extractelement {kind} {place.text}, i64 {lane}", np.dtype(np.int64), False)
+            one = series.at(index.text)
+            if one.wide:
+                one = self.e.emit(f"extractelement {self.e.typed(one)}, i64 {lane}", dtype, False)
+            target = self.e.type_of(dtype, True)
+            result = self.e.emit(f"insertelement {target} {result}, {self.e.typed(one)}, i64 {lane}", dtype, True).text
+        return Value(result, dtype, True)
+
+    def rows_at(self, flat: Series, shape: tuple[int, ...], starts: list[Value], out: Any) -> Array:
+        """Return rows of an array from a place on that is computed, held within the array.
+
+        Raises:
+            NotNative: they are parts of rows.
+        """
+        if out.shape[1:] != shape[1:]:
+            raise NotNative("a slice whose place is computed, of several axes")
+        row = math.prod(shape[1:])
+        first = self.held(self.as_i64(starts[0]), shape[0] - out.shape[0] + 1)
+        first = self.e.binary("mul", first, constant(row, np.int64))
+        result = np.empty(math.prod(out.shape), dtype=object)
+        for number in range(result.size):
+            place = self.e.binary("add", first, constant(number, np.int64))
+            result[number] = self.picked(flat, place, np.dtype(out.dtype))
+        return result.reshape(out.shape)
+
+
+def _of_each_row(name: str, params: dict, out: Any) -> dict:
+    """Return the parameters of an operation on the rows of an array, along whose first axis it does nothing.
+
+    Raises:
+        NotNative: it does something there.
+    """
+    changed = dict(params)
+    for key in ("axes", "broadcast_dimensions", "dimensions"):
+        if key in params:
+            if name.startswith("reduce") and 0 in params[key]:
+                raise NotNative(f"{name} over the steps of an array of several axes")
+            changed[key] = tuple(axis - 1 for axis in params[key] if axis != 0)
+    for key in ("axis", "dimension"):
+        if key in params and not isinstance(params[key], bool):
+            if params[key] == 0:
+                raise NotNative(f"{name} along the steps of an array of several axes")
+            changed[key] = params[key] - 1
+    for key in ("start_indices", "limit_indices", "strides"):
+        if params.get(key) is not None:
+            changed[key] = tuple(params[key][1:])
+    if name == "slice" and params["limit_indices"][0] - params["start_indices"][0] != out.shape[0]:
+        raise NotNative("a slice of an array of several axes")
+    if name in ("gather", "pad", "dot_general", "dynamic_slice", "transpose", "iota"):
+        raise NotNative(f"{name} of an array over steps")
+    return changed

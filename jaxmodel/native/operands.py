@@ -1,0 +1,105 @@
+"""What the operations of a kernel act on: small arrays in registers, long ones as functions of an index."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from jaxmodel.native.emitter import Value, constant
+
+# Arrays of more elements are not written out; arrays that many lanes share, or that one number fills, stay in memory
+# from fewer on.
+MOST_IN_REGISTERS = 512
+MOST_SPREAD = 128
+
+Array = np.ndarray  # of `Value`s
+
+
+class NotNative(Exception):
+    """A function has an operation that has no vector instructions here."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Series:
+    """One number for each index along the one axis of an array, which is too long for registers.
+
+    Attributes:
+        length: of the axis; others have one element.
+        dtype: of the numbers.
+        at: the instructions of the number at an index, which is the text of an i64.
+        is_kept: whether they only load it.
+    """
+
+    length: int
+    dtype: np.dtype
+    at: Callable[[str], Value]
+    is_kept: bool = False
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Rows:
+    """A small array for each index along a first axis that is too long for registers; as `Series` else."""
+
+    length: int
+    at: Callable[[str], Array]
+
+
+@dataclasses.dataclass(frozen=True)
+class Memory:
+    """An array in memory that is the same for all lanes, row after row.
+
+    Attributes:
+        pointer: to its first element.
+        shape: of the array.
+        dtype: of its elements.
+        first: element at which it starts.
+    """
+
+    pointer: str
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    first: int = 0
+
+
+Operand = Any  # an Array, a Series, Rows or a Memory
+
+
+def constants(value: Any, dtype: Any = None) -> Array:
+    """Return numbers that are known when the kernel is compiled."""
+    array = np.asarray(value, dtype)
+    if array.size > MOST_IN_REGISTERS:
+        raise NotNative(f"a constant of shape {array.shape}")
+    result = np.empty(array.shape, dtype=object)
+    for index in np.ndindex(array.shape):
+        result[index] = constant(array[index], array.dtype)
+    return result
+
+
+def array_of(value: Value) -> Array:
+    """Return an array without axes of one number."""
+    result = np.empty((), dtype=object)
+    result[()] = value
+    return result
+
+
+def flattened(arrays: Sequence[Operand]) -> tuple[list[Value], list[tuple[int, ...]]]:
+    """Return the numbers of small arrays one after the other, and the shapes; NotNative of a long one."""
+    if any(not isinstance(x, np.ndarray) for x in arrays):
+        raise NotNative("a long array carried from step to step")
+    return [value for x in arrays for value in x.ravel()], [x.shape for x in arrays]
+
+
+def reshaped(values: Sequence[Value], shapes: Sequence[tuple[int, ...]]) -> list[Array]:
+    """Return small arrays of some shapes from their numbers."""
+    result, start = [], 0
+    for shape in shapes:
+        size = math.prod(shape)
+        array = np.empty(size, dtype=object)
+        array[:] = values[start : start + size]
+        result.append(array.reshape(shape))
+        start += size
+    return result
