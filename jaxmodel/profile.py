@@ -87,9 +87,9 @@ class Track(eqx.Module):
     Steps are counted from 0 in `last_step`, shape (rows - 1,); `inputs` have shape (1 + steps,).
     """
 
-    duration_s: Array | np.ndarray
-    inputs: dict[str, Array] | dict[str, np.ndarray]
-    last_step: Array | np.ndarray
+    duration_s: Array
+    inputs: dict[str, Array]
+    last_step: Array
 
     @property
     def at_rows(self) -> Array:

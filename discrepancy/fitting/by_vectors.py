@@ -32,7 +32,10 @@ def predicted(problem: Problem, lanes: Sequence[Lane], pool: Pool) -> list[np.nd
     # Sensors with a state of their own cost as much as the run: lanes that have none go without.
     dynamic = np.array([_has_dynamic_sensors(problem, lane) for lane in lanes])
     if dynamic.any() and not dynamic.all():
-        parts = [predicted(problem, [lanes[k] for k in np.flatnonzero(which)], pool) for which in (dynamic, ~dynamic)]
+        parts = [
+            predicted(problem, [lane for lane, chosen in zip(lanes, which, strict=True) if chosen], pool)
+            for which in (dynamic, ~dynamic)
+        ]
         order = np.argsort(np.concatenate([np.flatnonzero(dynamic), np.flatnonzero(~dynamic)]))
         return [np.concatenate(both, axis=-1)[..., order] for both in zip(*parts, strict=True)]
     runs = problem.by_run

@@ -128,7 +128,7 @@ class Problem(eqx.Module):
     noisy: tuple[str, ...] = eqx.field(static=True)
     shapes: tuple[tuple[int, int, int], ...] = eqx.field(static=True)
 
-    def model_at(self, model: Model, own: Array, found: Array, switches: Array, laws: Array) -> Model:
+    def model_at(self, model: Model, own: Array, found: Any, switches: Any, laws: Any) -> Model:
         """Return a run's model with numbers `found`; `own` (unknowns,) is True for unknowns that apply to the run."""
         values: dict[str, Any] = {}
         for name, places in self.unknowns.targets:
@@ -252,11 +252,9 @@ class Problem(eqx.Module):
         found = []
         for number, last_step in enumerate(tracks.last_step):
             rows, steps = int(np.argmax(last_step == last_step[-1])) + 2, int(last_step[-1]) + 1
-            track = Track(
-                duration_s=tracks.duration_s[number, :steps],
-                inputs={name: values[number, : steps + 1] for name, values in tracks.inputs.items()},
-                last_step=last_step[: rows - 1],
-            )
+            inputs = {name: values[number, : steps + 1] for name, values in tracks.inputs.items()}
+            parts = (tracks.duration_s[number, :steps], inputs, last_step[: rows - 1])
+            track = eqx.tree_at(lambda t: (t.duration_s, t.inputs, t.last_step), tracks, parts)
             model = jax.tree.map(lambda leaf, n=number: leaf[n], models)
             found.append(OneRun(number, (steps, rows), (model, track, of_run[number], mixes)))
         return found

@@ -64,8 +64,8 @@ class _Module:
         with np.load(io.BytesIO(content)) as arrays:
             head = json.loads(arrays["head"].tobytes())
             consts = [arrays[f"arr_{number}"] for number in range(len(arrays.files) - 1)]
-        leaves = {name: [_Leaf(tuple(shape), np.dtype(kind)) for shape, kind in head.pop(name)] for name in _LEAVES}
-        return cls(**head, **leaves, consts=consts)
+        shared, own, results = ([_Leaf(tuple(shape), np.dtype(kind)) for shape, kind in head[n]] for n in _LEAVES)
+        return cls(head["lanes"], shared, own, results, consts, head["text"], head["room"])
 
 
 class Kernel:
