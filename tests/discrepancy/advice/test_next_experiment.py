@@ -18,7 +18,7 @@ from discrepancy.advice.next_experiment import (
     propose,
 )
 from discrepancy.evidence.trial import Trial
-from discrepancy.fitting.lanes import PROGRAMS
+from discrepancy.fitting import by_vectors
 from discrepancy.fitting.model import ModelSpace
 from discrepancy.investigation import Investigation
 from jaxmodel.case import Case
@@ -58,9 +58,11 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
 @pytest.fixture(scope="module")
 def undecided(case: Case) -> tuple[list[Trial], tuple[Proposal, ...]]:
     investigation, rivals = rivals_of(case)
-    compiled = len(PROGRAMS.compiled)
+    before = by_vectors._kernel.cache_info()
     proposals = propose(investigation, rivals)
-    assert len(PROGRAMS.compiled) == compiled, "runs of the bank are run by the programs of the case"
+    after = by_vectors._kernel.cache_info()
+    assert after.hits > before.hits
+    assert after.misses == before.misses, "runs of the bank are run by the programs of the case"
     return rivals, proposals
 
 
