@@ -22,6 +22,8 @@ from jaxmodel.native.operands import MOST_IN_REGISTERS, MOST_SPREAD, Memory, Not
 __all__ = ["Kernel", "NotNative"]
 
 _NAME = "run"
+# What a form of an operation that nobody foresaw raises: the function then runs through XLA, and is none the worse.
+_UNFORESEEN = (AttributeError, IndexError, KeyError, NotImplementedError, TypeError, ValueError)
 _LEAVES = ("shared", "own", "results")
 _ARGUMENTS = [ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p]
 # Lengths that stand for those that are known only when a kernel runs; primes, which no model has.
@@ -107,7 +109,10 @@ class Kernel:
             if known_as:
                 machine.keep(f"{machine.digest(known_as)}.kernel", module.packed())
         self._module, self.lanes = module, module.lanes
-        self._function = machine.load(module.text, _NAME, _ARGUMENTS)
+        try:
+            self._function = machine.load(module.text, _NAME, _ARGUMENTS)
+        except RuntimeError as error:  # LLVM refuses the text
+            raise NotNative(f"a step of the function ({error})") from error
 
     def _made(self, function: Callable, shared: Any, own: Any, lanes: int | None) -> _Module:
         traced, shapes = jax.make_jaxpr(function, return_shape=True)(shared, own)
@@ -121,7 +126,10 @@ class Kernel:
             results=_leaves(jaxpr.outvars),
             consts=[np.asarray(c) for c in traced.consts],
         )
-        return _written(module, jaxpr, self._sizes)
+        try:
+            return _written(module, jaxpr, self._sizes)
+        except _UNFORESEEN as error:
+            raise NotNative(f"a step of the function ({type(error).__name__}: {error})") from error
 
     def workspace_size(self, sizes: Sequence[int] = ()) -> int:
         """Return how many numbers of working memory a thread needs."""

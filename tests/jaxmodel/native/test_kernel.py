@@ -187,6 +187,7 @@ def test_shared_values_are_read_when_the_kernel_runs() -> None:
     ("function", "message"),
     [
         (jnp.sort, 'the operation "sort"'),
+        (lambda x: jnp.abs(x + 1j), "a step of the function"),
         (lambda x: jnp.linalg.inv(x[None, :2] * x[:2, None] + jnp.eye(2)), "the operation"),
         (lambda x: jnp.sum(jnp.outer(x, jnp.arange(600.0))), "steps"),
     ],
