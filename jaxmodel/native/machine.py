@@ -10,6 +10,7 @@ import threading
 from pathlib import Path
 from typing import Any
 
+import jax
 import llvmlite
 import llvmlite.binding as llvm
 
@@ -19,13 +20,18 @@ from jaxmodel.jax_settings import cache_folder
 _OF_VECTORS = ("avx", "fma", "neon", "sve", "fp-armv8")
 
 
+def is_quick() -> bool:
+    """Return whether to compile in a seventh of the time, to slower code: where JAX is asked to do so, as in tests."""
+    return bool(jax.config.jax_disable_most_optimizations)  # type: ignore[attr-defined]
+
+
 @functools.cache
-def target() -> Any:
+def target(quick: bool = False) -> Any:
     """Return the target machine of this host."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     return llvm.Target.from_default_triple().create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=3, jit=True,
+        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=0 if quick else 3, jit=True,
         reloc="pic" if os.name != "nt" else "default",
     )  # fmt: skip
 
@@ -66,8 +72,14 @@ def load(text: str, name: str, arguments: list[Any]) -> Function:
 
 def _image(text: str) -> bytes:
     """Return the machine code, kept by content: of the module, of the compiler and of the processor."""
-    machine = target()
-    made_by = (llvmlite.__version__, machine.triple, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten())
+    machine, quick = target(), is_quick()
+    made_by = (
+        str(quick),
+        llvmlite.__version__,
+        machine.triple,
+        llvm.get_host_cpu_name(),
+        llvm.get_host_cpu_features().flatten(),
+    )
     name = digest(*made_by, text) + ".o"
     if (image := kept(name)) is not None:
         return image
@@ -87,13 +99,18 @@ def assembly(text: str) -> str:
 
 
 def _compiled(text: str) -> bytes:
-    return target().emit_object(_optimised(text))
+    quick = is_quick()
+    return target(quick).emit_object(_parsed(text) if quick else _optimised(text))
+
+
+def _parsed(text: str) -> Any:
+    module = llvm.parse_assembly(text)
+    module.triple = target().triple
+    return module
 
 
 def _optimised(text: str) -> Any:
-    machine = target()
-    module = llvm.parse_assembly(text)
-    module.triple = machine.triple
+    machine, module = target(), _parsed(text)
     options = llvm.create_pipeline_tuning_options(speed_level=2)
     options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = False
     builder = llvm.create_pass_builder(machine, options)

@@ -16,6 +16,7 @@ import xarray as xr
 
 from jaxmodel.errors import SweepError
 from jaxmodel.names import parameter_table
+from jaxmodel.native import machine
 from jaxmodel.simulation import Status
 from sweeps import Study, metrics_of, metrics_on_request, run
 
@@ -24,8 +25,15 @@ AGREES = 1e-12
 # and that may although the nudges did not find their jump. Cells have no such lanes.
 UNSTABLE = 1e-13
 MOST_UNSTABLE, MOST_UNFOUND = 0.2, 0.01
-LANES = 10_000
+LANES = 3_000
 NUDGES = 8
+
+
+@pytest.fixture(autouse=True)
+def as_users_have_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not as quickly as other tests compile them."""
+    monkeypatch.setattr(machine, "is_quick", lambda: False)
+
 
 OF_CELL = (
     "arrhenius_resistance", "capacity_temperature", "charge_transfer", "entropic_ocv", "ocv_hysteresis",
