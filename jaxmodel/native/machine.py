@@ -22,7 +22,7 @@ _OF_VECTORS = ("avx", "fma", "neon", "sve", "fp-armv8")
 
 def is_quick() -> bool:
     """Return whether to compile in a seventh of the time, to slower code: where JAX is asked to do so, as in tests."""
-    return bool(jax.config.jax_disable_most_optimizations)  # type: ignore[attr-defined]
+    return bool(jax.config.read("jax_disable_most_optimizations"))
 
 
 @functools.cache
