@@ -212,17 +212,17 @@ def simulation(name: str, table: pd.DataFrame, run: Run, shown_inputs: Sequence[
     for axes, panel in zip(grid.T.flat, shown, strict=False):
         measured = run.measured.outputs.get(panel)
         if panel in shown_inputs:
-            rows = drawn_rows([inputs[panel]])
-            axes.step(time[rows], inputs[panel][rows], where="pre", color=BLACK, lw=1.0)
+            seen = drawn_rows([inputs[panel]])
+            axes.step(time[seen], inputs[panel][seen], where="pre", color=BLACK, lw=1.0)
         else:
             model = table[panel].to_numpy()
-            rows = drawn_rows([model] if measured is None else [model, measured])
-            axes.plot(time[rows], model[rows], color=BASE, label="model")
+            seen = drawn_rows([model] if measured is None else [model, measured])
+            axes.plot(time[seen], model[seen], color=BASE, label="model")
             if measured is not None and np.any(np.isfinite(measured)):
-                axes.plot(time[rows], measured[rows], ".", color=MEASURED, markersize=2.5, zorder=1.5, label="measured")
+                axes.plot(time[seen], measured[seen], ".", color=MEASURED, markersize=2.5, zorder=1.5, label="measured")
         axes.locator_params(nbins=5)
         drawn.label_y(axes, _in_two_lines(panel), _LABEL_CM)
-        _shade(axes, time[rows], ~table["valid"].to_numpy(dtype=bool)[rows])
+        _shade(axes, time[seen], ~table["valid"].to_numpy(dtype=bool)[seen])
         if not legend_shown and len(axes.get_legend_handles_labels()[1]) > 1:
             axes.legend(loc="best", markerscale=3)
             legend_shown = True
