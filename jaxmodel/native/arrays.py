@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -72,11 +72,15 @@ def _dynamic_slice(lowering: Any, given: list[Array], params: dict, out: Any) ->
     places: list[Any] = [x[()] for x in starts]
     if not all(place.is_constant for place in places):
         return lowering.rows_at(lowering.spilled(source.ravel()), source.shape, places, out)
-    at = [
-        min(max(int(place.text), 0), size - width)
-        for place, size, width in zip(places, source.shape, out.shape, strict=True)
-    ]
+    at = places_held(places, source.shape, out.shape)
     return source[tuple(slice(start, start + width) for start, width in zip(at, out.shape, strict=True))]
+
+
+def places_held(places: Sequence[Value], shape: tuple[int, ...], part: tuple[int, ...]) -> tuple[int, ...]:
+    """Return where a part of an array begins, moved so that it lies within the array."""
+    return tuple(
+        min(max(int(place.text), 0), size - width) for place, size, width in zip(places, shape, part, strict=True)
+    )
 
 
 def _pad(lowering: Any, given: list[Array], params: dict, out: Any) -> Array:

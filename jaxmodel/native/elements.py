@@ -184,6 +184,8 @@ def convert(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) ->
     source, target = x.dtype, np.dtype(dtype)
     if source == target:
         return x
+    if x.is_constant and not x.wide and source.kind + target.kind in ("ii", "iu", "ui", "uu"):
+        return constant(np.asarray(int(x.text)).astype(target), target)
     pair = source.kind + target.kind
     if target.kind == "b":
         zero = constant(0, source)
@@ -203,10 +205,30 @@ def convert(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) ->
     return e.convert("sext" if source.kind == "i" else "zext", x, target)
 
 
+def _div(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    if dtype.kind == "f":
+        return lowering.e.binary("fdiv", *given)
+    return _of_whole(lowering, "div", given, constant(-1, dtype), _neg(lowering, given, params, dtype))
+
+
 def _remainder(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
-    if dtype.kind != "f":
-        return lowering.e.binary("srem" if dtype.kind == "i" else "urem", *given)
-    return lowering.e.by_lane("fmod", *given)
+    if dtype.kind == "f":
+        return lowering.e.by_lane("fmod", *given)
+    return _of_whole(lowering, "rem", given, given[0], constant(0, dtype))
+
+
+def _of_whole(lowering: Any, operation: str, given: list[Value], by_zero: Value, by_minus_one: Value) -> Value:
+    """Return a quotient or remainder of whole numbers, without the two cases at which a processor ends the process."""
+    e, (x, y) = lowering.e, given
+    sign = "s" if x.dtype.kind == "i" else "u"
+    cases = [(constant(0, x.dtype), by_zero)] + ([(constant(-1, x.dtype), by_minus_one)] if sign == "s" else [])
+    held = y
+    for case, _ in cases:
+        held = e.select(e.compare("icmp eq", y, case), constant(1, x.dtype), held)
+    found = e.binary(sign + operation, x, held)
+    for case, result in cases:
+        found = e.select(e.compare("icmp eq", y, case), result, found)
+    return found
 
 
 ELEMENTS: dict[str, Callable] = {
@@ -214,7 +236,7 @@ ELEMENTS: dict[str, Callable] = {
     "add_any": _arithmetic("fadd", "add"),
     "sub": _arithmetic("fsub", "sub"),
     "mul": _arithmetic("fmul", "mul"),
-    "div": _arithmetic("fdiv", "sdiv"),
+    "div": _div,
     "rem": _remainder,
     "neg": _neg,
     "abs": _abs,

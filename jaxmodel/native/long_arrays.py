@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import operator
 from collections.abc import Callable
 from typing import Any
 
 import jax
 import numpy as np
 
-from jaxmodel.native.arrays import ON_ARRAYS
+from jaxmodel.native.arrays import ON_ARRAYS, places_held
 from jaxmodel.native.elements import REDUCE, element, neutral
 from jaxmodel.native.emitter import Emitter, Value, constant
 from jaxmodel.native.loop import Loop
@@ -132,13 +133,15 @@ class LongArrays:
             return self._joined([self.series(x) for x in given], out)
         if name == "scatter":
             return self._scattered(given, params)
-        if name == "cumsum":
+        if name == "cumsum" and out.shape[params["axis"]] == math.prod(out.shape):
             return self._cumulated(self.series(first), params)
         if name == "slice" and isinstance(first, Series):
             (start, *_), strides = params["start_indices"], params["strides"]
             if strides is None or set(strides) == {1}:
                 return self._moved(first, start, math.prod(out.shape))
         if name in ("reduce_and", "reduce_or", "reduce_sum", "reduce_max", "reduce_min", "reduce_prod"):
+            if out.shape:
+                raise NotNative(f"{name} over some axes of an array over steps")
             return self._reduced(name, self.series(first))
         operation = element(name)
         series = [self.series(x) for x in given]
@@ -155,6 +158,8 @@ class LongArrays:
         """Return the result of an operation that acts on each row of arrays over steps."""
         whole = [x for x in given if isinstance(x, Series | Rows)]
         length = max(x.length for x in whole)
+        if out.shape[0] != length:
+            raise NotNative(f"{name} of an array whose steps are not its first axis")
         row_out = jax.ShapeDtypeStruct(out.shape[1:], out.dtype)
         inner = _of_each_row(name, params, out)
 
@@ -196,7 +201,11 @@ class LongArrays:
             target = self.as_i64(places.at(index))
             if target.wide:
                 raise NotNative("a scatter to places that differ from lane to lane")
-            self.e.store(self.e.widen(updates.at(index)), self.e.address(place, target.text, source.dtype, True))
+            held = self.held(target, source.length)
+            address = self.e.address(place, held.text, source.dtype, True)
+            inside = self.e.compare("icmp eq", held, target)  # what is outside is dropped
+            was = self.e.load(address, source.dtype, True)
+            self.e.store(self.e.widen(self.e.select(inside, updates.at(index), was)), address)
         return self.stored(place, source.dtype, source.length)
 
     def _cumulated(self, series: Series, params: dict) -> Series:
@@ -227,19 +236,20 @@ class LongArrays:
 
     def _view(self, name: str, memory: Memory, rest: list[Operand], params: dict, out: Any) -> Operand:
         """Return a part of an array in memory, without moving it: rows of its first axis, or another shape."""
-        if name == "slice":
+        if name == "dynamic_slice":
+            starts = [x[()] for x in rest]
+            if not all(start.is_constant for start in starts):
+                flat = dataclasses.replace(memory, shape=(math.prod(memory.shape),))
+                return self.rows_at(self.series(flat), memory.shape, starts, out)
+            params = {"start_indices": places_held(starts, memory.shape, out.shape), "strides": None}
+            params["limit_indices"] = tuple(map(operator.add, params["start_indices"], out.shape))
+        if name in ("slice", "dynamic_slice"):
             start, limit, strides = params["start_indices"], params["limit_indices"], params["strides"]
             whole = all(s == 0 and e == n for s, e, n in zip(start[1:], limit[1:], memory.shape[1:], strict=True))
             if not whole or strides not in (None, (1,) * len(memory.shape)):
                 numbers = np.arange(math.prod(memory.shape)).reshape(memory.shape)
                 return self._loaded(memory, numbers[tuple(map(slice, start, limit, strides or (None,) * len(start)))])
             memory = dataclasses.replace(memory, first=memory.first + start[0] * math.prod(memory.shape[1:]))
-        if name == "dynamic_slice":
-            starts = [x[()] for x in rest]
-            if not all(start.is_constant for start in starts):
-                flat = dataclasses.replace(memory, shape=(math.prod(memory.shape),))
-                return self.rows_at(self.series(flat), memory.shape, starts, out)
-            memory = dataclasses.replace(memory, first=memory.first + int(starts[0].text) * math.prod(memory.shape[1:]))
         view = dataclasses.replace(memory, shape=tuple(out.shape))
         return self.loaded(view) if math.prod(out.shape) <= MOST_SPREAD else view
 
@@ -263,12 +273,12 @@ class LongArrays:
         shape = (source.length,) if isinstance(source, Series) else source.shape
         if math.prod(shape) != max(shape) or math.prod(params["slice_sizes"]) != 1 or dims.start_index_map != (0,):
             raise NotNative("a gather from an array of several axes")
+        if "FILL" in str(params["mode"]):
+            raise NotNative("a gather that fills what is outside of an array")
         length, dtype = max(shape), np.dtype(out.dtype)
-        clip = "CLIP" in str(params["mode"])
 
         def picked(place: Value) -> Value:
-            place = self.as_i64(place)
-            return self.picked(series, self.held(place, length) if clip else place, dtype)
+            return self.picked(series, self.held(self.as_i64(place), length), dtype)
 
         if isinstance(places, np.ndarray) and places.size <= MOST_IN_REGISTERS:
             # Of a lane's own places a series is best kept: each lane would compute its number anew.

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax import lax
 
 from jaxmodel.native import Kernel, Pool
 
@@ -89,6 +90,10 @@ def test_powers_at_the_ends_of_their_range_are_those_of_c() -> None:
     np.testing.assert_allclose(by_vectors(jnp.power, x, y), wanted, rtol=1e-14, atol=1e-307)
 
 
+def _whole(x: jax.Array) -> jax.Array:
+    return jnp.where(jnp.abs(x) < 5, x, 0.0).astype(int)
+
+
 OPERATIONS = {
     "larger": jnp.maximum,
     "smaller": jnp.minimum,
@@ -107,6 +112,7 @@ OPERATIONS = {
     "roots": lambda x, y: jnp.sqrt(x) + jax.lax.rsqrt(y),
     "truth": lambda x, y: jnp.where((x > y) & ~(y == 0.5) | jnp.isnan(x), 1.0, -1.0),
     "finite": lambda x, y: jnp.isfinite(x) + 2.0 * (x != x),
+    "quotients of whole numbers": lambda x, y: lax.div(_whole(x), _whole(y)) + 10 * lax.rem(_whole(x), _whole(y)) + 0.0,
     "whole numbers": lambda x, y: jnp.where(jnp.abs(x) < 5, x, 0.0).astype(int) % 3 - jnp.abs(jnp.sign(y)).astype(int),
 }
 

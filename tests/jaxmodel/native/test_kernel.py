@@ -72,6 +72,14 @@ def looked_up(shared, x):
     return shared["table"].ravel()[place] + small + shared["table"][3, 4] + x["own"][place % 3]
 
 
+def beyond(shared, x):
+    """Places outside of arrays, which are held within them, and parts of rows."""
+    place = jnp.floor(x["at"]).astype(int)
+    held = shared["table"].ravel().at[place].get(mode="clip") + x["own"].at[place].get(mode="clip")
+    row = lax.dynamic_slice(shared["table"], (place, 0), (1, 30))[0, 7]
+    return held + row + lax.dynamic_slice(shared["table"], (60, 3), (2, 4))[1, 2]
+
+
 def chosen(shared, x):
     """Branches, by a truth value and by a number."""
     two = lax.cond(x["at"] > 500.0, lambda y: y * 2.0, lambda y: y - 1.0, x["at"])
@@ -120,6 +128,11 @@ FUNCTIONS: dict[str, tuple[Callable, object, dict[str, np.ndarray]]] = {
         looked_up,
         {"table": TABLE},
         own(at=RNG.uniform(-5.0, 1300.0, LANES), own=RNG.normal(size=(LANES, 3))),
+    ),
+    "places outside": (
+        beyond,
+        {"table": TABLE},
+        own(at=RNG.uniform(-1e5, 1e5, LANES), own=RNG.normal(size=(LANES, 3))),
     ),
     "branches": (chosen, {}, own(at=RNG.uniform(0.0, 1e3, LANES), which=RNG.integers(0, 3, LANES))),
 }
@@ -188,6 +201,7 @@ def test_shared_values_are_read_when_the_kernel_runs() -> None:
     [
         (jnp.sort, 'the operation "sort"'),
         (lambda x: jnp.abs(x + 1j), "a step of the function"),
+        (lambda x: jnp.arange(900.0).at[x.astype(int)].get(mode="fill"), "fills what is outside"),
         (lambda x: jnp.linalg.inv(x[None, :2] * x[:2, None] + jnp.eye(2)), "the operation"),
         (lambda x: jnp.sum(jnp.outer(x, jnp.arange(600.0))), "steps"),
     ],
@@ -198,7 +212,7 @@ def test_what_has_no_instructions_is_named(function: Callable, message: str) -> 
 
 
 def test_compiled_code_is_kept_and_a_broken_file_is_not_used(tmp_path, monkeypatch) -> None:
-    monkeypatch.setenv("JAXMODEL_CACHE", str(tmp_path))
+    monkeypatch.setattr(machine, "_folder", lambda: tmp_path / "native")
     compiled = []
     real = machine._compiled
     monkeypatch.setattr(machine, "_compiled", lambda text: compiled.append(text) or real(text))
