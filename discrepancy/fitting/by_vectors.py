@@ -41,9 +41,10 @@ def predicted(problem: Problem, lanes: Sequence[Lane], pool: Pool) -> list[np.nd
     runs = problem.by_run
     added = tuple(sorted({name for lane in lanes for name in lane.added}))
     kernel = kernel_of(problem, runs[0], lanes[0], added)
-    x = np.stack([lane.x for lane in lanes])
+    numbers = problem.unknowns.numbers(np.stack([lane.x for lane in lanes]))
     own: dict[str, Any] = {
-        "numbers": problem.unknowns.numbers(x),
+        "numbers": numbers,
+        "mixed": problem.unknowns.mixed(numbers),
         "switches": np.stack([lane.switches for lane in lanes]),
         "laws": np.stack([lane.laws for lane in lanes]),
     }
@@ -78,7 +79,7 @@ def kernel_of(problem: Problem, run: OneRun, lane: Lane, added: Sequence[str]) -
     Raises:
         NotNative: there is none.
     """
-    leaves, tree = jax.tree.flatten(_shapes(run, lane, added))
+    leaves, tree = jax.tree.flatten(_shapes(problem, run, lane, added))
     statics = eqx.partition(dataclasses.replace(problem, shapes=()), eqx.is_array)[1]
     rest, rest_tree = jax.tree.flatten(statics)
     key = (tree, rest_tree, tuple(rest), tuple((leaf.shape, leaf.dtype) for leaf in leaves))
@@ -107,11 +108,10 @@ def _kernel(given: _Given) -> Kernel | NotNative:
     shared, own = jax.tree.unflatten(tree, [jax.ShapeDtypeStruct(*leaf) for leaf in leaves])
 
     def one_lane(shared: Any, own: dict[str, Any]) -> list[jax.Array]:
-        model, track, of_run, mixes, dynamic = shared
-        whole = dataclasses.replace(problem, unknowns=dataclasses.replace(problem.unknowns, mixes=mixes))
+        model, track, of_run, dynamic = shared
         inputs = track.inputs | {n: track.inputs.get(n, 0.0) + more for n, more in own["added"].items()}
         track = dataclasses.replace(track, inputs=inputs)
-        at = whole.model_at(model, of_run, own["numbers"], own["switches"], own["laws"])
+        at = problem.model_at(model, of_run, own["numbers"], own["mixed"], own["switches"], own["laws"])
         readings = read_track(at, track, track.duration_s, Needed(None, dynamic))
         return [readings[name] for name in problem.channels]
 
@@ -127,9 +127,9 @@ def _name_of(given: _Given) -> str:
     return "" if not given.of_project or " at 0x" in text else f"{made_from()} {text}"
 
 
-def _shapes(run: OneRun, lane: Lane, added: Sequence[str]) -> Any:
+def _shapes(problem: Problem, run: OneRun, lane: Lane, added: Sequence[str]) -> Any:
     """Return the shapes of the kernel's arguments, with the lengths that stand for those of a run."""
-    model, track, of_run, mixes = run.shared
+    model, track, of_run = run.shared
     shape = jax.ShapeDtypeStruct
 
     def like(leaf: Any) -> Any:
@@ -141,12 +141,12 @@ def _shapes(run: OneRun, lane: Lane, added: Sequence[str]) -> Any:
         shape((ROWS - 1,), track.last_step.dtype),
     )
     long = eqx.tree_at(lambda t: (t.duration_s, t.inputs, t.last_step), track, lengths)
-    numbers = shape((of_run.shape[0],), np.dtype(float))
     own: dict[str, Any] = {
-        "numbers": numbers,
+        "numbers": shape((of_run.shape[0],), np.dtype(float)),
+        "mixed": [shape((mix.shape[0],), np.dtype(float)) for mix in problem.unknowns.mixes],
         "switches": shape(np.shape(lane.switches), np.dtype(float)),
         "laws": shape(np.shape(lane.laws), np.dtype(float)),
     }
     own["added"] = {name: shape((STEPS + 1,), np.dtype(float)) for name in added}
-    shared = (*jax.tree.map(like, (model,)), long, like(of_run), jax.tree.map(like, mixes), shape((), np.dtype(bool)))
+    shared = (*jax.tree.map(like, (model,)), long, like(of_run), shape((), np.dtype(bool)))
     return shared, own

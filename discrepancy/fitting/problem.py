@@ -69,17 +69,10 @@ class Unknowns(eqx.Module):
     def numbers(self, x: Array | np.ndarray) -> Any:
         """Return the numbers at the coordinates x, both of shape (..., unknowns); on the host if x is."""
         xp: Any = np if isinstance(x, np.ndarray) else jnp
-        parts = (
-            self.reach,
-            self.centre,
-            self.spread,
-            self.ceiling,
-            self.bend,
-            self.origin,
-            self.sign,
-            self.logarithmic,
+        fields = ("reach", "centre", "spread", "ceiling", "bend", "origin", "sign", "logarithmic")
+        reach, centre, spread, ceiling, bend, origin, sign, logarithmic = (
+            xp.asarray(getattr(self, name)) for name in fields
         )
-        reach, centre, spread, ceiling, bend, origin, sign, logarithmic = map(xp.asarray, parts)
         with np.errstate(all="ignore"):  # of what is not chosen
             bounded = xp.isfinite(reach)
             off = xp.where(bounded, reach * xp.tanh(x / xp.where(bounded, reach, 1.0)), x)
@@ -88,6 +81,12 @@ class Unknowns(eqx.Module):
             straight = xp.where(xp.isfinite(ceiling), below, straight)
             curved = origin + sign * xp.exp(xp.where(logarithmic, straight, 0.0))
             return xp.where(logarithmic, curved, straight)
+
+    def mixed(self, numbers: Any) -> list[Any]:
+        """Return the values of each vector from the numbers (..., unknowns); on the host if these are."""
+        xp: Any = np if isinstance(numbers, np.ndarray) else jnp
+        parts = zip(self.vectors, self.mixes, strict=True)
+        return [numbers[..., first:last] @ xp.asarray(mix).T for (_, first, last), mix in parts]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -128,16 +127,16 @@ class Problem(eqx.Module):
     noisy: tuple[str, ...] = eqx.field(static=True)
     shapes: tuple[tuple[int, int, int], ...] = eqx.field(static=True)
 
-    def model_at(self, model: Model, own: Array, found: Any, switches: Any, laws: Any) -> Model:
-        """Return a run's model with numbers `found`; `own` (unknowns,) is True for unknowns that apply to the run."""
+    def model_at(self, model: Model, own: Array, found: Any, mixed: Sequence[Any], switches: Any, laws: Any) -> Model:
+        """Return a run's model at numbers and vectors; `own` (unknowns,) is True for unknowns that apply to the run."""
         values: dict[str, Any] = {}
         for name, places in self.unknowns.targets:
             value = _get(model, name)
             for place in places:
                 value = jnp.where(own[place], found[place], value)
             values[name] = value
-        for (name, first, last), mix in zip(self.unknowns.vectors, self.unknowns.mixes, strict=True):
-            values[name] = (mix @ found[first:last]).reshape(_get(model, name).shape)
+        for (name, *_), vector in zip(self.unknowns.vectors, mixed, strict=True):
+            values[name] = vector.reshape(_get(model, name).shape)
         for place, label in enumerate(self.switched):
             values[f"{label}.switch"] = switches[place]
         if any(effect.label == "law" for effect in model.effects):
@@ -148,7 +147,8 @@ class Problem(eqx.Module):
         """Return the model of one run at a lane."""
         of_run = jax.tree.map(lambda leaf: np.asarray(leaf)[run], (self.models, self.unknowns.of_run))
         model, own = of_run
-        given = (model, own, self.unknowns.numbers(np.asarray(lane.x)), lane.switches, lane.laws)
+        numbers = self.unknowns.numbers(np.asarray(lane.x))
+        given = (model, own, numbers, self.unknowns.mixed(numbers), lane.switches, lane.laws)
         return _model_at(self, *jax.device_put(given))
 
     def predictions(self, lanes: Lane) -> Array:
@@ -162,7 +162,8 @@ class Problem(eqx.Module):
             model, own, steps, time_s = run
             inputs = steps.inputs | {name: steps.inputs.get(name, 0.0) + more for name, more in lane.added.items()}
             steps = dataclasses.replace(steps, inputs=inputs)
-            at = self.model_at(model, own, self.unknowns.numbers(lane.x), lane.switches, lane.laws)
+            numbers = self.unknowns.numbers(lane.x)
+            at = self.model_at(model, own, numbers, self.unknowns.mixed(numbers), lane.switches, lane.laws)
             readings = read_track(at, steps, time_s, needed)
             return jnp.stack([readings[name] for name in self.channels], axis=-1)
 
@@ -248,7 +249,7 @@ class Problem(eqx.Module):
     def by_run(self) -> list[OneRun]:
         """Return the runs, each with its own length, as arrays on the host."""
         models, tracks = jax.tree.map(np.asarray, (self.models, self.tracks))
-        of_run, mixes = np.asarray(self.unknowns.of_run), tuple(map(np.asarray, self.unknowns.mixes))
+        of_run = np.asarray(self.unknowns.of_run)
         found = []
         for number, last_step in enumerate(tracks.last_step):
             rows, steps = int(np.argmax(last_step == last_step[-1])) + 2, int(last_step[-1]) + 1
@@ -256,7 +257,7 @@ class Problem(eqx.Module):
             parts = (tracks.duration_s[number, :steps], inputs, last_step[: rows - 1])
             track = eqx.tree_at(lambda t: (t.duration_s, t.inputs, t.last_step), tracks, parts)
             model = jax.tree.map(lambda leaf, n=number: leaf[n], models)
-            found.append(OneRun(number, (steps, rows), (model, track, of_run[number], mixes)))
+            found.append(OneRun(number, (steps, rows), (model, track, of_run[number])))
         return found
 
     def _length(self, runs: np.ndarray | slice | int) -> tuple[int, int]:

@@ -125,6 +125,8 @@ class LongArrays:
             return self._view(name, first, given[1:], params, out)
         if name == "gather":
             return self.gather(given, params, out)
+        if name in ON_ARRAYS and all(_is_small(x) for x in given):
+            return ON_ARRAYS[name](self, [self.loaded(x) if isinstance(x, Memory) else x for x in given], params, out)
         if name in ("broadcast_in_dim", "reshape", "squeeze", "expand_dims") and isinstance(first, Series):
             if math.prod(out.shape) == first.length:
                 return first
@@ -333,6 +335,11 @@ class LongArrays:
             place = self.e.binary("add", first, constant(number, np.int64))
             result[number] = self.picked(flat, place, np.dtype(out.dtype))
         return result.reshape(out.shape)
+
+
+def _is_small(x: Operand) -> bool:
+    """Return whether an array may be in registers."""
+    return isinstance(x, np.ndarray) or (isinstance(x, Memory) and math.prod(x.shape) <= MOST_IN_REGISTERS)
 
 
 def _of_each_row(name: str, params: dict, out: Any) -> dict:

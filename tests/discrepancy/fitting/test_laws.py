@@ -9,11 +9,13 @@ import equinox as eqx
 import numpy as np
 import pytest
 
+from discrepancy.fitting import by_vectors
 from discrepancy.fitting.fit import DIFFERENCE_STEP, errors_and_jacobian, errors_at, steps_of
 from discrepancy.fitting.lanes import predictions
 from discrepancy.fitting.model import ModelSpace, View
 from jaxmodel.build import case_model, run_profile
 from jaxmodel.case import Case
+from jaxmodel.native import Kernel
 from jaxmodel.ports import Effect
 from jaxmodel.simulation import simulate
 
@@ -29,6 +31,15 @@ class Linear(Effect):
 
     def overpotential(self, value, context):
         return value + CONSTANT + SLOPE * context.current_A
+
+
+@pytest.mark.parametrize("with_laws", [False, True])
+def test_all_candidates_have_vector_instructions(small_space: ModelSpace, with_laws: bool):
+    """Else a diagnosis would go through XLA, and say nothing."""
+    setting = small_space.setting(["overpotential(current_A)"] if with_laws else [])
+    problem = small_space.problem_of_all(setting)
+    lane = setting.lane(np.zeros(small_space.layout.size))
+    assert isinstance(by_vectors.kernel_of(problem, problem.by_run[0], lane, added=()), Kernel)
 
 
 def test_a_linear_law_is_the_same_physics_written_by_hand(small: Case, small_space: ModelSpace):

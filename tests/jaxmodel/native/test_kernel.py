@@ -61,6 +61,7 @@ def on_small_arrays(shared, x):
         "moved": jnp.concatenate([matrix[1:], x["vector"][None]]).T,
         "padded": jnp.pad(x["vector"], (1, 2)) + jnp.arange(6),
         "one": matrix[1, 2] + jnp.stack([x["vector"][0], x["vector"][2]])[1],
+        "mixed": shared["mix"] @ x["of_mix"],
         "any": jnp.any(matrix > 1.0) | jnp.all(x["vector"] > 0.0),
     }
 
@@ -121,8 +122,12 @@ FUNCTIONS: dict[str, tuple[Callable, object, dict[str, np.ndarray]]] = {
     "while": (rooted, {}, own(of=10.0 ** RNG.uniform(-8, 8, LANES))),
     "arrays": (
         on_small_arrays,
-        {"of_all": RNG.normal(size=(4, 3))},
-        own(matrix=RNG.normal(size=(LANES, 4, 3)), vector=RNG.normal(size=(LANES, 3))),
+        {"of_all": RNG.normal(size=(4, 3)), "mix": RNG.normal(size=(12, 14))},
+        own(
+            matrix=RNG.normal(size=(LANES, 4, 3)),
+            vector=RNG.normal(size=(LANES, 3)),
+            of_mix=RNG.normal(size=(LANES, 14)),
+        ),
     ),
     "tables": (
         looked_up,
