@@ -13,7 +13,7 @@
 What `__all__` lists is the public API; the modules behind it may change.
 """
 
-from discrepancy.diagnosis import compare, diagnose
+from discrepancy.diagnosis import compare, conclusion, diagnose, finish
 from discrepancy.identification import Identification, identify
 from discrepancy.investigation import Investigation
 from discrepancy.names import curve
@@ -27,7 +27,9 @@ __all__ = [
     "Investigation",
     "Settings",
     "compare",
+    "conclusion",
     "curve",
     "diagnose",
+    "finish",
     "identify",
 ]
