@@ -7,7 +7,7 @@ export function plotly() {
   if (!loading) {
     loading = new Promise((done, failed) => {
       const script = document.createElement("script");
-      script.src = "/assets/plotly.min.js";
+      script.src = "/plotly/plotly.min.js";
       script.onload = () => done(window.Plotly);
       script.onerror = () => failed(new Error("plotly could not be loaded from this server"));
       document.head.append(script);

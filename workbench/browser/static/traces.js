@@ -262,7 +262,7 @@ export default {
       const name = item?.dataset.candidate || "";
       if (name === (this.pointed || "")) return;
       this.pointed = name;
-      if (name && !this.previews.has(name)) this.previews.set(name, await this.get("preview", { name }));
+      if (name && !this.previews.has(name)) this.previews.set(name, await this.get("preview", { candidate: name }));
       if (this.pointed !== name) return;
       this.overlays.preview = name ? this.previews.get(name) : null;
       this.previewed = this.overlays.preview?.series?.length ? item.dataset.title : "";

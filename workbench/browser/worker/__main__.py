@@ -19,8 +19,8 @@ from workbench.browser.worker.place import Place
 from workbench.browser.worker.progress import Progress, Stopped
 
 JOBS: dict[str, Callable[..., None]] = {
-    "open": opening.open_case,
-    "upload": opening.open_upload,
+    "open": comparing.open_case,
+    "upload": comparing.open_upload,
     "import": opening.import_files,
     "compare": comparing.compare,
     "add": comparing.add,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from discrepancy import finish
 from discrepancy.advice.next_experiment import best_of_each, propose
 from jaxmodel.errors import FitError
-from workbench.browser.worker.opening import parameterised
+from workbench.browser.worker import opening
 from workbench.browser.worker.place import Place
 from workbench.browser.worker.progress import Progress
 from workbench.browser.worker.view import verdict_view
@@ -18,13 +18,34 @@ from workbench.browser.worker.words import title_of
 _MOST_RIVALS = 2
 
 
+def open_case(place: Place, progress: Progress, path: str, how: str) -> None:
+    """Open a case that is on this machine, show its measurements, and compare them with the model.
+
+    Raises:
+        UserError: the case cannot be used, or cannot be calibrated.
+    """
+    opening.open_case(place, progress, path, how)
+    compare(place, progress)
+
+
+def open_upload(place: Place, progress: Progress, kind: str, options: Mapping[str, Any]) -> None:
+    """Open what was dropped. A case is compared at once; an import waits for a person to look at what it found.
+
+    Raises:
+        UserError: a file cannot be used, or the case cannot be calibrated.
+    """
+    opening.open_upload(place, progress, kind, options)
+    if place.view["source"]["how"] == "upload":
+        compare(place, progress)
+
+
 def compare(place: Place, progress: Progress) -> None:
     """Calibrate the base model, and show how large the error is and where.
 
     Raises:
         UserError: the case cannot be calibrated.
     """
-    parameterised(place, progress)
+    opening.parameterised(place, progress)
     progress("calibrating the base model")
     place.show_model(progress, verdict=None, proposals=None)
 

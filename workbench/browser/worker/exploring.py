@@ -13,10 +13,7 @@ import xarray as xr
 
 import sensitivity as analyses
 import sweeps
-from jaxmodel.build import case_model
-from jaxmodel.case import Case
 from jaxmodel.errors import SweepError
-from jaxmodel.names import parameter_table
 from sweeps.plan import COPIES, NARROWEST_BLOCK
 from sweeps.results import GRID as STORE
 from workbench.browser.files import GRID, SENSITIVITY, SWEEP, write_json
@@ -28,23 +25,6 @@ from workbench.browser.worker.words import finite
 _LOOK_S = 0.4
 _NO_METRICS = ("status", "valid_share")
 _MOST_BARS = 14
-
-
-def sweepable(case: Case) -> list[dict[str, Any]]:
-    """Return the parameters and inputs that may be axes, each with a first range: a fifth about its value."""
-    model = case_model(case)
-    found = []
-    for name, info in parameter_table([model]).items():
-        known = case.parameters.get(name)
-        value = info.default if known is None else known.value
-        if not np.isfinite(value) or value == 0.0:
-            continue
-        ends = sorted((0.8 * value, 1.2 * value))
-        low, high = (float(np.clip(end, info.lower, info.upper)) for end in ends)
-        if low < high:
-            found.append({"name": name, "unit": info.unit, "meaning": info.meaning, "low": low, "high": high})
-    ambient = {"name": "ambient_degC", "unit": "°C", "meaning": "ambient temperature", "low": -10.0, "high": 45.0}
-    return [ambient, *found]
 
 
 def study_of(place: Place, progress: Progress, run: str, axes: Mapping[str, Mapping[str, float]]) -> sweeps.Study:

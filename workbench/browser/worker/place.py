@@ -14,7 +14,7 @@ from jaxmodel.errors import MeasurementError
 from workbench.browser.files import VIEW, read_json, write_json
 from workbench.browser.worker.arrays import BASE, MODEL, write_cells, write_previews, write_traces
 from workbench.browser.worker.progress import Progress
-from workbench.browser.worker.view import case_view, model_view
+from workbench.browser.worker.view import case_view, model_view, sweepable
 
 
 class Place:
@@ -95,7 +95,8 @@ class Place:
         write_traces(self.folder, one.case, models)
         write_previews(self.folder, one.case, previews)
         write_cells(self.folder, maps)
-        self.show(stage="compared", case=case_view(one.case), models=self._models(one), **view, **changes)
+        view |= {"case": case_view(one.case), "models": self._models(one), "sweepable": sweepable(one.case)}
+        self.show(stage="compared", **view, **changes)
 
     def _models(self, one: Investigation) -> list[list[str]]:
         """Return the labels of every model so far, in order; undone ones are not among them."""

@@ -11,6 +11,8 @@ from workbench.browser.files import PROGRESS, STOP, write_json
 # Usual share of a job that is done when a part of it starts, by the first words of the part. Assumed.
 DONE_BY = {
     "diagnose": {"refitting": 0.1, "adding": 0.4, "dropping": 0.6, "comparing": 0.8, "searching": 0.9},
+    "open": {"calibrating": 0.05, "scoring": 0.85, "writing": 0.95},
+    "upload": {"calibrating": 0.1, "scoring": 0.85, "writing": 0.95},
     "compare": {"calibrating": 0.05, "scoring": 0.85, "writing": 0.95},
     "add": {"calibrating": 0.0, "refitting": 0.05, "scoring": 0.8, "writing": 0.95},
     "drop": {"calibrating": 0.0, "refitting": 0.05, "scoring": 0.8, "writing": 0.95},

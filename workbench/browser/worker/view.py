@@ -15,7 +15,9 @@ from discrepancy.summary import summary
 from discrepancy.wording import VERDICT_TITLES, step_names, verdict_sentence, with_sd
 from importing import Imported
 from importing.imported import shortened
+from jaxmodel.build import case_model
 from jaxmodel.case import Case
+from jaxmodel.names import parameter_table
 from jaxmodel.units import readable, split_unit
 from workbench.browser.worker.words import (
     GROUPS,
@@ -229,6 +231,23 @@ def _ladder(models: list[Rung], present: tuple[str, ...]) -> list[dict[str, Any]
         }
         for name, one in zip(names, models, strict=True)
     ]
+
+
+def sweepable(case: Case) -> list[dict[str, Any]]:
+    """Return the parameters and inputs that may be axes, each with a first range: a fifth about its value."""
+    model = case_model(case)
+    found = []
+    for name, info in parameter_table(model).items():
+        known = case.parameters.get(name)
+        value = info.default if known is None else known.value
+        if not np.isfinite(value) or value == 0.0:
+            continue
+        ends = sorted((0.8 * value, 1.2 * value))
+        low, high = (float(np.clip(end, info.lower, info.upper)) for end in ends)
+        if low < high:
+            found.append({"name": name, "unit": info.unit, "meaning": info.meaning, "low": low, "high": high})
+    ambient = {"name": "ambient_degC", "unit": "°C", "meaning": "ambient temperature", "low": -10.0, "high": 45.0}
+    return [ambient, *found]
 
 
 def verdict_view(diagnosis: Diagnosis) -> dict[str, Any]:
