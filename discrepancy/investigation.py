@@ -22,7 +22,6 @@ from collections.abc import Callable
 import pandas as pd
 
 from discrepancy import policy
-
 from discrepancy.evidence.trial import Settled
 from discrepancy.extended import extended_case
 from discrepancy.findings import curve_found, run_found

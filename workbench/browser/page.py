@@ -86,11 +86,8 @@ class Page:
         context = self.context
         context.workers.look_after(context.session)
         view, progress = context.view, context.session.progress
-        moved = self._seen.get("stage") not in (None, context.stage) and (progress or {}).get("do") in (
-            "open",
-            "upload",
-        )
-        if not self.step or (moved and self.step == "data" and context.stage == "opened" and not view.get("imported")):
+        is_new = self._changed("path", view.get("path")) and "path" in view and not view.get("imported")
+        if not self.step or (is_new and self.step == "data"):
             self.step = "compare" if context.stage != "empty" else "data"
         drawn = (view["version"], context.is_busy, self.step, self.tab)
         if self._changed("version", view["version"]) and context.stage != "empty":

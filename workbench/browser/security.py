@@ -127,12 +127,9 @@ class Guard:
     async def _let_in(self, scope: Scope, send: Send, user: str) -> None:
         """Answer the visit that brings the token with a cookie, and lead to the same page without the token."""
         value = f"{self.cookie}={self._keys.cookie_for(user)}; Path=/; Max-Age=31536000; HttpOnly; SameSite=Strict"
-        headers = [
-            (b"location", b"/" + scope["path"].lstrip("/\\").encode()),
-            (b"set-cookie", value.encode()),
-            *_HEADERS,
-        ]
-        await send({"type": "http.response.start", "status": 303, "headers": [*headers, (b"content-length", b"0")]})
+        place = "/" + scope["path"].lstrip("/\\")  # two slashes would lead to another host
+        headers = [(b"location", place.encode()), (b"set-cookie", value.encode()), (b"content-length", b"0")]
+        await send({"type": "http.response.start", "status": 303, "headers": [*headers, *_HEADERS]})
         await send({"type": "http.response.body", "body": b""})
 
 

@@ -71,7 +71,7 @@ def _ladder(view: dict[str, Any]) -> None:
         _rungs(view, channel)
     with h("p", "", "key"):
         for kind, words in (("fit", "fitted runs"), ("check", "held-out runs")):
-            h("i", "", f"swatch {kind}")
+            h("i", "", f"swatch of-{kind}")
             h("span", words)
         h("i", "", "tick noise")
         h("span", "noise")
@@ -96,7 +96,7 @@ def _rungs(view: dict[str, Any], channel: dict[str, Any]) -> None:
                         continue
                     with h("div", "", "bars"):
                         with h("div", "", "track"):
-                            h("i", "", f"bar {split}", style=f"width:{100.0 * error[split] / largest:.2f}%")
+                            h("i", "", f"bar of-{split}", style=f"width:{100.0 * error[split] / largest:.2f}%")
                             for kind in ("noise", "tolerance"):
                                 if limits[kind] and limits[kind] < scale:
                                     h("i", "", f"tick {kind}", style=f"left:{100.0 * limits[kind] / scale:.2f}%")

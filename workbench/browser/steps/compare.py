@@ -12,7 +12,10 @@ def show(context: Context) -> None:
     """Show the errors of the present model by channel and run."""
     h("h2", "Compare")
     if context.stage == "opened":
-        h("p", "The measurements are on the right. Calibrate the base model to see how far it is from them.", "lead")
+        if context.is_busy:
+            h("p", "The base model is being calibrated on the fitted runs. The measurements are there already.", "lead")
+            return
+        h("p", "Calibrate the base model to see how far it is from the measurements.", "lead")
         button("Compare with the model", lambda: context.do("compare"), "button primary", disabled=context.is_busy)
         return
     view = context.view
@@ -41,6 +44,12 @@ def headline(view: dict[str, Any]) -> str:
     return f"{name} misses {' and '.join(parts)} RMS {where}."
 
 
+def _times(value: float | None) -> str:
+    if value is None:
+        return "-"
+    return f"{value:,.0f}" if value >= 100.0 else f"{value:.3g}"
+
+
 def _table(channel: dict[str, str], rows: list[dict[str, Any]], limits: dict[str, Any]) -> None:
     noise = f"noise {limits['noise_text']}"
     tolerance = f", tolerance {limits['tolerance_text']}" if limits["tolerance_text"] else ""
@@ -57,15 +66,15 @@ def _table(channel: dict[str, str], rows: list[dict[str, Any]], limits: dict[str
                     h("td", row["run"])
                     with h("td", "", "barred"):
                         width = 100.0 * (row["rms"] or 0.0) / largest
-                        h("i", "", f"bar {row['split']}", style=f"width:{width:.1f}%", aria_hidden="true")
+                        h("i", "", f"bar of-{row['split']}", style=f"width:{width:.1f}%", aria_hidden="true")
                     with h("td", row["text"], "n"):
                         if row["within"] is not None:
                             h("span", " ✓" if row["within"] else " !", "ok" if row["within"] else "bad")
                     h("td", row["mean"], "n soft")
                     h("td", row["worst"], "n soft")
-                    h("td", f"{row['over_noise']:,.3g}" if row["over_noise"] is not None else "-", "n soft")
+                    h("td", _times(row["over_noise"]), "n soft")
     with h("p", "", "key"):
-        h("i", "", "swatch fit")
+        h("i", "", "swatch of-fit")
         h("span", "fitted")
-        h("i", "", "swatch check")
+        h("i", "", "swatch of-check")
         h("span", "held out")

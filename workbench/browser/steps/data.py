@@ -206,7 +206,7 @@ def _summary(context: Context) -> None:
                 with h("tr"):
                     h("td", run["name"])
                     with h("td"):
-                        h("span", "held out" if run["split"] == "check" else "fitted", f"tag {run['split']}")
+                        h("span", "held out" if run["split"] == "check" else "fitted", f"tag of-{run['split']}")
                     h("td", f"{run['rows']:,}", "n")
                     h("td", duration(run["duration_s"]), "n")
                     h("td", run["label"], "soft")
