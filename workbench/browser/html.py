@@ -68,4 +68,6 @@ def duration(seconds: float) -> str:
 
 def size_words(count: int) -> str:
     """Return a size for a person: 12 kB, 3.4 MB."""
-    return f"{count / 1e6:.1f} MB" if count >= 1e6 else f"{max(count / 1e3, 0.1):.3g} kB"
+    if count < 1000:
+        return f"{count} B"
+    return f"{count / 1e6:.1f} MB" if count >= 1e6 else f"{count / 1e3:.3g} kB"

@@ -41,11 +41,14 @@ export default {
     this.choose();
     this.plotly = await plotly();
     this.offTheme = onTheme(() => this.draw());
+    this.sized = new ResizeObserver(() => this.drawn && this.plotly.Plots.resize(this.$refs.plot));
+    this.sized.observe(this.$refs.plot);
     this.listen();
     await this.load();
   },
   beforeUnmount() {
     this.offTheme?.();
+    this.sized?.disconnect();
     for (const [name, own] of this.listeners || []) document.removeEventListener(name, own);
     if (this.plotly) this.plotly.purge(this.$refs.plot);
   },
@@ -113,7 +116,6 @@ export default {
         showlegend: false,
         hovermode: "x",
         dragmode: "zoom",
-        uirevision: "kept",
         margin: { l: 62, r: 10, t: 24, b: 40 },
         annotations: [],
         shapes: [],

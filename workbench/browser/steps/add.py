@@ -8,7 +8,7 @@ from workbench.browser.context import Context
 from workbench.browser.html import button, h
 from workbench.browser.steps.learn import candidate
 
-_NEXT = 3  # candidates that are offered here too
+_NEXT = 2  # candidates that are offered here too
 
 
 def show(context: Context) -> None:
@@ -24,9 +24,9 @@ def show(context: Context) -> None:
             button("Diagnose automatically", lambda: context.do("diagnose"), "button primary", disabled=context.is_busy)
         can_undo = len(view["ladder"]) > 1
         button("Undo", lambda: context.do("undo"), "button", disabled=context.is_busy or not can_undo)
-    h("p", "Automatic and by hand are the same: each adds, refits, and shows the next bar.", "soft")
     if view.get("verdict"):
         _verdict(view["verdict"])
+    _ladder(view)
     h("h3", "In the model")
     if not view["added"]:
         h("p", "Nothing yet: this is the calibrated base model.", "soft")
@@ -45,14 +45,20 @@ def show(context: Context) -> None:
                 with h("div"):
                     h("b", one["title"])
                     h("p", one["physics"], "soft")
-    offered = [one for one in view["candidates"] if one["gain"] > 0.0][:_NEXT]
+    offered = _offered(view["candidates"])
     if offered:
         h("h3", "Most promising now")
         with h("ol", "", "candidates"):
             for one in offered:
-                candidate(context, one, offered[0]["gain"])
-    _ladder(view)
+                candidate(context, one, max(one["gain"] for one in offered))
     _parameters(view)
+
+
+def _offered(candidates: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the best effects and sensor faults, and the best correction of a table or a run: that is no new physics."""
+    promising = [one for one in candidates if one["gain"] > 0.0]
+    physics = [one for one in promising if one["group"] in ("Effects", "Sensors")]
+    return physics[:_NEXT] + [one for one in promising if one not in physics][:1]
 
 
 def _verdict(verdict: dict[str, Any]) -> None:
@@ -65,6 +71,8 @@ def _verdict(verdict: dict[str, Any]) -> None:
 def _ladder(view: dict[str, Any]) -> None:
     """Draw every model's error on fit runs and on held-out runs, side by side, against noise and tolerance."""
     h("h3", "The ladder: RMS error of every model")
+    if len(view["ladder"]) == 1:
+        h("p", "Add something below, or let the diagnosis do it: each model gets its bars here.", "soft")
     for channel in view["case"]["channels"]:
         if channel["name"] not in view["ladder"][0]["errors"]:
             continue

@@ -49,12 +49,14 @@ class DropZone(Element, component="../static/drop.js"):
 
 
 @cache
-def examples() -> tuple[tuple[str, str], ...]:
-    """Return folder and title of every shipped case."""
+def examples() -> tuple[tuple[str, str, str], ...]:
+    """Return folder and title of every shipped case, and what it is of."""
     found = []
     for path in sorted(EXAMPLES.glob("*/case.toml"), key=lambda path: path.parent.name != "samsung_30q"):
         content = tomllib.loads(path.read_text(encoding="utf-8"))
-        found.append((str(path.parent), str(content.get("title", path.parent.name))))
+        runs = len(content.get("runs", ()))
+        about = f"{KINDS[content['kind']]}, {runs} run{'s' * (runs != 1)}"
+        found.append((str(path.parent), str(content.get("title", path.parent.name)), about))
     return tuple(found)
 
 
@@ -67,10 +69,10 @@ def show(context: Context) -> None:
         _summary(context)
         h("h3", "Other data")
     with h("ul", "", "cards", aria_label="Examples"):
-        for folder, title in examples():
+        for folder, title, about in examples():
             with h("li"), button("", lambda folder=folder: _open(context, folder), "card"):
                 h("b", title)
-                h("span", Path(folder).name.replace("_", " "), "soft")
+                h("span", f"{about[:1].upper()}{about[1:]}", "soft")
     DropZone(f"{context.address}/files").on("uploaded", lambda: _uploaded(context))
     _uploads(context)
 

@@ -13,6 +13,7 @@ from workbench.browser.context import Context
 from workbench.browser.html import button, h
 
 _LARGEST_SIDE = 34  # pixels of a cell
+_LETTERS = 44  # of all labels of an axis, side by side
 
 
 def show(context: Context) -> None:
@@ -31,15 +32,18 @@ def show(context: Context) -> None:
             with h("ul", "", "sentences"):
                 for one in said:
                     with h("li"):
-                        h("span", _sentence(one["sentence"]))
+                        h("span", _sentence(one["sentence"], view["case"]["runs"]))
                         h("span", f"{100 * one['share']:.0f} % of the squared error", "tag")
         if drawn is not None:
             _map(drawn)
     button("Learn what is missing", lambda: context.go("learn"), "button")
 
 
-def _sentence(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:].rstrip('.')}."
+def _sentence(text: str, runs: list[dict[str, Any]]) -> str:
+    """Return a sentence with a capital, unless it begins with the name of a run."""
+    if not any(text.startswith(run["name"]) for run in runs):
+        text = f"{text[:1].upper()}{text[1:]}"
+    return f"{text.rstrip('.')}."
 
 
 def _map(drawn: dict[str, Any]) -> None:
@@ -70,22 +74,24 @@ def _map(drawn: dict[str, Any]) -> None:
         "height": min(110 + _LARGEST_SIDE * len(rows), 300),
         "margin": {"l": 64, "r": 8, "t": 8, "b": 56},
         "xaxis": _axis(drawn["x"]["title"], columns),
-        "yaxis": _axis(drawn["y"]["title"], rows),
+        "yaxis": _axis(drawn["y"]["title"], rows) | {"tickvals": list(range(len(rows))), "ticktext": rows},
     }
     chart = Figure({"data": [heat], "layout": layout}, f"Map of the residual of {drawn['quantity']}")
     chart.classes("map")
     chart.on("pick", lambda event: _pick(event, drawn))
     with h("div", "", "cells", aria_label=f"Cells of the map of {drawn['quantity']}"):
-        h("p", "Click a cell to mark its samples in the traces. Red: measured above the model; blue: below.", "soft")
+        h("p", "Click a cell to mark its samples in the traces. Orange: measured above the model; blue: below.", "soft")
 
 
 def _axis(title: str, labels: list[str]) -> dict[str, Any]:
-    every = max(1, -(-len(labels) // 10))
+    longest = max((len(label) for label in labels), default=1)
+    every = max(1, -(-len(labels) * longest // _LETTERS)) if title != "run" else 1
     places = list(range(0, len(labels), every))
     return {
         "title": {"text": title},
         "tickvals": places,
         "ticktext": [labels[place] for place in places],
+        "tickangle": 0,
         "showgrid": False,
         "fixedrange": True,
     }
