@@ -57,8 +57,8 @@ DISCREPANCY = [
 ]
 WITHOUT_FRONT_END = ["jaxmodel", "importing", "sweeps", "sensitivity", "operation", "parameterisation"]
 FRONT_END = set(
-    "altair bokeh click dash fastapi flask jinja2 matplotlib plotly rich seaborn starlette streamlit textual tornado "
-    "tqdm typer uvicorn".split()
+    "altair bokeh click dash fastapi flask jinja2 matplotlib nicegui plotly rich seaborn starlette streamlit textual "
+    "tornado tqdm typer uvicorn".split()
 )
 FRONT_END_OF_PYTHON = set("argparse curses http optparse socketserver tkinter webbrowser wsgiref".split())
 MOST_LINES = 400
@@ -165,7 +165,7 @@ def test_package_imports_only_declared_dependencies(package: str) -> None:
     """A package that needs a dependency of the test extra would work here and fail for a user."""
     project = PROJECT["project"]
     extras = project["optional-dependencies"]
-    declared = project["dependencies"] + extras["cluster"] + extras["matlab"]
+    declared = project["dependencies"] + extras["cluster"] + extras["matlab"] + extras["workbench"]
     known = {re.split(r"[^\w-]", requirement)[0].replace("-", "_") for requirement in declared}
     known |= {"pydantic_core"}  # half of pydantic
     known |= sys.stdlib_module_names | MAY_IMPORT.keys()

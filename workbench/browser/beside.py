@@ -11,7 +11,7 @@ from workbench.browser.context import Context
 from workbench.browser.files import GRID, SENSITIVITY
 from workbench.browser.html import button, duration, field, h, select
 
-_COUNT = 16  # values of an axis at first
+_COUNT = 40  # values of an axis at first
 _NEEDS = "Compare with the model first: a sweep needs a calibrated model."
 
 
@@ -97,7 +97,7 @@ def _axis(context: Context, form: dict[str, Any], place: str, choices: dict[str,
 
     unit = choices[name]["unit"]
     of_unit = f" [{unit}]" if unit else ""
-    with h("div", "", "row"):
+    with h("div", "", "row axis"):
         select("Across" if place == "x" else "Up", words, name, chosen)
         field(f"from{of_unit}", f"{axis['low']:g}", lambda v: put("low", v), inputmode="decimal")
         field(f"to{of_unit}", f"{axis['high']:g}", lambda v: put("high", v), inputmode="decimal")

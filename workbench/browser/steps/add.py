@@ -55,7 +55,7 @@ def show(context: Context) -> None:
 
 
 def _offered(candidates: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the best effects and sensor faults, and the best correction of a table or a run: that is no new physics."""
+    """Return the best effects and sensor faults, and the best of the rest, which is no new physics."""
     promising = [one for one in candidates if one["gain"] > 0.0]
     physics = [one for one in promising if one["group"] in ("Effects", "Sensors")]
     return physics[:_NEXT] + [one for one in promising if one not in physics][:1]
@@ -66,6 +66,12 @@ def _verdict(verdict: dict[str, Any]) -> None:
         h("small", "Verdict")
         h("b", verdict["title"])
         h("p", verdict["sentence"])
+    if verdict["remarks"]:
+        with h("details"):
+            h("summary", f"{len(verdict['remarks'])} remarks on the data and the fit")
+            with h("ul", "", "findings"):
+                for remark in verdict["remarks"]:
+                    h("li", remark)
 
 
 def _ladder(view: dict[str, Any]) -> None:

@@ -11,7 +11,6 @@ from discrepancy import Investigation
 from discrepancy.residuals.regime_map import RUN, RegimeMap
 from discrepancy.residuals.regimes import Bins
 from discrepancy.result import Diagnosis, Rung
-from discrepancy.summary import summary
 from discrepancy.wording import VERDICT_TITLES, step_names, verdict_sentence, with_sd
 from importing import Imported
 from importing.imported import shortened
@@ -24,6 +23,7 @@ from workbench.browser.worker.words import (
     channel_words,
     error_text,
     finite,
+    in_words,
     physics_of,
     reason_for,
     title_of,
@@ -255,7 +255,6 @@ def verdict_view(diagnosis: Diagnosis) -> dict[str, Any]:
     return {
         "verdict": diagnosis.verdict,
         "title": VERDICT_TITLES[diagnosis.verdict],
-        "sentence": verdict_sentence(diagnosis),
-        "lines": summary(diagnosis),
-        "remarks": list(diagnosis.remarks),
+        "sentence": in_words(verdict_sentence(diagnosis), diagnosis.case.catalogue),
+        "remarks": [in_words(remark, diagnosis.case.catalogue) for remark in diagnosis.remarks],
     }

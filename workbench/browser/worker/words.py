@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,13 @@ def title_of(candidate: Candidate) -> str:
     words = f"{words[:1].upper()}{words[1:]}".replace("Ocv", "OCV").replace("Rc ", "RC ").replace("Pwm", "PWM")
     of_column = f" of {split_unit(column)[0]}" if column else ""
     return f"{words}{of_column}{f' in {run}' if run else ''}"
+
+
+def in_words(sentence: str, names: Iterable[str]) -> str:
+    """Return a sentence with names such as `self_heating` as words."""
+    for name in sorted(names, key=len, reverse=True):
+        sentence = sentence.replace(name, name.replace("_", " "))
+    return sentence
 
 
 def physics_of(candidate: Candidate) -> str:
