@@ -60,5 +60,5 @@ $(INSTALLED_DOCS): $(INSTALLED)
 	@touch $@
 
 clean:
-	rm -rf .venv .bench-env .jax-cache .hypothesis .pytest_cache .ruff_cache build dist site demo-results *.egg-info
+	rm -rf .venv .bench-env .jax-cache workbench-pictures .hypothesis .pytest_cache .ruff_cache build dist site demo-results *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

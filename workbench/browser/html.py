@@ -66,6 +66,11 @@ def duration(seconds: float) -> str:
     return f"{seconds / 86_400.0:.3g} days"
 
 
+def counted(count: int, what: str) -> str:
+    """Return '1 run' or '3 runs'."""
+    return f"{count} {what}{'s' * (count != 1)}"
+
+
 def size_words(count: int) -> str:
     """Return a size for a person: 12 kB, 3.4 MB."""
     if count < 1000:

@@ -89,12 +89,14 @@ def _add_pages(sessions: Sessions, workers: Workers, first: list[Mapping[str, An
 
     @app.get("/")
     def root(request: Request) -> RedirectResponse:
-        """Lead to the latest session; a case on the command line begins a new one."""
+        """Lead to the latest session; to that of the case on the command line where one is named."""
         user = request.state.user
-        session = None if first else sessions.latest(user)
-        session = session or sessions.new(user)
-        if first:
-            job = first.pop()
+        if not first:
+            return RedirectResponse(f"/s/{(sessions.latest(user) or sessions.new(user)).name}", 303)
+        job = first.pop()
+        session = next((one for one in sessions.all_of(user) if one.has(job)), None)
+        if session is None:
+            session = sessions.new(user)
             workers.do(session, job["do"], **job["with"])
         return RedirectResponse(f"/s/{session.name}", 303)
 

@@ -6,6 +6,7 @@ import re
 import secrets
 import shutil
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,18 @@ class Session:
         if name not in self._seen or self._seen[name][0] != key:
             self._seen[name] = (key, read_json(path))
         return self._seen[name][1]
+
+    def has(self, job: Mapping[str, Any]) -> bool:
+        """Return True if the session is of the data that a first job would open, or is about to open them."""
+        asked, wanted = job["with"], self.wanted
+        if wanted is not None and wanted["do"] == job["do"] and wanted["with"] == asked:
+            return True
+        if "path" not in self.view:
+            return False
+        if job["do"] == "open":
+            return Path(asked["path"]) in (Path(self.view["path"]), Path(self.view["path"]).parent)
+        source = self.view["source"]
+        return source.get("paths") == asked["files"] and source.get("kind") == asked["kind"]
 
     def want(self, job: str, **with_: Any) -> dict[str, Any]:
         """Write down a job that is to be done, and return it."""

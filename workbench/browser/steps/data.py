@@ -10,7 +10,7 @@ from typing import Any
 from nicegui.element import Element
 
 from workbench.browser.context import Context
-from workbench.browser.html import button, duration, field, h, select, size_words
+from workbench.browser.html import button, counted, duration, field, h, select, size_words
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 # The columns that each kind of hardware may have, and what they are called on the form.
@@ -55,7 +55,7 @@ def examples() -> tuple[tuple[str, str, str], ...]:
     for path in sorted(EXAMPLES.glob("*/case.toml"), key=lambda path: path.parent.name != "samsung_30q"):
         content = tomllib.loads(path.read_text(encoding="utf-8"))
         runs = len(content.get("runs", ()))
-        about = f"{KINDS[content['kind']]}, {runs} run{'s' * (runs != 1)}"
+        about = f"{KINDS[content['kind']]}, {counted(runs, 'run')}"
         found.append((str(path.parent), str(content.get("title", path.parent.name)), about))
     return tuple(found)
 
@@ -65,16 +65,24 @@ def show(context: Context) -> None:
     if context.stage == "empty":
         h("h2", "Bring data")
         h("p", "Start with an example, or drop what your bench wrote. Nothing leaves this machine.", "lead")
-    else:
-        _summary(context)
-        h("h3", "Other data")
+        _bring(context)
+        _uploads(context)
+        return
+    _summary(context)
+    _uploads(context)
+    with h("details"):
+        h("summary", "Bring other data")
+        _bring(context)
+
+
+def _bring(context: Context) -> None:
+    """Show the examples, and the place to drop files on."""
     with h("ul", "", "cards", aria_label="Examples"):
         for folder, title, about in examples():
             with h("li"), button("", lambda folder=folder: _open(context, folder), "card"):
                 h("b", title)
                 h("span", f"{about[:1].upper()}{about[1:]}", "soft")
     DropZone(f"{context.address}/files").on("uploaded", lambda: _uploaded(context))
-    _uploads(context)
 
 
 def _open(context: Context, folder: str) -> None:
@@ -96,7 +104,7 @@ def _uploads(context: Context) -> None:
     is_raw = bool(files) and not any(name.lower().endswith(".toml") for name, _ in files)
     if not is_raw and source.get("how") != "files":
         return
-    h("h3", "Import")
+    h("h3", "Correct the import" if source.get("how") == "files" else "Import")
     if files:
         with h("ul", "", "files"):
             for name, size in files:
@@ -194,8 +202,8 @@ def _summary(context: Context) -> None:
     h("h2", case["title"])
     fit = sum(run["split"] == "fit" for run in case["runs"])
     held = len(case["runs"]) - fit
-    counted = f"{fit} fitted run{'s' * (fit != 1)}, {held} held out"
-    h("p", f"{KINDS[case['kind']][:1].upper()}{KINDS[case['kind']][1:]}: {counted}.", "lead")
+    kind = KINDS[case["kind"]]
+    h("p", f"{kind[:1].upper()}{kind[1:]}: {counted(fit, 'fitted run')}, {held} held out.", "lead")
     imported = context.view.get("imported")
     if imported:
         _findings(imported)
@@ -214,7 +222,7 @@ def _summary(context: Context) -> None:
                     h("td", run["label"], "soft")
     if case["uncertain"]:
         with h("details"):
-            h("summary", f"{len(case['uncertain'])} uncertain parameters are calibrated")
+            h("summary", f"{counted(len(case['uncertain']), 'uncertain parameter')}, to be calibrated")
             with h("ul"):
                 for one in case["uncertain"]:
                     h("li", f"{one['name']} = {one['text']}")
@@ -240,10 +248,10 @@ def _findings(imported: dict[str, Any]) -> None:
             "First parameters are taken from the runs themselves when you compare, unless you name a preset.",
             "soft",
         )
-    for words, key in (("decisions", "decided"), ("notes", "noted")):
+    for words, key in (("decision", "decided"), ("note", "noted")):
         if imported[key]:
             with h("details"):
-                h("summary", f"{len(imported[key])} {words} of the importer")
+                h("summary", f"{counted(len(imported[key]), words)} of the importer")
                 with h("ul", "", "findings"):
                     for sentence in imported[key]:
                         h("li", sentence)
