@@ -70,7 +70,7 @@ def regime_map(residuals: ChannelResiduals) -> RegimeMap:
     shape, count = (along.count, across.count), along.count * across.count
 
     def total(values: Floats) -> Floats:
-        return np.bincount(cell, residuals.weight_s * values, minlength=count).reshape(shape)
+        return np.asarray(np.bincount(cell, residuals.weight_s * values, minlength=count), dtype=float).reshape(shape)
 
     seconds = total(np.ones(cell.size))
     with np.errstate(invalid="ignore"):

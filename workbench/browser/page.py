@@ -59,7 +59,7 @@ class Page:
         with h("nav", "", "steps", aria_label="Steps"), h("ol"):
             self.steps = h("div", "", "contents")
         self.job = h("div", "", "job", role="status", aria_live="polite")
-        with h("main", "", "split"):
+        with h("main", "", "split") as self.main:
             with h("section", "", "panel", id="panel", tabindex="-1", aria_label="Step"):
                 self.panel = h("div", "", "contents")
             with h("section", "", "stage", aria_label="Traces and what is beside the path"):
@@ -137,6 +137,9 @@ class Page:
     def _show_tab(self) -> None:
         """Draw the tab beside the panel; traces keep their zoom, the others are drawn anew."""
         is_traces = self.tab == "traces"
+        self.main.classes(remove="bare")
+        if self.context.stage == "empty":
+            self.main.classes("bare")
         self.traces_tab.set_visibility(is_traces)
         self.other.set_visibility(not is_traces)
         self.traces.set_visibility(self.context.stage != "empty")
@@ -159,7 +162,7 @@ class Page:
         with self.job:
             if progress["state"] == "running":
                 h("i", "", "progress", style=f"width:{100.0 * progress['share']:.1f}%", aria_hidden="true")
-                h("b", what)
+                h("b", str(what))
                 h("span", progress["now"].replace("_", " "))
                 if progress["left_s"] is not None:
                     h("span", f"about {duration(max(round(progress['left_s']), 1))} left", "soft")

@@ -24,6 +24,7 @@ Receive = Callable[[], Awaitable[Message]]
 Send = Callable[[Message], Awaitable[None]]
 
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+EVERY = ("0.0.0.0", "[::]")  # every interface
 _READING = ("GET", "HEAD")
 _USER = re.compile(r"[0-9a-f]{32}")
 # Everything comes from this server. Vue compiles its templates in the page, for which it needs `unsafe-eval`.
@@ -105,7 +106,7 @@ class Guard:
         name, _, port = host.rpartition(":") if re.search(r":\d+$", host) else (host, "", "80")
         if port != str(self._port):
             return False
-        if self._host in ("0.0.0.0", "::"):  # every interface: any address, and no name but that of loopback
+        if self._host in EVERY:  # any address, and no name but that of loopback
             return name == "localhost" or _is_address(name)
         return name == self._host or (self._host in LOOPBACK and name in LOOPBACK)
 

@@ -16,7 +16,7 @@ from nicegui import app, ui
 
 from workbench.browser.page import Page
 from workbench.browser.routes import add_routes
-from workbench.browser.security import Guard, Keys
+from workbench.browser.security import EVERY, Guard, Keys
 from workbench.browser.sessions import Sessions
 from workbench.browser.workers import Workers
 from workbench.terminal import say
@@ -52,9 +52,10 @@ def serve(
     add_routes(sessions)
     app.add_static_files("/assets", STATIC)
     app.add_static_file(local_file=_plotly_js(), url_path="/plotly/plotly.min.js", max_cache_age=86400)
-    app.add_middleware(Guard, keys=keys, host=host, port=port)  # type: ignore[arg-type]
+    name = f"[{host}]" if ":" in host else host
+    app.add_middleware(Guard, keys=keys, host=name, port=port)  # type: ignore[arg-type]
     app.on_shutdown(workers.end_all)
-    address = f"http://{'127.0.0.1' if host in ('0.0.0.0', '::') else host}:{port}/?token={keys.token}"
+    address = f"http://{'127.0.0.1' if name in EVERY else name}:{port}/?token={keys.token}"
     app.on_startup(lambda: say(f"The workbench is at {address}"))
     app.on_startup(lambda: say(f"Stop it with Ctrl-C; the sessions stay in {folder}."))
     if show:

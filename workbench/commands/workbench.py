@@ -92,4 +92,4 @@ def _check_port(host: str, port: int) -> None:
         try:
             one.bind((host, port))
         except OSError as error:
-            raise _mistake(f"--port {port}: {error.strerror.lower()}; give another port.") from error
+            raise _mistake(f"--port {port}: {str(error.strerror).lower()}; give another port.") from error

@@ -6,6 +6,7 @@ import os
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pandas as pd
@@ -53,7 +54,8 @@ def write_previews(folder: Path, case: Case, table: pd.DataFrame) -> None:
     numbers = {run.name: number for number, run in enumerate(case.runs)}
     series, kept = [], []
     first = 0
-    for (run, channel), part in table.groupby(["run", "channel"], sort=False):
+    for key, part in table.groupby(["run", "channel"], sort=False):
+        run, channel = cast("tuple[str, str]", key)
         rows = part.index.to_numpy()[:: max(1, -(-len(part) // _MOST_OF_A_PREVIEW))]
         own = {"run": numbers[str(run)], "channel": str(channel), "first": first, "last": first + rows.size}
         series.append(own)

@@ -27,7 +27,7 @@ _NO_METRICS = ("status", "valid_share")
 _MOST_BARS = 14
 
 
-def study_of(place: Place, progress: Progress, run: str, axes: Mapping[str, Mapping[str, float]]) -> sweeps.Study:
+def study_of(place: Place, progress: Progress, run: str, axes: Mapping[str, Any]) -> sweeps.Study:
     """Return the study that drives the present model with a run's inputs over some axes.
 
     Raises:
@@ -45,14 +45,19 @@ def study_of(place: Place, progress: Progress, run: str, axes: Mapping[str, Mapp
         title=f"{case.title}: {run}",
         case=case,
         profile={"csv": profile.name},
-        axes={name: {"start": a["low"], "stop": a["high"], "count": int(a["count"])} for name, a in axes.items()},
+        axes=axes,
         folder=folder,
     )
 
 
+def _grid(axes: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
+    """Return the axes of the form as a study has them."""
+    return {name: {"start": a["low"], "stop": a["high"], "count": int(a["count"])} for name, a in axes.items()}
+
+
 def forecast(place: Place, progress: Progress, run: str, axes: Mapping[str, Mapping[str, float]]) -> None:
     """Show what a sweep would take."""
-    study = study_of(place, progress, run, axes)
+    study = study_of(place, progress, run, _grid(axes))
     progress("timing some lanes")
     plan = sweeps.forecast(study)
     seconds = {"lanes": plan.lanes, "run_s": plan.run_s, "compile_s": plan.compile_s, "lanes_per_s": plan.lanes_per_s}
@@ -65,7 +70,7 @@ def sweep(place: Place, progress: Progress, run: str, axes: Mapping[str, Mapping
     Raises:
         UserError: the study cannot be run.
     """
-    study = study_of(place, progress, run, axes)
+    study = study_of(place, progress, run, _grid(axes))
     folder = place.folder / SWEEP / "result"
     if not resume:
         shutil.rmtree(folder, ignore_errors=True)
@@ -130,8 +135,7 @@ def sensitivity(place: Place, progress: Progress, run: str, point: Mapping[str, 
     Raises:
         UserError: the point cannot be used.
     """
-    axes = {name: {"low": value, "high": value, "count": 1} for name, value in point.items()}
-    study = study_of(place, progress, run, axes).at(dict(point))
+    study = study_of(place, progress, run, {name: [value] for name, value in point.items()})
     progress("differentiating the run by every parameter")
     data = analyses.local(study, doubling=False)
     progress("writing the tables")

@@ -187,16 +187,17 @@ def _axis(bins: Bins, runs: tuple[str, ...]) -> dict[str, Any]:
 
 def _candidates(investigation: Investigation, previews: pd.DataFrame) -> list[dict[str, Any]]:
     names = [str(name) for name in previews.columns[4:]]
-    square = (previews[["residual", *names]] ** 2).groupby(previews["channel"], sort=False).mean() ** 0.5
+    size = {
+        str(channel): np.sqrt(np.mean(part[["residual", *names]].to_numpy() ** 2, axis=0))
+        for channel, part in previews.groupby("channel", sort=False)
+    }
     found = []
     for row in investigation.candidates().to_dict("records"):
         name, candidate = str(row["name"]), investigation.space.candidates[str(row["name"])]
         if name not in names:
             continue
-        expected = {
-            str(channel): (float(square.loc[channel, "residual"]), float(square.loc[channel, name]))  # type: ignore
-            for channel in square.index
-        }
+        own = 1 + names.index(name)
+        expected = {channel: (float(rms[0]), float(rms[own])) for channel, rms in size.items()}
         gain = float(row["log_evidence"])
         found.append(
             {
