@@ -107,7 +107,6 @@ def _axis(context: Context, form: dict[str, Any], place: str, choices: dict[str,
 def _heat(context: Context, grid: dict[str, Any]) -> None:
     """Draw the map of one metric; a click on it asks for the sensitivities at that point."""
     form = context.form["sweep"]
-    names = [one["name"] for one in grid["metrics"]]
     chosen = next((one for one in grid["metrics"] if one["name"] == form["metric"]), grid["metrics"][0])
 
     def metric(value: str) -> None:
@@ -115,7 +114,7 @@ def _heat(context: Context, grid: dict[str, Any]) -> None:
         context.go("")
 
     with h("div", "", "row"):
-        select("Shown", {name: name.replace("_", " ") for name in names}, chosen["name"], metric)
+        select("Shown", {one["name"]: one["title"] for one in grid["metrics"]}, chosen["name"], metric)
     across, up = grid["axes"][0], grid["axes"][1]
     h("p", f"{grid['done']:,} of {grid['of']:,} combinations are done. Click a place for its sensitivities.", "soft")
     columns = list(zip(*chosen["values"], strict=True))  # the first axis goes across
@@ -128,27 +127,17 @@ def _heat(context: Context, grid: dict[str, Any]) -> None:
         "colorbar": {
             "thickness": 10,
             "outlinewidth": 0,
-            "title": {"text": _label(chosen["name"], chosen["unit"]), "side": "right"},
+            "title": {"text": chosen["title"], "side": "right"},
         },
         "hovertemplate": f"%{{x:.4~g}}, %{{y:.4~g}}: %{{z:.4~g}} {chosen['unit']}<extra></extra>",
     }
-    units = {one["name"]: one["unit"] for one in context.view["sweepable"]}
     layout = {
         "height": 380,
-        "xaxis": {"title": {"text": _label(across["name"], units.get(across["name"], ""))}, "showgrid": False},
-        "yaxis": {"title": {"text": _label(up["name"], units.get(up["name"], ""))}, "showgrid": False},
+        "xaxis": {"title": {"text": across["title"]}, "showgrid": False},
+        "yaxis": {"title": {"text": up["title"]}, "showgrid": False},
     }
     chart = Figure({"data": [heat], "layout": layout}, f"Map of {chosen['name']} over both axes")
     chart.on("pick", lambda event: _point(context, event, across["name"], up["name"]))
-
-
-def _label(name: str, unit: str) -> str:
-    """Return a name in words with its unit."""
-    words = name
-    for ending in ("_degC", "_Ah", "_Wh", "_A", "_V", "_s", "_per_s"):
-        words = words.removesuffix(ending) if unit else words
-    unit = {"degC": "°C"}.get(unit, unit)
-    return f"{words.replace('_', ' ')} [{unit}]" if unit else words.replace("_", " ")
 
 
 def _point(context: Context, event: GenericEventArguments, across: str, up: str) -> None:
@@ -172,8 +161,7 @@ def sensitivity(context: Context) -> None:
         button(f"At {run} and 20 °C", lambda: context.do("sensitivity", run=run, point=point), "button primary",
                disabled=context.is_busy)  # fmt: skip
         return
-    at = ", ".join(f"{name.replace('_', ' ')} {value:.4g}" for name, value in found["point"].items())
-    h("p", f"The present model on the inputs of {found['run']}, at {at}.", "lead")
+    h("p", f"The present model on the inputs of {found['run']}, at {found['at']}.", "lead")
     form = context.form.setdefault("sensitivity", {"metric": "", "output": ""})
 
     def put(key: str, value: str) -> None:
@@ -190,7 +178,7 @@ def sensitivity(context: Context) -> None:
     outputs = {one["name"]: one for one in found["outputs"]}
     if outputs:
         chosen = outputs.get(form["output"]) or next(iter(outputs.values()))
-        words = {name: _label(name, "x").removesuffix(" [x]") for name in outputs}
+        words = {name: one["quantity"] for name, one in outputs.items()}
         with h("div", "", "row"):
             select("Reading over time", words, chosen["name"], lambda value: put("output", value))
         _courses(found["time_s"], chosen)
@@ -230,7 +218,7 @@ def _courses(time_s: list[float], output: dict[str, Any]) -> None:
         }
         for one, hue, dash in zip(output["lines"], hues, dashes, strict=False)
     ]
-    unit = {"V": "V", "C": "K", "A": "A"}.get(output["name"][-1], "")
+    unit = output["difference"]
     layout = {
         "height": 320,
         "margin": {"l": 70, "r": 16, "t": 8, "b": 44},

@@ -81,7 +81,7 @@ def _plotly_js() -> Path:
 
 
 def _keep_house(workers: Workers) -> None:
-    workers.end_idle(set())
+    workers.end_idle()
     workers.keep_spare()
 
 

@@ -9,15 +9,15 @@ import sys
 import time
 from pathlib import Path
 
-from workbench.browser.files import LOG
+from workbench.browser.files import LOG, WANTED
 from workbench.browser.sessions import Session
 
 # A job that is asked to stop and has not after so many seconds is ended with its worker.
 PATIENCE_S = 4.0
 # A worker without a job for so long is ended; its session is taken up from its files.
-IDLE_S = 1800.0
+IDLE_S = 900.0
 # Workers at a time; the one idle for longest makes room.
-MOST = 6
+MOST = 4
 
 
 class Worker:
@@ -101,11 +101,19 @@ class Workers:
                 f"The worker of this session ended unexpectedly; {LOG} in its folder has the rest. Try again.", "failed"
             )
 
-    def end_idle(self, wanted: set[Path]) -> None:
-        """End workers that had nothing to do for long; `wanted` are the folders whose job is running."""
-        for folder, worker in list(self._of.items()):
-            if folder not in wanted and time.monotonic() - worker.used_at > IDLE_S:
+    def end_idle(self) -> None:
+        """End workers that had nothing to do for long."""
+        for folder, worker in self._of.items():
+            if (folder / WANTED).exists():
+                worker.used_at = time.monotonic()
+        for folder, worker in self._idle():
+            if time.monotonic() - worker.used_at > IDLE_S:
                 self._forget(folder)
+
+    def _idle(self) -> list[tuple[Path, Worker]]:
+        """Return the workers without a job, the one that had none for longest first."""
+        idle = [(folder, worker) for folder, worker in self._of.items() if not (folder / WANTED).exists()]
+        return sorted(idle, key=lambda pair: pair[1].used_at)
 
     def end_all(self) -> None:
         """End every worker."""
@@ -124,8 +132,7 @@ class Workers:
     def _new_for(self, session: Session) -> Worker:
         worker = self._spare if self._spare is not None and self._spare.lives else Worker()
         self._spare = None
-        idle = sorted(self._of.items(), key=lambda pair: pair[1].used_at)
-        for folder, _ in idle[: max(0, len(self._of) - MOST + 1)]:
+        for folder, _ in self._idle()[: max(0, len(self._of) - MOST + 1)]:
             self._forget(folder)
         worker.tell({"folder": str(session.folder)})
         self._of[session.folder] = worker

@@ -19,7 +19,7 @@ from sweeps.results import GRID as STORE
 from workbench.browser.files import GRID, SENSITIVITY, SWEEP, write_json
 from workbench.browser.worker.place import Place
 from workbench.browser.worker.progress import Progress
-from workbench.browser.worker.words import finite
+from workbench.browser.worker.words import channel_words, finite
 
 # Seconds between two looks at the chunks that have landed.
 _LOOK_S = 0.4
@@ -109,20 +109,27 @@ def _write_grid(folder: Path, dataset: xr.Dataset) -> None:
     axes = [str(axis) for axis in dataset[names[0]].dims]
     landed = dataset["status"].to_numpy() >= 0
     grid = {
-        "axes": [{"name": axis, "values": dataset[axis].to_numpy().tolist()} for axis in axes],
+        "axes": [{"name": axis, "title": _title(axis), "values": dataset[axis].to_numpy().tolist()} for axis in axes],
         "done": int(landed.sum()),
         "of": int(landed.size),
         "metrics": [
             {
                 "name": name,
                 "unit": str(dataset[name].attrs.get("units", "")),
-                "meaning": str(dataset[name].attrs.get("long_name", "")),
+                "title": _title(name, str(dataset[name].attrs.get("units", ""))),
                 "values": _nulls(np.where(landed, dataset[name].to_numpy(), np.nan)),
             }
             for name in names
         ],
     }
     write_json(folder / GRID, grid)
+
+
+def _title(name: str, unit: str = "") -> str:
+    """Return a name in words with its unit."""
+    words = channel_words(name)
+    unit = words["unit"] or unit
+    return f"{words['quantity']} [{unit}]" if unit else words["quantity"]
 
 
 def _nulls(values: np.ndarray) -> list[Any]:
@@ -139,7 +146,9 @@ def sensitivity(place: Place, progress: Progress, run: str, point: Mapping[str, 
     progress("differentiating the run by every parameter")
     data = analyses.local(study, doubling=False)
     progress("writing the tables")
-    write_json(place.folder / SENSITIVITY, {"point": dict(point), "run": run, **_bars(data), **_courses(data)})
+    words = {name: channel_words(name) for name in point}
+    at = ", ".join(f"{words[name]['quantity']} {value:.4g} {words[name]['unit']}" for name, value in point.items())
+    write_json(place.folder / SENSITIVITY, {"at": at, "run": run, **_bars(data), **_courses(data)})
     place.show(sensitivity=time.time())
 
 
@@ -154,7 +163,7 @@ def _bars(data: xr.Dataset) -> dict[str, Any]:
         bars = [{"name": str(names[i]), "value": float(values[i])} for i in order[:_MOST_BARS]]
         if bars:
             metrics.append({"name": metric, "bars": bars})
-    return {"metrics": metrics}
+    return {"metrics": sorted(metrics, key=lambda metric: -len(metric["bars"]))}
 
 
 def _courses(data: xr.Dataset) -> dict[str, Any]:
@@ -170,5 +179,5 @@ def _courses(data: xr.Dataset) -> dict[str, Any]:
         names = change["parameter"].to_numpy()
         lines = [{"name": str(names[i]), "values": [finite(v) for v in one[i, ::every]]} for i in order]
         if lines:
-            outputs.append({"name": output, "lines": lines})
-    return {"time_s": time_s[::every].tolist(), "outputs": outputs}
+            outputs.append({**channel_words(output), "lines": lines})
+    return {"time_s": time_s[::every].tolist(), "outputs": sorted(outputs, key=lambda one: one["name"] == "soc")}
