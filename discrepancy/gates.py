@@ -131,7 +131,8 @@ def is_material(inv: Workings, trial: Trial, lacking: Trial) -> bool:
     share = settings.least_share if len(lacking.labels) < 2 else settings.later_share
     before, after = left_out_error_of_runs(inv, lacking), left_out_error_of_runs(inv, trial)
     pooled_before, pooled_after = left_out_error(inv, lacking), left_out_error(inv, trial)
-    fitted = inv.errors_of(lacking) ** 2 - inv.errors_of(trial) ** 2 if stated else np.zeros(0)
+    steepness = trial.scale.view.readings.steepness
+    fitted = (inv.errors_of(lacking) ** 2 - inv.errors_of(trial) ** 2) / steepness**2 if stated else np.zeros(0)
     least = settings.negligible_share**2
     for place, channel in enumerate(inv.space.coarse.channels):
         if channel in stated and channel in before:
@@ -206,7 +207,8 @@ def left_out_error_of_runs(inv: Workings, trial: Trial) -> dict[str, np.ndarray]
 def _rms_of_blocks(inv: Workings, trial: Trial) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Return, by channel, run, RMS error above noise in tolerances, and number of readings of each block."""
     readings, found = trial.scale.view.readings, {}
-    beyond, block = inv.cross_validation(trial).errors ** 2 - readings.sd**2, readings.blocks(inv.pieces)
+    block = readings.blocks(inv.pieces)
+    beyond = (inv.cross_validation(trial).errors ** 2 - readings.sd**2) / readings.steepness**2
     for place, channel in enumerate(inv.space.coarse.channels):
         mine = readings.channel == place
         if channel in inv.noise and mine.any():
