@@ -13,7 +13,8 @@
 What `__all__` lists is the public API; the modules behind it may change.
 """
 
-from discrepancy.diagnosis import compare, conclusion, diagnose, finish
+from discrepancy.diagnosis import compare, diagnose
+from discrepancy.finishing import conclusion, finish
 from discrepancy.identification import Identification, identify
 from discrepancy.investigation import Investigation
 from discrepancy.names import curve

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.special import logsumexp
@@ -19,7 +19,6 @@ from discrepancy.fitting.candidates import is_distinguishable
 from discrepancy.fitting.lanes import one_thread_of_blas
 from discrepancy.fitting.model import Labels
 from discrepancy.gates import Addition, odds_of
-from discrepancy.investigation import Investigation
 from discrepancy.residuals.statements import statements
 from discrepancy.residuals.table import ChannelResiduals
 from discrepancy.result import (
@@ -60,10 +59,11 @@ def compare(case: Case, *, progress: Progress | None = None) -> Diagnosis:
     Raises:
         FitError: nothing is uncertain, or no run may be used to calibrate.
     """
-    return _comparison(Workings(case, progress=progress))
+    return comparison(Workings(case, progress=progress))
 
 
-def _comparison(inv: Workings) -> Diagnosis:
+def comparison(inv: Workings) -> Diagnosis:
+    """Return the calibrated base model of an investigation as a diagnosis that tests no candidate."""
     adjusted = with_adjusted_starts(inv, inv.base)
     ladder = (nominal(inv), rung(inv, "calibrated", inv.base, adjusted))
     left = residuals_of(inv, ladder[-1])
@@ -121,33 +121,6 @@ def diagnose(
         wanted,
         (*(f"--add {n}" for n in add), *(f"--with {n}" for n in with_effects), *(f"--without {n}" for n in without)),
     )
-
-
-@one_thread_of_blas
-def finish(investigation: Investigation, *, each: Callable[[], None] = lambda: None) -> Diagnosis:
-    """Go on with an investigation automatically from its present model, and return the diagnosis.
-
-    Args:
-        investigation: what was added to it by hand stays; its present model becomes the final one.
-        each: is called whenever its present model has changed; what it raises ends the search there.
-    """
-    wanted = investigation.added
-    found = investigation.search(each)
-    return conclude(investigation, found, wanted, [f"--with {name}" for name in wanted])
-
-
-@one_thread_of_blas
-def conclusion(investigation: Investigation) -> Diagnosis:
-    """Return the present model of an investigation as a diagnosis that tests no other candidate; nothing is refitted.
-
-    Args:
-        investigation: without additions, the result is that of `compare`.
-    """
-    wanted = investigation.added
-    if not wanted:
-        return _comparison(investigation)
-    found = policy.run(investigation, wanted, seek=False)
-    return conclude(investigation, found, wanted, [f"--add {name}" for name in wanted])
 
 
 def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ordered: Sequence[str] = ()) -> Diagnosis:

@@ -53,6 +53,7 @@ DISCREPANCY = [
     {"policy", "rungs", "advice", "findings", "tolerances", "extended", "names"},
     {"summary", "investigation", "identification"},
     {"diagnosis"},
+    {"finishing"},
     {"__init__"},
 ]
 WITHOUT_FRONT_END = ["jaxmodel", "importing", "sweeps", "sensitivity", "operation", "parameterisation"]

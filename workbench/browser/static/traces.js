@@ -111,8 +111,10 @@ export default {
       const columns = this.drawn.runs.length;
       const total = rows.reduce((sum, row) => sum + row.weight, 0);
       const data = [];
+      this.revision = (this.revision || 0) + 1;
       const layout = {
         ...look(),
+        datarevision: this.revision, // packed arrays are not compared: without it axes keep the range of others
         showlegend: false,
         hovermode: "x",
         dragmode: "zoom",
@@ -139,7 +141,7 @@ export default {
             ...(this.window[0] === null ? { autorange: true } : { range: [...this.window], autorange: false }),
           };
           layout[`yaxis${k === 1 ? "" : k}`] = {
-            ...axis(), domain, anchor: x, fixedrange: true, showticklabels: c === 0, automargin: false, nticks: 5,
+            ...axis(), domain, anchor: x, fixedrange: true, autorange: true, showticklabels: c === 0, automargin: false, nticks: 5,
             ...(c > 0 ? { matches: `y${r * columns + 1 === 1 ? "" : r * columns + 1}` } : {}),
             title: c === 0 ? { text: this.titleOf(row), standoff: 4, font: { size: 11 } } : { text: "" },
           };
