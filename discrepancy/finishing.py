@@ -1,4 +1,4 @@
-"""From an investigation by hand to a diagnosis: search on from where it is, or take its present model as the final one."""
+"""From an investigation to a diagnosis: search on from where it is, or take its present model as the final one."""
 
 from __future__ import annotations
 

@@ -29,6 +29,14 @@ def test_the_shipped_example_from_data_to_report(visit: Visit) -> None:
     page.wait_for_selector(".legend .base")
     assert "held-out runs" in page.inner_text(".panel .lead")
     visitor.picture("2-compare")
+    # Zoomed in, every axis follows the readings of the window, and those of all runs are linked.
+    with page.expect_response(lambda answer: "low=" in answer.url):
+        page.click("[aria-label='Zoom in']")
+    page.wait_for_function("document.querySelector('.plot')._fullLayout.xaxis.range[0] > 1")
+    page.wait_for_function("document.querySelector('.plot')._fullLayout.yaxis.range[0] > 2")
+    ranges = page.evaluate("['xaxis', 'xaxis2'].map((x) => document.querySelector('.plot')._fullLayout[x].range)")
+    assert ranges[0] == ranges[1]
+    page.click(".zoom >> text=All")
 
     visitor.step("See where it fails")
     assert "lacks heat" in page.inner_text(".panel")

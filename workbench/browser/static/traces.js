@@ -4,6 +4,7 @@ import { axis, colour, CONFIG, look, onTheme, plotly } from "/assets/plotting.js
 
 const GAP = 0.028;
 const POINTS = 4000;
+const LOW = 560; // pixels
 
 export default {
   template: `
@@ -41,7 +42,7 @@ export default {
     this.choose();
     this.plotly = await plotly();
     this.offTheme = onTheme(() => this.draw());
-    this.sized = new ResizeObserver(() => this.drawn && this.plotly.Plots.resize(this.$refs.plot));
+    this.sized = new ResizeObserver(() => this.drawn && this.draw().then(() => this.plotly.Plots.resize(this.$refs.plot)));
     this.sized.observe(this.$refs.plot);
     this.listen();
     await this.load();
@@ -136,6 +137,7 @@ export default {
           const last = r === rows.length - 1;
           layout[`xaxis${k === 1 ? "" : k}`] = {
             ...axis(), domain: [left, left + width], anchor: y, showticklabels: last, automargin: false,
+            hoverformat: ".4~g",
             ...(k > 1 ? { matches: "x" } : {}),
             title: last ? { text: `time [${this.view.time.unit}]`, standoff: 4, font: { size: 12 } } : { text: "" },
             ...(this.window[0] === null ? { autorange: true } : { range: [...this.window], autorange: false }),
@@ -161,6 +163,8 @@ export default {
     titleOf(row) {
       const own = row.what === "residual" ? this.view.residuals[row.channel.name]?.unit : row.channel.unit;
       const unit = own ? ` [${own}]` : "";
+      // On a low screen a title would run into the next: the unit, or nothing, says enough.
+      if (row.what !== "overlay" && this.$refs.plot.clientHeight < LOW) return unit.trim();
       return row.what === "residual" ? `residual${unit}` : `${row.channel.quantity}${unit}`;
     },
     headOf(run, left) {

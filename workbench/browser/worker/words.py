@@ -24,7 +24,7 @@ def title_of(candidate: Candidate) -> str:
     name, _, run = candidate.label.partition("@")
     name, _, column = name.partition(":")
     words = name.replace("_", " ")
-    words = f"{words[:1].upper()}{words[1:]}".replace("Ocv", "OCV").replace("Rc ", "RC ").replace("Pwm", "PWM")
+    words = re.sub(r"\b(ocv|rc|pwm)\b", lambda found: found[0].upper(), f"{words[:1].upper()}{words[1:]}", flags=re.I)
     of_column = f" of {split_unit(column)[0]}" if column else ""
     return f"{words}{of_column}{f' in {run}' if run else ''}"
 
