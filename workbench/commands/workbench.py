@@ -73,7 +73,8 @@ def first_job(data: Sequence[Path], kind: str, ambient: float | None) -> dict[st
         return None
     if len(data) == 1 and ((data[0] / "case.toml").is_file() or data[0].suffix.lower() == ".toml"):
         return {"do": "open", "with": {"path": str(data[0].resolve()), "how": "case"}}
-    files = [str(file.resolve()) for path in data for file in (sorted(path.iterdir()) if path.is_dir() else [path])]
+    inside = [file for path in data for file in (sorted(path.iterdir()) if path.is_dir() else [path])]
+    files = [str(file.resolve()) for file in inside if file.is_file() and not file.name.startswith(".")]
     return {"do": "import", "with": {"files": files, "kind": kind, "options": {"ambient": ambient}}}
 
 
