@@ -75,14 +75,14 @@ class Server:
             self.kill()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     one = Server(tmp_path_factory.mktemp("workbench") / "sessions")
     yield one
     one.stop()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")  # not longer: playwright keeps an event loop, in which other tests could start none
 def browser() -> Iterator[Any]:
     """Chromium; without it, or without playwright, these tests are skipped, and say so once."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")

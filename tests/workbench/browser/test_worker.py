@@ -16,21 +16,25 @@ from workbench.browser.worker.__main__ import do
 from workbench.browser.worker.keeping import script_of
 from workbench.browser.worker.place import Place
 from workbench.browser.worker.progress import Progress, Stopped
-from workbench.browser.workers import Workers
+from workbench.browser.workers import Worker, Workers
 
 
-class StandIn:
+class StandIn(Worker):
     """A worker that notes what it is told."""
 
     def __init__(self) -> None:
         self.told: list[dict[str, Any]] = []
-        self.lives, self.used_at = True, 0.0
+        self.is_dead, self.used_at = False, 0.0
+
+    @property
+    def lives(self) -> bool:
+        return not self.is_dead
 
     def tell(self, line: dict[str, Any]) -> None:
         self.told.append(line)
 
     def end(self) -> None:
-        self.lives = False
+        self.is_dead = True
 
 
 @pytest.fixture
@@ -115,7 +119,7 @@ def test_a_job_that_does_not_stop_is_ended_with_its_worker(
 
 def test_a_worker_that_died_is_said(session: Session, workers: Workers) -> None:
     workers.do(session, "diagnose")
-    next(iter(workers._of.values())).lives = False  # type: ignore[misc]
+    next(iter(workers._of.values())).end()
     workers.look_after(session)
     assert session.progress is not None
     assert session.progress["state"] == "failed"
@@ -126,7 +130,7 @@ def test_what_was_wanted_before_a_crash_is_begun_again(session: Session, workers
     session.want("add", names=["self_heating"])
     workers.take_up(session)
     (worker,) = workers._of.values()
-    assert worker.told[-1]["with"] == {"names": ["self_heating"]}  # type: ignore[attr-defined]
+    assert worker.told[-1]["with"] == {"names": ["self_heating"]}
 
 
 def test_the_script_repeats_the_session(made_case: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
