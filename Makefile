@@ -18,8 +18,8 @@ demo: $(INSTALLED)
 test: $(INSTALLED)
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
-	PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright
-	PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright -p pyright-public.json
+	@export PYRIGHT_PYTHON_IGNORE_WARNINGS=1; $(BIN)/pyright & all=$$!; \
+		$(BIN)/pyright -p pyright-public.json && wait $$all
 	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 # Strict: a link that leads nowhere, or a page that would fetch anything from another host, fails the build.

@@ -27,7 +27,7 @@ class Readings:
         time_s: (n,) time of each.
         sd: (n,) noise of one reading, in its unit.
         weight: (n,) correlation of its noise with that of the previous reading; 0 at the start of a chain.
-        steepness: (n,) of each, by which its model error and tolerance are multiplied; 1 except of voltages.
+        steepness: (n,) of each, see `discrepancy.noise.steepness`; 1 except of voltages.
         chains: rows of each channel in each run.
         shared: (n, noises) responses to independent slow noises of measured inputs.
     """
@@ -60,9 +60,8 @@ class Readings:
         for series, rows in self.chains:
             step = 1 if most is None else max(1, -(-(rows.stop - rows.start) // most))
             mine = np.arange(rows.start, rows.stop, step)
-            steep = self.steepness[mine]
-            gain = np.sqrt((1.0 - self.weight[mine]) / (1.0 + self.weight[mine])) * steep
-            found.append(Chain(series, mine, self.time_s[mine], self.sd[mine], gain, steep))
+            gain = np.sqrt((1.0 - self.weight[mine]) / (1.0 + self.weight[mine]))
+            found.append(Chain(series, mine, self.time_s[mine], self.sd[mine], gain))
         return found
 
     def blocks(self, pieces: int) -> np.ndarray:

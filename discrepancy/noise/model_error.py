@@ -65,8 +65,7 @@ class Chain:
         rows: indices in the flat list of readings.
         time_s: of each.
         sd: noise of each, in the channel's unit.
-        gain: h of each: the share of slow deviations that remains, times the steepness.
-        steepness: of each; see `discrepancy.noise.steepness`.
+        gain: h of each, the remaining share of slow deviations.
     """
 
     series: Series
@@ -74,7 +73,6 @@ class Chain:
     time_s: Float[np.ndarray, " n"]
     sd: Float[np.ndarray, " n"]
     gain: Float[np.ndarray, " n"]
-    steepness: Float[np.ndarray, " n"]
 
 
 class Whitener:
@@ -173,9 +171,8 @@ def estimate(
 
 
 def _beyond(errors: np.ndarray, chain: Chain) -> float:
-    """Return the root mean square of a series above its noise, where the steepness is 1."""
-    beyond = (errors[chain.rows] ** 2 - chain.sd**2) / chain.steepness**2
-    return float(np.sqrt(max(np.mean(beyond), 0.0)))
+    """Return the root mean square of a series above its noise."""
+    return float(np.sqrt(max(np.mean(errors[chain.rows] ** 2 - chain.sd**2), 0.0)))
 
 
 def _correlation_times(chains: Sequence[Chain], settings: Settings) -> np.ndarray:

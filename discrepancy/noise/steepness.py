@@ -1,12 +1,13 @@
 """How steep the open-circuit voltage is where a voltage was read, compared with its average slope.
 
 A model that is wrong about charge by 1 % is wrong by 10 mV where the OCV is flat, and by 200 mV where the cell is
-nearly empty. Both are the same error of the model. So a model error and a tolerance of a voltage are multiplied by
+nearly empty. Both are the same error of the model. Whether an addition is material, and how much of an error remains,
+is therefore judged on errors of a voltage divided by
 
     g = max(1, |dU_OC/dSOC| / (U_OC(1) - U_OC(0)))
 
-with the steepest slope within the uncertainty of the state of charge. Without it, one stretch at the end of a discharge
-outweighs all others, and no effect is material unless it acts there.
+with the steepest slope within the uncertainty of the state of charge. Without it, the last minutes of a discharge
+outweigh all else, and no effect is material unless it acts there.
 """
 
 from __future__ import annotations

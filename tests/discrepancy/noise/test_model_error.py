@@ -15,12 +15,11 @@ def times(rows: int, seed: int) -> np.ndarray:
     return np.cumsum(np.random.default_rng(seed).uniform(0.5, 12.0, rows))
 
 
-def chain(name: str, run: int, first: int, time_s: np.ndarray, rho: float = 0.0, steep: bool = False) -> Chain:
+def chain(name: str, run: int, first: int, time_s: np.ndarray, rho: float = 0.0) -> Chain:
     rows = np.arange(first, first + time_s.size)
-    steepness = np.linspace(1.0, 8.0, time_s.size) if steep else np.ones(time_s.size)
     gain = np.full(time_s.size, np.sqrt((1.0 - rho) / (1.0 + rho)))
     gain[0] = 1.0  # nothing before it was taken off
-    return Chain((name, run), rows, time_s, np.full(time_s.size, NOISE), gain * steepness, steepness)
+    return Chain((name, run), rows, time_s, np.full(time_s.size, NOISE), gain)
 
 
 def covariance(time_s: np.ndarray, s: float, tau: float) -> np.ndarray:
@@ -35,17 +34,16 @@ def drawn(time_s: np.ndarray, s: float, tau: float, rng: np.random.Generator) ->
 
 
 def test_chi_square_and_determinant_are_those_of_the_dense_covariance():
-    """Of two series with a model error and one without, at uneven times; one becomes eight times as steep."""
+    """Of two series with a model error and one without, at uneven times."""
     chains = [
-        chain("voltage_V", 0, 0, times(40, 0), steep=True),
+        chain("voltage_V", 0, 0, times(40, 0)),
         chain("voltage_V", 1, 40, times(30, 1)),
         chain("temperature", 0, 70, times(20, 2)),
     ]
     error = ModelError({("voltage_V", 0): 2.0, ("voltage_V", 1): 0.3}, {"voltage_V": 25.0})
     dense = NOISE**2 * np.eye(90)
     for one in chains[:2]:
-        own = covariance(one.time_s, error.sd[one.series], 25.0)
-        dense[np.ix_(one.rows, one.rows)] += one.steepness[:, None] * own * one.steepness
+        dense[np.ix_(one.rows, one.rows)] += covariance(one.time_s, error.sd[one.series], 25.0)
     white = Whitener(chains, error, 90)(np.eye(90))
     np.testing.assert_allclose(white @ dense @ white.T, np.eye(90), atol=1e-10)
     assert np.linalg.slogdet(white)[1] == pytest.approx(-0.5 * np.linalg.slogdet(dense)[1])
@@ -127,17 +125,3 @@ def test_channels_are_separate_and_a_tolerance_limits_the_size():
     assert free.of_channel("temperature") == 0.0
     held = estimate(chains, errors, {"voltage_V": 0.5})
     assert 0.0 < held.of_channel("voltage_V") < free.of_channel("voltage_V")
-
-
-def test_the_size_of_a_model_error_is_that_where_the_steepness_is_one():
-    rng = np.random.default_rng(5)
-    chains = [chain("voltage_V", run, 600 * run, times(600, run), steep=True) for run in range(4)]
-    delta = [np.linalg.cholesky(covariance(one.time_s, 3.0, 60.0) + 1e-9 * np.eye(600)) for one in chains]
-    errors = np.concatenate(
-        [
-            one.steepness * (root @ rng.standard_normal(600)) + NOISE * rng.standard_normal(600)
-            for one, root in zip(chains, delta, strict=True)
-        ]
-    )
-    found = estimate(chains, errors)
-    np.testing.assert_allclose(list(found.sd.values()), 3.0, rtol=0.35)
