@@ -178,6 +178,10 @@ class Emitter:
         flags = f" {FLAGS}" if operation in ("fadd", "fsub", "fmul", "fdiv") else ""
         return self.emit(f"{operation}{flags} {self.typed(x)}, {y.text}", x.dtype, x.wide)
 
+    def reciprocal(self, x: Value) -> Value:
+        """Return 1 / x, once for all that is divided by x."""
+        return self.once(("reciprocal", x), lambda: self.binary("fdiv", constant(1, x.dtype), x))
+
     def compare(self, operation: str, x: Value, y: Value) -> Value:
         """Return whether a comparison holds: 'fcmp olt', 'icmp eq' and the like."""
         x, y = self.alike(x, y)
