@@ -45,7 +45,7 @@ class Control(Directions):
         fixed, begin, over = given[:consts], given[consts : consts + carry], given[consts + carry :]
         if any(isinstance(x, Series) for x in begin):
             return self._scan_of_each(equation, given)
-        fixed = [self.carried_in(x) for x in fixed]
+        fixed = self.unchanged(fixed)
         steps = [self._steps(x) for x in over]
         flat, shapes = flattened(begin)
         kept = {k: v.aval for k, v in enumerate(equation.outvars[carry:]) if type(v).__name__ != "DropVar"}
@@ -60,7 +60,9 @@ class Control(Directions):
 
         alive, types = self._alive(flat, at)
         cleared = [self.cleared(dtype) for dtype in types]
-        state = [self.moved(x) if lives else x for x, lives in zip(flat, alive, strict=False)]
+        living = [number for number, lives in enumerate(alive[: len(flat)]) if lives]
+        held = dict(zip(living, self.moved([flat[number] for number in living]), strict=True))
+        state = [held.get(number, x) for number, x in enumerate(flat)]
         every = (True,) * self.directions
         rooms = [
             self.reserve(length, every if lives else None, aval.dtype)
@@ -68,12 +70,14 @@ class Control(Directions):
         ]
         with Loop(self.e, length, [self.e.widen(x) for x in state if isinstance(x, Value)]) as loop:
             found = at(loop.index, _merged(state, loop.carried))
-            targets = [Target(x, _place(was)) for x, was in zip(found, state, strict=False) if isinstance(was, Tangent)]
+            targets = [
+                Target(x, _address(was)) for x, was in zip(found, state, strict=False) if isinstance(was, Tangent)
+            ]
             for x, room in zip(found[len(flat) :], rooms, strict=True):
                 if room.form is None:
                     self.put(room, loop.index, x)
                 else:
-                    targets.append(Target(x, room.places[0], self.e.count(length), loop.index))
+                    targets.append(Target(x, self.numbers_at(room, loop.index)))
             self.follow(targets, cleared)
             loop.next = [self.e.widen(x) for x, was in zip(found, state, strict=False) if isinstance(was, Value)]
         stored = {k: self.stored(room, length) for k, room in zip(kept, rooms, strict=True)}
@@ -89,14 +93,14 @@ class Control(Directions):
 
         def round_of() -> tuple[list[bool], list[np.dtype]]:
             state = [
-                of_node(Stored("%tried", x.dtype), x.dtype) if lives else Value("%" + e.name(), x.dtype, True)
+                of_node(Stored(_anywhere, x.dtype), x.dtype) if lives else Value("%" + e.name(), x.dtype, True)
                 for x, lives in zip(begin, alive, strict=False)
             ]
             found = at("0", state)
             now = [isinstance(x, Tangent) for x in found]
             now[: len(begin)] = [a or b for a, b in zip(alive, now, strict=False)]
-            targets = [Target(x, "%tried") for x, lives in zip(found, now, strict=True) if lives]
-            return now, self.follow(targets, [])
+            targets = [Target(x, _anywhere) for x, lives in zip(found, now, strict=True) if lives]
+            return now, self.follow(targets)
 
         while True:
             now, types = self.tried(round_of)
@@ -284,8 +288,12 @@ def _merged(state: list[Any], numbers: list[Value]) -> list[Any]:
     return [next(rest) if isinstance(x, Value) else x for x in state]
 
 
-def _place(element: Tangent) -> str:
-    """Return the place of derivatives in memory."""
+def _address(element: Tangent) -> Callable[[str], str]:
+    """Return where derivatives are in memory."""
     (node,) = element.terms
     assert isinstance(node, Stored)
-    return node.place
+    return node.address
+
+
+def _anywhere(way: str) -> str:
+    return "%work"

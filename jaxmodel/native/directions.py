@@ -7,7 +7,7 @@ the coefficients, which all directions share, are read from memory, and so are t
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from jaxmodel.native.emitter import Value, constant
 from jaxmodel.native.long_arrays import LongArrays
 from jaxmodel.native.loop import Loop
 from jaxmodel.native.memory import Room
-from jaxmodel.native.tangents import Node, Parts, Stored, Sum, Tangent, Unit, linear, numbers_of, of_node, summed
+from jaxmodel.native.tangents import Node, Parts, Stored, Sum, Tangent, Unit, linear, of_node, summed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,50 +25,57 @@ class Target:
 
     Attributes:
         element: whose derivatives.
-        place: pointer to those in the first direction.
-        apart: how many packets the next direction is away, as the text of an i64.
-        start: packets before the first, in the same way.
+        address: of a packet of numbers, from the direction as the text of an i64.
     """
 
     element: Value | Tangent
-    place: str
-    apart: str = "1"
-    start: str = "0"
+    address: Callable[[str], str]
 
 
 class Directions(LongArrays):
     """The part of a lowering that computes derivatives in a loop over directions."""
 
-    def moved(self, element: Value | Tangent) -> Tangent:
-        """Return an element's derivatives, put into memory."""
-        room = self.reserve(self.directions, None, element.dtype)
-        for way, number in enumerate(numbers_of(self.e, element, (True,) * self.directions)):
-            self.put(room, str(way), number)
-        return of_node(Stored(room.places[0], room.dtype), room.dtype)
+    def moved(self, elements: Sequence[Value | Tangent]) -> list[Tangent]:
+        """Return the derivatives of elements, put into memory."""
+        every, targets, found = (True,) * self.directions, [], []
+        for element in elements:
+            address = self.numbers_at(self.reserve(1, every, element.dtype), "0")
+            targets.append(Target(element, address))
+            found.append(of_node(Stored(address, element.dtype), element.dtype))
+        self.follow(targets)
+        return found
+
+    def unchanged(self, arrays: Sequence[Any]) -> list[Any]:
+        """Return what a loop uses as it is: derivatives that its rounds would compute anew are put into memory."""
+        small = [x.ravel() if isinstance(x, np.ndarray) else () for x in arrays]
+        moving = dict.fromkeys(x for some in small for x in some if isinstance(x, Tangent) and _has_to_move(x))
+        held = dict(zip(moving, self.moved(list(moving)), strict=True))
+        result = []
+        for x, some in zip(arrays, small, strict=True):
+            if isinstance(x, np.ndarray):
+                flat = np.empty(x.size, dtype=object)
+                flat[:] = [held[one] if one in moving else one for one in some]
+                x = flat.reshape(x.shape)
+            result.append(x)
+        return result
 
     def cleared(self, dtype: Any) -> Room:
         """Return room for a number in each direction, all zero."""
-        room, e = self.reserve(self.directions, None, dtype), self.e
-        size = self.directions * e.lanes * np.dtype(dtype).itemsize
+        room, e = self.reserve(1, (True,) * self.directions, dtype), self.e
+        size = self.directions * e.lanes * 8
         e.declarations["llvm.memset"] = "declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)"
-        e.lines.append(f"  call void @llvm.memset.p0.i64(ptr align 8 {room.places[0]}, i8 0, i64 {size}, i1 false)")
+        e.lines.append(f"  call void @llvm.memset.p0.i64(ptr align 8 {room.place}, i8 0, i64 {size}, i1 false)")
         return room
 
-    def carried_in(self, x: Any) -> Any:
-        """Return what a loop uses and does not change: derivatives that its rounds would compute anew are in memory."""
-        if not self.directions or not isinstance(x, np.ndarray):
-            return x
-        result = np.empty(x.size, dtype=object)
-        result[:] = [self.moved(one) if isinstance(one, Tangent) and _has_to_move(one) else one for one in x.ravel()]
-        return result.reshape(x.shape)
-
-    def follow(self, targets: Sequence[Target], cleared: Sequence[Room]) -> list[np.dtype]:
+    def follow(self, targets: Sequence[Target], cleared: Sequence[Room] = ()) -> list[np.dtype]:
         """Compute derivatives, put them where they belong, and return the types of the rooms that it took.
 
         Args:
             targets: what to compute.
-            cleared: rooms with zeros, in which each round of a step's loop writes to the same places; in a trial none.
+            cleared: rooms with zeros, in which the rounds of a loop write to the same places; by default own ones.
         """
+        if not targets:
+            return []
         e, rooms, taken = self.e, iter(cleared), []
         wanted = [Tangent(x.multiplied(e), x.dtype, x.factor) for x in (linear(target.element) for target in targets)]
         sums = _in_order(wanted)
@@ -78,15 +85,12 @@ class Directions(LongArrays):
             units = [(node, c) for node, c in one.terms.items() if isinstance(node, Unit)]
             if units:
                 taken.append(units[0][1].dtype)
-                room = next(rooms, None) or self.reserve(self.directions, None, taken[-1])
+                room = next(rooms, None) or self.cleared(taken[-1])
+                address = self.numbers_at(room, "0")
+                begins[id(one)] = Stored(address, room.dtype)
                 for node, coefficient in units:
-                    self.put(room, str(node.way), coefficient)
-                begins[id(one)] = Stored(room.places[0], room.dtype)
-            for node, coefficient in one.terms.items():
-                if isinstance(node, Parts) and node not in held:
-                    (held[node],) = self.moved(of_node(node, coefficient.dtype)).terms
-        if not wanted:
-            return taken
+                    e.store(e.widen(coefficient), address(str(node.way)))
+            held |= {node: self._in_memory(node, c.dtype) for node, c in one.terms.items() if isinstance(node, Parts)}
         with Loop(e, self.directions) as loop:
             values: dict[Node, Value] = {}
 
@@ -104,10 +108,14 @@ class Directions(LongArrays):
                 values[node] = found
             numbers = [total(one) or constant(0, one.dtype) for one in wanted]
             for target, number in zip(targets, numbers, strict=True):
-                at = e.emit(f"mul i64 {loop.index}, {target.apart}", np.dtype("i8"), False).text
-                at = e.emit(f"add i64 {at}, {target.start}", np.dtype("i8"), False).text
-                e.store(e.widen(number), e.address(target.place, at, number.dtype, True))
+                e.store(e.widen(number), target.address(loop.index))
         return taken
+
+    def _in_memory(self, node: Node, dtype: np.dtype) -> Node:
+        """Return derivatives from registers."""
+        room = self.reserve(1, (True,) * self.directions, dtype)
+        self.put(room, "0", of_node(node, dtype))
+        return Stored(self.numbers_at(room, "0"), dtype)
 
 
 def _has_to_move(tangent: Tangent) -> bool:

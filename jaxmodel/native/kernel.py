@@ -15,11 +15,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxmodel.native import machine
+from jaxmodel.native.directions import Target
 from jaxmodel.native.emitter import NEAR, Emitter, Value
 from jaxmodel.native.loop import Loop
 from jaxmodel.native.lowering import Lowering
 from jaxmodel.native.operands import MOST_IN_REGISTERS, MOST_SPREAD, Memory, NotNative, Series
-from jaxmodel.native.tangents import numbers_of, seeds
+from jaxmodel.native.tangents import seeds
 
 __all__ = ["Kernel", "NotNative"]
 
@@ -293,22 +294,30 @@ def _row(e: Emitter, pointer: str, row: str, leaf: _Leaf) -> str:
 def _store(e: Emitter, lowering: Lowering, results: list[tuple[Any, _Leaf, str]]) -> None:
     """Store results; those over steps in one loop for each length, so that what they share is computed once."""
     long: dict[int, list[tuple[Any, _Leaf, str]]] = {}
+    targets = []
     for value, leaf, pointer in results:
         if isinstance(value, np.ndarray):
             for number, element in enumerate(value.ravel()):
-                _put(e, element, leaf, pointer, str(number), value.size)
+                targets += _put(e, element, leaf, pointer, str(number), value.size)
         else:
             long.setdefault(leaf.shape[-1], []).append((lowering.series(value), leaf, pointer))
+    lowering.follow(targets)
     for length, group in long.items():
         with Loop(e, length) as loop:
+            targets = []
             for series, leaf, pointer in group:
-                _put(e, series.at(loop.index), leaf, pointer, loop.index, length)
+                targets += _put(e, series.at(loop.index), leaf, pointer, loop.index, length)
+            lowering.follow(targets)
 
 
-def _put(e: Emitter, element: Any, leaf: _Leaf, pointer: str, index: str, size: int) -> None:
-    """Store an element of a result that has so many, of derivatives one for each direction."""
-    form = (True,) * leaf.shape[0] if leaf.moved else None
-    for way, number in enumerate(numbers_of(e, element, form)):
-        before = e.emit(f"mul i64 {e.count(size)}, {way}", np.dtype("i8"), False).text
-        at = e.emit(f"add i64 {before}, {index}", np.dtype("i8"), False).text
-        e.store(e.widen(number), _row(e, pointer, at, leaf))
+def _put(e: Emitter, element: Any, leaf: _Leaf, pointer: str, index: str, size: int) -> list[Target]:
+    """Store an element of a result that has so many; return where it belongs if it is derivatives."""
+    if not leaf.moved:
+        e.store(e.widen(element), _row(e, pointer, index, leaf))
+        return []
+
+    def address(way: str) -> str:
+        before = e.emit(f"mul i64 {way}, {e.count(size)}", np.dtype("i8"), False).text
+        return _row(e, pointer, e.emit(f"add i64 {before}, {index}", np.dtype("i8"), False).text, leaf)
+
+    return [Target(element, address)]

@@ -12,7 +12,7 @@ import numpy as np
 from jaxmodel.native.emitter import Emitter, Value
 from jaxmodel.native.loop import Loop
 from jaxmodel.native.operands import Array, Operand, Series
-from jaxmodel.native.tangents import Form, Tangent, as_node, form_of, from_numbers, joined, numbers_of
+from jaxmodel.native.tangents import Form, Stored, Tangent, as_node, form_of, from_numbers, joined, numbers_of, of_node
 
 Found = TypeVar("Found")
 
@@ -22,14 +22,21 @@ class Room:
     """Working memory for the elements of an array.
 
     Attributes:
-        places: pointers, one to each of the numbers of its first element.
+        place: pointer to its first element; the numbers of an element are as far apart as there are elements.
         form: of the elements.
         dtype: of the numbers.
+        count: of elements, as the text of an i64.
     """
 
-    places: tuple[str, ...]
+    place: str
     form: Form
     dtype: np.dtype
+    count: str
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers an element has."""
+        return 1 if self.form is None else sum(self.form)
 
 
 class Rooms:
@@ -47,28 +54,43 @@ class Rooms:
 
     def reserve(self, count: int, form: Form, dtype: Any) -> Room:
         """Return room for so many elements of each lane."""
-        numbers = 1 if form is None else sum(form)
-        return Room(tuple(self._place(count) for _ in range(numbers)), form, np.dtype(dtype))
-
-    def _place(self, count: int) -> str:
-        """Return a pointer to working memory for so many numbers of each lane."""
         e, index = self.e, np.dtype("i8")
-        offset = "0"
-        for size in self.room:
-            offset = e.emit(f"add i64 {offset}, {e.count(size)}", index, False).text
-        self.room.append(count)
+        sizes = [e.count(size) for size in self.room]
+        offset = str(sum(int(size) for size in sizes if not size.startswith("%")))
+        for size in sizes:
+            if size.startswith("%"):
+                offset = e.emit(f"add i64 {offset}, {size}", index, False).text
         offset = e.emit(f"mul i64 {offset}, {8 * e.lanes}", index, False).text
-        return e.emit(f"getelementptr inbounds i8, ptr {self._workspace}, i64 {offset}", index, False).text
+        place = e.emit(f"getelementptr inbounds i8, ptr {self._workspace}, i64 {offset}", index, False).text
+        room = Room(place, form, np.dtype(dtype), e.count(count))
+        self.room += [count] * room.numbers
+        return room
 
     def put(self, room: Room, index: str, element: Value | Tangent) -> None:
         """Store an element."""
-        for place, number in zip(room.places, numbers_of(self.e, element, room.form), strict=True):
-            self.e.store(self.e.widen(number), self.e.address(place, index, room.dtype, True))
+        address = self.numbers_at(room, index)
+        for number, value in enumerate(numbers_of(self.e, element, room.form)):
+            self.e.store(self.e.widen(value), address(str(number)))
 
     def taken(self, room: Room, index: str) -> Any:
         """Return an element."""
-        numbers = [self.e.load(self.e.address(p, index, room.dtype, True), room.dtype, True) for p in room.places]
+        address = self.numbers_at(room, index)
+        if room.form is not None and all(room.form):
+            return of_node(Stored(address, room.dtype), room.dtype)
+        numbers = [self.e.load(address(str(number)), room.dtype, True) for number in range(room.numbers)]
         return from_numbers(iter(numbers), room.form, room.dtype)
+
+    def numbers_at(self, room: Room, index: str) -> Callable[[str], str]:
+        """Return the address of each number of an element."""
+        e, whole = self.e, np.dtype("i8")
+
+        def address(number: str) -> str:
+            if number == "0":
+                return e.address(room.place, index, room.dtype, True)
+            before = e.emit(f"mul i64 {number}, {room.count}", whole, False).text
+            return e.address(room.place, e.emit(f"add i64 {before}, {index}", whole, False).text, room.dtype, True)
+
+        return address
 
     def stored(self, room: Room, length: int) -> Series:
         """Return the elements in a room."""

@@ -51,9 +51,14 @@ class Parts(Node):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Stored(Node):
-    """Derivatives in memory, one packet after the other."""
+    """Derivatives in memory.
 
-    place: str
+    Attributes:
+        address: of a packet of numbers, from the direction as the text of an i64.
+        dtype: of the numbers.
+    """
+
+    address: Callable[[str], str]
     dtype: np.dtype
 
     def part(self, e: Emitter, way: int) -> Value:
@@ -61,8 +66,8 @@ class Stored(Node):
         return self.at(e, str(way))
 
     def at(self, e: Emitter, way: str) -> Value:
-        """Return the derivative in a direction whose number is the text of an i64."""
-        return e.once((self, way), lambda: e.load(e.address(self.place, way, self.dtype, True), self.dtype, True))
+        """Return the derivative in a direction."""
+        return e.once((self, way), lambda: e.load(self.address(way), self.dtype, True))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
