@@ -61,18 +61,15 @@ class Control(Directions):
         alive, types = self._alive(flat, at)
         cleared = [self.cleared(dtype) for dtype in types]
         living = [number for number, lives in enumerate(alive[: len(flat)]) if lives]
-        held = dict(zip(living, self.moved([flat[number] for number in living]), strict=True))
-        state = [held.get(number, x) for number, x in enumerate(flat)]
-        every = (True,) * self.directions
+        moved = dict(zip(living, self.moved([flat[number] for number in living]), strict=True))
+        state = [self.taken(moved[number], "0") if number in moved else x for number, x in enumerate(flat)]
         rooms = [
-            self.reserve(length, every if lives else None, aval.dtype)
+            self.reserve(length, () if lives else None, aval.dtype)
             for lives, aval in zip(alive[len(flat) :], kept.values(), strict=True)
         ]
         with Loop(self.e, length, [self.e.widen(x) for x in state if isinstance(x, Value)]) as loop:
             found = at(loop.index, _merged(state, loop.carried))
-            targets = [
-                Target(x, _address(was)) for x, was in zip(found, state, strict=False) if isinstance(was, Tangent)
-            ]
+            targets = [Target(found[number], self.numbers_at(room, "0")) for number, room in moved.items()]
             for x, room in zip(found[len(flat) :], rooms, strict=True):
                 if room.form is None:
                     self.put(room, loop.index, x)
@@ -93,13 +90,15 @@ class Control(Directions):
 
         def round_of() -> tuple[list[bool], list[np.dtype]]:
             state = [
-                of_node(Stored(_anywhere, x.dtype), x.dtype) if lives else Value("%" + e.name(), x.dtype, True)
+                of_node(Stored(lambda _, x=x: Value("%tried", x.dtype, True)), x.dtype)
+                if lives
+                else Value("%" + e.name(), x.dtype, True)
                 for x, lives in zip(begin, alive, strict=False)
             ]
             found = at("0", state)
             now = [isinstance(x, Tangent) for x in found]
             now[: len(begin)] = [a or b for a, b in zip(alive, now, strict=False)]
-            targets = [Target(x, _anywhere) for x, lives in zip(found, now, strict=True) if lives]
+            targets = [Target(x, lambda _: "%work") for x, lives in zip(found, now, strict=True) if lives]
             return now, self.follow(targets)
 
         while True:
@@ -286,14 +285,3 @@ def _merged(state: list[Any], numbers: list[Value]) -> list[Any]:
     """Return the elements of a state whose numbers are now others; derivatives are where they were."""
     rest = iter(numbers)
     return [next(rest) if isinstance(x, Value) else x for x in state]
-
-
-def _address(element: Tangent) -> Callable[[str], str]:
-    """Return where derivatives are in memory."""
-    (node,) = element.terms
-    assert isinstance(node, Stored)
-    return node.address
-
-
-def _anywhere(way: str) -> str:
-    return "%work"

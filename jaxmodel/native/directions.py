@@ -35,21 +35,18 @@ class Target:
 class Directions(LongArrays):
     """The part of a lowering that computes derivatives in a loop over directions."""
 
-    def moved(self, elements: Sequence[Value | Tangent]) -> list[Tangent]:
-        """Return the derivatives of elements, put into memory."""
-        every, targets, found = (True,) * self.directions, [], []
-        for element in elements:
-            address = self.numbers_at(self.reserve(1, every, element.dtype), "0")
-            targets.append(Target(element, address))
-            found.append(of_node(Stored(address, element.dtype), element.dtype))
-        self.follow(targets)
-        return found
+    def moved(self, elements: Sequence[Value | Tangent]) -> list[Room]:
+        """Return memory with the derivatives of elements."""
+        rooms = [self.reserve(1, (), element.dtype) for element in elements]
+        self.follow([Target(x, self.numbers_at(room, "0")) for x, room in zip(elements, rooms, strict=True)])
+        return rooms
 
     def unchanged(self, arrays: Sequence[Any]) -> list[Any]:
         """Return what a loop uses as it is: derivatives that its rounds would compute anew are put into memory."""
         small = [x.ravel() if isinstance(x, np.ndarray) else () for x in arrays]
         moving = dict.fromkeys(x for some in small for x in some if isinstance(x, Tangent) and _has_to_move(x))
-        held = dict(zip(moving, self.moved(list(moving)), strict=True))
+        rooms = self.moved(list(moving))
+        held = {x: self.taken(room, "0") for x, room in zip(moving, rooms, strict=True)}
         result = []
         for x, some in zip(arrays, small, strict=True):
             if isinstance(x, np.ndarray):
@@ -61,7 +58,7 @@ class Directions(LongArrays):
 
     def cleared(self, dtype: Any) -> Room:
         """Return room for a number in each direction, all zero."""
-        room, e = self.reserve(1, (True,) * self.directions, dtype), self.e
+        room, e = self.reserve(1, (), dtype), self.e
         size = self.directions * e.lanes * 8
         e.declarations["llvm.memset"] = "declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)"
         e.lines.append(f"  call void @llvm.memset.p0.i64(ptr align 8 {room.place}, i8 0, i64 {size}, i1 false)")
@@ -87,7 +84,7 @@ class Directions(LongArrays):
                 taken.append(units[0][1].dtype)
                 room = next(rooms, None) or self.cleared(taken[-1])
                 address = self.numbers_at(room, "0")
-                begins[id(one)] = Stored(address, room.dtype)
+                begins[id(one)] = Stored(self.loads(room, "0"))
                 for node, coefficient in units:
                     e.store(e.widen(coefficient), address(str(node.way)))
             held |= {node: self._in_memory(node, c.dtype) for node, c in one.terms.items() if isinstance(node, Parts)}
@@ -113,9 +110,9 @@ class Directions(LongArrays):
 
     def _in_memory(self, node: Node, dtype: np.dtype) -> Node:
         """Return derivatives from registers."""
-        room = self.reserve(1, (True,) * self.directions, dtype)
+        room = self.reserve(1, (), dtype)
         self.put(room, "0", of_node(node, dtype))
-        return Stored(self.numbers_at(room, "0"), dtype)
+        return Stored(self.loads(room, "0"))
 
 
 def _has_to_move(tangent: Tangent) -> bool:

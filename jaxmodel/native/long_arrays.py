@@ -27,7 +27,7 @@ from jaxmodel.native.operands import (
     Series,
     array_of,
 )
-from jaxmodel.native.tangents import from_numbers, numbers_of
+from jaxmodel.native.tangents import Stored, Tangent, from_numbers, numbers_of, of_node
 
 _VIEWS = ("slice", "dynamic_slice", "squeeze", "reshape", "broadcast_in_dim", "expand_dims")
 
@@ -50,8 +50,8 @@ class LongArrays(Rooms):
         if isinstance(x, np.ndarray) and x.size == 1:
             value = x.ravel()[0]
             return Series(1, value.dtype, lambda index: value)  # the same at every index
-        if isinstance(x, np.ndarray) and x.ndim == 1:
-            return self.spilled(x)
+        if isinstance(x, np.ndarray) and x.size == max(x.shape):
+            return self.spilled(x.ravel())
         raise NotNative("an array over steps and something else")
 
     def element_of(self, memory: Memory, index: str) -> Value:
@@ -142,20 +142,29 @@ class LongArrays(Rooms):
 
     def _scattered(self, given: list[Operand], params: dict) -> Series:
         """Return a series with some of its numbers replaced."""
-        source, places, updates = (self.series(x) for x in given)
+        source, updates, where = self.series(given[0]), self.series(given[2]), given[1]
         dims = params["dimension_numbers"]
         if dims.update_window_dims or dims.inserted_window_dims != (0,):
             raise NotNative("a scatter into an array of several axes")
         room = self.reserve(source.length, self.form_at(source, updates), source.dtype)
         self.keep(source, room)
-        with Loop(self.e, updates.length) as loop:
-            target = self.as_i64(places.at(loop.index))
+
+        def replace(place: Value, new: Any) -> None:
+            target = self.as_i64(place)
             if target.wide:
                 raise NotNative("a scatter to places that differ from lane to lane")
             held = self.held(target, source.length)
             inside = self.e.compare("icmp eq", held, target)  # what is outside is dropped
-            given = [inside, self.taken(room, held.text), updates.at(loop.index)]
-            self.put(room, held.text, ELEMENTS["select_n"](self, given, {}, source.dtype))
+            now = ELEMENTS["select_n"](self, [inside, self.taken(room, held.text), new], {}, source.dtype)
+            self.put(room, held.text, now)
+
+        if isinstance(where, np.ndarray):
+            for number, place in enumerate(where.ravel()):
+                replace(place, updates.at(str(number)))
+        else:
+            places = self.series(where)
+            with Loop(self.e, updates.length) as loop:
+                replace(places.at(loop.index), updates.at(loop.index))
         return self.stored(room, source.length)
 
     def _cumulated(self, series: Series, params: dict) -> Series:
@@ -261,16 +270,19 @@ class LongArrays(Rooms):
         """Return the element at a place that may differ from lane to lane."""
         if not place.wide:
             return series.at(place.text)
-        e, form, kind = self.e, self.form_at(series), self.e.type_of(np.dtype(np.int64), True)
-        target, results = e.type_of(dtype, True), ["poison"] * (1 if form is None else sum(form))
-        for lane in range(e.lanes):
-            index = e.emit(f"extractelement {kind} {place.text}, i64 {lane}", np.dtype(np.int64), False)
-            for number, one in enumerate(numbers_of(e, series.at(index.text), form)):
-                if one.wide:
-                    one = e.emit(f"extractelement {e.typed(one)}, i64 {lane}", dtype, False)
-                into = f"insertelement {target} {results[number]}, {e.typed(one)}, i64 {lane}"
-                results[number] = e.emit(into, dtype, True).text
-        return from_numbers(iter([Value(text, dtype, True) for text in results]), form, dtype)
+        e, kind = self.e, self.e.type_of(np.dtype(np.int64), True)
+        extracts = [f"extractelement {kind} {place.text}, i64 {lane}" for lane in range(e.lanes)]
+        each = [series.at(e.emit(extract, np.dtype(np.int64), False).text) for extract in extracts]
+        if not any(isinstance(one, Tangent) for one in each):
+            return e.assembled(each, dtype)
+        nodes = [node for one in each if isinstance(one, Tangent) for node in one.terms if isinstance(node, Stored)]
+        if not series.is_kept or len(nodes) != len(each):
+            raise NotNative("derivatives at places that differ from lane to lane")
+
+        def load(way: str) -> Value:
+            return e.assembled([node.at(e, way) for node in nodes], dtype)
+
+        return of_node(Stored(load), dtype)
 
     def rows_at(self, flat: Series, shape: tuple[int, ...], starts: list[Value], out: Any) -> Array:
         """Return rows of an array from a place on that is computed, held within the array.

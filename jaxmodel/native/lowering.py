@@ -23,6 +23,10 @@ from jaxmodel.native.emitter import Emitter, Value
 from jaxmodel.native.operands import Array, Memory, NotNative, Operand, Rows, Series, array_of, constants
 
 
+# More take LLVM longer than XLA needs for the same function: short arrays of which each element is written out.
+MOST_INSTRUCTIONS = 50_000
+
+
 class Lowering(Control):
     """Writes the equations of a jaxpr to an emitter."""
 
@@ -54,6 +58,8 @@ class Lowering(Control):
             return self._literal(atom) if isinstance(atom, Literal) else known[atom]
 
         for equation, used in zip(jaxpr.eqns, needed, strict=True):
+            if len(self.e.lines) > MOST_INSTRUCTIONS:
+                raise NotNative(f"a function of more than {MOST_INSTRUCTIONS} instructions")
             if used:
                 results = self._equation(equation, [read(atom) for atom in equation.invars])
                 learn(equation.outvars, results)

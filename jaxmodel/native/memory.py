@@ -12,7 +12,7 @@ import numpy as np
 from jaxmodel.native.emitter import Emitter, Value
 from jaxmodel.native.loop import Loop
 from jaxmodel.native.operands import Array, Operand, Series
-from jaxmodel.native.tangents import Form, Stored, Tangent, as_node, form_of, from_numbers, joined, numbers_of, of_node
+from jaxmodel.native.tangents import Form, Stored, Tangent, as_node, form_of, joined, numbers_of, of_node
 
 Found = TypeVar("Found")
 
@@ -33,11 +33,6 @@ class Room:
     dtype: np.dtype
     count: str
 
-    @property
-    def numbers(self) -> int:
-        """How many numbers an element has."""
-        return 1 if self.form is None else sum(self.form)
-
 
 class Rooms:
     """The part of a lowering that puts arrays into memory.
@@ -53,7 +48,8 @@ class Rooms:
     _workspace: str
 
     def reserve(self, count: int, form: Form, dtype: Any) -> Room:
-        """Return room for so many elements of each lane."""
+        """Return room for so many elements of each lane; for derivatives in all directions, or none."""
+        form = None if form is None else (True,) * self.directions
         e, index = self.e, np.dtype("i8")
         sizes = [e.count(size) for size in self.room]
         offset = str(sum(int(size) for size in sizes if not size.startswith("%")))
@@ -63,7 +59,7 @@ class Rooms:
         offset = e.emit(f"mul i64 {offset}, {8 * e.lanes}", index, False).text
         place = e.emit(f"getelementptr inbounds i8, ptr {self._workspace}, i64 {offset}", index, False).text
         room = Room(place, form, np.dtype(dtype), e.count(count))
-        self.room += [count] * room.numbers
+        self.room += [count] * (1 if form is None else len(form))
         return room
 
     def put(self, room: Room, index: str, element: Value | Tangent) -> None:
@@ -74,11 +70,13 @@ class Rooms:
 
     def taken(self, room: Room, index: str) -> Any:
         """Return an element."""
+        load = self.loads(room, index)
+        return load("0") if room.form is None else of_node(Stored(load), room.dtype)
+
+    def loads(self, room: Room, index: str) -> Callable[[str], Value]:
+        """Return the instructions of each number of an element."""
         address = self.numbers_at(room, index)
-        if room.form is not None and all(room.form):
-            return of_node(Stored(address, room.dtype), room.dtype)
-        numbers = [self.e.load(address(str(number)), room.dtype, True) for number in range(room.numbers)]
-        return from_numbers(iter(numbers), room.form, room.dtype)
+        return lambda number: self.e.load(address(number), room.dtype, True)
 
     def numbers_at(self, room: Room, index: str) -> Callable[[str], str]:
         """Return the address of each number of an element."""

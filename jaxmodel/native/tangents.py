@@ -54,12 +54,10 @@ class Stored(Node):
     """Derivatives in memory.
 
     Attributes:
-        address: of a packet of numbers, from the direction as the text of an i64.
-        dtype: of the numbers.
+        load: the number in a direction, which is the text of an i64.
     """
 
-    address: Callable[[str], str]
-    dtype: np.dtype
+    load: Callable[[str], Value]
 
     def part(self, e: Emitter, way: int) -> Value:
         """Return the number, loaded."""
@@ -67,7 +65,7 @@ class Stored(Node):
 
     def at(self, e: Emitter, way: str) -> Value:
         """Return the derivative in a direction."""
-        return e.once((self, way), lambda: e.load(self.address(way), self.dtype, True))
+        return e.once((self, way), lambda: self.load(way))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
