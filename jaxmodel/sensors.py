@@ -78,7 +78,11 @@ def _distort(
         signals = {
             # At the end of a row the signal equals its reading exactly, so that a sensor without delay changes nothing.
             name: Signal(
-                track.duration_s, starts[name], ends[name].at[track.last_step].set(values[1:]), values, track.at_rows
+                track.duration_s,
+                starts[name],
+                ends[name].at[track.last_step].set(values[1:], unique_indices=True),
+                values,
+                track.at_rows,
             )
             for name, values in readings.items()
         }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable
 from typing import Any, Literal
 
@@ -13,14 +14,17 @@ import xarray
 from jaxtyping import Array, Float
 
 from jaxmodel.model import Model
+from jaxmodel.native import NotNative
 from jaxmodel.profile import Profile
 from jaxmodel.simulation import Cutoff
+from sensitivity import by_vectors
 from sensitivity.checkpoint import LONGEST, in_blocks
 from sensitivity.response import Answer, Response, Steps, make_response, steps_of
 from sweeps.lane import Outcome
 from sweeps.metrics import Metric
 
 Mode = Literal["forward", "reverse"]
+Points = Float[np.ndarray, "lanes parameter"] | Float[Array, "lanes parameter"]
 
 
 def choose_mode(parameters: int, numbers: int, steps: int = LONGEST) -> Mode:
@@ -35,9 +39,10 @@ def choose_mode(parameters: int, numbers: int, steps: int = LONGEST) -> Mode:
     return "reverse" if parameters > break_even else "forward"
 
 
-@eqx.filter_jit
 def jacobian(response: Response, values: Float[Array, " parameter"], mode: Mode) -> tuple[Answer, Answer]:
     """Return the answer and its derivatives, the parameters' axis first.
+
+    Forward mode on a processor runs as vector instructions where that is possible, which saves XLA's compilation.
 
     Args:
         response: the differentiated run.
@@ -52,6 +57,15 @@ def jacobian(response: Response, values: Float[Array, " parameter"], mode: Mode)
     Raises:
         ValueError: reverse mode where outputs are asked for: it would take a pass for each row.
     """
+    if mode == "forward":
+        with contextlib.suppress(NotNative):
+            found = by_vectors.slopes(response, np.asarray(values)[None], values.size)
+            return jax.tree.map(lambda x: x[0], found)
+    return _jacobian_by_xla(response, values, mode)
+
+
+@eqx.filter_jit
+def _jacobian_by_xla(response: Response, values: Float[Array, " parameter"], mode: Mode) -> tuple[Answer, Answer]:
     if mode == "forward":
 
         def push(direction: Array) -> tuple[Answer, Answer]:
@@ -68,12 +82,23 @@ def jacobian(response: Response, values: Float[Array, " parameter"], mode: Mode)
     return answer, Answer(pulled.T, jnp.zeros((values.size, *answer.outputs.shape)))
 
 
+def pushforward(response: Response, at: Points, along: Points) -> tuple[Answer, Answer, Outcome]:
+    """Return the answer at each point, its derivative along the direction of that lane, and the outcome of the run.
+
+    Args:
+        response: that is differentiated.
+        at: parameter values, shape (lanes, parameter).
+        along: the directions, of the same shape.
+    """
+    with contextlib.suppress(NotNative):
+        return by_vectors.pushed(response, np.asarray(at), np.asarray(along))
+    return _pushforward_by_xla(response, jnp.asarray(at), jnp.asarray(along))
+
+
 @eqx.filter_jit
-def pushforward(
+def _pushforward_by_xla(
     response: Response, at: Float[Array, "lanes parameter"], along: Float[Array, "lanes parameter"]
 ) -> tuple[Answer, Answer, Outcome]:
-    """Return the answer at each point, its derivative along the direction of that lane, and the outcome of the run."""
-
     def lane(values: Array, direction: Array) -> tuple[Answer, Answer, Outcome]:
         return jax.jvp(lambda x: response.run(response.named(x)), (values,), (direction,), has_aux=True)
 

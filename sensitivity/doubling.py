@@ -14,7 +14,6 @@ from collections.abc import Iterable
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray
 from jaxtyping import Array, Float, Int
@@ -52,12 +51,12 @@ class Doubling(eqx.Module):
     valid_share: Float[Array, " parameter"]
 
 
-def double(response: Response, values: Float[Array, " parameter"], size: Float[Array, " parameter"]) -> Doubling:
+def double(response: Response, values: Float[Array, " parameter"], size: np.ndarray) -> Doubling:
     """Move each parameter in turn by a step: four lanes each, all in one program of runs and their slopes."""
-    directions = jnp.diag(size)
-    shares = jnp.asarray([0.0, -NEARBY, NEARBY, 1.0])
-    at = values + shares[:, None, None] * directions
-    along = jnp.broadcast_to(directions, at.shape)
+    directions = np.diag(size)
+    shares = np.array([0.0, -NEARBY, NEARBY, 1.0])
+    at = np.asarray(values) + shares[:, None, None] * directions
+    along = np.broadcast_to(directions, at.shape)
     flat = pushforward(response, at.reshape(-1, values.size), along.reshape(-1, values.size))
     answers, slopes, runs = jax.tree.map(lambda x: x.reshape(shares.size, values.size, *x.shape[1:]), flat)
     return Doubling(
@@ -107,7 +106,7 @@ def doubling_test(
     """
     response = make_response(model, profile, names, metrics, outputs, cutoff)
     step = steps_of(response)
-    result = double(response, response.values(), jnp.asarray(step.size))
+    result = double(response, response.values(), step.size)
     base, moved, slope, curvature = (
         np.asarray(part.metrics).T for part in (result.base, result.moved, result.slope, result.curvature)
     )

@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray
 
@@ -84,7 +83,7 @@ def second_derivatives(
     alone, both = here + by, here + by[one] + by[other]
     at = np.concatenate([about.reshape(-1, here.size), alone, both, np.tile(here, (len(names), 1))])
     along = np.concatenate([slopes_of.reshape(-1, here.size), np.zeros_like(alone), np.zeros_like(both), by])
-    answers, slopes, runs = pushforward(response, jnp.asarray(at), jnp.asarray(along))
+    answers, slopes, runs = pushforward(response, at, along)
     base = jax.tree.map(lambda x: x[-1], answers)
     values, slope = np.asarray(answers.metrics), np.asarray(slopes.metrics)
     near, far = about.shape[0] * len(chosen), len(names) + len(chosen)

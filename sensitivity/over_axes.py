@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -15,7 +16,9 @@ from jaxtyping import Array, Float
 
 from jaxmodel.errors import SweepError
 from jaxmodel.jax_settings import SWEEP_OPTIONS
+from jaxmodel.native import NotNative
 from jaxmodel.profile import Profile
+from sensitivity import by_vectors
 from sensitivity.metrics import choose_metrics, has_derivative
 from sensitivity.response import SHIFTED_INPUT, Response, make_response
 from sweeps.engine import Progress
@@ -62,7 +65,7 @@ def elasticity_map(
     at = np.tile(np.asarray(response.values()), (grid[0].size, 1))
     for name, values in zip(axes, grid, strict=True):
         at[:, moved.index(name)] = values.reshape(-1)
-    numbers, slopes = _in_batches(response, at, len(asked), progress)
+    numbers, slopes = _at_lanes(response, at, len(asked), progress)
     shape = grid[0].shape
     value = numbers.reshape(*shape, -1)
     derivative = np.moveaxis(slopes, 1, 2).reshape(*shape, len(metrics), len(asked))
@@ -87,22 +90,38 @@ def elasticity_map(
     )
 
 
-def _in_batches(
+def _at_lanes(
     response: Response, at: np.ndarray, asked: int, progress: Progress | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the metrics of all lanes and their derivatives, shapes (lanes, metric) and (lanes, parameter, metric)."""
+    report, lanes, finished = progress or (lambda done, total: None), len(at), 0
+    report(0, lanes)
+
+    def done(some: int) -> None:
+        nonlocal finished
+        finished += some
+        report(finished, lanes)
+
+    with contextlib.suppress(NotNative):
+        answer, slopes = by_vectors.slopes(response, at, asked, done)
+        return np.asarray(answer.metrics), np.asarray(slopes.metrics)
+    return _in_batches(response, at, asked, done)
+
+
+def _in_batches(
+    response: Response, at: np.ndarray, asked: int, done: Callable[[int], None]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return what `_at_lanes` does, through XLA."""
     lanes, at_once = len(at), min(_AT_ONCE, len(at))
     filled = np.concatenate([at, np.repeat(at[-1:], -lanes % at_once, axis=0)])
     batches = np.split(filled, len(filled) // at_once)
-    report = progress or (lambda done, total: None)
-    report(0, lanes)
     program = _compiled(response, batches[0], asked)
     parts = []
     # Batch after batch from here, not by a loop in the program: see jaxmodel.kernel. A batch fills one core.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for part in pool.map(program, batches):
             parts.append(part)
-            report(min(len(parts) * at_once, lanes), lanes)
+            done(min(at_once, lanes - (len(parts) - 1) * at_once))
     numbers, slopes = (np.concatenate(each)[:lanes] for each in zip(*parts, strict=True))
     return numbers, slopes
 

@@ -11,6 +11,7 @@ normal, and the sampling is right.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable, Mapping
 
 import equinox as eqx
@@ -23,8 +24,10 @@ from scipy.stats import norm, qmc
 
 from jaxmodel.errors import ParameterError
 from jaxmodel.model import Model
+from jaxmodel.native import NotNative
 from jaxmodel.profile import Profile
 from jaxmodel.simulation import Cutoff, Status
+from sensitivity import by_vectors
 from sensitivity.derivatives import coordinates, jacobian
 from sensitivity.response import Answer, Response, make_response
 from sweeps.metrics import Metric
@@ -159,6 +162,8 @@ def _draws(response: Response, root: np.ndarray, count: int, seed: int) -> np.nd
 
 
 def _answers(response: Response, points: np.ndarray) -> tuple[Answer, np.ndarray]:
+    with contextlib.suppress(NotNative):
+        return by_vectors.answers(response, points)
     filled = np.concatenate([points, np.repeat(points[-1:], -len(points) % _AT_ONCE, axis=0)])
     parts = [_some(response, jnp.asarray(part)) for part in np.split(filled, len(filled) // _AT_ONCE)]
     answer, status = jax.tree.map(lambda *each: np.concatenate(each)[: len(points)], *parts)

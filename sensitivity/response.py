@@ -82,6 +82,15 @@ class Response(eqx.Module):
 
     def run(self, given: Mapping[str, Scalar]) -> tuple[Answer, Outcome]:
         """Return the answer at parameter values by name, and how the run behind it went, with its `valid_share`."""
+        numbers, over_time, outcome = self.parts(given)
+        answer = Answer(
+            metrics=jnp.stack(numbers) if numbers else jnp.zeros(0),
+            outputs=jnp.stack(over_time) if over_time else jnp.zeros((0, self.time_s.size)),
+        )
+        return answer, outcome
+
+    def parts(self, given: Mapping[str, Scalar]) -> tuple[list[Scalar], list[Array], Outcome]:
+        """Return what `run` does, each metric and each output by itself."""
         others = {*_inputs(self.stepped), *CURVES}
         model = with_values(self.model, {name: new for name, new in given.items() if name not in others})
         for name in CURVES:
@@ -100,12 +109,7 @@ class Response(eqx.Module):
             seen = eqx.tree_at(lambda t: t.inputs, self.sensed, _changed(self.sensed.inputs, given))
             readings = run_track(model, seen, self.time_s, self.cutoff).readings
         numbers = [outcome.values[metric.name] for metric in self.metrics]
-        over_time = [readings[name] for name in self.outputs]
-        answer = Answer(
-            metrics=jnp.stack(numbers) if numbers else jnp.zeros(0),
-            outputs=jnp.stack(over_time) if over_time else jnp.zeros((0, self.time_s.size)),
-        )
-        return answer, outcome
+        return numbers, [readings[name] for name in self.outputs], outcome
 
     def values(self) -> Float[Array, " parameter"]:
         """Return the parameters' values as the model and the profile have them; of an input or curve their null."""

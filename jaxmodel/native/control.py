@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -10,9 +11,12 @@ from typing import Any
 import numpy as np
 from jax.extend.core import ClosedJaxpr
 
+from jaxmodel.native.directions import Directions, Target
+from jaxmodel.native.elements import ELEMENTS
 from jaxmodel.native.emitter import Value, constant
-from jaxmodel.native.long_arrays import LongArrays
+from jaxmodel.native.layout import Layout, flattened, reshaped
 from jaxmodel.native.loop import Loop
+from jaxmodel.native.memory import Room
 from jaxmodel.native.operands import (
     MOST_IN_REGISTERS,
     Array,
@@ -22,12 +26,11 @@ from jaxmodel.native.operands import (
     Series,
     array_of,
     constants,
-    flattened,
-    reshaped,
 )
+from jaxmodel.native.tangents import Form, Stored, Tangent, form_of, joined, of_node
 
 
-class Control(LongArrays):
+class Control(Directions):
     """The part of a lowering that handles loops and branches."""
 
     run: Callable[..., list[Operand]]
@@ -42,51 +45,108 @@ class Control(LongArrays):
         fixed, begin, over = given[:consts], given[consts : consts + carry], given[consts + carry :]
         if any(isinstance(x, Series) for x in begin):
             return self._scan_of_each(equation, given)
+        fixed = self.unchanged(fixed)
         steps = [self._steps(x) for x in over]
         flat, shapes = flattened(begin)
-        room = []
-        for variable in equation.outvars[carry:]:
-            if type(variable).__name__ == "DropVar":
-                room.append(None)
-            elif len(variable.aval.shape) == 1:
-                room.append((self.reserve(length), np.dtype(variable.aval.dtype)))
-            else:
-                raise NotNative("arrays kept at every step")
-        with Loop(self.e, length, [self.e.widen(x) for x in flat]) as loop:
-            rows = [step(loop.index) for step in steps]
-            carried = reshaped(loop.carried, shapes)
-            results = self.run(body.jaxpr, [constants(c) for c in body.consts], [*fixed, *carried, *rows])
-            for place, value in zip(room, results[carry:], strict=True):
-                if place is not None:
-                    address = self.e.address(place[0], loop.index, place[1], True)
-                    self.e.store(self.e.widen(value[()]), address)
-            loop.next = [self.e.widen(x) for x in flattened(results[:carry])[0]]
-        kept: list[Operand] = []
-        for place in room:
-            kept.append(None if place is None else self.stored(place[0], place[1], length))
-        return [*reshaped(loop.carried, shapes), *kept]
+        kept = {k: v.aval for k, v in enumerate(equation.outvars[carry:]) if type(v).__name__ != "DropVar"}
+        if any(len(aval.shape) != 1 for aval in kept.values()):
+            raise NotNative("arrays kept at every step")
+
+        def at(index: str, elements: list[Any]) -> list[Any]:
+            """Return the elements after a step, and what is kept of it."""
+            given = [*fixed, *reshaped(elements, shapes), *(step(index) for step in steps)]
+            results = self.run(body.jaxpr, [constants(c) for c in body.consts], given)
+            return flattened([*results[:carry], *(results[carry + k] for k in kept)])[0]
+
+        alive, types = self._alive(flat, at)
+        cleared = [self.cleared(dtype) for dtype in types]
+        living = [number for number, lives in enumerate(alive[: len(flat)]) if lives]
+        moved = dict(zip(living, self.moved([flat[number] for number in living]), strict=True))
+        state = [self.taken(moved[number], "0") if number in moved else x for number, x in enumerate(flat)]
+        rooms = [
+            self.reserve(length, () if lives else None, aval.dtype)
+            for lives, aval in zip(alive[len(flat) :], kept.values(), strict=True)
+        ]
+        with Loop(self.e, length, [self.e.widen(x) for x in state if isinstance(x, Value)]) as loop:
+            found = at(loop.index, _merged(state, loop.carried))
+            targets = [Target(found[number], self.numbers_at(room, "0")) for number, room in moved.items()]
+            for x, room in zip(found[len(flat) :], rooms, strict=True):
+                if room.form is None:
+                    self.put(room, loop.index, x)
+                else:
+                    targets.append(Target(x, self.numbers_at(room, loop.index)))
+            self.follow(targets, cleared)
+            loop.next = [self.e.widen(x) for x, was in zip(found, state, strict=False) if isinstance(was, Value)]
+        stored = {k: self.stored(room, length) for k, room in zip(kept, rooms, strict=True)}
+        after = reshaped(_merged(state, loop.carried), shapes)
+        return [*after, *(stored.get(k) for k in range(len(equation.outvars) - carry))]
+
+    def _alive(self, begin: list[Any], at: Callable[[str, list[Any]], list[Any]]) -> tuple[list[bool], list[np.dtype]]:
+        """Return which elements after a step have derivatives, and what `follow` takes for them.
+
+        A derivative that is zero at first need not stay so: a step is tried until nothing more comes alive.
+        """
+        alive, e = [isinstance(x, Tangent) for x in begin], self.e
+
+        def round_of() -> tuple[list[bool], list[np.dtype]]:
+            state = [
+                of_node(Stored(lambda _, x=x: Value("%tried", x.dtype, True)), x.dtype)
+                if lives
+                else Value("%" + e.name(), x.dtype, True)
+                for x, lives in zip(begin, alive, strict=False)
+            ]
+            found = at("0", state)
+            now = [isinstance(x, Tangent) for x in found]
+            now[: len(begin)] = [a or b for a, b in zip(alive, now, strict=False)]
+            targets = [Target(x, lambda _: "%work") for x, lives in zip(found, now, strict=True) if lives]
+            return now, self.follow(targets)
+
+        while True:
+            now, types = self.tried(round_of)
+            if now[: len(begin)] == alive:
+                return now, types
+            alive = now[: len(begin)]
+
+    def _layout(self, begin: list[Operand], advance: Callable[[list[Array]], list[Operand]]) -> Layout:
+        """Return the layout of what a loop carries in registers, found as in `_alive`."""
+        layout = Layout.of(begin, self.directions)
+
+        def round_of() -> Layout:
+            numbers = [Value("%" + self.e.name(), x.dtype, True) for x in layout.numbers(self.e, begin)]
+            return layout.joined(Layout.of(advance(layout.arrays(numbers)), self.directions))
+
+        while self.directions and (found := self.tried(round_of)) != layout:
+            layout = found
+        return layout
 
     def _scan_of_each(self, equation: Any, given: list[Operand]) -> list[Operand]:
         """Write a scan that carries an array over steps: for each of its elements, where that is used, a loop."""
         params = equation.params
         body, consts, carry = params["jaxpr"], params["num_consts"], params["num_carry"]
         # Kept now: in the loop they would be computed whole for each element.
-        fixed = [self.kept(x) if isinstance(x, Series) else x for x in given[:consts]]
+        fixed = [self.kept(x) if isinstance(x, Series) else self.settled(x) for x in given[:consts]]
         begin = [self.series(x) for x in given[consts : consts + carry]]
         if len(given) > consts + carry or len(equation.outvars) > carry:
             raise NotNative("a scan over arrays over steps")
         length = max(one.length for one in begin)
         key = object()
 
-        def at(index: str) -> tuple[Value, ...]:
-            starts = [self.e.widen(one.at(index)) for one in begin]
-            with Loop(self.e, params["length"], starts) as loop:
-                each = [self.lazy(length, x.dtype, lambda _, x=x: x) for x in loop.carried]
-                results = self.run(body.jaxpr, [constants(c) for c in body.consts], [*fixed, *each])
-                loop.next = [self.e.widen(self.series(x).at(index)) for x in results]
-            return tuple(loop.carried)
+        def at(index: str) -> list[Any]:
+            starts = [array_of(one.at(index)) for one in begin]
 
-        def of(number: int) -> Callable[[str], Value]:
+            def advance(carried: list[Array]) -> list[Operand]:
+                elements: list[Any] = [x[()] for x in carried]
+                each = [self.lazy(length, x.dtype, lambda _, x=x: x) for x in elements]
+                results = self.run(body.jaxpr, [constants(c) for c in body.consts], [*fixed, *each])
+                return [array_of(self.series(x).at(index)) for x in results]
+
+            layout = self._layout(starts, advance)
+            with Loop(self.e, params["length"], [self.e.widen(x) for x in layout.numbers(self.e, starts)]) as loop:
+                after = advance(layout.arrays(loop.carried))
+                loop.next = [self.e.widen(x) for x in layout.numbers(self.e, after)]
+            return [x[()] for x in layout.arrays(loop.carried)]
+
+        def of(number: int) -> Callable[[str], Any]:
             # All results of the loop are known once one of them is.
             return lambda index: self.e.once((key, index), lambda: at(index))[number]
 
@@ -116,21 +176,26 @@ class Control(LongArrays):
         first, second = params["cond_nconsts"], params["body_nconsts"]
         of_condition, of_body, begin = given[:first], given[first : first + second], given[first + second :]
         condition, body = params["cond_jaxpr"], params["body_jaxpr"]
-        flat, shapes = flattened(begin)
-        flat = [e.widen(x) for x in flat]
+        fixed = [self.settled(x) for x in of_body]
+
+        def advance(carried: list[Array]) -> list[Operand]:
+            return self.run(body.jaxpr, [constants(c) for c in body.consts], [*fixed, *carried])
+
+        layout = self._layout(begin, advance)
+        flat = [e.widen(x) for x in layout.numbers(e, begin)]
         test, inside, end, before = e.name("test"), e.name("inside"), e.name("end"), e.block
         e.jump(test)
         e.start_block(test)
         place = len(e.lines)
         e.begin_scope()
         carried = [Value("%" + e.name(), x.dtype, True) for x in flat]
-        now = reshaped(carried, shapes)
+        now = layout.arrays(carried)
         (goes_on,) = self.run(condition.jaxpr, [constants(c) for c in condition.consts], [*of_condition, *now])
         running = goes_on[()]
         e.branch(e.any_lane(running), inside, end)
         e.start_block(inside)
-        results = self.run(body.jaxpr, [constants(c) for c in body.consts], [*of_body, *now])
-        kept = [e.widen(e.select(running, new, old)) for new, old in zip(flattened(results)[0], carried, strict=True)]
+        found = layout.numbers(e, advance(now))
+        kept = [e.widen(e.select(running, new, old)) for new, old in zip(found, carried, strict=True)]
         last = e.block
         e.jump(test)
         e.end_scope()
@@ -161,9 +226,13 @@ class Control(LongArrays):
     ) -> list[Operand]:
         """Run one branch; its results go through memory."""
         e = self.e
-        places = [self.reserve(math.prod(aval.shape)) for aval in avals]
+        given = [self.settled(x) for x in given]
+        ways = [functools.partial(self.run, b.jaxpr, [constants(c) for c in b.consts], given) for b in branches]
+        tried = [self.tried(lambda way=way: [self._form(x) for x in way()]) for way in ways if self.directions]
+        forms = [functools.reduce(joined, some) for some in zip(*tried, strict=True)] or [None] * len(avals)
+        rooms = [self.reserve(math.prod(aval.shape), form, aval.dtype) for form, aval in zip(forms, avals, strict=True)]
         end = e.name("joined")
-        for number, branch in enumerate(branches):
+        for number, way in enumerate(ways):
             inside, other = e.name("branch"), e.name("other")
             last = number == len(branches) - 1
             holds = (
@@ -172,36 +241,47 @@ class Control(LongArrays):
             e.branch(holds, inside, other if not last else end)
             e.start_block(inside)
             e.begin_scope()
-            results = self.run(branch.jaxpr, [constants(c) for c in branch.consts], given)
-            for place, result, aval in zip(places, results, avals, strict=True):
-                self._put(result, place, aval)
+            for room, result, aval in zip(rooms, way(), avals, strict=True):
+                self._put_all(result, room, aval)
             e.end_scope()
             e.jump(end)
             if not last:
                 e.start_block(other)
         e.start_block(end)
-        return [self._taken(place, aval) for place, aval in zip(places, avals, strict=True)]
+        return [self._take_all(room, aval) for room, aval in zip(rooms, avals, strict=True)]
 
-    def _put(self, result: Operand, place: str, aval: Any) -> None:
-        dtype = np.dtype(aval.dtype)
+    def _form(self, x: Operand) -> Form:
+        """Return the form that has room for the elements of an operand."""
+        if isinstance(x, np.ndarray):
+            return functools.reduce(joined, [form_of(element, self.directions) for element in x.ravel()], None)
+        return self.form_at(self.series(x))
+
+    def _put_all(self, result: Operand, room: Room, aval: Any) -> None:
         if math.prod(aval.shape) > MOST_IN_REGISTERS:
-            self.keep(dataclasses.replace(self.series(result), length=max(aval.shape)), place, 0)
+            self.keep(dataclasses.replace(self.series(result), length=max(aval.shape)), room)
             return
-        for number, value in enumerate(result.ravel()):
-            self.e.store(self.e.widen(value), self.e.address(place, str(number), dtype, True))
+        for number, element in enumerate(result.ravel()):
+            self.put(room, str(number), element)
 
-    def _taken(self, place: str, aval: Any) -> Operand:
-        series = self.stored(place, np.dtype(aval.dtype), math.prod(aval.shape))
-        if series.length > MOST_IN_REGISTERS:
-            return series
-        result = np.empty(aval.shape, dtype=object)
-        result.ravel()[:] = [series.at(str(number)) for number in range(series.length)]
-        return result
+    def _take_all(self, room: Room, aval: Any) -> Operand:
+        size = math.prod(aval.shape)
+        if size > MOST_IN_REGISTERS:
+            return self.stored(room, size)
+        result = np.empty(size, dtype=object)
+        for number in range(size):
+            result[number] = self.taken(room, str(number))
+        return result.reshape(aval.shape)
 
     def _chosen(self, holds: Value, yes: Operand, no: Operand) -> Array:
         if isinstance(yes, Series) or isinstance(no, Series):
             raise NotNative("a branch with an array over steps")
         result = np.empty(yes.shape, dtype=object)
         for index in np.ndindex(yes.shape):
-            result[index] = self.e.select(holds, yes[index], no[index])
+            result[index] = ELEMENTS["select_n"](self, [holds, no[index], yes[index]], {}, yes[index].dtype)
         return result
+
+
+def _merged(state: list[Any], numbers: list[Value]) -> list[Any]:
+    """Return the elements of a state whose numbers are now others; derivatives are where they were."""
+    rest = iter(numbers)
+    return [next(rest) if isinstance(x, Value) else x for x in state]

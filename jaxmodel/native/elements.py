@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxmodel.native.emitter import Value, constant
 from jaxmodel.native.operands import NotNative
+from jaxmodel.native.tangents import LINEAR, Tangent
 
 
 def _arithmetic(of_floats: str, of_integers: str) -> Callable:
@@ -120,7 +121,11 @@ def _is_finite(lowering: Any, given: list[Value], params: dict, dtype: np.dtype)
 def _select_n(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
     which, *cases = given
     if which.dtype.kind == "b":
-        return lowering.e.select(which, cases[1], cases[0])
+        chosen = lowering.e.select(which, cases[1], cases[0])
+        if all(case in _WITH_EXACT_RECIPROCAL for case in cases):
+            no, yes = (_WITH_EXACT_RECIPROCAL[case] for case in cases)
+            lowering.e.once((_EXACT, chosen), lambda: lowering.e.select(which, yes, no))
+        return chosen
     chosen = cases[-1]
     for number in reversed(range(len(cases) - 1)):
         chosen = lowering.e.select(
@@ -133,6 +138,8 @@ def _integer_pow(lowering: Any, given: list[Value], params: dict, dtype: np.dtyp
     """Return x^n by squaring."""
     times = ELEMENTS["mul"]
     exponent, square, result = abs(params["y"]), given[0], None
+    if params["y"] < 0 and lowering.directions:  # the derivative of a quotient, beside others by the same number
+        return _integer_pow(lowering, [lowering.e.reciprocal(square)], {"y": exponent}, dtype)
     while exponent:
         if exponent & 1:
             result = square if result is None else times(lowering, [result, square], {}, dtype)
@@ -141,7 +148,7 @@ def _integer_pow(lowering: Any, given: list[Value], params: dict, dtype: np.dtyp
             square = times(lowering, [square, square], {}, dtype)
     if result is None:
         return constant(1, dtype)
-    return lowering.e.binary("fdiv", constant(1, dtype), result) if params["y"] < 0 else result
+    return lowering.e.reciprocal(result) if params["y"] < 0 else result
 
 
 def _square(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
@@ -207,7 +214,8 @@ def convert(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) ->
 
 def _div(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
     if dtype.kind == "f":
-        return lowering.e.binary("fdiv", *given)
+        exact = lowering.e.once((_EXACT, given[1]), lambda: None)
+        return lowering.e.binary("fdiv", *given) if exact is None else lowering.e.binary("fmul", given[0], exact)
     return _of_whole(lowering, "div", given, constant(-1, dtype), _neg(lowering, given, params, dtype))
 
 
@@ -215,6 +223,13 @@ def _remainder(lowering: Any, given: list[Value], params: dict, dtype: np.dtype)
     if dtype.kind == "f":
         return lowering.e.by_lane("fmod", *given)
     return _of_whole(lowering, "rem", given, given[0], constant(0, dtype))
+
+
+# Numbers that the derivatives of a maximum are divided by, and what they are as factors, exactly.
+_EXACT = "exact reciprocal"
+_WITH_EXACT_RECIPROCAL = {
+    constant(number, dtype): constant(1 / number, dtype) for number in (1.0, 2.0) for dtype in (np.float32, np.float64)
+}
 
 
 def _of_whole(lowering: Any, operation: str, given: list[Value], by_zero: Value, by_minus_one: Value) -> Value:
@@ -231,7 +246,7 @@ def _of_whole(lowering: Any, operation: str, given: list[Value], by_zero: Value,
     return found
 
 
-ELEMENTS: dict[str, Callable] = {
+_OF_NUMBERS: dict[str, Callable] = {
     "add": _arithmetic("fadd", "add"),
     "add_any": _arithmetic("fadd", "add"),
     "sub": _arithmetic("fsub", "sub"),
@@ -295,6 +310,20 @@ ELEMENTS: dict[str, Callable] = {
         )
     },
 }
+
+
+def _also_of_tangents(name: str, of_numbers: Callable) -> Callable:
+    def operation(lowering: Any, given: list[Any], params: dict, dtype: np.dtype) -> Any:
+        if not any(isinstance(x, Tangent) for x in given):
+            return of_numbers(lowering, given, params, dtype)
+        if name not in LINEAR:
+            raise NotNative(f'the operation "{name}" on derivatives')
+        return LINEAR[name](lowering.e, given, params)
+
+    return operation
+
+
+ELEMENTS = {name: _also_of_tangents(name, of_numbers) for name, of_numbers in _OF_NUMBERS.items()}
 REDUCE = {
     "reduce_sum": ELEMENTS["add"],
     "reduce_prod": ELEMENTS["mul"],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -178,6 +178,10 @@ class Emitter:
         flags = f" {FLAGS}" if operation in ("fadd", "fsub", "fmul", "fdiv") else ""
         return self.emit(f"{operation}{flags} {self.typed(x)}, {y.text}", x.dtype, x.wide)
 
+    def reciprocal(self, x: Value) -> Value:
+        """Return 1 / x, once for all that is divided by x."""
+        return self.once(("reciprocal", x), lambda: self.binary("fdiv", constant(1, x.dtype), x))
+
     def compare(self, operation: str, x: Value, y: Value) -> Value:
         """Return whether a comparison holds: 'fcmp olt', 'icmp eq' and the like."""
         x, y = self.alike(x, y)
@@ -265,6 +269,15 @@ class Emitter:
             one = self.emit(f"call {scalar} @{symbol}({given})", first.dtype, False)
             result = self.emit(f"insertelement {kind} {result}, {self.typed(one)}, i64 {lane}", first.dtype, True).text
         return Value(result, first.dtype, True)
+
+    def assembled(self, each: Sequence[Value], dtype: np.dtype) -> Value:
+        """Return a vector of each lane's own number of as many vectors or numbers."""
+        target, result = self.type_of(dtype, True), "poison"
+        for lane, one in enumerate(each):
+            if one.wide:
+                one = self.emit(f"extractelement {self.typed(one)}, i64 {lane}", dtype, False)
+            result = self.emit(f"insertelement {target} {result}, {self.typed(one)}, i64 {lane}", dtype, True).text
+        return Value(result, dtype, True)
 
     # Memory. An address is the text of a pointer; an index counts numbers, or packets where `wide`.
 

@@ -11,13 +11,16 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxmodel.native import machine
+from jaxmodel.native.directions import Target
 from jaxmodel.native.emitter import NEAR, Emitter, Value
 from jaxmodel.native.loop import Loop
 from jaxmodel.native.lowering import Lowering
 from jaxmodel.native.operands import MOST_IN_REGISTERS, MOST_SPREAD, Memory, NotNative, Series
+from jaxmodel.native.tangents import seeds
 
 __all__ = ["Kernel", "NotNative"]
 
@@ -32,8 +35,11 @@ STEPS, ROWS = 1_000_003, 500_009
 
 @dataclasses.dataclass(frozen=True)
 class _Leaf:
+    """An argument or result; `moved` where it is derivatives, with an axis of directions in front."""
+
     shape: tuple[int, ...]
     dtype: np.dtype
+    moved: bool = False
 
     @property
     def size(self) -> int:
@@ -71,7 +77,9 @@ class _Module:
 
 
 class Kernel:
-    """A compiled function (shared, own) -> results of one lane, run for many.
+    """A compiled function (shared, own) -> results of one lane, run for many; with derivatives of the results.
+
+    Derivatives are exact, in forward mode, and share what the function itself computes: see `jaxmodel.native.tangents`.
 
     Attributes:
         lanes: in a packet.
@@ -85,18 +93,22 @@ class Kernel:
         lanes: int | None = None,
         sizes: Sequence[int] = (),
         known_as: str = "",
+        by: str = "",
     ) -> None:
         """Compile a function.
 
         Args:
             function: of the arguments below, for one lane; pure.
             shared: a pytree of arrays that are the same for all lanes.
-            own: a pytree of the arrays of one lane, or their shapes.
-            lanes: in a packet, by default two registers of doubles.
+            own: a pytree of the arrays of one lane, or their shapes; a dictionary where derivatives are asked for.
+            lanes: in a packet, by default two registers of doubles; one with derivatives, whose coefficients then fit
+                the fastest cache.
             sizes: lengths of axes in the shapes of the arguments that stand for others, given when the kernel runs
                 (`STEPS`, `ROWS`): one kernel for runs of any length.
             known_as: names the function, its source and its arguments: with the same name it is not even traced again.
                 Its results are a list then.
+            by: names a vector in `own`, by whose numbers the results are differentiated. The kernel then gives a pair:
+                the results, and their derivatives, with the vector's axis before the results' own.
 
         Raises:
             NotNative: it has an operation that has no vector instructions here.
@@ -105,7 +117,7 @@ class Kernel:
         module = _kept(known_as)
         self._tree: Any = None if module is None else jax.tree.structure([0] * len(module.results))
         if module is None:
-            module = self._made(function, shared, own, lanes)
+            module = self._made(function, shared, own, lanes, by)
             if known_as:
                 machine.keep(f"{machine.digest(known_as)}.kernel", module.packed())
         self._module, self.lanes = module, module.lanes
@@ -114,16 +126,21 @@ class Kernel:
         except RuntimeError as error:  # LLVM refuses the text
             raise NotNative(f"a step of the function ({error})") from error
 
-    def _made(self, function: Callable, shared: Any, own: Any, lanes: int | None) -> _Module:
-        traced, shapes = jax.make_jaxpr(function, return_shape=True)(shared, own)
+    def _made(self, function: Callable, shared: Any, own: Any, lanes: int | None, by: str) -> _Module:
+        given: tuple[Any, ...] = (shared, own, own[by]) if by else (shared, own)
+        traced, shapes = jax.make_jaxpr(_pushed(function, by) if by else function, return_shape=True)(*given)
         jaxpr = traced.jaxpr
-        count = len(jax.tree.leaves(shared))
+        first, last = (len(jax.tree.leaves(some)) for some in (shared, given[:2]))
         self._tree = jax.tree.structure(shapes)
+        results = _leaves(jaxpr.outvars)
+        if by:
+            values = len(jax.tree.leaves(shapes[0]))
+            results[values:] = [_Leaf((*own[by].shape, *x.shape), x.dtype, moved=True) for x in results[values:]]
         module = _Module(
-            lanes=lanes or _packet(jaxpr),
-            shared=_leaves(jaxpr.invars[:count]),
-            own=_leaves(jaxpr.invars[count:]),
-            results=_leaves(jaxpr.outvars),
+            lanes=lanes or _packet(jaxpr, registers=1 if by else 2),
+            shared=_leaves(jaxpr.invars[:first]),
+            own=_leaves(jaxpr.invars[first:last]),
+            results=results,
             consts=[np.asarray(c) for c in traced.consts],
         )
         try:
@@ -179,12 +196,27 @@ class Kernel:
         return jax.tree.unflatten(self._tree, [np.moveaxis(x, -1, 0)[:count] for x in results])
 
 
+def _pushed(function: Callable, by: str) -> Callable:
+    """Return the function with the change of its results along a change of a vector of its lane."""
+
+    def push(shared: Any, own: dict[str, Any], along: jax.Array) -> tuple[Any, Any]:
+        results, changes = jax.jvp(lambda vector: function(shared, {**own, by: vector}), (own[by],), (along,))
+        # Numbers that are no floats have no derivatives.
+        return results, jax.tree.map(
+            lambda x, y: y if jnp.issubdtype(x.dtype, jnp.floating) else None, results, changes
+        )
+
+    return push
+
+
 def _written(module: _Module, jaxpr: Any, sizes: Sequence[int]) -> _Module:
     """Return the module with its text: a loop over packets."""
+    moved = jaxpr.invars[len(module.shared) + len(module.own) :]
+    directions = [seeds(v.aval.shape[0], v.aval.dtype) for v in moved]
     e = Emitter(module.lanes, {size: f"%size{k}" for k, size in enumerate(sizes)})
     for k in range(len(sizes)):
         e.lines.append(f"  %at{k} = getelementptr i64, ptr %sizes, i64 {k}\n  %size{k} = load i64, ptr %at{k}")
-    lowering = Lowering(e, "%work")
+    lowering = Lowering(e, "%work", sum(map(len, directions)))
     pointers = [
         e.load(e.address("%arguments", str(k), np.dtype("i8"), False), np.dtype("i8"), False)
         for k in range(len(module.shared) + len(module.consts) + len(module.own) + len(module.results))
@@ -198,7 +230,7 @@ def _written(module: _Module, jaxpr: Any, sizes: Sequence[int]) -> _Module:
     e.start_block(head)
     place = len(e.lines)
     own = [_own(e, next(pointers), leaf) for leaf in module.own]
-    results = lowering.run(jaxpr, consts, [*shared, *own])
+    results = lowering.run(jaxpr, consts, [*shared, *own, *directions])
     _store(e, lowering, list(zip(results, module.results, pointers, strict=True)))
     e.lines.append(f"  %next = add nsw i64 {packet}, 1\n  %ends = icmp eq i64 %next, %last")
     last = e.block
@@ -225,9 +257,9 @@ def _leaves(variables: Sequence[Any]) -> list[_Leaf]:
     return [_Leaf(tuple(v.aval.shape), np.dtype(v.aval.dtype)) for v in variables]
 
 
-def _packet(jaxpr: Any) -> int:
+def _packet(jaxpr: Any, registers: int) -> int:
     floats = {np.dtype(v.aval.dtype).itemsize for v in jaxpr.invars if np.dtype(v.aval.dtype).kind == "f"}
-    return 2 * machine.vector_bits() // (8 * max(floats, default=8))
+    return registers * machine.vector_bits() // (8 * max(floats, default=8))
 
 
 def _pointer(e: Emitter, value: Value) -> str:
@@ -262,13 +294,30 @@ def _row(e: Emitter, pointer: str, row: str, leaf: _Leaf) -> str:
 def _store(e: Emitter, lowering: Lowering, results: list[tuple[Any, _Leaf, str]]) -> None:
     """Store results; those over steps in one loop for each length, so that what they share is computed once."""
     long: dict[int, list[tuple[Any, _Leaf, str]]] = {}
+    targets = []
     for value, leaf, pointer in results:
         if isinstance(value, np.ndarray):
-            for number, one in enumerate(value.ravel()):
-                e.store(e.widen(one), _row(e, pointer, str(number), leaf))
+            for number, element in enumerate(value.ravel()):
+                targets += _put(e, element, leaf, pointer, str(number), value.size)
         else:
-            long.setdefault(leaf.shape[0], []).append((lowering.series(value), leaf, pointer))
+            long.setdefault(leaf.shape[-1], []).append((lowering.series(value), leaf, pointer))
+    lowering.follow(targets)
     for length, group in long.items():
-        with Loop(e, length) as index:
+        with Loop(e, length) as loop:
+            targets = []
             for series, leaf, pointer in group:
-                e.store(e.widen(series.at(index)), _row(e, pointer, index, leaf))
+                targets += _put(e, series.at(loop.index), leaf, pointer, loop.index, length)
+            lowering.follow(targets)
+
+
+def _put(e: Emitter, element: Any, leaf: _Leaf, pointer: str, index: str, size: int) -> list[Target]:
+    """Store an element of a result that has so many; return where it belongs if it is derivatives."""
+    if not leaf.moved:
+        e.store(e.widen(element), _row(e, pointer, index, leaf))
+        return []
+
+    def address(way: str) -> str:
+        before = e.emit(f"mul i64 {way}, {e.count(size)}", np.dtype("i8"), False).text
+        return _row(e, pointer, e.emit(f"add i64 {before}, {index}", np.dtype("i8"), False).text, leaf)
+
+    return [Target(element, address)]

@@ -12,9 +12,10 @@ import jax
 import numpy as np
 
 from jaxmodel.native.arrays import ON_ARRAYS, places_held
-from jaxmodel.native.elements import REDUCE, element, neutral
-from jaxmodel.native.emitter import Emitter, Value, constant
+from jaxmodel.native.elements import ELEMENTS, REDUCE, element, neutral
+from jaxmodel.native.emitter import Value, constant
 from jaxmodel.native.loop import Loop
+from jaxmodel.native.memory import Room, Rooms
 from jaxmodel.native.operands import (
     MOST_IN_REGISTERS,
     MOST_SPREAD,
@@ -26,21 +27,15 @@ from jaxmodel.native.operands import (
     Series,
     array_of,
 )
+from jaxmodel.native.tangents import Stored, Tangent, from_numbers, numbers_of, of_node
 
 _VIEWS = ("slice", "dynamic_slice", "squeeze", "reshape", "broadcast_in_dim", "expand_dims")
 
 
-class LongArrays:
-    """The part of a lowering that handles long arrays.
+class LongArrays(Rooms):
+    """The part of a lowering that handles long arrays."""
 
-    Attributes:
-        room: numbers of working memory by lane, each a length or a count.
-    """
-
-    e: Emitter
-    room: list[int]
     by_element: Callable[..., Array]
-    _workspace: str
 
     def series(self, x: Operand) -> Series:
         """Return an array along its first axis as a series of numbers.
@@ -55,66 +50,20 @@ class LongArrays:
         if isinstance(x, np.ndarray) and x.size == 1:
             value = x.ravel()[0]
             return Series(1, value.dtype, lambda index: value)  # the same at every index
-        if isinstance(x, np.ndarray) and x.ndim == 1:
-            return self.spilled(x)
+        if isinstance(x, np.ndarray) and x.size == max(x.shape):
+            return self.spilled(x.ravel())
         raise NotNative("an array over steps and something else")
 
     def element_of(self, memory: Memory, index: str) -> Value:
         """Return an element of an array in memory."""
         if memory.first:
-            index = self._sum(index, memory.first)
+            index = self.sum(index, memory.first)
         return self.e.load(self.e.address(memory.pointer, index, memory.dtype, False), memory.dtype, False)
-
-    def _sum(self, index: str, more: int) -> str:
-        """Return index + more."""
-        return self.e.emit(f"add i64 {index}, {self.e.count(more)}", np.dtype("i8"), False).text
 
     def lazy(self, length: int, dtype: Any, compute: Callable[[str], Value]) -> Series:
         """Return a series whose number at an index is computed once where it is used several times."""
         key = object()
         return Series(length, np.dtype(dtype), lambda index: self.e.once((key, index), lambda: compute(index)))
-
-    def spilled(self, x: Array) -> Series:
-        """Return the elements of a small array, put into working memory so that they have an index."""
-        flat = x.ravel()
-        place = self.reserve(flat.size)
-        for number, value in enumerate(flat):
-            self.e.store(self.e.widen(value), self.e.address(place, str(number), value.dtype, True))
-        return self.stored(place, flat[0].dtype, x.shape[0])
-
-    def kept(self, series: Series) -> Series:
-        """Return a series whose numbers are in memory."""
-        if series.is_kept:
-            return series
-        place = self.reserve(series.length)
-        self.keep(series, place, 0)
-        return self.stored(place, series.dtype, series.length)
-
-    def keep(self, series: Series, place: str, start: int) -> None:
-        """Store all numbers of a series from a place on."""
-        with Loop(self.e, series.length) as index:
-            target = self._sum(index, start) if start else index
-            self.e.store(self.e.widen(series.at(index)), self.e.address(place, target, series.dtype, True))
-
-    def stored(self, place: str, dtype: np.dtype, length: int) -> Series:
-        """Return the numbers in working memory from a place on."""
-        e = self.e
-        return Series(
-            length,
-            np.dtype(dtype),
-            lambda index: e.load(e.address(place, index, dtype, True), dtype, True),
-            is_kept=True,
-        )
-
-    def reserve(self, count: int) -> str:
-        """Return a pointer to working memory for so many numbers of each lane."""
-        e, index = self.e, np.dtype("i8")
-        offset = "0"
-        for size in self.room:
-            offset = e.emit(f"add i64 {offset}, {e.count(size)}", index, False).text
-        self.room.append(count)
-        offset = e.emit(f"mul i64 {offset}, {8 * e.lanes}", index, False).text
-        return e.emit(f"getelementptr inbounds i8, ptr {self._workspace}, i64 {offset}", index, False).text
 
     def of_long(self, name: str, given: list[Operand], params: dict, out: Any) -> Operand:
         """Return the result of an operation on long arrays of one axis."""
@@ -189,52 +138,65 @@ class LongArrays:
             return np.array([series.at(self.e.count(start))], dtype=object)
         if not start:
             return dataclasses.replace(series, length=length)
-        return dataclasses.replace(series, length=length, at=lambda index: series.at(self._sum(index, start)))
+        return dataclasses.replace(series, length=length, at=lambda index: series.at(self.sum(index, start)))
 
     def _scattered(self, given: list[Operand], params: dict) -> Series:
         """Return a series with some of its numbers replaced."""
-        source, places, updates = (self.series(x) for x in given)
+        source, updates, where = self.series(given[0]), self.series(given[2]), given[1]
         dims = params["dimension_numbers"]
         if dims.update_window_dims or dims.inserted_window_dims != (0,):
             raise NotNative("a scatter into an array of several axes")
-        place = self.reserve(source.length)
-        self.keep(source, place, 0)
-        with Loop(self.e, updates.length) as index:
-            target = self.as_i64(places.at(index))
+        room = self.reserve(source.length, self.form_at(source, updates), source.dtype)
+        self.keep(source, room)
+
+        def replace(place: Value, new: Any) -> None:
+            target = self.as_i64(place)
             if target.wide:
                 raise NotNative("a scatter to places that differ from lane to lane")
             held = self.held(target, source.length)
-            address = self.e.address(place, held.text, source.dtype, True)
             inside = self.e.compare("icmp eq", held, target)  # what is outside is dropped
-            was = self.e.load(address, source.dtype, True)
-            self.e.store(self.e.widen(self.e.select(inside, updates.at(index), was)), address)
-        return self.stored(place, source.dtype, source.length)
+            now = ELEMENTS["select_n"](self, [inside, self.taken(room, held.text), new], {}, source.dtype)
+            self.put(room, held.text, now)
+
+        if isinstance(where, np.ndarray):
+            for number, place in enumerate(where.ravel()):
+                replace(place, updates.at(str(number)))
+        else:
+            places = self.series(where)
+            with Loop(self.e, updates.length) as loop:
+                replace(places.at(loop.index), updates.at(loop.index))
+        return self.stored(room, source.length)
 
     def _cumulated(self, series: Series, params: dict) -> Series:
         """Return the sums up to each number of a series."""
         if params["reverse"]:
             raise NotNative("a sum from the end")
-        place = self.reserve(series.length)
-        with Loop(self.e, series.length, [self.e.widen(constant(0, series.dtype))]) as loop:
-            total = self.e.binary("fadd" if series.dtype.kind == "f" else "add", loop.carried[0], series.at(loop.index))
-            self.e.store(total, self.e.address(place, loop.index, series.dtype, True))
-            loop.next = [total]
-        return self.stored(place, series.dtype, series.length)
+        room = self.reserve(series.length, self.form_at(series), series.dtype)
+        self._added_up("reduce_sum", series, room)
+        return self.stored(room, series.length)
+
+    def _reduced(self, name: str, series: Series) -> Array:
+        return array_of(self._added_up(name, series, None))
+
+    def _added_up(self, name: str, series: Series, room: Room | None) -> Any:
+        """Return a reduction of a series; what it is up to each element is put into a room."""
+        e, form = self.e, self.form_at(series)
+        begin = numbers_of(e, neutral(name, series.dtype), form)
+        with Loop(e, series.length, [e.widen(x) for x in begin]) as loop:
+            so_far = from_numbers(iter(loop.carried), form, series.dtype)
+            total = REDUCE[name](self, [so_far, series.at(loop.index)], {}, series.dtype)
+            if room is not None:
+                self.put(room, loop.index, total)
+            loop.next = [e.widen(x) for x in numbers_of(e, total, form)]
+        return from_numbers(iter(loop.carried), form, series.dtype)
 
     def _joined(self, parts: list[Series], out: Any) -> Series:
         """Return series one after the other, put into working memory."""
-        start, place = 0, self.reserve(max(out.shape))
+        start, room = 0, self.reserve(max(out.shape), self.form_at(*parts), out.dtype)
         for part in parts:
-            self.keep(part, place, start)
+            self.keep(part, room, start)
             start += part.length
-        return self.stored(place, np.dtype(out.dtype), max(out.shape))
-
-    def _reduced(self, name: str, series: Series) -> Array:
-        combine = REDUCE[name]
-        with Loop(self.e, series.length, [self.e.widen(neutral(name, series.dtype))]) as loop:
-            value = self.e.widen(series.at(loop.index))
-            loop.next = [combine(self, [loop.carried[0], value], {}, series.dtype)]
-        return array_of(loop.carried[0])
+        return self.stored(room, max(out.shape))
 
     def _view(self, name: str, memory: Memory, rest: list[Operand], params: dict, out: Any) -> Operand:
         """Return a part of an array in memory, without moving it: rows of its first axis, or another shape."""
@@ -304,20 +266,23 @@ class LongArrays:
         zero, last = constant(0, np.int64), Value(self.e.count(length - 1), np.dtype(np.int64))
         return self.e.intrinsic("smin", self.e.intrinsic("smax", place, zero), last)
 
-    def picked(self, series: Series, place: Value, dtype: np.dtype) -> Value:
+    def picked(self, series: Series, place: Value, dtype: np.dtype) -> Any:
         """Return the element at a place that may differ from lane to lane."""
         if not place.wide:
             return series.at(place.text)
-        lanes, kind = self.e.lanes, self.e.type_of(np.dtype(np.int64), True)
-        result = "poison"
-        for lane in range(lanes):
-            index = self.e.emit(f"extractelement {kind} {place.text}, i64 {lane}", np.dtype(np.int64), False)
-            one = series.at(index.text)
-            if one.wide:
-                one = self.e.emit(f"extractelement {self.e.typed(one)}, i64 {lane}", dtype, False)
-            target = self.e.type_of(dtype, True)
-            result = self.e.emit(f"insertelement {target} {result}, {self.e.typed(one)}, i64 {lane}", dtype, True).text
-        return Value(result, dtype, True)
+        e, kind = self.e, self.e.type_of(np.dtype(np.int64), True)
+        extracts = [f"extractelement {kind} {place.text}, i64 {lane}" for lane in range(e.lanes)]
+        each = [series.at(e.emit(extract, np.dtype(np.int64), False).text) for extract in extracts]
+        if not any(isinstance(one, Tangent) for one in each):
+            return e.assembled(each, dtype)
+        nodes = [node for one in each if isinstance(one, Tangent) for node in one.terms if isinstance(node, Stored)]
+        if not series.is_kept or len(nodes) != len(each):
+            raise NotNative("derivatives at places that differ from lane to lane")
+
+        def load(way: str) -> Value:
+            return e.assembled([node.at(e, way) for node in nodes], dtype)
+
+        return of_node(Stored(load), dtype)
 
     def rows_at(self, flat: Series, shape: tuple[int, ...], starts: list[Value], out: Any) -> Array:
         """Return rows of an array from a place on that is computed, held within the array.

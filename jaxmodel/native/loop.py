@@ -23,7 +23,7 @@ class Loop:
         self.e, self.length, self.begin = emitter, length, list(begin)
         self.next: list[Value] = []
 
-    def __enter__(self) -> Any:
+    def __enter__(self) -> Loop:
         e = self.e
         self._before, self._head, self._done = e.block, e.name("loop"), e.name("done")
         self.index = "%" + e.name()
@@ -38,7 +38,7 @@ class Loop:
         e.start_block(self._head)
         self._place = len(e.lines)
         e.begin_scope()
-        return self if self.begin else self.index
+        return self
 
     def __exit__(self, kind: Any, *rest: Any) -> None:
         if kind is not None:

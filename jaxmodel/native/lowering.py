@@ -7,6 +7,7 @@ where its elements are used.
 
 from __future__ import annotations
 
+import collections
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -22,11 +23,17 @@ from jaxmodel.native.emitter import Emitter, Value
 from jaxmodel.native.operands import Array, Memory, NotNative, Operand, Rows, Series, array_of, constants
 
 
+# More take LLVM longer than XLA needs for the same function: short arrays of which each element is written out.
+MOST_INSTRUCTIONS = 50_000
+
+
 class Lowering(Control):
     """Writes the equations of a jaxpr to an emitter."""
 
-    def __init__(self, emitter: Emitter, workspace: str) -> None:
+    def __init__(self, emitter: Emitter, workspace: str, directions: int = 0) -> None:
+        """Begin a lowering into working memory, with derivatives in so many directions."""
         self.e = emitter
+        self.directions = directions
         self.room: list[int] = []
         self._workspace = workspace
         self._functions: dict[np.dtype, Elementary] = {}
@@ -38,16 +45,24 @@ class Lowering(Control):
             NotNative: an equation has no vector instructions.
         """
         known: dict[Any, Operand] = dict(zip(jaxpr.constvars, consts, strict=True))
-        known |= zip(jaxpr.invars, arguments, strict=True)
         needed = _needed(jaxpr)
+        often = _used_often(jaxpr, needed) if self.directions else frozenset()
+
+        def learn(variables: Sequence[Any], operands: Sequence[Operand]) -> None:
+            for variable, x in zip(variables, operands, strict=True):
+                known[variable] = self.settled(x) if variable in often else x
+
+        learn(jaxpr.invars, arguments)
 
         def read(atom: Any) -> Operand:
             return self._literal(atom) if isinstance(atom, Literal) else known[atom]
 
         for equation, used in zip(jaxpr.eqns, needed, strict=True):
+            if len(self.e.lines) > MOST_INSTRUCTIONS:
+                raise NotNative(f"a function of more than {MOST_INSTRUCTIONS} instructions")
             if used:
                 results = self._equation(equation, [read(atom) for atom in equation.invars])
-                known |= zip(equation.outvars, results, strict=True)
+                learn(equation.outvars, results)
         return [read(atom) for atom in jaxpr.outvars]
 
     def _literal(self, atom: Any) -> Array:
@@ -84,6 +99,11 @@ class Lowering(Control):
             return self.cond(equation, given)
         if name == "split":
             return self.split(given[0], params)
+        if self.directions:
+            given = [
+                self.settled(x) if math.prod(v.aval.shape) < math.prod(out.shape) else x
+                for x, v in zip(given, equation.invars, strict=True)
+            ]  # it is used for several elements
         if any(isinstance(x, Rows) for x in given) or (
             any(isinstance(x, Series) for x in given) and math.prod(out.shape) > max(out.shape, default=1)
         ):
@@ -122,6 +142,13 @@ def _needed(jaxpr: Jaxpr) -> list[bool]:
         if used:
             wanted |= {v for v in equation.invars if not isinstance(v, Literal)}
     return needed[::-1]
+
+
+def _used_often(jaxpr: Jaxpr, needed: list[bool]) -> frozenset[Any]:
+    """Return the variables that are used more than once."""
+    used = [v for equation, wanted in zip(jaxpr.eqns, needed, strict=True) if wanted for v in equation.invars]
+    counted = collections.Counter(v for v in (*used, *jaxpr.outvars) if not isinstance(v, Literal))
+    return frozenset(v for v, count in counted.items() if count > 1)
 
 
 # Primitives with a jaxpr inside, and the parameters that may hold it.

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -83,23 +82,4 @@ def array_of(value: Value) -> Array:
     """Return an array without axes of one number."""
     result = np.empty((), dtype=object)
     result[()] = value
-    return result
-
-
-def flattened(arrays: Sequence[Operand]) -> tuple[list[Value], list[tuple[int, ...]]]:
-    """Return the numbers of small arrays one after the other, and the shapes; NotNative of a long one."""
-    if any(not isinstance(x, np.ndarray) for x in arrays):
-        raise NotNative("a long array carried from step to step")
-    return [value for x in arrays for value in x.ravel()], [x.shape for x in arrays]
-
-
-def reshaped(values: Sequence[Value], shapes: Sequence[tuple[int, ...]]) -> list[Array]:
-    """Return small arrays of some shapes from their numbers."""
-    result, start = [], 0
-    for shape in shapes:
-        size = math.prod(shape)
-        array = np.empty(size, dtype=object)
-        array[:] = values[start : start + size]
-        result.append(array.reshape(shape))
-        start += size
     return result

@@ -21,7 +21,8 @@ from jaxmodel.names import with_values
 from jaxmodel.parameters import Parameters
 from jaxmodel.profile import Profile, constant
 from jaxmodel.simulation import Cutoff
-from sensitivity.derivatives import choose_mode, jacobian, local_sensitivities
+from sensitivity import by_vectors
+from sensitivity.derivatives import _jacobian_by_xla, choose_mode, jacobian, local_sensitivities
 from sensitivity.response import Response, make_response, steps_of
 from sweeps.metrics import Integral
 
@@ -322,3 +323,26 @@ def test_a_run_that_ends_is_summed_up_to_its_end():
 def test_a_wrong_name_is_answered_with_the_nearest(asked: dict, error: type[Exception], message: str):
     with pytest.raises(error, match=message):
         local_sensitivities(Model("cell"), constant(2.0, 1.0, current_A=1.0, ambient_degC=20.0), **asked)
+
+
+def test_vector_instructions_agree_with_xla(model: Model, profiles: dict[str, Profile]):
+    """With all effects but the sensors that have a state."""
+    inputs = {name: np.full(601, column[0]) for name, column in profiles[model.kind].inputs.items()}
+    model = dataclasses.replace(model, effects=tuple(effect for effect in model.effects if not effect.has_state))
+    profile = Profile(np.arange(601.0), inputs)
+    names = make_response(model, profile).names[::11]
+    response = make_response(model, profile, names)
+    at = np.asarray(response.values())
+    answer, slopes = by_vectors.slopes(response, at[None], len(names))
+    wanted, exact = _jacobian_by_xla(response, jnp.asarray(at), "forward")
+    for found, true in ((answer.metrics[0], wanted.metrics), (answer.outputs[0], wanted.outputs)):
+        np.testing.assert_allclose(found, true, rtol=1e-12, atol=1e-12)
+    for found, true in ((slopes.metrics[0], exact.metrics), (slopes.outputs[0], exact.outputs)):
+        largest = np.max(np.abs(true), axis=tuple(range(1, true.ndim)), keepdims=True)
+        assert np.all(np.abs(found - true) <= 1e-9 * np.abs(true) + 1e-12 * largest)
+    # Along a direction of each lane it is the sum of the derivatives.
+    along = np.array([[1.0, *np.zeros(at.size - 1)], at])
+    moved, slope, outcome = by_vectors.pushed(response, np.tile(at, (2, 1)), along)
+    np.testing.assert_allclose(moved.metrics[1], answer.metrics[0], rtol=1e-13)
+    np.testing.assert_allclose(slope.metrics, along @ slopes.metrics[0], rtol=1e-9, atol=1e-12)
+    assert not outcome.status.any()

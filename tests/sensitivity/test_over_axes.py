@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from jaxmodel.model import Model
+from jaxmodel.native import NotNative
 from jaxmodel.parameters import Parameters
 from jaxmodel.profile import constant
-from sensitivity import over_axes
+from sensitivity import by_vectors, over_axes
 from sensitivity.derivatives import local_sensitivities
 from sensitivity.over_axes import elasticity_map
 from sweeps.study import Study
@@ -22,13 +23,21 @@ def study(**axes: list[float]) -> Study:
     return Study(kind="cell", metrics=METRICS, profile=profile, axes=axes)
 
 
-def test_each_lane_is_the_run_at_its_own_point(monkeypatch: pytest.MonkeyPatch):
-    """In three batches, the last one not full."""
-    monkeypatch.setattr(over_axes, "_AT_ONCE", 5)
+def refuse(*given: object) -> None:
+    raise NotNative("anything")
+
+
+@pytest.mark.parametrize("way", ["vector instructions", "XLA"])
+def test_each_lane_is_the_run_at_its_own_point(monkeypatch: pytest.MonkeyPatch, way: str):
+    """Through XLA in three batches, the last one not full."""
+    if way == "XLA":
+        monkeypatch.setattr(by_vectors, "slopes", refuse)
+        monkeypatch.setattr(over_axes, "_AT_ONCE", 5)
     reported: list[tuple[int, int]] = []
     axes = {"ambient_degC": [0.0, 30.0], "current_A": [1.0, 4.0, 6.0], "capacity_Ah": [3.0, 5.2]}
     grid = elasticity_map(study(**axes), NAMES, lambda done, total: reported.append((done, total)))
-    assert reported == [(0, 12), (5, 12), (10, 12), (12, 12)]
+    batches = [(5, 12), (10, 12)] if way == "XLA" else []
+    assert reported == [(0, 12), *batches, (12, 12)]
     assert dict(grid.sizes) == {"ambient_degC": 2, "current_A": 3, "capacity_Ah": 2, "metric": 2, "parameter": 3}
     for ambient, current, capacity in ((30.0, 6.0, 3.0), (0.0, 1.0, 5.2), (0.0, 6.0, 3.0)):
         alone = local_sensitivities(

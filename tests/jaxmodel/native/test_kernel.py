@@ -94,7 +94,7 @@ def sought(shared, x):
     signal = jnp.sin(ends * x["rate"])
     late = ends[shared["rows"]] - x["delay"]
     after = jnp.clip(jnp.searchsorted(ends, late), 0, ends.shape[0] - 1)
-    put = signal.at[shared["rows"]].set(0.5 * late)
+    put = signal.at[shared["rows"]].set(0.5 * late, unique_indices=True)
     return {
         "found": signal[after] * (late > 0.0),
         "between": jnp.interp(late, ends, put),
