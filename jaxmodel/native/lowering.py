@@ -22,7 +22,6 @@ from jaxmodel.native.elements import convert, element
 from jaxmodel.native.emitter import Emitter, Value
 from jaxmodel.native.operands import Array, Memory, NotNative, Operand, Rows, Series, array_of, constants
 
-
 # More take LLVM longer than XLA needs for the same function: short arrays of which each element is written out.
 MOST_INSTRUCTIONS = 50_000
 
