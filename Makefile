@@ -18,8 +18,8 @@ demo: $(INSTALLED)
 test: $(INSTALLED)
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
-	PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright
-	PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright -p pyright-public.json
+	@export PYRIGHT_PYTHON_IGNORE_WARNINGS=1; $(BIN)/pyright & all=$$!; \
+		$(BIN)/pyright -p pyright-public.json && wait $$all
 	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 # Strict: a link that leads nowhere, or a page that would fetch anything from another host, fails the build.
@@ -60,5 +60,5 @@ $(INSTALLED_DOCS): $(INSTALLED)
 	@touch $@
 
 clean:
-	rm -rf .venv .bench-env .jax-cache .hypothesis .pytest_cache .ruff_cache build dist site demo-results *.egg-info
+	rm -rf .venv .bench-env .jax-cache workbench-pictures .hypothesis .pytest_cache .ruff_cache build dist site demo-results *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

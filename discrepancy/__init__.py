@@ -14,6 +14,7 @@ What `__all__` lists is the public API; the modules behind it may change.
 """
 
 from discrepancy.diagnosis import compare, diagnose
+from discrepancy.finishing import conclusion, finish
 from discrepancy.identification import Identification, identify
 from discrepancy.investigation import Investigation
 from discrepancy.names import curve
@@ -27,7 +28,9 @@ __all__ = [
     "Investigation",
     "Settings",
     "compare",
+    "conclusion",
     "curve",
     "diagnose",
+    "finish",
     "identify",
 ]

@@ -9,7 +9,7 @@ from discrepancy.settings import SETTINGS, Settings
 
 @dataclasses.dataclass(frozen=True)
 class ChannelEvidence:
-    """The errors of a channel.
+    """The errors of a channel; those of a voltage are divided by its steepness (`discrepancy.noise.steepness`).
 
     Attributes:
         noise: sd of its sensor.
@@ -19,6 +19,7 @@ class ChannelEvidence:
         tolerance: stated; None if not stated.
         model_error: s of the model error, in the channel's unit; 0 without one.
         check_before: RMS error of the calibrated base model on check runs; NaN without check runs.
+        steep: whether readings where the OCV is steep make up much of the whole error.
     """
 
     noise: float
@@ -28,6 +29,12 @@ class ChannelEvidence:
     tolerance: float | None
     model_error: float
     check_before: float = float("nan")
+    steep: bool = False
+
+    @property
+    def where(self) -> str:
+        """Return where the error is that large, for a sentence."""
+        return ", apart from the steep ends of the OCV" if self.steep else ""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,7 +88,7 @@ def decide(evidence: Evidence, settings: Settings = SETTINGS) -> Decision:
     left = [name for name, one in evidence.channels.items() if _mostly_left(one, settings)]
     if left:
         described = [
-            f"the error of {name} remains at {one.fit:.3g} (noise {one.noise:.2g})"
+            f"the error of {name} remains at {one.fit:.3g} (noise {one.noise:.2g}{one.where})"
             for name, one in evidence.channels.items()
             if name in left
         ]

@@ -59,7 +59,11 @@ def compare(case: Case, *, progress: Progress | None = None) -> Diagnosis:
     Raises:
         FitError: nothing is uncertain, or no run may be used to calibrate.
     """
-    inv = Workings(case, progress=progress)
+    return comparison(Workings(case, progress=progress))
+
+
+def comparison(inv: Workings) -> Diagnosis:
+    """Return the calibrated base model of an investigation as a diagnosis that tests no candidate."""
     adjusted = with_adjusted_starts(inv, inv.base)
     ladder = (nominal(inv), rung(inv, "calibrated", inv.base, adjusted))
     left = residuals_of(inv, ladder[-1])
@@ -277,16 +281,21 @@ def _removes(lacking: Rung, final: Rung) -> dict[str, Removed]:
     }
 
 
+# Share of the whole error that remains without the steep ends of the OCV, below which an answer mentions them.
+_LEVEL = 0.8
+
+
 def _channel_evidence(inv: Workings, found: policy.Found, name: str, base: Rung, last: Rung) -> ChannelEvidence:
     tolerance = inv.case.tolerance.get(name)
     return ChannelEvidence(
         noise=found.final.scale.noise[name].sd,
-        before=base.errors[name].fit,
-        fit=last.errors[name].fit,
-        check=last.errors[name].check,
+        before=base.errors[name].level_fit,
+        fit=last.errors[name].level_fit,
+        check=last.errors[name].level_check,
         tolerance=None if tolerance is None else tolerance.rms,
         model_error=found.final.scale.error.of_channel(name),
-        check_before=base.errors[name].check,
+        check_before=base.errors[name].level_check,
+        steep=last.errors[name].level_fit < _LEVEL * last.errors[name].fit,
     )
 
 

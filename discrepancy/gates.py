@@ -125,13 +125,20 @@ def is_material(inv: Workings, trial: Trial, lacking: Trial) -> bool:
 
     Enough is a tenth of a stated tolerance on fitted data or, without a tolerance, a share of the error above noise on
     left-out data: of the error of all runs, or of its geometric mean over runs. In that mean an effect counts that
-    takes most of the error of some runs, although others have a larger error with another cause.
+    takes most of the error of some runs, although others have a larger error with another cause. Errors of a voltage
+    count as they are or divided by their steepness: otherwise the last minutes of a discharge outweigh all else, and no
+    effect is material unless it acts there.
     """
+    return _removes_enough(inv, trial, lacking, level=False) or _removes_enough(inv, trial, lacking, level=True)
+
+
+def _removes_enough(inv: Workings, trial: Trial, lacking: Trial, level: bool) -> bool:
     settings, stated = inv.settings, inv.case.tolerance
     share = settings.least_share if len(lacking.labels) < 2 else settings.later_share
-    before, after = left_out_error_of_runs(inv, lacking), left_out_error_of_runs(inv, trial)
-    pooled_before, pooled_after = left_out_error(inv, lacking), left_out_error(inv, trial)
-    fitted = inv.errors_of(lacking) ** 2 - inv.errors_of(trial) ** 2 if stated else np.zeros(0)
+    before, after = left_out_error_of_runs(inv, lacking, level), left_out_error_of_runs(inv, trial, level)
+    pooled_before, pooled_after = left_out_error(inv, lacking, level), left_out_error(inv, trial, level)
+    scale = trial.scale.view.readings.steepness if level else 1.0
+    fitted = (inv.errors_of(lacking) ** 2 - inv.errors_of(trial) ** 2) / scale**2 if stated else np.zeros(0)
     least = settings.negligible_share**2
     for place, channel in enumerate(inv.space.coarse.channels):
         if channel in stated and channel in before:
@@ -182,31 +189,37 @@ def is_plausible(inv: Workings, trial: Trial, label: str) -> bool:
     return float(size) <= inv.settings.implausible
 
 
-def left_out_error(inv: Workings, trial: Trial) -> dict[str, float]:
+def left_out_error(inv: Workings, trial: Trial, level: bool = False) -> dict[str, float]:
     """Return, by channel, the mean square error above noise on left-out data, in units of its tolerance.
 
     The log score compares the prediction with its own uncertainty; this compares it with the tolerance. It is the
     square of the mean over blocks of their RMS error: in a mean square, one block at the steep end of a discharge would
     outweigh all others.
+
+    Args:
+        inv: the investigation.
+        trial: the model.
+        level: divide errors by their steepness.
     """
     return {
         channel: float(np.average(rms, weights=count)) ** 2
-        for channel, (_, rms, count) in _rms_of_blocks(inv, trial).items()
+        for channel, (_, rms, count) in _rms_of_blocks(inv, trial, level).items()
     }
 
 
-def left_out_error_of_runs(inv: Workings, trial: Trial) -> dict[str, np.ndarray]:
+def left_out_error_of_runs(inv: Workings, trial: Trial, level: bool = False) -> dict[str, np.ndarray]:
     """Return the same for each run that has the channel, by channel, (runs,)."""
     return {
         channel: (np.bincount(run, rms * count)[np.unique(run)] / np.bincount(run, count)[np.unique(run)]) ** 2
-        for channel, (run, rms, count) in _rms_of_blocks(inv, trial).items()
+        for channel, (run, rms, count) in _rms_of_blocks(inv, trial, level).items()
     }
 
 
-def _rms_of_blocks(inv: Workings, trial: Trial) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def _rms_of_blocks(inv: Workings, trial: Trial, level: bool) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Return, by channel, run, RMS error above noise in tolerances, and number of readings of each block."""
     readings, found = trial.scale.view.readings, {}
     beyond, block = inv.cross_validation(trial).errors ** 2 - readings.sd**2, readings.blocks(inv.pieces)
+    beyond = beyond / readings.steepness**2 if level else beyond
     for place, channel in enumerate(inv.space.coarse.channels):
         mine = readings.channel == place
         if channel in inv.noise and mine.any():

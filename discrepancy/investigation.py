@@ -3,28 +3,38 @@
 investigation = Investigation(case)
 investigation.errors()            # by run and channel, against noise and tolerance
 investigation.where()             # where the present model fails, in sentences
+investigation.regime_map("voltage_V")  # the same as means over ranges of two conditions
 investigation.candidates()        # ranked effects, sensor faults, curves and shifts
+investigation.preview("self_heating")  # the residual that it would leave, before any refit
 investigation.add("self_heating")
 investigation.drop("self_heating")
+investigation.undo()
 investigation.ladder()            # every model so far
 """
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import html
+from collections.abc import Callable
 
 import pandas as pd
 
+from discrepancy import policy
 from discrepancy.evidence.trial import Settled
 from discrepancy.extended import extended_case
 from discrepancy.findings import curve_found, run_found
 from discrepancy.fitting.lanes import one_thread_of_blas
 from discrepancy.plotting import InvestigationPlots
+from discrepancy.residuals.regime_map import RegimeMap, regime_map
 from discrepancy.residuals.statements import statements
 from discrepancy.result import Rung
 from discrepancy.rungs import errors_by_run, residuals_of, rung
 from discrepancy.workings import Workings
 from jaxmodel.case import Case
+from jaxmodel.errors import MeasurementError, nearest
+from jaxmodel.measurements import KINDS
 
 
 class Investigation(Workings):
@@ -52,13 +62,23 @@ class Investigation(Workings):
         """Return the pictures: `plot.ladder()`, `plot.run("name")`, `plot.errors()`, `plot.candidates()`."""
         return InvestigationPlots(self)
 
+    @functools.cached_property
+    def _rungs(self) -> dict[tuple[str, ...], Rung]:
+        """Models with their errors and predictions, which take a simulation of every run."""
+        return {}
+
+    def _rung(self, labels: tuple[str, ...]) -> Rung:
+        if labels not in self._rungs:
+            self._rungs[labels] = rung(self, "", self.settled(labels))
+        return self._rungs[labels]
+
     def present(self) -> Rung:
         """Return the present model's parameters, errors and predictions."""
-        return rung(self, "present", self.model)
+        return dataclasses.replace(self._rung(self._present), name="present")
 
     def models(self) -> list[Rung]:
         """Return every model so far once, the calibrated base model first."""
-        return [rung(self, "", self.settled(labels)) for labels in dict.fromkeys(self._path)]
+        return [self._rung(labels) for labels in dict.fromkeys(self._path)]
 
     def parameters(self) -> pd.DataFrame:
         """Return the present model's fitted numbers: name, value, sd of the fit, unit, and whether it left its prior.
@@ -94,10 +114,25 @@ class Investigation(Workings):
         capacity = self.case.parameters.get("capacity_Ah")
         rows = [
             (residuals.channel, one.text, one.share)
-            for residuals in residuals_of(self, rung(self, "present", self.model))
+            for residuals in residuals_of(self, self.present())
             for one in statements(residuals, capacity_Ah=None if capacity is None else capacity.value)
         ]
         return pd.DataFrame(rows, columns=["channel", "sentence", "share"])
+
+    @one_thread_of_blas
+    def regime_map(self, channel: str) -> RegimeMap:
+        """Return the present model's residual of one channel over ranges of the two conditions that place it best.
+
+        Args:
+            channel: as `errors` lists it.
+
+        Raises:
+            MeasurementError: no run has readings of this channel.
+        """
+        found = {residuals.channel: residuals for residuals in residuals_of(self, self.present())}
+        if channel not in found:
+            raise MeasurementError(f"regime_map: there are no readings of '{channel}'.{nearest(channel, found)}")
+        return regime_map(found[channel])
 
     @one_thread_of_blas
     def candidates(self) -> pd.DataFrame:
@@ -110,6 +145,34 @@ class Investigation(Workings):
             for gain in self.linear(self.model).gains()
         ]
         return pd.DataFrame(rows, columns=["name", "group", "log_evidence", "chi2", "z"])
+
+    @one_thread_of_blas
+    def preview(self, *names: str) -> pd.DataFrame:
+        """Return the residual of the present model, and what candidates would leave of it, without any refit.
+
+        To first order, as the scores of `candidates`: a candidate far from linear does better or worse once refitted.
+
+        Args:
+            names: as `candidates` lists them; all of them by default.
+
+        Returns:
+            A row for each fitted reading: run, channel, time_s, `residual`, and a column for each name, in the unit of
+            the channel (K for temperatures). A candidate that these readings cannot show has no column.
+
+        Raises:
+            EffectError: a name is no candidate of this case.
+        """
+        linear, readings = self.linear(self.model), self.model.scale.view.readings
+        outputs = KINDS[self.case.kind].outputs
+        table = {
+            "run": [self.case.runs[number].name for number in readings.run],
+            "channel": [outputs[number] for number in readings.channel],
+            "time_s": readings.time_s,
+            "residual": self.errors_of(self.model),
+        }
+        labels = self.space.labels_of(names) if names else [gain.label for gain in linear.gains()]
+        left = {label: linear.left_with(label) for label in labels}
+        return pd.DataFrame(table | {label: one for label, one in left.items() if one is not None})
 
     @one_thread_of_blas
     def add(self, *names: str) -> Investigation:
@@ -132,6 +195,26 @@ class Investigation(Workings):
         """
         gone = self.space.labels_of(names)
         return self._go_to(tuple(label for label in self._present if label not in gone))
+
+    def undo(self) -> Investigation:
+        """Return to the model before the last addition or removal; the base model stays."""
+        self._path = self._path[:-1] or ((),)
+        self._present = self._path[-1]
+        return self
+
+    @one_thread_of_blas
+    def search(self, each: Callable[[], None] = lambda: None) -> policy.Found:
+        """Add and remove automatically, from the present model on, until nothing more is found; what is there stays.
+
+        Args:
+            each: is called whenever the present model has changed; what it raises ends the search there.
+        """
+
+        def accepted(model: Settled) -> None:
+            self._go_to(model.labels)
+            each()
+
+        return policy.run(self, self._present, each=accepted)
 
     def _go_to(self, labels: tuple[str, ...]) -> Investigation:
         model = self.settled(labels)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -40,13 +40,19 @@ class Found:
     compared: tuple[Trial, ...]
 
 
-def run(investigation: Workings, start: Sequence[str] = (), seek: bool = True) -> Found:
+def run(
+    investigation: Workings,
+    start: Sequence[str] = (),
+    seek: bool = True,
+    each: Callable[[Settled], None] = lambda _: None,
+) -> Found:
     """Diagnose a case automatically.
 
     Args:
         investigation: of the case.
         start: candidates that are in the model from the start, and stay.
         seek: False to test no other candidate.
+        each: is called with every model after the first as it is accepted.
     """
     inv, settings = investigation, investigation.settings
     model = inv.settled(start)
@@ -65,9 +71,11 @@ def run(investigation: Workings, start: Sequence[str] = (), seek: bool = True) -
             break
         path.append(model)
         seen.add(model.labels)
+        each(model)
     laws, model = _laws(inv, model) if seek else ((), model)
     if laws:
         path.append(model)
+        each(model)
     refused = {label: one for label, one in refused.items() if label not in model.labels}
     return Found(model, tuple(path), refused, laws, tuple(_rivals_of(inv, model, start)))
 

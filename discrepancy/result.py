@@ -37,12 +37,16 @@ class ChannelError:
         check: on check runs, their start adjusted on their first readings.
         stated: on check runs, their start exactly as stated.
         worst: largest error on check runs.
+        level_fit: on fit runs, the errors divided by their steepness (`discrepancy.noise.steepness`).
+        level_check: the same on check runs.
     """
 
     fit: float
     check: float
     stated: float = float("nan")
     worst: float = float("nan")
+    level_fit: float = float("nan")
+    level_check: float = float("nan")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,21 +58,24 @@ class RunError:
         rms: root mean square.
         mean: mean.
         worst: the largest size.
+        level: root mean square of the errors divided by their steepness: the error at the average slope of the OCV.
     """
 
     readings: int
     rms: float
     mean: float
     worst: float
+    level: float
 
     @classmethod
-    def of(cls, errors: np.ndarray) -> RunError | None:
+    def of(cls, errors: np.ndarray, steepness: np.ndarray | float = 1.0) -> RunError | None:
         """Return the error of some readings (n,), NaN where there is none; None if there is none at all."""
-        read = errors[np.isfinite(errors)]
+        there = np.isfinite(errors)
+        read, level = errors[there], (errors / steepness)[there]
         if not read.size:
             return None
-        rms = float(np.sqrt(read @ read / read.size))
-        return cls(read.size, rms, float(np.mean(read)), float(max(read.max(), -read.min())))
+        rms, even = (float(np.sqrt(one @ one / one.size)) for one in (read, level))
+        return cls(read.size, rms, float(np.mean(read)), float(max(read.max(), -read.min())), even)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -117,11 +117,12 @@ def _by_run(inv: Workings, predictions: Mapping[str, Mapping[str, np.ndarray]]) 
     found: dict[str, dict[str, RunError]] = {}
     for channel in inv.noise:
         found[channel] = {}
-        for run in inv.case.runs:
+        for number, run in enumerate(inv.case.runs):
             if run.name not in predictions or channel not in run.measured.outputs:
                 continue
-            rows = judged_rows(run, inv.settings)
-            error = RunError.of(run.measured.outputs[channel][rows] - predictions[run.name][channel][rows])
+            rows, steepness = judged_rows(run, inv.settings), inv.space.steepness_of_all.get((channel, number))
+            errors = run.measured.outputs[channel][rows] - predictions[run.name][channel][rows]
+            error = RunError.of(errors, 1.0 if steepness is None else steepness[rows])
             if error is not None:
                 found[channel][run.name] = error
     return found
@@ -138,16 +139,19 @@ def _error(inv: Workings, by_run: Mapping[str, RunError], as_stated: Mapping[str
     def of(split: str, errors: Mapping[str, RunError]) -> list[RunError]:
         return [errors[run.name] for run in inv.case.runs if run.split == split and run.name in errors]
 
-    def rms(errors: Sequence[RunError]) -> float:
+    def rms(errors: Sequence[RunError], which: str = "rms") -> float:
         count = sum(one.readings for one in errors)
-        return float(np.sqrt(sum(one.readings * one.rms**2 for one in errors) / count)) if count else float("nan")
+        squares = sum(one.readings * getattr(one, which) ** 2 for one in errors)
+        return float(np.sqrt(squares / count)) if count else float("nan")
 
-    held_out = of("check", by_run)
+    fitted, held_out = of("fit", by_run), of("check", by_run)
     return ChannelError(
-        fit=rms(of("fit", by_run)),
+        fit=rms(fitted),
         check=rms(held_out),
         stated=rms(of("check", as_stated)),
         worst=max((one.worst for one in held_out), default=float("nan")),
+        level_fit=rms(fitted, "level"),
+        level_check=rms(held_out, "level"),
     )
 
 

@@ -37,6 +37,10 @@ class Settings:
         6.0, "log likelihood that a model error must gain to be used", "two parameters at p = 0.002"
     )
 
+    soc_uncertainty: float = _constant(
+        0.02, "uncertainty of the state of charge within which the steepest slope of the OCV counts"
+    )
+
     # Readings.
     most_readings: int = _constant(
         30_000, "readings used in a fit; more are thinned evenly; errors are computed from all"

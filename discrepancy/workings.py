@@ -97,7 +97,9 @@ class Workings:
 
     def _scale(self, noise: Mapping[str, NoiseModel], error: ModelError, inputs: InputNoise | None) -> Scale:
         channels = KINDS[self.case.kind].outputs
-        readings = collect(self.space.fitted, noise, channels, self.fit_runs, inputs, self.settings)
+        readings = collect(
+            self.space.fitted, noise, channels, self.fit_runs, inputs, self.settings, steepness=self.space.steepness
+        )
         return Scale(noise, View(self.space, readings), Weights(readings, error))
 
     @functools.cached_property
@@ -231,7 +233,8 @@ class Workings:
         if any(noise[name] is not model for name, model in scale.noise.items()):
             shared = scale.view.readings.shared
             channels = KINDS[self.case.kind].outputs
-            fresh = collect(self.space.fitted, noise, channels, self.fit_runs, None, self.settings)
+            steepness = self.space.steepness
+            fresh = collect(self.space.fitted, noise, channels, self.fit_runs, None, self.settings, steepness=steepness)
             readings = dataclasses.replace(fresh, shared=shared)
             scale = Scale(noise, View(self.space, readings), scale.weights)
         pieces = readings.pieces(_MOST_OF_A_SERIES)

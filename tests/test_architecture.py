@@ -53,12 +53,13 @@ DISCREPANCY = [
     {"policy", "rungs", "advice", "findings", "tolerances", "extended", "names"},
     {"summary", "investigation", "identification"},
     {"diagnosis"},
+    {"finishing"},
     {"__init__"},
 ]
 WITHOUT_FRONT_END = ["jaxmodel", "importing", "sweeps", "sensitivity", "operation", "parameterisation"]
 FRONT_END = set(
-    "altair bokeh click dash fastapi flask jinja2 matplotlib plotly rich seaborn starlette streamlit textual tornado "
-    "tqdm typer uvicorn".split()
+    "altair bokeh click dash fastapi flask jinja2 matplotlib nicegui plotly rich seaborn starlette streamlit textual "
+    "tornado tqdm typer uvicorn".split()
 )
 FRONT_END_OF_PYTHON = set("argparse curses http optparse socketserver tkinter webbrowser wsgiref".split())
 MOST_LINES = 400
@@ -145,10 +146,9 @@ def test_package_imports_no_plotting_web_or_command_line(package: str) -> None:
     assert [place for imported, place in imports_into(package) if imported in front_end] == []
 
 
-@pytest.mark.parametrize("package", WITHOUT_FRONT_END)
-def test_importing_every_module_of_package_loads_no_front_end(package: str) -> None:
+def test_importing_every_module_without_a_front_end_loads_none() -> None:
     """Other dependencies could load a front end indirectly."""
-    modules = [path.relative_to(REPOSITORY).with_suffix("") for path in modules_of(package)]
+    modules = [path.relative_to(REPOSITORY).with_suffix("") for p in WITHOUT_FRONT_END for path in modules_of(p)]
     names = [".".join(module.parts).removesuffix(".__init__") for module in modules]
     program = f"import importlib, sys; [importlib.import_module(name) for name in {names}]; print(*sys.modules)"
     result = subprocess.run(
@@ -156,7 +156,7 @@ def test_importing_every_module_of_package_loads_no_front_end(package: str) -> N
     )
     assert result.returncode == 0, result.stderr
     loaded = set(result.stdout.split())
-    assert package in loaded
+    assert set(WITHOUT_FRONT_END) <= loaded
     assert loaded & FRONT_END == set()
 
 
@@ -165,7 +165,7 @@ def test_package_imports_only_declared_dependencies(package: str) -> None:
     """A package that needs a dependency of the test extra would work here and fail for a user."""
     project = PROJECT["project"]
     extras = project["optional-dependencies"]
-    declared = project["dependencies"] + extras["cluster"] + extras["matlab"]
+    declared = project["dependencies"] + extras["cluster"] + extras["matlab"] + extras["workbench"]
     known = {re.split(r"[^\w-]", requirement)[0].replace("-", "_") for requirement in declared}
     known |= {"pydantic_core"}  # half of pydantic
     known |= sys.stdlib_module_names | MAY_IMPORT.keys()

@@ -14,6 +14,7 @@ import typer
 from workbench.import_command import import_
 from workbench.one_sentence import OneSentence
 from workbench.start_command import start
+from workbench.workbench_command import workbench
 
 app = typer.Typer(
     cls=OneSentence,
@@ -25,6 +26,8 @@ app = typer.Typer(
 )
 app.command(epilog="Example: jaxmodel start logs/*.csv --kind cell --ambient 23 --out results")(start)
 app.command("import", epilog="Example: jaxmodel import logs/*.csv --kind cell --ambient 23 --out my_cell")(import_)
+
+app.command(epilog="Example: jaxmodel workbench examples/samsung_30q")(workbench)
 
 
 def _print_version(asked: bool) -> bool:

@@ -208,6 +208,26 @@ class Linear:
             lengths.setdefault(way.label, []).append(smallest * np.sqrt(squared))
         return seen | {label for label, free in lengths.items() if float(np.median(free)) >= sigma}
 
+    def left_with(self, label: str) -> np.ndarray | None:
+        """Return the raw errors (readings,) that the model would leave with one candidate, to first order.
+
+        The candidate is at its best shape, and the model's own unknowns move with it. None if nothing can show it.
+        """
+        best, place = None, slice(0, 0)
+        for way, where in zip(self.directions, self.places, strict=True):
+            gain = self._gain(way, where, self.projected) if way.label == label else None
+            if gain is not None and (best is None or gain.log_evidence > best.log_evidence):
+                best, place = gain, where
+        if best is None:
+            return None
+        candidate = self.candidates[label]
+        taken = [(slice(0, self.count), self.precision)]
+        # Physics allows one sign only, and the readings ask for the other: nothing is added.
+        if not candidate.one_sided or self.projected[place.start, -1] > 0.0:
+            is_free = not candidate.is_vector and candidate.group != "run"
+            taken.append((place, np.full(place.stop - place.start, 0.0 if is_free else best.amplitude**-2.0)))
+        return self._left(taken)
+
     def richest(self, least: float, most: int = 8) -> np.ndarray:
         """Return the raw errors (readings,) that the model leaves with the best additions, one after the other.
 

@@ -17,6 +17,8 @@ from discrepancy.fitting.problem import Lane, Problem, make_problem, tracks_of, 
 from discrepancy.fitting.readings import Readings
 from discrepancy.noise.contract import without_input_noise
 from discrepancy.noise.instrument import NoiseModel
+from discrepancy.noise.model_error import Series
+from discrepancy.noise.steepness import steepness
 from discrepancy.preparation.held_inputs import noisy_inputs
 from discrepancy.preparation.thinning import thinned
 from discrepancy.settings import SETTINGS, Settings
@@ -215,6 +217,30 @@ class ModelSpace:
                 raise EffectError(f"--add {name}: give its column too, as in --add {meant[0]}.")
             labels |= dict.fromkeys(meant)
         return self.key(tuple(labels))
+
+    @functools.cached_property
+    def steepness(self) -> dict[Series, np.ndarray]:
+        """Return the steepness of the voltages that follow the charge, at the rows that a fit simulates."""
+        if self.case.kind == "motor":
+            return {}
+        setting = self.setting(())
+        soc = predictions(self.coarse, [setting.lane(np.zeros(self.layout.size))])[0, :, :, self._soc]
+        rows = [run.measured.time_s.size for run in self.fitted.runs]
+        of_runs = [of_run[:count] for of_run, count in zip(soc, rows, strict=True)]
+        return steepness(self.fitted, of_runs, self.settings.soc_uncertainty)
+
+    @functools.cached_property
+    def steepness_of_all(self) -> dict[Series, np.ndarray]:
+        """Return the same at all rows."""
+        if self.fitted is self.case or self.case.kind == "motor":
+            return self.steepness
+        predicted = self.predicted(self.setting(()), np.zeros(self.layout.size))
+        soc = [predicted[run.name]["soc"] for run in self.case.runs]
+        return steepness(self.case, soc, self.settings.soc_uncertainty)
+
+    @property
+    def _soc(self) -> int:
+        return self.coarse.channels.index("soc")
 
     def predicted(
         self, setting: Setting, x: np.ndarray, runs: Sequence[int] | None = None

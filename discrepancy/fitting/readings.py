@@ -9,7 +9,7 @@ import numpy as np
 
 from discrepancy.noise.input_noise import InputNoise, slow_directions
 from discrepancy.noise.instrument import NoiseModel
-from discrepancy.noise.model_error import Chain, ModelError, Whitener
+from discrepancy.noise.model_error import Chain, ModelError, Series, Whitener
 from discrepancy.noise.whitening import chain_starts, chain_weights, innovations
 from discrepancy.settings import SETTINGS, Settings
 from jaxmodel.case import Case
@@ -27,6 +27,7 @@ class Readings:
         time_s: (n,) time of each.
         sd: (n,) noise of one reading, in its unit.
         weight: (n,) correlation of its noise with that of the previous reading; 0 at the start of a chain.
+        steepness: (n,) of each, see `discrepancy.noise.steepness`; 1 except of voltages.
         chains: rows of each channel in each run.
         shared: (n, noises) responses to independent slow noises of measured inputs.
     """
@@ -38,6 +39,7 @@ class Readings:
     time_s: np.ndarray
     sd: np.ndarray
     weight: np.ndarray
+    steepness: np.ndarray
     chains: tuple[tuple[tuple[str, int], slice], ...]
     shared: np.ndarray
 
@@ -101,6 +103,7 @@ def collect(
     input_noise: InputNoise | None = None,
     settings: Settings = SETTINGS,
     rows_of: Mapping[int, slice] | None = None,
+    steepness: Mapping[Series, np.ndarray] | None = None,
 ) -> Readings:
     """Return the readings of some runs.
 
@@ -115,6 +118,7 @@ def collect(
         input_noise: of each reading, in place of its average over a channel.
         settings: the constants.
         rows_of: by index of the run, the rows that count; all if not given.
+        steepness: by channel and run, of its rows; 1 if not given.
     """
     present: dict[tuple[str, int], np.ndarray] = {}
     for name in noise:
@@ -150,11 +154,12 @@ def collect(
             run.measured.time_s[kept],
             sd,
             weight,
+            steepness[name, number][kept] if steepness and (name, number) in steepness else np.ones(kept.size),
         )
         parts.append(columns)
         chains.append(((name, number), slice(first, first + kept.size)))
         first += kept.size
-    stacked = [np.concatenate(column) for column in zip(*parts, strict=True)] if parts else [np.zeros(0, int)] * 7
+    stacked = [np.concatenate(column) for column in zip(*parts, strict=True)] if parts else [np.zeros(0, int)] * 8
     shared = np.zeros((first, 0))
     if input_noise is not None and parts:
         shared = input_noise.shared[:, stacked[1], stacked[2], stacked[3]].T.astype(float)

@@ -19,7 +19,7 @@ CELL = ("cell", "robot")
 
 
 class ArrheniusResistance(Effect):
-    """All resistances follow exp(E_a / 8.314 (1/T_K - 1/293.15)), on top of eq. 9."""
+    """All resistances fall with temperature (Arrhenius): exp(E_a / 8.314 (1/T_K - 1/293.15)), on top of eq. 9."""
 
     name: ClassVar[str] = "arrhenius_resistance"
     kinds: ClassVar[tuple[str, ...]] = CELL

@@ -7,11 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from discrepancy import gates, policy
+from discrepancy import conclusion, finish, gates, policy
 from discrepancy.evidence.trial import Settled
 from discrepancy.investigation import Investigation
 from discrepancy.policy import Found
-from jaxmodel.errors import EffectError, FitError
+from jaxmodel.errors import EffectError, FitError, MeasurementError
 from tests.discrepancy.conftest import HEATING
 from tests.discrepancy.made_cases import SMALL_KEPT, SMALL_NOISE, investigation_of, small_cell
 
@@ -112,3 +112,75 @@ def test_additions_are_gated_by_evidence_and_by_runs_left_out(warm_small: Invest
     assert result.gain > 0.5 * gains[0].log_evidence
     rest = {gain.label: gain for gain in warm_small.linear(found.final).gains()}
     assert max(gain.log_evidence for gain in rest.values()) < 6.0
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.asarray(values) ** 2)))
+
+
+def test_a_preview_predicts_the_refit():
+    """To first order: what the hidden effect leaves of each channel is near the noise before any refit too."""
+    one = investigation_of(small_cell(HEATING, seed=1), *SMALL_KEPT)
+    previews = one.preview()
+    assert set(previews.columns[4:]) <= set(one.candidates()["name"])
+    only = one.preview("self_heating")
+    refitted = one.add("self_heating").errors_of(one.model)
+    np.testing.assert_array_equal(previews["self_heating"], only["self_heating"])
+    for channel, rows in previews.groupby("channel").groups.items():
+        before, promised = rms(previews.loc[rows, "residual"]), rms(previews.loc[rows, "self_heating"])
+        reached = rms(refitted[np.asarray(rows)])
+        if before > 3.0 * reached:
+            # A large effect bends: most of the fall is predicted, not the last of it.
+            assert promised - reached < 0.25 * (before - reached), channel
+    with pytest.raises(EffectError):
+        one.preview("self_heatin")
+
+
+def test_the_cells_of_a_map_add_up_to_the_channel(warm_small: Investigation):
+    for channel in warm_small.noise:
+        drawn = warm_small.regime_map(channel)
+        seconds = drawn.seconds.sum()
+        cells = drawn.to_dataframe()
+        assert cells["seconds"].sum() == pytest.approx(seconds)
+        assert np.isnan(drawn.mean[drawn.seconds == 0.0]).all()
+        assert (cells["rms"] >= np.abs(cells["mean"]) - 1e-12).all()
+        count = sum(
+            drawn.readings_of(along, across).size
+            for along in range(drawn.along.count)
+            for across in range(drawn.across.count)
+        )
+        assert count == drawn.run.size
+    with pytest.raises(MeasurementError, match="speed"):
+        warm_small.regime_map("speed")
+
+
+def test_undo_goes_back_along_the_path():
+    one = investigation_of(small_cell(HEATING, seed=1), *SMALL_KEPT)
+    assert one.undo().added == ()
+    one.add("self_heating").add("arrhenius_resistance")
+    assert one.undo().added == ("self_heating",)
+    assert one.undo().added == ()
+    assert len(one.ladder()) == 1
+
+
+def test_finishing_automatically_ends_where_the_policy_does(found: Found):
+    """From the present model on; each model is shown as it is accepted, and what that raises ends the search there."""
+    one = investigation_of(small_cell(HEATING, seed=1), *SMALL_KEPT)
+    seen = []
+
+    def stop() -> None:
+        seen.append(one.added)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        one.search(stop)
+    assert seen == [("self_heating",)]
+    assert one.added == ("self_heating",)  # what was accepted stays
+    one.undo()
+    diagnosis = finish(one)
+    assert one.added == found.final.labels
+    assert [effect.label for effect in diagnosis.effects] == ["self_heating"]
+    by_hand = conclusion(one)
+    assert by_hand.ordered == ("--add self_heating",)
+    assert by_hand.final.errors == diagnosis.final.errors
+    assert conclusion(one.drop("self_heating")).verdict == ""

@@ -60,4 +60,6 @@ def test_errors_are_those_of_all_judged_readings(plain_small: Investigation):
 def test_missing_readings_do_not_count():
     assert RunError.of(np.full(3, np.nan)) is None
     error = RunError.of(np.array([np.nan, 3.0, -4.0]))
-    assert error == RunError(2, np.sqrt(12.5), -0.5, 4.0)
+    assert error == RunError(2, np.sqrt(12.5), -0.5, 4.0, np.sqrt(12.5))
+    steep = RunError.of(np.array([np.nan, 3.0, -4.0]), np.array([1.0, 1.0, 4.0]))
+    assert steep == RunError(2, np.sqrt(12.5), -0.5, 4.0, np.sqrt(5.0))

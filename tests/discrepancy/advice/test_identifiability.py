@@ -168,7 +168,7 @@ def test_profile_agrees_with_the_quadratic_or_shows_that_it_is_wrong(plain: Inve
     nothing, number = np.zeros(2), np.arange(2)
     chain = ((("voltage_V", 0), slice(0, 2)),)
     readings = Readings(
-        nothing, 0 * number, number, 0 * number, nothing, nothing + 1.0, nothing, chain, np.zeros((2, 0))
+        nothing, 0 * number, number, 0 * number, nothing, nothing + 1.0, nothing, nothing + 1.0, chain, np.zeros((2, 0))
     )
     view, weights = Curved(plain.space, readings), Weights(readings, NONE)
     scale = dataclasses.replace(model.scale, view=view, weights=weights)

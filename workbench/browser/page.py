@@ -1,0 +1,173 @@
+"""One page: the steps at the top, the panel of the step, and the traces or what is beside the path."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from nicegui import ui
+
+from workbench.browser import beside
+from workbench.browser.chart import Traces
+from workbench.browser.context import Context
+from workbench.browser.files import GRID
+from workbench.browser.html import button, duration, h
+from workbench.browser.sessions import Session
+from workbench.browser.steps import STEPS
+from workbench.browser.workers import Workers
+
+# Seconds between two looks at the session's files.
+LOOK_S = 0.25
+TABS = {"traces": "Traces", "sweep": "Sweep", "sensitivity": "Sensitivity", "next": "Next experiment"}
+_STAGES = ("empty", "opened", "compared")
+_DOING = {
+    "open": "Opening",
+    "upload": "Reading the files",
+    "import": "Importing",
+    "compare": "Comparing",
+    "add": "Adding",
+    "drop": "Removing",
+    "undo": "Undoing",
+    "diagnose": "Diagnosing",
+    "next": "Looking for an experiment",
+    "forecast": "Estimating",
+    "sweep": "Sweeping",
+    "sensitivity": "Differentiating",
+    "keep": "Writing",
+}
+
+
+class Page:
+    """What one tab shows of a session."""
+
+    def __init__(self, session: Session, workers: Workers, step: str) -> None:
+        """Build the page at a step."""
+        self.context = Context(session, workers, self.go)
+        self.step = step if step in [one.name for one in STEPS] else ""
+        self.tab = "traces"
+        self._seen: dict[str, Any] = {}
+        self._build()
+        self.look()
+        ui.timer(LOOK_S, self.look)
+
+    def _build(self) -> None:
+        h("a", "Skip to the panel", "skip", href="#panel")
+        with h("header", "", "top"):
+            h("b", "jaxmodel workbench", "brand")
+            self.title = h("span", "", "title")
+            h("a", "New session", "quiet", href="/new")
+            h("button", "", "quiet theme", type="button", id="theme", aria_label="Light or dark")
+        with h("nav", "", "steps", aria_label="Steps"), h("ol"):
+            self.steps = h("div", "", "contents")
+        self.job = h("div", "", "job", role="status", aria_live="polite")
+        with h("main", "", "split") as self.main:
+            with h("section", "", "panel", id="panel", tabindex="-1", aria_label="Step"):
+                self.panel = h("div", "", "contents")
+            with h("section", "", "stage", aria_label="Traces and what is beside the path"):
+                self.tabs = h("div", "", "tabs", role="tablist")
+                with h("div", "", "tab") as self.traces_tab:
+                    self.traces = Traces(self.context.address)
+                    self.empty = h("p", "The traces of your runs appear here.", "empty")
+                self.other = h("div", "", "tab other")
+
+    def go(self, place: str) -> None:
+        """Go to a step or a tab by its name; "" stays and draws anew."""
+        if place in TABS:
+            self.tab = place
+        elif place:
+            self.step = place
+            if self.tab != "traces" and place != "keep":
+                self.tab = "traces"
+            ui.navigate.history.replace(f"{self.context.address}?step={place}")
+        self._seen.pop("drawn", None)
+        self.look()
+
+    def look(self) -> None:
+        """Draw what has changed in the session's files since the last look."""
+        context = self.context
+        context.workers.look_after(context.session)
+        view, progress = context.view, context.session.progress
+        is_new = self._changed("path", view.get("path")) and "path" in view and not view.get("imported")
+        if not self.step or (is_new and self.step == "data"):
+            self.step = "compare" if context.stage != "empty" else "data"
+        drawn = (view["version"], context.is_busy, self.step, self.tab)
+        if self._changed("version", view["version"]) and context.stage != "empty":
+            self.traces.show(view)
+        if self._changed("job", progress):
+            self._show_job(progress)
+        if self._changed("drawn", drawn):
+            self._draw()
+        elif self.tab == "sweep" and self._changed("grid", (context.session.content(GRID) or {}).get("done")):
+            self._show_tab()
+
+    def _changed(self, what: str, value: Any) -> bool:
+        changed = what not in self._seen or self._seen[what] != value
+        self._seen[what] = value
+        return changed
+
+    def _draw(self) -> None:
+        """Draw steps, panel and tab anew."""
+        context = self.context
+        self.title.set_text(context.view["case"]["title"] if context.stage != "empty" else "")
+        self.steps.clear()
+        with self.steps:
+            for number, step in enumerate(STEPS, start=1):
+                ready = _STAGES.index(context.stage) >= _STAGES.index(step.stage)
+                is_here = step.name == self.step
+                with h("li", "", "here" if is_here else ""):
+                    one = button("", lambda name=step.name: self.go(name), "step", disabled=not ready)
+                    one._props["aria-current"] = "step" if is_here else "false"
+                    with one:
+                        h("span", str(number) if step.name != "keep" else "✓", "number", aria_hidden="true")
+                        h("span", step.title)
+        self.panel.clear()
+        with self.panel:
+            shown = next(step for step in STEPS if step.name == self.step)
+            if _STAGES.index(context.stage) >= _STAGES.index(shown.stage):
+                shown.show(context)
+            else:
+                h("h2", shown.title)
+                h("p", "This step needs the one before it.", "lead")
+        self.tabs.clear()
+        with self.tabs:
+            for name, words in TABS.items():
+                is_here = str(name == self.tab).lower()
+                button(words, lambda name=name: self.go(name), "tab-button", role="tab", aria_selected=is_here)
+        self._show_tab()
+
+    def _show_tab(self) -> None:
+        """Draw the tab beside the panel; traces keep their zoom, the others are drawn anew."""
+        is_traces = self.tab == "traces"
+        self.main.classes(remove="bare")
+        if self.context.stage == "empty":
+            self.main.classes("bare")
+        self.traces_tab.set_visibility(is_traces)
+        self.other.set_visibility(not is_traces)
+        self.traces.set_visibility(self.context.stage != "empty")
+        self.empty.set_visibility(self.context.stage == "empty")
+        self.other.clear()
+        if not is_traces:
+            with self.other:
+                {"sweep": beside.sweep, "sensitivity": beside.sensitivity, "next": beside.next_experiment}[self.tab](
+                    self.context
+                )
+
+    def _show_job(self, progress: dict[str, Any] | None) -> None:
+        """Show what is being done, how far it is and how long it takes; or why it could not be done."""
+        self.job.clear()
+        self.job.classes(remove="running failed stopped done")
+        if progress is None:
+            return
+        self.job.classes(progress["state"])
+        what = _DOING.get(progress["do"], progress["do"])
+        with self.job:
+            if progress["state"] == "running":
+                h("i", "", "progress", style=f"width:{100.0 * progress['share']:.1f}%", aria_hidden="true")
+                h("b", str(what))
+                h("span", progress["now"].replace("_", " "))
+                if progress["left_s"] is not None:
+                    h("span", f"about {duration(max(round(progress['left_s']), 1))} left", "soft")
+                button("Stop", self.context.stop, "button small right")
+            elif progress["state"] == "failed":
+                h("span", progress["now"], "sentence", role="alert")
+            elif progress["state"] == "stopped":
+                h("span", f"{what} was stopped. {progress['now'] or 'What was done before stays.'}")
