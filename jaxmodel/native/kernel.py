@@ -191,9 +191,27 @@ class Kernel:
             first, last, count, ctypes.addressof(lengths), ctypes.addressof(arguments[1]), workspace.ctypes.data
         )
 
+    @property
+    def address(self) -> int:
+        """Where the compiled code is."""
+        return ctypes.cast(self._function.call, ctypes.c_void_p).value or 0
+
+    @property
+    def arguments_of_call(self) -> list[np.ndarray | None]:
+        """What `run` reads, in order: the constants, and None for each shared and own array."""
+        return [*self._module.consts, *[None] * (len(self._module.shared) + len(self._module.own))]
+
+    def results_of_call(self, count: int) -> list[jax.ShapeDtypeStruct]:
+        """Return the shapes of what `run` writes for so many lanes, in order."""
+        return [jax.ShapeDtypeStruct((*leaf.shape, count), leaf.dtype) for leaf in self._module.results]
+
     def tree(self, results: Sequence[np.ndarray], count: int) -> Any:
         """Return results as the function's, with an axis of lanes first."""
-        return jax.tree.unflatten(self._tree, [np.moveaxis(x, -1, 0)[:count] for x in results])
+        return self.unflattened([np.moveaxis(x, -1, 0)[:count] for x in results])
+
+    def unflattened(self, results: Sequence[Any]) -> Any:
+        """Return results in order as the function's."""
+        return jax.tree.unflatten(self._tree, results)
 
 
 def _pushed(function: Callable, by: str) -> Callable:

@@ -63,9 +63,9 @@ class Function:
         self.call = ctypes.CFUNCTYPE(None, *arguments)(self._library[name])
 
 
-def load(text: str, name: str, arguments: list[Any]) -> Function:
+def load(text: str, name: str, arguments: list[Any], kept_on_disk: bool = True) -> Function:
     """Return a function of a module, compiled, or from the folder of compiled programs."""
-    return Function(_image(text), name, arguments)
+    return Function(_image(text) if kept_on_disk else _compiled(text), name, arguments)
 
 
 def _image(text: str) -> bytes:

@@ -29,7 +29,7 @@ def by_jacfwd(function: Callable, shared: Any, own: dict[str, np.ndarray]) -> An
     return jax.vmap(lane)(jax.tree.map(jnp.asarray, own))
 
 
-def along_numbers(name: str) -> tuple[Callable, Any, dict[str, np.ndarray]]:
+def along_numbers(name: str) -> tuple[Callable, Any, dict[str, Any]]:
     """Return a function of `FUNCTIONS` with its lanes' first numbers as a vector to differentiate by."""
     function, shared, lanes = FUNCTIONS[name]
     moved = {key: x.reshape(LANES, -1) for key, x in lanes.items() if x.dtype.kind == "f"}

@@ -236,4 +236,4 @@ def test_compiled_code_is_kept_and_a_broken_file_is_not_used(tmp_path, monkeypat
 
 
 def test_front_door_names_what_it_has() -> None:
-    assert set(native.__all__) == {"ROWS", "STEPS", "Kernel", "NotNative", "Pool", "processor"}
+    assert set(native.__all__) == {"ROWS", "STEPS", "Kernel", "NotNative", "Pool", "in_jax", "processor"}
