@@ -281,10 +281,6 @@ def _removes(lacking: Rung, final: Rung) -> dict[str, Removed]:
     }
 
 
-# Share of the whole error that remains without the steep ends of the OCV, below which an answer mentions them.
-_LEVEL = 0.8
-
-
 def _channel_evidence(inv: Workings, found: policy.Found, name: str, base: Rung, last: Rung) -> ChannelEvidence:
     tolerance = inv.case.tolerance.get(name)
     return ChannelEvidence(
@@ -295,7 +291,7 @@ def _channel_evidence(inv: Workings, found: policy.Found, name: str, base: Rung,
         tolerance=None if tolerance is None else tolerance.rms,
         model_error=found.final.scale.error.of_channel(name),
         check_before=base.errors[name].level_check,
-        steep=last.errors[name].level_fit < _LEVEL * last.errors[name].fit,
+        steep=last.errors[name].level_fit < inv.settings.level_share * last.errors[name].fit,
     )
 
 

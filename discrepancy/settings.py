@@ -117,6 +117,9 @@ class Settings:
         "verdict is `unknown_effect`",
     )
     far_above_noise: float = _constant(3.0, "remaining error, in multiples of the noise, required for that verdict")
+    level_share: float = _constant(
+        0.8, "share of an error that remains without the steep ends of the OCV, below which the answer mentions them"
+    )
     held_out_factor: float = _constant(
         1.25, "error on check runs, in multiples of the error on fit runs or the noise, above which a channel fails",
         "of the sealed cases answered correctly one in twenty exceeds 1.07",

@@ -17,7 +17,7 @@ from discrepancy.fitting.lanes import at_once
 from discrepancy.fitting.layout import BASE
 from discrepancy.fitting.model import Labels, ModelSpace, Setting, View
 from discrepancy.fitting.noise_propagation import propagated_noise
-from discrepancy.fitting.readings import Weights, collect
+from discrepancy.fitting.readings import Readings, Weights, collect
 from discrepancy.fitting.starts import best_local_optimum, best_random_start, negligible
 from discrepancy.noise.contract import noise_of_case
 from discrepancy.noise.input_noise import InputNoise
@@ -96,11 +96,12 @@ class Workings:
     # Noise and model error.
 
     def _scale(self, noise: Mapping[str, NoiseModel], error: ModelError, inputs: InputNoise | None) -> Scale:
-        channels = KINDS[self.case.kind].outputs
-        readings = collect(
-            self.space.fitted, noise, channels, self.fit_runs, inputs, self.settings, steepness=self.space.steepness
-        )
+        readings = self._readings(noise, inputs)
         return Scale(noise, View(self.space, readings), Weights(readings, error))
+
+    def _readings(self, noise: Mapping[str, NoiseModel], inputs: InputNoise | None) -> Readings:
+        channels, steepness = KINDS[self.case.kind].outputs, self.space.steepness
+        return collect(self.space.fitted, noise, channels, self.fit_runs, inputs, self.settings, steepness=steepness)
 
     @functools.cached_property
     def first_scale(self) -> Scale:
@@ -231,11 +232,7 @@ class Workings:
                     source = f"stated ({model.stated:g})"
                 noise[name] = dataclasses.replace(model, sd=floor, rho=0.0, source=source)
         if any(noise[name] is not model for name, model in scale.noise.items()):
-            shared = scale.view.readings.shared
-            channels = KINDS[self.case.kind].outputs
-            steepness = self.space.steepness
-            fresh = collect(self.space.fitted, noise, channels, self.fit_runs, None, self.settings, steepness=steepness)
-            readings = dataclasses.replace(fresh, shared=shared)
+            readings = dataclasses.replace(self._readings(noise, None), shared=scale.view.readings.shared)
             scale = Scale(noise, View(self.space, readings), scale.weights)
         pieces = readings.pieces(_MOST_OF_A_SERIES)
         return scale.with_error(estimate(pieces, readings.differenced(left), self.tolerances, self.settings))

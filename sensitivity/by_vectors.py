@@ -81,20 +81,27 @@ def _run(
     leaves, structure = jax.tree.flatten((arrays, {name: x[0] for name, x in own.items()}))
     statics, of_rest = jax.tree.flatten(rest)
     kernel = _kernel(what, structure, tuple((x.shape, x.dtype) for x in leaves), of_rest, tuple(statics))
+    if isinstance(kernel, NotNative):
+        raise kernel
     with Pool(os.cpu_count() or 1) as pool:
         return pool.start(kernel, arrays, own, len(next(iter(own.values()))), _PACKETS).tree(done)
 
 
 @functools.lru_cache(maxsize=16)
-def _kernel(what: str, structure: Any, leaves: tuple[Any, ...], of_rest: Any, statics: tuple[Any, ...]) -> Kernel:
-    """Return the kernel of a function of `_FUNCTIONS`, cached for like responses."""
+def _kernel(
+    what: str, structure: Any, leaves: tuple[Any, ...], of_rest: Any, statics: tuple[Any, ...]
+) -> Kernel | NotNative:
+    """Return the kernel of a function of `_FUNCTIONS`, or why there is none, cached for like responses."""
     arrays, own = jax.tree.unflatten(structure, [jax.ShapeDtypeStruct(*leaf) for leaf in leaves])
     rest = jax.tree.unflatten(of_rest, statics)
 
     def one_lane(arrays: Any, own: dict[str, jax.Array]) -> Any:
         return _FUNCTIONS[what](eqx.combine(arrays, rest), own)
 
-    return Kernel(one_lane, arrays, own, by="by" if "by" in own else "")
+    try:
+        return Kernel(one_lane, arrays, own, by="by" if "by" in own else "")
+    except NotNative as reason:  # kept, so that it is traced once
+        return reason
 
 
 def _slopes(response: Response, own: dict[str, jax.Array]) -> Any:

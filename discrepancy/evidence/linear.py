@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -111,12 +111,21 @@ class Linear:
 
     def gains(self, projected: np.ndarray | None = None) -> list[Gain]:
         """Return the expected gain of each candidate at its best shape, the largest first."""
-        found: dict[str, Gain] = {}
+        best = self._best_shapes(self.projected if projected is None else projected, self._labels)
+        return sorted((gain for gain, _ in best.values()), key=lambda gain: -gain.log_evidence)
+
+    @property
+    def _labels(self) -> set[str]:
+        return {way.label for way in self.directions}
+
+    def _best_shapes(self, projected: np.ndarray, labels: Collection[str]) -> dict[str, tuple[Gain, slice]]:
+        """Return the gain of each of some candidates at its best shape, and the place of that shape."""
+        found: dict[str, tuple[Gain, slice]] = {}
         for way, place in zip(self.directions, self.places, strict=True):
-            gain = self._gain(way, place, self.projected if projected is None else projected)
-            if gain is not None and (way.label not in found or gain.log_evidence > found[way.label].log_evidence):
-                found[way.label] = gain
-        return sorted(found.values(), key=lambda gain: -gain.log_evidence)
+            gain = self._gain(way, place, projected) if way.label in labels else None
+            if gain is not None and (way.label not in found or gain.log_evidence > found[way.label][0].log_evidence):
+                found[way.label] = gain, place
+        return found
 
     def gains_by_channel(self) -> list[list[Gain]]:
         """Return the expected gains from each channel alone.
@@ -213,14 +222,10 @@ class Linear:
 
         The candidate is at its best shape, and the model's own unknowns move with it. None if nothing can show it.
         """
-        best, place = None, slice(0, 0)
-        for way, where in zip(self.directions, self.places, strict=True):
-            gain = self._gain(way, where, self.projected) if way.label == label else None
-            if gain is not None and (best is None or gain.log_evidence > best.log_evidence):
-                best, place = gain, where
-        if best is None:
+        found = self._best_shapes(self.projected, {label}).get(label)
+        if found is None:
             return None
-        candidate = self.candidates[label]
+        (best, place), candidate = found, self.candidates[label]
         taken = [(slice(0, self.count), self.precision)]
         # Physics allows one sign only, and the readings ask for the other: nothing is added.
         if not candidate.one_sided or self.projected[place.start, -1] > 0.0:
@@ -236,17 +241,14 @@ class Linear:
             most: additions.
         """
         projected, taken = self.projected, [(slice(0, self.count), self.precision)]
-        used: set[str] = set()
+        unused = self._labels
         for _ in range(most):
-            best, place, precision = None, slice(0, 0), np.zeros(0)
-            for way, where in zip(self.directions, self.places, strict=True):
-                gain = None if way.label in used else self._gain(way, where, projected)
-                if gain is not None and gain.log_evidence > (best.log_evidence if best else least):
-                    best, place = gain, where
-                    precision = np.full(where.stop - where.start, gain.amplitude**-2.0)
-            if best is None:
+            found = self._best_shapes(projected, unused).values()
+            best, place = max(found, key=lambda one: one[0].log_evidence, default=(None, slice(0, 0)))
+            if best is None or best.log_evidence <= least:
                 break
-            used.add(best.label)
+            unused.remove(best.label)
+            precision = np.full(place.stop - place.start, best.amplitude**-2.0)
             projected = self._off(projected, place, precision)
             taken.append((place, precision))
         return self._left(taken)

@@ -224,7 +224,8 @@ class ModelSpace:
         if self.case.kind == "motor":
             return {}
         setting = self.setting(())
-        soc = predictions(self.coarse, [setting.lane(np.zeros(self.layout.size))])[0, :, :, self._soc]
+        place = self.coarse.channels.index("soc")
+        soc = predictions(self.coarse, [setting.lane(np.zeros(self.layout.size))])[0, :, :, place]
         rows = [run.measured.time_s.size for run in self.fitted.runs]
         of_runs = [of_run[:count] for of_run, count in zip(soc, rows, strict=True)]
         return steepness(self.fitted, of_runs, self.settings.soc_uncertainty)
@@ -237,10 +238,6 @@ class ModelSpace:
         predicted = self.predicted(self.setting(()), np.zeros(self.layout.size))
         soc = [predicted[run.name]["soc"] for run in self.case.runs]
         return steepness(self.case, soc, self.settings.soc_uncertainty)
-
-    @property
-    def _soc(self) -> int:
-        return self.coarse.channels.index("soc")
 
     def predicted(
         self, setting: Setting, x: np.ndarray, runs: Sequence[int] | None = None
