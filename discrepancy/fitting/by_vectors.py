@@ -39,7 +39,9 @@ def predicted(problem: Problem, lanes: Sequence[Lane], pool: Pool) -> list[np.nd
         order = np.argsort(np.concatenate([np.flatnonzero(dynamic), np.flatnonzero(~dynamic)]))
         return [np.concatenate(both, axis=-1)[..., order] for both in zip(*parts, strict=True)]
     runs = problem.by_run
-    kernel = kernel_of(problem, runs[0], lanes[0])
+    # Noisy inputs always, with zeros where nothing is added to them: no second kernel.
+    added = sorted({*problem.noisy, *(name for lane in lanes for name in lane.added)})
+    kernel = kernel_of(problem, runs[0], lanes[0], added)
     numbers = problem.unknowns.numbers(np.stack([lane.x for lane in lanes]))
     own: dict[str, Any] = {
         "numbers": numbers,
@@ -58,7 +60,7 @@ def predicted(problem: Problem, lanes: Sequence[Lane], pool: Pool) -> list[np.nd
                     for lane in lanes
                 ]
             )
-            for name in problem.noisy  # zeros where nothing is added: no second kernel
+            for name in added
         }
         jobs.append(pool.start(kernel, (*run.shared, dynamic[0]), own, len(lanes), 1, run.sizes))
     return [np.stack(job.raw()) for job in jobs]
@@ -72,13 +74,13 @@ def _has_dynamic_sensors(problem: Problem, lane: Lane) -> bool:
     )
 
 
-def kernel_of(problem: Problem, run: OneRun, lane: Lane) -> Kernel:
+def kernel_of(problem: Problem, run: OneRun, lane: Lane, added: Sequence[str]) -> Kernel:
     """Return the kernel of a problem, the same for all that differ only in numbers and in lengths of runs.
 
     Raises:
         NotNative: there is none.
     """
-    leaves, tree = jax.tree.flatten(_shapes(problem, run, lane))
+    leaves, tree = jax.tree.flatten(_shapes(problem, run, lane, added))
     statics = eqx.partition(dataclasses.replace(problem, shapes=()), eqx.is_array)[1]
     rest, rest_tree = jax.tree.flatten(statics)
     key = (tree, rest_tree, tuple(rest), tuple((leaf.shape, leaf.dtype) for leaf in leaves))
@@ -126,7 +128,7 @@ def _name_of(given: _Given) -> str:
     return "" if not given.of_project or " at 0x" in text else f"{made_from()} {text}"
 
 
-def _shapes(problem: Problem, run: OneRun, lane: Lane) -> Any:
+def _shapes(problem: Problem, run: OneRun, lane: Lane, added: Sequence[str]) -> Any:
     """Return the shapes of the kernel's arguments, with the lengths that stand for those of a run."""
     model, track, of_run = run.shared
     shape = jax.ShapeDtypeStruct
@@ -146,6 +148,6 @@ def _shapes(problem: Problem, run: OneRun, lane: Lane) -> Any:
         "switches": shape(np.shape(lane.switches), np.dtype(float)),
         "laws": shape(np.shape(lane.laws), np.dtype(float)),
     }
-    own["added"] = {name: shape((STEPS + 1,), np.dtype(float)) for name in problem.noisy}
+    own["added"] = {name: shape((STEPS + 1,), np.dtype(float)) for name in added}
     shared = (*jax.tree.map(like, (model,)), long, like(of_run), shape((), np.dtype(bool)))
     return shared, own

@@ -39,7 +39,7 @@ def test_all_candidates_have_vector_instructions(small_space: ModelSpace, with_l
     setting = small_space.setting(["overpotential(current_A)"] if with_laws else [])
     problem = small_space.problem_of_all(setting)
     lane = setting.lane(np.zeros(small_space.layout.size))
-    assert isinstance(by_vectors.kernel_of(problem, problem.by_run[0], lane), Kernel)
+    assert isinstance(by_vectors.kernel_of(problem, problem.by_run[0], lane, added=()), Kernel)
 
 
 def test_a_linear_law_is_the_same_physics_written_by_hand(small: Case, small_space: ModelSpace):
