@@ -13,13 +13,18 @@
 What `__all__` lists is the public API; the modules behind it may change.
 """
 
-from discrepancy.diagnosis import compare, diagnose
-from discrepancy.finishing import conclusion, finish
-from discrepancy.identification import Identification, identify
-from discrepancy.investigation import Investigation
-from discrepancy.names import curve
-from discrepancy.result import Diagnosis
-from discrepancy.settings import SETTINGS, Settings
+from typing import TYPE_CHECKING
+
+from jaxmodel.lazy import names_when_used
+
+if TYPE_CHECKING:
+    from discrepancy.diagnosis import compare, diagnose
+    from discrepancy.finishing import conclusion, finish
+    from discrepancy.identification import Identification, identify
+    from discrepancy.investigation import Investigation
+    from discrepancy.names import curve
+    from discrepancy.result import Diagnosis
+    from discrepancy.settings import SETTINGS, Settings
 
 __all__ = [
     "SETTINGS",
@@ -34,3 +39,5 @@ __all__ = [
     "finish",
     "identify",
 ]
+
+__getattr__, __dir__ = names_when_used(__name__, __file__)

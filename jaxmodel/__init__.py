@@ -12,7 +12,7 @@ The import sets three things of JAX, all in `jaxmodel.jax_settings`: float64, on
 compiler. The environment variable JAXMODEL_JAX_SETTINGS=off, set before the import, leaves JAX as it is.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from jaxmodel import jax_settings
 
@@ -27,6 +27,7 @@ from jaxmodel.declaration import Scalar, parameter
 from jaxmodel.errors import UserError
 from jaxmodel.jax_settings import keep_compiled_programs
 from jaxmodel.known import Known, Table
+from jaxmodel.lazy import names_when_used
 from jaxmodel.model import Model
 from jaxmodel.parameters import Parameters
 from jaxmodel.ports import CellContext, Effect, MotorContext
@@ -70,11 +71,5 @@ __all__ = [
     "track",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    """Return what reads files of benches: most programs need none of it."""
-    if name in ("RawTable", "read_table"):
-        from jaxmodel import tables
-
-        return getattr(tables, name)
-    raise AttributeError(f"module 'jaxmodel' has no attribute '{name}'")
+# What reads files of benches: most programs need none of it.
+__getattr__, __dir__ = names_when_used(__name__, __file__)

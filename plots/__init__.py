@@ -9,13 +9,24 @@
 Results of a diagnosis draw themselves: `diagnosis.plot.ladder()`. What `__all__` lists is the public API.
 """
 
-from plots.datasets import pictures_of, save_pictures
-from plots.errors import errors_by_run
-from plots.evidence import errors_of_models
-from plots.runs import fit_and_residuals, residuals_by_condition, simulation
-from plots.sensitivities import doubling_beside_gradient, elasticities, elasticity_maps, interaction_matrix, over_time
-from plots.sweeps import family, heat_map, metric_curves
-from plots.uncertainty import bands_over_time, metric_intervals
+from typing import TYPE_CHECKING
+
+from jaxmodel.lazy import names_when_used
+
+if TYPE_CHECKING:
+    from plots.datasets import pictures_of, save_pictures
+    from plots.errors import errors_by_run
+    from plots.evidence import errors_of_models
+    from plots.runs import fit_and_residuals, residuals_by_condition, simulation
+    from plots.sensitivities import (
+        doubling_beside_gradient,
+        elasticities,
+        elasticity_maps,
+        interaction_matrix,
+        over_time,
+    )
+    from plots.sweeps import family, heat_map, metric_curves
+    from plots.uncertainty import bands_over_time, metric_intervals
 
 __all__ = [
     "bands_over_time",
@@ -36,3 +47,5 @@ __all__ = [
     "save_pictures",
     "simulation",
 ]
+
+__getattr__, __dir__ = names_when_used(__name__, __file__)

@@ -10,11 +10,16 @@
 Each analysis takes a study and returns an `xarray.Dataset`, whose attribute `analysis` is the function's name.
 """
 
-from sensitivity.global_study import global_indices
-from sensitivity.over_axes import elasticity_map
-from sensitivity.results import largest_elasticity, save, tables
-from sensitivity.study import interactions, local, uncertainty
-from sensitivity.uncertain import Estimates, read_estimates, stated_sd
+from typing import TYPE_CHECKING
+
+from jaxmodel.lazy import names_when_used
+
+if TYPE_CHECKING:
+    from sensitivity.global_study import global_indices
+    from sensitivity.over_axes import elasticity_map
+    from sensitivity.results import largest_elasticity, save, tables
+    from sensitivity.study import interactions, local, uncertainty
+    from sensitivity.uncertain import Estimates, read_estimates, stated_sd
 
 __all__ = [
     "Estimates",
@@ -29,3 +34,5 @@ __all__ = [
     "tables",
     "uncertainty",
 ]
+
+__getattr__, __dir__ = names_when_used(__name__, __file__)

@@ -8,11 +8,16 @@ dataset["soc_gradient"].sel(ambient_degC=20.0)
 sweeps.save(dataset, "results")                         # result.zarr, lanes.csv, manifest.json
 """
 
-from sweeps.engine import Progress, run
-from sweeps.forecast import Forecast, forecast
-from sweeps.metrics import End, Metric, Moment, Step, metrics_of, metrics_on_request
-from sweeps.results import lanes_per_second, load, percentiles, save
-from sweeps.study import Study, read_study
+from typing import TYPE_CHECKING
+
+from jaxmodel.lazy import names_when_used
+
+if TYPE_CHECKING:
+    from sweeps.engine import Progress, run
+    from sweeps.forecasting import Forecast, forecast
+    from sweeps.metrics import End, Metric, Moment, Step, metrics_of, metrics_on_request
+    from sweeps.results import lanes_per_second, load, percentiles, save
+    from sweeps.study import Study, read_study
 
 __all__ = [
     "End",
@@ -32,3 +37,5 @@ __all__ = [
     "run",
     "save",
 ]
+
+__getattr__, __dir__ = names_when_used(__name__, __file__)
