@@ -41,9 +41,17 @@ def test_the_shipped_example_from_data_to_report(visit: Visit) -> None:
     visitor.step("See where it fails")
     assert "lacks heat" in page.inner_text(".panel")
     page.wait_for_selector(".map .main-svg")
+    # Without a mouse too: the first key shows the frame in the first cell, the second moves it.
+    page.locator(".map").first.focus()
+    for key in ("ArrowUp", "ArrowRight", "Enter"):
+        page.keyboard.press(key)
+    page.wait_for_selector(".legend .dot")
+    by_keyboard = page.inner_text(".legend")
+    assert "row 1 of" in page.locator(".map").first.get_attribute("aria-label")
     box = page.locator(".map .nsewdrag").first.bounding_box()
     page.mouse.click(box["x"] + 0.05 * box["width"], box["y"] + 0.1 * box["height"])
-    page.wait_for_selector(".legend .dot")  # the samples of the cell are marked in the traces
+    # The samples of the cell are marked in the traces.
+    page.wait_for_function("before => document.querySelector('.legend').innerText !== before", arg=by_keyboard)
     visitor.picture("3-where")
 
     visitor.step("Learn what is missing")

@@ -80,7 +80,12 @@ def _map(drawn: dict[str, Any]) -> None:
     chart.classes("map")
     chart.on("pick", lambda event: _pick(event, drawn))
     with h("div", "", "cells", aria_label=f"Cells of the map of {drawn['quantity']}"):
-        h("p", "Click a cell to mark its samples in the traces. Orange: measured above the model; blue: below.", "soft")
+        h(
+            "p",
+            "Click a cell, or walk there with the arrow keys and press Enter, to mark its samples in the traces. "
+            "Orange: measured above the model; blue: below.",
+            "soft",
+        )
 
 
 def _axis(title: str, labels: list[str]) -> dict[str, Any]:
