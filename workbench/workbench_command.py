@@ -29,9 +29,18 @@ def workbench(
             metavar="DIR", help="For the sessions; by default .jaxmodel/workbench at home.", show_default=False
         ),
     ] = None,
+    forget: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0, metavar="DAYS", help="Remove sessions that were not used for so long.", show_default=False
+        ),
+    ] = None,
     open_page: Annotated[bool, typer.Option("--open/--no-open", help="Open the page in a browser.")] = True,
 ) -> None:
     """Open the workbench in a browser: compare, see where the model fails, learn what is missing, add it."""
     from workbench.commands.workbench import open_workbench
 
-    open_workbench(data or [], kind, ambient, host=host, port=port, token=token, folder=folder, show=open_page)
+    open_workbench(
+        data or [], kind, ambient,
+        host=host, port=port, token=token, folder=folder, show=open_page, forget_days=forget,
+    )  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+import time
 import webbrowser
 from collections.abc import Mapping
 from pathlib import Path
@@ -32,7 +33,14 @@ _HOUSEKEEPING_S = 20.0
 
 
 def serve(
-    folder: Path, *, host: str, port: int, token: str | None, show: bool, opening: Mapping[str, Any] | None
+    folder: Path,
+    *,
+    host: str,
+    port: int,
+    token: str | None,
+    show: bool,
+    opening: Mapping[str, Any] | None,
+    forget_days: float | None = None,
 ) -> None:
     """Serve the workbench until it is interrupted.
 
@@ -43,9 +51,13 @@ def serve(
         token: that lets a browser in; by default a random one.
         show: open the page in a browser.
         opening: the first job of the first session: `do` and `with`; None for an empty session.
+        forget_days: remove the sessions that have not been used for so many days; None to keep all.
     """
     os.umask(0o077)
     sessions, workers = Sessions(folder), Workers()
+    if forget_days is not None:
+        removed = sessions.remove_unused(time.time() - 86_400.0 * forget_days)
+        say(f"Removed {removed} sessions that were not used for {forget_days:g} days.")
     keys = Keys(folder, token)
     first = [opening] if opening else []
     _add_pages(sessions, workers, first)
@@ -57,7 +69,8 @@ def serve(
     app.on_shutdown(workers.end_all)
     address = f"http://{'127.0.0.1' if name in EVERY else name}:{port}/?token={keys.token}"
     app.on_startup(lambda: say(f"The workbench is at {address}"))
-    app.on_startup(lambda: say(f"Stop it with Ctrl-C; the sessions stay in {folder}."))
+    count, size = sessions.size()
+    app.on_startup(lambda: say(f"Stop it with Ctrl-C; {count} sessions ({size / 1e6:.0f} MB) stay in {folder}."))
     if show:
         app.on_startup(lambda: threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start())
     app.timer(_HOUSEKEEPING_S, lambda: _keep_house(workers))

@@ -181,6 +181,22 @@ class Sessions:
         ordered = sorted(names, key=lambda path: -_used_at(path))
         return [self._open.setdefault(path, Session(path)) for path in ordered]
 
+    def remove_unused(self, since_s: float) -> int:
+        """Remove the sessions of all users that were last used before a time (s since 1970); return how many."""
+        unused = [path for path in self._all() if _used_at(path) < since_s]
+        for path in unused:
+            self._open.pop(path, None)
+            shutil.rmtree(path, ignore_errors=True)
+        return len(unused)
+
+    def size(self) -> tuple[int, int]:
+        """Return how many sessions there are, and their bytes."""
+        files = [file.lstat().st_size for path in self._all() for file in path.rglob("*") if not file.is_dir()]
+        return len(self._all()), sum(files)
+
+    def _all(self) -> list[Path]:
+        return [path for path in self._folder.glob("*/*") if _NAME.fullmatch(path.name) and path.is_dir()]
+
 
 def _used_at(path: Path) -> float:
     view = path / VIEW

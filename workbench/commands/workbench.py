@@ -24,6 +24,7 @@ def open_workbench(
     token: str | None,
     folder: Path | None,
     show: bool,
+    forget_days: float | None = None,
 ) -> None:
     """Serve the workbench until it is interrupted.
 
@@ -36,6 +37,7 @@ def open_workbench(
         token: that lets a browser in.
         folder: for the sessions.
         show: open the page.
+        forget_days: remove the sessions that have not been used for so many days; None to keep all.
 
     Raises:
         UserError: what it needs is not installed, the port is taken, or a word or file cannot be used.
@@ -57,7 +59,7 @@ def open_workbench(
     from workbench.browser.server import serve
 
     place = folder or Path.home() / ".jaxmodel" / "workbench"
-    serve(place.resolve(), host=host, port=port, token=token, show=show, opening=opening)
+    serve(place.resolve(), host=host, port=port, token=token, show=show, opening=opening, forget_days=forget_days)
 
 
 def first_job(data: Sequence[Path], kind: str, ambient: float | None) -> dict[str, Any] | None:

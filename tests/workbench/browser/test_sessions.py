@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -35,6 +36,17 @@ def test_what_is_wanted_outlives_the_server(tmp_path: Path) -> None:
     assert again.wanted is None
     assert session.progress is not None
     assert session.progress["state"] == "stopped"
+
+
+def test_only_what_is_unused_is_removed(tmp_path: Path) -> None:
+    sessions = Sessions(tmp_path)
+    old, new = sessions.new(ANNA), sessions.new(BEN)
+    (old.folder / "view.json").write_text("{}")
+    os.utime(old.folder / "view.json", (1000.0, 1000.0))
+    assert sessions.size() == (2, 2)
+    assert sessions.remove_unused(2000.0) == 1
+    assert sessions.of(ANNA, old.name) is None
+    assert sessions.of(BEN, new.name) is new
 
 
 @given(st.text(max_size=200))
