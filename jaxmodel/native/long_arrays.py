@@ -81,7 +81,7 @@ class LongArrays(Rooms):
                 return first
             raise NotNative(f"{name} of an array over steps")
         if name == "concatenate":
-            return self._joined([self.series(x) for x in given], out)
+            return self._joined([self.series(x) for x in given if not _is_empty(x)], out)
         if name == "scatter":
             return self._scattered(given, params)
         if name == "cumsum" and out.shape[params["axis"]] == math.prod(out.shape):
@@ -91,6 +91,8 @@ class LongArrays(Rooms):
             if strides is None or set(strides) == {1}:
                 return self._moved(first, start, math.prod(out.shape))
         if name in ("reduce_and", "reduce_or", "reduce_sum", "reduce_max", "reduce_min", "reduce_prod"):
+            if out.shape and math.prod(out.shape) == max(first.shape if isinstance(first, Memory) else (first.length,)):
+                return self.series(first)  # over axes of length 1
             if out.shape:
                 raise NotNative(f"{name} over some axes of an array over steps")
             return self._reduced(name, self.series(first))
@@ -305,6 +307,10 @@ class LongArrays(Rooms):
 def _is_small(x: Operand) -> bool:
     """Return whether an array may be in registers."""
     return isinstance(x, np.ndarray) or (isinstance(x, Memory) and math.prod(x.shape) <= MOST_IN_REGISTERS)
+
+
+def _is_empty(x: Operand) -> bool:
+    return isinstance(x, np.ndarray) and x.size == 0
 
 
 def _of_each_row(name: str, params: dict, out: Any) -> dict:

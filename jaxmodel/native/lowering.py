@@ -98,6 +98,8 @@ class Lowering(Control):
             return self.cond(equation, given)
         if name == "split":
             return self.split(given[0], params)
+        if math.prod(out.shape) == 0:  # a table of two points has no inner segment
+            return [np.empty(out.shape, dtype=object)]
         if self.directions:
             given = [
                 self.settled(x) if math.prod(v.aval.shape) < math.prod(out.shape) else x
