@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import threading
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from discrepancy.fitting.problem import Lane, OneRun, Problem
 from discrepancy.fitting.programs import are_of_project, made_from
+from jaxmodel.errors import Remark
 from jaxmodel.native import ROWS, STEPS, Kernel, NotNative, Pool
 from jaxmodel.simulation import Needed, read_track
 
@@ -119,6 +121,11 @@ def _kernel(given: _Given) -> Kernel | NotNative:
     try:
         return Kernel(one_lane, shared, own, sizes=(STEPS, ROWS), known_as=_name_of(given))
     except NotNative as reason:
+        warnings.warn(
+            f"The fits run through XLA, which takes longer: {reason} has no vector instructions yet.",
+            Remark,
+            stacklevel=2,
+        )
         return reason
 
 

@@ -11,6 +11,7 @@ import pytest
 from jax import lax
 
 from jaxmodel import native
+from jaxmodel.curves import interpolate
 from jaxmodel.native import ROWS, STEPS, Kernel, NotNative, Pool, machine
 
 LANES = 37
@@ -73,6 +74,15 @@ def looked_up(shared, x):
     return shared["table"].ravel()[place] + small + shared["table"][3, 4] + x["own"][place % 3]
 
 
+def in_tables(shared, x):
+    """Tables of one to three points, at a place of the lane and at those of all steps."""
+    signal = jnp.cumsum(shared["spans"]) * x["rate"]
+    tables = [(jnp.arange(float(count)), jnp.asarray([3.0, 1.0, 2.0])[:count] * x["rate"]) for count in (1, 2, 3)]
+    of_lane = [interpolate(x["rate"], *table) for table in tables]
+    of_steps = [jax.vmap(lambda s, table=table: interpolate(s, *table))(signal) for table in tables]
+    return of_lane, [values + signal for values in of_steps]
+
+
 def beyond(shared, x):
     """Places outside of arrays, which are held within them, and parts of rows."""
     place = jnp.floor(x["at"]).astype(int)
@@ -133,6 +143,11 @@ FUNCTIONS: dict[str, tuple[Callable, object, dict[str, np.ndarray]]] = {
         looked_up,
         {"table": TABLE},
         own(at=RNG.uniform(-5.0, 1300.0, LANES), own=RNG.normal(size=(LANES, 3))),
+    ),
+    "small tables": (
+        in_tables,
+        {"spans": RNG.uniform(0.0, 0.01, 500)},
+        own(rate=RNG.uniform(0.1, 1.0, LANES)),
     ),
     "places outside": (
         beyond,
