@@ -83,7 +83,9 @@ def run(
 def _additions(inv: Workings, model: Settled) -> tuple[list[Addition], list[Addition]]:
     """Return the additions that meet the criteria, in order of preference, and all that were refitted.
 
-    An effect is preferred to a curve that gains not much more: a curve is no new physics.
+    An effect is preferred to a curve that gains not much more: a curve is no new physics. An effect that gains more than
+    a material curve, or a material shift of a single run, counts as material: a contact in the only cold run does most
+    of what the temperature does.
     """
     settings = inv.settings
     linear = inv.linear(model)
@@ -107,9 +109,12 @@ def _additions(inv: Workings, model: Settled) -> tuple[list[Addition], list[Addi
         return first, tried
     more = _refitted(inv, model, others)
     second = passing(more)
+    least = min((one.gain for one in second), default=np.inf)
+    better = [dataclasses.replace(one, material=one.material or one.gain > least) for one in tried]
+    first = passing(better)
     if first and second and first[0].gain > settings.preference * second[0].gain:
-        return first + second, tried + more
-    return sorted(first + second, key=lambda one: -one.merit), tried + more
+        return first + second, better + more
+    return in_order(inv, first + second), better + more
 
 
 def _leading(inv: Workings, model: Settled, linear: Linear, gains: Sequence[Gain]) -> list[Gain]:
