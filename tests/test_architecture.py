@@ -194,8 +194,8 @@ def test_module_is_short(package: str) -> None:
 def test_tests_mirror_the_packages() -> None:
     tested = {path.parent.relative_to(REPOSITORY / "tests").parts[:1] for path in REPOSITORY.glob("tests/**/test_*.py")}
     with_code = {(package,) for package in MAY_IMPORT if len(modules_of(package)) > 1}
-    # tests/independent is the independent simulator, tested like the product.
-    assert tested - {(), ("independent",), ("examples",)} == with_code
+    # tests/independent is the independent simulator, tested like the product; tests/stress is of every reader.
+    assert tested - {(), ("independent",), ("examples",), ("stress",)} == with_code
 
 
 def test_constraints_pin_exact_versions() -> None:
