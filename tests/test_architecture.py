@@ -198,6 +198,20 @@ def test_tests_mirror_the_packages() -> None:
     assert tested - {(), ("independent",), ("examples",), ("stress",)} == with_code
 
 
+def test_every_dependency_has_its_reason_and_is_used() -> None:
+    project = PROJECT["project"]
+    extras = {name: listed for name, listed in project["optional-dependencies"].items() if name not in ("docs", "test")}
+    listed = [*project["dependencies"], *(one for extra in extras.values() for one in extra)]
+    names = {re.split(r"[><=~ ;\[]", one)[0] for one in listed}
+    table = (REPOSITORY / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("| dependency | reason |")[2]
+    table = table.partition("\n\n")[0]
+    assert (
+        set(re.findall(r"`([\w-]+)`(?=[^|]*\|[^|]+\|$)", re.sub(r"\(extra[^)]*\)", "", table), re.MULTILINE)) == names
+    )
+    sources = "".join(path.read_text(encoding="utf-8") for package in MAY_IMPORT for path in modules_of(package))
+    assert [name for name in names if not re.search(rf"\b{name.replace('-', '_')}\b", sources)] == []
+
+
 def test_constraints_pin_exact_versions() -> None:
     lines = (REPOSITORY / "constraints.txt").read_text(encoding="utf-8").splitlines()
     pins = [line for line in lines if not line.startswith("#")]
