@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+import copy
+import json
 import os
+import tomllib
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from jaxmodel import toml
+from jaxmodel.case_schema import check_case
 from jaxmodel.errors import UserError
+from operation.state_of_charge import read_tunings
+from sweeps.study import Study
 from tests.stress.readers import READERS
+from tests.stress.seeds import CASE, DRIVE, STUDY
 from tests.stress.trial import faults, read, trial
 
 TRIALS = 7
@@ -25,6 +37,51 @@ def test_a_spoilt_file_breaks_no_reader(name: str, tmp_path: Path) -> None:
     ends = [trial(name, seed, tmp_path) for seed in range(TRIALS)]
     assert [ended.what for ended in ends if ended.how == "broke"] == []
     assert {ended.how for ended in ends} & {"refused", "read"}
+
+
+_LEAVES = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8) | st.dates() | st.datetimes()
+_VALUES = st.recursive(_LEAVES, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner))
+_GOOD = {name: tomllib.loads(text) for name, text in (("case", CASE), ("study", STUDY), ("drive", DRIVE))}
+
+
+def _places(content: Any) -> list[tuple[Any, Any]]:
+    """Every table and list of a file's content, with each of its keys."""
+    keys = list(content) if isinstance(content, dict) else range(len(content)) if isinstance(content, list) else []
+    return [(content, key) for key in keys] + [place for key in keys for place in _places(content[key])]
+
+
+def _said(read: Callable[[], object]) -> str | None:
+    """The sentence of a reader; None where it refuses nothing."""
+    try:
+        read()
+    except UserError as error:
+        return str(error)
+    return None
+
+
+@pytest.mark.parametrize("name", _GOOD)
+@settings(max_examples=150)
+@given(data=st.data())
+def test_any_value_at_any_place_is_taken_or_refused_in_a_sentence(name: str, data: st.DataObject) -> None:
+    content = copy.deepcopy(_GOOD[name])
+    table, key = data.draw(st.sampled_from(_places(content)))
+    table[key] = data.draw(_VALUES)
+    said = _said(lambda: check_case(content, "case.toml") if name == "case" else Study(**content))
+    assert said is None or faults(f"{name}.toml: {said}", [f"{name}.toml"]) == ""
+
+
+@given(text=st.text() | st.text(alphabet="[]{}.=\"'\\na1-:, \t#\\\\ux"))
+def test_any_text_is_toml_or_refused_in_a_sentence(text: str) -> None:
+    said = _said(lambda: toml.parsed(text, "a.toml"))
+    assert said is None or faults(said, ["a.toml"]) == ""
+
+
+@given(value=_VALUES)
+def test_any_json_is_no_tuning(value: Any, tmp_path_factory: pytest.TempPathFactory) -> None:
+    path = tmp_path_factory.mktemp("tuning") / "tuning.json"
+    path.write_text(json.dumps(value, default=str), encoding="utf-8")
+    with pytest.raises(UserError, match=r"tuning\.json"):
+        read_tunings(path)
 
 
 def _no_file(place: Path, what: str) -> None:
