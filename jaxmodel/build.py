@@ -84,8 +84,8 @@ def load_effect_class(reference: str) -> type[Effect]:
     sys.modules[spec.name] = module  # where a dataclass looks up annotations that are text
     try:
         spec.loader.exec_module(module)
-    except EffectError:
-        raise
+    except EffectError as error:
+        raise EffectError(f"--effect {reference}: {error}") from error
     except Exception as error:
         raise EffectError(f"--effect {reference}: the file does not run ({error}); correct it there.") from error
     cls = getattr(module, class_name, None)

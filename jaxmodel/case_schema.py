@@ -15,6 +15,7 @@ from jaxmodel.forms import Form, complaint, shown, wrong
 from jaxmodel.parameters import TABLE
 from jaxmodel.units import LARGEST
 
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(gt=0, le=LARGEST)]
 SD = Positive | None
 
@@ -47,7 +48,7 @@ def _finite_numbers(values: list[Any]) -> list[Any]:
     return values
 
 
-Axis = Annotated[list[Annotated[float, Field(ge=-LARGEST, le=LARGEST)]], Field(min_length=1)]
+Axis = Annotated[list[Number], Field(min_length=1)]
 Values = Annotated[list[Any], AfterValidator(_finite_numbers)]
 
 
@@ -197,7 +198,7 @@ class RunEntry(Form):
     label: str = ""
     initial_soc: KnownEntry | None = None
     initial_cell_temperature_degC: KnownEntry | None = None
-    ambient_degC: float | None = None
+    ambient_degC: Number | None = None
     tolerance: dict[str, ToleranceEntry] = Field(default_factory=dict)
 
 

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
+from jaxmodel.case_schema import Number
 from jaxmodel.forms import Form, wrong
 from jaxmodel.profile import MOST_ROWS
 from sweeps.form import refuse_unquoted_names
@@ -55,7 +56,7 @@ class ProfileForm(Inputs):
     step_s: float = Field(default=1.0, gt=0)
     pulses: dict[str, PulsesForm] = Field(default_factory=dict)
     repeat: int = Field(default=1, ge=1)
-    scale: Annotated[dict[str, float], BeforeValidator(refuse_unquoted_names)] = Field(default_factory=dict)
+    scale: Annotated[dict[str, Number], BeforeValidator(refuse_unquoted_names)] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _one_source(self) -> "ProfileForm":
