@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import re
 from collections.abc import Iterable
@@ -15,6 +16,13 @@ from importing.roles import target_unit
 from jaxmodel.errors import MeasurementError
 from jaxmodel.tables import RawTable
 
+# What a formula may consist of: it comes from a form in a browser too, and pandas would call any method of a column.
+_PARTS = (
+    ast.Expression, ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare, ast.Call, ast.Name, ast.Constant, ast.List,
+    ast.Load, ast.operator, ast.unaryop, ast.boolop, ast.cmpop,
+)  # fmt: skip
+_FUNCTIONS = ("sin", "cos", "abs", "sqrt", "exp", "log")
+_LONGEST, _HIGHEST_POWER = 500, 10
 _SIGNS = re.compile(r"[-+*/%<>=&|()]")
 
 
@@ -28,8 +36,8 @@ def computed(table: RawTable, options: Options) -> tuple[RawTable, list[Finding 
     """Return a table with the rows that the user keeps and a column for each formula, named as the formula.
 
     A formula is of the form of `pandas.DataFrame.eval`: names of columns (in backticks where they hold blanks),
-    arithmetic, comparisons, `sin`, `cos`, `abs`, `sqrt`. Its unit is that of the column of the case. One that names
-    columns which the file does not have says nothing about it.
+    arithmetic with powers up to 10, comparisons, and `sin`, `cos`, `abs`, `sqrt`, `exp`, `log`. Its unit is that of
+    the column of the case. One that names columns which the file does not have says nothing about it.
 
     Args:
         table: with all columns of the file.
@@ -64,6 +72,7 @@ def _value(frame: pd.DataFrame, text: str, option: str) -> pd.Series | None:
     Raises:
         MeasurementError: it is no formula.
     """
+    _refuse_no_formula(text, option)
     try:
         value = frame.eval(text, engine="python", local_dict={}, global_dict={})
     except pd.errors.UndefinedVariableError:
@@ -73,6 +82,25 @@ def _value(frame: pd.DataFrame, text: str, option: str) -> pd.Series | None:
     if np.ndim(value) == 0:
         return pd.Series(value, index=frame.index)
     return pd.Series(value)
+
+
+def _refuse_no_formula(text: str, option: str) -> None:
+    """Raise MeasurementError for what is no formula, or is one that would take for ever."""
+    plain = re.sub(r"`[^`]*`", "column", text)  # names that hold blanks
+    try:
+        parts = list(ast.walk(ast.parse(plain.strip(), mode="eval"))) if len(plain) <= _LONGEST else []
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        parts = []
+    allowed = bool(parts) and all(isinstance(part, _PARTS) for part in parts)
+    for part in parts:
+        if isinstance(part, ast.Call):
+            allowed &= isinstance(part.func, ast.Name) and part.func.id in _FUNCTIONS and not part.keywords
+        if isinstance(part, ast.BinOp) and isinstance(part.op, ast.Pow):
+            power = part.right.operand if isinstance(part.right, ast.UnaryOp) else part.right
+            number = power.value if isinstance(power, ast.Constant) else None
+            allowed &= isinstance(number, int | float) and abs(number) <= _HIGHEST_POWER
+    if not allowed:
+        raise MeasurementError(f"{option}: '{text}' is no formula of columns; {_HELP}")
 
 
 _HELP = "write it with names of columns, as duty * supply_V, and with names that hold blanks in `backticks`."

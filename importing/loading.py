@@ -20,6 +20,7 @@ from jaxmodel.tables import RawTable, read_table
 from jaxmodel.tables.names import matches
 from jaxmodel.tables.raw_table import to_numbers, units_in
 from jaxmodel.tables.units import Conversion, conversion
+from jaxmodel.units import LARGEST
 
 _SAMPLE_ROWS = 2000
 _NONE = "none"
@@ -83,7 +84,10 @@ def load(path: Path, kind: Kind, options: Options, ask: Ask | None = None, elsew
         free = [name for name in table.frame if name not in named and not _without_sense(str(name), units)]
         chosen |= looks_like(pd.DataFrame(table.frame[free]).head(_SAMPLE_ROWS), kind, lacking)
     if not any(target in chosen for target in _readings(kind)):
-        raise NotALog(f"{table.label} has no reading of a {kind} among its columns ({', '.join(seen[:8])}).")
+        raise NotALog(
+            f"{table.label} has no reading of a {kind} among its columns ({', '.join(seen[:8])}); "
+            "name one with --column."
+        )
     if ask is not None:
         for target in _lacking(chosen, kind, options):
             if target not in elsewhere and target not in options.columns:
@@ -272,22 +276,24 @@ def _converted(
                 f'state it with --unit "{role.column}={target or 1}", or name another with --column.'
             )
         change = known
-    infinite = np.isinf(values)
-    if infinite.any():
-        values = np.where(infinite, np.nan, values)
-        count = int(infinite.sum())
+    if change.factor != 1.0 or change.offset != 0.0:
+        with np.errstate(over="ignore"):
+            values = values * change.factor + change.offset
+    beyond = np.abs(values) > LARGEST
+    if beyond.any():
+        values = np.where(beyond, np.nan, values)
+        count = int(beyond.sum())
         found.append(
             Finding(
                 "not finite",
                 where,
-                f"{where}: column '{role.column}' has {count} values that are not finite, taken as missing.",
+                f"{where}: column '{role.column}' has {count} values that are infinite or beyond {LARGEST:g}, "
+                "taken as missing.",
                 "warning",
                 role.target,
             )
         )
-    if change.factor == 1.0 and change.offset == 0.0:
-        return values
-    return values * change.factor + change.offset
+    return values
 
 
 def guess_unit(values: np.ndarray, target: str) -> tuple[Conversion, str]:

@@ -92,5 +92,5 @@ def checked(options: Options) -> Options:
         ("parallel_cells", options.parallel_cells, 1, 10_000),
     ):
         if value is not None and not low <= value <= high:
-            raise MeasurementError(f"{name}: {value:g} is not within {low:g} and {high:g}; correct it.")
+            raise MeasurementError(f"{name}: {value!s:.40} is not within {low:g} and {high:g}; correct it.")
     return options

@@ -11,6 +11,7 @@ import numpy as np
 from importing.findings import Decision, Finding
 from importing.logs import Log
 from jaxmodel.errors import MeasurementError
+from jaxmodel.measurements import file_label
 
 # A step of the current is at least so large a share of the largest current, and rows are at most so far apart [s].
 _STEP, _NEAR_S = 0.1, 120.0
@@ -138,7 +139,8 @@ def settle(logs: Sequence[Log], stated: str | None, accept: bool) -> list[Log]:
         discharge, source, said = True, "assumed", "the readings do not tell"
     else:
         raise MeasurementError(
-            f"The sign of the current is not settled: {why}; state --sign discharge-positive or --sign charge-positive."
+            f"{', '.join(file_label(log.source) for log in logs[:3])}: the sign of the current is not settled: {why}; "
+            "state --sign discharge-positive or --sign charge-positive."
         )
     value = "positive on discharge" if discharge else "positive on charge in the files, reversed"
     result = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from typing import NamedTuple
 
 import numpy as np
@@ -95,7 +96,9 @@ def _of_dates(text: pd.Series, first: pd.Series) -> Times | None:
     day_first = min(tried)[2]
     form = "day first" if day_first and len({t[:2] for t in tried}) > 1 else ""
     try:
-        stamps = pd.to_datetime(text, dayfirst=day_first, utc=True)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # that it tries stamp by stamp where no form fits the first
+            stamps = pd.to_datetime(text, dayfirst=day_first, utc=True)
     except (ValueError, TypeError):
         stamps = pd.to_datetime(text, errors="coerce", dayfirst=day_first, format="mixed", utc=True)
     return Times(_epoch(stamps), True, f"time stamps, {form}" if form else "time stamps")

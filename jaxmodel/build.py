@@ -14,7 +14,7 @@ from jaxmodel.cases import with_preset
 from jaxmodel.curves import CURVE_NAMES, CellCurves, Curve, Table, look_up_curves
 from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE, own_effects
-from jaxmodel.errors import EffectError, nearest
+from jaxmodel.errors import EffectError, instead
 from jaxmodel.measurements import KINDS
 from jaxmodel.model import Model
 from jaxmodel.parameters import Parameters
@@ -40,7 +40,7 @@ def make_effect(
         EffectError: unknown effect or parameter; the message gives the nearest name.
     """
     if name not in catalogue:
-        raise EffectError(f"{where}: no effect is called '{name}'.{nearest(name, catalogue)} {own_effect_hint(name)}")
+        raise EffectError(f"{where}: no effect is called '{name}'.{instead(name, catalogue)} {own_effect_hint(name)}")
     cls = catalogue[name]
     table = describe(cls)
     numbers = {}
@@ -49,8 +49,8 @@ def make_effect(
             continue
         if field not in table:
             raise EffectError(
-                f"{where}: effect '{name}' has no parameter '{field}'.{nearest(field, table)} "
-                f"It takes {', '.join([*table, *(['column'] if cls.is_sensor else [])])}."
+                f"{where}: effect '{name}' has no parameter '{field}'."
+                f"{instead(field, [*table, *(['column'] if cls.is_sensor else [])])}"
             )
         numbers[field] = table[field].check(given, f"{where}, effect '{name}'")
     if not cls.is_sensor:
@@ -84,14 +84,14 @@ def load_effect_class(reference: str) -> type[Effect]:
     sys.modules[spec.name] = module  # where a dataclass looks up annotations that are text
     try:
         spec.loader.exec_module(module)
-    except EffectError:
-        raise
+    except EffectError as error:
+        raise EffectError(f"--effect {reference}: {error}") from error
     except Exception as error:
-        raise EffectError(f"--effect {reference}: the file does not run: {error}.") from error
+        raise EffectError(f"--effect {reference}: the file does not run ({error}); correct it there.") from error
     cls = getattr(module, class_name, None)
     if not (inspect.isclass(cls) and issubclass(cls, Effect)):
         raise EffectError(
-            f"--effect {reference}: {path.name} has no class '{class_name}' derived from jaxmodel.Effect."
+            f"--effect {reference}: {path.name} has no class '{class_name}' derived from jaxmodel.Effect; add it."
         )
     try:
         own_effects([cls])
@@ -139,8 +139,10 @@ def case_model(
             )
         columns = [column for column in KINDS[case.kind].columns if column.endswith(effect.reads)]
         if effect.column and effect.column not in columns:
-            hint = nearest(effect.column, columns) or f" Possible columns: {', '.join(columns)}."
-            raise EffectError(f"{where}: effect '{effect.name}' cannot act on the column '{effect.column}'.{hint}")
+            raise EffectError(
+                f"{where}: effect '{effect.name}' cannot act on the column '{effect.column}'."
+                f"{instead(effect.column, columns)}"
+            )
     return Model(kind=case.kind, parameters=Parameters(**known), curves=CellCurves(**chosen), effects=effects)
 
 

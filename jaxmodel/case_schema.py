@@ -5,42 +5,22 @@ Pydantic checks the schema; the meaning of values (parameter bounds, column name
 
 import itertools
 import math
-import tomllib
-from collections.abc import Collection
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
-from pydantic_core import ErrorDetails, PydanticCustomError
+from pydantic import AfterValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from jaxmodel.errors import MeasurementError, ParameterError, UserError, nearest
+from jaxmodel import toml
+from jaxmodel.errors import MeasurementError, ParameterError
+from jaxmodel.forms import Form, complaint, shown, wrong
 from jaxmodel.parameters import TABLE
+from jaxmodel.units import LARGEST
+
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, Field(gt=0, le=LARGEST)]
+SD = Positive | None
 
 
-def _wrong(sentence: str, **details: Any) -> PydanticCustomError:
-    return PydanticCustomError("form", sentence, details)  # type: ignore[arg-type]
-
-
-class _Entry(BaseModel):
-    """A table of the file. An unknown key is an error that names the nearest known one."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
-    further_keys: ClassVar[Collection[str]] = ()
-
-    @model_validator(mode="before")
-    @classmethod
-    def _reject_unknown_keys(cls, raw: Any) -> Any:
-        known = (*cls.model_fields, *cls.further_keys)
-        for key in raw if isinstance(raw, dict) else ():
-            if key not in known:
-                hint = nearest(key, known) or (f" It knows {', '.join(known)}." if len(known) < 10 else " Remove it.")
-                raise _wrong("knows no '{key}'.{hint}", key=key, hint=hint)
-        return raw
-
-
-SD = Annotated[float | None, Field(gt=0)]
-
-
-class KnownEntry(_Entry):
+class KnownEntry(Form):
     """A number, exact (`5.2`) or with a standard deviation (`{ value = 5.2, sd = 0.15 }`)."""
 
     value: float
@@ -54,7 +34,7 @@ class KnownEntry(_Entry):
             return raw
         if isinstance(raw, int | float) and not isinstance(raw, bool):
             return {"value": raw}
-        raise _wrong("must be a number or { value = ..., sd = ... }, not {found}", found=_toml(raw))
+        raise wrong("must be a number or { value = ..., sd = ... }, not {found}", found=shown(raw))
 
 
 def _finite_numbers(values: list[Any]) -> list[Any]:
@@ -62,15 +42,17 @@ def _finite_numbers(values: list[Any]) -> list[Any]:
     for entry in values:
         for number in entry if isinstance(entry, list) else [entry]:
             if isinstance(number, bool) or not isinstance(number, int | float) or not math.isfinite(number):
-                raise _wrong("must hold finite numbers only, not {found}", found=_toml(number))
+                raise wrong("must hold finite numbers only, not {found}", found=shown(number))
+            if abs(number) > LARGEST:
+                raise wrong("holds {found}, larger than any of its kind; correct it or its unit", found=shown(number))
     return values
 
 
-Axis = Annotated[list[float], Field(min_length=1)]
+Axis = Annotated[list[Number], Field(min_length=1)]
 Values = Annotated[list[Any], AfterValidator(_finite_numbers)]
 
 
-class TableEntry(_Entry):
+class TableEntry(Form):
     """A curve over SOC, shape (soc,), or over SOC and temperature, shape (temperature, soc)."""
 
     soc: Axis
@@ -94,10 +76,10 @@ class TableEntry(_Entry):
         key, rows = self.value_key, self.values
         if self.temperature_degC is None:
             if any(isinstance(row, list) for row in rows):
-                raise _wrong("has rows in {key} but no temperature_degC; add it, one temperature per row", key=key)
+                raise wrong("has rows in {key} but no temperature_degC; add it, one temperature per row", key=key)
             rows = [rows]
         elif len(rows) != len(self.temperature_degC) or not all(isinstance(row, list) for row in rows):
-            raise _wrong(
+            raise wrong(
                 "needs one row of {key} per temperature_degC, {count} rows of {points} numbers in their own brackets",
                 key=key,
                 count=len(self.temperature_degC),
@@ -105,18 +87,18 @@ class TableEntry(_Entry):
             )
         for row in rows:
             if len(row) != len(self.soc):
-                raise _wrong(
+                raise wrong(
                     "has {soc} soc and {values} values in {key}; give one value per soc",
                     soc=len(self.soc),
                     values=len(row),
                     key=key,
                 )
             if self.positive and min(row) <= 0:
-                raise _wrong("has {key} = {found}; every value must be greater than 0", key=key, found=min(row))
+                raise wrong("has {key} = {found}; every value must be greater than 0", key=key, found=min(row))
         for name, axis in (("soc", self.soc), ("temperature_degC", self.temperature_degC or [])):
             for lower, upper in itertools.pairwise(axis):
                 if upper <= lower:
-                    raise _wrong(
+                    raise wrong(
                         "has {name} {upper} after {lower}; sort it to increase, each value once",
                         name=name,
                         lower=lower,
@@ -124,7 +106,7 @@ class TableEntry(_Entry):
                     )
         # A fit to data may be slightly outside 0 to 1; values far outside are percent.
         if self.soc[0] < -0.05 or self.soc[-1] > 1.05:
-            raise _wrong(
+            raise wrong(
                 "has soc from {lower} to {upper}; it is a fraction, 0 to 1", lower=self.soc[0], upper=self.soc[-1]
             )
         return self
@@ -159,7 +141,7 @@ class CapacitanceTable(TableEntry):
     value_key = "farad"
 
 
-class ParametersEntry(_Entry):
+class ParametersEntry(Form):
     """`[parameters]`: tables by their names, and any scalar parameter of the model."""
 
     model_config = ConfigDict(extra="allow")
@@ -173,24 +155,19 @@ class ParametersEntry(_Entry):
     C_TL: CapacitanceTable | None = None
 
 
-class EffectEntry(_Entry):
+class EffectEntry(Form):
     """One effect of `[effects]`: numbers by parameter name, each with an sd or without, and a sensor's `column`."""
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, KnownEntry] = Field(init=False)
     column: str | None = None
 
-    @model_validator(mode="before")
-    @classmethod
-    def _reject_unknown_keys(cls, raw: Any) -> Any:
-        return raw  # parameters of effects are checked against the catalogue
 
-
-class ToleranceEntry(_Entry):
+class ToleranceEntry(Form):
     """The acceptable error: its rms (`0.01`), or rms and maximum (`{ rms = , max = }`)."""
 
-    rms: float = Field(gt=0)
-    max: float | None = Field(default=None, gt=0)
+    rms: Positive
+    max: Positive | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -199,18 +176,18 @@ class ToleranceEntry(_Entry):
             return raw
         if isinstance(raw, int | float) and not isinstance(raw, bool):
             return {"rms": raw}
-        raise _wrong("must be a number or { rms = ..., max = ... }, not {found}", found=_toml(raw))
+        raise wrong("must be a number or { rms = ..., max = ... }, not {found}", found=shown(raw))
 
     @model_validator(mode="after")
     def _consistent(self) -> "ToleranceEntry":
         if self.max is not None and self.max < self.rms:
-            raise _wrong(
+            raise wrong(
                 "has max {max} below rms {rms}, which is impossible; correct one of them", max=self.max, rms=self.rms
             )
         return self
 
 
-class RunEntry(_Entry):
+class RunEntry(Form):
     """One `[[runs]]` block; any further key overrides a parameter of the case for this run."""
 
     model_config = ConfigDict(extra="allow")
@@ -221,27 +198,27 @@ class RunEntry(_Entry):
     label: str = ""
     initial_soc: KnownEntry | None = None
     initial_cell_temperature_degC: KnownEntry | None = None
-    ambient_degC: float | None = None
-    tolerance: dict[str, ToleranceEntry] = {}
+    ambient_degC: Number | None = None
+    tolerance: dict[str, ToleranceEntry] = Field(default_factory=dict)
 
 
-class CutoffEntry(_Entry):
+class CutoffEntry(Form):
     """`[cutoff]`: where a discharge ends."""
 
     soc: float | None = Field(default=None, ge=0, le=1)
-    voltage_V: float | None = Field(default=None, gt=0)
+    voltage_V: Positive | None = None
 
 
-class CaseEntry(_Entry):
+class CaseEntry(Form):
     """The whole of case.toml."""
 
     title: str = ""
     kind: Literal["cell", "motor", "robot"]
     preset: str = "paper"
     parameters: ParametersEntry = ParametersEntry()
-    effects: dict[str, EffectEntry] = {}
-    sensors: dict[str, Annotated[float, Field(gt=0)]] = {}
-    tolerance: dict[str, ToleranceEntry] = {}
+    effects: dict[str, EffectEntry] = Field(default_factory=dict)
+    sensors: dict[str, Positive] = Field(default_factory=dict)
+    tolerance: dict[str, ToleranceEntry] = Field(default_factory=dict)
     cutoff: CutoffEntry = CutoffEntry()
     runs: list[RunEntry] = Field(default=[], validate_default=True)
 
@@ -249,7 +226,7 @@ class CaseEntry(_Entry):
     @classmethod
     def _some_runs(cls, raw: Any) -> Any:
         if not isinstance(raw, list) or not raw:
-            raise _wrong("must be one [[runs]] block for each CSV file, at least one")
+            raise wrong("must be one [[runs]] block for each CSV file, at least one")
         return raw
 
 
@@ -264,12 +241,7 @@ def parse_case(text: str, where: str) -> CaseEntry:
         MeasurementError: the text is not TOML, or a part of it is missing, unknown or of the wrong form.
         ParameterError: the same, inside `[parameters]`.
     """
-    try:
-        raw = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        what, _, place = str(error).removesuffix(")").partition(" (at ")
-        raise MeasurementError(f"{where}, {place}: this is not valid TOML ({what}); correct it there.") from error
-    return check_case(raw, where)
+    return check_case(toml.parsed(text, where), where)
 
 
 def check_case(raw: dict[str, Any], where: str) -> CaseEntry:
@@ -282,58 +254,9 @@ def check_case(raw: dict[str, Any], where: str) -> CaseEntry:
     try:
         return CaseEntry.model_validate(raw)
     except ValidationError as error:
-        raise _user_error(error, raw, where) from error
-
-
-def _user_error(error: ValidationError, raw: dict[str, Any], where: str) -> UserError:
-    """Return the first error of pydantic as a sentence, with the number of others."""
-    first, *others = error.errors(include_url=False)
-    place = ""
-    for step in first["loc"]:
-        place += f"[{step + 1}]" if isinstance(step, int) else f".{step}"  # counted from 1
-    match first["loc"]:
-        case ("runs", int(index), *_) if isinstance(raw["runs"][index], dict) and "file" in raw["runs"][index]:
-            where += f", the run of {raw['runs'][index]['file']}"
-    sentence = f"{where}: {place.removeprefix('.') or 'the file'} {_complaint(first)}"
-    if others:
-        sentence += f" (and {len(others)} more error{'s' if len(others) > 1 else ''})"
-    sentence += "" if sentence.endswith((".", "?")) else "."
-    return ParameterError(sentence) if first["loc"][:1] == ("parameters",) else MeasurementError(sentence)
-
-
-def _complaint(error: ErrorDetails) -> str:
-    """Return what one field must be."""
-    found, context = _toml(error["input"]), error.get("ctx", {})
-    match error["type"]:
-        case "form":
-            return error["msg"]
-        case "missing":
-            return "is missing; add it"
-        case "literal_error":
-            return f"must be {context['expected'].replace(chr(39), chr(34))}, not {found}"
-        case "float_type":
-            return f"must be a number{', without quotes' if isinstance(error['input'], str) else ''}, not {found}"
-        case "finite_number":
-            return f"must be a finite number, not {found}"
-        case "greater_than":
-            return f"must be greater than {context['gt']:g}, not {found}; correct it or leave it out"
-        case "greater_than_equal":
-            return f"must be at least {context['ge']:g}, not {found}"
-        case "less_than_equal":
-            return f"must be at most {context['le']:g}, not {found}"
-        case "string_type":
-            return f"must be text in quotes, not {found}"
-        case "too_short" | "string_too_short":
-            return "must not be empty"
-        case "list_type":
-            return f"must be a list in brackets, not {found}"
-        case "model_type" | "dict_type":
-            return f"must be a table, {{ name = value }}, not {found}"
-    return f"is wrong: {error['msg']}"
-
-
-def _toml(value: Any) -> str:
-    """Return a value as written in the file, shortened."""
-    text = {True: "true", False: "false"}[value] if isinstance(value, bool) else str(value)
-    text = text if len(text) <= 60 else f"{text[:60]}..."
-    return f'"{text}"' if isinstance(value, str) else text
+        place = error.errors(include_url=False)[0]["loc"]
+        match place:
+            case ("runs", int(index), *_) if isinstance(raw["runs"][index], dict) and "file" in raw["runs"][index]:
+                where += f", the run of {raw['runs'][index]['file']}"
+        kind = ParameterError if place[:1] == ("parameters",) else MeasurementError
+        raise kind(f"{where}: {complaint(error, raw, 'the file')}") from error

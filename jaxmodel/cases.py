@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from jaxmodel import effects, plausible
 from jaxmodel.case import Case, Run
 from jaxmodel.case_entries import entry_of
 from jaxmodel.case_schema import CaseEntry, EffectEntry, RunEntry, ToleranceEntry, parse_case
-from jaxmodel.errors import MeasurementError, ParameterError, nearest
+from jaxmodel.errors import MeasurementError, ParameterError, instead, nearest
 from jaxmodel.known import Known, Tolerance, scalars, tables
 from jaxmodel.measurements import (
     AMBIENT_RANGE_DEGC,
@@ -148,15 +149,15 @@ def with_preset(case: Case) -> Case:
 
 def _toml_file(path: Path) -> Path:
     """Return the TOML file of a path to a folder or file."""
-    path = path.resolve()
-    toml = path / "case.toml" if path.is_dir() else path
-    if not toml.is_file():
+    toml = path / "case.toml" if os.path.isdir(path) else path
+    if not os.path.isfile(toml):  # where a name is too long or a link leads to itself, methods of `Path` raise
         raise MeasurementError(
             f"There is no {file_label(toml)}; give a folder that has a case.toml, or the TOML file itself."
         )
     if toml.suffix != ".toml":
         raise MeasurementError(f"{file_label(toml)} is not a TOML file; give the case.toml that lists this run.")
-    return toml
+    real = Path(os.path.realpath(path))
+    return real / toml.name if os.path.isdir(path) else real
 
 
 def _run(
@@ -221,8 +222,7 @@ def _tolerance(entries: Mapping[str, ToleranceEntry], kind: str, where: str) -> 
     readings = KINDS[kind].outputs
     for name in entries:
         if name not in readings:
-            hint = nearest(name, readings) or f" Its readings: {', '.join(readings)}."
-            raise MeasurementError(f"{where}: a {kind} has no reading '{name}'.{hint}")
+            raise MeasurementError(f"{where}: a {kind} has no reading '{name}'.{instead(name, readings)}")
     return {name: Tolerance(entry.rms, entry.max) for name, entry in entries.items()}
 
 
@@ -231,16 +231,15 @@ def _check_sensors(sensors: Mapping[str, float], kind: str, where: str) -> None:
     columns = KINDS[kind].columns
     for name in sensors:
         if name not in columns:
-            hint = nearest(name, columns) or f" Its columns: {', '.join(columns)}."
-            raise MeasurementError(f"{where}: [sensors]: a {kind} has no column '{name}'.{hint}")
+            raise MeasurementError(f"{where}: [sensors]: a {kind} has no column '{name}'.{instead(name, columns)}")
 
 
 def _files(runs: list[RunEntry], toml: Path, where: str) -> list[Path]:
     """Return the path of each run's CSV: it exists, and no two runs have the same name."""
     files: list[Path] = []
     for number, run in enumerate(runs, start=1):
-        file = (toml.parent / run.file).resolve()
-        if not file.is_file():
+        file = Path(os.path.realpath(toml.parent / run.file))
+        if not os.path.isfile(file):
             hint = nearest(run.file, (other.name for other in toml.parent.glob("*.csv")))
             raise MeasurementError(
                 f"{where}: runs[{number}].file: there is no '{run.file}' next to {toml.name};"

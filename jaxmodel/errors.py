@@ -5,9 +5,15 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
+_MOST_LETTERS = 800  # of a sentence: what a damaged file puts into it may have no end
+_MOST_NAMES = 12
+
 
 class UserError(ValueError):
-    """An error in user input; its text is one sentence for the terminal."""
+    """An error in user input; its text is one sentence for the terminal, on one line and without control characters."""
+
+    def __init__(self, sentence: str) -> None:
+        super().__init__(_on_one_line(sentence))
 
 
 class ParameterError(UserError):
@@ -32,6 +38,23 @@ class EffectError(UserError):
 
 class Remark(UserWarning):
     """What a user should know of a result and need not act on; one sentence, as that of an error."""
+
+
+def _on_one_line(sentence: str) -> str:
+    """Return a sentence without line ends and control characters, its middle left out if it is very long."""
+    text = " ".join(sentence.split())
+    text = "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in text)
+    half = _MOST_LETTERS // 2
+    return text if len(text) <= _MOST_LETTERS else f"{text[:half].rstrip()} ... {text[-half:].lstrip()}"
+
+
+def instead(name: str, known: Iterable[str]) -> str:
+    """Return what to write instead of an unknown name: the nearest known one, or which there are."""
+    known = list(dict.fromkeys(known))
+    if hint := nearest(name, known):
+        return hint
+    more = f" and {len(known) - _MOST_NAMES} more" if len(known) > _MOST_NAMES else ""
+    return f" Use one of {', '.join(known[:_MOST_NAMES])}{more}." if known else " Remove it."
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

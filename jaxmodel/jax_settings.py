@@ -16,6 +16,8 @@ from typing import Any
 
 import jax
 
+from jaxmodel.kept import why_not_private
+
 SWITCH = "JAXMODEL_JAX_SETTINGS"
 CACHE_VARIABLE = "JAXMODEL_CACHE"
 # Compiler options of a sweep. Vectors of 512 bits halve the time of a step on processors that have them, and change
@@ -98,23 +100,31 @@ def keep_compiled_programs() -> str:
     if "JAX_COMPILATION_CACHE_DIR" in os.environ:
         return ""
     problem = ""
-    if reason := _not_writable(cache_folder()):
+    reason, private = _why_not(cache_folder())
+    if reason:
         problem = (
             f"Compiled programs cannot be stored in {cache_folder()}: {reason}; the next run will compile again. Set "
-            f"{CACHE_VARIABLE} to a folder that can be written."
+            f"{CACHE_VARIABLE} to a folder of yours that can be written."
         )
         warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache")  # once is enough
+    if not private:
+        return problem  # what is there may be another user's, and would be run
     jax.config.update("jax_compilation_cache_dir", str(cache_folder()))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
     return problem
 
 
-def _not_writable(folder: Path) -> str:
-    """Return why a folder is not writable, '' if it is; it is created if necessary."""
+def _why_not(folder: Path) -> tuple[str, bool]:
+    """Return why nothing can be stored in a folder, '' if it can, and whether it is the user's alone.
+
+    It is created if necessary.
+    """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        if why := why_not_private(folder):
+            return why, False
         with tempfile.TemporaryFile(dir=folder):
-            return ""
+            return "", True
     except OSError as error:
-        return (error.strerror or str(error)).lower()
+        return (error.strerror or str(error)).lower(), True

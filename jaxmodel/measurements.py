@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -16,7 +17,7 @@ import pandas as pd
 
 from jaxmodel import run_csv
 from jaxmodel.errors import MeasurementError, nearest
-from jaxmodel.units import ending_of, unit_of
+from jaxmodel.units import LARGEST, ending_of, unit_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,6 +82,8 @@ KINDS: dict[str, Kind] = {
 
 _UNITLESS = {"duty": "numbers from -1 to 1", "V_set": "V, 0 to 5", "soc": "fractions of 1"}
 
+# Of a TOML or JSON file: the largest of ours have some hundred numbers, and a parser takes a second for a megabyte.
+_MOST_BYTES = 8 * 2**20
 # What the temperature of surroundings can be.
 AMBIENT_RANGE_DEGC = (-90.0, 200.0)
 
@@ -186,6 +189,13 @@ def _measured(
             raise MeasurementError(
                 f"{place(row)}: '{name}' is empty, and an input has no missing readings; fill it in or drop the row."
             )
+    for name, values in columns.items():
+        if (large := np.abs(values) > LARGEST).any():
+            row = int(large.argmax())
+            raise MeasurementError(
+                f"{place(row)}: '{name}' = {values[row]:.15g}, and nothing that is measured exceeds {LARGEST:g}; "
+                "correct it or its unit."
+            )
     time_s = columns["time_s"]
     if (late := np.diff(time_s) <= 0).any():
         row = int(late.argmax()) + 1
@@ -200,13 +210,23 @@ def _measured(
 
 def file_label(path: Path) -> str:
     """Return folder and file name: what a message needs to name a file without its whole path."""
-    path = path.resolve()
+    path = Path(os.path.abspath(path))
     return f"{path.parent.name}/{path.name}"
 
 
 def read_utf8(path: Path) -> str:
-    """Return the text of a UTF-8 file, with or without a byte-order mark; raise MeasurementError if it has none."""
+    """Return the text of a UTF-8 file, with or without a byte-order mark.
+
+    Raises:
+        MeasurementError: there is no such file, it is no text, or it is larger than a person's settings can be.
+    """
     try:
+        run_csv.refuse_no_file(path, file_label(path))
+        if path.stat().st_size > _MOST_BYTES:
+            raise MeasurementError(
+                f"{file_label(path)} is larger than {_MOST_BYTES // 2**20} MB, which no file of settings is; check its "
+                "name."
+            )
         return path.read_bytes().decode("utf-8-sig")
     except OSError as error:
         raise MeasurementError(f"{file_label(path)} cannot be read ({error.strerror}); check its name.") from error

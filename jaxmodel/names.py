@@ -8,7 +8,7 @@ from typing import Any
 import equinox as eqx
 
 from jaxmodel.declaration import ParameterInfo, describe
-from jaxmodel.errors import ParameterError, nearest
+from jaxmodel.errors import ParameterError, instead
 from jaxmodel.model import Model
 from jaxmodel.parameters import TABLE
 
@@ -54,5 +54,5 @@ def _find(model: Model, name: str) -> tuple[Any, str]:
     known_field = owner is not None and (field in describe(owner) or (label and field in ("switch", "values")))
     if owner is None or not known_field or not hasattr(owner, field):
         known = [*TABLE, *(f"{effect.label}.{f}" for effect in model.effects for f in describe(effect))]
-        raise ParameterError(f"model: no number is called '{name}'.{nearest(name, known)}")
+        raise ParameterError(f"model: no number is called '{name}'.{instead(name, known)}")
     return owner, field

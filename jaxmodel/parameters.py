@@ -5,7 +5,7 @@ from __future__ import annotations
 import equinox as eqx
 
 from jaxmodel.declaration import ParameterInfo, Scalar, describe, parameter
-from jaxmodel.errors import ParameterError, nearest
+from jaxmodel.errors import ParameterError, instead
 
 _PAPER = "Specht et al., section 3"
 _RE50 = "maxon RE50 24 V data sheet"
@@ -366,5 +366,5 @@ TABLE = describe(Parameters)
 def info(name: str, where: str = "parameter table") -> ParameterInfo:
     """Return the entry of the table for `name`; raise ParameterError with the nearest name if there is none."""
     if name not in TABLE:
-        raise ParameterError(f"{where}: no parameter is called '{name}'.{nearest(name, TABLE)}")
+        raise ParameterError(f"{where}: no parameter is called '{name}'.{instead(name, TABLE)}")
     return TABLE[name]

@@ -12,6 +12,9 @@ from jaxtyping import Array
 from jaxmodel.errors import MeasurementError
 from jaxmodel.robot import duty_of_signal
 
+# Of a profile that is described in numbers, which may be any: 120 days at a row a second. Its inputs, steps and
+# readings take some 2 GB. Steps of a motor are more than rows, a few for each that changes the inputs.
+MOST_ROWS, MOST_STEPS = 10_000_000, 40_000_000
 # The linear armature is solved exactly; steps after a jump grow from a fraction of the electrical time constant, to
 # resolve nonlinear effects (friction, saturation, brushes) and the heat of the inrush.
 FIRST_STEP_SHARE = 0.25
@@ -119,6 +122,7 @@ def make_grid(
         return Grid(rows, np.arange(1, rows.size + 1), np.arange(rows.size))
     jumps = _jumps(profile, begins=jumped_s is None)
     count = np.where(jumps, _growing(rows, FIRST_STEP_SHARE * electrical_time_constant_s, growth), 1)
+    _refuse_too_many(count)
     share = growth ** np.arange(count.max())
     before = np.append(0.0, np.cumsum(share))
     row, number = _parts(count)
@@ -129,9 +133,19 @@ def make_grid(
     if bending_time_constants_s is not None:
         since_jump = (started - jumped)[row] + unit * before[number]
         fine = _while_settling(duration, since_jump, *bending_time_constants_s)
+        _refuse_too_many(fine)
         step, _ = _parts(fine)
         duration, row = (duration / fine)[step], row[step]
     return Grid(duration, row + 1, np.cumsum(np.bincount(row, minlength=rows.size)) - 1, float(jumped[-1]))
+
+
+def _refuse_too_many(count: np.ndarray) -> None:
+    """Raise MeasurementError for more steps than there is memory for."""
+    if (steps := float(count.sum(dtype=float))) > MOST_STEPS:
+        raise MeasurementError(
+            f"profile: {steps:.3g} steps of the motor are more than {MOST_STEPS:,}, for which there is no memory; take "
+            "a shorter run, or fewer rows in which its inputs change."
+        )
 
 
 def _growing(span: np.ndarray, first: float, growth: float) -> np.ndarray:

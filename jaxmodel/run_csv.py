@@ -6,6 +6,7 @@ import array
 import csv
 import itertools
 import math
+import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple, TextIO
@@ -101,8 +102,16 @@ def line_of_row(path: Path, label: str, row: int) -> int:
     return line
 
 
+def refuse_no_file(path: Path, label: str) -> None:
+    """Raise MeasurementError for what is there and is no file: a folder, or a device or pipe that may never end."""
+    if os.path.exists(path) and not os.path.isfile(path):
+        what = "a folder" if os.path.isdir(path) else "a device or pipe"
+        raise MeasurementError(f"{label} is {what}, not a file; name a file.")
+
+
 def _opened(path: Path, label: str) -> TextIO:
     try:
+        refuse_no_file(path, label)
         return path.open(encoding="utf-8-sig", newline="")
     except OSError as error:
         raise MeasurementError(f"{label} cannot be read ({error.strerror}); check its name.") from error
@@ -178,7 +187,7 @@ def _number(field: str, label: str, line: int, name: str) -> float:
 def _short(field: str) -> str:
     """Return a field in quotes, cut where a stray quote mark has swallowed the lines below."""
     field = field.strip()
-    return repr(field if len(field) <= 40 else f"{field[:40]}...")
+    return f"'{field}'" if len(field) <= 40 else f"'{field[:40]}...'"
 
 
 def _not_csv(label: str, line: int, error: csv.Error) -> MeasurementError:

@@ -22,6 +22,9 @@ UNITS = {
     "set": "V",
 }
 
+# No number of this project is larger in these units; squares and cubes of numbers up to it are finite.
+LARGEST = 1e12
+
 # As people write them.
 _TYPESET = {"m/s2": "m/s²", "degC": "°C", "deg": "°"}
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"))

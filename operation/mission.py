@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -18,19 +17,20 @@ import jax.numpy as jnp
 import numpy as np
 import xarray
 from jaxtyping import Array
-from pydantic import ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
+from jaxmodel import toml
 from jaxmodel.cell import storage_factor
-from jaxmodel.errors import SweepError, nearest
+from jaxmodel.errors import SweepError, instead
+from jaxmodel.forms import Form, complaint, wrong
 from jaxmodel.measurements import file_label, read_utf8
 from jaxmodel.model import Model
 from jaxmodel.names import with_values
 from jaxmodel.parameters import TABLE
-from jaxmodel.profile import Profile
+from jaxmodel.profile import MOST_ROWS, Profile
 from jaxmodel.robot import flipper_torque, track_torque
 from jaxmodel.simulation import Cutoff, Track, run_track, track
 from operation.compensation import Compensation
-from sweeps.form import Form, complaint, wrong
 
 # Friction coefficients mu of eq. 18 by surface. The paper has 0.7, rubber on asphalt; the others are assumed, in the
 # order of the traction of a track on them.
@@ -81,8 +81,6 @@ class Mission(Form):
         segment: the segments of one round, in order.
     """
 
-    model_config = ConfigDict(extra="forbid")
-
     title: str = ""
     step_s: float = Field(default=1.0, gt=0)
     segment: list[Segment] = Field(min_length=1)
@@ -91,10 +89,11 @@ class Mission(Form):
     def _whole_steps(self) -> "Mission":
         for number, one in enumerate(self.segment, start=1):
             steps = one.duration_s / self.step_s
-            if round(steps) < 1 or not math.isclose(steps, round(steps), rel_tol=1e-9):
+            if not math.isfinite(steps) or round(steps) < 1 or not math.isclose(steps, round(steps), rel_tol=1e-9):
                 raise wrong(
-                    f"segment {number} lasts {one.duration_s:g} s, no whole number of steps of {self.step_s:g} s"
-                )
+                    "segment {number} lasts {duration} s, no whole number of steps of {step} s; correct one of them",
+                    number=number, duration=f"{one.duration_s:g}", step=f"{self.step_s:g}",
+                )  # fmt: skip
         return self
 
 
@@ -134,20 +133,20 @@ def read_mission(path: str | Path) -> Mission:
     """Read a mission file.
 
     Raises:
-        SweepError: it is no TOML, a key is wrong, or a surface is unknown.
+        MeasurementError: it is no TOML.
+        SweepError: a key is wrong, or a surface is unknown.
     """
     path = Path(path)
     label = file_label(path)
+    content = toml.parsed(read_utf8(path), label)
     try:
-        mission = Mission(**tomllib.loads(read_utf8(path)))
-    except tomllib.TOMLDecodeError as error:
-        raise SweepError(f"{label}: this is not valid TOML ({error}); correct it there.") from error
+        mission = Mission.model_validate(content)
     except ValidationError as error:
-        raise SweepError(f"{label}: {complaint(error)}") from error
+        raise SweepError(f"{label}: {complaint(error, content, 'the mission')}") from error
     for number, segment in enumerate(mission.segment, start=1):
         if segment.surface not in SURFACES:
             raise SweepError(
-                f"{label}: segment {number} has no surface '{segment.surface}'.{nearest(segment.surface, SURFACES)}"
+                f"{label}: segment {number} has no surface '{segment.surface}'.{instead(segment.surface, SURFACES)}"
             )
     return mission
 
@@ -170,8 +169,13 @@ def mission_profile(
         limited: given the torques and duties of the rows, returns lower duties.
 
     Raises:
-        SweepError: a segment is too fast for the pack.
+        SweepError: a segment is too fast for the pack, or there are more rows than memory.
     """
+    if (needed := rounds * sum(segment.duration_s for segment in mission.segment) / mission.step_s) > MOST_ROWS:
+        raise SweepError(
+            f"mission: {needed:.3g} rows of {mission.step_s:g} s are more than {MOST_ROWS:,}, for which there is no "
+            "memory; lengthen step_s, or shorten the segments."
+        )
     rows: dict[str, list[float]] = {
         name: [] for name in ("duty", "load_torque_Nm", "flipper_torque_Nm", "flipper_duty")
     }
@@ -244,7 +248,7 @@ def endurance(
     for name, (months, cycles) in ages.items():
         _check_age(model, months, cycles, f"age '{name}'")
     months, cycles = np.array(list(ages.values())).T
-    rounds = math.ceil(longest_h * 3600.0 / sum(segment.duration_s for segment in mission.segment))
+    rounds = rounds_in(mission, longest_h)
     if compensation is None:
         found = [_endurance_at(model, mission_profile(mission, model, rounds), ambient_degC, months, cycles, limits)]
     else:
@@ -271,6 +275,11 @@ def endurance(
         },
         {"title": mission.title},
     )
+
+
+def rounds_in(mission: Mission, hours: float) -> int:
+    """Return how many rounds of a mission begin within so many hours."""
+    return math.ceil(hours * 3600.0 / sum(segment.duration_s for segment in mission.segment))
 
 
 def _limited_by(compensation: Compensation, ambient_degC: float) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import sys
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -136,11 +137,24 @@ def read_tunings(path: str | Path) -> dict[str, Tuning]:
     fields = {field.name for field in dataclasses.fields(Tuning)}
     try:
         found = json.loads(read_utf8(path))
-        if found.keys() == {FILTER, FILTER_FIXED} and all(values.keys() == fields for values in found.values()):
-            return {name: Tuning(**values) for name, values in found.items()}
-    except (json.JSONDecodeError, AttributeError):
-        pass
-    raise MeasurementError(f"{file_label(path)} is no tuning.json of `jaxmodel estimate`; name one that it wrote.")
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, MeasurementError):
+            raise
+        found = None
+    if (
+        not isinstance(found, dict)
+        or found.keys() != {FILTER, FILTER_FIXED}
+        or not all(
+            isinstance(values, dict) and values.keys() == fields and all(map(_is_finite, values.values()))
+            for values in found.values()
+        )
+    ):
+        raise MeasurementError(f"{file_label(path)} is no tuning.json of `jaxmodel estimate`; name one that it wrote.")
+    return {name: Tuning(**values) for name, values in found.items()}
+
+
+def _is_finite(value: Any) -> bool:
+    return isinstance(value, int | float) and abs(value) <= sys.float_info.max
 
 
 def _estimate(

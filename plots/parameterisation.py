@@ -74,6 +74,7 @@ def _relaxation(table: pd.DataFrame) -> Figure:
     for colour, name, text in ((LINES[0], "tau_1", "short"), (LINES[1], "tau_2", "long")):
         axes.plot(table["soc"], table[name], "o", color=colour, markersize=4.0, label=f"{text} time constant of a rest")
     axes.set_yscale("log")
+    plain_log(axes.yaxis)
     axes.set_xlabel("state of charge")
     axes.set_ylabel("time constant [s]")
     axes.legend()

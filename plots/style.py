@@ -36,6 +36,7 @@ SEQUENCE = "cividis"
 _RC: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,
+    "text.parse_math": False,  # a dollar sign in a name of the user's is one
     "axes.titlesize": 9.5,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
@@ -96,6 +97,8 @@ def png(figure: Figure) -> bytes:
     with matplotlib.rc_context(_RC), warnings.catch_warnings():
         # A figure too full for its layout is drawn as it is: nothing that who reads the terminal could mend.
         warnings.filterwarnings("ignore", message=".*layout", category=UserWarning)
+        # A letter of the user's that the font lacks is drawn as a box.
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font", category=UserWarning)
         FigureCanvasAgg(figure).print_png(buffer)
     return buffer.getvalue()
 

@@ -7,11 +7,16 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from sweeps.form import Form, refuse_unquoted_names, wrong
+from jaxmodel.forms import Form, wrong
+from sweeps.form import refuse_unquoted_names
 
 Spacing = Literal["linear", "log"]
 # A step that ends this share of itself before the stop, or past it, has met it.
 _ROUNDING = 1e-9
+# Of one axis: each is a line in the study's manifest and a coordinate of its result.
+_MOST_VALUES = 1_000_000
+# Of a Latin hypercube, which is drawn whole: 0.4 GB.
+_MOST_DRAWN = 50_000_000
 
 
 class _Spaced(Form):
@@ -19,7 +24,7 @@ class _Spaced(Form):
 
     start: float
     stop: float
-    count: int | None = Field(default=None, ge=2)
+    count: int | None = Field(default=None, ge=2, le=_MOST_VALUES)
     step: float | None = Field(default=None, gt=0)
     spacing: Spacing = "linear"
 
@@ -29,6 +34,10 @@ class _Spaced(Form):
             raise wrong("needs either count or step, one of them")
         if self.spacing == "log" and (self.step is not None or min(self.start, self.stop) <= 0.0):
             raise wrong('has spacing = "log", which takes a count, and start and stop greater than 0')
+        if not math.isfinite(self.stop - self.start):
+            raise wrong("has start and stop too far apart for a number between; correct one of them")
+        if self.step is not None and abs(self.stop - self.start) / self.step > _MOST_VALUES:
+            raise wrong("has more than {most} values; raise step", most=f"{_MOST_VALUES:,}")
         return self
 
     @property
@@ -86,6 +95,9 @@ class Range(Form):
             raise wrong("has low = {low} and high = {high}; low must be less", low=self.low, high=self.high)
         if self.spacing == "log" and self.low <= 0.0:
             raise wrong('has spacing = "log", which takes a low greater than 0')
+        reach = self.high / self.low if self.spacing == "log" else self.high - self.low
+        if not math.isfinite(reach):
+            raise wrong("has low and high too far apart for a number between; correct one of them")
         return self
 
 
@@ -100,3 +112,9 @@ class SampleForm(Form):
     count: int = Field(ge=1, le=2**30)
     seed: int = Field(default=0, ge=0)
     ranges: Annotated[dict[str, Range], BeforeValidator(_quoted_ranges)] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _fits(self) -> "SampleForm":
+        if self.method == "latin_hypercube" and self.count * len(self.ranges) > _MOST_DRAWN:
+            raise wrong('has a count too large for a Latin hypercube, which is drawn whole; use method = "sobol"')
+        return self

@@ -13,7 +13,7 @@ from jaxmodel.case_schema import parse_case
 from jaxmodel.cases import read_case
 from jaxmodel.declaration import ParameterInfo
 from jaxmodel.effects import own_effects
-from jaxmodel.errors import SweepError, nearest
+from jaxmodel.errors import SweepError, instead
 from jaxmodel.measurements import KINDS, file_label, read_utf8
 from jaxmodel.model import Model, initial_state
 from jaxmodel.names import parameter_table, with_values
@@ -88,7 +88,7 @@ def prepare(study: StudyForm) -> Prepared:
     for name in study.store:
         outputs = KINDS[model.kind].outputs
         if name not in outputs:
-            raise SweepError(f"store: a {model.kind} has no column '{name}'.{nearest(name, outputs)}")
+            raise SweepError(f"store: a {model.kind} has no column '{name}'.{instead(name, outputs)}")
         if name in varied:
             raise SweepError(
                 f"store: lanes differ in '{name}', which is a coordinate of the result already; remove it here."
@@ -171,7 +171,7 @@ def _scale(
     """Return unit and meaning of a factor on an input; `own` are the inputs in which lanes differ."""
     column = name.removeprefix(SCALE)
     if column not in profile.inputs:
-        raise SweepError(f"{where}: the profile has no input '{column}'.{nearest(column, profile.inputs)}")
+        raise SweepError(f"{where}: the profile has no input '{column}'.{instead(column, profile.inputs)}")
     if column.endswith("_degC"):
         raise SweepError(f"{where}: a temperature in degC has no factor; put {column} itself on an axis.")
     size = np.concatenate([profile.inputs[column], own.get(column, [])])
@@ -185,9 +185,7 @@ def _initial(name: str, values: list[float], model: Model, profile: Profile, whe
     state = name.removeprefix(INITIAL)
     states = initial_state(model, {name: jnp.asarray(column[0]) for name, column in profile.inputs.items()})
     if state not in states:
-        raise SweepError(
-            f"{where}: the model has no state '{state}'.{nearest(state, states)} It has {', '.join(states)}."
-        )
+        raise SweepError(f"{where}: the model has no state '{state}'.{instead(state, states)}")
     meaning = f"{state} at the start of a run"
     info = ParameterInfo(name, unit=unit_of(state), meaning=meaning, default=float(states[state]))
     if state == "soc":
@@ -208,7 +206,7 @@ def _metrics(study: StudyForm, kind: str, has_cutoff: bool) -> tuple[Metric, ...
         if isinstance(given, str) and given not in shipped:
             if given == "time_to_cutoff_s" and not has_cutoff:
                 raise SweepError("metrics: 'time_to_cutoff_s' needs a [cutoff] with soc or voltage_V; add one.")
-            raise SweepError(f"metrics: a {kind} has no metric '{given}'.{nearest(given, shipped)}")
+            raise SweepError(f"metrics: a {kind} has no metric '{given}'.{instead(given, shipped)}")
         metric = shipped[given] if isinstance(given, str) else given
         if kind not in metric.kinds:
             raise SweepError(f"metrics: '{metric.name}' applies to {' and '.join(metric.kinds)}, not to a {kind}.")
@@ -225,5 +223,5 @@ def _is_of_sensor(effect: str, catalogue: Mapping[str, type[Effect]]) -> bool:
 
 def _known(name: str, table: Mapping[str, ParameterInfo], what: str, others: Iterable[str] = ()) -> ParameterInfo:
     if name not in table:
-        raise SweepError(f"{what} '{name}'.{nearest(name, [*table, *others])}")
+        raise SweepError(f"{what} '{name}'.{instead(name, [*others, *table])}")
     return table[name]

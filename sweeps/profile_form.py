@@ -5,7 +5,10 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
-from sweeps.form import Form, refuse_unquoted_names, wrong
+from jaxmodel.case_schema import Number
+from jaxmodel.forms import Form, wrong
+from jaxmodel.profile import MOST_ROWS
+from sweeps.form import refuse_unquoted_names
 
 
 class Inputs(Form):
@@ -53,7 +56,7 @@ class ProfileForm(Inputs):
     step_s: float = Field(default=1.0, gt=0)
     pulses: dict[str, PulsesForm] = Field(default_factory=dict)
     repeat: int = Field(default=1, ge=1)
-    scale: Annotated[dict[str, float], BeforeValidator(refuse_unquoted_names)] = Field(default_factory=dict)
+    scale: Annotated[dict[str, Number], BeforeValidator(refuse_unquoted_names)] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _one_source(self) -> "ProfileForm":
@@ -74,13 +77,24 @@ class ProfileForm(Inputs):
         for name, pulses in self.pulses.items():
             for key in ("on_s", "period_s", "start_s"):
                 self._in_steps(getattr(pulses, key), f"pulses.{name}.{key}", "each time of a pulse", least=0)
+        self._fits()
         return self
+
+    def _fits(self) -> None:
+        seconds = self.duration_s or self.repeat * sum(segment.duration_s for segment in self.mission)
+        if (rows := seconds / self.step_s) > MOST_ROWS:
+            raise wrong(
+                "has {rows} rows of {step} s, for which there is no memory; at most {most} fit, so shorten it or "
+                "lengthen step_s",
+                rows=f"{rows:.3g}", step=self.step_s, most=f"{MOST_ROWS:,}",
+            )  # fmt: skip
 
     def _in_steps(self, value: float | None, key: str, what: str, least: int = 1) -> None:
         if value is None:
             return
         steps = value / self.step_s
-        if not math.isclose(steps, round(steps), rel_tol=1e-9, abs_tol=1e-9) or round(steps) < least:
+        whole = math.isfinite(steps) and math.isclose(steps, round(steps), rel_tol=1e-9, abs_tol=1e-9)
+        if not whole or round(steps) < least:
             raise wrong(
                 "has {key} = {value} and step_s = {step}; {what} must be a whole number of steps",
                 key=key, value=value, step=self.step_s, what=what,

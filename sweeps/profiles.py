@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
 
-from jaxmodel.errors import SweepError, nearest
-from jaxmodel.measurements import KINDS, read_measurements, read_utf8
+from jaxmodel.errors import SweepError, instead
+from jaxmodel.measurements import KINDS, file_label, read_measurements
 from jaxmodel.model import Model
-from jaxmodel.profile import Profile, constant
+from jaxmodel.profile import MOST_ROWS, Profile, constant
 from jaxmodel.robot import load_torque
+from jaxmodel.run_csv import read_header
+from jaxmodel.units import LARGEST
 from sweeps.profile_form import ProfileForm, PulsesForm
 
 Columns = dict[str, np.ndarray]
@@ -35,8 +36,8 @@ def input_names(kind: str) -> tuple[str, ...]:
 def check_input(name: str, kind: str, values: Sequence[float] | np.ndarray, where: str) -> None:
     """Raise SweepError for an input that the kind does not have, or a value that it cannot have."""
     if name not in input_names(kind):
-        raise SweepError(f"{where}: a {kind} has no input '{name}'.{nearest(name, input_names(kind))}")
-    lower, upper = _INPUT_BOUNDS.get(name, (-math.inf, math.inf))
+        raise SweepError(f"{where}: a {kind} has no input '{name}'.{instead(name, input_names(kind))}")
+    lower, upper = _INPUT_BOUNDS.get(name, (-LARGEST, LARGEST))
     for value in values:
         if not lower <= value <= upper:
             raise SweepError(f"{where}: {value:g} is outside {lower:g} to {upper:g}; correct the value or its unit.")
@@ -98,16 +99,25 @@ def _first_as_second(values: np.ndarray) -> np.ndarray:
 
 
 def _cycle(form: ProfileForm, folder: Path, kind: str, ambient_degC: float | None) -> tuple[np.ndarray, Columns]:
-    """Return the inputs of a CSV, scaled, one cycle after the other: the row that ends one begins the next."""
+    """Return the inputs of a CSV, scaled, one cycle after the other: the row that ends one begins the next.
+
+    Raises:
+        SweepError, MeasurementError: the CSV cannot be used, or its repetitions have too many rows.
+    """
     assert form.csv is not None
     path = folder / form.csv
-    measured = read_measurements(path, kind, None if _has_column(path, "ambient_degC") else ambient_degC)
+    has_ambient = "ambient_degC" in read_header(path, file_label(path)).names
+    measured = read_measurements(path, kind, None if has_ambient else ambient_degC)
     columns = dict(measured.inputs)
     for name, factor in form.scale.items():
         if name not in columns:
-            raise SweepError(f"profile.scale: the CSV has no input '{name}'.{nearest(name, columns)}")
+            raise SweepError(f"profile.scale: the CSV has no input '{name}'.{instead(name, columns)}")
         columns[name] = columns[name] * factor
         check_input(name, kind, columns[name], f"profile.scale.{name}")
+    if (rows := measured.time_s.size * form.repeat) > MOST_ROWS:
+        raise SweepError(
+            f"profile.repeat: {rows:,} rows are more than {MOST_ROWS:,}, for which there is no memory; repeat less."
+        )
     return _repeated(measured.time_s, columns, form.repeat)
 
 
@@ -163,10 +173,3 @@ def _duty_for(speed_m_s: float, model: Model, inputs: Mapping[str, float], where
     if abs(duty) > 1.0:
         raise SweepError(f"{where}: {speed_m_s:g} m/s takes a duty of {duty:.2f}; slow down to at most 1.")
     return duty
-
-
-def _has_column(csv: Path, name: str) -> bool:
-    """Return True if the header of a CSV has a column."""
-    lines = (line.strip() for line in read_utf8(csv).splitlines())
-    header = next((line for line in lines if line and not line.startswith("#")), "")
-    return name in [field.strip() for field in header.split(",")]

@@ -1,7 +1,8 @@
 """The result of a sweep on disk, written chunk by chunk: a run may be killed at any moment and continued.
 
 A chunk's files are written and flushed, then its number is added to a log, and that is flushed. A chunk whose number is
-not in the log is not done, whatever its files hold, and is run again. `manifest.json` says what the result is made from
+not in the log is not done, whatever its files hold, and is run again; so is one whose files are gone or do not fit
+their checksums when a run is continued. `manifest.json` says what the result is made from
 and by; it is written first, and once more when all is done.
 """
 
@@ -19,6 +20,7 @@ from typing import IO, Any
 import numpy as np
 import xarray as xr
 import zarr
+from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from jaxmodel.errors import SweepError
 from sweeps.lane import Outcome
@@ -47,6 +49,7 @@ LOG = "chunks.done"
 # Lanes whose drawn values are in memory at a time.
 _DRAWN_AT_ONCE = 2**20
 _FULL = (errno.ENOSPC, errno.EDQUOT)
+_CHECKED = (ZstdCodec(), Crc32cCodec())
 _NOT_RUN = {"float64": float("nan"), "int8": -1}
 
 
@@ -88,17 +91,23 @@ class Store:
             if (self.folder / GRID).exists():
                 raise SweepError(f"{self.folder}: there is a {GRID} without a {MANIFEST}; give another folder.")
             return False
-        old = json.loads(path.read_text(encoding="utf-8"))
+        try:
+            old = json.loads(path.read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise self._damaged(MANIFEST) from error
         if not resume:
             stopped = "a sweep that was stopped; continue it with --resume, or"
             state = "a finished sweep;" if "performance" in old else stopped
             raise SweepError(f"{self.folder} holds {state} give another folder or remove what is there.")
-        if "chunks" not in old or "files_sha256" not in old:
+        if any(type(old.get(key)) is not type(value) for key, value in self._manifest.items()):
             raise SweepError(f"{self.folder} holds no sweep that can be continued; give another folder.")
         if what := difference(old, self._manifest):
             raise SweepError(f"{self.folder} cannot be continued: {what} since it was begun; give another folder.")
+        box = old["chunks"].get("lanes")
+        if not isinstance(box, list) or [type(part) for part in box] != [int] * len(self._study.shape) or min(box) < 1:
+            raise self._damaged(MANIFEST)
         self._manifest = old
-        self.chunks = Chunks(self._study.shape, tuple(old["chunks"]["lanes"]))
+        self.chunks = Chunks(self._study.shape, tuple(box))
         return (self.folder / GRID).exists()
 
     def _open(self, begin: bool) -> None:
@@ -116,11 +125,36 @@ class Store:
         lines = self._log.read()
         whole = lines[: lines.rfind(b"\n") + 1]  # a kill, or a full disk, may have torn the last line
         self._log.truncate(len(whole))
-        done = {int(line) for line in whole.split() if line.isdigit()}
-        self._done = len(done)
-        self.pending = [number for number in range(len(self.chunks)) if number not in done]
-        group = zarr.open_group(self.folder / GRID, mode="r+", use_consolidated=False)
-        self._arrays: dict[str, zarr.Array] = {name: group[name] for name in self._variables}  # type: ignore[misc]
+        try:
+            group = zarr.open_group(self.folder / GRID, mode="r+", use_consolidated=False)
+            self._arrays: dict[str, zarr.Array] = {
+                name: group[name].with_config({"write_empty_chunks": True})  # type: ignore[union-attr]
+                for name in self._variables
+            }
+        except (ValueError, KeyError) as error:
+            raise self._damaged(GRID) from error
+        noted = {int(line) for line in whole.split() if line.isdigit()}
+        self.pending = [n for n in range(len(self.chunks)) if n not in noted or not self._is_whole(n)]
+        self._done = len(self.chunks) - len(self.pending)
+
+    def _is_whole(self, number: int) -> bool:
+        """Return whether all files of a chunk are there and as they were written."""
+        region = self.chunks.region(number)
+        if not all(self._file(name, region).is_file() for name in self._arrays):
+            return False
+        try:
+            return all(np.asarray(array[region]).size for array in self._arrays.values())
+        except ValueError:  # a checksum
+            return False
+
+    def _file(self, name: str, region: tuple[slice, ...]) -> Path:
+        """Return the file of a variable that holds a chunk."""
+        place = [part.start // size for part, size in zip(region, self.chunks.box, strict=True)]
+        further = len(self._arrays[name].shape) - len(region)
+        return self.folder.joinpath(GRID, name, "c", *map(str, place), *["0"] * further)
+
+    def _damaged(self, name: str) -> SweepError:
+        return SweepError(f"{self.folder}: {name} is damaged; give another folder, or remove what is there.")
 
     def _create(self) -> None:
         """Make the store with its labels and without a lane, aside, and put it in place."""
@@ -136,6 +170,7 @@ class Store:
                 shape=(*self.chunks.shape, *variable.shape[1:]),
                 chunks=(*self.chunks.box, *variable.shape[1:]),
                 dtype=variable.dtype,
+                compressors=_CHECKED,
                 fill_value=_NOT_RUN[variable.dtype],
                 dimension_names=variable.dims,
                 attributes=variable.attributes,
@@ -156,6 +191,7 @@ class Store:
                 shape=(sample.count,),
                 chunks=(min(sample.count, _DRAWN_AT_ONCE),),
                 dtype="float64",
+                compressors=_CHECKED,
                 dimension_names=(LANE,),
                 attributes=about(self._study, name),
             )
@@ -193,13 +229,10 @@ class Store:
         shape = tuple(part.stop - part.start for part in region)
         with self._plain_errors():
             for name, values in values_of(outcome).items():
-                array = self._arrays[name]
-                array[region] = values.reshape(*shape, *values.shape[1:])
-                place = [part.start // size for part, size in zip(region, self.chunks.box, strict=True)]
-                file = self.folder.joinpath(GRID, name, "c", *map(str, place), *["0"] * (len(array.shape) - len(shape)))
-                if file.exists():  # a chunk of nothing but NaN has no file
-                    for path in (file, *file.parents[: len(file.relative_to(self.folder / GRID).parts) - 1]):
-                        _flush(path)
+                self._arrays[name][region] = values.reshape(*shape, *values.shape[1:])
+                file = self._file(name, region)
+                for path in (file, *file.parents[: len(file.relative_to(self.folder / GRID).parts) - 1]):
+                    _flush(path)
             self._log.write(b"%d\n" % number)
             self._log.flush()
             os.fsync(self._log.fileno())

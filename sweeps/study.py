@@ -2,7 +2,6 @@
 
 import hashlib
 import math
-import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Unpack
@@ -10,11 +9,12 @@ from typing import Any, Unpack
 import numpy as np
 from pydantic import PrivateAttr, ValidationError
 
+from jaxmodel import toml
 from jaxmodel.errors import SweepError, UserError
+from jaxmodel.forms import complaint
 from jaxmodel.measurements import file_label, read_utf8
 from jaxmodel.ports import Effect
 from jaxmodel.robot import duty_of_signal
-from sweeps.form import complaint
 from sweeps.prepare import INITIAL, SCALE, Prepared, prepare
 from sweeps.profiles import input_names
 from sweeps.sample import draw
@@ -72,7 +72,7 @@ class Study(StudyForm):
         try:
             super().__init__(**values)
         except ValidationError as error:
-            raise SweepError(complaint(error)) from error
+            raise SweepError(complaint(error, values, "the study")) from error
         self._prepared = prepare(self)
 
     @property
@@ -186,11 +186,11 @@ def read_study(path: str | Path, *, own_effects: Iterable[type[Effect]] = ()) ->
     """
     path = Path(path)
     label = file_label(path)
-    try:
-        raw: dict[str, Any] = tomllib.loads(read_utf8(path))
-    except tomllib.TOMLDecodeError as error:
-        raise SweepError(f"{label}: this is not valid TOML ({error}); correct it there.") from error
-    fields: dict[str, Any] = {**raw, "folder": path.parent, "own_effects": list(own_effects)}
+    fields: dict[str, Any] = {
+        **toml.parsed(read_utf8(path), label),
+        "folder": path.parent,
+        "own_effects": list(own_effects),
+    }
     try:
         return Study(**fields)
     except UserError as error:

@@ -13,9 +13,10 @@ from pydantic import BeforeValidator, ConfigDict, Field, field_serializer, model
 
 from jaxmodel.case import Case
 from jaxmodel.case_schema import CutoffEntry
+from jaxmodel.forms import Form, wrong
 from jaxmodel.ports import Effect
 from sweeps.axes_form import Axes, SampleForm
-from sweeps.form import Form, refuse_unquoted_names, wrong
+from sweeps.form import refuse_unquoted_names
 from sweeps.metrics import Metric
 from sweeps.profile_form import ProfileForm
 

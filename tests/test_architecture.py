@@ -194,8 +194,21 @@ def test_module_is_short(package: str) -> None:
 def test_tests_mirror_the_packages() -> None:
     tested = {path.parent.relative_to(REPOSITORY / "tests").parts[:1] for path in REPOSITORY.glob("tests/**/test_*.py")}
     with_code = {(package,) for package in MAY_IMPORT if len(modules_of(package)) > 1}
-    # tests/independent is the independent simulator, tested like the product.
-    assert tested - {(), ("independent",), ("examples",)} == with_code
+    # tests/independent is the independent simulator, tested like the product; tests/stress is of every reader.
+    assert tested - {(), ("independent",), ("examples",), ("stress",)} == with_code
+
+
+def test_every_dependency_has_its_reason_and_is_used() -> None:
+    project = PROJECT["project"]
+    extras = {name: listed for name, listed in project["optional-dependencies"].items() if name not in ("docs", "test")}
+    listed = [*project["dependencies"], *(one for extra in extras.values() for one in extra)]
+    names = {re.split(r"[><=~ ;\[]", one)[0] for one in listed}
+    table = (REPOSITORY / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("| dependency | reason |")[2]
+    rows = [line.split("|") for line in table.partition("\n\n")[0].splitlines() if line.startswith("| `")]
+    assert {name for row in rows for name in re.findall(r"`([\w-]+)`", row[1].partition("(")[0])} == names
+    assert all(row[2].strip() for row in rows)
+    sources = "".join(path.read_text(encoding="utf-8") for package in MAY_IMPORT for path in modules_of(package))
+    assert [name for name in names if not re.search(rf"\b{name.replace('-', '_')}\b", sources)] == []
 
 
 def test_constraints_pin_exact_versions() -> None:
@@ -214,6 +227,44 @@ def test_no_file_contains(what: str) -> None:
         for number, line in enumerate(text.splitlines(), start=1)
         if FORBIDDEN_TEXT[what].search(line)
     ] == []
+
+
+# Calls that run what they are given, and where one is: each reads only what the user himself has put there.
+RUNS_WHAT_IT_IS_GIVEN = {
+    "eval", "exec", "compile", "__import__", "os.system", "os.popen", "runpy.run_path", "pickle.load", "pickle.loads",
+    "marshal.loads", "yaml.load", "pd.read_pickle", "frame.eval", "spec.loader.exec_module",
+}  # fmt: skip
+ALLOWED_TO_RUN = {
+    ("importing/formulas.py", "frame.eval"),  # of pandas, once the formula has been found to be one
+    ("jaxmodel/build.py", "spec.loader.exec_module"),  # --effect
+    ("discrepancy/fitting/programs.py", "pickle.loads"),  # from the folder of `jaxmodel.kept`
+    ("sweeps/cluster.py", "pickle.loads"),  # what this process sent to a worker of its own cluster
+}
+
+
+def calls_of(path: Path) -> Iterator[tuple[str, ast.Call]]:
+    """The name of what each call calls, as it is written, and the call."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
+        if isinstance(node, ast.Call):
+            yield ast.unparse(node.func), node
+
+
+def test_nothing_runs_what_it_reads_but_where_the_user_has_put_it_there() -> None:
+    paths = [path for package in MAY_IMPORT for path in modules_of(package)]
+    calls = {(str(path.relative_to(REPOSITORY)), name) for path in paths for name, _ in calls_of(path)}
+    assert {call for call in calls if call[1] in RUNS_WHAT_IT_IS_GIVEN} == ALLOWED_TO_RUN
+
+
+def test_no_shell_is_used_and_no_array_is_a_pickle() -> None:
+    flags = {
+        f"{path.relative_to(REPOSITORY)}:{call.lineno}: {keyword.arg}"
+        for package in MAY_IMPORT
+        for path in modules_of(package)
+        for _, call in calls_of(path)
+        for keyword in call.keywords
+        if keyword.arg in ("shell", "allow_pickle")
+    }
+    assert flags == set()
 
 
 def test_annotations_are_checked_while_tests_run() -> None:

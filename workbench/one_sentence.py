@@ -40,6 +40,10 @@ class OneSentence(typer.core.TyperGroup):
             return _mistake(
                 f"{error.filename or 'file'}: {error.strerror or error}; give a file or folder that can be used."
             )
+        except MemoryError:
+            return _mistake(
+                "There is too little memory for this; take fewer or shorter runs, or allow less by --memory."
+            )
         except ValueError as error:
             from jaxmodel.errors import UserError
 

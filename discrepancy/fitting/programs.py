@@ -1,4 +1,4 @@
-"""Programs compiled once for each shape of their arguments, and stored as executables in the folder of JAX's cache.
+"""Programs compiled once for each shape of their arguments, and kept as executables (see `jaxmodel.kept`).
 
 The cache of JAX saves only compilation: it identifies a program after tracing and lowering, which takes most of a
 second each. Here a program is identified by its arguments and by the source code that would be traced.
@@ -6,7 +6,6 @@ second each. Here a program is identified by its arguments and by the source cod
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import hashlib
 import importlib.metadata
@@ -27,6 +26,7 @@ from jax.experimental import serialize_executable
 from jaxtyping import Array
 
 from jaxmodel.jax_settings import QUICK_OPTIONS
+from jaxmodel.kept import keep, kept
 
 # Packages whose source is traced: those of the project, and others.
 _PROJECT = ("jaxmodel", "discrepancy")
@@ -61,23 +61,23 @@ class Programs:
         if key not in self.compiled:
             with self._compiling[key]:
                 if key not in self.compiled:
-                    file = _file_of(key) if are_of_project(classes) else None
-                    self.compiled[key], value = _read(file, leaves) or self._made(leaves, tree, rest, file)
+                    name = _name_of(key) if are_of_project(classes) else ""
+                    self.compiled[key], value = _read(name, leaves) or self._made(leaves, tree, rest, name)
                     return value
         return self.compiled[key](*leaves)
 
-    def _made(self, leaves: Sequence[Array], tree: Any, rest: Any, file: Path | None) -> tuple[_Compiled, Array]:
+    def _made(self, leaves: Sequence[Array], tree: Any, rest: Any, name: str) -> tuple[_Compiled, Array]:
         def of_leaves(*leaves: Array) -> Array:
             return self._function(*eqx.combine(jax.tree.unflatten(tree, leaves), rest))
 
-        if file is not None:
+        if name:
             # The name makes the program unique in the cache of JAX: an executable read from there cannot be stored
             # here.
-            of_leaves.__name__ = file.stem.replace("-", "_")
+            of_leaves.__name__ = f"jaxmodel_{name}"
         options = QUICK_OPTIONS if jax.default_backend() == "cpu" else None
         made = jax.jit(of_leaves, compiler_options=options).lower(*leaves).compile()
-        if file is not None:
-            _write(file, made)
+        if name:
+            _write(name, made)
         return made, made(*leaves)
 
 
@@ -86,13 +86,12 @@ def are_of_project(classes: Iterable[type]) -> bool:
     return all(one.__module__.partition(".")[0] in _PROJECT for one in classes)
 
 
-def _file_of(key: object) -> Path | None:
-    """Return the file of the program for these arguments; None if it is not stored."""
+def _name_of(key: object) -> str:
+    """Return the name of the program for these arguments; "" if it is not stored."""
     folder, described = jax.config.jax_compilation_cache_dir, repr(key)  # type: ignore[attr-defined]
     if not folder or " at 0x" in described:  # the key contains a memory address
-        return None
-    name = hashlib.sha256(f"{made_from()} {described}".encode()).hexdigest()
-    return Path(folder) / f"jaxmodel-{name}.program"
+        return ""
+    return hashlib.sha256(f"{made_from()} {described}".encode()).hexdigest()
 
 
 @functools.cache
@@ -114,27 +113,27 @@ def made_from() -> str:
     return digest.hexdigest()
 
 
-def _read(path: Path | None, arguments: Sequence[Array]) -> tuple[_Compiled, Array] | None:
+def _read(name: str, arguments: Sequence[Array]) -> tuple[_Compiled, Array] | None:
     """Return a stored program and its value; None if there is none that runs."""
-    if path is None or not path.exists():
+    whole = kept(_file(name)) if name else None
+    if whole is None:
         return None
     try:
-        stored = pickle.loads(zlib.decompress(path.read_bytes()))
+        stored = pickle.loads(zlib.decompress(whole))
         found = serialize_executable.deserialize_and_load(*stored, execution_devices=jax.devices()[:1])
         return found, jax.block_until_ready(found(*arguments))
-    except Exception:  # truncated, or from another jaxlib: it is compiled again
-        with contextlib.suppress(OSError):  # read-only folder
-            path.unlink()
+    except Exception:  # from another jaxlib, whose errors are of any type: it is compiled again
         return None
 
 
-def _write(path: Path, made: jax.stages.Compiled) -> None:
-    """Store a program atomically; if that fails, it is compiled again next time."""
+def _write(name: str, made: jax.stages.Compiled) -> None:
+    """Store a program; if that fails, it is compiled again next time."""
     try:
         whole = zlib.compress(pickle.dumps(serialize_executable.serialize(made)), level=1)  # to a sixth, in 10 ms
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_suffix(f".{os.getpid()}-{threading.get_ident()}")
-        part.write_bytes(whole)
-        part.replace(path)
-    except (OSError, ValueError, NotImplementedError):
+    except (ValueError, NotImplementedError):
         return
+    keep(_file(name), whole)
+
+
+def _file(name: str) -> str:
+    return f"{name}.program"

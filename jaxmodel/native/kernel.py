@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxmodel.kept import keep, kept
 from jaxmodel.native import machine
 from jaxmodel.native.directions import Target
 from jaxmodel.native.emitter import NEAR, Emitter, Value
@@ -119,7 +120,7 @@ class Kernel:
         if module is None:
             module = self._made(function, shared, own, lanes, by)
             if known_as:
-                machine.keep(f"{machine.digest(known_as)}.kernel", module.packed())
+                keep(f"{machine.digest(known_as)}.kernel", module.packed())
         self._module, self.lanes = module, module.lanes
         try:
             self._function = machine.load(module.text, _NAME, _ARGUMENTS)
@@ -267,7 +268,7 @@ def _written(module: _Module, jaxpr: Any, sizes: Sequence[int]) -> _Module:
 
 def _kept(known_as: str) -> _Module | None:
     """Return the module that was kept under a name."""
-    content = machine.kept(f"{machine.digest(known_as)}.kernel") if known_as else None
+    content = kept(f"{machine.digest(known_as)}.kernel") if known_as else None
     return None if content is None else _Module.unpacked(content)
 
 

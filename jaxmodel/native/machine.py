@@ -6,13 +6,13 @@ import ctypes
 import functools
 import hashlib
 import os
-import threading
-from pathlib import Path
 from typing import Any
 
 import jax
 import llvmlite
 import llvmlite.binding as llvm
+
+from jaxmodel.kept import keep, kept
 
 # How the names of features begin that say which instructions there are for floating-point numbers.
 _OF_VECTORS = ("avx", "fma", "neon", "sve", "fp-armv8")
@@ -114,33 +114,3 @@ def _optimised(text: str) -> Any:
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
     return module
-
-
-def kept(name: str) -> bytes | None:
-    """Return what was kept under a name if it is there and whole."""
-    folder = _folder()
-    try:
-        content = b"" if folder is None else (folder / name).read_bytes()
-    except OSError:
-        return None
-    return content[32:] if hashlib.sha256(content[32:]).digest() == content[:32] else None
-
-
-def keep(name: str, content: bytes) -> None:
-    """Keep something; whoever reads finds all of it or nothing. Nothing is kept where it cannot be."""
-    folder = _folder()
-    if folder is None:
-        return
-    partial = folder / f"{name}.{os.getpid()}-{threading.get_ident()}"
-    try:
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        partial.write_bytes(hashlib.sha256(content).digest() + content)
-        partial.replace(folder / name)
-    except OSError:
-        return
-
-
-def _folder() -> Path | None:
-    """Return where compiled code is kept: beside the programs of JAX, where those are; see `jaxmodel.jax_settings`."""
-    folder = jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
-    return Path(folder) / "native" if folder else None

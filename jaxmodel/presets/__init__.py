@@ -8,16 +8,19 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import tomllib
+import os
 from importlib import resources
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import Field, ValidationError
 
+from jaxmodel import toml
 from jaxmodel.case_schema import ParametersEntry
-from jaxmodel.errors import UserError, nearest
+from jaxmodel.errors import ParameterError, UserError, instead
+from jaxmodel.forms import Form, complaint
 from jaxmodel.known import Known, Table, scalars, tables
+from jaxmodel.measurements import read_utf8
 
 Kind = Literal["cell", "motor", "robot"]
 # The titles are here too, so that listing the presets, or using that of the paper, opens no file.
@@ -32,27 +35,23 @@ PRESETS = {
 }
 
 
-class HeldOut(BaseModel):
+class HeldOut(Form):
     """RMS error of the preset on a run that was not used for it, in the column's unit."""
-
-    model_config = ConfigDict(extra="forbid", strict=True)
 
     run: str
     column: str
     rms: float
 
 
-class PresetForm(BaseModel):
+class PresetForm(Form):
     """The content of a preset file."""
-
-    model_config = ConfigDict(extra="forbid", strict=True)
 
     title: str
     kinds: list[Kind]
     data: str
     licence: str
     parameters: ParametersEntry
-    held_out: list[HeldOut] = []
+    held_out: list[HeldOut] = Field(default_factory=list)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -74,13 +73,22 @@ class Preset:
 
 def located(name: str, folder: Path) -> str:
     """Return the name of a preset; that of a file as its path, which is relative to a folder where it is stated."""
-    return str((folder / name).resolve()) if name.endswith(".toml") else name
+    return os.path.abspath(folder / name) if name.endswith(".toml") else name
 
 
 def read_form(name: str) -> PresetForm:
-    """Return the content of a preset except the paper's, with data set, licence and errors on held-out runs."""
-    file = Path(name) if name.endswith(".toml") else resources.files(__name__) / f"{name}.toml"
-    return PresetForm.model_validate(tomllib.loads(file.read_text(encoding="utf-8")))
+    """Return the content of a preset except the paper's, with data set, licence and errors on held-out runs.
+
+    Raises:
+        MeasurementError, ParameterError: the file cannot be read, or has another form than those of this folder.
+    """
+    own, where = name.endswith(".toml"), f"preset '{Path(name).name}'"
+    text = read_utf8(Path(name)) if own else (resources.files(__name__) / f"{name}.toml").read_text(encoding="utf-8")
+    content = toml.parsed(text, where)
+    try:
+        return PresetForm.model_validate(content)
+    except ValidationError as error:
+        raise ParameterError(f"{where}: {complaint(error, content, 'the file')}") from error
 
 
 def read_preset(name: str) -> Preset:
@@ -103,20 +111,14 @@ def why_not(name: str, kind: str) -> str:
     """Return why a preset cannot be used for a kind of model, as a sentence; '' if it can."""
     label = Path(name).name
     if name.endswith(".toml"):
-        if not Path(name).is_file():
+        if not os.path.isfile(name):
             return f"there is no file '{label}' where the preset is sought ({Path(name).parent}); correct its name."
         try:
             title, kinds = read_form(name).title, read_preset(name).kinds
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            place = ".".join(map(str, first["loc"])) or "the file"
-            return (
-                f"preset '{label}': {place} is wrong: {first['msg']}; it has the form of the files in jaxmodel/presets."
-            )
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError, UserError) as error:
-            return f"preset '{label}' cannot be read: {error}"
+        except UserError as error:
+            return str(error)
     elif name not in PRESETS:
-        return f"no preset is called '{name}'.{nearest(name, PRESETS)}"
+        return f"no preset is called '{name}'.{instead(name, PRESETS)}"
     else:
         title, kinds = PRESETS[name], read_preset(name).kinds
     if kind in kinds:

@@ -14,6 +14,8 @@ from jaxmodel.run_csv import worth_threads
 from jaxmodel.tables.delimited import Keep
 from jaxmodel.tables.raw_table import RawTable, unique_names, units_in
 
+_MOST_NUMBERS = 500_000_000  # 4 GB
+
 
 def read_columnar(path: Path, keep: Keep | None = None, rows: int | None = None) -> RawTable:
     """Read a Parquet or Feather file.
@@ -32,16 +34,18 @@ def read_columnar(path: Path, keep: Keep | None = None, rows: int | None = None)
 
     try:
         if path.suffix.lower() in (".parquet", ".pq"):
-            names = parquet.read_schema(path).names
+            head = parquet.read_metadata(path)
+            names = head.schema.to_arrow_schema().names
             wanted = list(names if keep is None else keep(names))
+            _refuse_too_many(head.num_rows * len(wanted), path)
             table = parquet.read_table(path, columns=wanted, use_threads=worth_threads(path))
         else:
             table = feather.read_table(path, memory_map=False, use_threads=worth_threads(path))
             names = table.column_names
             wanted = list(names if keep is None else keep(names))
             table = table.select(wanted)
-    except (pa.ArrowInvalid, pa.ArrowKeyError, OSError) as error:
-        what = str(error).splitlines()[0].rstrip(".")
+    except (pa.ArrowException, OSError) as error:
+        what = str(error).splitlines()[0].rstrip(". ")
         raise MeasurementError(f"{file_label(path)} cannot be read ({what}); export it again.") from error
     table = table if rows is None else table.slice(0, rows)
     columns = {name: _column(table.column(name)) for name in wanted}
@@ -50,6 +54,14 @@ def read_columnar(path: Path, keep: Keep | None = None, rows: int | None = None)
     frame = pd.DataFrame(dict(zip(unique_names(index.values()), columns.values(), strict=True)), copy=False)
     left_out = tuple(name for name in names if name not in wanted)
     return RawTable(frame, units_in(frame) | stated, path, path.suffix[1:].lower(), left_out=left_out)
+
+
+def _refuse_too_many(numbers: int, path: Path) -> None:
+    """Raise MeasurementError for more numbers than memory holds: equal ones take no room in the file."""
+    if numbers > _MOST_NUMBERS:
+        raise MeasurementError(
+            f"{file_label(path)} has {numbers:,} numbers, for which there is no memory; export a part of them."
+        )
 
 
 def _units(table: Any) -> dict[str, str]:

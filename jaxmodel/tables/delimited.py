@@ -131,6 +131,8 @@ def _read_by_arrow(path: Path, layout: Layout, names: list[str], wanted: list[st
                 ),
             )
             break
+        except UnicodeDecodeError:  # beyond the part from which the encoding was found
+            return _read_by_pandas(path, layout, names, wanted, None)
         except pa.ArrowInvalid as error:
             found = _COLUMN.search(str(error))
             if found and "conversion error to double" in str(error):
@@ -158,31 +160,40 @@ def _read_by_pandas(
 ) -> tuple[pd.DataFrame, list[str]]:
     options: dict[str, Any] = {"sep": r"\s+" if layout.delimiter == " " else layout.delimiter}
     texts = dict(zip(names, layout.texts, strict=True))
-    try:
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            frame = pd.read_csv(
-                path,
-                header=None,
-                names=names,
-                skiprows=layout.first_line,
-                nrows=rows,
-                encoding=layout.encoding,
-                encoding_errors="replace",
-                decimal=layout.decimal,
-                thousands=layout.thousands,
-                na_values=list(MISSING),
-                dtype={name: "string" for name in wanted if texts[name]},
-                on_bad_lines="warn",
-                skipinitialspace=True,
-                low_memory=False,
-                engine="c",
-                **options,
-            )
-    except (pd.errors.ParserError, csv.Error, ValueError) as error:
-        raise MeasurementError(f"{file_label(path)} cannot be read as a table ({_first_line(error)}).") from error
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        frame = _pandas_table(
+            path,
+            layout,
+            names,
+            rows,
+            skiprows=layout.first_line,
+            decimal=layout.decimal,
+            thousands=layout.thousands,
+            na_values=list(MISSING),
+            dtype={name: "string" for name in wanted if texts[name]},
+            on_bad_lines="warn",
+            low_memory=False,
+            **options,
+        )
     skipped = [line for one in caught for line in str(one.message).splitlines() if "Skipping line" in line]
     return pd.DataFrame(frame[wanted]), _skipped(len(skipped), skipped[0] if skipped else "", len(names))
+
+
+def _pandas_table(path: Path, layout: Layout, names: list[str], rows: int | None, **options: Any) -> pd.DataFrame:
+    """Return the rows of a text below its header, as pandas reads them.
+
+    Raises:
+        MeasurementError: pandas finds no table there.
+    """
+    try:
+        return pd.read_csv(
+            path, header=None, names=names, nrows=rows, encoding=layout.encoding, encoding_errors="replace",
+            skipinitialspace=True, engine="c", **options,
+        )  # fmt: skip
+    except (pd.errors.ParserError, csv.Error, ValueError) as error:
+        what = _first_line(error)
+        raise MeasurementError(f"{file_label(path)} cannot be read as a table ({what}); export it again.") from error
 
 
 def _first_line(error: Exception) -> str:
@@ -223,17 +234,9 @@ def _read_indented(
 ) -> tuple[pd.DataFrame, list[str]]:  # fmt: skip
     """Read tables of cycles, steps and records in one file: the records, with number of cycle and step beside them."""
     assert layout.header_line is not None
-    frame = pd.read_csv(
-        path,
-        sep=layout.delimiter,
-        header=None,
-        names=names,
-        skiprows=layout.header_line + 1,
-        nrows=rows,
-        encoding=layout.encoding,
-        dtype="string",
-        skipinitialspace=True,
-        on_bad_lines="skip",
+    below = layout.header_line + 1
+    frame = _pandas_table(
+        path, layout, names, rows, sep=layout.delimiter, skiprows=below, dtype="string", on_bad_lines="skip"
     )
     first, second = frame.columns[:2]
     cycles, steps = frame[first].str.strip().replace("", pd.NA), frame[second].str.strip().replace("", pd.NA)

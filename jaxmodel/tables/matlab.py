@@ -59,7 +59,7 @@ def _content(path: Path, label: str) -> Mapping[str, Any]:
         return scipy.io.loadmat(path, simplify_cells=True)
     except NotImplementedError:  # v7.3 is HDF5
         pass
-    except (MatReadError, ValueError, TypeError, OSError, EOFError, IndexError, KeyError) as error:
+    except (MatReadError, ValueError, TypeError, OSError, EOFError, IndexError, KeyError, MemoryError) as error:
         raise MeasurementError(f"{label} cannot be read as a MATLAB file ({error}); save it again.") from error
     try:
         pymatreader = importlib.import_module("pymatreader")  # an extra

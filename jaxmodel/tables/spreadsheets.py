@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ from jaxmodel.tables.raw_table import RawTable, repeated_names, to_numbers, uniq
 from jaxmodel.tables.units import spelled
 
 _SEARCHED_ROWS = 2000
+# Of all parts of a spreadsheet, which is a ZIP archive, unpacked; a million rows of ten columns take half of it.
+_MOST_BYTES = 1 << 30
 
 
 def read_spreadsheet(path: Path, sheet: str | None = None) -> RawTable:
@@ -31,6 +34,7 @@ def read_spreadsheet(path: Path, sheet: str | None = None) -> RawTable:
     import python_calamine
 
     label = file_label(path)
+    _refuse_too_large(path, label)
     try:
         book = python_calamine.CalamineWorkbook.from_path(path)
         names = [sheet] if sheet else list(book.sheet_names)
@@ -57,6 +61,19 @@ def read_spreadsheet(path: Path, sheet: str | None = None) -> RawTable:
     units = units_in(header) | tables[main][1]
     repeated = tables[main][3]
     return RawTable(frame, units, path, "spreadsheet", tuple(remarks), tables[main][2], repeated=repeated)
+
+
+def _refuse_too_large(path: Path, label: str) -> None:
+    """Raise MeasurementError for an archive that would unpack to more than there is memory for."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(part.file_size for part in archive.infolist())
+    except (zipfile.BadZipFile, OSError, ValueError):
+        return  # .xls is no archive; of a damaged one the reader says what is wrong
+    if size > _MOST_BYTES:
+        raise MeasurementError(
+            f"{label} unpacks to {size / 2**30:.1f} GB, for which there is no memory; export it as CSV or Parquet."
+        )
 
 
 def _table(rows: list[list[Any]]) -> tuple[pd.DataFrame, dict[str, str], int, tuple[str, ...]] | None:

@@ -54,9 +54,16 @@ def test_two_columns_of_the_case_may_be_one_of_the_file(tmp_path: Path):
     [
         ({"rows": "speed > 1"}, "lacks a column of 'speed > 1'"),
         ({"rows": "voltage_V > 1000"}, "holds for no row"),
-        ({"rows": "voltage_V >"}, "cannot be computed"),
+        ({"rows": "voltage_V >"}, "is no formula"),
         ({"columns": {"voltage_V": "duty * supply"}}, "or the columns of that formula"),
-        ({"columns": {"voltage_V": "voltage_V * ("}}, "cannot be computed"),
+        ({"columns": {"voltage_V": "voltage_V * ("}}, "is no formula"),
+        ({"columns": {"voltage_V": "voltage_V.to_csv('stolen.csv')"}}, "is no formula"),
+        ({"columns": {"voltage_V": "voltage_V + @pd"}}, "is no formula"),
+        ({"columns": {"voltage_V": "1 * voltage_V.__class__"}}, "is no formula"),
+        ({"columns": {"voltage_V": "voltage_V[0] + 1"}}, "is no formula"),
+        ({"columns": {"voltage_V": "voltage_V * 9**9**9**9"}}, "is no formula"),
+        ({"columns": {"voltage_V": "(" * 5000 + "voltage_V"}}, "is no formula"),
+        ({"rows": "open('log.csv') == 1"}, "is no formula"),
     ],
 )
 def test_a_wrong_formula_gets_one_sentence(tmp_path: Path, options, says):

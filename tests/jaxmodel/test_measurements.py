@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from jaxmodel.errors import MeasurementError
 from jaxmodel.measurements import KINDS, read_measurements
+from jaxmodel.units import LARGEST
 
 CELL = "time_s,current_A,ambient_degC,voltage_V\n0,2,20,3.96\n1,2,20,3.95\n2.5,-1,20,4.01\n"
 
@@ -60,7 +61,12 @@ def test_an_empty_output_field_is_a_missing_reading_and_not_a_zero(write):
     np.testing.assert_array_equal(outputs["soc"], [np.nan, 0.9, np.nan])
 
 
-numbers = st.floats(allow_nan=False, allow_infinity=False)
+def test_a_number_that_nothing_measured_can_be_is_refused_with_its_line(write):
+    with pytest.raises(MeasurementError, match=r"line 3: 'current_A' = 1e\+300, .* correct it or its unit"):
+        read_measurements(write("time_s,current_A,ambient_degC\n0,2,20\n1,1e300,20\n"), "cell")
+
+
+numbers = st.floats(-LARGEST, LARGEST)
 
 
 @given(rows=st.lists(st.tuples(numbers, st.none() | numbers), min_size=2, max_size=20))

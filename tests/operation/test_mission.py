@@ -102,7 +102,7 @@ def test_mission_that_nothing_ends_is_not_ended(profile) -> None:
 )
 def test_wrong_mission_is_said_in_a_sentence(text: str, said: str, tmp_path: Path) -> None:
     (tmp_path / "m.toml").write_text(text, encoding="utf-8")
-    with pytest.raises(SweepError, match=said):
+    with pytest.raises(UserError, match=said):
         read_mission(tmp_path / "m.toml")
 
 

@@ -7,8 +7,18 @@ import io
 import matplotlib.image
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
-from plots.style import CSS_DOTS_PER_INCH, DOTS_PER_INCH, MOST_ROWS, drawn_rows, new_figure
+from plots.style import (
+    CSS_DOTS_PER_INCH,
+    DOTS_PER_INCH,
+    MOST_ROWS,
+    drawn_rows,
+    new_figure,
+    plain_log,
+    png,
+    styled,
+)
 
 
 def test_notebook_shows_picture_at_its_size() -> None:
@@ -18,6 +28,26 @@ def test_notebook_shows_picture_at_its_size() -> None:
     assert size["width"] / CSS_DOTS_PER_INCH == pytest.approx(10.0 / 2.54, rel=0.01)
     assert pixels[1] / DOTS_PER_INCH == pytest.approx(size["width"] / CSS_DOTS_PER_INCH, rel=0.01)
     assert pixels[0] / pixels[1] == pytest.approx(0.5, rel=0.01)
+
+
+@styled
+def _named(name: str) -> Figure:
+    figure = new_figure(10.0, 5.0)
+    axes = figure.subplots()
+    axes.plot([1.0, 1000.0], label=name)
+    axes.set_yscale("log")
+    plain_log(axes.yaxis)
+    axes.set_title(name)
+    axes.legend()
+    return figure
+
+
+@pytest.mark.parametrize("name", ["5 $ and $\\frac{", "电压", "\u202e<b>", "%s {0} [red]"])
+def test_any_name_can_be_drawn(name: str) -> None:
+    figure = _named(name)
+    assert png(figure).startswith(b"\x89PNG")
+    labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    assert not any("$" in label for label in labels)
 
 
 def test_short_series_are_drawn_whole_and_long_ones_with_what_stands_out() -> None:

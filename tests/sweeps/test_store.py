@@ -279,3 +279,54 @@ def test_stopped_sweep_is_not_begun_anew_and_two_runs_do_not_write_one_folder(
         run(study, out=tmp_path, resume=True)
     first.close()
     assert store_module.fcntl is not None
+
+
+def _cut_off(file: Path) -> None:
+    file.write_bytes(file.read_bytes()[:-3])
+
+
+def _flip(file: Path) -> None:
+    whole = file.read_bytes()
+    file.write_bytes(whole[:9] + bytes([whole[9] ^ 1]) + whole[10:])
+
+
+@pytest.mark.parametrize("damage", [_cut_off, _flip, Path.unlink])
+@pytest.mark.parametrize("name", ["min_voltage_V", "voltage_V", "status"])
+def test_a_chunk_that_was_damaged_is_run_again(study, whole, many_chunks, tmp_path, monkeypatch, name, damage):
+    out = tmp_path / "out"
+    committed = []
+    real = Store.commit
+
+    def commit(store: Store, number: int, outcome) -> None:
+        if len(committed) == 5:
+            raise KeyboardInterrupt
+        real(store, number, outcome)
+        committed.append(number)
+
+    monkeypatch.setattr(Store, "commit", commit)
+    with pytest.raises(KeyboardInterrupt):
+        run(study, out=out)
+    damage(next(path for path in sorted((out / "result.zarr" / name / "c").rglob("*")) if path.is_file()))
+    monkeypatch.setattr(Store, "commit", real)
+    chunks = plan.cut(study.shape, 60)
+    store = Store(study, chunks, out, resume=True)
+    assert len(store.pending) == len(store.chunks) - 4
+    store.close()
+    assert_same_bits(run(study, out=out, resume=True), whole)
+
+
+@pytest.mark.parametrize(
+    ("file", "text"),
+    [
+        ("manifest.json", "{"), ("manifest.json", '{"chunks": 3}'), ("manifest.json", "\xff"),
+        ("result.zarr/zarr.json", "{"), ("result.zarr/status/zarr.json", "{}"),
+    ],
+)  # fmt: skip
+def test_a_store_that_was_damaged_is_refused_in_a_sentence(study, many_chunks, tmp_path, monkeypatch, file, text):
+    out = tmp_path / "out"
+    monkeypatch.setattr(Store, "commit", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt()))
+    with pytest.raises(KeyboardInterrupt):
+        run(study, out=out)
+    (out / file).write_text(text, encoding="latin-1")
+    with pytest.raises(SweepError, match=r"(is damaged|no sweep that can be continued); give another folder"):
+        run(study, out=out, resume=True)

@@ -254,7 +254,7 @@ WRONG = {
     "axis in percent": ("cycles = [0, 100]", "duty = [30]", "axes.duty: 30 is outside -1 to 1"),
     "axis with a value twice": ("[0, 100]", "[0, 100, 0]", "axes.cycles has a value twice"),
     "axis without values": ("[0, 100]", "[]", "axes.cycles is empty; give it at least one value."),
-    "axis of text": ("[0, 100]", '["many"]', 'axes.cycles[1] should be a valid number, not "many".'),
+    "axis of text": ("[0, 100]", '["many"]', 'axes.cycles[1] must be a number, without quotes, not "many".'),
     "axis of one number": ("[0, 100]", "100", "axes.cycles must be a list of numbers, or { start = ..."),
     "axis half spaced": (", count = 5", "", "axes.ambient_degC needs either count or step, one of them."),
     "name with a dot and no quotes": (
@@ -323,7 +323,7 @@ WRONG = {
         "[axes]",
         "the study varies nothing; add [axes] with at least one name, or a [sample].",
     ),
-    "unknown kind": (ROBOT, 'kind = "rover"', "kind should be 'cell', 'motor' or 'robot', not \"rover\"."),
+    "unknown kind": (ROBOT, 'kind = "rover"', 'kind must be "cell", "motor" or "robot", not "rover".'),
     "no kind": (ROBOT, "", "kind is missing; add kind ="),
     "unknown preset": (ROBOT, f'{ROBOT}\npreset = "papr"', "no preset is called 'papr'. Did you mean 'paper'?"),
     "unknown parameter": (
@@ -378,7 +378,7 @@ def test_mistake_is_told_in_one_sentence(tmp_path, old: str, new: str, message: 
         read(tmp_path, STUDY.replace(old, new, 1))
     text = str(caught.value)
     assert message in text
-    assert text.startswith(f"{tmp_path.name}/study.toml: ")
+    assert text.startswith((f"{tmp_path.name}/study.toml: ", f"{tmp_path.name}/study.toml, line "))
     assert text.endswith((".", "?"))
     assert "\n" not in text
 

@@ -19,9 +19,11 @@ def test_article_holds_all_of_its_parts(tmp_path: Path) -> None:
     source.write_text("x", encoding="utf-8")
     table = Table("numbers", ("what", "how many"), [("a < b", "1"), ("c", "2")])
     section = Section("One", ["A sentence.", table, Picture("dot", b"\x89PNG", "A dot.")])
-    write_article(tmp_path, "Title", "under", ["first"], [section], [source])
+    hostile = "<script>alert(1)</script>"
+    write_article(tmp_path, hostile, hostile, ["first", hostile], [section, Section(hostile, [hostile])], [source])
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "a &lt; b" in page
+    assert hostile not in page
     assert re.search(r'<td class="n">2</td>', page)
     assert "data:image/png;base64," in page
     assert (tmp_path / "dot.png").read_bytes() == b"\x89PNG"

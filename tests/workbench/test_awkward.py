@@ -52,6 +52,25 @@ def test_unusual_case_is_compared_to_the_end(awkward: Path, run: Run, tmp_path: 
     assert errors["voltage_V"]["before"]["check"] is None
 
 
+HOSTILE = "<img src=x onerror=alert(1)> $\\frac{$ [red]{0} %s & 'q'"
+
+
+def test_names_of_markup_are_text_in_pictures_and_pages(case_folder: Path, run: Run, tmp_path: Path) -> None:
+    name = HOSTILE.replace("/", "")
+    (case_folder / "run-01.csv").rename(case_folder / f"{name}.csv")
+    toml = case_folder / "case.toml"
+    text = toml.read_text(encoding="utf-8").replace('"run-01.csv"', f"'''{name}.csv'''")
+    for old in ("Small cell <bench> & load", "6 A pulses"):
+        assert old in text
+        text = text.replace(f'"{old}"', f"'''{HOSTILE}'''")
+    toml.write_text(text, encoding="utf-8")
+    result = run("compare", case_folder, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    page = (tmp_path / "out" / "small" / "report.html").read_text(encoding="utf-8")
+    assert "<img src=x" not in page
+    assert "&lt;img src=x" in page
+
+
 @pytest.mark.parametrize("command", ["compare", "diagnose", "identify"])
 def test_current_of_the_wrong_sign_is_refused(command: str, run: Run, case_folder: Path, tmp_path: Path) -> None:
     for file in case_folder.glob("run-*.csv"):

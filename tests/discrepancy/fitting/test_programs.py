@@ -34,7 +34,7 @@ class _Traced:
 
 
 def _kept(folder: Path) -> list[Path]:
-    return list(folder.glob("*.program"))
+    return list(folder.rglob("*.program"))
 
 
 def test_a_program_is_traced_once_for_a_shape_and_for_what_is_no_array(folder):
@@ -61,7 +61,8 @@ def test_a_stored_program_gives_identical_results_without_tracing(folder):
 def test_an_unreadable_stored_program_is_compiled_again(folder):
     array = jnp.linspace(-3.0, 3.0, 51)
     made = Programs(_Traced())((array, "sine"))
-    for damaged in (b"", _kept(folder)[0].read_bytes()[:-40]):
+    whole = _kept(folder)[0].read_bytes()
+    for damaged in (b"", whole[:-40], whole[:100] + bytes([whole[100] ^ 1]) + whole[101:]):
         _kept(folder)[0].write_bytes(damaged)
         traced = _Traced()
         assert np.array_equal(Programs(traced)((array, "sine")), made)

@@ -232,7 +232,7 @@ def test_what_has_no_instructions_is_named(function: Callable, message: str) -> 
 
 
 def test_compiled_code_is_kept_and_a_broken_file_is_not_used(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(machine, "_folder", lambda: tmp_path / "native")
+    monkeypatch.setattr("jaxmodel.kept._folder", lambda: tmp_path)
     compiled = []
     real = machine._compiled
     monkeypatch.setattr(machine, "_compiled", lambda text: compiled.append(text) or real(text))
@@ -244,7 +244,6 @@ def test_compiled_code_is_kept_and_a_broken_file_is_not_used(tmp_path, monkeypat
     np.testing.assert_array_equal(double(), [0.0, 2.0, 4.0])
     assert len(compiled) == 1
     (file,) = tmp_path.rglob("*.o")
-    assert file.parent.stat().st_mode & 0o077 == 0
     file.write_bytes(file.read_bytes()[:-5] + b"wrong")
     np.testing.assert_array_equal(double(), [0.0, 2.0, 4.0])
     assert len(compiled) == 2

@@ -5,14 +5,14 @@ from __future__ import annotations
 import dataclasses
 import re
 import shutil
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
 from importing import Options, import_case
+from jaxmodel import toml
 from jaxmodel.errors import MeasurementError, UserError
-from jaxmodel.measurements import KINDS
+from jaxmodel.measurements import KINDS, read_utf8
 from parameterisation import parameterise
 from workbench.browser.files import CASE, PARAMETERISED, UPLOADS
 from workbench.browser.worker.place import Place
@@ -103,13 +103,9 @@ def refuse_outside(path: Path) -> None:
     """Refuse an uploaded case that names code, or a file outside its own folder.
 
     Raises:
-        MeasurementError: it does.
+        MeasurementError: it does, or is no TOML.
     """
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, OSError):
-        return  # `read_case` says what is wrong, in its own sentence
-    for key, value in _texts(content):
+    for key, value in _texts(toml.parsed(read_utf8(path), path.name)):
         if _CODE.search(value):
             raise MeasurementError(
                 f"{path.name}: '{value}' is Python code, which the workbench does not run from an upload; "
