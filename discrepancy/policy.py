@@ -83,9 +83,9 @@ def run(
 def _additions(inv: Workings, model: Settled) -> tuple[list[Addition], list[Addition]]:
     """Return the additions that meet the criteria, in order of preference, and all that were refitted.
 
-    An effect is preferred to a curve that gains not much more: a curve is no new physics. An effect that gains more than
-    a material curve, or a material shift of a single run, counts as material: a contact in the only cold run does most
-    of what the temperature does.
+    An effect is preferred to a curve that gains not much more: a curve is no new physics. An effect that gains more
+    than a material curve, or a material shift of a single run, counts as material: a contact in the only cold run does
+    most of what the temperature does.
     """
     settings = inv.settings
     linear = inv.linear(model)
