@@ -7,7 +7,7 @@ BIN := .venv/bin
 INSTALLED := .venv/.installed
 INSTALLED_DOCS := .venv/.installed-docs
 
-.PHONY: demo test docs notebooks bench bench-check bench-peers format clean
+.PHONY: demo test test-all docs notebooks bench bench-check bench-peers format clean
 
 demo: $(INSTALLED)
 	$(BIN)/jaxmodel demo --out demo-results
@@ -20,7 +20,11 @@ test: $(INSTALLED)
 	$(BIN)/ruff format --check
 	@export PYRIGHT_PYTHON_IGNORE_WARNINGS=1; $(BIN)/pyright & all=$$!; \
 		$(BIN)/pyright -p pyright-public.json && wait $$all
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder $(TESTS)
+
+# The slow tests too, which tests/slow.txt lists: before a release, and after a change of what they test.
+test-all:
+	$(MAKE) test TESTS=--all
 
 # Strict: a link that leads nowhere, or a page that would fetch anything from another host, fails the build.
 docs: $(INSTALLED_DOCS)

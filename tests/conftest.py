@@ -43,6 +43,20 @@ hypothesis.settings.register_profile("repeatable", derandomize=True, deadline=No
 hypothesis.settings.load_profile("repeatable")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option for all tests."""
+    parser.addoption("--all", action="store_true", help="run the slow tests too, which tests/slow.txt lists")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out the slow tests, unless all are asked for."""
+    if config.getoption("--all"):
+        return
+    slow = set((REPOSITORY / "tests" / "slow.txt").read_text(encoding="utf-8").splitlines())
+    config.hook.pytest_deselected(items=[item for item in items if item.nodeid in slow])
+    items[:] = [item for item in items if item.nodeid not in slow]
+
+
 @pytest.fixture(scope="session")
 def shared() -> Path:
     """The folder of reference runs and cases that lies beside the repository, where there is one."""
