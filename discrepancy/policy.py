@@ -17,6 +17,8 @@ from discrepancy.workings import Workings
 CLOCK = "time_s"
 # If a refit gained so many times the expected gain of the others, these are not refitted.
 FAR_MORE = 2.0
+# Share of the work of a shift of one run that an effect must do to take its place (assumed).
+HALF = 0.5
 # Log evidence lost without an addition above which it is not tested for removal again.
 MUCH_NEEDED = 50.0
 
@@ -83,9 +85,9 @@ def run(
 def _additions(inv: Workings, model: Settled) -> tuple[list[Addition], list[Addition]]:
     """Return the additions that meet the criteria, in order of preference, and all that were refitted.
 
-    An effect is preferred to a curve that gains not much more: a curve is no new physics. An effect that gains more
-    than a material curve, or a material shift of a single run, counts as material: a contact in the only cold run does
-    most of what the temperature does.
+    An effect is preferred to a curve that gains not much more: a curve is no new physics. An effect that does the work
+    of a material shift of a single run is material too: a contact in the only cold run does most of what the
+    temperature does.
     """
     settings = inv.settings
     linear = inv.linear(model)
@@ -109,12 +111,19 @@ def _additions(inv: Workings, model: Settled) -> tuple[list[Addition], list[Addi
         return first, tried
     more = _refitted(inv, model, others)
     second = passing(more)
-    least = min((one.gain for one in second), default=np.inf)
-    better = [dataclasses.replace(one, material=one.material or one.gain > least) for one in tried]
+    shifts = [one for one in second if inv.space.candidates[one.label].group == "run"]
+    better = [dataclasses.replace(one, material=one.material or _does_the_work(one, shifts)) for one in tried]
     first = passing(better)
     if first and second and first[0].gain > settings.preference * second[0].gain:
         return first + second, better + more
     return in_order(inv, first + second), better + more
+
+
+def _does_the_work(one: Addition, shifts: Sequence[Addition]) -> bool:
+    """Return True if an effect gains more evidence than shifts of single runs, and removes at least half as much."""
+    return bool(shifts) and all(
+        one.gain > shift.gain and 1.0 - one.share_left > HALF * (1.0 - shift.share_left) for shift in shifts
+    )
 
 
 def _leading(inv: Workings, model: Settled, linear: Linear, gains: Sequence[Gain]) -> list[Gain]:
