@@ -104,13 +104,11 @@ def effect_coordinate(name: str, info: ParameterInfo, usual: tuple[float, float]
     """Return the coordinate of an effect's parameter, from its usual range or that of the specimen.
 
     It is logarithmic in the distance from the null if the range is on one side of the null, so that the sign is kept;
-    otherwise it is linear. If the usual range is all that is allowed, it cannot leave it.
+    otherwise it is linear.
     """
     assert info.typical is not None, f"{name} declares no usual range"
     low, high = usual or info.typical
     origin = info.null if info.null is not None and math.isfinite(info.null) else 0.0
-    if info.typical == (info.lower, info.upper):  # a share: beyond its ends it has no meaning
-        return Coordinate(name, 0.5 * (low + high), 0.5 * (high - low), reach=1.0)
     near, far = sorted((abs(low - origin), abs(high - origin)))
     if (low - origin) * (high - origin) <= 0.0:
         return Coordinate(name, origin, max(abs(low), abs(high)))

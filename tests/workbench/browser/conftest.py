@@ -59,7 +59,14 @@ class Server:
         while "The workbench is at" not in self._log.read_text():
             assert self.process.poll() is None, self._log.read_text()
             time.sleep(0.05)
+        while not self._listens():  # it says so just before
+            assert self.process.poll() is None, self._log.read_text()
+            time.sleep(0.05)
         self.seconds_to_start = time.perf_counter() - began
+
+    def _listens(self) -> bool:
+        with socket.socket() as one:
+            return one.connect_ex(("127.0.0.1", self.port)) == 0
 
     def kill(self) -> None:
         """End it as a crash would."""
