@@ -17,8 +17,6 @@ from discrepancy.workings import Workings
 CLOCK = "time_s"
 # If a refit gained so many times the expected gain of the others, these are not refitted.
 FAR_MORE = 2.0
-# Share of the work of a shift of one run that an effect must do to take its place (assumed).
-HALF = 0.5
 # Log evidence lost without an addition above which it is not tested for removal again.
 MUCH_NEEDED = 50.0
 
@@ -112,17 +110,18 @@ def _additions(inv: Workings, model: Settled) -> tuple[list[Addition], list[Addi
     more = _refitted(inv, model, others)
     second = passing(more)
     shifts = [one for one in second if inv.space.candidates[one.label].group == "run"]
-    better = [dataclasses.replace(one, material=one.material or _does_the_work(one, shifts)) for one in tried]
+    better = [dataclasses.replace(one, material=one.material or _does_the_work(inv, one, shifts)) for one in tried]
     first = passing(better)
     if first and second and first[0].gain > settings.preference * second[0].gain:
         return first + second, better + more
     return in_order(inv, first + second), better + more
 
 
-def _does_the_work(one: Addition, shifts: Sequence[Addition]) -> bool:
-    """Return True if an effect gains more evidence than shifts of single runs, and removes at least half as much."""
+def _does_the_work(inv: Workings, one: Addition, shifts: Sequence[Addition]) -> bool:
+    """Return True if an effect gains more evidence than shifts of single runs, and removes most of what they remove."""
+    share = inv.settings.work_of_a_shift
     return bool(shifts) and all(
-        one.gain > shift.gain and 1.0 - one.share_left > HALF * (1.0 - shift.share_left) for shift in shifts
+        one.gain > shift.gain and 1.0 - one.share_left > share * (1.0 - shift.share_left) for shift in shifts
     )
 
 

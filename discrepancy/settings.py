@@ -99,6 +99,11 @@ class Settings:
         0.2, "share of a channel's error above noise that an addition must remove if no tolerance is stated"
     )
     later_share: float = _constant(0.3, "the same from the third addition on")
+    work_of_a_shift: float = _constant(
+        0.5,
+        "share of the error removed by a shift of a single run that an effect with more evidence must remove to count "
+        "as material beside it",
+    )
     law_share: float = _constant(0.25, "remaining share of a channel's error above which an unknown law is tested")
     faint_law: float = _constant(0.02, "the same if the remaining error is close to the noise")
     near_noise: float = _constant(5.0, "remaining error, in multiples of the noise, that counts as close to it")

@@ -19,7 +19,7 @@ _OF_VECTORS = ("avx", "fma", "neon", "sve", "fp-armv8")
 
 
 def is_quick() -> bool:
-    """Return whether to compile in a seventh of the time, to slower code: where JAX is asked to do so, as in tests."""
+    """Return whether to compile in a third of the time, to slower code: where JAX is asked to do so, as in tests."""
     return bool(jax.config.read("jax_disable_most_optimizations"))
 
 

@@ -69,8 +69,8 @@ def serve(
     app.on_shutdown(workers.end_all)
     address = f"http://{'127.0.0.1' if name in EVERY else name}:{port}/?token={keys.token}"
     app.on_startup(lambda: say(f"The workbench is at {address}"))
-    count, size = sessions.size()
-    app.on_startup(lambda: say(f"Stop it with Ctrl-C; {count} sessions ({size / 1e6:.0f} MB) stay in {folder}."))
+    # Counted beside the server: large sessions must not keep the first page waiting.
+    app.on_startup(lambda: threading.Thread(target=_say_what_stays, args=(sessions, folder), daemon=True).start())
     if show:
         app.on_startup(lambda: threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start())
     app.timer(_HOUSEKEEPING_S, lambda: _keep_house(workers))
@@ -87,6 +87,11 @@ def serve(
         reconnect_timeout=10.0,
         language="en-US",
     )
+
+
+def _say_what_stays(sessions: Sessions, folder: Path) -> None:
+    count, size = sessions.size()
+    say(f"Stop it with Ctrl-C; {count} sessions ({size / 1e6:.0f} MB) stay in {folder}.")
 
 
 def _plotly_js() -> Path:

@@ -176,9 +176,7 @@ class Sessions:
 
     def all_of(self, user: str) -> list[Session]:
         """Return the sessions of a user, the last used first."""
-        own = self._folder / user
-        names = [path for path in own.glob("*") if _NAME.fullmatch(path.name) and path.is_dir()]
-        ordered = sorted(names, key=lambda path: -_used_at(path))
+        ordered = sorted(_sessions_in(self._folder / user), key=lambda path: -_used_at(path))
         return [self._open.setdefault(path, Session(path)) for path in ordered]
 
     def remove_unused(self, since_s: float) -> int:
@@ -191,11 +189,22 @@ class Sessions:
 
     def size(self) -> tuple[int, int]:
         """Return how many sessions there are, and their bytes."""
-        files = [file.lstat().st_size for path in self._all() for file in path.rglob("*") if not file.is_dir()]
-        return len(self._all()), sum(files)
+        found = self._all()
+        return len(found), sum(_size(file) for path in found for file in path.rglob("*"))
 
     def _all(self) -> list[Path]:
-        return [path for path in self._folder.glob("*/*") if _NAME.fullmatch(path.name) and path.is_dir()]
+        return [path for user in self._folder.iterdir() for path in _sessions_in(user)]
+
+
+def _sessions_in(folder: Path) -> list[Path]:
+    return [path for path in folder.glob("*") if _NAME.fullmatch(path.name) and path.is_dir()]
+
+
+def _size(path: Path) -> int:
+    try:
+        return 0 if path.is_dir() else path.lstat().st_size
+    except OSError:  # a worker has removed it meanwhile
+        return 0
 
 
 def _used_at(path: Path) -> float:

@@ -4,7 +4,7 @@
 import { axis, CONFIG, look, onTheme, plotly, themed } from "/assets/plotting.js";
 
 export default {
-  template: `<div class="figure" role="img" :aria-label="said" :tabindex="map() ? 0 : -1"
+  template: `<div class="figure" role="img" :aria-label="said" :tabindex="map() ? 0 : null"
     @keydown="key" @blur="leave"></div>`,
   props: { figure: Object, label: String },
   data() {
