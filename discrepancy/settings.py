@@ -18,6 +18,14 @@ class Settings:
     noise_contradiction: float = _constant(
         1.5, "factor between the stated sd and the scatter of the readings beyond which the scatter is used"
     )
+    filtered: float = _constant(
+        100.0,
+        "factor by which readings scatter less than stated, above which the log is taken to be filtered or "
+        "interpolated, and the stated sd holds",
+    )
+    finest_sensor: float = _constant(
+        1e-6, "least sd of a reading that is not stated, as a share of the range of the readings", "20 bits"
+    )
     fewest_for_noise: int = _constant(50, "readings needed to replace a stated sd by the scatter")
 
     # Model error: an Ornstein-Uhlenbeck process for each channel and run.

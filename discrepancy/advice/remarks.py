@@ -93,6 +93,11 @@ def noise_remarks(noise: Mapping[str, NoiseModel]) -> tuple[str, ...]:
                 f"The readings of {name} scatter by {model.own_sd:.3g}, {off} the stated sd of {model.stated:.3g}: "
                 "what they show was used; correct the stated one."
             )
+        elif model.is_filtered:
+            remarks.append(
+                f"The readings of {name} scatter far less than the stated sd of {model.stated:.3g}: their log was "
+                "filtered or interpolated. The stated sd was used; give the readings as they were taken."
+            )
     return tuple(remarks)
 
 

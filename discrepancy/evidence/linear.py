@@ -23,6 +23,8 @@ from discrepancy.screening.screen import Direction, Screen
 
 # A direction of which less than this remains after projection is within the error of finite differences.
 ABSORBED = 3e-3
+# Share of a squared length that is lost in rounding.
+ROUNDING = 1e-12
 # A candidate is no effect if less than this remains when parameters of all runs may be so many times further from their
 # stated values: it is then a wrongly stated parameter.
 IMITATED, AS_FAR = 0.03, 30.0
@@ -104,10 +106,11 @@ class Linear:
     def _off(self, gram: np.ndarray, place: slice, precision: np.ndarray) -> np.ndarray:
         """Return the inner products after projection off some columns with a prior."""
         inner = gram[place, place] + np.diag(precision)
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(inner), 1e-300))
-        scaled = inner * scale[:, None] * scale
-        taken = np.linalg.solve(scaled + 1e-12 * np.eye(scale.size), scale[:, None] * gram[place])
-        return gram - (gram[:, place] * scale) @ taken
+        # Rounding may leave less than the precision of columns that earlier ones absorb, and make it negative.
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(inner), precision))
+        values, vectors = np.linalg.eigh(inner * scale[:, None] * scale)
+        across = vectors.T @ (scale[:, None] * gram[place])
+        return gram - across.T @ (across / np.maximum(values, ROUNDING)[:, None])
 
     def gains(self, projected: np.ndarray | None = None) -> list[Gain]:
         """Return the expected gain of each candidate at its best shape, the largest first."""
@@ -139,7 +142,8 @@ class Linear:
         candidate = self.candidates[way.label]
         inner, score = projected[place, place], projected[place, -1]
         if candidate.is_vector:
-            found = self._vector_gain(way.label, inner, score)
+            whole = float(np.max(np.diag(self.gram)[place]))
+            found = self._vector_gain(way.label, inner, score, whole)
             return dataclasses.replace(found, base_step=self._base_step(place, found.start))
         squared = float(inner[0, 0])
         whole = float(self.gram[place.start, place.start])
@@ -168,10 +172,10 @@ class Linear:
         return scale * np.linalg.solve(inner * scale[:, None] * scale + 1e-12 * np.eye(scale.size), scale * slope)
 
     @staticmethod
-    def _vector_gain(label: str, inner: np.ndarray, score: np.ndarray) -> Gain:
+    def _vector_gain(label: str, inner: np.ndarray, score: np.ndarray, whole: float) -> Gain:
         values, vectors = np.linalg.eigh(inner)
-        values = np.maximum(values, 0.0)
-        along = vectors.T @ score
+        left = values > ROUNDING * whole
+        values, along = np.where(left, values, 0.0), np.where(left, vectors.T @ score, 0.0)
         logs = []
         for a in AMPLITUDES:
             stronger = 1.0 + a**2 * values

@@ -63,6 +63,11 @@ class NoiseModel:
         return replace(self, sd=float(np.hypot(self.own_sd, sd)), from_inputs=sd)
 
     @property
+    def is_filtered(self) -> bool:
+        """Return True if the readings scatter far less than stated: their log was filtered or interpolated."""
+        return self.stated is not None and "filtered or interpolated" in self.source
+
+    @property
     def contradicts(self) -> bool:
         """Return True if the scatter of the readings contradicts the stated sd."""
         return self.stated is not None and "stated sd is wrong" in self.source
@@ -123,14 +128,16 @@ def channel_noise(
         The noise model. Its sd is that of rounding if the data show no noise, and 0 if all readings are equal: such a
         channel cannot be used.
     """
-    quantum = detect_quantum(np.asarray(readings, dtype=float))
+    values = np.asarray(readings, dtype=float)
+    quantum = detect_quantum(values)
     rounding = quantum / np.sqrt(12.0)
     free = estimate(None)
     # If the rounding step is far above the noise, equal readings do not mean absence of noise.
-    seen = max(free.sd, rounding) if np.isfinite(free.sd) else float("nan")
+    finest = max(rounding, settings.finest_sensor * float(np.nanmax(values) - np.nanmin(values)))
+    seen = max(free.sd, finest) if np.isfinite(free.sd) else float("nan")
     if stated_sd is None:
         if not np.isfinite(seen):
-            return NoiseModel(rounding, 0.0, "not stated, and too few or only equal readings: rounding only", quantum)
+            return NoiseModel(finest, 0.0, "not stated, and too few or only equal readings: rounding only", quantum)
         rho = free.rho if free.is_coloured else 0.0
         return NoiseModel(seen, rho, f"estimated from {BETWEEN_JUMPS}", quantum)
     sd = float(np.sqrt(stated_sd**2 + rounding**2))
@@ -139,7 +146,7 @@ def channel_noise(
     # For autocorrelated noise, windows give the sd only within a factor of two.
     too_small = ratio > settings.noise_contradiction * (2.0 if free.is_coloured else 1.0)
     # A smaller scatter contradicts the stated sd only if it is white: windows do not see slow autocorrelated noise.
-    too_large = ratio < 1.0 / settings.noise_contradiction and not free.is_coloured
+    too_large = 1.0 / settings.filtered < ratio < 1.0 / settings.noise_contradiction and not free.is_coloured
     if too_small or too_large:
         source = f"{BETWEEN_JUMPS} show {seen:.3g}: the stated sd is wrong ({stated_sd:g})"
         return NoiseModel(seen, free.rho if free.is_coloured else 0.0, source, quantum, stated=stated_sd)
@@ -149,6 +156,9 @@ def channel_noise(
     source = f"stated ({stated_sd:g})"
     source += f", rounding to {quantum:g} included" if quantum else ""
     source += f"; autocorrelation from {BETWEEN_JUMPS}" if rho else ""
+    source += (
+        f"; the readings scatter by {seen:.3g}: filtered or interpolated" if ratio <= 1.0 / settings.filtered else ""
+    )
     return NoiseModel(sd, rho, source, quantum, stated=stated_sd)
 
 

@@ -9,18 +9,18 @@ from nicegui.events import GenericEventArguments
 from workbench.browser.chart import Figure
 from workbench.browser.context import Context
 from workbench.browser.files import GRID, SENSITIVITY
-from workbench.browser.html import button, duration, field, h, select
+from workbench.browser.html import TextElement, button, duration, field, h, select
 
 _COUNT = 40  # values of an axis at first
 _NEEDS = "Compare with the model first: a sweep needs a calibrated model."
 
 
-def sweep(context: Context) -> None:
-    """Show the form of a sweep, what it would take, and its map."""
+def sweep(context: Context) -> Map | None:
+    """Show the form of a sweep, what it would take, and its map, which is returned: it grows while the form stays."""
     h("h2", "Sweep")
     if context.stage != "compared":
         h("p", _NEEDS, "lead")
-        return
+        return None
     view = context.view
     choices = {one["name"]: one for one in view["sweepable"]}
     form = context.form.setdefault("sweep", _first(view, list(choices.values())))
@@ -51,9 +51,7 @@ def sweep(context: Context) -> None:
             "sentence",
             role="status",
         )
-    grid = context.session.content(GRID)
-    if grid and view.get("sweep"):
-        _heat(context, grid)
+    return Map(context)
 
 
 def _first(view: dict[str, Any], choices: list[dict[str, Any]]) -> dict[str, Any]:
@@ -104,40 +102,76 @@ def _axis(context: Context, form: dict[str, Any], place: str, choices: dict[str,
         field("values", str(axis["count"]), lambda v: put("count", v), inputmode="numeric")
 
 
-def _heat(context: Context, grid: dict[str, Any]) -> None:
-    """Draw the map of one metric; a click on it asks for the sensitivities at that point."""
-    form = context.form["sweep"]
-    chosen = next((one for one in grid["metrics"] if one["name"] == form["metric"]), grid["metrics"][0])
+class Map:
+    """The map of one metric of a sweep over both axes; a click on it asks for the sensitivities at that point."""
 
-    def metric(value: str) -> None:
-        form["metric"] = value
-        context.go("")
+    def __init__(self, context: Context) -> None:
+        """Draw what has landed so far."""
+        self._context = context
+        self._place = h("div", "", "contents")
+        self._words: TextElement | None = None
+        self._chart: Figure | None = None
+        self.update()
 
-    with h("div", "", "row"):
-        select("Shown", {one["name"]: one["title"] for one in grid["metrics"]}, chosen["name"], metric)
+    def update(self) -> None:
+        """Draw what has landed since; what a person is about to press stays where it is."""
+        grid = self._context.session.content(GRID)
+        if not grid or not self._context.view.get("sweep"):
+            return
+        metric = self._metric(grid)
+        if self._words is None or self._chart is None:
+            self._words, self._chart = self._build(grid, metric)
+        else:
+            self._chart.show(_heat(grid, metric))
+        self._words.set_text(_done(grid))
+
+    def _metric(self, grid: dict[str, Any]) -> dict[str, Any]:
+        wanted = self._context.form["sweep"]["metric"]
+        return next((one for one in grid["metrics"] if one["name"] == wanted), grid["metrics"][0])
+
+    def _build(self, grid: dict[str, Any], metric: dict[str, Any]) -> tuple[TextElement, Figure]:
+        across, up = (axis["name"] for axis in grid["axes"][:2])
+
+        def show(value: str) -> None:
+            self._context.form["sweep"]["metric"] = value
+            self.update()
+
+        with self._place:
+            with h("div", "", "row"):
+                select("Shown", {one["name"]: one["title"] for one in grid["metrics"]}, metric["name"], show)
+            words = h("p", "", "soft")
+            chart = Figure(_heat(grid, metric), "Map of the chosen metric over both axes")
+            chart.on("pick", lambda event: _point(self._context, event, across, up))
+        return words, chart
+
+
+def _done(grid: dict[str, Any]) -> str:
+    thinned = f" The map draws every {' x '.join(map(str, grid['every']))} of them." if max(grid["every"]) > 1 else ""
+    return f"{grid['done']:,} of {grid['of']:,} combinations are done.{thinned} Click a place for its sensitivities."
+
+
+def _heat(grid: dict[str, Any], metric: dict[str, Any]) -> dict[str, Any]:
+    """Return the figure of one metric over both axes."""
     across, up = grid["axes"][0], grid["axes"][1]
-    h("p", f"{grid['done']:,} of {grid['of']:,} combinations are done. Click a place for its sensitivities.", "soft")
-    columns = list(zip(*chosen["values"], strict=True))  # the first axis goes across
     heat = {
         "type": "heatmap",
         "x": across["values"],
         "y": up["values"],
-        "z": [list(row) for row in columns],
+        "z": [list(row) for row in zip(*metric["values"], strict=True)],  # the first axis goes across
         "colorscale": "Cividis",
         "colorbar": {
             "thickness": 10,
             "outlinewidth": 0,
-            "title": {"text": chosen["title"], "side": "right"},
+            "title": {"text": metric["title"], "side": "right"},
         },
-        "hovertemplate": f"%{{x:.4~g}}, %{{y:.4~g}}: %{{z:.4~g}} {chosen['unit']}<extra></extra>",
+        "hovertemplate": f"%{{x:.4~g}}, %{{y:.4~g}}: %{{z:.4~g}} {metric['unit']}<extra></extra>",
     }
     layout = {
         "height": 380,
         "xaxis": {"title": {"text": across["title"]}, "showgrid": False},
         "yaxis": {"title": {"text": up["title"]}, "showgrid": False},
     }
-    chart = Figure({"data": [heat], "layout": layout}, f"Map of {chosen['name']} over both axes")
-    chart.on("pick", lambda event: _point(context, event, across["name"], up["name"]))
+    return {"data": [heat], "layout": layout}
 
 
 def _point(context: Context, event: GenericEventArguments, across: str, up: str) -> None:

@@ -18,6 +18,7 @@ from workbench.browser.workers import Workers
 # Seconds between two looks at the session's files.
 LOOK_S = 0.25
 TABS = {"traces": "Traces", "sweep": "Sweep", "sensitivity": "Sensitivity", "next": "Next experiment"}
+_BESIDE = {"sweep": beside.sweep, "sensitivity": beside.sensitivity, "next": beside.next_experiment}
 _STAGES = ("empty", "opened", "compared")
 _DOING = {
     "open": "Opening",
@@ -45,6 +46,7 @@ class Page:
         self.step = step if step in [one.name for one in STEPS] else ""
         self.tab = "traces"
         self._seen: dict[str, Any] = {}
+        self._map: beside.Map | None = None
         self._build()
         self.look()
         ui.timer(LOOK_S, self.look)
@@ -96,8 +98,8 @@ class Page:
             self._show_job(progress)
         if self._changed("drawn", drawn):
             self._draw()
-        elif self.tab == "sweep" and self._changed("grid", (context.session.content(GRID) or {}).get("done")):
-            self._show_tab()
+        elif self._map and self._changed("grid", (context.session.content(GRID) or {}).get("done")):
+            self._map.update()
 
     def _changed(self, what: str, value: Any) -> bool:
         changed = what not in self._seen or self._seen[what] != value
@@ -145,29 +147,36 @@ class Page:
         self.traces.set_visibility(self.context.stage != "empty")
         self.empty.set_visibility(self.context.stage == "empty")
         self.other.clear()
+        self._map = None
         if not is_traces:
             with self.other:
-                {"sweep": beside.sweep, "sensitivity": beside.sensitivity, "next": beside.next_experiment}[self.tab](
-                    self.context
-                )
+                self._map = _BESIDE[self.tab](self.context)
 
     def _show_job(self, progress: dict[str, Any] | None) -> None:
         """Show what is being done, how far it is and how long it takes; or why it could not be done."""
-        self.job.clear()
-        self.job.classes(remove="running failed stopped done")
-        if progress is None:
-            return
-        self.job.classes(progress["state"])
+        running = progress is not None and progress["state"] == "running"
+        if self._changed("bar", progress["do"] if progress is not None and running else progress):
+            self.job.clear()
+            self.job.classes(remove="running failed stopped done")
+            if progress is not None:
+                self.job.classes(progress["state"])
+                with self.job:
+                    self._build_job(progress)
+        if progress is not None and running:
+            # In place: a button that is built anew between press and release would lose the click.
+            self._bar.style(f"width:{100.0 * progress['share']:.1f}%")
+            self._now.set_text(progress["now"].replace("_", " "))
+            left = progress["left_s"]
+            self._left.set_text("" if left is None else f"about {duration(max(round(left), 1))} left")
+
+    def _build_job(self, progress: dict[str, Any]) -> None:
         what = _DOING.get(progress["do"], progress["do"])
-        with self.job:
-            if progress["state"] == "running":
-                h("i", "", "progress", style=f"width:{100.0 * progress['share']:.1f}%", aria_hidden="true")
-                h("b", str(what))
-                h("span", progress["now"].replace("_", " "))
-                if progress["left_s"] is not None:
-                    h("span", f"about {duration(max(round(progress['left_s']), 1))} left", "soft")
-                button("Stop", self.context.stop, "button small right")
-            elif progress["state"] == "failed":
-                h("span", progress["now"], "sentence", role="alert")
-            elif progress["state"] == "stopped":
-                h("span", f"{what} was stopped. {progress['now'] or 'What was done before stays.'}")
+        if progress["state"] == "running":
+            self._bar = h("i", "", "progress", aria_hidden="true")
+            h("b", str(what))
+            self._now, self._left = h("span"), h("span", "", "soft")
+            button("Stop", self.context.stop, "button small right")
+        elif progress["state"] == "failed":
+            h("span", progress["now"], "sentence", role="alert")
+        elif progress["state"] == "stopped":
+            h("span", f"{what} was stopped. {progress['now'] or 'What was done before stays.'}")

@@ -202,3 +202,19 @@ def test_an_effect_that_imitates_a_parameter_of_all_runs_is_excluded(small: Case
     assert gains.keys() == {"self_heating"}
     # Nothing is hidden, and no expected gain is material.
     assert gains["self_heating"].log_evidence < 5.0
+
+
+def test_rounding_in_columns_that_others_absorb_makes_no_evidence() -> None:
+    """A million readings of a fine sensor: inner products of 1e19, of which rounding leaves a thousand."""
+    rng = np.random.default_rng(4)
+    first, errors = rng.standard_normal(500), 1e3 * rng.standard_normal(500)
+    alike = first[:, None] + 1e-9 * rng.standard_normal((500, 3))
+    columns = np.column_stack([1e9 * first, 1e9 * alike, errors])
+    gram = columns.T @ columns
+    linear = object.__new__(Linear)
+    off = linear._off(gram, slice(0, 1), np.ones(1))
+    again = linear._off(off, slice(1, 4), np.full(3, 1e-2))
+    assert np.isfinite(again).all()
+    assert again[-1, -1] <= 1.000001 * gram[-1, -1]
+    gain = linear._vector_gain("alike", off[1:4, 1:4], off[1:4, -1], float(gram[1, 1]))
+    assert gain.log_evidence < 10.0

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from discrepancy.advice.remarks import noise_remarks
 from discrepancy.noise.contract import noise_of_case, without_input_noise
 from discrepancy.noise.instrument import (
     NoiseModel,
@@ -146,6 +147,27 @@ def test_a_stated_sd_within_a_factor_of_the_scatter_is_used(stated):
     readings = ar1(0.0, seed=10)
     result = channel_noise(readings, lambda sd: local_noise(readings, ONE_RUN, known_sd=sd), stated_sd=stated)
     assert (result.sd, result.stated, result.contradicts) == (stated, stated, False)
+
+
+def interpolated() -> np.ndarray:
+    """A noisy signal logged every 50 rows, and rows between, written with seven decimals."""
+    rows = np.arange(ROWS)
+    logged = 3.7 + 0.1 * np.sin(rows[::50] / 300.0) + ar1(0.0, seed=13, sd=0.001)[::50]
+    return np.round(np.interp(rows, rows[::50], logged), 7)
+
+
+def test_an_interpolated_log_is_no_better_sensor():
+    readings = interpolated()
+    result = channel_noise(readings, lambda sd: local_noise(readings, ONE_RUN, known_sd=sd), stated_sd=0.001)
+    assert result.sd == pytest.approx(0.001)
+    assert (result.is_filtered, result.contradicts) == (True, False)
+    assert "filtered or interpolated" in noise_remarks({"voltage_V": result})[0]
+
+
+def test_no_sensor_is_finer_than_a_millionth_of_its_range():
+    readings = interpolated()
+    result = channel_noise(readings, lambda sd: local_noise(readings, ONE_RUN, known_sd=sd))
+    assert result.sd >= 1e-6 * np.ptp(readings)
 
 
 def test_few_readings_are_no_contradiction():

@@ -21,8 +21,12 @@ from workbench.browser.worker.place import Place
 from workbench.browser.worker.progress import Progress
 from workbench.browser.worker.words import channel_words, finite
 
-# Seconds between two looks at the chunks that have landed.
-_LOOK_S = 0.4
+# Seconds between two looks at the chunks that have landed, and the share of the time that they may take.
+_LOOK_S, _LOOKING = 0.4, 0.1
+# A sweep lands in about so many chunks: its map grows while it is watched, and files do not slow it down.
+_CHUNKS = 200
+# Values of an axis of the map that are drawn; of more, every k-th.
+_MOST_OF_AN_AXIS = 250
 _NO_METRICS = ("status", "valid_share")
 _MOST_BARS = 14
 
@@ -77,15 +81,16 @@ def sweep(place: Place, progress: Progress, run: str, axes: Mapping[str, Mapping
         (place.folder / GRID).unlink(missing_ok=True)
     place.show(sweep={"run": run, "axes": dict(axes), "state": "running"})
     progress("compiling the model for this sweep", 0.0)
-    looked = 0.0
+    next_look = 0.0
     tell = progress.counted("sweep", "lanes")
 
     def landed(done: int, total: int) -> None:
-        nonlocal looked
+        nonlocal next_look
         tell(done, total)
-        if time.monotonic() - looked > _LOOK_S and (folder / STORE).exists():
-            looked = time.monotonic()
+        began = time.monotonic()
+        if began > next_look and (folder / STORE).exists():
             _write_grid(place.folder, xr.open_zarr(folder / STORE, consolidated=False, chunks=None))
+            next_look = time.monotonic() + max(_LOOK_S, (time.monotonic() - began) / _LOOKING)
 
     try:
         dataset = sweeps.run(study, landed, out=folder, resume=resume, memory=_memory_of_small_chunks(study))
@@ -97,21 +102,26 @@ def sweep(place: Place, progress: Progress, run: str, axes: Mapping[str, Mapping
 
 
 def _memory_of_small_chunks(study: sweeps.Study) -> int:
-    """Return the memory with which a chunk is as small as may be, so that the map grows while it is watched."""
+    """Return the memory with which the sweep has about `_CHUNKS` chunks."""
     plan = sweeps.forecast(study)
     of_lane = plan.memory_bytes / max(plan.lanes_per_chunk, 1)
-    return int(1.05 * NARROWEST_BLOCK * max(of_lane, 1.0)) + COPIES * 1024
+    lanes = max(NARROWEST_BLOCK, -(-plan.lanes // _CHUNKS))
+    return int(1.05 * lanes * max(of_lane, 1.0)) + COPIES * 1024
 
 
 def _write_grid(folder: Path, dataset: xr.Dataset) -> None:
-    """Write every metric over both axes; what has not landed is null."""
+    """Write every metric over both axes, thinned to what can be drawn; what has not landed is null."""
     names = [str(n) for n, v in dataset.data_vars.items() if n not in _NO_METRICS and "time_s" not in v.dims]
     axes = [str(axis) for axis in dataset[names[0]].dims]
+    status = dataset["status"].to_numpy()
+    every = {axis: -(-dataset.sizes[axis] // _MOST_OF_AN_AXIS) for axis in axes}
+    dataset = dataset.isel({axis: slice(None, None, step) for axis, step in every.items()})
     landed = dataset["status"].to_numpy() >= 0
     grid = {
+        "every": list(every.values()),
         "axes": [{"name": axis, "title": _title(axis), "values": dataset[axis].to_numpy().tolist()} for axis in axes],
-        "done": int(landed.sum()),
-        "of": int(landed.size),
+        "done": int(np.sum(status >= 0)),
+        "of": int(status.size),
         "metrics": [
             {
                 "name": name,
