@@ -226,11 +226,15 @@ class Workings:
             if doubtful and 0.0 < fast < model.own_sd / self.settings.noise_contradiction:
                 floor = max(fast, model.quantum / np.sqrt(12.0))
                 source = f"{model.source}; reduced to the scatter of the residual from reading to reading, {floor:.3g}"
-                if model.stated is not None and floor < self.settings.noise_contradiction * model.stated:
+                stated = model.stated or 0.0
+                agrees = floor < self.settings.noise_contradiction * stated
+                if agrees:
                     # A varying input, not the sensor, made the readings scatter.
-                    floor = float(np.hypot(model.stated, model.quantum / np.sqrt(12.0)))
-                    source = f"stated ({model.stated:g})"
-                noise[name] = dataclasses.replace(model, sd=floor, rho=0.0, source=source)
+                    floor = float(np.hypot(stated, model.quantum / np.sqrt(12.0)))
+                    source = f"stated ({stated:g})"
+                noise[name] = dataclasses.replace(
+                    model, sd=floor, rho=0.0, source=source, contradicts=model.contradicts and not agrees
+                )
         if any(noise[name] is not model for name, model in scale.noise.items()):
             readings = dataclasses.replace(self._readings(noise, None), shared=scale.view.readings.shared)
             scale = Scale(noise, View(self.space, readings), scale.weights)

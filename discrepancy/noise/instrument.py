@@ -44,6 +44,8 @@ class NoiseModel:
         quantum: step to which the readings are rounded, 0 if none was found.
         from_inputs: part of `sd` that is due to noise of measured inputs, averaged over the runs.
         stated: sd that the case states; None if it states none.
+        contradicts: the scatter of the readings contradicts the stated sd, and is used.
+        is_filtered: the readings scatter far less than stated: their log was filtered or interpolated.
     """
 
     sd: float
@@ -52,6 +54,8 @@ class NoiseModel:
     quantum: float = 0.0
     from_inputs: float = 0.0
     stated: float | None = None
+    contradicts: bool = False
+    is_filtered: bool = False
 
     @property
     def own_sd(self) -> float:
@@ -61,16 +65,6 @@ class NoiseModel:
     def with_from_inputs(self, sd: float) -> NoiseModel:
         """Return the noise with another part from the inputs."""
         return replace(self, sd=float(np.hypot(self.own_sd, sd)), from_inputs=sd)
-
-    @property
-    def is_filtered(self) -> bool:
-        """Return True if the readings scatter far less than stated: their log was filtered or interpolated."""
-        return self.stated is not None and "filtered or interpolated" in self.source
-
-    @property
-    def contradicts(self) -> bool:
-        """Return True if the scatter of the readings contradicts the stated sd."""
-        return self.stated is not None and "stated sd is wrong" in self.source
 
 
 @dataclass(frozen=True)
@@ -149,17 +143,17 @@ def channel_noise(
     too_large = 1.0 / settings.filtered < ratio < 1.0 / settings.noise_contradiction and not free.is_coloured
     if too_small or too_large:
         source = f"{BETWEEN_JUMPS} show {seen:.3g}: the stated sd is wrong ({stated_sd:g})"
-        return NoiseModel(seen, free.rho if free.is_coloured else 0.0, source, quantum, stated=stated_sd)
+        rho = free.rho if free.is_coloured else 0.0
+        return NoiseModel(seen, rho, source, quantum, stated=stated_sd, contradicts=True)
     given = estimate(sd)
     # Given a wrong sd, white noise seems autocorrelated: both estimates must agree.
     rho = given.rho if given.is_coloured and free.is_coloured else 0.0
     source = f"stated ({stated_sd:g})"
     source += f", rounding to {quantum:g} included" if quantum else ""
     source += f"; autocorrelation from {BETWEEN_JUMPS}" if rho else ""
-    source += (
-        f"; the readings scatter by {seen:.3g}: filtered or interpolated" if ratio <= 1.0 / settings.filtered else ""
-    )
-    return NoiseModel(sd, rho, source, quantum, stated=stated_sd)
+    is_filtered = ratio <= 1.0 / settings.filtered
+    source += f"; the readings scatter by {seen:.3g}: filtered or interpolated" if is_filtered else ""
+    return NoiseModel(sd, rho, source, quantum, stated=stated_sd, is_filtered=is_filtered)
 
 
 def break_at_jumps(starts: ArrayLike, inputs: ArrayLike, settling_rows: int = 1) -> Bools:

@@ -52,7 +52,9 @@ def test_a_start_far_from_its_stated_value_compensates_for_an_error() -> None:
 
 
 def test_noise_that_is_contradicted_or_not_stated_is_remarked_on() -> None:
-    wrong = NoiseModel(6e-3, 0.0, "the readings show 0.006: the stated sd is wrong (0.001)", stated=1e-3)
+    wrong = NoiseModel(
+        6e-3, 0.0, "the readings show 0.006: the stated sd is wrong (0.001)", stated=1e-3, contradicts=True
+    )
     good = NoiseModel(1e-3, 0.0, "stated (0.001)", stated=1e-3)
     untold = NoiseModel(0.2, 0.0, "estimated from the readings")
     small = dataclasses.replace(wrong, sd=2.5e-4)
