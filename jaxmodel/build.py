@@ -86,8 +86,9 @@ def load_effect_class(reference: str) -> type[Effect]:
         spec.loader.exec_module(module)
     except EffectError as error:
         raise EffectError(f"--effect {reference}: {error}") from error
-    except Exception as error:
-        raise EffectError(f"--effect {reference}: the file does not run ({error}); correct it there.") from error
+    except (Exception, SystemExit) as error:
+        why = "it ends the program" if isinstance(error, SystemExit) else error
+        raise EffectError(f"--effect {reference}: the file does not run ({why}); correct it there.") from error
     cls = getattr(module, class_name, None)
     if not (inspect.isclass(cls) and issubclass(cls, Effect)):
         raise EffectError(

@@ -190,6 +190,10 @@ def test_a_reference_that_names_no_effect_is_refused(own_file: Path, reference: 
             "'serie_resistance' is not a port. Did you mean 'series_resistance'?",
         ),
         (("from typing", "from typping"), "the file does not run (No module named 'typping'); correct it there."),
+        (
+            ("from typing", "raise SystemExit\nfrom typing"),
+            "the file does not run (it ends the program); correct it there.",
+        ),
         (("equation: ClassVar", "formula: ClassVar"), "EmptyResistance has no equation"),
         (("typical=", "shape_grid="), "has no usual range of its parameter 'r', as in typical=(0.01, 0.2)"),
     ],
