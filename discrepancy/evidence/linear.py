@@ -105,12 +105,7 @@ class Linear:
 
     def _off(self, gram: np.ndarray, place: slice, precision: np.ndarray) -> np.ndarray:
         """Return the inner products after projection off some columns with a prior."""
-        inner = gram[place, place] + np.diag(precision)
-        # Rounding may leave less than the precision of columns that earlier ones absorb, and make it negative.
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(inner), precision))
-        values, vectors = np.linalg.eigh(inner * scale[:, None] * scale)
-        across = vectors.T @ (scale[:, None] * gram[place])
-        return gram - across.T @ (across / np.maximum(values, ROUNDING)[:, None])
+        return gram - gram[:, place] @ _solved(gram[place, place], precision, gram[place])
 
     def gains(self, projected: np.ndarray | None = None) -> list[Gain]:
         """Return the expected gain of each candidate at its best shape, the largest first."""
@@ -166,10 +161,8 @@ class Linear:
     def _base_step(self, place: slice, amplitudes: np.ndarray) -> np.ndarray:
         """Return how the model's own unknowns move where a candidate has these amplitudes, (k,)."""
         free = slice(0, self.count)
-        inner = self.gram[free, free] + np.diag(self.precision)
         slope = self.gram[free, -1] - self.prior_slope - self.gram[free, place] @ amplitudes
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(inner), 1e-300))
-        return scale * np.linalg.solve(inner * scale[:, None] * scale + 1e-12 * np.eye(scale.size), scale * slope)
+        return _solved(self.gram[free, free], self.precision, slope)
 
     @staticmethod
     def _vector_gain(label: str, inner: np.ndarray, score: np.ndarray, whole: float) -> Gain:
@@ -260,13 +253,9 @@ class Linear:
     def _left(self, taken: Sequence[tuple[slice, np.ndarray]]) -> np.ndarray:
         places = np.concatenate([np.arange(place.start, place.stop) for place, _ in taken])
         precision = np.concatenate([one for _, one in taken])
-        inner = self.gram[np.ix_(places, places)] + np.diag(precision)
         score = self.gram[places, -1].copy()
         score[: self.count] -= self.prior_slope
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(inner), 1e-300))
-        coefficients = scale * np.linalg.solve(
-            inner * scale[:, None] * scale + 1e-12 * np.eye(scale.size), scale * score
-        )
+        coefficients = _solved(self.gram[np.ix_(places, places)], precision, score)
         raw = np.concatenate(self._raw, axis=1)
         return raw[:, -1] - raw[:, places] @ coefficients
 
@@ -283,6 +272,16 @@ class Linear:
             for place in self.places
         ]
         return base, errors, ways
+
+
+def _solved(inner: np.ndarray, precision: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Return (inner + L)^-1 right, L the precision, for right (k,) or (k, columns)."""
+    inner = inner + np.diag(precision)
+    # Rounding may leave less than the precision of columns that earlier ones absorb, and make it negative.
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(inner), np.maximum(precision, 1e-300)))
+    values, vectors = np.linalg.eigh(inner * scale[:, None] * scale)
+    turned = scale[:, None] * vectors
+    return turned @ ((turned.T @ right).T / np.maximum(values, ROUNDING)).T
 
 
 def _mean_odds(z: float, length: float, candidate: Candidate, probe: float) -> float:

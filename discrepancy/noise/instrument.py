@@ -119,20 +119,20 @@ def channel_noise(
         settings: the constants.
 
     Returns:
-        The noise model. Its sd is that of rounding if the data show no noise, and 0 if all readings are equal: such a
-        channel cannot be used.
+        The noise model. If the data show no noise, its sd is that of rounding, at least a share of their range; it is 0
+        if all readings are equal: such a channel cannot be used.
     """
     values = np.asarray(readings, dtype=float)
     quantum = detect_quantum(values)
     rounding = quantum / np.sqrt(12.0)
     free = estimate(None)
+    rho = free.rho if free.is_coloured else 0.0
     # If the rounding step is far above the noise, equal readings do not mean absence of noise.
     finest = max(rounding, settings.finest_sensor * float(np.nanmax(values) - np.nanmin(values)))
     seen = max(free.sd, finest) if np.isfinite(free.sd) else float("nan")
     if stated_sd is None:
         if not np.isfinite(seen):
-            return NoiseModel(finest, 0.0, "not stated, and too few or only equal readings: rounding only", quantum)
-        rho = free.rho if free.is_coloured else 0.0
+            return NoiseModel(finest, 0.0, "not stated, and too few or only equal readings: their resolution", quantum)
         return NoiseModel(seen, rho, f"estimated from {BETWEEN_JUMPS}", quantum)
     sd = float(np.sqrt(stated_sd**2 + rounding**2))
     # Where windows show the signal, they say nothing of the noise.
@@ -143,7 +143,6 @@ def channel_noise(
     too_large = 1.0 / settings.filtered < ratio < 1.0 / settings.noise_contradiction and not free.is_coloured
     if too_small or too_large:
         source = f"{BETWEEN_JUMPS} show {seen:.3g}: the stated sd is wrong ({stated_sd:g})"
-        rho = free.rho if free.is_coloured else 0.0
         return NoiseModel(seen, rho, source, quantum, stated=stated_sd, contradicts=True)
     given = estimate(sd)
     # Given a wrong sd, white noise seems autocorrelated: both estimates must agree.

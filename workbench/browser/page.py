@@ -154,29 +154,30 @@ class Page:
 
     def _show_job(self, progress: dict[str, Any] | None) -> None:
         """Show what is being done, how far it is and how long it takes; or why it could not be done."""
-        running = progress is not None and progress["state"] == "running"
-        if self._changed("bar", progress["do"] if progress is not None and running else progress):
-            self.job.clear()
-            self.job.classes(remove="running failed stopped done")
-            if progress is not None:
-                self.job.classes(progress["state"])
-                with self.job:
-                    self._build_job(progress)
-        if progress is not None and running:
+        running = progress if progress is not None and progress["state"] == "running" else None
+        if self._changed("bar", running["do"] if running else progress):
+            self._build_job(progress)
+        if running:
             # In place: a button that is built anew between press and release would lose the click.
-            self._bar.style(f"width:{100.0 * progress['share']:.1f}%")
-            self._now.set_text(progress["now"].replace("_", " "))
-            left = progress["left_s"]
+            self._bar.style(f"width:{100.0 * running['share']:.1f}%")
+            self._now.set_text(running["now"].replace("_", " "))
+            left = running["left_s"]
             self._left.set_text("" if left is None else f"about {duration(max(round(left), 1))} left")
 
-    def _build_job(self, progress: dict[str, Any]) -> None:
+    def _build_job(self, progress: dict[str, Any] | None) -> None:
+        self.job.clear()
+        self.job.classes(remove="running failed stopped done")
+        if progress is None:
+            return
+        self.job.classes(progress["state"])
         what = _DOING.get(progress["do"], progress["do"])
-        if progress["state"] == "running":
-            self._bar = h("i", "", "progress", aria_hidden="true")
-            h("b", str(what))
-            self._now, self._left = h("span"), h("span", "", "soft")
-            button("Stop", self.context.stop, "button small right")
-        elif progress["state"] == "failed":
-            h("span", progress["now"], "sentence", role="alert")
-        elif progress["state"] == "stopped":
-            h("span", f"{what} was stopped. {progress['now'] or 'What was done before stays.'}")
+        with self.job:
+            if progress["state"] == "running":
+                self._bar = h("i", "", "progress", aria_hidden="true")
+                h("b", str(what))
+                self._now, self._left = h("span"), h("span", "", "soft")
+                button("Stop", self.context.stop, "button small right")
+            elif progress["state"] == "failed":
+                h("span", progress["now"], "sentence", role="alert")
+            elif progress["state"] == "stopped":
+                h("span", f"{what} was stopped. {progress['now'] or 'What was done before stays.'}")

@@ -93,7 +93,7 @@ def sweep(place: Place, progress: Progress, run: str, axes: Mapping[str, Mapping
             next_look = time.monotonic() + max(_LOOK_S, (time.monotonic() - began) / _LOOKING)
 
     try:
-        dataset = sweeps.run(study, landed, out=folder, resume=resume, memory=_memory_of_small_chunks(study))
+        dataset = sweeps.run(study, landed, out=folder, resume=resume, memory=_memory_of_chunks(study))
     except BaseException:
         place.show(sweep={"run": run, "axes": dict(axes), "state": "stopped"})
         raise
@@ -101,7 +101,7 @@ def sweep(place: Place, progress: Progress, run: str, axes: Mapping[str, Mapping
     place.show(sweep={"run": run, "axes": dict(axes), "state": "done"})
 
 
-def _memory_of_small_chunks(study: sweeps.Study) -> int:
+def _memory_of_chunks(study: sweeps.Study) -> int:
     """Return the memory with which the sweep has about `_CHUNKS` chunks."""
     plan = sweeps.forecast(study)
     of_lane = plan.memory_bytes / max(plan.lanes_per_chunk, 1)
