@@ -27,6 +27,9 @@ LONGEST_S = 10.0  # a reading counts as the root of the time it stands for, up t
 POWER = 0.5
 MOST_FADE = 0.3
 LONGEST_JUDGED_S = 120.0  # a reading stands for, where readings left out are judged
+STEP_SHARE = 0.1  # of the largest current: a change between two readings that is a step
+SOON_S, LONGEST_SOON_S = 15.0, 1.0  # after a step is judged apart; the longest time that a reading stands for there
+SOON_CHARGE = 0.02  # least share of the charge that flows so soon, for a run to tell of seconds
 ALTERNATIONS = 3  # of values, and weights with initial states of charge
 ROUNDS = 2  # of: weights, then the search
 SOC_STEP = 0.005  # of the slope of the open-circuit voltage
@@ -148,11 +151,12 @@ class _Problem:
         """Return the problem in the parts that the search leaves out."""
         targets = {rows.name: self.target(rows, columns[rows.name].moves) for rows in self.runs}
         stated = [self.stated[name] for name in self.grid.runs]
-        return Parts(self.grid, columns, targets, self.weights, self.judged(), stated, self.ohm, self.level)
-
-    def judged(self) -> dict[str, np.ndarray]:
-        """Return how much each reading counts where runs are left out, under load and at rest, shape (2, kept)."""
-        return {rows.name: counts(rows, self.kept[rows.name]) for rows in self.runs}
+        judged = {rows.name: counts(rows, self.kept[rows.name]) for rows in self.runs}
+        levels = [int(np.argmin(np.abs(self.grid.degC - np.median(rows.ambient_degC)))) for rows in self.runs]
+        accompanied = [rows.name for rows, at in zip(self.runs, levels, strict=True) if levels.count(at) > 1]
+        return Parts(
+            self.grid, columns, targets, self.weights, judged, stated, self.ohm, self.level, accompanied=accompanied
+        )
 
     def solved(self, shape: Shape, smoothness: Smoothness) -> tuple[Solution, float, dict[str, np.ndarray]]:
         """Return the solution, the inflation, and the residuals; set weights, starts and levels for the next time."""
@@ -198,20 +202,40 @@ def rows_kept(rows: Rows, most: int) -> np.ndarray:
     there = np.flatnonzero(rows.read)
     if there.size <= most:
         return there
-    jump = 0.1 * float(np.max(np.abs(rows.current_A)))
-    edges = np.flatnonzero(np.abs(np.diff(rows.current_A)) > jump) + 1
+    edges = steps_of(rows)
     edges = edges[:: max(1, edges.size * EDGE_ROWS * 2 // most)]
     near = np.unique(np.clip(edges[:, None] + np.arange(-1, EDGE_ROWS), 0, rows.time_s.size - 1))
     every = there[:: max(1, there.size // max(most - near.size, most // 2))]
     return np.union1d(every, np.intersect1d(near, there))
 
 
+def steps_of(rows: Rows) -> np.ndarray:
+    """Return the numbers of the first rows after each step of the current."""
+    return np.flatnonzero(np.abs(np.diff(rows.current_A)) > STEP_SHARE * float(np.max(np.abs(rows.current_A)))) + 1
+
+
 def counts(rows: Rows, kept: np.ndarray) -> np.ndarray:
-    """Return the charge that each kept reading stands for under load, and the time at rest, shape (2, kept)."""
-    time_s = np.minimum(np.gradient(rows.time_s[kept]), LONGEST_JUDGED_S)
-    current = np.abs(rows.current_A[kept])
+    """Return how much each kept reading counts in each kind, shape (3, kept).
+
+    Soon after a step of the current by the time it stands for, else under load by the charge, else at rest by the time.
+    A constant discharge, with one step, has nothing of the first kind.
+    """
+    time_s, current = rows.time_s[kept], np.abs(rows.current_A[kept])
+    steps = steps_of(rows)
+    last = np.searchsorted(steps, kept, side="right")
+    soon = time_s - np.append(-np.inf, rows.time_s[steps])[last] < SOON_S
     resting = current <= rows.resting_A
-    return np.stack([np.where(resting, 0.0, time_s * current), np.where(resting, time_s, 0.0)])
+    held_s = np.gradient(time_s)
+    long_s = np.minimum(held_s, LONGEST_JUDGED_S)
+    charge = long_s * current
+    soon &= charge[soon].sum() > SOON_CHARGE * charge.sum()
+    return np.stack(
+        [
+            np.where(soon, np.minimum(held_s, LONGEST_SOON_S), 0.0),
+            np.where(soon | resting, 0.0, charge),
+            np.where(resting & ~soon, long_s, 0.0),
+        ]
+    )
 
 
 def time_shares(rows: Rows, kept: np.ndarray) -> np.ndarray:

@@ -1,23 +1,25 @@
 """The search for what is not linear: time constants, energies and smoothness, by the error at readings left out.
 
-Left out in turn: each run, and each quarter of each run, both predicted from the state of charge that is stated at the
-start of the run and the capacity of the other runs. Under load a reading counts by the charge it stands for, at rest by
-the time. The score is the mean logarithm of the mean squares of both, lest one part that no other can predict decides
-alone.
+Left out in turn: each block of a run, and each whole run at a temperature that another run has too. Both are predicted
+from the state of charge that is stated at the start of the run and the capacity of the other runs. A run that is alone
+at its temperature is not left out whole: what no other run can tell would decide. Readings soon after a step of the
+current, others under load, and others at rest are judged apart, by the time or charge that they stand for: an hour
+between pulses would outweigh them, and they alone tell of seconds. The score is the mean logarithm of all mean squares,
+lest one part that no other can predict decides alone.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
 from parameterisation.design import Columns, Grid, Shape, Smoothness, Start, penalties_of
 from parameterisation.smoothing import data_scale, penalty_matrix, quick
 
-BLOCKS = 4  # of each run
+BLOCKS = 16  # of each run
 STEPS = (1.0, 0.4, 0.15)  # of the search, in units of `UNIT`
 ENERGY = 1e4  # J/mol; the unit of an energy
 ENERGIES = ("E_0", "E_S", "E_L")
@@ -34,7 +36,7 @@ PASSES = 6  # over all numbers at each size of step
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Part:
-    """A quarter of a run: A'WA, A'Wy, sum of W, and the rows with how much they count."""
+    """A block of a run: A'WA, A'Wy, sum of W, and the rows with how much they count."""
 
     run: str
     square: np.ndarray
@@ -47,7 +49,12 @@ class _Part:
 
 @dataclasses.dataclass(eq=False)
 class Parts:
-    """The quarters of the runs; those of the last shapes are kept."""
+    """The blocks of the runs; those of the last shapes are kept.
+
+    Attributes:
+        judged: by run, how much each kept reading counts in each kind, shape (kinds, kept).
+        accompanied: names of the runs at a temperature that another run has too.
+    """
 
     grid: Grid
     columns: dict[str, Columns]
@@ -57,10 +64,11 @@ class Parts:
     stated: Sequence[Start]
     ohm: float
     level: dict[str, np.ndarray] | None
+    accompanied: Collection[str]
     kept: dict[Shape, list[_Part]] = dataclasses.field(default_factory=dict)
 
     def of(self, shape: Shape) -> list[_Part]:
-        """Return the quarters of the runs for a shape."""
+        """Return the blocks of the runs for a shape."""
         if shape not in self.kept:
             found = []
             for name, one in self.columns.items():
@@ -77,11 +85,11 @@ class Parts:
         return [start.fade_sd == self.stated[number].fade_sd for start in self.stated]
 
     def score(self, shape: Shape, smoothness: Smoothness) -> float:
-        """Return the mean logarithm of the mean squares [V^2] of the parts left out: quarters and whole runs alike."""
+        """Return the mean logarithm of the mean squares [V^2] of the parts left out: blocks and whole runs alike."""
         return float(np.mean([np.mean(one) for one in self.missed(shape, smoothness) if one]))
 
     def missed(self, shape: Shape, smoothness: Smoothness) -> tuple[list[float], list[float]]:
-        """Return the logarithm of the mean square [V^2] of each quarter left out, and of each run."""
+        """Return the logarithm of the mean square [V^2] of each block left out, and of each run."""
         parts = self.of(shape)
         penalties = penalties_of(self.grid, shape, self.stated, self.ohm, smoothness, self.level)
         square = np.sum([part.square for part in parts], axis=0)
@@ -103,15 +111,15 @@ class Parts:
                 values[layout["fade"].start + number] = np.mean(others) if others else 0.0
             squares = [(part.target - part.matrix @ values) ** 2 for part in left_out]
             found = []
-            for kind in range(2):
+            for kind in range(len(left_out[0].shares)):
                 weight = sum(float(part.shares[kind].sum()) for part in left_out)
                 if weight > 0.0:
                     total = sum(float(part.shares[kind] @ one) for part, one in zip(left_out, squares, strict=True))
                     found.append(math.log(max(total / weight, LEAST_V2)))
             return float(np.mean(found))
 
-        whole = [[part for part in parts if part.run == name] for name in self.columns]
-        return [missed([part]) for part in parts], [missed(run) for run in whole] if len(whole) > 1 else []
+        whole = [[part for part in parts if part.run == name] for name in self.accompanied]
+        return [missed([part]) for part in parts], [missed(run) for run in whole]
 
 
 def search(

@@ -22,7 +22,7 @@ from parameterisation.result import Extraction
 from parameterisation.rows import Rows
 from parameterisation.smoothing import inflation_of, lagged
 
-LEAST_RISE_K = 1.5  # range of the cell's temperature above its surroundings: below it a run says nothing
+LEAST_RISE_K = 1.5  # range of the temperature by the cell's own heat: below it a run says nothing
 LONGEST_S = 60.0  # a reading counts as the time it stands for, up to this
 OFFSET_K = 0.5  # sd of the error of the ambient temperature of a run
 SHARE_SD = 0.05  # one node is not the cell: least relative sd. Assumed.
@@ -56,11 +56,21 @@ def fit_thermal(runs: Sequence[Rows], fit: JointFit) -> Thermal | None:
     if not parts:
         return None
 
+    # A cell in a room that drifts seems to warm; only what its own heat explains tells of it.
+    tau = _time_constant(parts)
+    heated = [one for one, rise in zip(parts, _Lines(parts, tau).rises_K, strict=True) if rise >= LEAST_RISE_K]
+    if heated and len(heated) < len(parts):
+        parts, tau = heated, _time_constant(heated)
+    return _result(parts, tau)
+
+
+def _time_constant(parts) -> float:
+    """Return the time constant of least misfit [s]."""
     grid = np.linspace(np.log(TAU_S[0]), np.log(TAU_S[1]), 25)
     best = grid[int(np.argmin([_Lines(parts, float(np.exp(at))).misfit for at in grid]))]
     step = grid[1] - grid[0]
     found = fminbound(lambda at: _Lines(parts, float(np.exp(at))).misfit, best - step, best + step)
-    return _result(parts, float(np.exp(np.asarray(found))))
+    return float(np.exp(np.asarray(found)))
 
 
 class _Lines:
@@ -71,6 +81,7 @@ class _Lines:
         misfit: weighted squares.
         left: by run, reading minus fit [K].
         heated: by run, lag(heat, tau) [W].
+        rises_K: by run, the range of the temperature that this heat explains.
     """
 
     def __init__(self, parts, tau: float) -> None:
@@ -92,6 +103,7 @@ class _Lines:
         self.values[0] = max(self.values[0], 1e-3)
         weighted = target - self.matrix @ self.values
         self.misfit, self.inverse = float(weighted @ weighted), float(self.values[0])
+        self.rises_K = [self.inverse * float(np.ptp(one)) for one in self.heated]
         ends = np.cumsum([0, *(rows.time_s.size for rows, _ in parts)])
         shares = [np.sqrt(np.minimum(np.gradient(rows.time_s), LONGEST_S) / LONGEST_S) for rows, _ in parts]
         self.weighted = [weighted[a:b] for a, b in itertools.pairwise(ends)]
