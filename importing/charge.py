@@ -13,9 +13,11 @@ from importing.sign import evidence
 
 # Highest voltage at rest and the voltage from which a rested cell is full, by chemistry that the range tells (assumed).
 _LFP_MOST_V = 3.85
+_LFP_SPREAD_V = 0.25  # between the quartiles of its voltage
 # A rested cell within so much [V] of the highest voltage of the files is full; sd of its SOC for that.
 _FULL_V, _FULL_SD = 0.06, 0.02
 _NEARLY_FULL_V = 0.2
+_CHARGED_ABOVE_V = 0.15  # a charge that ends so far above every rest was not followed by one
 _FULL_LOADED_V, _FULL_LOADED_SD = 0.1, 0.04
 _LFP_FULL_V, _LFP_FULL_SD = 3.38, 0.02
 # The voltage under load within so much [V] of the lowest of the files is the cut-off.
@@ -80,9 +82,27 @@ def counts(runs: Sequence[Log], ambient_degC: Sequence[float | None]) -> list[Co
     rested = [_quantile(run.columns["voltage_V"][_resting(run, floor)], 0.995) for run, _ in usable]
     tops = [_quantile(run.columns["voltage_V"], 0.99) for run, _ in usable]
     high = max((value for value in rested if np.isfinite(value)), default=float(np.median(tops)))
+    spread = [np.subtract(*(_quantile(run.columns["voltage_V"], share) for share in (0.75, 0.25))) for run, _ in usable]
+    flat = 3.2 < high < _LFP_MOST_V and float(np.median(spread)) < _LFP_SPREAD_V
+    # A cycler that goes from charge to discharge without a rest shows no full cell at rest.
+    charged_V = [float(run.columns["voltage_V"][end]) for run, _ in usable for end in _charged(run)]
+    if charged_V and not flat and max(charged_V) > high + _CHARGED_ABOVE_V:
+        high = max(charged_V)
     lows = sorted(_quantile(run.columns["voltage_V"], 0.0) for run, _ in usable)
     low = float(np.median(lows[: max(len(lows) // 2, 1)]))
-    return [_count(run, warmth, high, low, floor) for run, warmth in usable]
+    return [_count(run, warmth, high, low, floor, flat) for run, warmth in usable]
+
+
+def _charged(run: Log) -> np.ndarray:
+    """Return the last rows of charges that put back at least half of all the charge that the run moves."""
+    current = np.nan_to_num(run.columns["current_A"])
+    out = np.cumsum(current * np.diff(run.time_s, prepend=run.time_s[0]))
+    charging = np.concatenate([[False], current < 0.0, [False]])
+    turns = np.flatnonzero(charging[1:] != charging[:-1])
+    begins, ends = turns[::2], turns[1::2] - 1
+    put_back = out[np.maximum(begins - 1, 0)] - out[ends]
+    ends = ends[put_back >= 0.5 * float(np.ptp(out))] if ends.size else ends
+    return ends[np.isfinite(run.columns["voltage_V"][ends])]
 
 
 def _resting(run: Log, floor: float) -> np.ndarray:
@@ -95,14 +115,24 @@ def _quantile(values: np.ndarray, share: float) -> float:
     return float(np.quantile(there, share)) if there.size else np.nan
 
 
-def _count(run: Log, ambient_degC: float | None, high: float, low: float, floor: float) -> Count:
+def _count(run: Log, ambient_degC: float | None, high: float, low: float, floor: float, flat: bool) -> Count:
+    """Return the charge of a run.
+
+    Args:
+        run: current positive on discharge.
+        ambient_degC: of it.
+        high: voltage of a full cell.
+        low: the cut-off.
+        floor: current below which every run rests [A].
+        flat: whether the open-circuit voltage is, as that of LFP.
+    """
     current, voltage = np.nan_to_num(run.columns["current_A"]), run.columns["voltage_V"]
     interval = np.diff(run.time_s, prepend=run.time_s[0]) / 3600.0
     out = np.cumsum(current * interval)
     largest = float(np.max(np.abs(current))) or 1.0
     resting = _resting(run, floor)
     with np.errstate(invalid="ignore"):
-        if 3.2 < high < _LFP_MOST_V:
+        if flat:
             near_full = voltage >= min(_LFP_FULL_V, high - 0.02)
         else:
             near_full = voltage >= high - _FULL_V
@@ -110,13 +140,14 @@ def _count(run: Log, ambient_degC: float | None, high: float, low: float, floor:
         # The end of a charge at constant voltage: the current has fallen to a small share.
         tapered = (current < 0.0) & (np.abs(current) < 0.12 * largest) & (voltage >= high - 0.01)
         empty = (voltage <= low + _EMPTY_V) & (current > 0.1 * largest)
+    ends = _charged(run)
+    tapered[ends[voltage[ends] >= high - 0.01]] = True
     if not resting[0] and np.isfinite(voltage[0]) and current[0] > 0.0:  # the first row is under load already
         seen = evidence(run)
         drop = current[0] * seen.resistance_ohm if seen.steps >= 3 and seen.resistance_ohm > 0.0 else 0.0
         full[0] |= bool(voltage[0] + drop >= high - (_FULL_LOADED_V if drop else 1.5 * _FULL_LOADED_V))
     loaded = np.abs(current) > 0.05 * largest
     rate = float(np.median(np.abs(current[loaded]))) if loaded.any() else 0.0
-    flat = 3.2 < high < _LFP_MOST_V
     below = high - float(voltage[0]) if resting[0] and not flat else np.nan
     return Count(run, out, full | tapered, empty, resting, ambient_degC, rate, below)
 

@@ -186,7 +186,7 @@ def _log(table: RawTable, chosen: Mapping[str, Role], units: Mapping[str, str], 
             Finding("columns left out", where, f"{where}: not imported, as no column of the case holds it: {some}.")
         )
     if table.current_positive_on == "charge":
-        found.append(Decision("convention", where, "charge", "the Battery Data Format fixes it", "file"))
+        found.append(Decision("convention", where, "charge", table.remarks[-1].rstrip("."), "file"))
     return log.also(*found)
 
 

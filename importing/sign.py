@@ -127,14 +127,14 @@ def settle(logs: Sequence[Log], stated: str | None, accept: bool) -> list[Log]:
     logs = [with_state(log) for log in logs]
     found = [evidence(log) if "current_A" in log.columns else Evidence(0, 0, np.nan, 0.0) for log in logs]
     all_of_them = pooled(found)
-    fixed = any(d.about == "convention" and d.value == "charge" for log in logs for d in log.decisions)
+    fixed = [d.why for log in logs for d in log.decisions if d.about == "convention" and d.value == "charge"]
     odds, why = all_of_them.odds, all_of_them.sentence()
     if stated is not None:
         discharge, source, said = stated == "discharge-positive", "user", "stated"
     elif max(odds, 1.0 / odds) >= _SETTLED:
         discharge, source, said = odds >= 1.0, "physics", f"{_surely(odds)}: {why}"
     elif fixed:
-        discharge, source, said = False, "file", "the Battery Data Format fixes it"
+        discharge, source, said = False, "file", fixed[0]
     elif accept or not any(np.any(log.columns.get("current_A", np.zeros(1)) != 0.0) for log in logs):
         discharge, source, said = True, "assumed", "the readings do not tell"
     else:

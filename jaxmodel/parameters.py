@@ -23,7 +23,7 @@ class Parameters(eqx.Module):
         meaning="nominal capacity of a cell",
         symbol="Q",
         equation="1",
-        lower=1e-3,
+        lower=1e-7,
         upper=1e4,
         transform="log",
         source=_PAPER,

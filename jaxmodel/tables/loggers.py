@@ -66,7 +66,14 @@ def _neware(path: Path, package: Any) -> tuple[pd.DataFrame, list[str]]:
 def _biologic(path: Path, package: Any) -> tuple[pd.DataFrame, list[str]]:
     content = package.MPRfile(str(path))
     frame = pd.DataFrame({name: np.asarray(content.data[name]).astype(float) for name in content.data.dtype.names})
-    return frame, ["Read by galvani."]
+    remarks = ["Read by galvani."]
+    if not {"I/mA", "<I>/mA"} & {*frame} and {"time/s", "(Q-Qo)/mA.h"} <= {*frame}:
+        step_s = np.diff(frame["time/s"], prepend=np.nan)
+        step_s[step_s <= 0.0] = np.nan
+        rate = 3600.0 * np.diff(frame["(Q-Qo)/mA.h"], prepend=np.nan) / step_s
+        frame["I/mA"] = pd.Series(rate).bfill().ffill().fillna(0.0)
+        remarks.append("The file has no current; 'I/mA' is the rate of its charge '(Q-Qo)/mA.h'.")
+    return frame.drop(columns=[name for name in frame if name.startswith("control/")]), remarks
 
 
 def _arbin(path: Path, package: Any) -> tuple[pd.DataFrame, list[str]]:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import gzip
 import re
+import shutil
+import tempfile
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
@@ -19,7 +22,7 @@ from jaxmodel.tables.spreadsheets import read_spreadsheet
 SPREADSHEETS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 COLUMNAR = (".parquet", ".pq", ".feather", ".arrow")
 TEXT = (".csv", ".tsv", ".txt", ".mpt", ".asc", ".log", ".lvm", ".bdf", "")
-SUFFIXES = (*TEXT, *SPREADSHEETS, *COLUMNAR, ".mat", *PACKAGES)
+SUFFIXES = (*TEXT, *SPREADSHEETS, *COLUMNAR, ".mat", *PACKAGES, ".gz")
 """The endings of files that `read_table` knows; a file of another is taken as text."""
 
 # The fixed names of the Battery Data Format: labels, and names for machines. Its current is positive on charge.
@@ -27,6 +30,12 @@ _BATTERY_DATA_FORMAT = (
     {"Test Time / s", "Current / A", "Voltage / V"},
     {"test_time_second", "current_ampere", "voltage_volt"},
 )
+# By the ending of their files, makers whose current is positive on charge. Their own manuals.
+_POSITIVE_ON_CHARGE = {
+    ".mpr": "BioLogic", ".mpt": "BioLogic", ".nda": "Neware", ".ndax": "Neware", ".res": "Arbin",
+}  # fmt: skip
+_MOST_BYTES = 8 * 2**30  # that a compressed file may become
+_CHUNK = 2**24
 _STARTS = ((b"PK\x03\x04", ".xlsx"), (b"PAR1", ".parquet"), (b"ARROW1", ".feather"), (b"\xd0\xcf\x11\xe0", ".xls"))
 
 
@@ -62,6 +71,13 @@ def read_table(
         raise MeasurementError(f"{file_label(path)} is a folder; name the files in it.")
     if not path.is_file():
         raise MeasurementError(f"There is no file {file_label(path)}; check its name.")
+    if path.suffix.lower() == ".gz":
+        with tempfile.TemporaryDirectory() as folder:
+            inside = _decompressed(path, Path(folder))
+            table = read_table(
+                inside, columns=columns, rows=rows, sheet=sheet, encoding=encoding, delimiter=delimiter, decimal=decimal
+            )
+        return dataclasses.replace(table, source=path)
     keep = _keeper(columns, path)
     suffix = _suffix(path)
     if suffix in SPREADSHEETS:
@@ -77,6 +93,32 @@ def read_table(
     if len(table.frame) == 0:
         raise MeasurementError(f"{table.label} has names of columns and no rows; export the measurement again.")
     return _as_known(_selected(table, keep, rows))
+
+
+def _decompressed(path: Path, folder: Path) -> Path:
+    """Return the content of a gzip file as a file of a temporary folder, named so that messages name it alike.
+
+    Raises:
+        MeasurementError: it is damaged, holds another gzip file, or becomes larger than `_MOST_BYTES`.
+    """
+    inside = folder / path.parent.name / path.stem
+    if inside.suffix.lower() == ".gz":
+        raise MeasurementError(f"{file_label(path)} is compressed twice; decompress it once.")
+    inside.parent.mkdir(exist_ok=True)
+    size = 0
+    try:
+        with gzip.open(path, "rb") as packed, inside.open("wb") as plain:
+            while chunk := packed.read(_CHUNK):
+                size += len(chunk)
+                if size > _MOST_BYTES or size > shutil.disk_usage(folder).free + size - _CHUNK:
+                    raise MeasurementError(
+                        f"{file_label(path)} becomes larger than {size / 2**30:.0f} GiB when it is decompressed; "
+                        "decompress it yourself, and give the part that holds the measurement."
+                    )
+                plain.write(chunk)
+    except (OSError, EOFError) as error:
+        raise MeasurementError(f"{file_label(path)} is no whole gzip file ({error}); export it again.") from None
+    return inside
 
 
 def _suffix(path: Path) -> str:
@@ -125,4 +167,7 @@ def _as_known(table: RawTable) -> RawTable:
         return dataclasses.replace(
             table, format="Battery Data Format", remarks=(*table.remarks, remark), current_positive_on="charge"
         )
+    if maker := _POSITIVE_ON_CHARGE.get(table.source.suffix.lower()):
+        remark = f"{maker}: its current is positive on charge."
+        return dataclasses.replace(table, remarks=(*table.remarks, remark), current_positive_on="charge")
     return table

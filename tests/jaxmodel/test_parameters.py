@@ -61,7 +61,7 @@ def test_a_set_is_a_tree_of_scalars_in_the_order_of_the_table():
     assert float(leaves[list(TABLE).index("capacity_Ah")]) == 4.0
 
 
-@pytest.mark.parametrize("value", [5.2, 1e-3, 1e4, 5])
+@pytest.mark.parametrize("value", [5.2, 1e-7, 1e4, 5])
 def test_a_value_within_its_bounds_is_taken(value: float):
     assert info("capacity_Ah").check(value, "case") == value
 
@@ -69,8 +69,8 @@ def test_a_value_within_its_bounds_is_taken(value: float):
 @pytest.mark.parametrize(
     ("value", "sentence"),
     [
-        (0.0, "case: 'capacity_Ah' = 0 is outside its range 0.001 to 10000 A h; correct the value or its unit."),
-        (math.nan, "case: 'capacity_Ah' = nan is outside its range 0.001 to 10000 A h; correct the value or its unit."),
+        (0.0, "case: 'capacity_Ah' = 0 is outside its range 1e-07 to 10000 A h; correct the value or its unit."),
+        (math.nan, "case: 'capacity_Ah' = nan is outside its range 1e-07 to 10000 A h; correct the value or its unit."),
         ("5.2", "case: 'capacity_Ah' must be a number, not '5.2'; write it without quotes."),
         (True, "case: 'capacity_Ah' must be a number, not True; write it without quotes."),
     ],

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import gzip
 import io
+import sys
+import types
 import zipfile
 from pathlib import Path
 
@@ -184,3 +187,60 @@ def test_a_damaged_file_of_a_logger_gets_one_sentence(tmp_path: Path, suffix: st
         read_table(path)
     assert f"log{suffix} cannot be read by {PACKAGES[suffix][0]}" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+class FakeGalvani:
+    """What `galvani` gives of a charge at constant current, for which BioLogic stores no current."""
+
+    def __init__(self, path: str) -> None:
+        time_s = np.array([0.0, 10.0, 10.0, 30.0])
+        columns = {"time/s": time_s, "control/V/mA": 2.0, "(Q-Qo)/mA.h": 2.0 * time_s / 3600.0, "Ewe/V": 3.7}
+        self.data = pd.DataFrame(columns).to_records(index=False)
+
+
+def test_a_file_of_biologic_without_current_has_the_rate_of_its_charge(tmp_path: Path, monkeypatch):
+    path = tmp_path / "log.mpr"
+    path.write_bytes(b"nonsense")
+    monkeypatch.setitem(sys.modules, "galvani", types.SimpleNamespace(MPRfile=FakeGalvani))
+    table = read_table(path)
+    np.testing.assert_allclose(table.frame["I/mA"], 2.0)
+    assert table.units["I/mA"] == "mA"
+    assert "control/V/mA" not in table.frame
+    assert table.current_positive_on == "charge"
+    assert "rate of its charge" in table.summary()
+
+
+def test_a_compressed_table_is_read_as_the_table(tmp_path: Path):
+    frame = pd.DataFrame({"time_s": np.arange(50.0), "current_A": 1.0, "voltage_V": 3.7 + 0.01 * np.arange(50)})
+    frame.to_csv(tmp_path / "log.csv", index=False)
+    frame.to_csv(tmp_path / "log.csv.gz", index=False)
+    frame.to_parquet(tmp_path / "log.parquet")
+    with gzip.open(tmp_path / "log.parquet.gz", "wb") as packed:
+        packed.write((tmp_path / "log.parquet").read_bytes())
+    for name in ("log.csv.gz", "log.parquet.gz"):
+        table = read_table(tmp_path / name)
+        pd.testing.assert_frame_equal(table.frame, frame)
+        assert table.source == tmp_path / name
+
+
+def test_a_compressed_file_that_is_cut_or_too_large_or_packed_twice_gets_one_sentence(tmp_path: Path, monkeypatch):
+    whole = gzip.compress(b"time_s,voltage_V\n" + b"1,2\n" * 5000)
+    for name, content, said in (
+        ("cut.csv.gz", whole[: len(whole) // 2], "is no whole gzip file"),
+        ("none.csv.gz", b"nonsense", "is no whole gzip file"),
+        ("twice.csv.gz.gz", gzip.compress(whole), "is compressed twice"),
+    ):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(MeasurementError, match=said):
+            read_table(tmp_path / name)
+    monkeypatch.setattr("jaxmodel.tables.reading._MOST_BYTES", 1000)
+    (tmp_path / "large.csv.gz").write_bytes(whole)
+    with pytest.raises(MeasurementError, match="becomes larger than"):
+        read_table(tmp_path / "large.csv.gz")
+
+
+def test_a_wrong_table_in_a_compressed_file_is_named_as_it_would_be_without(tmp_path: Path):
+    with gzip.open(tmp_path / "log.csv.gz", "wb") as packed:
+        packed.write(b"name,note\na,b\nc,d\n")
+    with pytest.raises(MeasurementError, match=rf"{tmp_path.name}/log.csv"):
+        read_table(tmp_path / "log.csv.gz")
