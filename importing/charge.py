@@ -20,8 +20,10 @@ _NEARLY_FULL_V = 0.2
 _CHARGED_ABOVE_V = 0.15  # a charge that ends so far above every rest was not followed by one
 _FULL_LOADED_V, _FULL_LOADED_SD = 0.1, 0.04
 _LFP_FULL_V, _LFP_FULL_SD = 3.38, 0.02
-# The voltage under load within so much [V] of the lowest of the files is the cut-off.
+# The voltage under load within so much [V] of the lowest of the files is the cut-off, if it is no higher than makers of
+# such cells state: 2.5 to 3.2 V of layered oxides, 2.0 to 2.8 V of LFP.
 _EMPTY_V = 0.15
+_MOST_EMPTY_V, _MOST_EMPTY_LFP_V = 3.3, 2.9
 # A current below this share of the run's largest, or of that of all runs, is a rest.
 _REST, _FLOOR = 0.02, 0.0025
 _RESTED_S = 600.0
@@ -82,7 +84,8 @@ def counts(runs: Sequence[Log], ambient_degC: Sequence[float | None]) -> list[Co
     rested = [_quantile(run.columns["voltage_V"][_resting(run, floor)], 0.995) for run, _ in usable]
     tops = [_quantile(run.columns["voltage_V"], 0.99) for run, _ in usable]
     high = max((value for value in rested if np.isfinite(value)), default=float(np.median(tops)))
-    spread = [np.subtract(*(_quantile(run.columns["voltage_V"], share) for share in (0.75, 0.25))) for run, _ in usable]
+    volts = [run.columns["voltage_V"] for run, _ in usable]
+    spread = [_quantile(one, 0.75) - _quantile(one, 0.25) for one in volts]
     flat = 3.2 < high < _LFP_MOST_V and float(np.median(spread)) < _LFP_SPREAD_V
     # A cycler that goes from charge to discharge without a rest shows no full cell at rest.
     charged_V = [float(run.columns["voltage_V"][end]) for run, _ in usable for end in _charged(run)]
@@ -139,7 +142,8 @@ def _count(run: Log, ambient_degC: float | None, high: float, low: float, floor:
         full = near_full & resting
         # The end of a charge at constant voltage: the current has fallen to a small share.
         tapered = (current < 0.0) & (np.abs(current) < 0.12 * largest) & (voltage >= high - 0.01)
-        empty = (voltage <= low + _EMPTY_V) & (current > 0.1 * largest)
+        most = _MOST_EMPTY_LFP_V if flat else _MOST_EMPTY_V if high > _LFP_MOST_V else np.inf
+        empty = (voltage <= min(low + _EMPTY_V, most)) & (current > 0.1 * largest)
     ends = _charged(run)
     tapered[ends[voltage[ends] >= high - 0.01]] = True
     if not resting[0] and np.isfinite(voltage[0]) and current[0] > 0.0:  # the first row is under load already
@@ -152,12 +156,15 @@ def _count(run: Log, ambient_degC: float | None, high: float, low: float, floor:
     return Count(run, out, full | tapered, empty, resting, ambient_degC, rate, below)
 
 
-def capacity_of(found: Sequence[Count], stated_Ah: float | None) -> tuple[Stated, bool]:
-    """Return the capacity [A h], and whether a full discharge gave it.
+def capacity_of(
+    found: Sequence[Count], stated_Ah: float | None, of_preset: Stated | None = None
+) -> tuple[Stated, bool]:
+    """Return the capacity [A h], and whether a full discharge or the user gave it.
 
     Args:
         found: the charge of each run.
         stated_Ah: by the user.
+        of_preset: that of the preset that the user chose.
     """
     if stated_Ah is not None:
         return Stated(stated_Ah, 0.02 * stated_Ah, "stated"), True
@@ -169,6 +176,8 @@ def capacity_of(found: Sequence[Count], stated_Ah: float | None) -> tuple[Stated
         count = len(discharges)
         which = "the only discharge" if count == 1 else f"the largest of {count} discharges"
         return Stated(best, sd, f"{which} from full to the cut-off, in {one.run.name}"), True
+    if of_preset is not None:
+        return of_preset, False
     moved = max((float(np.ptp(count.out_Ah)) for count in found), default=0.0)
     if moved <= 0.0:
         return Stated(5.2, 5.0, "unknown: no charge was moved; the paper's cell"), False

@@ -27,7 +27,7 @@ from importing.sign import motor_signs, settle
 from importing.speed import with_speed
 from jaxmodel.errors import MeasurementError, nearest
 from jaxmodel.measurements import KINDS, file_label
-from jaxmodel.presets import located, why_not
+from jaxmodel.presets import located, read_preset, why_not
 
 _ROBOT_SOC = charge.Stated(1.0, 0.05, "assumed: full")
 
@@ -296,7 +296,7 @@ def _assembled(
     starts: list[charge.Stated | None] = [None] * len(warmed)
     if kind == "cell":
         counts = charge.counts([run for run, _ in warmed], [one.ambient_degC for one in conditions])
-        capacity, full = charge.capacity_of(counts, options.capacity_Ah)
+        capacity, full = charge.capacity_of(counts, options.capacity_Ah, _of_preset(options.preset))
         known = {
             count.run.name: start for count, start in zip(counts, charge.starts_of(counts, capacity, full), strict=True)
         }
@@ -329,13 +329,22 @@ def _label(condition: Condition, listed: Listed | None, capacity_Ah: float | Non
     return f"{listed.label}{warmth}"
 
 
+def _of_preset(preset: str | None) -> charge.Stated | None:
+    """Return the capacity that a preset states; None without a preset, or where it states none."""
+    known = read_preset(preset).parameters.get("capacity_Ah") if preset else None
+    if known is None:
+        return None
+    why = f"of the preset '{Path(str(preset)).name}'; no discharge goes from full to the cut-off"
+    return charge.Stated(known.value, known.sd or 0.02 * known.value, why)
+
+
 def _about_capacity(capacity: charge.Stated | None, full: bool, options: Options) -> list[Finding | Decision]:
     if capacity is None:
         return []
     value = f"{capacity.value:.4g} ± {capacity.sd:.2g} A h"
     source = "user" if options.capacity_Ah is not None else "file" if full else "assumed"
     about: list[Finding | Decision] = [Decision("capacity_Ah", "", value, capacity.why, source)]
-    if not full:
+    if not full and _of_preset(options.preset) is None:
         sentence = f"The capacity is not known: {capacity.why}; {value} is written. State it with --capacity."
         about.append(Finding("capacity", "", sentence, "warning"))
     return about

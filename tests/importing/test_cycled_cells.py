@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from importing import import_case
+from jaxmodel.presets import read_preset
 
 STEP_S = 60.0
 
@@ -36,3 +37,30 @@ def test_a_full_cell_is_the_end_of_a_charge_where_none_rests(tmp_path: Path, cap
     assert run.initial_soc.value == pytest.approx(0.0, abs=0.03)
     assert run.initial_soc.sd is not None
     assert run.initial_soc.sd > 0.01
+
+
+def partly_drawn(capacity_Ah: float = 3.0) -> pd.DataFrame:
+    """A full cell of which half is drawn in steps with dips: it never comes near a cut-off."""
+    amperes = np.concatenate([np.zeros(20), np.tile(np.repeat([0.5, 3.0, 0.0], 10), 3)])
+    soc = 1.0 - np.cumsum(amperes) * STEP_S / 3600.0 / capacity_Ah
+    voltage = np.round(3.0 + 1.2 * soc - 0.03 * amperes, 4)
+    return pd.DataFrame({"time_s": np.arange(amperes.size) * STEP_S, "current_A": amperes, "voltage_V": voltage})
+
+
+def test_the_lowest_voltage_of_a_log_is_no_cut_off_above_what_makers_state(tmp_path: Path):
+    path = tmp_path / "drive.csv"
+    partly_drawn().to_csv(path, index=False)
+    assumed = import_case(path, "cell", ambient=25.0)
+    assert "assumed" in str(assumed.capacity)
+    assert any(one.what == "capacity" for one in assumed.findings)
+
+
+def test_a_capacity_that_files_do_not_give_is_that_of_the_preset(tmp_path: Path):
+    path = tmp_path / "drive.csv"
+    partly_drawn().to_csv(path, index=False)
+    imported = import_case(path, "cell", ambient=25.0, preset="samsung_30q")
+    of_preset = read_preset("samsung_30q").parameters["capacity_Ah"].value
+    assert imported.case.parameters["capacity_Ah"].value == of_preset
+    assert imported.capacity is not None
+    assert "samsung_30q" in imported.capacity.why
+    assert not any(one.what == "capacity" for one in imported.findings)
