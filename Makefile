@@ -45,7 +45,7 @@ bench-check: $(INSTALLED)
 # The peers' packages do not go with ours (PyBaMM pins its own): an environment apart. Without it they are left out.
 bench-peers: $(INSTALLED)
 	@test -e .bench-env/.installed || { $(PYTHON) -m venv .bench-env && \
-		timeout 300 .bench-env/bin/pip install --quiet --constraint benchmarks/peers-constraints.txt pybamm thevenin numba pysindy \
+		timeout 300 .bench-env/bin/pip install --quiet --constraint benchmarks/peers-constraints.txt pybamm thevenin pybop numba pysindy \
 		&& touch .bench-env/.installed; } || echo "The peers could not be installed; the benchmark leaves them out."
 
 format: $(INSTALLED)

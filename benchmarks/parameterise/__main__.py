@@ -82,7 +82,9 @@ def main(
     names: Annotated[list[str] | None, typer.Argument(help="Cases; all without any.")] = None,
     out: Annotated[Path, typer.Option(help="Where parameterise.json goes.")] = WORK / "results",
     data: Annotated[Path | None, typer.Option(help="Folder of the measurements; else shared/data.")] = None,
-    peers: Annotated[Path | None, typer.Option(help="Python of an environment with thevenin and pybamm.")] = None,
+    peers: Annotated[
+        Path | None, typer.Option(help="Python with thevenin, pybamm and pybop installed.")
+    ] = None,
 ) -> None:
     """Parameterise real cases and judge them on runs that were not used."""
     source, every = find_data(data), [*CELLS, *MOTORS]
