@@ -15,7 +15,18 @@ from jaxmodel.flow import State
 from jaxmodel.kernel import holds_constants
 from jaxmodel.model import Model, Readings, initial_state, read, step, valid
 from jaxmodel.ports import touches
-from jaxmodel.profile import GROWTH, GROWTH_SATURATING, Grid, Profile, Track, make_grid
+from jaxmodel.profile import (
+    BENDING_STEP_SHARE,
+    GROWTH,
+    GROWTH_SATURATING,
+    SLOW_ROTOR_S,
+    WARMING_S,
+    WARMING_STEP_SHARE,
+    Grid,
+    Profile,
+    Track,
+    make_grid,
+)
 from jaxmodel.scan import observed_after, states_after
 from jaxmodel.sensors import distort, has_dynamic_sensors
 
@@ -91,9 +102,13 @@ def grid_of(model: Model, profile: Profile, jumped_s: float | None = None) -> Gr
     electrical = float(np.min(p.L_a / p.R_0))
     bends = touches(model.effects, "armature_voltage_drop")
     growth = GROWTH_SATURATING if touches(model.effects, "motor_torque") else GROWTH
-    bending = np.asarray(p.R_0 * p.J / p.k_tau**2)
+    settling = np.asarray(p.R_0 * p.J / p.k_tau**2)
+    shortest, longest = float(settling.min()), float(settling.max())
+    if longest > SLOW_ROTOR_S:
+        shortest = min(shortest if bends else max(shortest, SLOW_ROTOR_S), WARMING_S)
+        return make_grid(profile, electrical, (shortest, longest), WARMING_STEP_SHARE, growth, jumped_s)
     return make_grid(
-        profile, electrical, (float(bending.min()), float(bending.max())) if bends else None, growth, jumped_s
+        profile, electrical, (shortest, longest) if bends else None, BENDING_STEP_SHARE, growth, jumped_s
     )
 
 

@@ -51,3 +51,17 @@ def test_long_rows_of_a_motor_whose_law_bends(case: str):
     np.testing.assert_allclose(found["speed_rad_s"], truth["speed_rad_s"], rtol=0.0, atol=speed)
     heat = found["winding_temperature_degC"] - truth["winding_temperature_degC"]
     assert np.abs(heat).max() < 0.003 * warmest, (np.abs(heat).max(), warmest)
+
+
+HEAVY = (0.0005, 0.003, 0.03)  # kg m^2; up to a rotor that draws some 100 A for seconds
+
+
+@pytest.mark.parametrize("J", HEAVY)
+def test_a_heavy_rotor_starts_in_long_rows_while_its_winding_warms(J: float):
+    time = np.arange(0.0, 4.1, 0.5)
+    inputs = {name: np.full(time.size, value) for name, value in (("voltage_V", 14.0), ("ambient_degC", 20.0))}
+    inputs["load_torque_Nm"] = np.zeros(time.size)
+    truth = simulate("motor", {"J": J}, {"time_s": time, **inputs}, {}, tolerance=TOLERANCE)
+    found = run(Model("motor", Parameters(J=J)), Profile(time, inputs)).readings
+    np.testing.assert_allclose(found["current_A"], truth["current_A"], rtol=0.0, atol=1e-3)
+    np.testing.assert_allclose(found["speed_rad_s"], truth["speed_rad_s"], rtol=0.0, atol=0.01)
