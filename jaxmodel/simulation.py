@@ -107,9 +107,7 @@ def grid_of(model: Model, profile: Profile, jumped_s: float | None = None) -> Gr
     if longest > SLOW_ROTOR_S:
         shortest = min(shortest if bends else max(shortest, SLOW_ROTOR_S), WARMING_S)
         return make_grid(profile, electrical, (shortest, longest), WARMING_STEP_SHARE, growth, jumped_s)
-    return make_grid(
-        profile, electrical, (shortest, longest) if bends else None, BENDING_STEP_SHARE, growth, jumped_s
-    )
+    return make_grid(profile, electrical, (shortest, longest) if bends else None, BENDING_STEP_SHARE, growth, jumped_s)
 
 
 def simulate(model: Model, profile: Profile, cutoff: Cutoff | None = None) -> Trajectory:

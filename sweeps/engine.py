@@ -13,6 +13,7 @@ import xarray as xr
 
 from jaxmodel.errors import Remark, SweepError
 from sweeps.results import InMemory
+from sweeps.room import refuse_what_cannot_be_kept
 from sweeps.runner import Runner
 from sweeps.store import Store
 from sweeps.study import Study
@@ -51,12 +52,14 @@ def run(
         With `out` it is read from the disk as far as it is used.
 
     Raises:
-        SweepError: `out` holds another sweep or a finished one, the disk is full, the memory does not suffice, or the
-            lanes cannot be computed in the study's precision; what is done stays.
+        SweepError: `out` holds another sweep or a finished one, the disk is full or too small, the memory does not
+            suffice, or the lanes cannot be computed in the study's precision; what is done stays.
 
     Warns:
         Remark: a lane has an operation without vector instructions, and the sweep runs through XLA.
     """
+    if not resume:
+        refuse_what_cannot_be_kept(study, out)
     with _executor(engine, study) as executor:
         chunks = executor.chunks(memory, whole=out is None)
         sink = InMemory(study, chunks) if out is None else Store(study, chunks, out, resume)

@@ -330,3 +330,14 @@ def test_a_store_that_was_damaged_is_refused_in_a_sentence(study, many_chunks, t
     (out / file).write_text(text, encoding="latin-1")
     with pytest.raises(SweepError, match=r"(is damaged|no sweep that can be continued); give another folder"):
         run(study, out=out, resume=True)
+
+
+def test_a_study_for_which_there_is_no_room_is_refused_before_it_is_begun(cell_study, tmp_path: Path):
+    spans = {"current_A": 4.0, "cycles": 500.0}
+    huge = cell_study(axes={name: {"start": 0.1, "stop": end, "count": 10**6} for name, end in spans.items()})
+    assert huge.size == 10**12
+    with pytest.raises(SweepError, match=r"1,000,000,000,000 lanes take .* are free where .* take fewer values"):
+        run(huge, out=tmp_path / "result")
+    assert not (tmp_path / "result").exists()
+    with pytest.raises(SweepError, match=r"this machine has .* of memory; name a folder with out"):
+        run(huge)
