@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from jaxmodel.errors import SweepError
 from jaxmodel.simulation import Status
 from jaxmodel.units import unit_of
 from sweeps.lane import Outcome
@@ -147,11 +148,26 @@ def manifest_text(manifest: Mapping[str, Any]) -> str:
 
 
 def load(directory: str | Path) -> xr.Dataset:
-    """Return a saved result, read from the disk as far as it is used; lanes not run yet are NaN with status -1."""
-    dataset = xr.open_zarr(Path(directory) / GRID, consolidated=False, chunks=None)
-    manifest = json.loads((Path(directory) / MANIFEST).read_text(encoding="utf-8"))
-    ordered = dataset[manifest["variables"]]  # a folder lists them in any order
-    return ordered.assign_attrs(attributes_of(manifest))
+    """Return a saved result, read from the disk as far as it is used; lanes not run yet are NaN with status -1.
+
+    Values are checked when they are read: one that has changed on the disk raises a ValueError on its checksum. Running
+    the sweep again with resume computes such lanes anew.
+
+    Raises:
+        SweepError: the folder holds no result, or one that is damaged.
+    """
+    folder = Path(directory)
+    if not (folder / MANIFEST).is_file():
+        raise SweepError(f"{folder} holds no result of a sweep; give the folder that it was written to.")
+    try:
+        dataset = xr.open_zarr(folder / GRID, consolidated=False, chunks=None)
+        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        ordered = dataset[manifest["variables"]]  # a folder lists them in any order
+        return ordered.assign_attrs(attributes_of(manifest))
+    except (ValueError, KeyError, TypeError, AttributeError, OSError) as error:
+        raise SweepError(
+            f"{folder}: its files are damaged ({type(error).__name__}); run the sweep again into another folder."
+        ) from error
 
 
 def lanes_per_second(dataset: xr.Dataset) -> float:

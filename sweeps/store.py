@@ -68,12 +68,15 @@ class Store:
         self._study = study
         self._variables = variables_of(study)
         self._log: IO[bytes] | None = None
+        self._arrays: dict[str, zarr.Array] = {}
         self._done = 0
         self._manifest = manifest_of(study) | {"chunks": {"lanes": list(chunks.box), "number": len(chunks)}}
         try:
             with self._plain_errors():
                 self.folder.mkdir(parents=True, exist_ok=True)
                 found = self._found(resume)
+                if self._finished:
+                    self._check_finished()
                 if not self._finished:
                     self._open(begin=not found)
         except BaseException:
@@ -125,17 +128,30 @@ class Store:
         lines = self._log.read()
         whole = lines[: lines.rfind(b"\n") + 1]  # a kill, or a full disk, may have torn the last line
         self._log.truncate(len(whole))
-        try:
-            group = zarr.open_group(self.folder / GRID, mode="r+", use_consolidated=False)
-            self._arrays: dict[str, zarr.Array] = {
-                name: group[name].with_config({"write_empty_chunks": True})  # type: ignore[union-attr]
-                for name in self._variables
-            }
-        except (ValueError, KeyError) as error:
-            raise self._damaged(GRID) from error
+        self._arrays = self._opened()
         noted = {int(line) for line in whole.split() if line.isdigit()}
         self.pending = [n for n in range(len(self.chunks)) if n not in noted or not self._is_whole(n)]
         self._done = len(self.chunks) - len(self.pending)
+
+    def _opened(self) -> dict[str, zarr.Array]:
+        try:
+            group = zarr.open_group(self.folder / GRID, mode="r+", use_consolidated=False)
+            return {
+                name: group[name].with_config({"write_empty_chunks": True})  # type: ignore[union-attr]
+                for name in self._variables
+            }
+        except (ValueError, KeyError, FileNotFoundError) as error:
+            raise self._damaged(GRID) from error
+
+    def _check_finished(self) -> None:
+        """Take a finished result for one that was stopped if some of its chunks are no longer as they were written."""
+        self._arrays = self._opened()
+        whole = [number for number in range(len(self.chunks)) if self._is_whole(number)]
+        if len(whole) == len(self.chunks):
+            return
+        del self._manifest["performance"]
+        (self.folder / LOG).write_bytes(b"".join(b"%d\n" % number for number in whole))
+        _replace(self.folder / MANIFEST, manifest_text(self._manifest))
 
     def _is_whole(self, number: int) -> bool:
         """Return whether all files of a chunk are there and as they were written."""

@@ -341,3 +341,29 @@ def test_a_study_for_which_there_is_no_room_is_refused_before_it_is_begun(cell_s
     assert not (tmp_path / "result").exists()
     with pytest.raises(SweepError, match=r"this machine has .* of memory; name a folder with out"):
         run(huge)
+
+
+@pytest.mark.parametrize("damage", [_cut_off, _flip, Path.unlink])
+def test_a_finished_result_that_was_damaged_is_mended_by_resume(study, whole, many_chunks, tmp_path, damage):
+    out = tmp_path / "out"
+    run(study, out=out)
+    damage(next(path for path in sorted((out / "result.zarr" / "min_voltage_V" / "c").rglob("*")) if path.is_file()))
+    store = Store(study, plan.cut(study.shape, 60), out, resume=True)
+    assert len(store.pending) == 1
+    store.close()
+    assert_same_bits(run(study, out=out, resume=True), whole)
+    assert_same_bits(run(study, out=out, resume=True), whole)
+
+
+@pytest.mark.parametrize("file", ["manifest.json", "result.zarr/zarr.json", "result.zarr/status/zarr.json"])
+def test_a_result_whose_files_are_damaged_is_not_loaded(study, many_chunks, tmp_path, file):
+    out = tmp_path / "out"
+    run(study, out=out)
+    (out / file).write_text('{"half":', encoding="utf-8")
+    with pytest.raises(SweepError, match=r"its files are damaged .* run the sweep again into another folder"):
+        load(out)
+
+
+def test_a_folder_without_a_result_is_not_loaded(tmp_path: Path):
+    with pytest.raises(SweepError, match="holds no result of a sweep"):
+        load(tmp_path)
