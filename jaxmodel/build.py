@@ -64,7 +64,7 @@ def make_effect(
 def own_effect_hint(name: str) -> str:
     """Say how an effect of the user's own is given, who may have meant one by a name that is not in the catalogue."""
     example = "found_law.py:FoundLaw" if name == "found_law" else "FILE.py:CLASS"
-    return f"An effect of your own is given by --effect {example}."
+    return f"Give an effect of your own by --effect {example}."
 
 
 def load_effect_class(reference: str) -> type[Effect]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
@@ -13,6 +14,12 @@ import typer.core
 
 MISTAKE = 2
 _STOPPED = 130
+_MOST_CHARACTERS = 800  # of a sentence, which may repeat a word of any length
+_PARSED = (
+    (r"Input should be a valid integer.*", "it must be a whole number."),
+    (r"Input should be a valid number.*", "it must be a number."),
+    (r"Input should be", "it must be"),
+)
 
 
 class OneSentence(typer.core.TyperGroup):
@@ -30,7 +37,7 @@ class OneSentence(typer.core.TyperGroup):
             with _plain_remarks():
                 code = super().main(given or ["--help"], *others, standalone_mode=False, **kwargs)
         except typer.TyperException as error:
-            sentence = error.format_message()
+            sentence = _plain(error.format_message())
             hint = "" if sentence.endswith("?") else "; --help shows what there is."
             return _mistake(sentence.rstrip("." if hint else "") + hint)
         except (typer.Abort, KeyboardInterrupt):
@@ -53,6 +60,13 @@ class OneSentence(typer.core.TyperGroup):
         if code == _STOPPED:  # so typer says that Ctrl-C was pressed
             _mistake("Stopped.")
         return code if isinstance(code, int) else 0
+
+
+def _plain(sentence: str) -> str:
+    """Return what the parser of the words says of a wrong one in words for its user."""
+    for parsed, said in _PARSED:
+        sentence = re.sub(parsed, said, sentence)
+    return sentence
 
 
 @contextlib.contextmanager
@@ -78,5 +92,8 @@ def _plain_remarks() -> Iterator[None]:
 def _mistake(sentence: str) -> int:
     from workbench.terminal import complain
 
+    if len(sentence) > _MOST_CHARACTERS:
+        half = _MOST_CHARACTERS // 2
+        sentence = f"{sentence[:half]} ... {sentence[-half:]}"
     complain(sentence)
     return MISTAKE

@@ -82,9 +82,7 @@ def main(
     names: Annotated[list[str] | None, typer.Argument(help="Cases; all without any.")] = None,
     out: Annotated[Path, typer.Option(help="Where parameterise.json goes.")] = WORK / "results",
     data: Annotated[Path | None, typer.Option(help="Folder of the measurements; else shared/data.")] = None,
-    peers: Annotated[
-        Path | None, typer.Option(help="Python with thevenin, pybamm and pybop installed.")
-    ] = None,
+    peers: Annotated[Path | None, typer.Option(help="Python with thevenin, pybamm and pybop installed.")] = None,
 ) -> None:
     """Parameterise real cases and judge them on runs that were not used."""
     source, every = find_data(data), [*CELLS, *MOTORS]

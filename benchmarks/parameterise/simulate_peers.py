@@ -109,9 +109,11 @@ def _identified(fit):
     simulator = pybop.pybamm.Simulator(model, parameter_values=values, protocol=dataset)
     problem = pybop.Problem(simulator, pybop.RootMeanSquaredError(dataset))
     options = pybop.SciPyMinimizeOptions(method="Nelder-Mead", maxiter=ITERATIONS)
-    found = dict(zip(first, np.ravel(pybop.SciPyMinimize(problem, options=options).run().x), strict=True))
-    R = [float(found[f"R{number} [Ohm]"]) for number in range(3)]
-    return {"R": R, "tau_s": [R[number] * float(found[f"C{number} [F]"]) for number in (1, 2)]}
+    found = {
+        name: float(value) for name, value in pybop.SciPyMinimize(problem, options=options).run().best_inputs.items()
+    }
+    R = [found[f"R{number} [Ohm]"] for number in range(3)]
+    return {"R": R, "tau_s": [R[number] * found[f"C{number} [F]"] for number in (1, 2)]}
 
 
 def main():

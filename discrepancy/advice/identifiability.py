@@ -16,7 +16,7 @@ from discrepancy.noise.model_error import NONE, estimate
 from discrepancy.workings import Workings
 from jaxmodel.build import case_model
 from jaxmodel.case import Case
-from jaxmodel.errors import ParameterError, nearest
+from jaxmodel.errors import ParameterError, instead, nearest
 from jaxmodel.known import Known
 from jaxmodel.names import parameter_table, value
 from jaxmodel.parameters import TABLE, info
@@ -224,7 +224,7 @@ def asking_for(case: Case, names: Sequence[str]) -> tuple[Case, tuple[str, ...]]
     for name in names:
         if name not in TABLE:
             known = parameter_table(case_model(case, case.runs[0]))
-            raise ParameterError(f"--parameter {name}: there is no such parameter.{nearest(name, [*known])}")
+            raise ParameterError(f"--parameter {name}: there is no such parameter.{instead(name, [*known])}")
         stated = case.parameters.get(name)
         in_runs = name == "initial_soc" or any(name in run.overrides and run.overrides[name].sd for run in case.runs)
         if in_runs or (stated is not None and stated.sd is not None):

@@ -92,7 +92,7 @@ def test_unknown_effect_says_how_ones_own_is_given(run: Run, case_folder: Path, 
         toml.write_text(f"{text}\n[effects]\n{name} = {{}}\n", encoding="utf-8")
         result = run("simulate", case_folder, "--out", tmp_path / "out")
         assert result.exit_code == 2
-        assert result.stderr.strip().endswith(f"An effect of your own is given by {said}")
+        assert result.stderr.strip().endswith(f"Give an effect of your own by {said}")
 
 
 def test_a_figure_too_full_for_its_layout_is_drawn_without_a_warning() -> None:
