@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from discrepancy.result import ChannelError, Diagnosis, Removed
+from jaxmodel.whole_files import write_whole
 
 
 def number(value: float) -> float | None:
@@ -116,4 +117,4 @@ def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
 
 def write_answer(diagnosis: Diagnosis, path: Path) -> None:
     """Write the answer as JSON."""
-    path.write_text(json.dumps(answer(diagnosis), indent=2) + "\n", encoding="utf-8")
+    write_whole(path, json.dumps(answer(diagnosis), indent=2) + "\n")

@@ -25,6 +25,7 @@ from discrepancy.advice.identifiability import (
 from discrepancy.plotting import IdentificationPlots
 from discrepancy.workings import Workings
 from jaxmodel.case import Case
+from jaxmodel.whole_files import write_whole
 
 # A profile can lead to a deeper minimum, from which another one can.
 _MOST_RESTARTS = 3
@@ -150,7 +151,7 @@ class Identification:
                 for one in self.profiles
             ],
         }
-        (out / "identify.json").write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+        write_whole(out / "identify.json", json.dumps(content, indent=2, ensure_ascii=False) + "\n")
         if pictures:
             self.plot.save(out)
         return out

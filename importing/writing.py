@@ -12,6 +12,7 @@ from jaxmodel import toml
 from jaxmodel.case_writing import preset_entry
 from jaxmodel.errors import MeasurementError
 from jaxmodel.run_csv import write_numbers
+from jaxmodel.whole_files import write_whole
 
 _LINE = 160
 
@@ -22,12 +23,12 @@ def write(imported: Imported, folder: Path, pictures: bool) -> Path:
     if any(source.parent == folder.resolve() for source in sources):
         raise MeasurementError(f"{folder}: the files that were imported are in this folder; give another one.")
     folder.mkdir(parents=True, exist_ok=True)
-    names = _names(imported)
+    names, file = _names(imported), folder / "case.toml"
+    file.unlink(missing_ok=True)  # until its runs are written, the folder is no case
     for run, name in zip(imported.runs, names, strict=True):
         write_numbers({"time_s": run.log.time_s, **run.log.columns}, folder / f"{name}.csv")
-    file = folder / "case.toml"
-    file.write_text(_head(imported) + toml.document(_content(imported, names, folder)), encoding="utf-8")
-    (folder / "import.json").write_text(json.dumps(to_dict(imported), indent=1, ensure_ascii=False) + "\n", "utf-8")
+    write_whole(folder / "import.json", json.dumps(to_dict(imported), indent=1, ensure_ascii=False) + "\n")
+    write_whole(file, _head(imported) + toml.document(_content(imported, names, folder)))
     if pictures:
         for run, name in zip(imported.runs, names, strict=True):
             (folder / f"{name}.png").write_bytes(imported.plot.png(run.log.name))

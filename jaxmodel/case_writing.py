@@ -13,6 +13,7 @@ from jaxmodel import toml
 from jaxmodel.case import Case, Run
 from jaxmodel.errors import MeasurementError
 from jaxmodel.known import Known, Table, Tolerance
+from jaxmodel.whole_files import write_whole
 
 _VALUE_KEYS = {"ocv": "voltage_V", "R_ints": "ohm", "R_TS": "ohm", "R_TL": "ohm", "C_TS": "farad", "C_TL": "farad"}
 
@@ -42,7 +43,7 @@ def write_case(case: Case, path: Path, comments: list[str] | None = None) -> Non
         for run, file in zip(case.runs, files, strict=True)
     ]
     head = "".join(f"# {line}\n" for line in comments or [])
-    path.write_text(head + toml.document(content), encoding="utf-8")
+    write_whole(path, head + toml.document(content))
 
 
 def write_folder(case: Case, folder: Path) -> Path:
@@ -55,6 +56,7 @@ def write_folder(case: Case, folder: Path) -> Path:
     if any(file.resolve().parent == folder.resolve() for file in case.files):
         raise MeasurementError(f"{folder}: the case was read from this folder; give another one.")
     folder.mkdir(parents=True, exist_ok=True)
+    toml_file.unlink(missing_ok=True)  # until its runs are written, the folder is no case
     write_case(dataclasses.replace(case, runs=tuple(dataclasses.replace(r, source=None) for r in case.runs)), toml_file)
     return toml_file
 

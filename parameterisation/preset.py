@@ -11,6 +11,7 @@ from jaxmodel import toml
 from jaxmodel.case_writing import table_entry
 from jaxmodel.errors import MeasurementError
 from jaxmodel.presets import PresetForm
+from jaxmodel.whole_files import write_whole
 from parameterisation.result import Parameterisation
 
 KINDS = {"cell": ["cell", "robot"], "motor": ["motor"], "robot": ["robot"]}
@@ -53,7 +54,7 @@ def write_preset(found: Parameterisation, path: Path, data: str, licence: str) -
     head += [f"not identified: {one.name}; {one.method}." for one in found.extractions if not one.found]
     lines = "".join(f"# {line}\n" for line in head)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(lines + toml.document(content), encoding="utf-8")
+    write_whole(path, lines + toml.document(content))
 
 
 def _held_out(found: Parameterisation, added: str) -> list[dict[str, Any]]:

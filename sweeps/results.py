@@ -14,6 +14,7 @@ import xarray as xr
 from jaxmodel.errors import SweepError
 from jaxmodel.simulation import Status
 from jaxmodel.units import unit_of
+from jaxmodel.whole_files import write_whole
 from sweeps.lane import Outcome
 from sweeps.manifest import manifest_of
 from sweeps.plan import Chunks
@@ -128,7 +129,7 @@ def save(dataset: xr.Dataset, directory: str | Path) -> Path:
     dataset.to_zarr(directory / GRID, mode="w", consolidated=False)
     save_table(dataset, directory)
     manifest = json.loads(dataset.attrs["manifest"])
-    (directory / MANIFEST).write_text(manifest_text(manifest), encoding="utf-8")
+    write_whole(directory / MANIFEST, manifest_text(manifest))
     return directory
 
 

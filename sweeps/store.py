@@ -23,6 +23,7 @@ import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from jaxmodel.errors import SweepError
+from jaxmodel.whole_files import flush, write_whole
 from sweeps.lane import Outcome
 from sweeps.manifest import difference, manifest_of
 from sweeps.plan import Chunks, size_text
@@ -122,7 +123,7 @@ class Store:
                 raise SweepError(f"{self.folder}: another run is writing here; wait for it or stop it.") from error
         if begin:
             self._log.truncate(0)
-            _replace(self.folder / MANIFEST, manifest_text(self._manifest))
+            write_whole(self.folder / MANIFEST, manifest_text(self._manifest))
             self._create()
         self._log.seek(0)
         lines = self._log.read()
@@ -151,7 +152,7 @@ class Store:
             return
         del self._manifest["performance"]
         (self.folder / LOG).write_bytes(b"".join(b"%d\n" % number for number in whole))
-        _replace(self.folder / MANIFEST, manifest_text(self._manifest))
+        write_whole(self.folder / MANIFEST, manifest_text(self._manifest))
 
     def _is_whole(self, number: int) -> bool:
         """Return whether all files of a chunk are there and as they were written."""
@@ -192,9 +193,9 @@ class Store:
                 attributes=variable.attributes,
             )
         for path in (*aside.rglob("*"), aside):
-            _flush(path)
+            flush(path)
         os.replace(aside, self.folder / GRID)
-        _flush(self.folder)
+        flush(self.folder)
 
     def _create_drawn(self, group: zarr.Group) -> None:
         """Write what is drawn for the lanes, block by block: there may be more of it than memory."""
@@ -232,7 +233,7 @@ class Store:
                 "rounds otherwise; give another folder, or the engine that began it."
             )
         with self._plain_errors():
-            _replace(self.folder / MANIFEST, manifest_text(self._manifest))
+            write_whole(self.folder / MANIFEST, manifest_text(self._manifest))
 
     def commit(self, number: int, outcome: Outcome) -> None:
         """Write a chunk, then note that it is done.
@@ -248,7 +249,7 @@ class Store:
                 self._arrays[name][region] = values.reshape(*shape, *values.shape[1:])
                 file = self._file(name, region)
                 for path in (file, *file.parents[: len(file.relative_to(self.folder / GRID).parts) - 1]):
-                    _flush(path)
+                    flush(path)
             self._log.write(b"%d\n" % number)
             self._log.flush()
             os.fsync(self._log.fileno())
@@ -260,7 +261,7 @@ class Store:
             with self._plain_errors():
                 save_table(load(self.folder), self.folder)
                 self._manifest = self._manifest | {"performance": dict(performance)}
-                _replace(self.folder / MANIFEST, manifest_text(self._manifest))
+                write_whole(self.folder / MANIFEST, manifest_text(self._manifest))
                 self.close()
                 (self.folder / LOG).unlink(missing_ok=True)
         return load(self.folder)
@@ -285,23 +286,3 @@ class Store:
                 f"{self.folder}: the disk is full after {self._done} of {len(self.chunks)} chunks, which are kept; "
                 f"free {size_text(left)} and continue with --resume."
             ) from error
-
-
-def _replace(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    aside = path.with_name(f".{path.name}.new")
-    with aside.open("w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(aside, path)
-    _flush(path.parent)
-
-
-def _flush(path: Path) -> None:
-    """Wait until what a file or folder holds is on the disk."""
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any
+
+from jaxmodel.whole_files import write_whole
 
 # What a session's folder holds.
 VIEW, PROGRESS, WANTED, STOP = "view.json", "progress.json", "wanted.json", "stop"
@@ -17,10 +18,7 @@ LOG = "worker.log"
 
 def write_json(path: Path, content: Any) -> None:
     """Write a value as JSON, readable by the owner alone."""
-    aside = path.with_name(f".{path.name}.{os.getpid()}")
-    aside.write_text(json.dumps(content, separators=(",", ":")), encoding="utf-8")
-    aside.chmod(0o600)
-    os.replace(aside, path)
+    write_whole(path, json.dumps(content, separators=(",", ":")), lasting=False, mode=0o600)
 
 
 def read_json(path: Path) -> Any:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from jaxmodel.errors import MeasurementError
+from jaxmodel.whole_files import write_whole
 from workbench import terminal
 from workbench.commands.diagnose import diagnose_all
 from workbench.commands.import_files import files_of, import_files
@@ -125,9 +126,7 @@ class _Stages:
         self._write()
 
     def _write(self) -> None:
-        part = self._file.with_suffix(".part")
-        part.write_text(json.dumps(self._done, indent=2), encoding="utf-8")
-        part.replace(self._file)
+        write_whole(self._file, json.dumps(self._done, indent=2))
 
 
 def _read(file: Path) -> dict[str, str]:

@@ -1,0 +1,40 @@
+"""Files that are there whole or not at all, whenever the process that writes them is killed."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+
+def write_whole(path: Path, text: str, *, lasting: bool = True, mode: int | None = None) -> None:
+    """Write a text file aside and then into its place.
+
+    Args:
+        path: of the file; what is there is replaced.
+        text: its content.
+        lasting: wait until it is on the disk, so that it outlives a loss of power too.
+        mode: of the file, such as 0o600; by default as the system makes it.
+    """
+    aside = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with aside.open("w", encoding="utf-8") as file:
+            file.write(text)
+            if lasting:
+                file.flush()
+                os.fsync(file.fileno())
+        if mode is not None:
+            aside.chmod(mode)
+        os.replace(aside, path)
+    finally:
+        aside.unlink(missing_ok=True)
+    if lasting:
+        flush(path.parent)
+
+
+def flush(path: Path) -> None:
+    """Wait until what a file or folder holds is on the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
