@@ -40,6 +40,11 @@ class Variable:
         return int(np.dtype(self.dtype).itemsize * np.prod(self.shape[1:] or (1,), dtype=np.int64))
 
 
+def result_bytes_per_lane(study: Study) -> int:
+    """Return the size of a lane's results, uncompressed."""
+    return sum(variable.bytes_per_lane for variable in variables_of(study).values())
+
+
 def variables_of(study: Study) -> dict[str, Variable]:
     """Return what the result of a study holds, by name; shapes have one axis of lanes in front."""
     dims, lanes = tuple(study.dims), study.size

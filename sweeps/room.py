@@ -8,7 +8,7 @@ from pathlib import Path
 
 from jaxmodel.errors import SweepError
 from sweeps.plan import size_text
-from sweeps.results import variables_of
+from sweeps.results import result_bytes_per_lane
 from sweeps.study import Study
 
 # Of its size that a result on disk may lose by compression: metrics of lanes that differ lose a tenth to a half.
@@ -21,7 +21,7 @@ def refuse_what_cannot_be_kept(study: Study, out: str | Path | None) -> None:
     Raises:
         SweepError: they are larger than the memory of this machine, or than four times what is free on the disk.
     """
-    size = study.size * sum(variable.bytes_per_lane for variable in variables_of(study).values())
+    size = study.size * result_bytes_per_lane(study)
     lanes = f"the results of {study.size:,} lanes take {size_text(size)}"
     if out is None:
         if size > (memory := _memory_bytes()):

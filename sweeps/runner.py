@@ -18,7 +18,7 @@ from sweeps.by_xla import ByXla
 from sweeps.devices import lane_mesh
 from sweeps.lane import Keep, Outcome, lay_out
 from sweeps.plan import DEFAULT_MEMORY, Chunks, bytes_of, cut, lanes_per_chunk, size_text
-from sweeps.results import variables_of
+from sweeps.results import result_bytes_per_lane
 from sweeps.study import Study
 
 BY_VECTORS, BY_XLA = "vector instructions", "XLA"
@@ -57,7 +57,7 @@ class Runner:
     @property
     def result_bytes_per_lane(self) -> int:
         """The size of a lane's results."""
-        return sum(variable.bytes_per_lane for variable in variables_of(self._study).values())
+        return result_bytes_per_lane(self._study)
 
     def chunks(self, memory: float | int | str | None, whole: bool, least: int = 1) -> Chunks:
         """Return the cut of the study for so much memory, in some chunks at least.

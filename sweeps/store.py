@@ -35,6 +35,7 @@ from sweeps.results import (
     coordinates_of,
     load,
     manifest_text,
+    result_bytes_per_lane,
     save_table,
     values_of,
     variables_of,
@@ -280,8 +281,7 @@ class Store:
         except OSError as error:
             if error.errno not in _FULL:
                 raise
-            left = sum(v.bytes_per_lane for v in self._variables.values()) * self._study.size
-            left *= 1.0 - self._done / len(self.chunks)
+            left = result_bytes_per_lane(self._study) * self._study.size * (1.0 - self._done / len(self.chunks))
             raise SweepError(
                 f"{self.folder}: the disk is full after {self._done} of {len(self.chunks)} chunks, which are kept; "
                 f"free {size_text(left)} and continue with --resume."

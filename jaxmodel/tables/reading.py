@@ -110,7 +110,7 @@ def _decompressed(path: Path, folder: Path) -> Path:
         with gzip.open(path, "rb") as packed, inside.open("wb") as plain:
             while chunk := packed.read(_CHUNK):
                 size += len(chunk)
-                if size > _MOST_BYTES or size > shutil.disk_usage(folder).free + size - _CHUNK:
+                if size > _MOST_BYTES or shutil.disk_usage(folder).free < _CHUNK:
                     raise MeasurementError(
                         f"{file_label(path)} becomes larger than {size / 2**30:.0f} GiB when it is decompressed; "
                         "decompress it yourself, and give the part that holds the measurement."
