@@ -13,12 +13,16 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from jaxmodel.circle import sine_and_cosine
 from jaxmodel.declaration import Scalar
 from jaxmodel.flow import mean_exponential
 from jaxmodel.root import rising_root
+
+# Size of (m^2 - det) h^2 below which the matrix exponential is a series in it.
+_NEAR_CRITICAL = 1e-2
 
 
 class Pair(NamedTuple):
@@ -85,23 +89,33 @@ def matrix_exponential(matrix: Matrix, duration: Scalar) -> Matrix:
     determinant = matrix.determinant
     discriminant = mean * mean - determinant
     scaled = discriminant * duration * duration
-
-    series = jnp.abs(scaled) < 1e-2
-    root = jnp.sqrt(jnp.where(series, 1.0, jnp.abs(discriminant)))
-    fast = mean - root
-    slow = jnp.where(discriminant > 0.0, determinant / jnp.where(fast == 0.0, 1.0, fast), mean)  # no cancellation
-    slow_decay, fast_decay, mean_decay = jnp.exp(slow * duration), jnp.exp(fast * duration), jnp.exp(mean * duration)
-    angle = jnp.where(discriminant > 0.0, 0.0, root * duration)
-
-    cosh_series = 1.0 + scaled / 2.0 * (1.0 + scaled / 12.0 * (1.0 + scaled / 30.0 * (1.0 + scaled / 56.0)))
-    sinh_series = 1.0 + scaled / 6.0 * (1.0 + scaled / 20.0 * (1.0 + scaled / 42.0 * (1.0 + scaled / 72.0)))
-    overdamped = discriminant > 0.0
-    sine, cosine = sine_and_cosine(angle)
-    even = jnp.where(overdamped, 0.5 * (slow_decay + fast_decay), mean_decay * cosine)
-    odd = jnp.where(overdamped, 0.5 * (slow_decay - fast_decay), mean_decay * sine) / root
-    even = jnp.where(series, mean_decay * cosh_series, even)
-    odd = jnp.where(series, mean_decay * duration * sinh_series, odd)
+    # Most motors are far from critical damping: the branch spares them the sine and cosine.
+    even, odd = jax.lax.cond(
+        scaled >= _NEAR_CRITICAL, _overdamped, _underdamped, mean, determinant, discriminant, scaled, duration
+    )
     return matrix.times(odd, plus=even - odd * mean)
+
+
+def _overdamped(mean, determinant, discriminant, scaled, duration) -> tuple[Scalar, Scalar]:
+    """Return e^(m h) cosh(r h) and e^(m h) sinh(r h) / r with r^2 = m^2 - det, without cancellation."""
+    # The other branch's lanes come here too where a batch evaluates both.
+    root = jnp.sqrt(jnp.where(scaled >= _NEAR_CRITICAL, discriminant, 1.0))
+    fast = mean - root
+    slow = determinant / jnp.where(fast == 0.0, 1.0, fast)
+    slow_decay, fast_decay = jnp.exp(slow * duration), jnp.exp(fast * duration)
+    return 0.5 * (slow_decay + fast_decay), 0.5 * (slow_decay - fast_decay) / root
+
+
+def _underdamped(mean, determinant, discriminant, scaled, duration) -> tuple[Scalar, Scalar]:
+    """Return the same near critical damping and below: by series, or by e^(m h) cos(r h) and e^(m h) sin(r h) / r."""
+    series = jnp.abs(scaled) < _NEAR_CRITICAL
+    root = jnp.sqrt(jnp.where(series | (scaled > 0.0), 1.0, -discriminant))
+    decay = jnp.exp(mean * duration)
+    sine, cosine = sine_and_cosine(root * duration)
+    near = jnp.where(series, scaled, 0.0)
+    cosh = 1.0 + near / 2.0 * (1.0 + near / 12.0 * (1.0 + near / 30.0 * (1.0 + near / 56.0)))
+    sinh = 1.0 + near / 6.0 * (1.0 + near / 20.0 * (1.0 + near / 42.0 * (1.0 + near / 72.0)))
+    return decay * jnp.where(series, cosh, cosine), decay * jnp.where(series, duration * sinh, sine / root)
 
 
 def _integral_of_square(matrix: Matrix, start: Pair, end: Pair) -> Scalar:

@@ -15,18 +15,18 @@ class Flow(eqx.Module):
     """dx/dt = source - decay x: an integral where decay is zero, else a relaxation to source / decay.
 
     It uses the decay instead of the time constant, so that a relaxation may stop (hysteresis at zero current) with
-    finite values and derivatives. A known target is kept too: with it the solution needs one exponential and no
-    division.
+    finite values and derivatives. Without a decay it is an integral. A known target is kept too: with it the solution
+    needs one exponential and no division.
     """
 
     source: Float[Array, ""]
-    decay: Float[Array, ""]
+    decay: Float[Array, ""] | None = None
     target: Float[Array, ""] | None = None
 
 
 def integral(rate) -> Flow:
     """Return the flow dx/dt = rate."""
-    return Flow(jnp.asarray(rate), jnp.zeros(()))
+    return Flow(jnp.asarray(rate))
 
 
 def relaxation(target, time_constant) -> Flow:
@@ -51,14 +51,16 @@ def advance(state: State, flows: dict[str, Flow], duration) -> State:
     moved = dict(state)
     for name, flow in flows.items():
         rest = state.get(name + REST)
-        if flow.target is not None:
+        if flow.decay is None:
+            move = duration * flow.source
+        elif flow.target is not None:
             # Rounding in 1 - e^-z only rounds the target; `expm1` would cost three times as much. In float32 it would
             # round it visibly where z is small.
             z = flow.decay * duration
             share = 1.0 - jnp.exp(-z) if rest is None else -jnp.expm1(-z)
             move = (flow.target - state[name]) * share
         else:
-            # x + h (source - d x) mean(e^-ds) is the same solution, and exact for an integral.
+            # x + h (source - d x) mean(e^-ds) is the same solution, and exact where the decay is zero.
             rate = flow.source - flow.decay * state[name]
             move = duration * rate * mean_exponential(flow.decay * duration)
         if rest is None:

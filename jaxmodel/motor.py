@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from jaxmodel.armature import ArmatureStep, Bend, Matrix, Pair, solve_pair, solve_speed, stable
@@ -20,6 +21,11 @@ SMALLEST_SECANT = 1e-3
 # In a long step the slope of torque over current is at least this share of its chord to zero current: that of its
 # tangent at a third of the current that halves the torque.
 CHORD_SHARE = 0.8
+# The ports whose values change with the current or speed within a step; without an effect on any the pair is linear.
+BENDING = (
+    "armature_voltage_drop", "motor_torque", "coulomb_torque", "friction_torque", "bridge_voltage", "onboard_current",
+    "overpotential", "weakest_cell_voltage",
+)  # fmt: skip
 # Speed in rad/s below which a rotor held by friction is at rest: its sign is a rounding error.
 STANDSTILL = 1e-9
 
@@ -135,8 +141,9 @@ def run(
         voltage_later: the same, at the later state.
         duration: of the step, s.
         lead: seconds from the start to the later state; 0 where it is the same.
-        expected: expected i_a and w at the end, zeros if unknown. The linearisation is the secant up to there: exact
-            for a linear pair, while a tangent would miss the nonlinearity of an effect (brush drop, saturation).
+        expected: expected i_a and w at the end, zeros if unknown. The linearisation is the tangent of a
+            linear pair; else the secant up to there, as a tangent would miss the nonlinearity of an effect (brush
+            drop, saturation).
     """
     pair = Pair(now.context.current_A, now.context.speed_rad_s)
     inertia = now.context.parameters.J
@@ -151,20 +158,44 @@ def run(
         rate_now = Pair(rate_now.current, rate_now.speed + growth)
     drift = at_start.plus(rate_now, -1.0).times(jnp.where(lead > 0.0, 1.0 / jnp.where(lead > 0.0, lead, 1.0), 0.0))
 
-    end = Pair(*(_secant_end(*each) for each in zip(pair, expected, at_start, strict=True)))
-    volts_at_end = voltage_later(end.current)
-    at_corner = rates(later, volts_at_end, Pair(end.current, pair.speed))
-    at_end = rates(later, volts_at_end, end)
-    by_current = at_corner.plus(at_start, -1.0).times(1.0 / (end.current - pair.current))
-    by_speed = at_end.plus(at_corner, -1.0).times(1.0 / (end.speed - pair.speed))
-    level_slope = (_coulomb_torque(later, end.speed) - level) / (end.speed - pair.speed)
-    friction_slope = jnp.sign(pair.speed) * level_slope / inertia
-    jacobian = Matrix(by_current.current, by_speed.current, by_current.speed, by_speed.speed - friction_slope)
+    if touches(later.effects, *BENDING):
+        end = Pair(*(_secant_end(*each) for each in zip(pair, expected, at_start, strict=True)))
+        jacobian = _secants(later, voltage_later, pair, end, at_start, level)
+    else:
+        end, jacobian = pair, _tangents(later, voltage_later, pair)
     if touches(later.effects, "motor_torque"):
         jacobian = _following_the_torque(jacobian, later, pair, end, duration)
-    jacobian = stable(jacobian, later.torque_constant / inertia, duration)
+    if touches(later.effects, *BENDING):
+        jacobian = stable(jacobian, later.torque_constant / inertia, duration)
     bend = _bend_of_the_drop(later, pair, end) if touches(later.effects, "armature_voltage_drop") else None
     return solve_pair(pair, rate_now, drift, jacobian, level, inertia, duration, bend)
+
+
+def _secants(motor: Motor, voltage: TerminalVoltage, start: Pair, end: Pair, at_start: Pair, level: Scalar) -> Matrix:
+    """Return the change of the rates, friction included, along the current and then along the speed."""
+    at_corner = rates(motor, voltage(end.current), Pair(end.current, start.speed))
+    at_end = rates(motor, voltage(end.current), end)
+    by_current = at_corner.plus(at_start, -1.0).times(1.0 / (end.current - start.current))
+    by_speed = at_end.plus(at_corner, -1.0).times(1.0 / (end.speed - start.speed))
+    level_slope = (_coulomb_torque(motor, end.speed) - level) / (end.speed - start.speed)
+    friction_slope = jnp.sign(start.speed) * level_slope / motor.context.parameters.J
+    return Matrix(by_current.current, by_speed.current, by_current.speed, by_speed.speed - friction_slope)
+
+
+def _tangents(motor: Motor, voltage: TerminalVoltage, at: Pair) -> Matrix:
+    """Return the derivatives of the rates by current and speed; exact, as the pair is linear here."""
+
+    def along_current(current: Scalar) -> Pair:
+        return rates(motor, voltage(current), Pair(current, at.speed))
+
+    def along_speed(speed: Scalar) -> Pair:
+        return rates(motor, jnp.zeros(()), Pair(at.current, speed))
+
+    by_current, by_speed = (
+        jax.jvp(along, (x,), (jnp.ones_like(x),))[1]
+        for along, x in ((along_current, at.current), (along_speed, at.speed))
+    )
+    return Matrix(by_current.current, by_speed.current, by_current.speed, by_speed.speed)
 
 
 def _following_the_torque(jacobian: Matrix, motor: Motor, start: Pair, end: Pair, duration: Scalar) -> Matrix:

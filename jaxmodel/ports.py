@@ -152,6 +152,6 @@ def fold(effects: tuple[Effect, ...], port: str, value: Any, context: Any) -> An
     return value
 
 
-def touches(effects: tuple[Effect, ...], port: str) -> bool:
-    """Return True if any effect acts on the port."""
-    return any(hasattr(effect, port) for effect in effects)
+def touches(effects: tuple[Effect, ...], *ports: str) -> bool:
+    """Return True if any effect acts on any of the ports."""
+    return any(hasattr(effect, port) for effect in effects for port in ports)

@@ -114,31 +114,45 @@ def run_lane(
 
     first = moment(start, first_inputs)
 
-    def advance_one(carry: Any, given: tuple[Inputs, Array, Array]) -> tuple[Any, dict[str, Array]]:
+    def arrived(carry: Any, held_over: Inputs, before: Moment, taken: Array, ends_row: Array) -> tuple[Any, Moment]:
+        """Count the step that led to a state; return whether the run goes on from there, and its moment."""
         state, running, elapsed, carried = carry
-        changing, duration, ends_row = given
-        inputs = inputs_of(changing)
-        taken = duration if cutoff is None else jnp.where(running, duration, 0.0)
-        before, state = moment(state, inputs), step(model, state, inputs, taken)
-        after = moment(state, inputs)
+        after = moment(state, held_over)
         report = Step(before, after, taken, ends_row)
         updated = tuple(metric.update(c, report) for metric, c in zip(keep.metrics, carried, strict=True))
         if cutoff is not None:
             updated = jax.tree.map(lambda new, old: jnp.where(running, new, old), updated, carried)
             running &= ~(ends_row & _below(model, after, cutoff))
-        kept = {name: after.columns[name] for name in keep.columns}
-        return (state, running, add(elapsed, taken), updated), kept
+        return (state, running, add(elapsed, taken), updated), after
+
+    # A step is counted at the start of the next one: what both evaluate at that state, under inputs that are the same,
+    # is then evaluated once. The first round has no step to count.
+    def advance_one(carry: Any, given: tuple[Any, Any, Array]) -> tuple[Any, dict[str, Array]]:
+        (held_over, ends_row), (changing, duration), begun = given
+        *now, before, taken = carry
+        counted, after = arrived(tuple(now), inputs_of(held_over), before, taken, ends_row)
+        state, running, elapsed, carried = jax.tree.map(
+            lambda new, old: jnp.where(begun, new, old), counted, tuple(now)
+        )
+        inputs = inputs_of(changing)
+        taken = duration if cutoff is None else jnp.where(running, duration, 0.0)
+        before, state = moment(state, inputs), step(model, state, inputs, taken)
+        return (state, running, elapsed, carried, before, taken), {name: after.columns[name] for name in keep.columns}
 
     carried = tuple(metric.init(first) for metric in keep.metrics)
     if jnp.zeros(()).dtype == jnp.float32:
         start = with_rests(start)
-    begin = (start, jnp.asarray(True), nothing(), carried)
-    (state, running, (elapsed, *_), carried), kept = jax.lax.scan(
-        advance_one, begin, (stepped.later, stepped.duration_s, stepped.ends_row)
+    begin = (start, jnp.asarray(True), nothing(), carried, first, jnp.zeros(()))
+    over, last_over = _one_later(stepped.first, stepped.later), {n: values[-1] for n, values in stepped.later.items()}
+    ends_row, last_ends = _one_later(jnp.asarray(False), stepped.ends_row), stepped.ends_row[-1]
+    begun = jnp.arange(stepped.duration_s.shape[0]) > 0
+    (*now, before, taken), kept = jax.lax.scan(
+        advance_one, begin, ((over, ends_row), (stepped.later, stepped.duration_s), begun)
     )
+    counted, last = arrived(tuple(now), inputs_of(last_over), before, taken, last_ends)
+    state, running, (elapsed, *_), carried = counted
     # A number that is not finite stays so: the last state and its readings show whether any was.
-    last = read(model, state, inputs_of({name: values[-1] for name, values in stepped.later.items()}))
-    finite = jnp.all(jnp.stack([jnp.isfinite(value) for value in (*state.values(), *last.values())]))
+    finite = jnp.all(jnp.stack([jnp.isfinite(value) for value in (*state.values(), *last.columns.values())]))
     # All lanes may share `elapsed`. Made a lane's own, a division by it is one: by a shared number it may also be
     # compiled as a product with the reciprocal, which one device and two do not agree on in the last bit.
     end = End(jnp.where(finite, elapsed, jnp.nan), ~running)
@@ -146,9 +160,14 @@ def run_lane(
     ended = jnp.where(running, Status.COMPLETE, Status.REACHED_CUTOFF)
     return Outcome(
         values=values,
-        columns={n: jnp.concatenate([first.columns[n][None], later])[stepped.stored] for n, later in kept.items()},
+        columns={n: jnp.append(values, last.columns[n])[stepped.stored] for n, values in kept.items()},
         status=jnp.where(finite, ended, Status.NOT_FINITE),
     )
+
+
+def _one_later(first: Any, values: Any) -> Any:
+    """Return what holds before each step, and not over it."""
+    return jax.tree.map(lambda one, some: jnp.concatenate([one[None], some[:-1]]), first, values)
 
 
 def _after(prefix: str, own: dict[str, Array]) -> dict[str, Array]:

@@ -29,6 +29,9 @@ from jaxmodel.native.operands import (
 )
 from jaxmodel.native.tangents import Form, Stored, Tangent, form_of, joined, of_node
 
+# Operations of a branch that are worth a jump: a packet whose lanes all take another branch then skips them.
+LONG_BRANCH = 16
+
 
 class Control(Directions):
     """The part of a lowering that handles loops and branches."""
@@ -208,18 +211,43 @@ class Control(Directions):
         return now
 
     def cond(self, equation: Any, given: list[Operand]) -> list[Operand]:
-        """Write the branches: all, and select, as they are pure; one is run alone where all lanes agree."""
+        """Write the branches; as they are pure, one may be run for lanes that do not take it, and is for short ones."""
         branches, index = equation.params["branches"], given[0][()]
         if index.dtype.kind == "b":
             index = self.e.select(index, constant(1, np.int32), constant(0, np.int32))
         if not index.wide:
             return self._branched(branches, index, given[1:], [v.aval for v in equation.outvars])
+        if not self.directions and max(len(b.eqns) for b in branches) > LONG_BRANCH:
+            return self._where_taken(branches, index, given[1:], [v.aval for v in equation.outvars])
         results = [self.run(b.jaxpr, [constants(c) for c in b.consts], given[1:]) for b in branches]
         chosen = results[-1]
         for number in reversed(range(len(branches) - 1)):
             holds = self.e.compare("icmp sle", index, constant(number, index.dtype))
             chosen = [self._chosen(holds, new, old) for new, old in zip(results[number], chosen, strict=True)]
         return chosen
+
+    def _where_taken(
+        self, branches: Sequence[ClosedJaxpr], index: Value, given: list[Operand], avals: Sequence[Any]
+    ) -> list[Operand]:
+        """Run each branch if some lane of the packet takes it; a lane gets the results of its own."""
+        e = self.e
+        given = [self.settled(x) for x in given]
+        chosen = [e.widen(constant(0, aval.dtype)) for aval in avals for _ in range(math.prod(aval.shape))]
+        for number, branch in enumerate(branches):
+            relation = "icmp sle" if number == 0 else "icmp sge" if number == len(branches) - 1 else "icmp eq"
+            holds = e.compare(relation, index, constant(number, index.dtype))
+            before, inside, after = e.block, e.name("branch"), e.name("other")
+            e.branch(e.any_lane(holds), inside, after)
+            e.start_block(inside)
+            e.begin_scope()
+            found = self.run(branch.jaxpr, [constants(c) for c in branch.consts], given)
+            mixed = [e.select(holds, new, old) for new, old in zip(flattened(found)[0], chosen, strict=True)]
+            e.end_scope()
+            last = e.block
+            e.jump(after)
+            e.start_block(after)
+            chosen = [e.either(old, before, new, last) for old, new in zip(chosen, mixed, strict=True)]
+        return reshaped(chosen, [aval.shape for aval in avals])
 
     def _branched(
         self, branches: Sequence[ClosedJaxpr], index: Value, given: list[Operand], avals: Sequence[Any]

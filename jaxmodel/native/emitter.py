@@ -245,12 +245,13 @@ class Emitter:
         last = self.block
         self.jump(after)
         self.start_block(after)
-        return tuple(
-            self.emit(
-                f"phi {self.type_of(x.dtype, x.wide)} [ {old.text}, %{before} ], [ {x.text}, %{last} ]", x.dtype, x.wide
-            )
-            for x, old in zip(found, usual, strict=True)
-        )
+        return tuple(self.either(old, before, new, last) for old, new in zip(usual, found, strict=True))
+
+    def either(self, one: Value, block: str, other: Value, other_block: str) -> Value:
+        """Return the one of two numbers that belongs to the block from which this one was reached."""
+        kind = self.type_of(other.dtype, other.wide)
+        phi = f"phi {kind} [ {one.text}, %{block} ], [ {other.text}, %{other_block} ]"
+        return self.emit(phi, other.dtype, other.wide)
 
     def by_lane(self, function: str, *arguments: Value) -> Value:
         """Return the result of a function of the C library, called for lane after lane."""
