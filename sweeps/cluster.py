@@ -1,8 +1,8 @@
 """Running chunks on a cluster of dask.distributed: the study goes to each worker once, then only numbers of chunks.
 
-A worker sends a chunk's results back, and they are committed as those of a local run are. The chunks that
-a worker was running when it was lost are run by another. A task runs on one device, with the program of a local run:
-the bits are the same.
+A worker writes a chunk's results itself where it finds the folder or object store; else it sends them back, and they
+are committed as those of a local run are. The chunks that a worker was running when it was lost are run by another. A
+task runs on one device, with the program of a local run: the bits are the same.
 
 dask.distributed is imported where it is used: it brings a web server along, which a local sweep does without.
 """
@@ -28,6 +28,7 @@ from sweeps import manifest
 from sweeps.lane import Outcome
 from sweeps.plan import Chunks
 from sweeps.runner import Runner
+from sweeps.store import Grid
 from sweeps.study import Study
 
 # Chunks per thread: enough that a slow worker at the end delays little.
@@ -64,15 +65,15 @@ class Cluster:
         """Return the cut of the study; see `Runner.chunks`. The memory is that of one task."""
         return self._layout.chunks(memory, whole, least=CHUNKS_PER_THREAD * self._threads)
 
-    def prepare(self, chunks: Chunks) -> None:
-        """Give the study to every worker, those that join later too.
+    def prepare(self, chunks: Chunks, grid: Grid | None = None) -> None:
+        """Give the study, and what results are written into, to every worker, those that join later too.
 
         Whether lanes can be vector instructions is found out here, so that the user hears of it and all workers do the
         same.
         """
         through_xla = not self._layout.as_vectors()
         self.remark = self._layout.remark
-        given = _given(_packed(self._study, chunks, through_xla), _fingerprint())
+        given = _given(_packed(self._study, chunks, through_xla, grid), _fingerprint())
         self._client.register_plugin(given, name=self._name)
 
     @property
@@ -82,8 +83,8 @@ class Cluster:
 
     def outcomes(
         self, chunks: Chunks, numbers: Iterable[int], done: Callable[[int], None] = lambda lanes: None
-    ) -> Iterator[tuple[int, Outcome]]:
-        """Run chunks and yield each with its number, in the order in which they end.
+    ) -> Iterator[tuple[int, Outcome | None]]:
+        """Run chunks and yield each with its number, in the order in which they end; None for one that a worker wrote.
 
         Raises:
             SweepError: a chunk has ended several workers, a worker has other code, or the scheduler is lost.
@@ -117,7 +118,7 @@ class Cluster:
                 self._client.unregister_worker_plugin(self._name)
 
 
-def _result(future: Any, number: int) -> Outcome:
+def _result(future: Any, number: int) -> Outcome | None:
     from distributed import KilledWorker
     from distributed.comm.core import CommClosedError
 
@@ -179,7 +180,7 @@ def _fingerprint() -> str:
     return f"{manifest.sources_digest()[:12]}, jax {jax.__version__}, llvmlite {llvmlite.__version__}"
 
 
-def _packed(study: Study, chunks: Chunks, through_xla: bool) -> bytes:
+def _packed(study: Study, chunks: Chunks, through_xla: bool, grid: Grid | None) -> bytes:
     """Return a study ready to travel, the user's own effects and metrics with their code: no worker can import them."""
     import cloudpickle
 
@@ -190,7 +191,7 @@ def _packed(study: Study, chunks: Chunks, through_xla: bool) -> bytes:
     for module in modules:
         cloudpickle.register_pickle_by_value(module)
     try:
-        return cloudpickle.dumps((study, chunks, through_xla))
+        return cloudpickle.dumps((study, chunks, through_xla, grid))
     finally:
         for module in modules:
             cloudpickle.unregister_pickle_by_value(module)
@@ -209,8 +210,8 @@ _slots = threading.local()
 _next_slot = itertools.count()
 
 
-def _run(name: str, number: int) -> Outcome:
-    """Run one chunk on a worker, on the device of this thread."""
+def _run(name: str, number: int) -> Outcome | None:
+    """Run one chunk on a worker, on the device of this thread; return its results unless they could be written."""
     from distributed import get_worker
 
     given: Any = get_worker().plugins[name]
@@ -220,14 +221,23 @@ def _run(name: str, number: int) -> Outcome:
         )
     if not hasattr(_slots, "own"):
         _slots.own = next(_next_slot)
-    runner, chunks = _ready(given.payload, _slots.own % jax.local_device_count())
+    runner, chunks, grid = _ready(given.payload, _slots.own % jax.local_device_count())
     ((_, outcome),) = runner.outcomes(chunks, [number])
-    return outcome
+    if grid is None or not grid.is_reached:
+        return outcome
+    try:
+        grid.write(number, outcome)
+    except OSError as error:
+        raise SweepError(
+            f"engine: a worker could not write chunk {number} to {grid.place} ({error}); completed chunks are kept; "
+            "free some space there, and continue with --resume."
+        ) from error
+    return None
 
 
 @functools.lru_cache(maxsize=32)
-def _ready(payload: bytes, device: int) -> tuple[Runner, Chunks]:
-    study, chunks, through_xla = pickle.loads(payload)
+def _ready(payload: bytes, device: int) -> tuple[Runner, Chunks, Grid | None]:
+    study, chunks, through_xla, grid = pickle.loads(payload)
     runner = Runner(study, [jax.local_devices()[device]], through_xla)
     runner.prepare(chunks)
-    return runner, chunks
+    return runner, chunks, grid

@@ -35,8 +35,9 @@ def run(
     Args:
         study: what to run.
         progress: called as progress(lanes done, lanes in all) at the start and then as lanes are done.
-        out: a folder to which results are written chunk by chunk, so that they need no memory and a run that was
-            stopped can be resumed; without it they are held in memory.
+        out: a folder, or a URL in an object store such as "s3://bucket/name", to which results are written chunk by
+            chunk, so that they need no memory and a run that was stopped can be resumed; without it they are held in
+            memory.
         resume: continues what an earlier run of the same study left in `out`; the results are those of a run that was
             never stopped, to the bit.
         memory: bytes for the chunks in progress, by default 512 MiB; without `out` also the limit of the whole result,
@@ -99,7 +100,7 @@ def _fill(sink: InMemory | Store, executor: Any, study: Study, progress: Progres
 
     count(0)
     if pending:
-        executor.prepare(sink.chunks)
+        executor.prepare(sink.chunks, sink.grid)
         if executor.remark:
             warnings.warn(executor.remark, Remark, stacklevel=3)
         sink.begin(executor.program)

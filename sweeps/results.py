@@ -14,9 +14,9 @@ import xarray as xr
 from jaxmodel.errors import SweepError
 from jaxmodel.simulation import Status
 from jaxmodel.units import unit_of
-from jaxmodel.whole_files import write_whole
 from sweeps.lane import Outcome
 from sweeps.manifest import manifest_of
+from sweeps.places import Folder, Place, place_of
 from sweeps.plan import Chunks
 from sweeps.study import LANE, Study
 
@@ -92,6 +92,8 @@ def attributes_of(manifest: Mapping[str, Any]) -> dict[str, str]:
 class InMemory:
     """A result that is held whole in memory."""
 
+    grid = None  # no worker can write into it
+
     def __init__(self, study: Study, chunks: Chunks) -> None:
         self._study = study
         self.chunks = chunks
@@ -131,21 +133,20 @@ def save(dataset: xr.Dataset, directory: str | Path) -> Path:
     """
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
-    dataset.to_zarr(directory / GRID, mode="w", consolidated=False)
-    save_table(dataset, directory)
-    manifest = json.loads(dataset.attrs["manifest"])
-    write_whole(directory / MANIFEST, manifest_text(manifest))
+    place = Folder(directory)
+    dataset.to_zarr(place.zarr(GRID), mode="w", consolidated=False)
+    save_table(dataset, place)
+    place.write(MANIFEST, manifest_text(json.loads(dataset.attrs["manifest"])))
     return directory
 
 
-def save_table(dataset: xr.Dataset, directory: Path) -> bool:
-    """Write lanes.csv with one line per lane, without the columns over time; return False where there are too many."""
-    (directory / TABLE).unlink(missing_ok=True)
+def save_table(dataset: xr.Dataset, place: Place) -> None:
+    """Write lanes.csv with one line per lane, without the columns over time, unless there are too many."""
+    place.remove(TABLE)
     if dataset["status"].size > MOST_LINES:
-        return False
+        return
     per_lane = dataset.drop_dims("time_s") if "time_s" in dataset.dims else dataset
-    per_lane.to_dataframe().to_csv(directory / TABLE)
-    return True
+    place.write(TABLE, per_lane.to_dataframe().to_csv())
 
 
 def manifest_text(manifest: Mapping[str, Any]) -> str:
@@ -153,26 +154,29 @@ def manifest_text(manifest: Mapping[str, Any]) -> str:
     return json.dumps(manifest, indent=2) + "\n"
 
 
-def load(directory: str | Path) -> xr.Dataset:
-    """Return a saved result, read from the disk as far as it is used; lanes not run yet are NaN with status -1.
+def load(directory: str | Path | Place) -> xr.Dataset:
+    """Return a saved result, read as far as it is used; lanes not run yet are NaN with status -1.
 
     Values are checked when they are read: one that has changed on the disk raises a ValueError on its checksum. Running
     the sweep again with resume computes such lanes anew.
 
+    Args:
+        directory: the folder, or the URL in an object store.
+
     Raises:
-        SweepError: the folder holds no result, or one that is damaged.
+        SweepError: there is no result, or one that is damaged.
     """
-    folder = Path(directory)
-    if not (folder / MANIFEST).is_file():
-        raise SweepError(f"{folder} holds no result of a sweep; give the folder that it was written to.")
+    place = place_of(directory) if isinstance(directory, str | Path) else directory
+    if not place.holds(MANIFEST):
+        raise SweepError(f"{place} holds no result of a sweep; give the folder that it was written to.")
     try:
-        dataset = xr.open_zarr(folder / GRID, consolidated=False, chunks=None)
-        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        dataset = xr.open_zarr(place.zarr(GRID), consolidated=False, chunks=None)
+        manifest = json.loads(place.read(MANIFEST))
         ordered = dataset[manifest["variables"]]  # a folder lists them in any order
         return ordered.assign_attrs(attributes_of(manifest))
     except (ValueError, KeyError, TypeError, AttributeError, OSError) as error:
         raise SweepError(
-            f"{folder}: its files are damaged ({type(error).__name__}); run the sweep again into another folder."
+            f"{place}: its files are damaged ({type(error).__name__}); run the sweep again into another folder."
         ) from error
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-import shutil
 from pathlib import Path
 
 from jaxmodel.errors import SweepError
+from sweeps.places import place_of
 from sweeps.plan import size_text
 from sweeps.results import result_bytes_per_lane
 from sweeps.study import Study
@@ -30,9 +30,7 @@ def refuse_what_cannot_be_kept(study: Study, out: str | Path | None) -> None:
                 "fewer values of an axis."
             )
         return
-    folder = Path(out).absolute()
-    there = next(one for one in (folder, *folder.parents) if one.is_dir())
-    free = shutil.disk_usage(there).free
+    free = place_of(out).free_bytes()
     if size > MOST_COMPRESSION * free:
         raise SweepError(
             f"study: {lanes} uncompressed, and {size_text(free)} are free where {out} lies; take fewer values of an "

@@ -76,8 +76,8 @@ class Runner:
             )
         return cut(self._study.shape, lanes_per_chunk(lanes, self.steps, self.bytes_per_lane, allowed, least))
 
-    def prepare(self, chunks: Chunks) -> None:
-        """Compile what runs the chunks, and put on the devices what all lanes share.
+    def prepare(self, chunks: Chunks, grid: Any = None) -> None:
+        """Compile what runs the chunks, and put on the devices what all lanes share; the caller writes the results.
 
         Raises:
             SweepError: the lanes cannot be computed in float32.

@@ -1,7 +1,7 @@
-"""The result of a sweep on disk, written chunk by chunk: a run may be killed at any moment and continued.
+"""The result of a sweep in a folder or object store, written chunk by chunk: a run may be killed and continued.
 
-A chunk's files are written and flushed, then its number is added to a log, and that is flushed. A chunk whose number is
-not in the log is not done, whatever its files hold, and is run again; so is one whose files are gone or do not fit
+A chunk's files are written and flushed, then its number is noted. A chunk whose number is
+not noted is not done, whatever its files hold, and is run again; so is one whose files are gone or do not fit
 their checksums when a run is continued. `manifest.json` says what the result is made from
 and by; it is written first, and once more when all is done.
 """
@@ -11,11 +11,10 @@ from __future__ import annotations
 import contextlib
 import errno
 import json
-import os
-import shutil
 from collections.abc import Generator, Mapping
+from functools import cached_property
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -23,9 +22,9 @@ import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from jaxmodel.errors import SweepError
-from jaxmodel.whole_files import flush, write_whole
 from sweeps.lane import Outcome
 from sweeps.manifest import difference, manifest_of
+from sweeps.places import Place, place_of
 from sweeps.plan import Chunks, size_text
 from sweeps.results import (
     GRID,
@@ -42,12 +41,6 @@ from sweeps.results import (
 )
 from sweeps.study import LANE, Study
 
-try:
-    import fcntl
-except ImportError:  # not a POSIX system: nothing keeps two runs out of one folder
-    fcntl = None
-
-LOG = "chunks.done"
 # Lanes whose drawn values are in memory at a time.
 _DRAWN_AT_ONCE = 2**20
 _FULL = (errno.ENOSPC, errno.EDQUOT)
@@ -55,31 +48,99 @@ _CHECKED = (ZstdCodec(), Crc32cCodec())
 _NOT_RUN = {"float64": float("nan"), "int8": -1}
 
 
-class Store:
-    """A folder to which the chunks of one study are written.
+class Grid:
+    """The arrays of a result, to write chunks into; it can travel to the workers of a cluster.
 
     Attributes:
+        place: where the result lies.
+    """
+
+    def __init__(self, place: Place, names: list[str], chunks: Chunks, study_digest: str) -> None:
+        self.place = place
+        self._names, self._chunks, self._digest = names, chunks, study_digest
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what may travel: arrays are opened anew."""
+        return {name: value for name, value in vars(self).items() if name not in ("arrays", "is_reached")}
+
+    @cached_property
+    def arrays(self) -> dict[str, zarr.Array]:
+        """The variables by name.
+
+        Raises:
+            SweepError: they are damaged.
+        """
+        try:
+            group = zarr.open_group(self.place.zarr(GRID), mode="r+", use_consolidated=False)
+            return {
+                name: group[name].with_config({"write_empty_chunks": True})  # type: ignore[union-attr]
+                for name in self._names
+            }
+        except (ValueError, KeyError, FileNotFoundError) as error:
+            raise damaged(self.place, GRID) from error
+
+    @cached_property
+    def is_reached(self) -> bool:
+        """Whether this process, on whatever machine, finds the result of this study there."""
+        try:
+            return json.loads(self.place.read(MANIFEST))["study_sha256"] == self._digest and bool(self.arrays)
+        except (OSError, ValueError, KeyError, TypeError, SweepError):
+            return False
+
+    def write(self, number: int, outcome: Outcome) -> None:
+        """Write a chunk, and wait until it is kept."""
+        region = self._chunks.region(number)
+        shape = tuple(part.stop - part.start for part in region)
+        with self.place.reached():
+            for name, values in values_of(outcome).items():
+                self.arrays[name][region] = values.reshape(*shape, *values.shape[1:])
+        self.place.settle(self._file(name, region) for name in self._names)
+
+    def is_whole(self, number: int) -> bool:
+        """Return whether all files of a chunk are there and as they were written."""
+        region = self._chunks.region(number)
+        if not all(self.place.holds(self._file(name, region)) for name in self._names):
+            return False
+        try:
+            return all(np.asarray(array[region]).size for array in self.arrays.values())
+        except ValueError:  # a checksum
+            return False
+
+    def _file(self, name: str, region: tuple[slice, ...]) -> str:
+        """Return the file of a variable that holds a chunk."""
+        place = [part.start // size for part, size in zip(region, self._chunks.box, strict=True)]
+        further = len(self.arrays[name].shape) - len(region)
+        return "/".join([GRID, name, "c", *map(str, place), *["0"] * further])
+
+
+def damaged(place: Place, name: str) -> SweepError:
+    """Return the error of a file that is not as it was written."""
+    return SweepError(f"{place}: {name} is damaged; give another folder, or remove what is there.")
+
+
+class Store:
+    """Where the chunks of one study are written.
+
+    Attributes:
+        place: the folder or object store.
+        grid: what chunks are written into.
         chunks: the cut of the study; that of the first run where this one continues it.
         pending: the numbers of the chunks that are not done.
     """
 
-    def __init__(self, study: Study, chunks: Chunks, folder: str | Path, resume: bool) -> None:
-        self.folder = Path(folder)
+    def __init__(self, study: Study, chunks: Chunks, out: str | Path, resume: bool) -> None:
+        self.place = place_of(out)
         self.chunks = chunks
         self.pending: list[int] = []
         self._study = study
         self._variables = variables_of(study)
-        self._log: IO[bytes] | None = None
-        self._arrays: dict[str, zarr.Array] = {}
         self._done = 0
         self._manifest = manifest_of(study) | {"chunks": {"lanes": list(chunks.box), "number": len(chunks)}}
         try:
             with self._plain_errors():
-                self.folder.mkdir(parents=True, exist_ok=True)
                 found = self._found(resume)
-                if self._finished:
-                    self._check_finished()
-                if not self._finished:
+                self.grid = Grid(self.place, list(self._variables), self.chunks, study.digest)
+                if not self._finished or self._is_damaged():
                     self._open(begin=not found)
         except BaseException:
             self.close()
@@ -90,97 +151,51 @@ class Store:
         return "performance" in self._manifest
 
     def _found(self, resume: bool) -> bool:
-        """Return True where the folder holds a result to continue, and take over its manifest."""
-        path = self.folder / MANIFEST
-        if not path.exists():
-            if (self.folder / GRID).exists():
-                raise SweepError(f"{self.folder}: there is a {GRID} without a {MANIFEST}; give another folder.")
+        """Return True where the place holds a result to continue, and take over its manifest."""
+        if not self.place.holds(MANIFEST):
+            if self.place.holds(f"{GRID}/zarr.json"):
+                raise SweepError(f"{self.place}: there is a {GRID} without a {MANIFEST}; give another folder.")
             return False
         try:
-            old = json.loads(path.read_text(encoding="utf-8"))
+            old = json.loads(self.place.read(MANIFEST))
         except ValueError as error:
-            raise self._damaged(MANIFEST) from error
+            raise damaged(self.place, MANIFEST) from error
         if not resume:
             stopped = "a sweep that was stopped; continue it with --resume, or"
             state = "a finished sweep;" if "performance" in old else stopped
-            raise SweepError(f"{self.folder} holds {state} give another folder or remove what is there.")
+            raise SweepError(f"{self.place} holds {state} give another folder or remove what is there.")
         if any(type(old.get(key)) is not type(value) for key, value in self._manifest.items()):
-            raise SweepError(f"{self.folder} holds no sweep that can be continued; give another folder.")
+            raise SweepError(f"{self.place} holds no sweep that can be continued; give another folder.")
         if what := difference(old, self._manifest):
-            raise SweepError(f"{self.folder} cannot be continued: {what} since it was begun; give another folder.")
+            raise SweepError(f"{self.place} cannot be continued: {what} since it was begun; give another folder.")
         box = old["chunks"].get("lanes")
         if not isinstance(box, list) or [type(part) for part in box] != [int] * len(self._study.shape) or min(box) < 1:
-            raise self._damaged(MANIFEST)
+            raise damaged(self.place, MANIFEST)
         self._manifest = old
         self.chunks = Chunks(self._study.shape, tuple(box))
-        return (self.folder / GRID).exists()
+        return self.place.made(GRID, list(self._variables)[-1])
 
     def _open(self, begin: bool) -> None:
-        self._log = (self.folder / LOG).open("a+b")
-        if fcntl is not None:
-            try:
-                fcntl.flock(self._log, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as error:
-                raise SweepError(f"{self.folder}: another run is writing here; wait for it or stop it.") from error
+        """Lock the place, make what is missing, and find which chunks are not done."""
+        noted = self.place.open(begin)
         if begin:
-            self._log.truncate(0)
-            write_whole(self.folder / MANIFEST, manifest_text(self._manifest))
-            self._create()
-        self._log.seek(0)
-        lines = self._log.read()
-        whole = lines[: lines.rfind(b"\n") + 1]  # a kill, or a full disk, may have torn the last line
-        self._log.truncate(len(whole))
-        self._arrays = self._opened()
-        noted = {int(line) for line in whole.split() if line.isdigit()}
-        self.pending = [n for n in range(len(self.chunks)) if n not in noted or not self._is_whole(n)]
-        self._done = len(self.chunks) - len(self.pending)
+            self.place.write(MANIFEST, manifest_text(self._manifest))
+            self.place.make(GRID, self._create, list(self._variables)[-1])
+        assert self.grid.arrays  # or the error that they are damaged, before a lane is run
+        candidates = range(len(self.chunks)) if noted is None or self._finished else noted
+        done = {number for number in candidates if not begin and self.grid.is_whole(number)}
+        if self._finished:  # and damaged: it becomes one that was stopped
+            del self._manifest["performance"]
+            self.place.note(*done)
+            self.place.write(MANIFEST, manifest_text(self._manifest))
+        self.pending = [number for number in range(len(self.chunks)) if number not in done]
+        self._done = len(done)
 
-    def _opened(self) -> dict[str, zarr.Array]:
-        try:
-            group = zarr.open_group(self.folder / GRID, mode="r+", use_consolidated=False)
-            return {
-                name: group[name].with_config({"write_empty_chunks": True})  # type: ignore[union-attr]
-                for name in self._variables
-            }
-        except (ValueError, KeyError, FileNotFoundError) as error:
-            raise self._damaged(GRID) from error
-
-    def _check_finished(self) -> None:
-        """Take a finished result for one that was stopped if some of its chunks are no longer as they were written."""
-        self._arrays = self._opened()
-        whole = [number for number in range(len(self.chunks)) if self._is_whole(number)]
-        if len(whole) == len(self.chunks):
-            return
-        del self._manifest["performance"]
-        (self.folder / LOG).write_bytes(b"".join(b"%d\n" % number for number in whole))
-        write_whole(self.folder / MANIFEST, manifest_text(self._manifest))
-
-    def _is_whole(self, number: int) -> bool:
-        """Return whether all files of a chunk are there and as they were written."""
-        region = self.chunks.region(number)
-        if not all(self._file(name, region).is_file() for name in self._arrays):
-            return False
-        try:
-            return all(np.asarray(array[region]).size for array in self._arrays.values())
-        except ValueError:  # a checksum
-            return False
-
-    def _file(self, name: str, region: tuple[slice, ...]) -> Path:
-        """Return the file of a variable that holds a chunk."""
-        place = [part.start // size for part, size in zip(region, self.chunks.box, strict=True)]
-        further = len(self._arrays[name].shape) - len(region)
-        return self.folder.joinpath(GRID, name, "c", *map(str, place), *["0"] * further)
-
-    def _damaged(self, name: str) -> SweepError:
-        return SweepError(f"{self.folder}: {name} is damaged; give another folder, or remove what is there.")
-
-    def _create(self) -> None:
-        """Make the store with its labels and without a lane, aside, and put it in place."""
-        aside = self.folder / f".{GRID}.new"
-        shutil.rmtree(aside, ignore_errors=True)
+    def _create(self, store: Any) -> None:
+        """Make the result with its labels and without a lane."""
         coordinates = coordinates_of(self._study, drawn=False).assign_attrs(attributes_of(self._manifest))
-        coordinates.to_zarr(aside, mode="w", consolidated=False)
-        group = zarr.open_group(aside, mode="r+", use_consolidated=False)
+        coordinates.to_zarr(store, mode="w", consolidated=False)
+        group = zarr.open_group(store, mode="r+", use_consolidated=False)
         self._create_drawn(group)
         for name, variable in self._variables.items():
             group.create_array(
@@ -193,10 +208,10 @@ class Store:
                 dimension_names=variable.dims,
                 attributes=variable.attributes,
             )
-        for path in (*aside.rglob("*"), aside):
-            flush(path)
-        os.replace(aside, self.folder / GRID)
-        flush(self.folder)
+
+    def _is_damaged(self) -> bool:
+        """Return whether some chunks of a finished result are no longer as they were written."""
+        return not all(self.grid.is_whole(number) for number in range(len(self.chunks)))
 
     def _create_drawn(self, group: zarr.Group) -> None:
         """Write what is drawn for the lanes, block by block: there may be more of it than memory."""
@@ -230,49 +245,37 @@ class Store:
         was = self._manifest.setdefault("program", program)
         if was != program:
             raise SweepError(
-                f"{self.folder} cannot be continued: it was begun with {was}, and would go on with {program}, which "
+                f"{self.place} cannot be continued: it was begun with {was}, and would go on with {program}, which "
                 "rounds otherwise; give another folder, or the engine that began it."
             )
         with self._plain_errors():
-            write_whole(self.folder / MANIFEST, manifest_text(self._manifest))
+            self.place.write(MANIFEST, manifest_text(self._manifest))
 
-    def commit(self, number: int, outcome: Outcome) -> None:
-        """Write a chunk, then note that it is done.
+    def commit(self, number: int, outcome: Outcome | None) -> None:
+        """Write a chunk, unless a worker has (None), then note that it is done.
 
         Raises:
             SweepError: the disk is full; what was done stays.
         """
-        assert self._log is not None
-        region = self.chunks.region(number)
-        shape = tuple(part.stop - part.start for part in region)
         with self._plain_errors():
-            for name, values in values_of(outcome).items():
-                self._arrays[name][region] = values.reshape(*shape, *values.shape[1:])
-                file = self._file(name, region)
-                for path in (file, *file.parents[: len(file.relative_to(self.folder / GRID).parts) - 1]):
-                    flush(path)
-            self._log.write(b"%d\n" % number)
-            self._log.flush()
-            os.fsync(self._log.fileno())
+            if outcome is not None:
+                self.grid.write(number, outcome)
+            self.place.note(number)
         self._done += 1
 
     def finish(self, performance: Mapping[str, Any]) -> xr.Dataset:
-        """Return the result, once all chunks are done, to be read from the disk as far as it is used."""
+        """Return the result, once all chunks are done, to be read as far as it is used."""
         if not self._finished:
             with self._plain_errors():
-                save_table(load(self.folder), self.folder)
+                save_table(load(self.place), self.place)
                 self._manifest = self._manifest | {"performance": dict(performance)}
-                write_whole(self.folder / MANIFEST, manifest_text(self._manifest))
-                self.close()
-                (self.folder / LOG).unlink(missing_ok=True)
-        return load(self.folder)
+                self.place.write(MANIFEST, manifest_text(self._manifest))
+                self.place.close(finished=True)
+        return load(self.place)
 
     def close(self) -> None:
-        """Let go of the folder."""
-        if self._log is not None:
-            with contextlib.suppress(OSError):  # what could not be flushed has been reported already
-                self._log.close()
-            self._log = None
+        """Let go of the place."""
+        self.place.close()
 
     @contextlib.contextmanager
     def _plain_errors(self) -> Generator[None, None, None]:
@@ -283,6 +286,6 @@ class Store:
                 raise
             left = result_bytes_per_lane(self._study) * self._study.size * (1.0 - self._done / len(self.chunks))
             raise SweepError(
-                f"{self.folder}: the disk is full after {self._done} of {len(self.chunks)} chunks, which are kept; "
+                f"{self.place}: the disk is full after {self._done} of {len(self.chunks)} chunks, which are kept; "
                 f"free {size_text(left)} and continue with --resume."
             ) from error

@@ -86,7 +86,14 @@ def simulate(
 @app.command(epilog="Example: jaxmodel sweep examples/paper_sweep.toml --out results")
 def sweep(
     study: StudyPath,
-    out: Out = Path("results"),
+    out: Annotated[
+        str,
+        typer.Option(
+            "--out",
+            metavar="DIR|URL",
+            help='Folder for the results, or a URL in an object store such as "s3://bucket/name".',
+        ),
+    ] = "results",
     resume: Annotated[bool, typer.Option("--resume", help="Go on with a sweep that was stopped.")] = False,
     memory: Annotated[
         str | None,

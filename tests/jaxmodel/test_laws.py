@@ -21,8 +21,10 @@ from scipy.interpolate import CubicSpline
 from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.model import Model, read
+from jaxmodel.motor import BENDING
 from jaxmodel.names import with_values
 from jaxmodel.parameters import Parameters
+from jaxmodel.ports import touches
 from jaxmodel.profile import Profile
 from jaxmodel.simulation import Trajectory, run_track
 from tests.jaxmodel.runs import STEPS, padded, run, staircase
@@ -281,6 +283,8 @@ def test_at_its_null_an_effect_changes_nothing(kind: str, effect: str):
     null = {f"{effect}__{name}": value for name, value in NULLS[effect].items()}
     at_null = changed(off, **{f"{effect}__switch": 1.0}, **null)
     base, found = run(off, drive(kind)).readings, run(at_null, drive(kind)).readings
-    rounding = 1e-15 if effect == "cell_imbalance" else 0.0  # the weak cell's charge is a sum of its own
+    # The weak cell's charge is a sum of its own; the pair of a motor is solved by secants, not by tangents.
+    by_secants = kind != "cell" and touches((CATALOGUE[effect](),), *BENDING)
+    rounding = 1e-13 if by_secants else 1e-15 if effect == "cell_imbalance" else 0.0
     for name, values in found.items():
-        np.testing.assert_allclose(values, base[name], rtol=rounding, atol=0.0, err_msg=name)
+        np.testing.assert_allclose(values, base[name], rtol=rounding, atol=rounding, err_msg=name)

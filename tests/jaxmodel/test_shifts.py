@@ -10,8 +10,9 @@ from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.effects.shifts import SHIFTS
 from jaxmodel.model import Model
+from jaxmodel.motor import BENDING
 from jaxmodel.parameters import Parameters
-from jaxmodel.ports import Effect
+from jaxmodel.ports import Effect, touches
 from jaxmodel.profile import Profile
 from tests.jaxmodel.runs import readings, staircase
 
@@ -41,11 +42,13 @@ def kind_of(name: str) -> str:
 
 
 @pytest.mark.parametrize("name", SHIFTS)
-def test_a_shift_of_zero_is_absent_to_the_bit_and_any_other_is_seen(name: str):
+def test_a_shift_of_zero_is_absent_and_any_other_is_seen(name: str):
+    """To the bit, unless the linear pair of a motor is then solved by secants: that is other rounding."""
+    rounding = 1e-12 if touches((shift(name),), *BENDING) else 0.0
     heating = (CATALOGUE["self_heating"](),) if kind_of(name) == "cell" else ()
     base = sensed(kind_of(name), *heating)
     for column, found in sensed(kind_of(name), *heating, shift(name, 0.0)).items():
-        np.testing.assert_array_equal(found, base[column], err_msg=column)
+        np.testing.assert_allclose(found, base[column], rtol=0.0, atol=rounding, err_msg=column)
     moved = sensed(kind_of(name), *heating, shift(name))
     assert any(np.max(np.abs(moved[column] - base[column])) > 1e-6 for column in base)
 
@@ -76,7 +79,7 @@ def test_a_draught_multiplies_the_heat_transfer_wherever_it_stands(first: bool):
 def test_a_tight_bearing_adds_to_the_no_load_torque():
     found, expected = sensed("motor", shift("friction_shift", 0.004)), sensed("motor", tau_0=0.014)
     for column in expected:
-        np.testing.assert_allclose(found[column], expected[column], rtol=1e-12, err_msg=column)
+        np.testing.assert_allclose(found[column], expected[column], rtol=1e-12, atol=1e-12, err_msg=column)
 
 
 @pytest.mark.parametrize("kind", ["cell", "motor", "robot"])

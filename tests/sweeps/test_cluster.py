@@ -17,7 +17,8 @@ import xarray as xr
 
 from jaxmodel.errors import SweepError
 from sweeps import Metric, Study, plan, run
-from sweeps.store import LOG
+from sweeps.places import LOG
+from sweeps.store import Grid
 
 REPOSITORY = Path(__file__).parents[2]
 
@@ -111,8 +112,11 @@ def test_killed_worker_costs_its_chunk_and_no_bit(study, local, tmp_path, monkey
         assert_same_bits(result, local)
 
 
-def test_local_cluster_gives_the_same_bits(study, local):
+def test_local_cluster_gives_the_same_bits(study, local, tmp_path, monkeypatch):
+    """The workers send results back where there is no place to write them, and else write them themselves."""
     assert_same_bits(run(study, engine="dask"), local)
+    monkeypatch.setattr(Grid, "write", lambda *_: pytest.fail("the process of the user wrote a chunk"))
+    assert_same_bits(run(study, engine="dask", out=tmp_path / "out"), local)
 
 
 def test_scheduler_that_is_not_there_is_told(study, monkeypatch):

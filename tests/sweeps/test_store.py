@@ -21,9 +21,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxmodel.errors import SweepError
-from sweeps import Study, load, manifest, plan, run
-from sweeps import store as store_module
-from sweeps.store import LOG, Store
+from sweeps import Study, load, manifest, places, plan, run
+from sweeps.places import LOG
+from sweeps.store import Store
 
 REPOSITORY = Path(__file__).parents[2]
 AXES = {"current_A": np.linspace(0.2, 3.0, 40).tolist(), "storage_months": np.linspace(0.0, 36.0, 30).tolist()}
@@ -278,7 +278,7 @@ def test_stopped_sweep_is_not_begun_anew_and_two_runs_do_not_write_one_folder(
     with pytest.raises(SweepError, match="another run is writing here"):
         run(study, out=tmp_path, resume=True)
     first.close()
-    assert store_module.fcntl is not None
+    assert places.fcntl is not None
 
 
 def _cut_off(file: Path) -> None:

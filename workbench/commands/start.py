@@ -14,13 +14,14 @@ from jaxmodel.ports import Effect
 from workbench.terminal import complain
 
 
-def start(out: Path) -> None:
-    """Make the folder for the results, enable the cache of compiled programs, and collect garbage rarely.
+def start(out: Path | None) -> None:
+    """Make the folder for results, if there is one, enable the cache of compiled programs, collect garbage rarely.
 
     Raises:
         OSError: the folder cannot be made.
     """
-    out.mkdir(parents=True, exist_ok=True)
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
     if problem := keep_compiled_programs():
         complain(problem)
     # Imported and traced objects stay alive: checking them again and again took 15 % of a diagnosis.

@@ -14,7 +14,9 @@ from jaxmodel.jax_settings import keep_compiled_programs
 from jaxmodel.simulation import Status
 from plots.datasets import save_pictures
 from plots.sweeps import NO_METRICS
+from sweeps.places import Folder, place_of
 from sweeps.plan import size_text
+from sweeps.results import GRID, MANIFEST, TABLE
 from workbench import terminal
 from workbench.commands.start import own_effects, start
 
@@ -23,7 +25,7 @@ _PERCENTS = (0, 5, 50, 95, 100)
 
 def sweep(
     path: Path,
-    out: Path,
+    out: str,
     effects: Sequence[str],
     *,
     dry_run: bool = False,
@@ -36,7 +38,7 @@ def sweep(
 
     Args:
         path: the study file.
-        out: the folder.
+        out: the folder, or a URL in an object store, where no pictures are drawn.
         effects: of the user's own, as `file.py:Class`.
         dry_run: reports what the sweep would take, and writes nothing.
         memory: as `sweeps.run` takes it.
@@ -54,13 +56,15 @@ def sweep(
         keep_compiled_programs()
         print_forecast(study.title or path.name, sweeps.forecast(study, memory))
         return None
-    start(out)
+    place = place_of(out)
+    start(place.path if isinstance(place, Folder) else None)
     dataset = run_study(study, out=out, memory=memory, **how)
+    pictures &= isinstance(place, Folder)
     if pictures:
         save_pictures(dataset, out)
     print_sweep(dataset)
-    table = "lanes.csv, " if (out / "lanes.csv").exists() else ""
-    terminal.say(f"result.zarr, {table}manifest.json{' and pictures' if pictures else ''} are in {out}.")
+    table = f"{TABLE}, " if place.holds(TABLE) else ""
+    terminal.say(f"{GRID}, {table}{MANIFEST}{' and pictures' if pictures else ''} are in {out}.")
     return dataset
 
 

@@ -98,6 +98,24 @@ def chosen(shared, x):
     return two + three
 
 
+def chosen_at_length(shared, x):
+    """Branches that a packet runs only if a lane takes them, in a loop; one is not defined for the other's lanes."""
+
+    def series(y):
+        return sum(jnp.sin(k * y) / k**2 for k in range(1, 12)), jnp.stack([y, -y]), y > 0.5
+
+    def roots(y):
+        return sum(jnp.sqrt(-y / k) for k in range(1, 12)), jnp.stack([y, y * y]), y < -0.5
+
+    def advance(value, _):
+        of_one, pair, beyond = lax.cond(value > 0.0, series, roots, value)
+        three = lax.switch(x["which"], [lambda y: y, lambda y: sum(y**k for k in range(9)), jnp.cos], 0.1 * of_one)
+        return jnp.sin(3.0 * value + 0.01 * of_one + pair[1] + three) + 0.01 * beyond, of_one
+
+    last, kept = lax.scan(advance, x["at"], length=600)
+    return last, jnp.sum(kept)
+
+
 def sought(shared, x):
     """What sensors do with a signal over a run: places by bisection, interpolation, sums, and numbers put in."""
     ends = jnp.cumsum(shared["spans"])
@@ -146,13 +164,18 @@ FUNCTIONS: dict[str, tuple[Callable, object, dict[str, np.ndarray]]] = {
     ),
     "small tables": (
         in_tables,
-        {"spans": RNG.uniform(0.0, 0.01, 500)},
+        {"spans": RNG.uniform(0.0, 0.01, 600)},
         own(rate=RNG.uniform(0.1, 1.0, LANES)),
     ),
     "places outside": (
         beyond,
         {"table": TABLE},
         own(at=RNG.uniform(-1e5, 1e5, LANES), own=RNG.normal(size=(LANES, 3))),
+    ),
+    "long branches": (
+        chosen_at_length,
+        {},
+        own(at=RNG.uniform(-1.0, 1.0, LANES), which=np.sort(RNG.integers(0, 3, LANES))),
     ),
     "branches": (chosen, {}, own(at=RNG.uniform(0.0, 1e3, LANES), which=RNG.integers(0, 3, LANES))),
 }
@@ -190,8 +213,9 @@ def test_one_kernel_serves_runs_of_any_length(on: bool) -> None:
         jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-12, atol=1e-12), found, wanted)
 
 
-def test_bits_depend_neither_on_threads_nor_on_the_cut() -> None:
-    function, shared, lanes = FUNCTIONS["scan"]
+@pytest.mark.parametrize("name", ["scan", "long branches"])
+def test_bits_depend_neither_on_threads_nor_on_the_cut(name: str) -> None:
+    function, shared, lanes = FUNCTIONS[name]
     kernel = Kernel(function, shared, jax.tree.map(lambda x: x[0], lanes))
     whole = run(kernel, shared, lanes, threads=2, packets=2)
     alone = [run(kernel, shared, jax.tree.map(lambda x, n=n: x[n : n + 1], lanes), count=1) for n in range(LANES)]
