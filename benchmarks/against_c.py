@@ -13,6 +13,8 @@ from benchmarks.work import Ours, study_of
 LANES = 4096
 # What two orders of the same additions may differ by after 1,800 steps.
 MOST_APART = {"final_soc": 1e-12, "voltage_V": 1e-11}
+# In float32 C sums plainly and loses 1e-4 of the charge; ours keeps what is lost.
+MOST_APART_SINGLE = {"final_soc": 1e-3, "voltage_V": 1e-2}
 
 
 def differences(ours: dict[str, np.ndarray], by_hand: list[np.ndarray]) -> dict[str, float]:
@@ -21,12 +23,17 @@ def differences(ours: dict[str, np.ndarray], by_hand: list[np.ndarray]) -> dict[
     return {name: float(np.max(np.abs(mine - other))) for name, mine, other in pairs}
 
 
+def _refuse_if_apart(apart: dict[str, float], most: dict[str, float]) -> None:
+    if any(apart[name] > most[name] for name in most):
+        raise AssertionError(f"the C program and ours differ: {apart}")
+
+
 def against_c(
     kind: str, lanes: int = LANES, devices: int = 1, rounds: int = 5, step_s: float = 1.0, others: bool = False
 ) -> dict[str, Any]:
     """Time a kind of model, agreement checked first; without a compiler the reason stands for the times.
 
-    With `others` also ours through XLA, and ours in float32.
+    With `others` also ours through XLA, and both in float32.
     """
     ours = Ours(study_of(kind, lanes, step_s), devices)
     lane_steps = lanes * ours.steps
@@ -36,15 +43,17 @@ def against_c(
     except NoCompiler as reason:
         return row | {"ours": alternate({"ours": ours}, rounds)["ours"].as_row(lane_steps), "left_out": str(reason)}
     apart = differences(ours(), by_hand())
-    if any(apart[name] > most for name, most in MOST_APART.items()):
-        raise AssertionError(f"the C program and ours differ: {apart}")
+    _refuse_if_apart(apart, MOST_APART)
     contestants: dict[str, Any] = {"ours": ours, "c": by_hand}
     if others:
         contestants["xla"] = Ours(ours.study, devices, through_xla=True)
-        contestants["float32"] = Ours(study_of(kind, lanes, step_s, precision="float32"), devices)
-        for name in ("xla", "float32"):
-            contestants[name]()
+        single = Ours(study_of(kind, lanes, step_s, precision="float32"), devices)
+        contestants |= {"float32": single, "c_float32": ByHand(single, devices)}
+        contestants["xla"]()
+        _refuse_if_apart(differences(single(), contestants["c_float32"]()), MOST_APART_SINGLE)
     times = {name: timing.as_row(lane_steps) for name, timing in alternate(contestants, rounds, warm=True).items()}
     mine, other = times["ours"], times["c"]
     ratios = {"ratio": mine["best_s"] / other["best_s"], "ratio_cpu": mine["cpu_s"] / other["cpu_s"]}
+    if others:
+        ratios["ratio_float32"] = times["float32"]["best_s"] / times["c_float32"]["best_s"]
     return row | {"apart": apart, **times, **ratios}

@@ -18,6 +18,7 @@ from jaxmodel.cell import cycle_resistance, storage_factor
 FLAGS = ("-std=c11", "-O3", "-march=native", "-ffast-math", "-fopenmp", "-fPIC")
 # As in sweeps.devices; only some processors have vectors that wide, and only some compilers know the flag.
 WIDE = "-mprefer-vector-width=512"
+SINGLE = ("-DSINGLE", "-fsingle-precision-constant")
 _SOURCES = Path(__file__).with_name("c")
 _CELL = ("series_resistance_scale", "rc_resistance_scale", "rc_capacitance_scale", "ocv_offset_V")
 _MOTOR = ("R_0", "psi_R", "T_0", "k_tau", "L_a", "J", "tau_0", "R_wc", "R_ca", "tau_wc", "tau_ca")
@@ -28,8 +29,8 @@ class NoCompiler(Exception):
 
 
 @functools.cache
-def library(kind: str) -> ctypes.CDLL:
-    """Compile the source of a kind and load it.
+def library(kind: str, single: bool) -> ctypes.CDLL:
+    """Compile the source of a kind, in float or double, and load it.
 
     Linked without -ffast-math, which would set the whole process to flush subnormal numbers.
 
@@ -43,7 +44,7 @@ def library(kind: str) -> ctypes.CDLL:
         compiled, linked = f"{folder}/lanes.o", f"{folder}/lanes.so"
         source = str(_SOURCES / f"{kind}.c")
         for wide in ((WIDE,), ()):
-            built = subprocess.run([compiler, *FLAGS, *wide, "-c", source, "-o", compiled], capture_output=True)
+            built = subprocess.run([compiler, *FLAGS, *(SINGLE if single else ()), *wide, "-c", source, "-o", compiled], capture_output=True)
             if built.returncode == 0:
                 break
         linking = [compiler, "-shared", "-fopenmp", compiled, "-o", linked, "-lm"]
@@ -58,7 +59,8 @@ class ByHand:
     def __init__(self, ours: Ours, threads: int) -> None:
         study = ours.study
         self._kind, self._count = str(study.kind), study.size
-        self._library = library(self._kind)
+        self._library = library(self._kind, single := study.precision == "float32")
+        real = np.float32 if single else np.float64
         self._library.omp_set_num_threads(threads)
         p = study.prepared.model.parameters
         storage = float(storage_factor(p.storage_months, p.storage_temperature_degC))
@@ -67,12 +69,12 @@ class ByHand:
             values += [p.n_series, p.n_motors, DUTY, p.onboard_current_A, *(getattr(p, name) for name in _MOTOR)]
         lanes = study.lanes(np.arange(study.size))
         load = lanes["current_A" if self._kind == "cell" else "load_torque_Nm"]
-        self._parameters = np.array([float(value) for value in values])
-        self._lanes = [np.ascontiguousarray(load), np.array(jax.vmap(cycle_resistance)(lanes["cycles"]))]
-        self._steps = [np.array(ours.course.duration_s)]
+        self._parameters = np.array([float(value) for value in values], dtype=real)
+        self._lanes = [np.array(x, dtype=real) for x in (load, jax.vmap(cycle_resistance)(lanes["cycles"]))]
+        self._steps = [np.array(ours.course.duration_s, dtype=real)]
         if self._kind == "robot":
             self._steps.append(np.array(ours.course.ends_row, dtype=np.int8))
-        self._results = [np.empty(study.size), np.empty(study.size)]
+        self._results = [np.empty(study.size, dtype=real), np.empty(study.size, dtype=real)]
 
     def __call__(self) -> list[np.ndarray]:
         """Run all lanes and return their final SOC and least voltage."""

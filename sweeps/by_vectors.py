@@ -15,6 +15,9 @@ from jaxmodel.native import Kernel, Pool
 from sweeps.lane import Keep, Outcome, SteppedProfile, run_lane
 from sweeps.plan import LANE_STEPS_PER_CALL
 
+# Fewer are not worth another thread: 0.1 ms of a cell.
+LEAST_LANE_STEPS = 8_000
+
 
 class ByVectors:
     """A sweep's kernel in as many threads as there are devices."""
@@ -33,32 +36,39 @@ class ByVectors:
         Raises:
             NotNative: an operation of a lane has no vector instructions.
         """
-        self._lanes_of, self._shared = lanes, jax.tree.map(np.asarray, shared)
+        self._lanes_of = lanes
+        values = jax.tree.map(np.asarray, shared)
         own = {name: np.asarray(value)[0] for name, value in lanes(np.zeros(1, dtype=int)).items()}
-        leaves, structure = jax.tree.flatten((self._shared, own))
+        leaves, structure = jax.tree.flatten((values, own))
         self._kernel = _kernel(keep, structure, tuple((x.shape, x.dtype) for x in leaves), single)
-        self._threads = mesh.size
-        per_packet = steps * self._kernel.lanes
-        self._packets = max(1, LANE_STEPS_PER_CALL // per_packet)
+        self._shared = self._kernel.shared(values)
+        self._pool, self._threads = Pool(mesh.size), mesh.size
+        self._steps = steps
 
     def outcomes(
         self, spans: Iterable[tuple[int, int, int]], done: Callable[[int], None]
     ) -> Iterator[tuple[int, Outcome]]:
         """Run spans (number, first lane, lanes) and yield the outcome of each with its number."""
-        with Pool(self._threads) as pool:
-            for number, first, count in spans:
-                yield number, self._run(pool, first, count, done)
+        for number, first, count in spans:
+            yield number, self._run(first, count, done)
 
     def call(self, first: int, count: int) -> int:
         """Run as many lanes of a span as a call has, keep nothing of them, and return their number."""
-        lanes = min(count, self._threads * self._packets * self._kernel.lanes)
-        with Pool(self._threads) as pool:
-            self._run(pool, first, lanes, lambda lanes: None)
+        lanes = min(count, self._threads * self._packets(count) * self._kernel.lanes)
+        self._run(first, lanes, lambda lanes: None)
         return lanes
 
-    def _run(self, pool: Pool, first: int, count: int, done: Callable[[int], None]) -> Outcome:
+    def _packets(self, count: int) -> int:
+        """Return how many packets a thread runs at once: short calls to be counted, and work for all threads."""
+        per_packet = self._steps * self._kernel.lanes
+        most = max(1, LANE_STEPS_PER_CALL // per_packet)
+        all_threads = -(-count // (self._kernel.lanes * self._threads))
+        return min(most, max(all_threads, -(-LEAST_LANE_STEPS // per_packet)))
+
+    def _run(self, first: int, count: int, done: Callable[[int], None]) -> Outcome:
         own = self._lanes_of(np.arange(first, first + count))
-        return jax.tree.map(_doubled, pool.start(self._kernel, self._shared, own, count, self._packets).tree(done))
+        job = self._pool.start(self._kernel, self._shared, own, count, self._packets(count))
+        return jax.tree.map(_doubled, job.tree(done))
 
 
 @functools.lru_cache(maxsize=32)

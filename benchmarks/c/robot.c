@@ -62,8 +62,9 @@ static inline Armature armature(real i, real w, const Slow *now, const Slow *lat
     const real even_series = 1.0 + scaled / 2 * (1.0 + scaled / 12 * (1.0 + scaled / 30 * (1.0 + scaled / 56)));
     const real odd_series = 1.0 + scaled / 6 * (1.0 + scaled / 20 * (1.0 + scaled / 42 * (1.0 + scaled / 72)));
     const real e_mean = fast_exp(mean * h);
-    real even = over ? 0.5 * (e_slow + e_fast) : e_mean * cosine;
-    real odd = (over ? 0.5 * (e_slow - e_fast) : e_mean * sine) / root;
+    const real over_even = 0.5 * (e_slow + e_fast), over_odd = 0.5 * (e_slow - e_fast);
+    const real under_even = e_mean * cosine, under_odd = e_mean * sine;
+    real even = over ? over_even : under_even, odd = (over ? over_odd : under_odd) / root;
     even = series ? e_mean * even_series : even;
     odd = series ? e_mean * h * odd_series : odd;
     const real shift = even - odd * mean;

@@ -8,7 +8,7 @@ import io
 import json
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -75,6 +75,13 @@ class _Module:
             consts = [arrays[f"arr_{number}"] for number in range(len(arrays.files) - 1)]
         shared, own, results = ([_Leaf(tuple(shape), np.dtype(kind)) for shape, kind in head[n]] for n in _LEAVES)
         return cls(head["lanes"], shared, own, results, consts, head["text"], head["room"])
+
+
+class Shared(NamedTuple):
+    """What all lanes share: arrays, which are kept alive, and their addresses."""
+
+    arrays: list[np.ndarray]
+    addresses: list[int]
 
 
 class Kernel:
@@ -167,21 +174,18 @@ class Kernel:
                 return number - stands + size
         return number
 
-    def arguments(self, shared: Any, own: Any, results: list[np.ndarray]) -> Any:
+    def shared(self, values: Any) -> Shared:
+        """Return what all lanes share, ready to be read by any number of calls."""
+        leaves = zip(jax.tree.leaves(values), self._module.shared, strict=True)
+        arrays = [*self._module.consts, *(np.ascontiguousarray(x, leaf.dtype) for x, leaf in leaves)]
+        return Shared(arrays, [x.ctypes.data for x in arrays])
+
+    def arguments(self, shared: Shared, own: Any, results: list[np.ndarray]) -> Any:
         """Return what `run` reads and writes; `own` has the lanes along the last axis, a multiple of a packet."""
-        given = [
-            *self._module.consts,
-            *(
-                np.ascontiguousarray(x, leaf.dtype)
-                for x, leaf in zip(jax.tree.leaves(shared), self._module.shared, strict=True)
-            ),
-            *(
-                np.ascontiguousarray(x, leaf.dtype)
-                for x, leaf in zip(jax.tree.leaves(own), self._module.own, strict=True)
-            ),
-            *results,
-        ]
-        return given, (ctypes.c_void_p * len(given))(*(x.ctypes.data for x in given))
+        leaves = zip(jax.tree.leaves(own), self._module.own, strict=True)
+        arrays = [*(np.ascontiguousarray(x, leaf.dtype) for x, leaf in leaves), *results]
+        addresses = [*shared.addresses, *(x.ctypes.data for x in arrays)]
+        return (shared, arrays), (ctypes.c_void_p * len(addresses))(*addresses)
 
     def run(
         self, arguments: Any, first: int, last: int, count: int, workspace: np.ndarray, sizes: Sequence[int] = ()

@@ -10,7 +10,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxmodel.native.kernel import Kernel
+from jaxmodel.native.kernel import Kernel, Shared
 
 
 class Job:
@@ -21,8 +21,12 @@ class Job:
 
     def raw(self, done: Callable[[int], None] = lambda lanes: None) -> list[np.ndarray]:
         """Return the results when they are there, the lanes along the last axis; `done` is called with lanes."""
-        for part in as_completed(self._parts):
-            done(part.result())
+        try:
+            for part in as_completed(self._parts):
+                done(part.result())
+        finally:
+            for part in self._parts:  # of a call that is broken off
+                part.cancel()
         return [x[..., : self._count] for x in self._results]
 
     def tree(self, done: Callable[[int], None] = lambda lanes: None) -> Any:
@@ -48,7 +52,7 @@ class Pool:
 
         Args:
             kernel: of one lane.
-            shared: by all lanes.
+            shared: by all lanes: values, or what `Kernel.shared` has made of them.
             own: arrays with the lanes along their first axis.
             count: of lanes.
             packets: that a thread runs at once.
@@ -58,7 +62,8 @@ class Pool:
         whole = -(-count // width) * width
         filled = jax.tree.map(lambda x: _filled(np.asarray(x), whole), own)
         results = kernel.buffers(whole, sizes)
-        arguments = kernel.arguments(shared, filled, results)
+        ready = shared if isinstance(shared, Shared) else kernel.shared(shared)
+        arguments = kernel.arguments(ready, filled, results)
 
         def part(first: int, last: int) -> int:
             kernel.run(arguments, first, last, whole, self._workspace(kernel.workspace_size(sizes)), sizes)
