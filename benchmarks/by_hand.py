@@ -44,7 +44,10 @@ def library(kind: str, single: bool) -> ctypes.CDLL:
         compiled, linked = f"{folder}/lanes.o", f"{folder}/lanes.so"
         source = str(_SOURCES / f"{kind}.c")
         for wide in ((WIDE,), ()):
-            built = subprocess.run([compiler, *FLAGS, *(SINGLE if single else ()), *wide, "-c", source, "-o", compiled], capture_output=True)
+            built = subprocess.run(
+                [compiler, *FLAGS, *(SINGLE if single else ()), *wide, "-c", source, "-o", compiled],
+                capture_output=True,
+            )
             if built.returncode == 0:
                 break
         linking = [compiler, "-shared", "-fopenmp", compiled, "-o", linked, "-lm"]

@@ -67,7 +67,13 @@ def print_against_c(title: str, rows: list[dict[str, Any]]) -> None:
         if "xla" in row:
             times = ", ".join(
                 f"{what} {row[name]['cpu_ns_per_lane_step']:.1f}"
-                for name, what in (("ours", "ours"), ("float32", "in float32"), ("xla", "through XLA"), ("c", "C"), ("c_float32", "C in float32"))
+                for name, what in (
+                    ("ours", "ours"),
+                    ("float32", "in float32"),
+                    ("xla", "through XLA"),
+                    ("c", "C"),
+                    ("c_float32", "C in float32"),
+                )
             )
             print(f"{row['kind']}, ns of core time per lane and step: {times}")
 

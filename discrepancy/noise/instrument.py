@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import fminbound
-from scipy.stats import chi2
+from scipy.special import chdtr, chdtri
 
 from discrepancy.noise.whitening import Bools, Floats, Integers, innovations
 from discrepancy.preparation.signals import MAD_OF_NORMAL, detect_quantum
@@ -218,9 +218,9 @@ def local_noise(
     if windows is None:
         return _NO_ESTIMATE
     size = (windows.length - _PARABOLA).astype(float)
-    cutoff = chi2.ppf(_KEPT_PROBABILITY, size)
-    size_of_kept = size * chi2.cdf(cutoff, size + 2) / _KEPT_PROBABILITY  # mean of a chi-square cut off there
-    median = chi2.median(size)
+    cutoff = chdtri(size, 1.0 - _KEPT_PROBABILITY)
+    size_of_kept = size * chdtr(size + 2, cutoff) / _KEPT_PROBABILITY  # mean of a chi-square cut off there
+    median = chdtri(size, 0.5)
     if np.median(_distances(windows, 0.0)[0]) <= 1e-20 * np.nanmax(np.abs(values)) ** 2:
         return _NO_ESTIMATE
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from scipy.stats import chi2, kstwobign
+from scipy.special import chdtri, kolmogi
 
 from jaxmodel.case import Case
 
@@ -52,8 +52,8 @@ def held(values: np.ndarray, sd: float) -> np.ndarray:
     drift = np.cumsum(away)
     drift -= (drift[begins] - away[begins])[stretch]
     lengths, place = np.unique(rows, return_inverse=True)
-    most_scatter = chi2.isf(_IMPROBABLE, np.maximum(lengths - 1, 1))[place]
-    most_drift = kstwobign.isf(_IMPROBABLE) * np.sqrt(rows)
+    most_scatter = chdtri(np.maximum(lengths - 1, 1), _IMPROBABLE)[place]
+    most_drift = kolmogi(_IMPROBABLE) * np.sqrt(rows)
     steady = (rows >= LONG) & (np.add.reduceat(away**2, begins) < most_scatter)
     steady &= np.maximum.reduceat(np.abs(drift), begins) < most_drift
     if np.sum(rows[steady]) < _MOST * values.size:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import lfilter
-from scipy.stats import t as student
+from scipy.special import stdtr
 
 from discrepancy.residuals.runs import BLOCKS
 from discrepancy.residuals.table import ChannelResiduals, Floats
@@ -105,4 +105,4 @@ def _is_sure(residuals: ChannelResiduals, response: Floats, amplitude: float) ->
     blocks = scores.size // 3
     scores = np.add.reduceat(scores, np.arange(0, scores.size, 3))
     sd = np.sqrt(np.sum(scores**2) * blocks / max(blocks - 1, 1)) / np.sum(weight * response**2)
-    return bool(sd == 0.0 or 2.0 * student.sf(abs(amplitude) / sd, max(blocks - 1, 1)) < SURE)
+    return bool(sd == 0.0 or 2.0 * stdtr(max(blocks - 1, 1), -abs(amplitude) / sd) < SURE)

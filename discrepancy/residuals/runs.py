@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2, rankdata
-from scipy.stats import t as student
+import pandas as pd
+from scipy.special import chdtrc, stdtr
 
 from discrepancy.residuals.regimes import least_span, weighted_quantiles
 from discrepancy.residuals.table import Bools, ChannelResiduals, Floats, Integers
@@ -147,8 +147,8 @@ def odd_run(lines: RunLines) -> OddRun | None:
             own = np.hypot(lines.sd[place, term], np.sqrt(np.sum(scatter**2)) / (count - 1))
             if not (np.isfinite(own) and spread > 0.0 and own > 0.0):
                 continue
-            by_others = 2.0 * student.sf(abs(off) / spread, count - 2) * lines.value.size
-            by_itself = 2.0 * student.sf(abs(off) / own, lines.freedom[place]) * lines.value.size
+            by_others = 2.0 * stdtr(count - 2, -abs(off) / spread) * lines.value.size
+            by_itself = 2.0 * stdtr(lines.freedom[place], -abs(off) / own) * lines.value.size
             sure = by_others < ODD or (abs(off) > limit * spread and by_itself < SURE)
             if sure and abs(off) / spread > size:
                 best, size = OddRun(run, term, off, float(rest.mean())), abs(off) / spread
@@ -218,11 +218,10 @@ def _terms_in_order(lines: RunLines, at: Floats) -> tuple[tuple[int, ...], float
         slope, intercept = np.polyfit(at, value, 1)
         total = np.sum((value - value.mean()) ** 2)
         share = 1.0 - np.sum((value - intercept - slope * at) ** 2) / total if total > 0.0 else 0.0
-        ranks = abs(np.corrcoef(rankdata(at), rankdata(value))[0, 1])
-        chance = student.sf(
-            np.sqrt(max(share, 0.0) / max(1.0 - share, 1e-12) * (value.size - 2)), max(value.size - 2, 1)
-        )
-        sure = chi2.sf(differ, value.size - 1) < SURE or chance < BY_CHANCE
+        ranks = abs(np.corrcoef(pd.Series(at).rank(), pd.Series(value).rank())[0, 1])
+        quotient = np.sqrt(max(share, 0.0) / max(1.0 - share, 1e-12) * (value.size - 2))
+        chance = stdtr(max(value.size - 2, 1), -quotient)
+        sure = chdtrc(value.size - 1, differ) < SURE or chance < BY_CHANCE
         without = [np.polyfit(np.delete(at, k), np.delete(value, k), 1)[0] for k in range(value.size)]
         sure &= bool(np.min(np.array(without) / slope) > STANDS)
         if sure and min(share, ranks) > (IN_ORDER if value.size > 3 else IN_ORDER_OF_THREE):

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtr
 
 from discrepancy.residuals.cells import Cells, Scatter, scatter_of
 from discrepancy.residuals.table import Bools, ChannelResiduals, Floats, Integers
@@ -158,7 +158,7 @@ def _tested(cells: Cells, scatter: Scatter, first: int, last: int, terms: tuple[
         return None
     sd = np.sqrt(variance)
     p_value = np.where(
-        _in_all_but_any(cells, mine, terms, value), 2.0 * student.sf(np.abs(contrast @ cells.mean) / sd, freedom), 1.0
+        _in_all_but_any(cells, mine, terms, value), 2.0 * stdtr(freedom, -np.abs(contrast @ cells.mean) / sd), 1.0
     )
     return Segment(first, last, terms, tuple(value.tolist()), tuple(sd.tolist()), tuple(p_value.tolist()))
 

@@ -217,8 +217,10 @@ class Control(Directions):
             index = self.e.select(index, constant(1, np.int32), constant(0, np.int32))
         if not index.wide:
             return self._branched(branches, index, given[1:], [v.aval for v in equation.outvars])
-        if not self.directions and max(len(b.eqns) for b in branches) > LONG_BRANCH:
-            return self._where_taken(branches, index, given[1:], [v.aval for v in equation.outvars])
+        avals = [v.aval for v in equation.outvars]
+        of_numbers = all(math.prod(aval.shape) <= MOST_IN_REGISTERS for aval in avals)
+        if of_numbers and not self.directions and max(_length(b.jaxpr) for b in branches) > LONG_BRANCH:
+            return self._where_taken(branches, index, given[1:], avals)
         results = [self.run(b.jaxpr, [constants(c) for c in b.consts], given[1:]) for b in branches]
         chosen = results[-1]
         for number in reversed(range(len(branches) - 1)):
@@ -300,13 +302,27 @@ class Control(Directions):
             result[number] = self.taken(room, str(number))
         return result.reshape(aval.shape)
 
-    def _chosen(self, holds: Value, yes: Operand, no: Operand) -> Array:
-        if isinstance(yes, Series) or isinstance(no, Series):
-            raise NotNative("a branch with an array over steps")
+    def _chosen(self, holds: Value, yes: Operand, no: Operand) -> Operand:
+        if not (isinstance(yes, np.ndarray) and isinstance(no, np.ndarray)):
+            ways = self.series(yes), self.series(no)
+
+            def at(index: str) -> Any:
+                taken, left = (way.at(index) for way in ways)
+                return ELEMENTS["select_n"](self, [holds, left, taken], {}, taken.dtype)
+
+            return self.lazy(ways[0].length, ways[0].dtype, at)
         result = np.empty(yes.shape, dtype=object)
         for index in np.ndindex(yes.shape):
             result[index] = ELEMENTS["select_n"](self, [holds, no[index], yes[index]], {}, yes[index].dtype)
         return result
+
+
+def _length(jaxpr: Any) -> int:
+    """Return how many operations a function has, those of the functions that it calls too."""
+    return sum(
+        1 if (inner := equation.params.get("jaxpr")) is None else _length(getattr(inner, "jaxpr", inner))
+        for equation in jaxpr.eqns
+    )
 
 
 def _merged(state: list[Any], numbers: list[Value]) -> list[Any]:

@@ -129,6 +129,7 @@ def sought(shared, x):
         "last": put[-1] + signal[0],
         "of_each": jax.vmap(lambda t: jnp.sum(jnp.concatenate([t[None], shared["spans"][:3] * x["rate"]]) ** 2))(late),
         "either": lax.cond(shared["on"], lambda: put * x["rate"], lambda: signal),
+        "of_lane": lax.cond(x["delay"] > 0.0, lambda: put * x["rate"], lambda: signal),
     }
 
 
