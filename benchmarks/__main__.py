@@ -19,7 +19,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 import jax
 
-from benchmarks import report
+from benchmarks import growth, report
 from benchmarks.against_c import against_c
 from benchmarks.check import check
 from benchmarks.derivatives import cost_of_derivatives, memory_of_a_long_gradient
@@ -52,12 +52,19 @@ def _derivatives() -> dict[str, Any]:
     return found
 
 
+def _growth() -> dict[str, Any]:
+    found = {"lanes": growth.over_lanes(), "workers": growth.over_workers()}
+    report.print_growth(found)
+    return found
+
+
 PARTS: dict[str, Callable[[], Any]] = {
     "against_c": _against_c,
     "equal_accuracy": _equal_accuracy,
     "over_lanes": lambda: _scaling("Lanes", over_lanes),
     "over_steps": lambda: _scaling("Steps", over_steps),
     "derivatives": _derivatives,
+    "growth": _growth,
 }
 
 

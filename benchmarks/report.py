@@ -92,6 +92,18 @@ def print_equal_accuracy(rows: list[dict[str, Any]]) -> None:
     table("Cells at constant current, 1,800 s, SOC to 1e-6 and voltage to 0.1 mV", columns, lines, right=range(2, 8))
 
 
+def print_growth(found: dict[str, list[dict[str, Any]]]) -> None:
+    """Print how a whole sweep grows."""
+    lines = [
+        [f"{row['lanes']:,}", f"{row['foretold_s']:.3g}", f"{row['measured_s']:.3g}", f"{row['ratio']:.2f}"]
+        for row in found["lanes"]
+    ]
+    columns = ["lanes", "foretold, s", "measured, s", "measured / foretold"]
+    table("A sweep of cells to disk, 60 steps", columns, lines, right=range(4))
+    lines = [[str(row["workers"]), f"{row['measured_s']:.3g}"] for row in found["workers"]]
+    table("The same by workers on this machine, 4 million lanes", ["workers", "s"], lines, right=range(2))
+
+
 def print_derivatives(found: dict[str, Any]) -> None:
     """Print what each way to the derivatives of one number by all parameters costs, and how far it is off."""
     columns = ["kind", "way", "lanes", "runs", "time, in runs", "of core time", "per parameter", "MiB", "error"]
