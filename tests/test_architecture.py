@@ -165,7 +165,7 @@ def test_package_imports_only_declared_dependencies(package: str) -> None:
     """A package that needs a dependency of the test extra would work here and fail for a user."""
     project = PROJECT["project"]
     extras = project["optional-dependencies"]
-    declared = project["dependencies"] + extras["cluster"] + extras["matlab"] + extras["workbench"]
+    declared = project["dependencies"] + extras["cluster"] + extras["s3"] + extras["matlab"] + extras["workbench"]
     known = {re.split(r"[^\w-]", requirement)[0].replace("-", "_") for requirement in declared}
     known |= {"pydantic_core"}  # half of pydantic
     known |= sys.stdlib_module_names | MAY_IMPORT.keys()
