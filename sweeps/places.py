@@ -148,7 +148,7 @@ class Bucket:
 
     def _opened(self) -> tuple[Any, str]:
         try:
-            from fsspec.core import url_to_fs
+            from fsspec.core import url_to_fs  # it finds s3fs, or another store's package, by the URL
 
             return url_to_fs(self.url)
         except ImportError as error:

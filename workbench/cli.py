@@ -55,6 +55,7 @@ CasePaths = Annotated[
 ]
 StudyPath = Annotated[Path, typer.Argument(metavar="STUDY.toml", help="The study file.", show_default=False)]
 Out = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the results; made if need be.")]
+OutOrUrl = Annotated[str, typer.Option("--out", metavar="DIR|URL", help="Folder, or a URL such as s3://bucket/name.")]
 Effects = Annotated[
     list[str] | None,
     typer.Option(
@@ -86,14 +87,7 @@ def simulate(
 @app.command(epilog="Example: jaxmodel sweep examples/paper_sweep.toml --out results")
 def sweep(
     study: StudyPath,
-    out: Annotated[
-        str,
-        typer.Option(
-            "--out",
-            metavar="DIR|URL",
-            help='Folder for the results, or a URL in an object store such as "s3://bucket/name".',
-        ),
-    ] = "results",
+    out: OutOrUrl = "results",
     resume: Annotated[bool, typer.Option("--resume", help="Go on with a sweep that was stopped.")] = False,
     memory: Annotated[
         str | None,
