@@ -32,8 +32,8 @@ class Folder:
         return str(self.path)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the path alone: the lock stays with this process."""
-        return {"path": self.path, "_log": None}
+        """Return the path alone, in full as a worker may run elsewhere: the lock stays with this process."""
+        return {"path": self.path.absolute(), "_log": None}
 
     def reached(self) -> contextlib.AbstractContextManager[None]:
         """Return what turns the errors of a store into a sentence: a folder's are plain as they are."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import json
+import secrets
 from collections.abc import Generator, Mapping
 from functools import cached_property
 from pathlib import Path
@@ -43,6 +44,8 @@ from sweeps.study import LANE, Study
 
 # Lanes whose drawn values are in memory at a time.
 _DRAWN_AT_ONCE = 2**20
+# Holds a number drawn for the run that is writing: a worker on another machine may find an older copy under this name.
+RUN = "run.id"
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _CHECKED = (ZstdCodec(), Crc32cCodec())
 _NOT_RUN = {"float64": float("nan"), "int8": -1}
@@ -55,9 +58,9 @@ class Grid:
         place: where the result lies.
     """
 
-    def __init__(self, place: Place, names: list[str], chunks: Chunks, study_digest: str) -> None:
+    def __init__(self, place: Place, names: list[str], chunks: Chunks, run: str) -> None:
         self.place = place
-        self._names, self._chunks, self._digest = names, chunks, study_digest
+        self._names, self._chunks, self._run = names, chunks, run
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what may travel: arrays are opened anew."""
@@ -81,10 +84,10 @@ class Grid:
 
     @cached_property
     def is_reached(self) -> bool:
-        """Whether this process, on whatever machine, finds the result of this study there."""
+        """Whether this process, on whatever machine, finds there what the run is writing, and no copy of it."""
         try:
-            return json.loads(self.place.read(MANIFEST))["study_sha256"] == self._digest and bool(self.arrays)
-        except (OSError, ValueError, KeyError, TypeError, SweepError):
+            return self.place.read(RUN) == self._run and bool(self.arrays)
+        except (OSError, ValueError, SweepError):
             return False
 
     def write(self, number: int, outcome: Outcome) -> None:
@@ -135,11 +138,12 @@ class Store:
         self._study = study
         self._variables = variables_of(study)
         self._done = 0
+        self._run = secrets.token_hex()
         self._manifest = manifest_of(study) | {"chunks": {"lanes": list(chunks.box), "number": len(chunks)}}
         try:
             with self._plain_errors():
                 found = self._found(resume)
-                self.grid = Grid(self.place, list(self._variables), self.chunks, study.digest)
+                self.grid = Grid(self.place, list(self._variables), self.chunks, self._run)
                 if not self._finished or self._is_damaged():
                     self._open(begin=not found)
         except BaseException:
@@ -178,6 +182,7 @@ class Store:
     def _open(self, begin: bool) -> None:
         """Lock the place, make what is missing, and find which chunks are not done."""
         noted = self.place.open(begin)
+        self.place.write(RUN, self._run)
         if begin:
             self.place.write(MANIFEST, manifest_text(self._manifest))
             self.place.make(GRID, self._create, list(self._variables)[-1])
@@ -270,6 +275,7 @@ class Store:
                 save_table(load(self.place), self.place)
                 self._manifest = self._manifest | {"performance": dict(performance)}
                 self.place.write(MANIFEST, manifest_text(self._manifest))
+                self.place.remove(RUN)
                 self.place.close(finished=True)
         return load(self.place)
 

@@ -20,7 +20,7 @@ from sweeps import Study, load, plan, run
 from sweeps.places import Bucket, Folder, place_of
 from sweeps.plan import cut
 from sweeps.results import variables_of
-from sweeps.store import Grid, Store
+from sweeps.store import RUN, Grid, Store
 from workbench.cli import app
 
 AXES = {"current_A": np.linspace(0.2, 3.0, 20).tolist(), "cycles": np.linspace(0.0, 300.0, 15).tolist()}
@@ -90,6 +90,7 @@ def test_a_bucket_holds_what_a_folder_would(study, whole, url, many_chunks):
     place = place_of(url)
     assert json.loads(place.read("manifest.json"))["performance"]["lanes_run"] == 300
     assert place.read("lanes.csv").count("\n") == 301
+    assert not place.holds(RUN)
 
 
 def test_a_sweep_into_a_bucket_goes_on_where_it_stopped(study, whole, url, many_chunks, monkeypatch):
@@ -140,13 +141,14 @@ def test_a_store_that_was_being_made_is_made_anew(study, whole, url, many_chunks
 def test_a_worker_elsewhere_writes_into_the_place_of_this_study_alone(study, kind, request, tmp_path, many_chunks):
     out = tmp_path / "out" if kind == "folder" else f"{request.getfixturevalue('s3')}/{tmp_path.name}"
     run(study, out=out)
-    grid = Grid(place_of(out), list(variables_of(study)), cut(study.shape, 60), study.digest)
+    place_of(out).write(RUN, "this run")
+    grid = Grid(place_of(out), list(variables_of(study)), cut(study.shape, 60), "this run")
     assert grid.arrays
     there = pickle.loads(pickle.dumps(grid))
     assert there.is_reached
     assert there.is_whole(3)
-    assert not Grid(place_of(out), list(variables_of(study)), cut(study.shape, 60), "another").is_reached
-    assert not Grid(Folder(tmp_path / "not there"), ["status"], cut(study.shape, 60), study.digest).is_reached
+    assert not Grid(place_of(out), list(variables_of(study)), cut(study.shape, 60), "an earlier run").is_reached
+    assert not Grid(Folder(tmp_path / "not there"), ["status"], cut(study.shape, 60), "this run").is_reached
 
 
 @pytest.mark.parametrize(
