@@ -20,6 +20,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 import jax
 
 from benchmarks import growth, report
+from benchmarks.accelerator import on_accelerator
 from benchmarks.against_c import against_c
 from benchmarks.check import check
 from benchmarks.derivatives import cost_of_derivatives, memory_of_a_long_gradient
@@ -52,6 +53,12 @@ def _derivatives() -> dict[str, Any]:
     return found
 
 
+def _accelerator() -> dict[str, Any]:
+    found = on_accelerator()
+    report.print_accelerator(found)
+    return found
+
+
 def _growth() -> dict[str, Any]:
     found = {"lanes": growth.over_lanes(), "workers": growth.over_workers()}
     report.print_growth(found)
@@ -65,13 +72,14 @@ PARTS: dict[str, Callable[[], Any]] = {
     "over_steps": lambda: _scaling("Steps", over_steps),
     "derivatives": _derivatives,
     "growth": _growth,
+    "accelerator": _accelerator,
 }
 
 
 def main(wanted: Sequence[str]) -> None:
     """Run all parts, or those that are named; print each table when it is done, and write the files.
 
-    What is not run keeps the figures, and the machine, of the run before.
+    What is not run, or left out for want of a GPU, keeps the figures, and the machine, of the run before.
     """
     began, folder = time.perf_counter(), Path(__file__).parent
     if list(wanted) == ["check"]:
@@ -79,13 +87,16 @@ def main(wanted: Sequence[str]) -> None:
     unknown = set(wanted) - set(PARTS)
     if unknown:
         raise SystemExit(f"no part is called {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}, and check")
-    kept: dict[str, Any] = {}
-    if wanted:
-        kept = json.loads((folder / "results.json").read_text(encoding="utf-8"))
+    before = json.loads((folder / "results.json").read_text(encoding="utf-8"))
     machine = report.machine()
-    results = kept | {name: run() for name, run in PARTS.items() if not wanted or name in wanted}
+    found = {name: run() for name, run in PARTS.items() if not wanted or name in wanted}
+    left_out = [name for name, part in found.items() if "left_out" in part]
+    kept: dict[str, Any] = before if wanted else {name: before[name] for name in left_out if name in before}
+    results = kept | {name: part for name, part in found.items() if name not in left_out}
     results["machine"] = kept.get("machine", machine)
-    results["machine_of"] = kept.get("machine_of", {}) | dict.fromkeys(wanted, machine)
+    named = [name for name in wanted if name not in left_out]
+    of_others = {name: of for name, of in before.get("machine_of", {}).items() if name in kept}
+    results["machine_of"] = of_others | dict.fromkeys(named, machine)
     results["took_s"] = kept.get("took_s", round(time.perf_counter() - began))
     report.write(folder, results)
     print(f"written: {folder.name}/results.json, results.png; took {time.perf_counter() - began:.0f} s")

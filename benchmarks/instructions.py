@@ -19,7 +19,7 @@ _KINDS = {
 def instructions(kind: str) -> dict[str, Any]:
     """Return the counts of the step of a kind: of the longest loop without another inside."""
     kernel = Ours(study_of(kind, 64), 1).kernel
-    step = _longest_loop(machine.assembly(kernel._module.text))
+    step = _longest_loop(machine.assembly(kernel.module.text))
     found: dict[str, Any] = {"kind": kind, "lanes": kernel.lanes, "instructions": len(step)}
     for name, pattern in _KINDS.items():
         found[name] = sum(re.match(pattern, line) is not None for line in step)

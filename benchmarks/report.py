@@ -104,6 +104,19 @@ def print_growth(found: dict[str, list[dict[str, Any]]]) -> None:
     table("The same by workers on this machine, 4 million lanes", ["workers", "s"], lines, right=range(2))
 
 
+def print_accelerator(found: dict[str, Any]) -> None:
+    """Print what a step of a lane takes on a GPU."""
+    if "left_out" in found:
+        print(f"The GPU is left out: {found['left_out']}.")
+        return
+    lines = []
+    for row in found["sweeps"] + [{"kind": "Lorenz"} | row for row in found["lorenz"]]:
+        times = [f"{1e3 * row[who]['ns_per_lane_step']:.1f}" if who in row else "" for who in ("cuda", "xla")]
+        lines.append([row["kind"], row["precision"], f"{row['lanes']:,}", f"{row['steps']:,}", *times])
+    columns = ["kind", "precision", "lanes", "steps", "CUDA kernel, ps", "XLA, ps"]
+    table(f"Per lane and step, {found['gpu']}", columns, lines, right=range(2, 6))
+
+
 def print_derivatives(found: dict[str, Any]) -> None:
     """Print what each way to the derivatives of one number by all parameters costs, and how far it is off."""
     columns = ["kind", "way", "lanes", "runs", "time, in runs", "of core time", "per parameter", "MiB", "error"]

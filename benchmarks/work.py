@@ -37,11 +37,13 @@ def study_of(kind: str, lanes: int, step_s: float = 1.0, **more: Any) -> Study:
 
 
 class Ours:
-    """The sweep engine on a study, compiled; on the first so many devices, all if not said."""
+    """The sweep engine on a study, compiled; on the first so many devices, all if not said, or on the processor."""
 
-    def __init__(self, study: Study, devices: int | None = None, through_xla: bool = False) -> None:
+    def __init__(
+        self, study: Study, devices: int | None = None, through_xla: bool = False, processor: bool = False
+    ) -> None:
         self.study = study
-        self._runner = Runner(study, jax.devices()[:devices], through_xla)
+        self._runner = Runner(study, jax.devices("cpu" if processor else None)[:devices], through_xla)
         self._chunks = self._runner.chunks(None, whole=True)
         self._runner.prepare(self._chunks)
         self.steps = self._runner.steps

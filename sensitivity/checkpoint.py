@@ -15,8 +15,9 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jax.extend.core import ClosedJaxpr, JaxprEqn, Literal, jaxpr_as_fun
+from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, jaxpr_as_fun
 
+from jaxmodel.jaxprs import opened, parts_of_scan
 from jaxmodel.kernel import as_one_kernel, holds_constants
 
 # A scan shorter than this is left as it is; one longer than that is cut into blocks.
@@ -34,15 +35,16 @@ def in_blocks(function: Callable[..., Any], *arguments: Any) -> Any:
     return jax.tree.unflatten(jax.tree.structure(shapes), outputs)
 
 
-def _evaluate(program: ClosedJaxpr, arguments: Sequence[Any]) -> list[Any]:
+def _evaluate(program: ClosedJaxpr | Jaxpr, arguments: Sequence[Any]) -> list[Any]:
     """Evaluate a traced program equation by equation, long scans in blocks."""
-    known = dict(zip(program.jaxpr.constvars, program.consts, strict=True))
-    known |= dict(zip(program.jaxpr.invars, arguments, strict=True))
+    jaxpr, constants = opened(program)
+    known = dict(zip(jaxpr.constvars, constants, strict=True))
+    known |= dict(zip(jaxpr.invars, arguments, strict=True))
 
     def read(atom: Any) -> Any:
         return atom.val if isinstance(atom, Literal) else known[atom]
 
-    for equation in program.jaxpr.eqns:
+    for equation in jaxpr.eqns:
         given = [read(atom) for atom in equation.invars]
         name = equation.primitive.name
         if name == "scan" and equation.params["length"] >= SHORTEST and not equation.params["reverse"]:
@@ -53,12 +55,12 @@ def _evaluate(program: ClosedJaxpr, arguments: Sequence[Any]) -> list[Any]:
             found = equation.primitive.bind(*given, **equation.params)
             found = found if equation.primitive.multiple_results else [found]
         known |= dict(zip(equation.outvars, found, strict=True))
-    return [read(atom) for atom in program.jaxpr.outvars]
+    return [read(atom) for atom in jaxpr.outvars]
 
 
 def _scan_in_blocks(equation: JaxprEqn, given: Sequence[Any]) -> list[Any]:
-    constants, carried = equation.params["num_consts"], equation.params["num_carry"]
-    body = jaxpr_as_fun(equation.params["jaxpr"])
+    constants, carried = parts_of_scan(equation.params, len(given))
+    body = jaxpr_as_fun(ClosedJaxpr(*opened(equation.params["jaxpr"])))
     fixed, carry = tuple(given[:constants]), tuple(given[constants : constants + carried])
     rows = tuple(given[constants + carried :])
     length = equation.params["length"]

@@ -10,7 +10,9 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
-from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal
+from jax.extend.core import Jaxpr, JaxprEqn, Literal
+
+from jaxmodel.jaxprs import opened, parts_of_scan
 
 
 def influential(function: Callable[[dict[str, Any]], Any], arguments: dict[str, Any]) -> set[str]:
@@ -40,16 +42,16 @@ def _needed(equation: JaxprEqn, outputs: list[bool]) -> list[bool]:
     if equation.primitive.name == "scan":
         return _needed_by_scan(equation, outputs)
     inner = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
-    body = inner.jaxpr if isinstance(inner, ClosedJaxpr) else inner
-    if isinstance(body, Jaxpr) and (len(body.invars), len(body.outvars)) == (len(equation.invars), len(outputs)):
+    body = None if inner is None else opened(inner)[0]
+    if body is not None and (len(body.invars), len(body.outvars)) == (len(equation.invars), len(outputs)):
         return _live_inputs(body, outputs)
     return [True] * len(equation.invars)
 
 
 def _needed_by_scan(equation: JaxprEqn, outputs: list[bool]) -> list[bool]:
     """Repeat the body until no more of its carry comes alive: what one step needs, the step before must give."""
-    constants, carried = equation.params["num_consts"], equation.params["num_carry"]
-    body = equation.params["jaxpr"].jaxpr
+    constants, carried = parts_of_scan(equation.params, len(equation.invars))
+    body, _ = opened(equation.params["jaxpr"])
     while True:
         needed = _live_inputs(body, outputs)
         carry = [a or b for a, b in zip(outputs[:carried], needed[constants : constants + carried], strict=True)]

@@ -15,7 +15,7 @@ from jaxmodel.kernel import as_one_kernel
 from jaxmodel.model import Model
 from sweeps.devices import widest_block
 from sweeps.lane import Keep, Outcome, SteppedProfile, run_lane
-from sweeps.plan import calls_of
+from sweeps.plan import ACCELERATOR, calls_of
 
 
 class ByXla:
@@ -41,7 +41,8 @@ class ByXla:
             most: lanes of a chunk.
         """
         self._lanes_of, self._mesh = lanes, mesh
-        self._calls = calls_of(most, steps, mesh.size, widest_block(mesh, steps * len(keep.columns)))
+        times = 1 if mesh.devices.flat[0].platform == "cpu" else ACCELERATOR
+        self._calls = calls_of(most, steps, mesh.size, widest_block(mesh, steps * len(keep.columns)), times)
         everywhere, self._over_lanes = (NamedSharding(mesh, PartitionSpec(*axes)) for axes in ((), ("lanes",)))
         self._shared = jax.device_put(shared, everywhere)
         signature = _signature((*self._shared, self._lanes(0, 1)))

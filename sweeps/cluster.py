@@ -71,7 +71,7 @@ class Cluster:
         Whether lanes can be vector instructions is found out here, so that the user hears of it and all workers do the
         same.
         """
-        through_xla = not self._layout.as_vectors()
+        through_xla = not self._layout.as_kernel()
         self.remark = self._layout.remark
         given = _given(_packed(self._study, chunks, through_xla, grid), _fingerprint())
         self._client.register_plugin(given, name=self._name)

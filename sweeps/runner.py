@@ -12,20 +12,21 @@ import numpy as np
 from jaxmodel.errors import SweepError
 from jaxmodel.model import Model
 from jaxmodel.names import with_values
-from jaxmodel.native import NotNative
+from jaxmodel.native import CudaError, NotNative
+from sweeps.by_cuda import ByCuda, is_cuda
 from sweeps.by_vectors import ByVectors
 from sweeps.by_xla import ByXla
 from sweeps.devices import lane_mesh
 from sweeps.lane import Keep, Outcome, lay_out
-from sweeps.plan import DEFAULT_MEMORY, Chunks, bytes_of, cut, lanes_per_chunk, size_text
+from sweeps.plan import ACCELERATOR, DEFAULT_MEMORY, Chunks, bytes_of, cut, lanes_per_chunk, size_text
 from sweeps.results import result_bytes_per_lane
 from sweeps.study import Study
 
-BY_VECTORS, BY_XLA = "vector instructions", "XLA"
+BY_VECTORS, BY_CUDA, BY_XLA = "vector instructions", "CUDA kernel", "XLA"
 
 
 class Runner:
-    """A study on its devices: on processors as vector instructions, else, or where that cannot be, through XLA.
+    """A study on its devices: as vector instructions of processors, as a CUDA kernel, or, where both fail, through XLA.
 
     Attributes:
         steps: of each lane.
@@ -35,8 +36,10 @@ class Runner:
     def __init__(self, study: Study, devices: Sequence[Any] | None = None, through_xla: bool = False) -> None:
         self._study = study
         self._mesh = lane_mesh(devices)
-        self._through_xla = through_xla or self._mesh.devices.flat[0].platform != "cpu"
-        self._program: ByVectors | ByXla | None = None
+        device = self._mesh.devices.flat[0]
+        self._on_processor = device.platform == "cpu"
+        self._through_xla = through_xla or not (self._on_processor or is_cuda(device))
+        self._program: ByVectors | ByCuda | ByXla | None = None
         self.remark = ""
         prepared = study.prepared
         stepped = lay_out(_stiffest(study), prepared.profile, prepared.stored_rows)
@@ -74,7 +77,9 @@ class Runner:
                 f"memory: the results of {lanes:,} lanes take {size_text(kept)}, more than {size_text(allowed)}; "
                 "name a folder with out, or allow more."
             )
-        return cut(self._study.shape, lanes_per_chunk(lanes, self.steps, self.bytes_per_lane, allowed, least))
+        times = 1 if self._on_processor else ACCELERATOR
+        most = lanes_per_chunk(lanes, self.steps, self.bytes_per_lane, allowed, least, times)
+        return cut(self._study.shape, most)
 
     def prepare(self, chunks: Chunks, grid: Any = None) -> None:
         """Compile what runs the chunks, and put on the devices what all lanes share; the caller writes the results.
@@ -82,12 +87,12 @@ class Runner:
         Raises:
             SweepError: the lanes cannot be computed in float32.
         """
-        if not self.as_vectors():
+        if not self.as_kernel():
             shared = jax.tree.map(jnp.asarray, self.shared)
             self._program = ByXla(self._keep, shared, self._study.lanes, self._mesh, self.steps, chunks.lanes)
 
-    def as_vectors(self) -> bool:
-        """Compile the lanes as vector instructions, and return whether that is possible and wanted.
+    def as_kernel(self) -> bool:
+        """Compile the lanes as a kernel of ours, and return whether that is possible and wanted.
 
         Raises:
             SweepError: it is not, and the lanes are to be computed in float32.
@@ -96,25 +101,30 @@ class Runner:
         if self._through_xla:
             if single:
                 raise SweepError(
-                    'precision: "float32" needs the vector instructions of a processor; through XLA and on '
-                    'accelerators a sweep computes in "float64".'
+                    'precision: "float32" needs the vector instructions of a processor or a GPU of NVIDIA; through XLA '
+                    'a sweep computes in "float64".'
                 )
             return False
+        kind, devices = ByVectors if self._on_processor else ByCuda, tuple(self._mesh.devices.flat)
         try:
-            self._program = ByVectors(self._keep, self.shared, self._study.lanes, self._mesh, self.steps, single)
+            self._program = kind(self._keep, self.shared, self._study.lanes, devices, self.steps, single)
+            return True
         except NotNative as reason:
-            if single:
-                raise SweepError(
-                    f'precision: {reason} has no vector instructions yet, which "float32" needs; give "float64".'
-                ) from reason
-            self._through_xla = True
-            self.remark = f"The sweep runs through XLA: {reason} has no vector instructions yet."
-        return not self._through_xla
+            why = f"{reason} has no vector instructions yet"
+        except CudaError as reason:
+            why = f"the GPU takes no kernel ({reason})"
+        if single:
+            raise SweepError(f'precision: {why}, which "float32" needs; give "float64".')
+        self._through_xla = True
+        self.remark = f"The sweep runs through XLA: {why}."
+        return False
 
     @property
     def program(self) -> str:
         """What computes the lanes, as a manifest says it; known once they are prepared."""
-        return BY_XLA if self._through_xla else BY_VECTORS
+        if self._through_xla:
+            return BY_XLA
+        return BY_VECTORS if self._on_processor else BY_CUDA
 
     def outcomes(
         self, chunks: Chunks, numbers: Iterable[int], done: Callable[[int], None] = lambda lanes: None

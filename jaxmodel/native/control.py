@@ -9,8 +9,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from jax.extend.core import ClosedJaxpr
+from jax.extend.core import ClosedJaxpr, Jaxpr
 
+from jaxmodel.jaxprs import opened, parts_of_scan
 from jaxmodel.native.directions import Directions, Target
 from jaxmodel.native.elements import ELEMENTS
 from jaxmodel.native.emitter import Value, constant
@@ -25,7 +26,6 @@ from jaxmodel.native.operands import (
     Operand,
     Series,
     array_of,
-    constants,
 )
 from jaxmodel.native.tangents import Form, Stored, Tangent, form_of, joined, of_node
 
@@ -36,13 +36,13 @@ LONG_BRANCH = 16
 class Control(Directions):
     """The part of a lowering that handles loops and branches."""
 
-    run: Callable[..., list[Operand]]
+    inside: Callable[[ClosedJaxpr | Jaxpr, list[Operand]], list[Operand]]
 
     def scan(self, equation: Any, given: list[Operand]) -> list[Operand]:
         """Write a loop over steps, with what is carried from step to step and what is kept of each."""
         params = equation.params
         body, length = params["jaxpr"], params["length"]
-        consts, carry = params["num_consts"], params["num_carry"]
+        consts, carry = parts_of_scan(params, len(given))
         if params["reverse"]:
             raise NotNative("a scan from the end")
         fixed, begin, over = given[:consts], given[consts : consts + carry], given[consts + carry :]
@@ -58,7 +58,7 @@ class Control(Directions):
         def at(index: str, elements: list[Any]) -> list[Any]:
             """Return the elements after a step, and what is kept of it."""
             given = [*fixed, *reshaped(elements, shapes), *(step(index) for step in steps)]
-            results = self.run(body.jaxpr, [constants(c) for c in body.consts], given)
+            results = self.inside(body, given)
             return flattened([*results[:carry], *(results[carry + k] for k in kept)])[0]
 
         alive, types = self._alive(flat, at)
@@ -125,7 +125,7 @@ class Control(Directions):
     def _scan_of_each(self, equation: Any, given: list[Operand]) -> list[Operand]:
         """Write a scan that carries an array over steps: for each of its elements, where that is used, a loop."""
         params = equation.params
-        body, consts, carry = params["jaxpr"], params["num_consts"], params["num_carry"]
+        body, (consts, carry) = params["jaxpr"], parts_of_scan(params, len(given))
         # Kept now: in the loop they would be computed whole for each element.
         fixed = [self.kept(x) if isinstance(x, Series) else self.settled(x) for x in given[:consts]]
         begin = [self.series(x) for x in given[consts : consts + carry]]
@@ -140,7 +140,7 @@ class Control(Directions):
             def advance(carried: list[Array]) -> list[Operand]:
                 elements: list[Any] = [x[()] for x in carried]
                 each = [self.lazy(length, x.dtype, lambda _, x=x: x) for x in elements]
-                results = self.run(body.jaxpr, [constants(c) for c in body.consts], [*fixed, *each])
+                results = self.inside(body, [*fixed, *each])
                 return [array_of(self.series(x).at(index)) for x in results]
 
             layout = self._layout(starts, advance)
@@ -182,7 +182,7 @@ class Control(Directions):
         fixed = [self.settled(x) for x in of_body]
 
         def advance(carried: list[Array]) -> list[Operand]:
-            return self.run(body.jaxpr, [constants(c) for c in body.consts], [*fixed, *carried])
+            return self.inside(body, [*fixed, *carried])
 
         layout = self._layout(begin, advance)
         flat = [e.widen(x) for x in layout.numbers(e, begin)]
@@ -193,7 +193,7 @@ class Control(Directions):
         e.begin_scope()
         carried = [Value("%" + e.name(), x.dtype, True) for x in flat]
         now = layout.arrays(carried)
-        (goes_on,) = self.run(condition.jaxpr, [constants(c) for c in condition.consts], [*of_condition, *now])
+        (goes_on,) = self.inside(condition, [*of_condition, *now])
         running = goes_on[()]
         e.branch(e.any_lane(running), inside, end)
         e.start_block(inside)
@@ -219,9 +219,9 @@ class Control(Directions):
             return self._branched(branches, index, given[1:], [v.aval for v in equation.outvars])
         avals = [v.aval for v in equation.outvars]
         of_numbers = all(math.prod(aval.shape) <= MOST_IN_REGISTERS for aval in avals)
-        if of_numbers and not self.directions and max(_length(b.jaxpr) for b in branches) > LONG_BRANCH:
+        if of_numbers and not self.directions and max(_length(opened(b)[0]) for b in branches) > LONG_BRANCH:
             return self._where_taken(branches, index, given[1:], avals)
-        results = [self.run(b.jaxpr, [constants(c) for c in b.consts], given[1:]) for b in branches]
+        results = [self.inside(b, given[1:]) for b in branches]
         chosen = results[-1]
         for number in reversed(range(len(branches) - 1)):
             holds = self.e.compare("icmp sle", index, constant(number, index.dtype))
@@ -229,7 +229,7 @@ class Control(Directions):
         return chosen
 
     def _where_taken(
-        self, branches: Sequence[ClosedJaxpr], index: Value, given: list[Operand], avals: Sequence[Any]
+        self, branches: Sequence[ClosedJaxpr | Jaxpr], index: Value, given: list[Operand], avals: Sequence[Any]
     ) -> list[Operand]:
         """Run each branch if some lane of the packet takes it; a lane gets the results of its own."""
         e = self.e
@@ -242,7 +242,7 @@ class Control(Directions):
             e.branch(e.any_lane(holds), inside, after)
             e.start_block(inside)
             e.begin_scope()
-            found = self.run(branch.jaxpr, [constants(c) for c in branch.consts], given)
+            found = self.inside(branch, given)
             mixed = [e.select(holds, new, old) for new, old in zip(flattened(found)[0], chosen, strict=True)]
             e.end_scope()
             last = e.block
@@ -252,12 +252,12 @@ class Control(Directions):
         return reshaped(chosen, [aval.shape for aval in avals])
 
     def _branched(
-        self, branches: Sequence[ClosedJaxpr], index: Value, given: list[Operand], avals: Sequence[Any]
+        self, branches: Sequence[ClosedJaxpr | Jaxpr], index: Value, given: list[Operand], avals: Sequence[Any]
     ) -> list[Operand]:
         """Run one branch; its results go through memory."""
         e = self.e
         given = [self.settled(x) for x in given]
-        ways = [functools.partial(self.run, b.jaxpr, [constants(c) for c in b.consts], given) for b in branches]
+        ways = [functools.partial(self.inside, b, given) for b in branches]
         tried = [self.tried(lambda way=way: [self._form(x) for x in way()]) for way in ways if self.directions]
         forms = [functools.reduce(joined, some) for some in zip(*tried, strict=True)] or [None] * len(avals)
         rooms = [self.reserve(math.prod(aval.shape), form, aval.dtype) for form, aval in zip(forms, avals, strict=True)]

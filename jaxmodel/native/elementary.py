@@ -7,7 +7,8 @@ with 60 digits; their error is below a tenth of the rounding of the result.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -27,6 +28,7 @@ class Format:
         cosine: of (cos(r) - 1 + r^2 / 2) / r^4 in r^2.
         ln2: in two parts, the first with zeros at the end, so that a product with a whole number is exact.
         quarter: pi / 2 in three such parts.
+        fine_quarter: pi / 2 in three parts of all digits, for products that are not rounded.
         largest: argument of the exponential without overflow.
         least: argument of the exponential without underflow.
     """
@@ -39,6 +41,7 @@ class Format:
     cosine: tuple[float, ...]
     ln2: tuple[float, float]
     quarter: tuple[float, float, float]
+    fine_quarter: tuple[float, ...]
     largest: float
     least: float
 
@@ -72,6 +75,7 @@ DOUBLE = Format(
         float.fromhex("0x1.0b4611a6p-34"),
         float.fromhex("0x1.3198a2e037073p-69"),
     ),
+    fine_quarter=_hex("0x1.921fb54442d18p+0 0x1.1a62633145c07p-54 -0x1.f1976b7ed8fbcp-110"),
     largest=709.78,
     least=-708.39,
 )
@@ -86,6 +90,7 @@ SINGLE = Format(
     cosine=_hex("0x1.555554414e3a6p-5 -0x1.6c12d2887c343p-10 0x1.9bd86445fb99bp-16"),
     ln2=(float.fromhex("0x1.62ep-1"), float.fromhex("0x1.0bfbe8p-15")),
     quarter=(1.5703125, 0.0004837512969970703, 7.549789948768648e-08),
+    fine_quarter=_hex("0x1.921fb60000000p+0 -0x1.777a5c0000000p-25 -0x1.ee59da0000000p-50"),
     largest=88.72,
     least=-87.33,
 )
@@ -261,11 +266,27 @@ class Elementary:
         return self.e.intrinsic("copysign", self.e.select(large, far, near), x)
 
     def sine_and_cosine(self, x: Value) -> tuple[Value, Value]:
-        """Return sin and cos; where a lane has an angle beyond 1e6 rad, those of the C library."""
+        """Return sin and cos; where a lane has an angle beyond 1e6 rad, those of the C library if there is one."""
+        near = self._of_angle(x, self.format.quarter, self.fma)
+        far = self.e.compare("fcmp ogt", self.abs(x), self.k(1e6))
+        sine, cosine = self.e.rarely(far, near, lambda: self._of_large_angle(x))
+        return sine, cosine
+
+    def _of_large_angle(self, x: Value) -> tuple[Value, Value]:
+        if self.e.has_library:
+            return self.e.by_lane("sin", x), self.e.by_lane("cos", x)
+        # So large that it has few digits within a turn.
+        held = self.e.select(self.less(self.abs(x), self.k(2.0 ** (self.format.mantissa - 2))), x, self.k(np.nan))
+        return self._of_angle(held, self.format.fine_quarter, functools.partial(self.e.intrinsic, "fma"))
+
+    def _of_angle(
+        self, x: Value, quarter: tuple[float, ...], fused: Callable[[Value, Value, Value], Value]
+    ) -> tuple[Value, Value]:
+        """Return sin and cos of an angle, from which quarters of a turn are subtracted in parts."""
         number, bits = self._nearest(self.mul(x, self.k(0.6366197723675814)))
         rest = x
-        for part in self.format.quarter:
-            rest = self.fma(number, self.k(-part), rest)
+        for part in quarter:
+            rest = fused(number, self.k(-part), rest)
         square = self.mul(rest, rest)
         sine = self.fma(self.mul(rest, square), self.polynomial(square, self.format.sine), rest)
         cosine = self.fma(
@@ -277,10 +298,7 @@ class Elementary:
         first, second = self.e.select(swapped, cosine, sine), self.e.select(swapped, sine, cosine)
         down = self._bit(bits, 2)
         left = self._bit(self.e.binary("add", bits, self.whole(1)), 2)
-        near = self.e.select(down, self.neg(first), first), self.e.select(left, self.neg(second), second)
-        far = self.e.compare("fcmp ogt", self.abs(x), self.k(1e6))
-        sine, cosine = self.e.rarely(far, near, lambda: (self.e.by_lane("sin", x), self.e.by_lane("cos", x)))
-        return sine, cosine
+        return self.e.select(down, self.neg(first), first), self.e.select(left, self.neg(second), second)
 
     def _bit(self, bits: Value, mask: int) -> Value:
         return self.e.compare("icmp ne", self.e.binary("and", bits, self.whole(mask)), self.whole(0))

@@ -151,6 +151,10 @@ def _integer_pow(lowering: Any, given: list[Value], params: dict, dtype: np.dtyp
     return lowering.e.reciprocal(result) if params["y"] < 0 else result
 
 
+def _one_minus_square(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
+    return lowering.e.binary("fsub", constant(1.0, dtype), _square(lowering, given, params, dtype))
+
+
 def _square(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
     return ELEMENTS["mul"](lowering, [given[0], given[0]], {}, dtype)
 
@@ -221,8 +225,20 @@ def _div(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Va
 
 def _remainder(lowering: Any, given: list[Value], params: dict, dtype: np.dtype) -> Value:
     if dtype.kind == "f":
-        return lowering.e.by_lane("fmod", *given)
+        return lowering.e.by_lane("fmod", *given) if lowering.e.has_library else _fmod(lowering.e, *given)
     return _of_whole(lowering, "rem", given, given[0], constant(0, dtype))
+
+
+def _fmod(e: Any, x: Value, y: Value) -> Value:
+    """Return x - y trunc(x / y), exact as long as the quotient is: where it is rounded up, one is taken back."""
+    quotient = e.intrinsic("trunc", e.binary("fdiv", x, y))
+    size, rest = e.intrinsic("fabs", y), e.intrinsic("fma", e.unary("fneg", quotient), y, x)
+    zero = constant(0.0, x.dtype)
+    step = e.intrinsic("copysign", size, x)
+    wrong = e.compare("fcmp olt", e.binary("fmul", rest, step), zero)
+    rest = e.select(wrong, e.binary("fadd", rest, step), rest)
+    too_large = e.compare("fcmp oge", e.intrinsic("fabs", rest), size)
+    return e.intrinsic("copysign", e.select(too_large, e.binary("fsub", rest, step), rest), x)
 
 
 # Numbers that the derivatives of a maximum are divided by, and what they are as factors, exactly.
@@ -276,6 +292,7 @@ _OF_NUMBERS: dict[str, Callable] = {
     "convert_element_type": convert,
     "integer_pow": _integer_pow,
     "square": _square,
+    "one_minus_square": _one_minus_square,  # from JAX 0.11 on
     "pow": _pow,
     "sqrt": _intrinsic("sqrt"),
     "rsqrt": _rsqrt,

@@ -18,6 +18,10 @@ NEAR = 8
 _TYPES = {"f8": "double", "f4": "float", "i8": "i64", "i4": "i32", "u8": "i64", "u4": "i32", "b1": "i1"}
 
 
+class NotNative(Exception):
+    """A function has an operation that has no vector instructions here."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Value:
     """A number in a kernel.
@@ -72,14 +76,15 @@ class Emitter:
     once, not for each lane.
     """
 
-    def __init__(self, lanes: int, sizes: Mapping[int, str] | None = None) -> None:
+    def __init__(self, lanes: int, sizes: Mapping[int, str] | None = None, has_library: bool = True) -> None:
         """Begin a function.
 
         Args:
             lanes: in a vector.
             sizes: lengths that are known only when the kernel runs: the number that stands for each, and its register.
+            has_library: whether the function may call those of the C library.
         """
-        self.lanes = lanes
+        self.lanes, self.has_library = lanes, has_library
         self._sizes = dict(sizes or {})
         self.lines: list[str] = []
         self.declarations: dict[str, str] = {}
@@ -254,7 +259,13 @@ class Emitter:
         return self.emit(phi, other.dtype, other.wide)
 
     def by_lane(self, function: str, *arguments: Value) -> Value:
-        """Return the result of a function of the C library, called for lane after lane."""
+        """Return the result of a function of the C library, called for lane after lane.
+
+        Raises:
+            NotNative: there is no such library where the function runs.
+        """
+        if not self.has_library:
+            raise NotNative(f'the function "{function}" on a GPU')
         arguments = self.alike(*arguments)
         first = arguments[0]
         scalar = first.scalar_type

@@ -193,12 +193,29 @@ class LongArrays(Rooms):
         return from_numbers(iter(loop.carried), form, series.dtype)
 
     def _joined(self, parts: list[Series], out: Any) -> Series:
-        """Return series one after the other, put into working memory."""
+        """Return series one after the other, put into working memory unless they can be read where they are."""
+        if len(parts) == 2 and not self.directions and all(part.is_kept or part.length == 1 for part in parts):
+            return self._read_in_turn(parts[0], parts[1], out)
         start, room = 0, self.reserve(max(out.shape), self.form_at(*parts), out.dtype)
         for part in parts:
             self.keep(part, room, start)
             start += part.length
         return self.stored(room, max(out.shape))
+
+    def _read_in_turn(self, first: Series, second: Series, out: Any) -> Series:
+        """Return two series as one, without moving them: a lane then needs no room for what all lanes share."""
+
+        def at(index: str) -> Any:
+            place = Value(index, np.dtype(np.int64))
+            later = self.e.emit(f"sub i64 {index}, {self.e.count(first.length)}", np.dtype(np.int64), False)
+            in_second = self.e.compare("icmp sge", later, constant(0, np.int64))
+            parts = [
+                first.at(self.held(place, first.length).text),
+                second.at(self.held(later, second.length).text),
+            ]
+            return ELEMENTS["select_n"](self, [in_second, *parts], {}, np.dtype(out.dtype))
+
+        return self.lazy(max(out.shape), out.dtype, at)
 
     def _view(self, name: str, memory: Memory, rest: list[Operand], params: dict, out: Any) -> Operand:
         """Return a part of an array in memory, without moving it: rows of its first axis, or another shape."""

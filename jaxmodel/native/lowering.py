@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 
+from jaxmodel.jaxprs import opened
 from jaxmodel.native.arrays import ON_ARRAYS
 from jaxmodel.native.control import Control
 from jaxmodel.native.elementary import Elementary
@@ -65,6 +66,11 @@ class Lowering(Control):
                 learn(equation.outvars, results)
         return [read(atom) for atom in jaxpr.outvars]
 
+    def inside(self, program: ClosedJaxpr | Jaxpr, given: list[Operand]) -> list[Operand]:
+        """Write the equations of a program inside an operation, and return its results."""
+        jaxpr, consts = opened(program)
+        return self.run(jaxpr, [constants(c) for c in consts], given)
+
     def _literal(self, atom: Any) -> Array:
         """Return a constant of the jaxpr; one that stands for a length is that."""
         dtype = np.dtype(getattr(atom.aval, "dtype", np.asarray(atom.val).dtype))
@@ -86,9 +92,7 @@ class Lowering(Control):
         out: Any = equation.outvars[0].aval if equation.outvars else None
         if name in _INNER:
             inner = next(params[key] for key in _INNER[name] if key in params)
-            if isinstance(inner, ClosedJaxpr):
-                return self.run(inner.jaxpr, [constants(c) for c in inner.consts], given)
-            return self.run(inner, [], given)
+            return self.inside(inner, given)
         if name in _UNCHANGED:
             return given
         if name == "scan":
@@ -99,6 +103,8 @@ class Lowering(Control):
             return self.cond(equation, given)
         if name == "split":
             return self.split(given[0], params)
+        if name == "unstack":  # from JAX 0.11 on
+            return self.unstacked(given[0], params)
         if math.prod(out.shape) == 0:  # a table of two points has no inner segment
             return [np.empty(out.shape, dtype=object)]
         if self.directions:
@@ -132,6 +138,13 @@ class Lowering(Control):
             raise NotNative("a split of an array over steps")
         ends = np.cumsum(params["sizes"])[:-1]
         return list(np.split(x, ends, axis=params["axis"]))
+
+    def unstacked(self, x: Operand, params: dict) -> list[Operand]:
+        """Return the parts of a small array along an axis, which they do not have."""
+        x = self.loaded(x) if isinstance(x, Memory) else x
+        if not isinstance(x, np.ndarray):
+            raise NotNative("an array over steps taken apart")
+        return [np.array(part, dtype=object) for part in np.moveaxis(x, params["axis"], 0)]
 
 
 def _needed(jaxpr: Jaxpr) -> list[bool]:

@@ -96,6 +96,13 @@ def assembly(text: str) -> str:
     return target().emit_assembly(_optimised(text))
 
 
+def compiled_for(other: Any, text: str) -> str:
+    """Return the assembly of a module for a machine that is not this host's."""
+    module = llvm.parse_assembly(text)
+    module.triple = other.triple
+    return other.emit_assembly(_improved(module, other))
+
+
 def _compiled(text: str) -> bytes:
     quick = is_quick()
     return target(quick).emit_object(_parsed(text) if quick else _optimised(text))
@@ -108,7 +115,11 @@ def _parsed(text: str) -> Any:
 
 
 def _optimised(text: str) -> Any:
-    machine, module = target(), _parsed(text)
+    return _improved(_parsed(text), target())
+
+
+def _improved(module: Any, machine: Any) -> Any:
+    """Return a module after LLVM's passes; its vectors and loops are ours already."""
     options = llvm.create_pipeline_tuning_options(speed_level=2)
     options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = False
     builder = llvm.create_pass_builder(machine, options)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxmodel.native.emitter import Value, constant
+from jaxmodel.native.emitter import NotNative, Value, constant
 
 # Arrays of more elements are not written out; arrays that many lanes share, or that one number fills, stay in memory
 # from fewer on.
@@ -16,10 +16,6 @@ MOST_IN_REGISTERS = 512
 MOST_SPREAD = 128
 
 Array = np.ndarray  # of `Value`s
-
-
-class NotNative(Exception):
-    """A function has an operation that has no vector instructions here."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

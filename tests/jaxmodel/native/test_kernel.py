@@ -275,4 +275,5 @@ def test_compiled_code_is_kept_and_a_broken_file_is_not_used(tmp_path, monkeypat
 
 
 def test_front_door_names_what_it_has() -> None:
-    assert set(native.__all__) == {"ROWS", "STEPS", "Kernel", "NotNative", "Pool", "in_jax", "processor"}
+    of_processors = {"ROWS", "STEPS", "Kernel", "NotNative", "Pool", "Written", "in_jax", "processor"}
+    assert set(native.__all__) == of_processors | {"CudaCall", "CudaError", "CudaKernel"}
