@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.linalg import solve_banded
 from scipy.special import stdtr
 
 from discrepancy.residuals.runs import BLOCKS
@@ -78,7 +78,9 @@ def _smoothed(residuals: ChannelResiduals, power: Floats, tau_s: float) -> Float
         # Readings closer than the grid are averaged.
         until = np.append(0.0, np.cumsum(power[mine] * np.diff(time_s, prepend=0.0)))
         given = np.diff(np.interp(even, np.append(0.0, time_s), until), prepend=0.0) / (even[1] - even[0])
-        response = lfilter([1.0 - kept], [1.0, -kept], given)
+        # The filter y_k = kept y_(k-1) + (1 - kept) x_k, as a system of two diagonals.
+        diagonals = np.array([np.ones(_STEPS), np.full(_STEPS, -kept)])
+        response = solve_banded((1, 0), diagonals, (1.0 - kept) * given, overwrite_ab=True, check_finite=False)
         found[mine] = np.interp(time_s, even, response)
     return found
 

@@ -29,11 +29,13 @@ from discrepancy.wording import (
 from jaxmodel.errors import MeasurementError, UserError
 from workbench import terminal
 from workbench.commands.start import read_case_with, start
-from workbench.report import write_report
-from workbench.report_rows import channel_rows
+from workbench.meanwhile import import_meanwhile
 
 # Usual share of the work that is done when each part of a diagnosis starts. Assumed; the number of rounds varies.
 DONE_BY = {"calibrating": 0.0, "refitting": 0.35, "adding": 0.5, "comparing models": 0.85, "pictures": 0.9}
+
+# What draws them.
+_PICTURES = ("plots.diagnosis", "plots.evidence", "plots.runs", "plots.errors")
 
 
 def diagnose_all(
@@ -115,11 +117,14 @@ def _diagnose_one(
 ) -> Diagnosis:
     try_effects = method is not compare
     case = read_case_with(path, effects)
+    import_meanwhile("workbench.report", *([] if answer_only else _PICTURES))
     with terminal.stages(f"{case.name}{place}", DONE_BY if try_effects else None) as progress:
         diagnosis = method(case, progress=progress)
         folder = diagnosis.write(out / case.name, pictures=False)
         if not answer_only:
             progress("pictures and report")
+            from workbench.report import write_report
+
             write_report(diagnosis, folder)
     print_diagnosis(diagnosis)
     if diagnosis.law_source:
@@ -135,6 +140,8 @@ def _diagnose_one(
 
 def print_diagnosis(diagnosis: Diagnosis) -> None:
     """Print the errors as a table, the verdict, what is missing, what is wrong, and all remarks."""
+    from workbench.report_rows import channel_rows
+
     rows = [
         [row["label"], row["noise"], row["tolerance"], *(" / ".join(row[model]) for model in ("stated", "before"))]
         + ([" / ".join(row["after"])] if diagnosis.final.added else [])

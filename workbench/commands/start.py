@@ -15,7 +15,7 @@ from workbench.terminal import complain
 
 
 def start(out: Path | None) -> None:
-    """Make the folder for results, if there is one, enable the cache of compiled programs, collect garbage rarely.
+    """Make the folder for results, if there is one, enable the cache of compiled programs.
 
     Raises:
         OSError: the folder cannot be made.
@@ -24,9 +24,7 @@ def start(out: Path | None) -> None:
         out.mkdir(parents=True, exist_ok=True)
     if problem := keep_compiled_programs():
         complain(problem)
-    # Imported and traced objects stay alive: checking them again and again took 15 % of a diagnosis.
-    gc.freeze()
-    gc.set_threshold(50_000)
+    gc.freeze()  # all that was imported
 
 
 def own_effects(references: Sequence[str]) -> list[type[Effect]]:
