@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from discrepancy.result import ChannelError, Diagnosis, Removed
+from jaxmodel.schema import with_schema
 from jaxmodel.whole_files import write_whole
 
 
@@ -117,4 +118,4 @@ def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
 
 def write_answer(diagnosis: Diagnosis, path: Path) -> None:
     """Write the answer as JSON."""
-    write_whole(path, json.dumps(answer(diagnosis), indent=2) + "\n")
+    write_whole(path, json.dumps(with_schema(answer(diagnosis)), indent=2) + "\n")

@@ -25,6 +25,7 @@ from discrepancy.advice.identifiability import (
 from discrepancy.plotting import IdentificationPlots
 from discrepancy.workings import Workings
 from jaxmodel.case import Case
+from jaxmodel.schema import with_schema
 from jaxmodel.whole_files import write_whole
 
 # A profile can lead to a deeper minimum, from which another one can.
@@ -125,9 +126,9 @@ class Identification:
         """
         out, found = Path(folder), self.found
         out.mkdir(parents=True, exist_ok=True)
-        self.to_dataframe().to_csv(out / "identifiability.csv", index=False, float_format="%.8g")
-        self.sd_without().to_csv(out / "sd-without.csv", index=False, float_format="%.8g")
-        self.covariance().to_csv(out / "covariance.csv", float_format="%.12g")
+        write_whole(out / "identifiability.csv", self.to_dataframe().to_csv(index=False, float_format="%.8g"))
+        write_whole(out / "sd-without.csv", self.sd_without().to_csv(index=False, float_format="%.8g"))
+        write_whole(out / "covariance.csv", self.covariance().to_csv(float_format="%.12g"))
         content = {
             "case": found.case,
             "misfit": found.misfit,
@@ -151,7 +152,7 @@ class Identification:
                 for one in self.profiles
             ],
         }
-        write_whole(out / "identify.json", json.dumps(content, indent=2, ensure_ascii=False) + "\n")
+        write_whole(out / "identify.json", json.dumps(with_schema(content), indent=2, ensure_ascii=False) + "\n")
         if pictures:
             self.plot.save(out)
         return out

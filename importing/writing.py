@@ -12,6 +12,7 @@ from jaxmodel import toml
 from jaxmodel.case_writing import preset_entry
 from jaxmodel.errors import MeasurementError
 from jaxmodel.run_csv import write_numbers
+from jaxmodel.schema import with_schema
 from jaxmodel.whole_files import write_whole
 
 _LINE = 160
@@ -27,11 +28,11 @@ def write(imported: Imported, folder: Path, pictures: bool) -> Path:
     file.unlink(missing_ok=True)  # until its runs are written, the folder is no case
     for run, name in zip(imported.runs, names, strict=True):
         write_numbers({"time_s": run.log.time_s, **run.log.columns}, folder / f"{name}.csv")
-    write_whole(folder / "import.json", json.dumps(to_dict(imported), indent=1, ensure_ascii=False) + "\n")
-    write_whole(file, _head(imported) + toml.document(_content(imported, names, folder)))
+    write_whole(folder / "import.json", json.dumps(with_schema(to_dict(imported)), indent=1, ensure_ascii=False) + "\n")
+    write_whole(file, _head(imported) + toml.document(with_schema(_content(imported, names, folder))))
     if pictures:
         for run, name in zip(imported.runs, names, strict=True):
-            (folder / f"{name}.png").write_bytes(imported.plot.png(run.log.name))
+            write_whole(folder / f"{name}.png", imported.plot.png(run.log.name))
     return file
 
 

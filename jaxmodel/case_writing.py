@@ -13,6 +13,7 @@ from jaxmodel import toml
 from jaxmodel.case import Case, Run
 from jaxmodel.errors import MeasurementError
 from jaxmodel.known import Known, Table, Tolerance
+from jaxmodel.schema import with_schema
 from jaxmodel.whole_files import write_whole
 
 _VALUE_KEYS = {"ocv": "voltage_V", "R_ints": "ohm", "R_TS": "ohm", "R_TL": "ohm", "C_TS": "farad", "C_TL": "farad"}
@@ -43,7 +44,7 @@ def write_case(case: Case, path: Path, comments: list[str] | None = None) -> Non
         for run, file in zip(case.runs, files, strict=True)
     ]
     head = "".join(f"# {line}\n" for line in comments or [])
-    write_whole(path, head + toml.document(content))
+    write_whole(path, head + toml.document(with_schema(content)))
 
 
 def write_folder(case: Case, folder: Path) -> Path:
@@ -63,7 +64,8 @@ def write_folder(case: Case, folder: Path) -> Path:
 
 def _write_csv(run: Run, file: Path) -> Path:
     table = run.to_dataframe()
-    table.drop(columns=[] if run.ambient_degC is None else "ambient_degC").to_csv(file, index=False)
+    table = table.drop(columns=[] if run.ambient_degC is None else "ambient_degC")
+    write_whole(file, table.to_csv(index=False))
     return file
 
 

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from jaxmodel.errors import MeasurementError
+from jaxmodel.schema import without_schema
 
 _LINE = 100
 # No file of ours has more than six tables in one another; deeper ones end in Python's own limit on recursion.
@@ -20,7 +21,7 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def parsed(text: str, where: str) -> dict[str, Any]:
-    """Return the content of a TOML document.
+    """Return the content of a TOML document, without its schema.
 
     Args:
         text: of it.
@@ -28,7 +29,7 @@ def parsed(text: str, where: str) -> dict[str, Any]:
 
     Raises:
         MeasurementError: it is not TOML, is nested deeper than a person writes, or holds a number or a character that
-            no file needs.
+            no file needs, or its schema is newer than this version.
     """
     if _DOTTED.search(text):
         raise _too_deep(where)
@@ -42,7 +43,7 @@ def parsed(text: str, where: str) -> dict[str, Any]:
     except ValueError:  # Python's limit on the digits of a whole number
         raise MeasurementError(f"{where}: a whole number in it has thousands of digits; correct it.") from None
     _check(content, where)
-    return content
+    return without_schema(content, where)
 
 
 def _check(content: Mapping[str, Any], where: str) -> None:

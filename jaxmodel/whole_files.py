@@ -6,19 +6,19 @@ import os
 from pathlib import Path
 
 
-def write_whole(path: Path, text: str, *, lasting: bool = True, mode: int | None = None) -> None:
-    """Write a text file aside and then into its place.
+def write_whole(path: Path, content: str | bytes, *, lasting: bool = True, mode: int | None = None) -> None:
+    """Write a file aside and then into its place.
 
     Args:
         path: of the file; what is there is replaced.
-        text: its content.
+        content: text, written in UTF-8 with its line ends as they are, or bytes.
         lasting: wait until it is on the disk, so that it outlives a loss of power too.
         mode: of the file, such as 0o600; by default as the system makes it.
     """
     aside = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        with aside.open("w", encoding="utf-8") as file:
-            file.write(text)
+        with aside.open("wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
             if lasting:
                 file.flush()
                 os.fsync(file.fileno())

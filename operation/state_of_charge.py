@@ -24,6 +24,8 @@ from jaxmodel.case import Case
 from jaxmodel.errors import MeasurementError
 from jaxmodel.measurements import file_label, read_utf8
 from jaxmodel.model import Model
+from jaxmodel.schema import with_schema, without_schema
+from jaxmodel.whole_files import write_whole
 from operation.evaluation import FIXED_DEGC, Trial, filters, polynomials, trials, tune_filter, tune_polynomial
 from operation.kalman import Measured, Tuning
 from operation.polynomial import PolynomialEstimator, polynomial_estimator
@@ -69,7 +71,7 @@ class Evaluation:
     def write_tunings(self, path: str | Path) -> None:
         """Write the filters' tunings as JSON, for `read_tunings`."""
         values = {name: {key: float(value) for key, value in vars(t).items()} for name, t in self.tunings.items()}
-        Path(path).write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
+        write_whole(Path(path), json.dumps(with_schema(values), indent=2) + "\n")
 
 
 def evaluate_estimators(
@@ -141,6 +143,8 @@ def read_tunings(path: str | Path) -> dict[str, Tuning]:
         if isinstance(error, MeasurementError):
             raise
         found = None
+    if isinstance(found, dict):
+        found = without_schema(found, file_label(path))
     if (
         not isinstance(found, dict)
         or found.keys() != {FILTER, FILTER_FIXED}

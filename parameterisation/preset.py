@@ -11,6 +11,7 @@ from jaxmodel import toml
 from jaxmodel.case_writing import table_entry
 from jaxmodel.errors import MeasurementError
 from jaxmodel.presets import PresetForm
+from jaxmodel.schema import with_schema
 from jaxmodel.whole_files import write_whole
 from parameterisation.result import Parameterisation
 
@@ -54,7 +55,7 @@ def write_preset(found: Parameterisation, path: Path, data: str, licence: str) -
     head += [f"not identified: {one.name}; {one.method}." for one in found.extractions if not one.found]
     lines = "".join(f"# {line}\n" for line in head)
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, lines + toml.document(content))
+    write_whole(path, lines + toml.document(with_schema(content)))
 
 
 def _held_out(found: Parameterisation, added: str) -> list[dict[str, Any]]:

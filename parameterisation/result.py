@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from jaxmodel import Case, CaseSimulation, simulate_case
+from jaxmodel.whole_files import write_whole
 from parameterisation.plotting import ParameterisationPlots
 
 
@@ -153,8 +154,8 @@ class Parameterisation:
         """
         folder = Path(folder)
         self.case.write(folder)
-        self.to_dataframe().to_csv(folder / "extractions.csv", index=False)
-        self.errors.to_csv(folder / "errors.csv", index=False)
+        write_whole(folder / "extractions.csv", self.to_dataframe().to_csv(index=False))
+        write_whole(folder / "errors.csv", self.errors.to_csv(index=False))
         if pictures:
             self.plot.save(folder)
         return folder

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, SymmetricalLogLocator
 
 from jaxmodel.units import split_unit
+from jaxmodel.whole_files import write_whole
 
 P = ParamSpec("P")
 
@@ -110,7 +111,7 @@ def save(pictures: Iterable[tuple[str, Figure]], folder: str | Path) -> list[Pat
     files = []
     for name, figure in pictures:
         files.append(folder / f"{name}.png")
-        files[-1].write_bytes(png(figure))
+        write_whole(files[-1], png(figure))
     return files
 
 

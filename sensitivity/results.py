@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import xarray
+
+from jaxmodel.whole_files import write_whole
 
 # The name of an analysis' files, and the digits of its tables: indices have sampling errors, derivatives have none.
 FILES = {
@@ -71,10 +75,13 @@ def save(data: xarray.Dataset, directory: str | Path) -> Path:
     # Text of fixed width has no place in the Zarr format yet, text of any length has.
     texts = {key: (v.dims, v.to_numpy().astype(object)) for key, v in data.variables.items() if v.dtype.kind == "U"}
     store = directory / f"{name}.zarr"
-    data.assign(texts).to_zarr(store, mode="w", consolidated=False)
+    aside = directory / f".{name}.new"
+    data.assign(texts).to_zarr(aside, mode="w", consolidated=False)
+    shutil.rmtree(store, ignore_errors=True)
+    os.replace(aside, store)  # there whole or not at all
     if name != "elasticity-map":
         for file, table in tables(data).items():
-            table.to_csv(directory / f"{file}.csv", index=False, float_format=digits)
+            write_whole(directory / f"{file}.csv", table.to_csv(index=False, float_format=digits))
     return store
 
 

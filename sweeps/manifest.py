@@ -16,6 +16,7 @@ import jax
 
 import jaxmodel
 from jaxmodel.native import processor
+from jaxmodel.schema import with_schema
 from sweeps.study import Study
 
 # Whose versions can move a bit of a result, and whose cannot.
@@ -25,18 +26,20 @@ _VERSIONS_OF = ("jaxmodel", *_DECIDING, "xarray", "zarr")
 
 def manifest_of(study: Study) -> dict[str, Any]:
     """Return what a result of a study is made from and by, ready for JSON."""
-    return {
-        "title": study.title,
-        "kind": study.prepared.model.kind,
-        "study": study.model_dump(mode="json"),
-        "study_sha256": study.digest,
-        "files_sha256": study.file_digests,
-        "variables": [*(metric.name for metric in study.prepared.metrics), *study.store, "status"],
-        "code_sha256": code_digest(study),
-        "versions": {"python": platform.python_version()}
-        | {package: importlib.metadata.version(package) for package in _VERSIONS_OF},
-        "machine": f"{jax.default_backend()}, {platform.machine()}, {processor()}",
-    }
+    return with_schema(
+        {
+            "title": study.title,
+            "kind": study.prepared.model.kind,
+            "study": study.model_dump(mode="json"),
+            "study_sha256": study.digest,
+            "files_sha256": study.file_digests,
+            "variables": [*(metric.name for metric in study.prepared.metrics), *study.store, "status"],
+            "code_sha256": code_digest(study),
+            "versions": {"python": platform.python_version()}
+            | {package: importlib.metadata.version(package) for package in _VERSIONS_OF},
+            "machine": f"{jax.default_backend()}, {platform.machine()}, {processor()}",
+        }
+    )
 
 
 def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from jaxmodel.errors import SweepError
+from jaxmodel.errors import MeasurementError, SweepError
+from jaxmodel.schema import without_schema
 from jaxmodel.simulation import Status
 from jaxmodel.units import unit_of
 from sweeps.lane import Outcome
@@ -172,8 +173,11 @@ def load(directory: str | Path | Place) -> xr.Dataset:
     try:
         dataset = xr.open_zarr(place.zarr(GRID), consolidated=False, chunks=None)
         manifest = json.loads(place.read(MANIFEST))
+        without_schema(manifest, f"{place}, {MANIFEST}")
         ordered = dataset[manifest["variables"]]  # a folder lists them in any order
         return ordered.assign_attrs(attributes_of(manifest))
+    except MeasurementError:
+        raise
     except (ValueError, KeyError, TypeError, AttributeError, OSError) as error:
         raise SweepError(
             f"{place}: its files are damaged ({type(error).__name__}); run the sweep again into another folder."

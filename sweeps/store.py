@@ -23,6 +23,7 @@ import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from jaxmodel.errors import SweepError
+from jaxmodel.schema import with_schema, without_schema
 from sweeps.lane import Outcome
 from sweeps.manifest import difference, manifest_of
 from sweeps.places import Place, place_of
@@ -164,6 +165,8 @@ class Store:
             old = json.loads(self.place.read(MANIFEST))
         except ValueError as error:
             raise damaged(self.place, MANIFEST) from error
+        if isinstance(old, dict):
+            old = with_schema(without_schema(old, f"{self.place}, {MANIFEST}"))
         if not resume:
             stopped = "a sweep that was stopped; continue it with --resume, or"
             state = "a finished sweep;" if "performance" in old else stopped

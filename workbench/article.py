@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import io
 import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from jaxmodel.whole_files import write_whole
 from workbench.page import write_page
 from workbench.provenance import provenance
 
@@ -66,10 +68,11 @@ def write_article(
     """
     for part in (part for section in sections for part in section.parts):
         if isinstance(part, Picture) and pictures:
-            (folder / f"{part.name}.png").write_bytes(part.png)
+            write_whole(folder / f"{part.name}.png", part.png)
         elif isinstance(part, Table):
-            with (folder / f"{part.name}.csv").open("w", encoding="utf-8", newline="") as file:
-                csv.writer(file).writerows([part.head, *part.rows])
+            table = io.StringIO()
+            csv.writer(table).writerows([part.head, *part.rows])
+            write_whole(folder / f"{part.name}.csv", table.getvalue())
     if not pictures:
         return
     write_page(

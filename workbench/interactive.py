@@ -10,6 +10,7 @@ import plotly.graph_objects as go
 import xarray as xr
 
 from jaxmodel.units import difference_unit, split_unit
+from jaxmodel.whole_files import write_whole
 from plots.style import BLUE, LINES, ORANGE, axis_label, column_label
 
 _MOST = 14
@@ -23,7 +24,7 @@ def write_interactive(path: Path, figures: Sequence[go.Figure]) -> None:
         for number, figure in enumerate(figures)
     ]
     head = '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Sensitivity</title></head><body>'
-    path.write_text(f"{head}{''.join(parts)}</body></html>\n", encoding="utf-8")
+    write_whole(path, f"{head}{''.join(parts)}</body></html>\n")
 
 
 def local_figures(data: xr.Dataset) -> list[go.Figure]:

@@ -9,10 +9,12 @@ from typing import Any
 
 import jinja2
 
+from jaxmodel.whole_files import write_whole
+
 
 def write_page(path: Path, template: str, **content: Any) -> None:
     """Fill a template of `templates/` and write it; text is escaped, pictures are given as PNG."""
-    path.write_text(_environment().get_template(template).render(**content), encoding="utf-8")
+    write_whole(path, _environment().get_template(template).render(**content))
 
 
 @functools.cache

@@ -9,6 +9,7 @@ from discrepancy.answer import answer, write_answer
 from discrepancy.result import Diagnosis
 from discrepancy.wording import final_name
 from jaxmodel.case_writing import write_case
+from jaxmodel.whole_files import write_whole
 
 LAW_FILE = "found_law.py"
 
@@ -16,16 +17,17 @@ LAW_FILE = "found_law.py"
 def write_result(diagnosis: Diagnosis, folder: Path) -> None:
     """Write the answer, the extended case and the law of a diagnosis; of a comparison its errors and its case."""
     folder.mkdir(parents=True, exist_ok=True)
+    (folder / "report.html").unlink(missing_ok=True)  # of an earlier diagnosis: until its own is written there is none
     if diagnosis.verdict:
         write_answer(diagnosis, folder / "answer.json")
     else:
         errors = json.dumps(answer(diagnosis)["error"], indent=2)
-        (folder / "errors.json").write_text(f"{errors}\n", encoding="utf-8")
+        write_whole(folder / "errors.json", f"{errors}\n")
     extended, notes = diagnosis.extension
     name = "extended.toml" if diagnosis.verdict else "calibrated.toml"
     write_case(extended, folder / name, _comments(diagnosis, notes))
     if diagnosis.law_source:
-        (folder / LAW_FILE).write_text(diagnosis.law_source, encoding="utf-8")
+        write_whole(folder / LAW_FILE, diagnosis.law_source)
 
 
 def _comments(diagnosis: Diagnosis, notes: list[str]) -> list[str]:

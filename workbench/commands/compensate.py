@@ -15,6 +15,7 @@ from jaxmodel.build import case_model, preset_model
 from jaxmodel.cases import read_case
 from jaxmodel.errors import MeasurementError
 from jaxmodel.model import Model
+from jaxmodel.whole_files import write_whole
 from operation import Compensation, Mission
 from plots.operation import compensation_gains, compensation_maps
 from plots.style import png
@@ -107,11 +108,11 @@ def _recorded_name(path: Path) -> str:
 def _write(out: Path, name: str, model: Model, map_: Compensation) -> None:
     """Write a map as CSV and as two headers."""
     label = "printed" if name == PRINTED else re.sub(r"\W+", "-", name.removeprefix(_RECORDED))
-    map_.to_dataframe().to_csv(out / f"map-{label}.csv", index=False, float_format="%.8g")
+    write_whole(out / f"map-{label}.csv", map_.to_dataframe().to_csv(index=False, float_format="%.8g"))
     for integers, kind in ((True, "q15"), (False, "float")):
         error, _ = operation.interpolation_error(model, map_, integers=integers)
         text = operation.c_header(map_, name, error, integers=integers, name=f"duty_{kind}")
-        (out / f"duty_{kind}_{label}.h").write_text(text, encoding="utf-8")
+        write_whole(out / f"duty_{kind}_{label}.h", text)
 
 
 def _with_and_without(model: Model, mission: Mission, map_: Compensation) -> tuple[xr.Dataset, xr.Dataset]:

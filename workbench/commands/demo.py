@@ -17,6 +17,7 @@ from discrepancy.summary import error_in_short
 from discrepancy.wording import effect_name, join, verdict_sentence
 from jaxmodel.cases import read_case
 from jaxmodel.errors import MeasurementError
+from jaxmodel.whole_files import write_whole
 from plots.sensitivities import doubling_beside_gradient, elasticities, over_time
 from plots.style import png
 from plots.sweeps import against_paper, family, heat_map
@@ -72,7 +73,7 @@ def demo(out: Path, case_path: Path | None) -> None:
         "over-time": png(over_time(data, "pack_voltage_V")),
     }
     for name, picture in pictures.items():
-        (out / f"{name}.png").write_bytes(picture)
+        write_whole(out / f"{name}.png", picture)
 
     folder = out / case.name
     with terminal.stages(case.name, DONE_BY) as progress:

@@ -11,6 +11,7 @@ import pandas as pd
 
 from jaxmodel.case import Case
 from jaxmodel.cases import read_case
+from jaxmodel.whole_files import write_whole
 from operation.evaluation import CONVERGED_S, rms
 from operation.kalman import Tuning
 from operation.state_of_charge import (
@@ -58,7 +59,7 @@ def estimate(path: Path, out: Path, count: int, tuning_path: Path | None, *, pic
         progress("timing")
         cost = cost_per_step(case, found)
     table = found.errors
-    table.to_csv(out / "errors.csv", index=False, float_format="%.5g")
+    write_whole(out / "errors.csv", table.to_csv(index=False, float_format="%.5g"))
     sections = [_error_section(found), _consistency_section(table), _how_section(case, found, cost)]
     splits = [run.split for run in case.runs]
     lines = _findings(found, cost)

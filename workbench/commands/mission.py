@@ -15,6 +15,7 @@ from jaxmodel.build import case_model, preset_model
 from jaxmodel.cases import read_case
 from jaxmodel.errors import SweepError
 from jaxmodel.model import Model
+from jaxmodel.whole_files import write_whole
 from operation.mission import LIMITS, drive
 from plots.operation import endurance as endurance_picture
 from plots.operation import mission_round
@@ -59,7 +60,7 @@ def mission(path: Path | None, out: Path, cases: Sequence[Path], ages: Sequence[
         progress("pictures and report")
         first = next(iter(models.values()))
         sections = [_round_section(plan, first), *(_model_section(name, result) for name, result in found.items())]
-    _table(found).to_csv(out / "endurance.csv", index=False, float_format="%.6g")
+    write_whole(out / "endurance.csv", _table(found).to_csv(index=False, float_format="%.6g"))
     lines = [_finding(name, result) for name, result in found.items()]
     write_article(
         out,

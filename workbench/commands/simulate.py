@@ -8,6 +8,7 @@ from pathlib import Path
 from jaxmodel.build import FIDELITIES
 from jaxmodel.case_simulation import SimulatedRun, simulate_case
 from jaxmodel.errors import MeasurementError, ParameterError, nearest
+from jaxmodel.whole_files import write_whole
 from plots.runs import simulation
 from plots.style import png
 from workbench import terminal
@@ -34,7 +35,8 @@ def simulate(path: Path, out: Path, fidelity: str, effects: Sequence[str], *, an
         write_csv(outcome, out / f"{outcome.run.name}.csv")
         if answer_only:
             continue
-        (out / f"{outcome.run.name}.png").write_bytes(png(simulation(outcome.run.name, outcome.table, outcome.run)))
+        picture = png(simulation(outcome.run.name, outcome.table, outcome.run))
+        write_whole(out / f"{outcome.run.name}.png", picture)
     rows = [
         (o.run.name, o.run.label, str(len(o.table)), f"{o.end_s:g}", o.status.name.lower().replace("_", " "))
         for o in outcomes
@@ -47,4 +49,4 @@ def simulate(path: Path, out: Path, fidelity: str, effects: Sequence[str], *, an
 
 def write_csv(outcome: SimulatedRun, path: Path) -> None:
     """Write a run's table with twelve significant digits; rows after the end are empty."""
-    outcome.table.to_csv(path, index=False, float_format="%.12g")
+    write_whole(path, outcome.table.to_csv(index=False, float_format="%.12g"))

@@ -14,6 +14,7 @@ import xarray as xr
 import sensitivity as analyses
 import sweeps
 from jaxmodel.errors import SweepError
+from jaxmodel.whole_files import write_whole
 from sweeps.plan import COPIES, NARROWEST_BLOCK
 from sweeps.results import GRID as STORE
 from workbench.browser.files import GRID, SENSITIVITY, SWEEP, write_json
@@ -44,7 +45,7 @@ def study_of(place: Place, progress: Progress, run: str, axes: Mapping[str, Any]
     folder = place.folder / SWEEP
     folder.mkdir(mode=0o700, exist_ok=True)
     profile = folder / "profile.csv"
-    own.to_dataframe().to_csv(profile, index=False)
+    write_whole(profile, own.to_dataframe().to_csv(index=False))
     return sweeps.Study(
         title=f"{case.title}: {run}",
         case=case,

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from discrepancy import conclusion
+from jaxmodel.whole_files import write_whole
 from workbench.browser.files import KEPT
 from workbench.browser.worker.place import Place
 from workbench.browser.worker.progress import Progress
@@ -35,7 +36,7 @@ def keep(place: Place, progress: Progress) -> None:
     diagnosis.write(folder, pictures=False)
     progress("pictures and report")
     write_report(diagnosis, folder)
-    (folder / "session.py").write_text(script_of(place.view), encoding="utf-8")
+    write_whole(folder / "session.py", script_of(place.view))
     place.show(kept=_listed(folder), verdict=place.view.get("verdict") or verdict_view(diagnosis))
 
 
