@@ -297,7 +297,7 @@ def _channel_evidence(inv: Workings, found: policy.Found, name: str, base: Rung,
 
 def _small(one: ChannelEvidence) -> bool:
     """Return True if the base model's error is hardly above the noise."""
-    return one.before**2 - one.noise**2 < 0.1 * one.noise**2
+    return bool(one.before**2 - one.noise**2 < 0.1 * one.noise**2)
 
 
 def _immaterial(inv: Workings, refused: Addition, last: Rung) -> Immaterial:
