@@ -156,7 +156,11 @@ def run_lane(
     # All lanes may share `elapsed`. Made a lane's own, a division by it is one: by a shared number it may also be
     # compiled as a product with the reciprocal, which one device and two do not agree on in the last bit.
     end = End(jnp.where(finite, elapsed, jnp.nan), ~running)
-    values = {m.name: jnp.where(finite, m.finish(c, end), jnp.nan) for m, c in zip(keep.metrics, carried, strict=True)}
+    values = {m.name: m.finish(c, end) for m, c in zip(keep.metrics, carried, strict=True)}
+    # A sum of numbers that are finite may overflow; a number that is not there (no cut-off was reached) is no overflow.
+    for value in values.values():
+        finite &= ~jnp.any(jnp.isinf(value))
+    values = {name: jnp.where(finite, value, jnp.nan) for name, value in values.items()}
     ended = jnp.where(running, Status.COMPLETE, Status.REACHED_CUTOFF)
     return Outcome(
         values=values,

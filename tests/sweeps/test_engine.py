@@ -193,6 +193,28 @@ def test_operation_without_vector_instructions_still_runs_and_is_named(cell_stud
     np.testing.assert_allclose(result.median_soc, one_row_back, rtol=1e-12)
 
 
+def test_lane_whose_metric_overflows_says_so_and_has_no_number(cell_study: Callable[..., Study]) -> None:
+    class Growing(Metric):
+        def init(self, first):
+            return first.columns["current_A"]
+
+        def update(self, carry, step):
+            return carry * carry
+
+        def finish(self, carry, end):
+            return carry
+
+    growing = Growing("growing", "", "of a start above 1 it overflows", ("cell",))
+    study = cell_study(metrics=["final_soc", growing], axes={"current_A": [0.5, 2.0]})
+    for engine in ("local", "xla"):
+        result = run(study, engine=engine)
+        assert result.status.values.tolist() == [Status.COMPLETE, Status.NOT_FINITE]
+        assert np.isfinite(result.growing[0])
+        assert np.isnan(result.growing[1])
+        assert np.isfinite(result.final_soc[0])
+        assert np.isnan(result.final_soc[1])
+
+
 def test_current_axis_sets_duty_by_the_operators_signal():
     def speed(axes: dict, **inputs: float):
         profile = {"duration_s": 20, "load_torque_Nm": 0.1, "ambient_degC": 20.0, **inputs}
