@@ -38,6 +38,8 @@ def odd_things(run: Log, kind: str) -> Iterator[Finding]:
     current = run.columns.get("current_A", run.columns.get("pack_current_A"))
     yield from _gaps(run, current)
     for name, values in run.columns.items():
+        if not np.isfinite(values).any():
+            continue
         if name == "ambient_degC" and np.ptp(values[np.isfinite(values)]) == 0.0:
             continue
         if kind == "cell" or name != "voltage_V":
@@ -54,6 +56,8 @@ def odd_things(run: Log, kind: str) -> Iterator[Finding]:
 
 def _gaps(run: Log, current: np.ndarray | None) -> Iterator[Finding]:
     apart = np.diff(run.time_s)
+    if apart.size == 0:
+        return
     usual = float(np.median(apart))
     even = float(np.mean(np.abs(apart - usual) < 0.1 * usual)) > _EVEN
     gap = apart > (_GAP_OF_EVEN * usual if even else max(_GAP * usual, _GAP_S))

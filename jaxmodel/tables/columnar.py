@@ -44,6 +44,10 @@ def read_columnar(path: Path, keep: Keep | None = None, rows: int | None = None)
             names = table.column_names
             wanted = list(names if keep is None else keep(names))
             table = table.select(wanted)
+    except UnicodeDecodeError as error:
+        raise MeasurementError(
+            f"{file_label(path)} cannot be read (a name in it is not UTF-8); export it again."
+        ) from error
     except (pa.ArrowException, OSError) as error:
         what = str(error).splitlines()[0].rstrip(". ")
         raise MeasurementError(f"{file_label(path)} cannot be read ({what}); export it again.") from error

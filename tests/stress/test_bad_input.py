@@ -39,6 +39,18 @@ def test_a_spoilt_file_breaks_no_reader(name: str, tmp_path: Path) -> None:
     assert {ended.how for ended in ends} & {"refused", "read"}
 
 
+# What broke a reader once, found by `tests.stress.fuzz`: by the reader, the file that it takes and a number.
+BROKE = sorted((Path(__file__).parent / "broke").iterdir())
+
+
+@pytest.mark.parametrize("path", BROKE, ids=lambda path: path.name)
+def test_what_broke_a_reader_once_does_so_no_more(path: Path, tmp_path: Path) -> None:
+    name, file, _ = path.name.split("--")
+    reader = READERS[name.replace("_", " ") if name not in READERS else name]
+    ended = read(reader, dict(reader.files()) | {file: path.read_bytes()}, tmp_path)
+    assert ended.how in ("read", "refused"), ended.what
+
+
 _LEAVES = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8) | st.dates() | st.datetimes()
 _VALUES = st.recursive(_LEAVES, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner))
 _GOOD = {name: tomllib.loads(text) for name, text in (("case", CASE), ("study", STUDY), ("drive", DRIVE))}
