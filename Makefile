@@ -7,7 +7,7 @@ BIN := .venv/bin
 INSTALLED := .venv/.installed
 INSTALLED_DOCS := .venv/.installed-docs
 
-.PHONY: demo test test-all docs notebooks bench bench-check bench-peers format clean
+.PHONY: demo test test-all test-oldest docs notebooks bench bench-check bench-peers format clean
 
 demo: $(INSTALLED)
 	$(BIN)/jaxmodel demo --out demo-results
@@ -25,6 +25,13 @@ test: $(INSTALLED)
 # The slow tests too, which tests/slow.txt lists: before a release, and after a change of what they test.
 test-all:
 	$(MAKE) test TESTS=--all
+
+# The fast tests with the oldest releases that pyproject.toml allows, in an environment apart: before a release.
+test-oldest:
+	@test -x .venv-oldest/bin/pip || $(PYTHON) -m venv .venv-oldest
+	$(PYTHON) tests/oldest.py > .venv-oldest/constraints.txt
+	.venv-oldest/bin/pip install --quiet --constraint .venv-oldest/constraints.txt --editable '.[test]'
+	OPENBLAS_NUM_THREADS=1 .venv-oldest/bin/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 # Strict: a link that leads nowhere, or a page that would fetch anything from another host, fails the build.
 docs: $(INSTALLED_DOCS)
@@ -64,5 +71,5 @@ $(INSTALLED_DOCS): $(INSTALLED)
 	@touch $@
 
 clean:
-	rm -rf .venv .bench-env .jax-cache workbench-pictures .hypothesis .pytest_cache .ruff_cache build dist site demo-results *.egg-info
+	rm -rf .venv .venv-oldest .bench-env .jax-cache workbench-pictures .hypothesis .pytest_cache .ruff_cache build dist site demo-results *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
