@@ -13,7 +13,7 @@ import pytest
 from benchmarks.discrepancy import generate
 from benchmarks.discrepancy.generate import moves
 from benchmarks.discrepancy.hidden import Blind, Drawn
-from benchmarks.discrepancy.judge import Judged, keep, metrics, power, reliability, report
+from benchmarks.discrepancy.judge import Judged, calibration_error, keep, metrics, power, reliability, report
 from benchmarks.discrepancy.publish import filled, publish
 from benchmarks.discrepancy.rates import Rate
 from tests.independent.make_case import Run
@@ -133,6 +133,23 @@ def test_power_and_reliability_count_by_effect_and_by_probability():
     assert power(CASES)["saturation"] == Rate(1, 2)
     assert power(CASES)["windage"] == Rate(1, 2)
     assert reliability(CASES)["0.50 to 0.80"] == Rate(1, 1)
+
+
+def test_calibration_error_is_the_distance_between_what_is_said_and_what_is_right():
+    sure = [case("single", said("missing_effect", "windage", probability=0.9), "windage")] * 9
+    wrong = case("single", said("missing_effect", "saturation", probability=0.9), "windage")
+    assert calibration_error([*sure, wrong]) == pytest.approx(0.0, abs=1e-12)
+    assert calibration_error([*sure, wrong, wrong]) == pytest.approx(0.9 - 9 / 11)
+
+
+def test_probabilities_of_the_kept_answers_are_calibrated(tmp_path: Path):
+    """The cases of the page's section on reliability."""
+    cases = []
+    for name in ("before.jsonl", "sealed.jsonl"):
+        (tmp_path / name).write_bytes((Path(__file__).parents[1] / "docs" / "proving_ground" / name).read_bytes())
+        cases += keep([], tmp_path / name)
+    assert len(cases) > 400
+    assert calibration_error(cases) < 0.05
 
 
 def test_the_misses_are_listed():

@@ -190,6 +190,19 @@ def reliability(cases: Sequence[Judged]) -> dict[str, Rate]:
     }
 
 
+def calibration_error(cases: Sequence[Judged]) -> float:
+    """Return the expected calibration error: |share of right answers - mean probability| over the bins, by cases.
+
+    ECE of Naeini et al., "Obtaining well calibrated probabilities using Bayesian binning", AAAI 2015, with `BINS`.
+    """
+    found = 0.0
+    for low, high in itertools.pairwise(BINS):
+        if some := [c for c in cases if low < c.probability <= high]:
+            right, said = np.mean([c.right for c in some]), np.mean([c.probability for c in some])
+            found += abs(float(right - said)) * len(some) / len(cases)
+    return found
+
+
 def report(cases: Sequence[Judged]) -> str:
     """Return everything as text, the misses last."""
     lines = [f"{len(cases)} blind cases", ""]
@@ -199,7 +212,7 @@ def report(cases: Sequence[Judged]) -> str:
         ("right at a probability of", reliability(cases)),
     ):
         lines += [*([title] if title else []), *(f"{name:44s} {in_words(found)}" for name, found in table.items()), ""]
-    lines.append("not right")
+    lines += [f"expected calibration error {calibration_error(cases):.3f}", "", "not right"]
     for case in cases:
         if not case.right:
             beside = [f"{case.blind.group}: {case.blind.beside}"] if case.blind.beside else []

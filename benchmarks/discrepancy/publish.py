@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.discrepancy.bench import BENCH_FROM
 from benchmarks.discrepancy.generate import CONFUSABLE_FROM, HARDER_FROM
-from benchmarks.discrepancy.judge import Judged, keep, metrics, power, read, reliability
+from benchmarks.discrepancy.judge import Judged, calibration_error, keep, metrics, power, read, reliability
 from benchmarks.discrepancy.pictures import reliability_picture
 from benchmarks.discrepancy.rates import Rate, markdown
 from plots.style import png
@@ -111,6 +111,7 @@ def _summary(cases: Sequence[Judged]) -> dict[str, Any]:
         "groups": _groups(cases),
         "metrics": metrics(cases),
         "reliability": reliability(cases),
+        "calibration_error": calibration_error(cases),
         "power": power(cases),
     }
 
