@@ -136,9 +136,9 @@ def test_answer_keeps_its_verdict_and_names(change: str, bench: Path, answer: di
     assert _named(_answer(folder)) == _named(answer)
 
 
-def test_case_of_other_units_is_the_same_case(bench: Path, tmp_path: Path) -> None:
+def test_case_of_other_units_is_the_same_case(made_case: Path, tmp_path: Path) -> None:
     """Logs in mV, mA and minutes are imported as those in V, A and s: what is diagnosed is then the same."""
-    table = pd.read_csv(sorted(bench.glob("*.csv"))[0])
+    table = pd.read_csv(made_case / "run-02.csv")
     current, voltage, minutes = table["current_A"], table["voltage_V"], table["time_s"] / 60.0
     plain = pd.DataFrame({"Time [s]": table["time_s"], "Current [A]": current, "Voltage [V]": voltage})
     scaled = pd.DataFrame({"Time [min]": minutes, "Current [mA]": 1e3 * current, "Voltage [mV]": 1e3 * voltage})

@@ -21,6 +21,7 @@ from examples.paper.printed import (
     headline,
 )
 from jaxmodel.cases import read_case
+from jaxmodel.schema import with_schema
 from operation.compensation import SHARE_PER_20_K, SHARE_PER_50_MNM
 
 
@@ -110,7 +111,7 @@ def test_diagnosis_of_table_1_is_told_as_it_came(
 ) -> None:
     monkeypatch.setattr(paper_report, "diagnose", lambda case, **_: diagnosis)
     answer, origin = paper_report._diagnosis(tmp_path)
-    assert json.loads((tmp_path / "answer.json").read_text(encoding="utf-8")) == answer
+    assert json.loads((tmp_path / "answer.json").read_text(encoding="utf-8")) == with_schema(answer)
     assert (tmp_path / "extended.toml").is_file()
     assert "computed with this report" in origin
     assert "recorded" in paper_report._recorded()[1]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
-from jaxmodel import read_case
+from jaxmodel import read_case, toml
 from jaxmodel.known import scalars, tables
 from jaxmodel.presets import PresetForm
 from tests.parameterisation import made
@@ -69,7 +68,7 @@ def test_a_preset_holds_the_numbers_their_sources_and_the_errors_held_out(run: R
     options = ("--preset", "my_cell", "--data", "bench 7", "--licence", "CC0")
     result = run("parameterise", case, "--answer-only", *options, "--out", tmp_path)
     assert result.exit_code == 0, result.stderr
-    form = PresetForm.model_validate(tomllib.loads((tmp_path / "my_cell.toml").read_text()))
+    form = PresetForm.model_validate(toml.parsed((tmp_path / "my_cell.toml").read_text(), "my_cell.toml"))
     assert (form.data, form.licence, form.kinds) == ("bench 7", "CC0", ["cell", "robot"])
     written = read_case(tmp_path)
     parameters = scalars(form.parameters.model_extra or {}, "my_cell")
