@@ -10,7 +10,7 @@ import ctypes
 import functools
 import sys
 import weakref
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -20,7 +20,6 @@ import numpy as np
 
 from jaxmodel.native import machine
 from jaxmodel.native.module import NAME, Written
-from jaxmodel.native.operands import NotNative
 
 _TRIPLE = "nvptx64-nvidia-cuda"
 # The oldest GPUs (Volta, 2017) and the PTX of the oldest driver (CUDA 11.0) that run it; newer ones run it too.
@@ -44,17 +43,12 @@ class CudaKernel(Written):
         ptx: the text that a driver compiles.
     """
 
-    def __init__(self, function: Callable, shared: Any, own: Any) -> None:
-        """Write and compile a function of the arguments that `Kernel` takes.
+    LANES = 1
+    HAS_LIBRARY = False
+    ENDING = "cuda"
 
-        Raises:
-            NotNative: it has an operation that has no instructions here.
-        """
-        super().__init__(function, shared, own, lanes=1, has_library=False)
-        try:
-            self.ptx = machine.compiled_for(_gpu(), self._with_entry())
-        except RuntimeError as error:  # LLVM refuses the text
-            raise NotNative(f"a step of the function ({error})") from error
+    def _compile(self) -> None:
+        self.ptx = machine.compiled_for(_gpu(), self._with_entry())
 
     def on(self, number: int, shared: Any) -> OnDevice:
         """Return the kernel loaded on GPU `number`, with what all lanes share in its memory."""

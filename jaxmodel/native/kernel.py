@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -31,44 +31,10 @@ class Kernel(Written):
     """A compiled function (shared, own) -> results of one lane, run for many; with derivatives of the results.
 
     Derivatives are exact, in forward mode, and share what the function itself computes: see `jaxmodel.native.tangents`.
-
-    Attributes:
-        lanes: in a packet.
     """
 
-    def __init__(
-        self,
-        function: Callable,
-        shared: Any,
-        own: Any,
-        lanes: int | None = None,
-        sizes: Sequence[int] = (),
-        known_as: str = "",
-        by: str = "",
-    ) -> None:
-        """Compile a function.
-
-        Args:
-            function: of the arguments below, for one lane; pure.
-            shared: a pytree of arrays that are the same for all lanes.
-            own: a pytree of the arrays of one lane, or their shapes; a dictionary where derivatives are asked for.
-            lanes: in a packet, by default two registers of doubles; one with derivatives, whose coefficients then fit
-                the fastest cache.
-            sizes: lengths of axes in the shapes of the arguments that stand for others, given when the kernel runs
-                (`STEPS`, `ROWS`): one kernel for runs of any length.
-            known_as: names the function, its source and its arguments: with the same name it is not even traced again.
-                Its results are a list then.
-            by: names a vector in `own`, by whose numbers the results are differentiated. The kernel then gives a pair:
-                the results, and their derivatives, with the vector's axis before the results' own.
-
-        Raises:
-            NotNative: it has an operation that has no vector instructions here.
-        """
-        super().__init__(function, shared, own, lanes, sizes, known_as, by)
-        try:
-            self._function = machine.load(self.module.text, NAME, _ARGUMENTS)
-        except RuntimeError as error:  # LLVM refuses the text
-            raise NotNative(f"a step of the function ({error})") from error
+    def _compile(self) -> None:
+        self._function = machine.load(self.module.text, NAME, _ARGUMENTS)
 
     def shared(self, values: Any) -> Shared:
         """Return what all lanes share, ready to be read by any number of calls."""

@@ -7,7 +7,7 @@ import io
 import json
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -73,12 +73,18 @@ class Module:
 
 
 class Written:
-    """A function (shared, own) -> results of one lane, written over packets of lanes; what it takes and gives.
+    """A function (shared, own) -> results of one lane, written over packets of lanes; a kind of kernel compiles it.
 
     Attributes:
         module: its instructions, arguments and results.
         lanes: in a packet.
     """
+
+    # Of a kind of kernel: the lanes of its packets if it has no choice, whether it may call the C library, and the
+    # ending of the name under which its instructions are kept.
+    LANES: ClassVar[int | None] = None
+    HAS_LIBRARY: ClassVar[bool] = True
+    ENDING: ClassVar[str] = "kernel"
 
     def __init__(
         self,
@@ -89,21 +95,46 @@ class Written:
         sizes: Sequence[int] = (),
         known_as: str = "",
         by: str = "",
-        has_library: bool = True,
     ) -> None:
-        """Write a function; the arguments are those of `Kernel`, and whether those of the C library may be called.
+        """Compile a function.
+
+        Args:
+            function: of the arguments below, for one lane; pure.
+            shared: a pytree of arrays that are the same for all lanes.
+            own: a pytree of the arrays of one lane, or their shapes; a dictionary where derivatives are asked for.
+            lanes: in a packet, by default two registers of doubles; one with derivatives, whose coefficients then fit
+                the fastest cache.
+            sizes: lengths of axes in the shapes of the arguments that stand for others, given when the kernel runs
+                (`STEPS`, `ROWS`): one kernel for runs of any length.
+            known_as: names the function, its source and its arguments: with the same name it is not even traced again.
+                Its results are a list then.
+            by: names a vector in `own`, by whose numbers the results are differentiated. The kernel then gives a pair:
+                the results, and their derivatives, with the vector's axis before the results' own.
 
         Raises:
             NotNative: it has an operation that has no vector instructions here.
         """
-        self._sizes, self._has_library = tuple(sizes), has_library
-        module = _kept(known_as)
+        self._sizes = tuple(sizes)
+        kept_as = f"{machine.digest(known_as)}.{self.ENDING}" if known_as else ""
+        module = _kept(kept_as)
         self._tree: Any = None if module is None else jax.tree.structure([0] * len(module.results))
         if module is None:
-            module = self._made(function, shared, own, lanes, by)
-            if known_as:
-                keep(f"{machine.digest(known_as)}.kernel", module.packed())
+            module = self._made(function, shared, own, lanes or self.LANES, by)
+            if kept_as:
+                keep(kept_as, module.packed())
         self.module, self.lanes = module, module.lanes
+        try:
+            self._compile()
+        except RuntimeError as error:  # LLVM refuses the text
+            raise NotNative(f"a step of the function ({error})") from error
+
+    def _compile(self) -> None:
+        """Compile the module.
+
+        Raises:
+            RuntimeError: LLVM refuses it.
+        """
+        raise NotImplementedError
 
     def _made(self, function: Callable, shared: Any, own: Any, lanes: int | None, by: str) -> Module:
         given: tuple[Any, ...] = (shared, own, own[by]) if by else (shared, own)
@@ -123,7 +154,7 @@ class Written:
             consts=[np.asarray(c) for c in traced.consts],
         )
         try:
-            return _written(module, jaxpr, self._sizes, self._has_library)
+            return _written(module, jaxpr, self._sizes, self.HAS_LIBRARY)
         except _UNFORESEEN as error:
             raise NotNative(f"a step of the function ({type(error).__name__}: {error})") from error
 
@@ -215,9 +246,9 @@ def _written(module: Module, jaxpr: Any, sizes: Sequence[int], has_library: bool
     return dataclasses.replace(module, text=text, room=lowering.room)
 
 
-def _kept(known_as: str) -> Module | None:
-    """Return the module that was kept under a name."""
-    content = kept(f"{machine.digest(known_as)}.kernel") if known_as else None
+def _kept(name: str) -> Module | None:
+    """Return the module that was kept under a name, if it has one."""
+    content = kept(name) if name else None
     return None if content is None else Module.unpacked(content)
 
 
