@@ -30,7 +30,7 @@ test-all:
 test-oldest:
 	@test -x .venv-oldest/bin/pip || $(PYTHON) -m venv .venv-oldest
 	$(PYTHON) tests/oldest.py > .venv-oldest/constraints.txt
-	.venv-oldest/bin/pip install --quiet --constraint .venv-oldest/constraints.txt --editable '.[test]'
+	.venv-oldest/bin/pip install --quiet --no-compile --constraint .venv-oldest/constraints.txt --editable '.[test]'
 	OPENBLAS_NUM_THREADS=1 .venv-oldest/bin/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 # Strict: a link that leads nowhere, or a page that would fetch anything from another host, fails the build.
@@ -52,7 +52,7 @@ bench-check: $(INSTALLED)
 # The peers' packages do not go with ours (PyBaMM pins its own): an environment apart. Without it they are left out.
 bench-peers: $(INSTALLED)
 	@test -e .bench-env/.installed || { $(PYTHON) -m venv .bench-env && \
-		timeout 300 .bench-env/bin/pip install --quiet --constraint benchmarks/peers-constraints.txt pybamm thevenin pybop numba pysindy \
+		timeout 300 .bench-env/bin/pip install --quiet --no-compile --constraint benchmarks/peers-constraints.txt pybamm thevenin pybop numba pysindy \
 		&& touch .bench-env/.installed; } || echo "The peers could not be installed; the benchmark leaves them out."
 
 format: $(INSTALLED)
@@ -63,11 +63,11 @@ format: $(INSTALLED)
 $(INSTALLED): pyproject.toml constraints.txt
 	@test -n "$(PYTHON)" || { echo "No Python 3.11 or newer found; install one, or name it: make PYTHON=/path/to/python"; exit 1; }
 	@test -x $(BIN)/pip || $(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[test]'
+	$(BIN)/pip install --quiet --no-compile --constraint constraints.txt --editable '.[test]'
 	@touch $@
 
 $(INSTALLED_DOCS): $(INSTALLED)
-	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[docs]'
+	$(BIN)/pip install --quiet --no-compile --constraint constraints.txt --editable '.[docs]'
 	@touch $@
 
 clean:

@@ -99,6 +99,7 @@ def _plotly_js() -> Path:
 
 
 def _keep_house(workers: Workers) -> None:
+    workers.begin_waiting()
     workers.end_idle()
     workers.keep_spare()
 

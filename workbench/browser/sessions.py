@@ -80,9 +80,20 @@ class Session:
         wanted = {"id": secrets.token_hex(8), "do": job, "with": with_}
         (self.folder / STOP).unlink(missing_ok=True)
         write_json(self.folder / WANTED, wanted)
-        waiting = {"id": wanted["id"], "do": job, "state": "running", "now": "starting", "share": 0.0, "left_s": None}
-        write_json(self.folder / PROGRESS, waiting | {"began": time.time(), "ended": time.time()})
+        return self.begins()
+
+    def begins(self, now: str = "starting") -> dict[str, Any]:
+        """Write down that the job that is wanted begins, or what it waits for, and return it."""
+        wanted = self.content(WANTED)
+        began = {"id": wanted["id"], "do": wanted["do"], "state": "running", "now": now, "share": 0.0, "left_s": None}
+        write_json(self.folder / PROGRESS, began | {"began": time.time(), "ended": time.time()})
         return wanted
+
+    def waits(self, before: int) -> None:
+        """Write down that the job waits until some others have ended."""
+        now = f"waiting for {before} jobs of other sessions"
+        if (self.progress or {}).get("now") != now:
+            self.begins(now)
 
     def ask_to_stop(self) -> None:
         """Ask the worker to end its job where it next reports."""

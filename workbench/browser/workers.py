@@ -16,7 +16,7 @@ from workbench.browser.sessions import Session
 PATIENCE_S = 4.0
 # A worker without a job for so long is ended; its session is taken up from its files.
 IDLE_S = 900.0
-# Workers at a time; the one idle for longest makes room.
+# Workers at a time; the one idle for longest makes room. Where all have a job, a further job waits.
 MOST = 4
 
 
@@ -62,44 +62,65 @@ class Workers:
         """Start the spare worker, unless none is wanted."""
         self._of: dict[Path, Worker] = {}
         self._stopping: dict[Path, float] = {}
+        self._waiting: list[Session] = []
         self._keeps_spare = spare
         self._spare = Worker() if spare else None
 
     def do(self, session: Session, job: str, **with_: object) -> bool:
-        """Begin a job of a session; False if another one of it is running."""
+        """Begin a job of a session, at once or when a worker is free; False if another one of it has not ended."""
         if session.wanted is not None:
             return False
-        self._send(session, session.want(job, **with_))
+        session.want(job, **with_)
+        self._waiting.append(session)
+        self.begin_waiting()
         return True
 
     def take_up(self, session: Session) -> None:
         """Begin again what a session wanted when the server, or its worker, went away."""
-        wanted = session.wanted
         worker = self._of.get(session.folder)
-        if wanted is not None and (worker is None or not worker.lives):
-            self._send(session, session.want(wanted["do"], **wanted["with"]))
+        begun = session in self._waiting or (worker is not None and worker.lives)
+        if session.wanted is not None and not begun:
+            self._waiting.append(session)
+            self.begin_waiting()
+
+    def begin_waiting(self) -> None:
+        """Begin the jobs that wait, the oldest first, while workers are free; say how many are before each other."""
+        while self._waiting and self._busy() < MOST:
+            session = self._waiting.pop(0)
+            if session.wanted is not None:
+                self._send(session, session.begins())
+        for before, session in enumerate(self._waiting, self._busy()):
+            session.waits(before)
+
+    def _busy(self) -> int:
+        waiting = {session.folder for session in self._waiting}
+        at_work = {folder: worker for folder, worker in self._of.items() if folder not in waiting}
+        return sum((folder / WANTED).exists() and worker.lives for folder, worker in at_work.items())
 
     def stop(self, session: Session) -> None:
         """Ask a session's job to stop; `look_after` ends its worker if it does not."""
-        if session.wanted is not None:
+        if session in self._waiting:
+            self._waiting.remove(session)
+            session.was_stopped()
+        elif session.wanted is not None:
             session.ask_to_stop()
             self._stopping.setdefault(session.folder, time.monotonic())
 
     def look_after(self, session: Session) -> None:
-        """End a job that was asked to stop and did not, and say it where a worker has died."""
+        """End a job that was asked to stop and did not, say it where a worker has died, and begin jobs that wait."""
         worker = self._of.get(session.folder)
+        since = self._stopping.get(session.folder)
         if session.wanted is None:
             self._stopping.pop(session.folder, None)
-            return
-        since = self._stopping.get(session.folder)
-        if since is not None and time.monotonic() - since > PATIENCE_S:
+        elif since is not None and time.monotonic() - since > PATIENCE_S:
             self._forget(session.folder)
             session.was_stopped()
-        elif worker is not None and not worker.lives:
+        elif session not in self._waiting and worker is not None and not worker.lives:
             self._forget(session.folder)
             session.was_stopped(
                 f"The worker of this session ended unexpectedly; {LOG} in its folder has the rest. Try again.", "failed"
             )
+        self.begin_waiting()
 
     def end_idle(self) -> None:
         """End workers that had nothing to do for long."""

@@ -62,7 +62,8 @@ def do(place: Place, job: dict[str, Any]) -> None:
     """Do one job, and leave in its file how it ended."""
     progress = Progress(place.folder, job, place.usual_s(job["do"]))
     try:
-        JOBS[job["do"]](place, progress, **job.get("with", {}))
+        if place.view.get("done") != job["id"]:  # else a server that was killed did not see it end, and asks again
+            JOBS[job["do"]](place, progress, **job.get("with", {}))
     except Stopped:
         state, sentence = "stopped", ""
     except (UserError, OSError) as error:

@@ -90,6 +90,7 @@ def diagnose(place: Place, progress: Progress) -> None:
         verdict=verdict_view(place.diagnosis),
         proposals={"rivals": [name.replace("_", " ") for name in place.diagnosis.rivals], "found": proposals},
         script=[*script, ["finish", []]],
+        done=progress.job,
     )
 
 
@@ -123,4 +124,4 @@ def _changed(place: Place, progress: Progress, verb: str, names: Sequence[str]) 
     """Show a model that the user has changed; a verdict is that of the model before."""
     place.diagnosis = None
     script: list[Any] = [*place.view["script"], [verb, list(names)]]
-    place.show_model(progress, verdict=None, proposals=None, script=script)
+    place.show_model(progress, verdict=None, proposals=None, script=script, done=progress.job)

@@ -37,6 +37,11 @@ class Progress:
         self._write("running", "starting")
 
     @property
+    def job(self) -> str:
+        """Return the name of the job, which no other has."""
+        return self._job["id"]
+
+    @property
     def elapsed_s(self) -> float:
         """Return how long the job has taken."""
         return time.time() - self._began
