@@ -9,10 +9,9 @@ from typing import Any, TypeVar
 import jax
 import numpy as np
 
-from jaxmodel.model import Model
 from jaxmodel.native import CudaCall, CudaKernel
-from sweeps.by_vectors import doubled, kernel_of_a_lane
-from sweeps.lane import Keep, Outcome, SteppedProfile
+from sweeps.lane import Outcome
+from sweeps.lane_kernel import doubled
 from sweeps.plan import ACCELERATOR, LANE_STEPS_PER_CALL
 
 _Item = TypeVar("_Item")
@@ -31,23 +30,19 @@ class ByCuda:
 
     def __init__(
         self,
-        keep: Keep,
-        shared: tuple[Model, SteppedProfile, Any],
+        kernel: CudaKernel,
+        shared: Any,
         lanes: Callable[[np.ndarray], dict[str, Any]],
         devices: Sequence[Any],
         steps: int,
-        single: bool = False,
     ) -> None:
-        """Compile it; the arguments are those of `ByVectors`.
+        """Load a kernel of a lane; the other arguments are those of `ByVectors`.
 
         Raises:
             CudaError: the driver of the GPU is too old, or refuses.
-            NotNative: an operation of a lane has no instructions.
         """
         self._lanes_of, self._steps = lanes, steps
-        values = jax.tree.map(np.asarray, shared)
-        kernel = kernel_of_a_lane(CudaKernel, keep, values, lanes, single)
-        self._gpus = [kernel.on(device.local_hardware_id, values) for device in devices]
+        self._gpus = [kernel.on(device.local_hardware_id, shared) for device in devices]
 
     def outcomes(
         self, spans: Iterable[tuple[int, int, int]], done: Callable[[int], None]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -12,15 +12,18 @@ import numpy as np
 from jaxmodel.errors import SweepError
 from jaxmodel.model import Model
 from jaxmodel.names import with_values
-from jaxmodel.native import CudaError, NotNative
+from jaxmodel.native import CudaError, CudaKernel, Kernel, NotNative, Written
 from sweeps.by_cuda import ByCuda, is_cuda
 from sweeps.by_vectors import ByVectors
 from sweeps.by_xla import ByXla
 from sweeps.devices import lane_mesh
 from sweeps.lane import Keep, Outcome, lay_out
+from sweeps.lane_kernel import kernel_of_a_lane
 from sweeps.plan import ACCELERATOR, DEFAULT_MEMORY, Chunks, bytes_of, cut, lanes_per_chunk, size_text
 from sweeps.results import result_bytes_per_lane
 from sweeps.study import Study
+
+_Kind = TypeVar("_Kind", bound=Written)
 
 BY_VECTORS, BY_CUDA, BY_XLA = "vector instructions", "CUDA kernel", "XLA"
 
@@ -105,9 +108,13 @@ class Runner:
                     'a sweep computes in "float64".'
                 )
             return False
-        kind, devices = ByVectors if self._on_processor else ByCuda, tuple(self._mesh.devices.flat)
+        values = jax.tree.map(np.asarray, self.shared)
+        run_by = (values, self._study.lanes, tuple(self._mesh.devices.flat), self.steps)
         try:
-            self._program = kind(self._keep, self.shared, self._study.lanes, devices, self.steps, single)
+            if self._on_processor:
+                self._program = ByVectors(self._kernel(Kernel, values, single), *run_by)
+            else:
+                self._program = ByCuda(self._kernel(CudaKernel, values, single), *run_by)
             return True
         except NotNative as reason:
             why = f"{reason} has no vector instructions yet"
@@ -118,6 +125,9 @@ class Runner:
         self._through_xla = True
         self.remark = f"The sweep runs through XLA: {why}."
         return False
+
+    def _kernel(self, kind: type[_Kind], shared: Any, single: bool) -> _Kind:
+        return kernel_of_a_lane(kind, self._keep, shared, self._study.lanes, single)
 
     @property
     def program(self) -> str:

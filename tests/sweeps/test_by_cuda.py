@@ -11,7 +11,7 @@ import pytest
 
 import sweeps
 from jaxmodel.native import CudaError, CudaKernel, cuda
-from sweeps import Study, by_cuda, plan
+from sweeps import Study, by_cuda, lane_kernel, plan
 from tests.jaxmodel.native.driver import Driver
 from tests.sweeps.test_by_vectors import STUDIES
 
@@ -103,7 +103,7 @@ def test_kernel_calls_nothing_outside(what: str) -> None:
     keep = sweeps.lane.Keep(prepared.metrics, tuple(study.store))
     stepped = sweeps.lane.lay_out(prepared.model, prepared.profile, prepared.stored_rows)
     shared = jax.tree.map(np.asarray, (prepared.model, stepped, prepared.cutoff))
-    ptx = sweeps.by_vectors.kernel_of_a_lane(CudaKernel, keep, shared, study.lanes, False).ptx
+    ptx = lane_kernel.kernel_of_a_lane(CudaKernel, keep, shared, study.lanes, False).ptx
     assert ".visible .entry" in ptx
     assert ".extern" not in ptx
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import secrets
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from workbench.browser.worker.__main__ import do
 from workbench.browser.worker.keeping import script_of
 from workbench.browser.worker.place import Place
 from workbench.browser.worker.progress import Progress, Stopped
-from workbench.browser.workers import Worker, Workers
+from workbench.browser.workers import MOST, Worker, Workers
 
 
 class StandIn(Worker):
@@ -50,7 +51,7 @@ def workers(monkeypatch: pytest.MonkeyPatch) -> Workers:
 
 def job(place: Place, name: str, **with_: Any) -> dict[str, Any]:
     """Do a job in this process, and return how it ended."""
-    do(place, {"id": "1", "do": name, "with": with_})
+    do(place, {"id": secrets.token_hex(8), "do": name, "with": with_})
     return read_json(place.folder / PROGRESS)
 
 
@@ -131,6 +132,35 @@ def test_what_was_wanted_before_a_crash_is_begun_again(session: Session, workers
     workers.take_up(session)
     (worker,) = workers._of.values()
     assert worker.told[-1]["with"] == {"names": ["self_heating"]}
+
+
+def test_where_every_worker_has_a_job_a_further_one_waits(tmp_path: Path, workers: Workers) -> None:
+    sessions = [Sessions(tmp_path).new("a" * 32) for _ in range(MOST + 2)]
+    assert all(workers.do(one, "compare") for one in sessions)
+    assert len(workers._of) == MOST
+    assert [(one.progress or {})["now"] for one in sessions[MOST - 1 :]] == [
+        "starting",
+        f"waiting for {MOST} jobs of other sessions",
+        f"waiting for {MOST + 1} jobs of other sessions",
+    ]
+    workers.stop(sessions[MOST])  # who waits no longer leaves the place to the next
+    assert sessions[MOST].wanted is None
+    sessions[0].was_stopped()
+    workers.look_after(sessions[1])
+    assert workers._of[sessions[-1].folder].told[-1]["do"] == "compare"  # type: ignore[attr-defined]
+    assert sessions[0].folder not in workers._of  # the idle one made room
+
+
+def test_what_was_done_before_a_crash_is_not_done_again(session: Session, made_case: Path) -> None:
+    place = Place(session.folder)
+    job(place, "open", path=str(made_case), how="case")
+    job(place, "add", names=["self_heating"])
+    undo = {"id": "2", "do": "undo", "with": {}}
+    do(place, undo)
+    do(Place(session.folder), undo)  # of a server that was killed before it saw the end
+    assert session.progress is not None
+    assert session.progress["state"] == "done"
+    assert [verb for verb, _ in session.view["script"]] == ["add", "undo"]
 
 
 def test_the_script_repeats_the_session(made_case: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
