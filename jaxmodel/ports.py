@@ -11,6 +11,7 @@ import inspect
 from typing import Any, ClassVar
 
 import equinox as eqx
+import jax
 
 from jaxmodel.curves import CellCurves
 from jaxmodel.declaration import Scalar
@@ -148,8 +149,17 @@ def fold(effects: tuple[Effect, ...], port: str, value: Any, context: Any) -> An
         if method is None:
             continue
         changed = method(value, context)
-        value = changed if effect.switch is None else value + effect.switch * (changed - value)
+        value = changed if effect.switch is None else switched(effect.switch, value, changed)
     return value
+
+
+@jax.jit
+def switched(switch: Any, value: Any, changed: Any) -> Any:
+    """Return a value where a switch is 0, the changed one where it is 1.
+
+    Kernels of ours know it by its name: they compute what is changed only where some lane has its switch on.
+    """
+    return value + switch * (changed - value)
 
 
 def touches(effects: tuple[Effect, ...], *ports: str) -> bool:

@@ -111,6 +111,7 @@ def law_effect(kind: str, knots: int = SETTINGS.law_knots) -> Effect:
 
     methods = {port: port_method(place, port) for place, port in enumerate(ports)}
     members = {
+        "__module__": __name__,
         "__annotations__": {"values": Float[Array, "ports knots"], "settings": Float[Array, "ports settings"]},
         "values": eqx.field(default=None),
         "settings": eqx.field(default=None),

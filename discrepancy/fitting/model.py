@@ -47,7 +47,6 @@ class Setting:
         switches: of the effects with a switch.
         laws: settings of the laws.
         is_fine: it needs the finer steps of effects that make the armature equations nonlinear.
-        has_laws: it contains an unknown law, or may.
     """
 
     labels: Labels
@@ -56,7 +55,6 @@ class Setting:
     switches: np.ndarray
     laws: np.ndarray
     is_fine: bool
-    has_laws: bool = False
 
     def lane(self, x: np.ndarray) -> Lane:
         """Return the lane of the model at coordinates x."""
@@ -93,27 +91,13 @@ class ModelSpace:
 
     @functools.cached_property
     def coarse(self) -> Problem:
-        """Return the problem at the steps of the base model, without unknown laws."""
-        return self._made(False, False)
+        """Return the problem at the steps of the base model."""
+        return make_problem(self.fitted, self.layout, list(self.candidates.values()), ())
 
     @functools.cached_property
     def fine(self) -> Problem:
         """Return the problem at the finer steps for nonlinear armature equations."""
-        return self._made(True, False)
-
-    @functools.cached_property
-    def with_laws(self) -> Problem:
-        """Return the problem with unknown laws, at the steps of the base model."""
-        return self._made(False, True)
-
-    @functools.cached_property
-    def fine_with_laws(self) -> Problem:
-        """Return the problem with unknown laws, at finer steps."""
-        return self._made(True, True)
-
-    def _made(self, is_fine: bool, has_laws: bool) -> Problem:
-        some = [one for one in self.candidates.values() if has_laws or one.group != "law"]
-        return make_problem(self.fitted, self.layout, some, self._bending if is_fine else ())
+        return make_problem(self.fitted, self.layout, list(self.candidates.values()), self._bending)
 
     @property
     def _bending(self) -> list[Effect]:
@@ -122,8 +106,8 @@ class ModelSpace:
     def problem(self, setting: Setting) -> Problem:
         """Return the problem of a model.
 
-        In a large case it is one with the model's own effects alone: to compile it takes some seconds, and each of many
-        evaluations takes a sixth (base model) to a half of the time that one with all candidates takes.
+        In a large case it is one with the model's own effects alone: to compile it takes a second, and each of many
+        evaluations takes a third of the time that one with all candidates takes, although these are switched off.
         """
         whole = self.problem_of_all(setting)
         if not self.is_large:
@@ -145,8 +129,6 @@ class ModelSpace:
 
     def problem_of_all(self, setting: Setting) -> Problem:
         """Return the problem in which every candidate can be switched on beside a model."""
-        if setting.has_laws:
-            return self.fine_with_laws if setting.is_fine else self.with_laws
         return self.fine if setting.is_fine else self.coarse
 
     def quiet(self, problem: Problem, setting: Setting, noise: Mapping[str, NoiseModel]) -> Problem:
@@ -183,8 +165,7 @@ class ModelSpace:
             if candidate.law is not None:
                 settings[candidate.law[0]] = candidate.law[1]
         fine = any(self.candidates[label].bends for label in key if self.candidates[label].is_switched)
-        with_laws = any(self.candidates[label].group == "law" for label in key)
-        return Setting(key, tuple(self.layout.places_of(key)), prior_sd, switches, settings, fine, with_laws)
+        return Setting(key, tuple(self.layout.places_of(key)), prior_sd, switches, settings, fine)
 
     def key(self, labels: Sequence[str]) -> Labels:
         """Return candidates in the order in which they act on a shared port."""

@@ -137,6 +137,8 @@ class Problem(eqx.Module):
             values[name] = value
         for (name, *_), vector in zip(self.unknowns.vectors, mixed, strict=True):
             values[name] = vector.reshape(_get(model, name).shape)
+            # At its null a curve or law is not computed: with a table for each relation, they are most of a step.
+            values[f"{name.rpartition('.')[0]}.switch"] = jnp.any(vector != 0.0).astype(float)
         for place, label in enumerate(self.switched):
             values[f"{label}.switch"] = switches[place]
         if any(effect.label == "law" for effect in model.effects):

@@ -81,8 +81,6 @@ def screen(
         near: of the same model and readings at other coordinates, whose sensitivities to the candidates are kept.
     """
     space = view.space
-    if "law" in groups:
-        setting = dataclasses.replace(setting, has_laws=True)
     problem, everything = space.problem(setting), space.problem_of_all(setting)
     errors = view.readings.value - view.at(problem, [setting.lane(x)])[0]
     _, base = errors_and_jacobian(view, space.quiet(problem, setting, noise), setting, x)

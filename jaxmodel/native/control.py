@@ -95,7 +95,7 @@ class Control(Directions):
             state = [
                 of_node(Stored(lambda _, x=x: Value("%tried", x.dtype, True)), x.dtype)
                 if lives
-                else Value("%" + e.name(), x.dtype, True)
+                else e.register(x.dtype, True)
                 for x, lives in zip(begin, alive, strict=False)
             ]
             found = at("0", state)
@@ -115,7 +115,7 @@ class Control(Directions):
         layout = Layout.of(begin, self.directions)
 
         def round_of() -> Layout:
-            numbers = [Value("%" + self.e.name(), x.dtype, True) for x in layout.numbers(self.e, begin)]
+            numbers = [self.e.register(x.dtype, True) for x in layout.numbers(self.e, begin)]
             return layout.joined(Layout.of(advance(layout.arrays(numbers)), self.directions))
 
         while self.directions and (found := self.tried(round_of)) != layout:
@@ -191,7 +191,7 @@ class Control(Directions):
         e.start_block(test)
         place = len(e.lines)
         e.begin_scope()
-        carried = [Value("%" + e.name(), x.dtype, True) for x in flat]
+        carried = [e.register(x.dtype, True) for x in flat]
         now = layout.arrays(carried)
         (goes_on,) = self.inside(condition, [*of_condition, *now])
         running = goes_on[()]

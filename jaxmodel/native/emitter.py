@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from jaxmodel.native.outline import OUTLINED, outlined
+
 # `contract` lets a product and a sum become one operation; `arcp` lets a division by a number that is the same in every
 # step become a product with its reciprocal. Neither assumes that numbers are finite.
 FLAGS = "contract arcp"
@@ -89,6 +91,8 @@ class Emitter:
         self.lines: list[str] = []
         self.declarations: dict[str, str] = {}
         self.block = "entry"
+        self._types = {"%count": "i64", "%packet": "i64", "%work": "ptr"} | dict.fromkeys(self._sizes.values(), "i64")
+        self._functions: dict[str, str] = {}
         self._number = itertools.count()
         self._known: list[dict[Any, Any]] = [{}]
 
@@ -107,8 +111,16 @@ class Emitter:
 
     def emit(self, instruction: str, dtype: np.dtype, wide: bool) -> Value:
         """Append an instruction and return its result."""
-        value = Value("%" + self.name(), np.dtype(dtype), wide)
+        value = self.register(dtype, wide)
+        if instruction.startswith(("getelementptr", "inttoptr")):
+            self._types[value.text] = "ptr"
         self.lines.append(f"  {value.text} = {instruction}")
+        return value
+
+    def register(self, dtype: np.dtype, wide: bool) -> Value:
+        """Return a fresh register, to be filled."""
+        value = Value("%" + self.name(), np.dtype(dtype), wide)
+        self._types[value.text] = self.type_of(value.dtype, wide)
         return value
 
     def start_block(self, name: str) -> None:
@@ -251,6 +263,26 @@ class Emitter:
         self.jump(after)
         self.start_block(after)
         return tuple(self.either(old, before, new, last) for old, new in zip(usual, found, strict=True))
+
+    def seldom(self, condition: Value, usual: Value, compute: Callable[[], Value]) -> Value:
+        """Return a number, another where a condition holds; what computes that one is a function of its own.
+
+        It is called only if the condition holds in some lane, and functions that are alike are written once: LLVM takes
+        longer for a function of all their instructions.
+        """
+
+        def called() -> tuple[Value, ...]:
+            place, block = len(self.lines), self.block
+            found = self.widen(compute())
+            body, self.lines[place:], self.block = self.lines[place:], [], block
+            kind = self.type_of(found.dtype, True)
+            text, given = outlined(body, block, found.text, kind, self._types)
+            name = self._functions.setdefault(text, f"aside{len(self._functions)}")
+            self.declarations[name] = text.replace(OUTLINED, f"@{name}")
+            arguments = ", ".join(f"{self._types[x]} {x}" for x in given)
+            return (self.emit(f"call {kind} @{name}({arguments})", found.dtype, True),)
+
+        return self.rarely(condition, (self.widen(usual),), called)[0]
 
     def either(self, one: Value, block: str, other: Value, other_block: str) -> Value:
         """Return the one of two numbers that belongs to the block from which this one was reached."""

@@ -26,8 +26,8 @@ class Loop:
     def __enter__(self) -> Loop:
         e = self.e
         self._before, self._head, self._done = e.block, e.name("loop"), e.name("done")
-        self.index = "%" + e.name()
-        self.carried = [Value("%" + e.name(), x.dtype, True) for x in self.begin]
+        self.index = e.register(np.dtype("i8"), False).text
+        self.carried = [e.register(x.dtype, True) for x in self.begin]
         # A loop of no rounds leaves the values at its start.
         count = e.count(self.length)
         if count.startswith("%"):
@@ -58,7 +58,7 @@ class Loop:
             lines.append(
                 f"  {register.text} = phi {kind_text} [ {start.text}, %{self._before} ], [ {new.text}, %{last} ]"
             )
-            result = Value("%" + e.name(), register.dtype, True)
+            result = e.register(register.dtype, True)
             after.append(
                 f"  {result.text} = phi {kind_text} [ {start.text}, %{self._before} ], [ {new.text}, %{last} ]"
             )

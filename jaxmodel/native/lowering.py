@@ -16,11 +16,12 @@ import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 
 from jaxmodel.jaxprs import opened
+from jaxmodel.native.absent import behind_switches
 from jaxmodel.native.arrays import ON_ARRAYS
 from jaxmodel.native.control import Control
 from jaxmodel.native.elementary import Elementary
 from jaxmodel.native.elements import convert, element
-from jaxmodel.native.emitter import Emitter, Value
+from jaxmodel.native.emitter import Emitter, Value, constant
 from jaxmodel.native.operands import Array, Memory, NotNative, Operand, Rows, Series, array_of, constants
 
 # More take LLVM longer than XLA needs for the same function: short arrays of which each element is written out. A robot
@@ -58,12 +59,30 @@ class Lowering(Control):
         def read(atom: Any) -> Operand:
             return self._literal(atom) if isinstance(atom, Literal) else known[atom]
 
-        for equation, used in zip(jaxpr.eqns, needed, strict=True):
+        behind = {} if self.directions else behind_switches(jaxpr, needed)
+        put_off = {number for numbers in behind.values() for number in numbers}
+
+        def write(number: int) -> None:
             if len(self.e.lines) > MOST_INSTRUCTIONS:
                 raise NotNative(f"a function of more than {MOST_INSTRUCTIONS} instructions")
-            if used:
-                results = self._equation(equation, [read(atom) for atom in equation.invars])
-                learn(equation.outvars, results)
+            equation = jaxpr.eqns[number]
+            if number not in behind:
+                learn(equation.outvars, self._equation(equation, [read(atom) for atom in equation.invars]))
+                return
+            switch, value = (read(atom)[()] for atom in equation.invars[:2])
+
+            def switched_on() -> Value:
+                for earlier in behind[number]:
+                    write(earlier)
+                (found,) = self._equation(equation, [read(atom) for atom in equation.invars])
+                return found[()]
+
+            on = self.e.compare("fcmp une", switch, constant(0.0, switch.dtype))
+            learn(equation.outvars, [array_of(self.e.seldom(on, value, switched_on))])
+
+        for number, used in enumerate(needed):
+            if used and number not in put_off:
+                write(number)
         return [read(atom) for atom in jaxpr.outvars]
 
     def inside(self, program: ClosedJaxpr | Jaxpr, given: list[Operand]) -> list[Operand]:

@@ -19,6 +19,8 @@ from pathlib import Path
 from typing import Any
 
 import psutil
+from playwright.sync_api import Error as PlaywrightError
+from playwright.sync_api import sync_playwright
 
 from tests.made_up import write_case
 from tests.workbench.browser.conftest import ARGUMENTS, Server, Visitor, chromium
@@ -78,8 +80,6 @@ def _shown(view: dict[str, Any]) -> tuple[Any, ...]:
 
 @contextmanager
 def _place(folder: Path) -> Iterator[tuple[Any, Server]]:
-    from playwright.sync_api import sync_playwright
-
     server = Server(folder / "workbench")
     with sync_playwright() as tools:
         browser = tools.chromium.launch(executable_path=chromium(), args=ARGUMENTS, headless=True)
@@ -143,7 +143,6 @@ def killed(browser: Any, server: Server, case: Path, at: random.Random) -> list[
         shown = _ended(visitor)
         if tuple(shown["models"][-1]) != model:
             wrong.append(f"{shown['models'][-1]} after {what}")
-    visitor.context.close()
     return wrong
 
 
@@ -162,7 +161,11 @@ def main() -> int:
             failed += len(wrong)
             print(*wrong, sep="\n", end="\n" if wrong else "")
             for number in range(-(-given.kills // (1 + len(PATH)))):
-                if wrong := killed(browser, server, case, at):
+                try:
+                    wrong = killed(browser, server, case, at)
+                except PlaywrightError as error:
+                    wrong = [str(error).splitlines()[0]]
+                if wrong:
                     failed += 1
                     print(f"  path {number}: {wrong}", flush=True)
             print(f"{given.sessions} users at once and {given.kills} kills: {failed} wrong", flush=True)
