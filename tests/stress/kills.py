@@ -27,6 +27,7 @@ COMMANDS = {
     "parameterise": (["parameterise", "case", "--out", "out"], []),
     "simulate": (["simulate", "case", "--answer-only", "--out", "out"], []),
     "compare": (["compare", "case", "--answer-only", "--out", "out"], []),
+    "diagnose": (["diagnose", "case", "--out", "out"], []),
     "sweep": (["sweep", "study/study.toml", "--answer-only", "--out", "out"], ["--resume"]),
 }
 # What differs from run to run: times, and what they are written into.

@@ -33,6 +33,7 @@ PATH = {"add": (EFFECT,), "undo": (), "again": (EFFECT,)}
 
 def _click(visitor: Visitor, what: str) -> None:
     if what == "undo":
+        visitor.step("Add it")
         visitor.page.click(".actions >> text=Undo")
     else:
         visitor.page.wait_for_selector(".step:not([disabled]):has-text('Learn what is missing')")
@@ -129,10 +130,27 @@ def together(browser: Any, server: Server, case: Path, count: int) -> list[str]:
 
 def killed(browser: Any, server: Server, case: Path, at: random.Random) -> list[str]:
     """Go the path once and kill the server in each part of it; return what is wrong."""
-    visitor, wrong = Visitor(browser, server), []
-    page = visitor.page
+    visitor = Visitor(browser, server)
+    try:
+        return _path_with_kills(visitor, case, at)
+    except PlaywrightError as error:
+        visitor.picture("after-a-kill")
+        return [str(error).splitlines()[0]]
+    finally:
+        visitor.context.close()
+
+
+def _path_with_kills(visitor: Visitor, case: Path, at: random.Random) -> list[str]:
+    server, page, wrong, last = visitor.server, visitor.page, [], ""
     for what, model in {"upload": (), **PATH}.items():
         _asked(visitor, what, case)
+        folder, waited_ms = _folder(visitor), 0
+        while (job := (read_json(folder / PROGRESS) or {}).get("id", "")) == last:
+            page.wait_for_timeout(5)
+            waited_ms += 5
+            if waited_ms % 4000 == 0:  # a click before a page is in touch with its server is lost: click again
+                _asked(visitor, what, case)
+        last = job
         page.wait_for_timeout(at.uniform(0.0, 1500.0))
         address = page.url
         server.kill()
@@ -161,11 +179,7 @@ def main() -> int:
             failed += len(wrong)
             print(*wrong, sep="\n", end="\n" if wrong else "")
             for number in range(-(-given.kills // (1 + len(PATH)))):
-                try:
-                    wrong = killed(browser, server, case, at)
-                except PlaywrightError as error:
-                    wrong = [str(error).splitlines()[0]]
-                if wrong:
+                if wrong := killed(browser, server, case, at):
                     failed += 1
                     print(f"  path {number}: {wrong}", flush=True)
             print(f"{given.sessions} users at once and {given.kills} kills: {failed} wrong", flush=True)
