@@ -144,12 +144,9 @@ def _path_with_kills(visitor: Visitor, case: Path, at: random.Random) -> list[st
     server, page, wrong, last = visitor.server, visitor.page, [], ""
     for what, model in {"upload": (), **PATH}.items():
         _asked(visitor, what, case)
-        folder, waited_ms = _folder(visitor), 0
+        folder = _folder(visitor)
         while (job := (read_json(folder / PROGRESS) or {}).get("id", "")) == last:
             page.wait_for_timeout(5)
-            waited_ms += 5
-            if waited_ms % 4000 == 0:  # a click before a page is in touch with its server is lost: click again
-                _asked(visitor, what, case)
         last = job
         page.wait_for_timeout(at.uniform(0.0, 1500.0))
         address = page.url

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from nicegui.element import Element
 from nicegui.elements.mixins.text_element import TextElement
 
 
@@ -20,10 +21,18 @@ def h(tag: str, text: str = "", classes: str = "", **attributes: Any) -> TextEle
     element = TextElement(tag=tag, text=text)
     if classes:
         element.classes(classes)
+    change(element, **attributes)
+    return element
+
+
+def change(element: Element, **attributes: Any) -> None:
+    """Set attributes of an element; one that is None or False is removed."""
     for name, value in attributes.items():
         if value is not None and value is not False:
             element._props[name.replace("_", "-")] = value
-    return element
+        else:
+            element._props.pop(name.replace("_", "-"), None)
+    element.update()
 
 
 def button(text: str, action: Callable[[], Any], classes: str = "button", **attributes: Any) -> TextElement:

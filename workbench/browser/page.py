@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from nicegui import ui
+from nicegui.element import Element
 
 from workbench.browser import beside
 from workbench.browser.chart import Traces
 from workbench.browser.context import Context
 from workbench.browser.files import GRID
-from workbench.browser.html import button, duration, h
+from workbench.browser.html import button, change, duration, h
 from workbench.browser.sessions import Session
 from workbench.browser.steps import STEPS
 from workbench.browser.workers import Workers
@@ -58,18 +59,29 @@ class Page:
             self.title = h("span", "", "title")
             h("a", "New session", "quiet", href="/new")
             h("button", "", "quiet theme", type="button", id="theme", aria_label="Light or dark")
-        with h("nav", "", "steps", aria_label="Steps"), h("ol"):
-            self.steps = h("div", "", "contents")
+        # Steps and tabs stay, and only change: a click on a button that is replaced at that moment would be lost.
+        with h("nav", "", "steps", aria_label="Steps"), h("ol"), h("div", "", "contents"):
+            self.steps = {step.name: self._step(number, step.name, step.title) for number, step in enumerate(STEPS, 1)}
         self.job = h("div", "", "job", role="status", aria_live="polite")
         with h("main", "", "split") as self.main:
             with h("section", "", "panel", id="panel", tabindex="-1", aria_label="Step"):
                 self.panel = h("div", "", "contents")
             with h("section", "", "stage", aria_label="Traces and what is beside the path"):
-                self.tabs = h("div", "", "tabs", role="tablist")
+                with h("div", "", "tabs", role="tablist"):
+                    self.tabs = {name: self._tab(name, words) for name, words in TABS.items()}
                 with h("div", "", "tab") as self.traces_tab:
                     self.traces = Traces(self.context.address)
                     self.empty = h("p", "The traces of your runs appear here.", "empty")
                 self.other = h("div", "", "tab other")
+
+    def _step(self, number: int, name: str, title: str) -> tuple[Element, Element]:
+        with h("li") as item, button("", lambda: self.go(name), "step") as one:
+            h("span", str(number) if name != "keep" else "✓", "number", aria_hidden="true")
+            h("span", title)
+        return item, one
+
+    def _tab(self, name: str, words: str) -> Element:
+        return button(words, lambda: self.go(name), "tab-button", role="tab")
 
     def go(self, place: str) -> None:
         """Go to a step or a tab by its name; "" stays and draws anew."""
@@ -110,17 +122,12 @@ class Page:
         """Draw steps, panel and tab anew."""
         context = self.context
         self.title.set_text(context.view["case"]["title"] if context.stage != "empty" else "")
-        self.steps.clear()
-        with self.steps:
-            for number, step in enumerate(STEPS, start=1):
-                ready = _STAGES.index(context.stage) >= _STAGES.index(step.stage)
-                is_here = step.name == self.step
-                with h("li", "", "here" if is_here else ""):
-                    one = button("", lambda name=step.name: self.go(name), "step", disabled=not ready)
-                    one._props["aria-current"] = "step" if is_here else "false"
-                    with one:
-                        h("span", str(number) if step.name != "keep" else "✓", "number", aria_hidden="true")
-                        h("span", step.title)
+        for step in STEPS:
+            item, one = self.steps[step.name]
+            is_here = step.name == self.step
+            item.classes(add="here") if is_here else item.classes(remove="here")
+            ready = _STAGES.index(context.stage) >= _STAGES.index(step.stage)
+            change(one, disabled=not ready, aria_current="step" if is_here else "false")
         self.panel.clear()
         with self.panel:
             shown = next(step for step in STEPS if step.name == self.step)
@@ -129,11 +136,8 @@ class Page:
             else:
                 h("h2", shown.title)
                 h("p", "This step needs the one before it.", "lead")
-        self.tabs.clear()
-        with self.tabs:
-            for name, words in TABS.items():
-                is_here = str(name == self.tab).lower()
-                button(words, lambda name=name: self.go(name), "tab-button", role="tab", aria_selected=is_here)
+        for name, one in self.tabs.items():
+            change(one, aria_selected=str(name == self.tab).lower())
         self._show_tab()
 
     def _show_tab(self) -> None:

@@ -26,6 +26,7 @@ STATIC = Path(__file__).parent / "static"
 _HEAD = (
     '<link rel="stylesheet" href="/assets/workbench.css">'
     '<script src="/assets/theme.js"></script>'
+    '<script src="/assets/touch.js"></script>'
     '<link rel="preload" as="script" href="/plotly/plotly.min.js">'
 )
 # Seconds between two looks at workers that have nothing to do.
