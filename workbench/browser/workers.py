@@ -9,7 +9,7 @@ import sys
 import time
 from pathlib import Path
 
-from workbench.browser.files import LOG, WANTED
+from workbench.browser.files import LOG, PROGRESS, WANTED, read_json
 from workbench.browser.sessions import Session
 
 # A job that is asked to stop and has not after so many seconds is ended with its worker.
@@ -133,7 +133,7 @@ class Workers:
 
     def _idle(self) -> list[tuple[Path, Worker]]:
         """Return the workers without a job, the one that had none for longest first."""
-        idle = [(folder, worker) for folder, worker in self._of.items() if not (folder / WANTED).exists()]
+        idle = [(folder, worker) for folder, worker in self._of.items() if _has_ended(folder)]
         return sorted(idle, key=lambda pair: pair[1].used_at)
 
     def end_all(self) -> None:
@@ -169,3 +169,8 @@ class Workers:
         worker = self._of.pop(folder, None)
         if worker is not None:
             worker.end()
+
+
+def _has_ended(folder: Path) -> bool:
+    """Return whether a session's job has ended, and its worker has said so, which it does last."""
+    return not (folder / WANTED).exists() and (read_json(folder / PROGRESS) or {}).get("state") != "running"

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from workbench.browser.files import PROGRESS, STOP, read_json
+from workbench.browser.files import PROGRESS, STOP, WANTED, read_json
 from workbench.browser.sessions import Session, Sessions
 from workbench.browser.worker.__main__ import do
 from workbench.browser.worker.keeping import script_of
@@ -149,6 +149,18 @@ def test_where_every_worker_has_a_job_a_further_one_waits(tmp_path: Path, worker
     workers.look_after(sessions[1])
     assert workers._of[sessions[-1].folder].told[-1]["do"] == "compare"  # type: ignore[attr-defined]
     assert sessions[0].folder not in workers._of  # the idle one made room
+
+
+def test_a_worker_that_is_about_to_say_how_its_job_ended_is_not_taken_for_idle(
+    tmp_path: Path, workers: Workers
+) -> None:
+    sessions = [Sessions(tmp_path).new("a" * 32) for _ in range(MOST + 1)]
+    for one in sessions[:-1]:
+        workers.do(one, "compare")
+    (sessions[0].folder / WANTED).unlink()  # and its progress still says that it runs
+    workers.do(sessions[-1], "compare")
+    assert sessions[0].folder in workers._of
+    assert workers._of[sessions[0].folder].lives
 
 
 def test_what_was_done_before_a_crash_is_not_done_again(session: Session, made_case: Path) -> None:
