@@ -153,6 +153,10 @@ def fold(effects: tuple[Effect, ...], port: str, value: Any, context: Any) -> An
     return value
 
 
+# The name of the function below in a jaxpr.
+SWITCHED = "switched"
+
+
 @jax.jit
 def switched(switch: Any, value: Any, changed: Any) -> Any:
     """Return a value where a switch is 0, the changed one where it is 1.

@@ -8,7 +8,7 @@ from typing import Any
 
 from jax.extend.core import Jaxpr, Literal
 
-from jaxmodel.ports import switched
+from jaxmodel.ports import SWITCHED
 
 # Fewer equations are computed whether they count or not: a jump takes as long.
 LEAST = 3
@@ -53,5 +53,5 @@ def behind_switches(jaxpr: Jaxpr, needed: Sequence[bool]) -> dict[int, list[int]
 
 
 def _is_switched(equation: Any) -> bool:
-    is_call = equation.primitive.name in ("jit", "pjit") and equation.params.get("name") == switched.__name__
+    is_call = equation.primitive.name in ("jit", "pjit") and equation.params.get("name") == SWITCHED
     return is_call and len(equation.invars) == 3 and all(v.aval.shape == () for v in equation.invars)
