@@ -84,7 +84,8 @@ class Session:
 
     def begins(self, now: str = "starting") -> dict[str, Any]:
         """Write down that the job that is wanted begins, or what it waits for, and return it."""
-        wanted = self.content(WANTED)
+        wanted = self.wanted
+        assert wanted is not None
         began = {"id": wanted["id"], "do": wanted["do"], "state": "running", "now": now, "share": 0.0, "left_s": None}
         write_json(self.folder / PROGRESS, began | {"began": time.time(), "ended": time.time()})
         return wanted

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -61,7 +63,7 @@ def test_functions_that_are_alike_are_written_once() -> None:
     own, shared = lanes(np.ones(COUNT), np.ones(COUNT)), np.full(10, 0.05)
     text = Kernel(stepped, shared, jax.tree.map(lambda x: x[0], own)).module.text
     assert text.count("define private") == 2  # two corrections
-    assert text.count("call <8 x double> @aside") + text.count("call <16 x double> @aside") == 4  # in two evaluations
+    assert len(re.findall(r"call <\d+ x double> @aside", text)) == 4  # in two evaluations
 
 
 def test_only_what_nothing_else_needs_is_put_off() -> None:
