@@ -6,6 +6,9 @@ PYTHON ?= $(shell for candidate in python3.11 python3; do \
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 INSTALLED_DOCS := .venv/.installed-docs
+# pip leaves the modules to be compiled when they are first imported: each once, and only those that are used. Where
+# Python is told to keep no bytecode, every process would compile them again.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test test-all test-oldest docs notebooks bench bench-check bench-peers format clean
 
