@@ -21,8 +21,8 @@ demo: $(INSTALLED)
 test: $(INSTALLED)
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
-	@export PYRIGHT_PYTHON_IGNORE_WARNINGS=1; $(BIN)/pyright & all=$$!; \
-		$(BIN)/pyright -p pyright-public.json && wait $$all
+	$(BIN)/pyrefly check --summary=none
+	$(BIN)/pyrefly check --summary=none --config pyrefly-public.toml
 	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder $(TESTS)
 
 # The slow tests too, which tests/slow.txt lists: before a release, and after a change of what they test.

@@ -113,7 +113,7 @@ def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
             return number(float(value))
         return value.item() if isinstance(value, np.generic) else value
 
-    return [{key: plain(value) for key, value in row.items()} for row in table.to_dict("records")]
+    return [{str(key): plain(value) for key, value in row.items()} for row in table.to_dict("records")]
 
 
 def write_answer(diagnosis: Diagnosis, path: Path) -> None:

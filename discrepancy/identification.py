@@ -161,7 +161,7 @@ class Identification:
         return f"<Identification of {self.found.case}: {', '.join(self.found.names)}>"
 
     def _repr_html_(self) -> str:
-        table = self.to_dataframe().to_html(index=False, border=0, float_format="%.4g")
+        table = self.to_dataframe().to_html(index=False, border=0, float_format="{:.4g}".format)
         lines = "".join(f"<li>{html.escape(line)}</li>" for line in self.summary().splitlines())
         return f"{table}<ul>{lines}</ul>"
 

@@ -139,6 +139,7 @@ class Workings:
 
     def _settle(self, trial: Trial) -> Settled:
         """Alternate between estimating the model error from the richest model and refitting, until both are stable."""
+        screened = None
         for number in range(_MOST_REWEIGHTINGS):
             screened = screen(trial.scale.view, trial.setting, trial.fitted.x, trial.scale.noise)
             scale = self._scale_of_richest(trial, screened)

@@ -6,6 +6,7 @@ import ast
 import dataclasses
 import re
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -74,7 +75,7 @@ def _value(frame: pd.DataFrame, text: str, option: str) -> pd.Series | None:
     """
     _refuse_no_formula(text, option)
     try:
-        value = frame.eval(text, engine="python", local_dict={}, global_dict={})
+        value: Any = frame.eval(text, engine="python", local_dict={}, global_dict={})
     except pd.errors.UndefinedVariableError:
         return None
     except Exception as error:  # pandas raises what Python's parser and the operators raise

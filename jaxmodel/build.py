@@ -43,7 +43,7 @@ def make_effect(
         raise EffectError(f"{where}: no effect is called '{name}'.{instead(name, catalogue)} {own_effect_hint(name)}")
     cls = catalogue[name]
     table = describe(cls)
-    numbers = {}
+    numbers: dict[str, Any] = {}
     for field, given in values.items():
         if field == "column" and cls.is_sensor:
             continue

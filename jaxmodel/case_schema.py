@@ -146,7 +146,7 @@ class ParametersEntry(Form):
 
     model_config = ConfigDict(extra="allow")
     further_keys = TABLE
-    __pydantic_extra__: dict[str, KnownEntry] = Field(init=False)
+    __pydantic_extra__: dict[str, KnownEntry] = Field(init=False)  # type: ignore[override]
     ocv: VoltageTable | None = None
     R_ints: ResistanceTable | None = None
     R_TS: ResistanceTable | None = None
@@ -159,7 +159,7 @@ class EffectEntry(Form):
     """One effect of `[effects]`: numbers by parameter name, each with an sd or without, and a sensor's `column`."""
 
     model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, KnownEntry] = Field(init=False)
+    __pydantic_extra__: dict[str, KnownEntry] = Field(init=False)  # type: ignore[override]
     column: str | None = None
 
 
@@ -192,7 +192,7 @@ class RunEntry(Form):
 
     model_config = ConfigDict(extra="allow")
     further_keys = TABLE
-    __pydantic_extra__: dict[str, KnownEntry] = Field(init=False)
+    __pydantic_extra__: dict[str, KnownEntry] = Field(init=False)  # type: ignore[override]
     file: str = Field(min_length=1)
     split: Literal["fit", "check"]
     label: str = ""

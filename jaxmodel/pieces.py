@@ -90,7 +90,8 @@ def run_in_pieces(
     for steps, count in _pieces(steps_of or model, profile, size):
         held = np.append(row_before, steps.row)
         inputs = {name: values[held] for name, values in profile.inputs.items()}
-        state, seen = _piece(model, state, *jax.device_put((inputs, steps.duration_s, np.asarray(count))), delayed)
+        held_inputs, duration_s, number = jax.device_put((inputs, steps.duration_s, np.asarray(count)))
+        state, seen = _piece(model, state, held_inputs, duration_s, number, delayed)
         seen = jax.tree.map(np.asarray, seen)
         at = np.flatnonzero(np.append(not row_before, steps.ends))
         for name, values in seen.readings.items():

@@ -243,7 +243,7 @@ def _roots(
         return run_lane(keep, model, stepped, NEARLY_EMPTY, own).values["soc_gradient"] / slope - 1.0
 
     # By halving: a run and its derivative in a loop took ten times as long to compile as the run alone.
-    solver = optimistix.Bisection(rtol=TOLERANCE, atol=TOLERANCE)
+    solver = optimistix.Bisection(rtol=TOLERANCE, atol=TOLERANCE)  # type: ignore[call-arg]
     bounds = {"lower": jnp.asarray(LEAST_DUTY), "upper": jnp.asarray(MOST_DUTY)}
 
     def root(ambient: Array, torque: Array) -> Array:

@@ -273,7 +273,7 @@ def fit_joint(
         progress: called with what is done next.
     """
     small = _Problem(runs, grid, capacity_Ah, starts, ohm, SEARCHED_ROWS)
-    shape, smoothness = first, Smoothness()
+    shape, smoothness, spread = first, Smoothness(), {}
     for number in range(ROUNDS):
         if progress:
             progress(f"joint refit, round {number + 1} of {ROUNDS}")
@@ -282,8 +282,9 @@ def fit_joint(
         shape, smoothness, spread = search(small.parts(small.columns()), shape, smoothness, searched)
     full = _Problem(runs, grid, capacity_Ah, starts, ohm, FITTED_ROWS)
     full.starts, full.level, full.slope = dict(small.starts), small.level, small.slope
-    for _ in range(ALTERNATIONS):
-        solution, inflation, left = full.solved(shape, smoothness)
+    for _ in range(ALTERNATIONS - 1):
+        full.solved(shape, smoothness)
+    solution, inflation, left = full.solved(shape, smoothness)
     return JointFit(grid, shape, smoothness, solution, capacity_Ah, full.starts, left, full.kept, inflation, spread)
 
 

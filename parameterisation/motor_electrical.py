@@ -40,9 +40,9 @@ def electrical(runs: Sequence[MotorRows], psi_R: float, T_0: float) -> tuple[lis
     tables = []
     for rows in used:
         at = rows.read
-        columns = {"time_s": rows.time_s, "current_A": rows.current_A, "speed_rad_s": rows.speed_rad_s}
-        columns["voltage_V"] = rows.voltage_V
-        columns["warm_current_A"] = np.asarray(rows.current_A) * (1.0 + psi_R * (rows.hot_degC(T_0) - T_0))
+        current_A, speed_rad_s, voltage_V = map(np.asarray, (rows.current_A, rows.speed_rad_s, rows.voltage_V))
+        columns = {"time_s": rows.time_s, "current_A": current_A, "speed_rad_s": speed_rad_s, "voltage_V": voltage_V}
+        columns["warm_current_A"] = current_A * (1.0 + psi_R * (rows.hot_degC(T_0) - T_0))
         tables.append(pd.DataFrame({"run": rows.name, **{name: one[at] for name, one in columns.items()}}))
     table = pd.concat(tables, ignore_index=True)
     matrix = table[["warm_current_A", "speed_rad_s"]].to_numpy()

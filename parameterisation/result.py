@@ -169,7 +169,7 @@ class Parameterisation:
     def _repr_html_(self) -> str:
         table = self.to_dataframe()[["name", "value", "sd", "unit", "found", "runs", "method"]]
         title = f"<p><b>{html.escape(repr(self)[1:-1])}</b></p>"
-        return title + table.to_html(index=False, border=0, float_format="%.4g")
+        return title + table.to_html(index=False, border=0, float_format="{:.4g}".format)
 
 
 def _rms(values: np.ndarray) -> float:

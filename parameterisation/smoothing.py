@@ -50,7 +50,7 @@ def lagged(time_s: np.ndarray, drive: np.ndarray, tau_s: float | np.ndarray, fir
     bands[1, :-1] = -kept
     right = drive * np.append(0.0, 1.0 - kept).reshape(-1, *[1] * (drive.ndim - 1))
     right[0] = first
-    return solve_banded((1, 0), bands, right, overwrite_b=True, check_finite=False)
+    return np.asarray(solve_banded((1, 0), bands, right, overwrite_b=True, check_finite=False))
 
 
 def roughness(size: int, order: int) -> np.ndarray:
@@ -141,14 +141,15 @@ def quick(precision: np.ndarray, aim: np.ndarray) -> np.ndarray:
     size = 1.0 / np.sqrt(np.diag(precision))
     scaled = precision * size[:, None] * size
     scaled[np.diag_indices_from(scaled)] += RIDGE
-    return size * cho_solve(cho_factor(scaled, lower=True, check_finite=False), size * aim, check_finite=False)
+    factor = cho_factor(scaled, lower=True, check_finite=False)
+    return size * np.asarray(cho_solve(factor, size * aim, check_finite=False))
 
 
 def inverse(matrix: np.ndarray) -> np.ndarray:
     """Return the inverse of a positive definite matrix, whose rows are first brought to one size."""
     size = 1.0 / np.sqrt(np.diag(matrix))
     factor = cho_factor(matrix * size[:, None] * size, lower=True, check_finite=False)
-    return cho_solve(factor, np.eye(size.size), check_finite=False) * size[:, None] * size
+    return np.asarray(cho_solve(factor, np.eye(size.size), check_finite=False)) * size[:, None] * size
 
 
 def _not_negative(precision: np.ndarray, aim: np.ndarray, positive: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ class Inputs(Form):
     """A table whose further keys are constant inputs."""
 
     model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, float] = Field(init=False)  # pyright: ignore[reportIncompatibleVariableOverride]
+    __pydantic_extra__: dict[str, float] = Field(init=False)  # type: ignore[override]
 
     @property
     def inputs(self) -> dict[str, float]:

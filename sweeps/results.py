@@ -93,7 +93,7 @@ def attributes_of(manifest: Mapping[str, Any]) -> dict[str, str]:
 class InMemory:
     """A result that is held whole in memory."""
 
-    grid = None  # no worker can write into it
+    grid: None = None  # no worker can write into it
 
     def __init__(self, study: Study, chunks: Chunks) -> None:
         self._study = study
@@ -174,7 +174,7 @@ def load(directory: str | Path | Place) -> xr.Dataset:
         dataset = xr.open_zarr(place.zarr(GRID), consolidated=False, chunks=None)
         manifest = json.loads(place.read(MANIFEST))
         without_schema(manifest, f"{place}, {MANIFEST}")
-        ordered = dataset[manifest["variables"]]  # a folder lists them in any order
+        ordered = dataset[list(manifest["variables"])]  # a folder lists them in any order
         return ordered.assign_attrs(attributes_of(manifest))
     except MeasurementError:
         raise

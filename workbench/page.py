@@ -27,8 +27,13 @@ def _environment() -> jinja2.Environment:
         undefined=jinja2.StrictUndefined,
     )
     environment.filters["png"] = _embedded
-    environment.filters["breakable"] = lambda name: name.replace("_", "_\u200b")  # a long name may break there
+    environment.filters["breakable"] = _breakable
     return environment
+
+
+def _breakable(name: str) -> str:
+    """Return a name that may break at its underscores, as a long one must."""
+    return name.replace("_", "_\u200b")
 
 
 def _embedded(picture: bytes) -> str:

@@ -162,8 +162,8 @@ class Problem(eqx.Module):
 
         def of_one(run: tuple[Model, Array, Track, Array], lane: Lane) -> Array:
             model, own, steps, time_s = run
-            inputs = steps.inputs | {name: steps.inputs.get(name, 0.0) + more for name, more in lane.added.items()}
-            steps = dataclasses.replace(steps, inputs=inputs)
+            more = {name: jnp.asarray(steps.inputs.get(name, 0.0) + one) for name, one in lane.added.items()}
+            steps = dataclasses.replace(steps, inputs=steps.inputs | more)
             numbers = self.unknowns.numbers(lane.x)
             at = self.model_at(model, own, numbers, self.unknowns.mixed(numbers), lane.switches, lane.laws)
             readings = read_track(at, steps, time_s, needed)

@@ -18,7 +18,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg.lapack import dtbtrs  # pyright: ignore[reportAttributeAccessIssue]
+from scipy.linalg.lapack import dtbtrs  # type: ignore[attr-defined]
 
 from discrepancy.settings import SETTINGS, Settings
 

@@ -36,7 +36,9 @@ LONG_BRANCH = 16
 class Control(Directions):
     """The part of a lowering that handles loops and branches."""
 
-    inside: Callable[[ClosedJaxpr | Jaxpr, list[Operand]], list[Operand]]
+    def inside(self, program: ClosedJaxpr | Jaxpr, given: list[Operand]) -> list[Operand]:
+        """Write the equations of a program inside an operation, and return its results."""
+        raise NotImplementedError
 
     def scan(self, equation: Any, given: list[Operand]) -> list[Operand]:
         """Write a loop over steps, with what is carried from step to step and what is kept of each."""

@@ -249,7 +249,8 @@ class DeviceArray:
 
     def __init__(self, device: Device, address: int) -> None:
         self.device, self.address = device, address
-        weakref.finalize(self, device.free, address).atexit = False  # the driver does it then, and may be gone
+        given_back = weakref.finalize(self, device.free, address)
+        given_back.atexit = False  # type: ignore[misc]  # the driver does it then, and may be gone
 
     def copy_to(self, array: np.ndarray) -> None:
         """Fill an array with what is there."""

@@ -57,7 +57,7 @@ def read_columnar(path: Path, keep: Keep | None = None, rows: int | None = None)
     index = {name: f"{name}" for name in columns}
     frame = pd.DataFrame(dict(zip(unique_names(index.values()), columns.values(), strict=True)), copy=False)
     left_out = tuple(name for name in names if name not in wanted)
-    return RawTable(frame, units_in(frame) | stated, path, path.suffix[1:].lower(), left_out=left_out)
+    return RawTable(frame, units_in(frame.columns) | stated, path, path.suffix[1:].lower(), left_out=left_out)
 
 
 def _refuse_too_many(numbers: int, path: Path) -> None:

@@ -139,6 +139,8 @@ def _read_by_arrow(path: Path, layout: Layout, names: list[str], wanted: list[st
                 types[names[int(found[1])]] = pa.string()  # text among numbers: looked at field by field afterwards
                 continue
             return _read_by_pandas(path, layout, names, wanted, None)
+    else:
+        return _read_by_pandas(path, layout, names, wanted, None)
     columns = {}
     for name in wanted:
         column = table.column(name)

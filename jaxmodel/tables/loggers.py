@@ -55,7 +55,7 @@ def read_logger(path: Path) -> RawTable:
     frame.columns = unique_names(frame.columns)
     if len(frame) == 0:
         raise MeasurementError(f"{label} holds no rows of readings; {otherwise}.")
-    return RawTable(frame, units_in(frame), path, suffix[1:], tuple(remarks))
+    return RawTable(frame, units_in(frame.columns), path, suffix[1:], tuple(remarks))
 
 
 def _neware(path: Path, package: Any) -> tuple[pd.DataFrame, list[str]]:
@@ -73,7 +73,7 @@ def _biologic(path: Path, package: Any) -> tuple[pd.DataFrame, list[str]]:
         rate = 3600.0 * np.diff(frame["(Q-Qo)/mA.h"], prepend=np.nan) / step_s
         frame["I/mA"] = pd.Series(rate).bfill().ffill().fillna(0.0)
         remarks.append("The file has no current; 'I/mA' is the rate of its charge '(Q-Qo)/mA.h'.")
-    return frame.drop(columns=[name for name in frame if name.startswith("control/")]), remarks
+    return frame.drop(columns=[name for name in frame if str(name).startswith("control/")]), remarks
 
 
 def _arbin(path: Path, package: Any) -> tuple[pd.DataFrame, list[str]]:

@@ -114,7 +114,7 @@ def _column(cells: list[Any]) -> pd.Series | np.ndarray:
     if kinds <= {int, float, bool}:
         return np.array([np.nan if cell == "" else float(cell) for cell in cells])
     if kinds and kinds <= {datetime.datetime, datetime.date}:
-        return pd.Series(pd.to_datetime([None if cell == "" else cell for cell in cells]))
+        return pd.to_datetime(pd.Series([None if cell == "" else cell for cell in cells], dtype=object))
     if kinds and kinds <= {datetime.time, datetime.timedelta, int, float}:
         return np.array([np.nan if cell == "" else _seconds(cell) for cell in cells])
     texts = pd.Series([None if cell == "" else str(cell) for cell in cells], dtype="string")

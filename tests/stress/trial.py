@@ -7,6 +7,7 @@ import dataclasses
 import random
 import re
 import resource
+import shutil
 import signal
 import traceback
 import warnings
@@ -71,9 +72,14 @@ def read(reader: Reader, files: dict[str, bytes], folder: Path) -> Ended:
         at = ours[-1] if ours else place[-1]
         return Ended("broke", f"{type(error).__name__} at {at.filename}:{at.lineno}: {str(error)[:300]}", files)
     finally:
-        for path in folder.iterdir():
-            path.unlink()
+        emptied(folder)
     return Ended("read", "", files)
+
+
+def emptied(folder: Path) -> None:
+    """Remove what is in a folder."""
+    for path in folder.iterdir():
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
 def faults(sentence: str, names: list[str], label: str = "") -> str:

@@ -10,7 +10,6 @@ import collections
 import dataclasses
 import os
 import random
-import shutil
 import signal
 import sys
 import tempfile
@@ -23,7 +22,7 @@ from typer.testing import CliRunner
 
 from tests.stress import seeds
 from tests.stress.mutators import NUMBERS, TEXTS
-from tests.stress.trial import faults
+from tests.stress.trial import emptied, faults
 from workbench.cli import app
 from workbench.one_sentence import MISTAKE
 
@@ -121,8 +120,7 @@ def trial(name: str, seed: int, folder: Path) -> Said:
     try:
         return said(spoilt_words(name, rng), folder)
     finally:
-        for path in folder.iterdir():
-            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        emptied(folder)
 
 
 def main() -> int:
