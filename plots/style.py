@@ -6,6 +6,7 @@ import functools
 import io
 import warnings
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Literal, ParamSpec
 
@@ -14,6 +15,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.image import imsave
 from matplotlib.ticker import FuncFormatter, LogLocator, SymmetricalLogLocator
 
 from jaxmodel.units import split_unit
@@ -93,14 +95,26 @@ def new_figure(width_cm: float, height_cm: float, layout: Literal["constrained",
 
 
 def png(figure: Figure) -> bytes:
-    """Return a figure as a PNG, through its canvas: `savefig` would draw it twice."""
-    buffer = io.BytesIO()
+    """Return a figure as a PNG."""
+    return _encoded(_drawn(figure))
+
+
+def _drawn(figure: Figure) -> FigureCanvasAgg:
+    """Return a figure's canvas, drawn once: `savefig` would draw it twice."""
+    canvas = FigureCanvasAgg(figure)
     with matplotlib.rc_context(_RC), warnings.catch_warnings():
         # A figure too full for its layout is drawn as it is: nothing that who reads the terminal could mend.
         warnings.filterwarnings("ignore", message=".*layout", category=UserWarning)
         # A letter of the user's that the font lacks is drawn as a box.
         warnings.filterwarnings("ignore", message="Glyph .* missing from font", category=UserWarning)
-        FigureCanvasAgg(figure).print_png(buffer)
+        canvas.draw()
+    return canvas
+
+
+def _encoded(canvas: FigureCanvasAgg) -> bytes:
+    """Return what is drawn on a canvas as a PNG."""
+    buffer = io.BytesIO()
+    imsave(buffer, canvas.buffer_rgba(), format="png", origin="upper", dpi=canvas.figure.dpi)
     return buffer.getvalue()
 
 
@@ -108,11 +122,15 @@ def save(pictures: Iterable[tuple[str, Figure]], folder: str | Path) -> list[Pat
     """Write each picture as `NAME.png` to a folder, which is made if need be; return the files."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    files = []
-    for name, figure in pictures:
-        files.append(folder / f"{name}.png")
-        write_whole(files[-1], png(figure))
-    return files
+
+    def write(name: str, canvas: FigureCanvasAgg) -> Path:
+        file = folder / f"{name}.png"
+        write_whole(file, _encoded(canvas))
+        return file
+
+    # Encoding needs no lock of Python: one picture is encoded while the next is drawn.
+    with ThreadPoolExecutor(1) as encoder:
+        return [one.result() for one in [encoder.submit(write, name, _drawn(figure)) for name, figure in pictures]]
 
 
 def axis_label(quantity: str, unit: str) -> str:
