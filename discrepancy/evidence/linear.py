@@ -84,7 +84,8 @@ class Linear:
         columns = [-screened.base, *(way.columns for way in self.directions), screened.errors[:, None]]
         white = weights.whiten(np.concatenate(columns, axis=1))
         channel = weights.readings.channel
-        self._grams = [white[channel == one].T @ white[channel == one] for one in np.unique(channel)]
+        parts = [white[channel == one] for one in np.unique(channel)]
+        self._grams = [part.T @ part for part in parts]
         self.gram = np.sum(self._grams, axis=0)
         self.white_errors = white[:, -1]
         self._raw = columns

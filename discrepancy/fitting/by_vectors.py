@@ -32,7 +32,7 @@ def predicted(problem: Problem, lanes: Sequence[Lane], pool: Pool) -> list[np.nd
         NotNative: an effect has an operation without vector instructions.
     """
     # Sensors with a state of their own cost as much as the run: lanes that have none go without.
-    dynamic = np.array([_has_dynamic_sensors(problem, lane) for lane in lanes])
+    dynamic = _have_dynamic_sensors(problem, lanes)
     if dynamic.any() and not dynamic.all():
         parts = [
             predicted(problem, [lane for lane, chosen in zip(lanes, which, strict=True) if chosen], pool)
@@ -68,12 +68,12 @@ def predicted(problem: Problem, lanes: Sequence[Lane], pool: Pool) -> list[np.nd
     return [np.stack(job.raw()) for job in jobs]
 
 
-def _has_dynamic_sensors(problem: Problem, lane: Lane) -> bool:
-    return any(
-        effect.switch is None or lane.switches[problem.switched.index(effect.label)] != 0.0
-        for effect in problem.models.effects
-        if effect.has_state
-    )
+def _have_dynamic_sensors(problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
+    dynamic = [effect for effect in problem.models.effects if effect.has_state]
+    if any(effect.switch is None for effect in dynamic):
+        return np.ones(len(lanes), dtype=bool)
+    places = [problem.switched.index(effect.label) for effect in dynamic]
+    return np.any(np.stack([lane.switches for lane in lanes])[:, places] != 0.0, axis=1)
 
 
 def kernel_of(problem: Problem, run: OneRun, lane: Lane, added: Sequence[str]) -> Kernel:

@@ -152,7 +152,7 @@ def estimate(
         scale = float(np.median(np.concatenate([chain.sd for chain in owned])))
         sizes = scale * _SIZES
         taus = _correlation_times(owned, settings)
-        tables = np.stack([_log_likelihoods(chain, errors[chain.rows], sizes, taus) for chain in owned])
+        tables = _log_likelihoods(owned, errors, sizes, taus)
         prior = -0.5 * (np.log(taus / settings.correlation_time_median_s) / settings.correlation_time_spread) ** 2
         spread = np.log(sizes[1:, None] / sizes[None, 1:]) / settings.error_from_run_to_run
         # For each common size, the best size of every run about it.
@@ -192,21 +192,35 @@ def _peak(at: np.ndarray, values: np.ndarray) -> float:
     return float(np.exp(at[best] + np.clip(shift, -1.0, 1.0) * (at[1] - at[0])))
 
 
-def _log_likelihoods(chain: Chain, errors: np.ndarray, sizes: np.ndarray, taus: np.ndarray) -> np.ndarray:
-    """Return the log likelihood of a series at every correlation time and size, minus a constant, (tau, s)."""
-    variance = np.broadcast_to(sizes[None, :] ** 2, (taus.size, sizes.size)).copy()
-    mean, total = np.zeros_like(variance), np.zeros_like(variance)
-    stationary = variance.copy()
-    steps = np.append(np.diff(chain.time_s), 0.0)
-    same: dict[float, np.ndarray] = {}
-    for error, noise, gain, step in zip(errors, chain.sd**2, chain.gain, steps, strict=True):
-        f = gain * gain * variance + noise
-        off = error - gain * mean
+def _log_likelihoods(
+    chains: Sequence[Chain], errors: np.ndarray, sizes: np.ndarray, taus: np.ndarray
+) -> Float[np.ndarray, "chains tau s"]:
+    """Return the log likelihood of every series at every correlation time and size, minus a constant.
+
+    All series go through the filter together; one that has ended has readings without weight.
+    """
+    noise = _side_by_side([chain.sd**2 for chain in chains], 1.0)
+    gain = _side_by_side([chain.gain for chain in chains], 0.0)
+    error = _side_by_side([errors[chain.rows] for chain in chains], 0.0)
+    steps = _side_by_side([np.append(np.diff(chain.time_s), 0.0) for chain in chains], 0.0)
+    step, which = np.unique(steps[..., 0, 0], return_inverse=True)
+    decays = np.exp(-step[:, None] / taus)[:, :, None]
+    stationary = np.broadcast_to(sizes**2, (len(chains), taus.size, sizes.size))
+    variance, mean, total = stationary.copy(), np.zeros(stationary.shape), np.zeros(stationary.shape)
+    for one, sd2, h, number in zip(error, noise, gain, which.reshape(steps.shape[:2]), strict=True):
+        f = h * h * variance + sd2
+        off = one - h * mean
         total -= off * off / f + np.log(f)
-        a = same.get(step)
-        if a is None:
-            a = same[step] = np.exp(-step / taus)[:, None]
-        k = variance * gain / f
+        k = variance * h / f
+        a = decays[number]
         mean = a * (mean + k * off)
-        variance = a * a * (variance * noise / f) + (1.0 - a * a) * stationary
+        variance = a * a * (variance * sd2 / f) + (1.0 - a * a) * stationary
     return 0.5 * total
+
+
+def _side_by_side(columns: Sequence[np.ndarray], fill: float) -> Float[np.ndarray, "n chains 1 1"]:
+    """Return columns as one array, the shorter ones filled up."""
+    found = np.full((max(map(len, columns)), len(columns), 1, 1), fill)
+    for number, column in enumerate(columns):
+        found[: len(column), number, 0, 0] = column
+    return found
