@@ -46,12 +46,22 @@ def _folder(visitor: Visitor) -> Path:
     return found
 
 
+def _job(visitor: Visitor) -> str:
+    return (read_json(_folder(visitor) / PROGRESS) or {}).get("id", "")
+
+
 def _asked(visitor: Visitor, what: str, case: Path) -> None:
+    """Ask for a job, and wait until the server knows of it: a page that is left at once takes a click with it."""
+    before = "" if what == "upload" else _job(visitor)
     if what == "upload":
         visitor.upload(*case.iterdir())
         visitor.page.wait_for_selector(".job", state="attached")
     else:
         _click(visitor, what)
+    began = time.perf_counter()
+    while _job(visitor) == before and not (_folder(visitor) / WANTED).exists():
+        assert time.perf_counter() - began < 60.0, f"the click of {what} is lost"
+        visitor.page.wait_for_timeout(5)
 
 
 def _ended(visitor: Visitor, limit_s: float = 600.0) -> dict[str, Any]:
@@ -141,13 +151,9 @@ def killed(browser: Any, server: Server, case: Path, at: random.Random) -> list[
 
 
 def _path_with_kills(visitor: Visitor, case: Path, at: random.Random) -> list[str]:
-    server, page, wrong, last = visitor.server, visitor.page, [], ""
+    server, page, wrong = visitor.server, visitor.page, []
     for what, model in {"upload": (), **PATH}.items():
         _asked(visitor, what, case)
-        folder = _folder(visitor)
-        while (job := (read_json(folder / PROGRESS) or {}).get("id", "")) == last:
-            page.wait_for_timeout(5)
-        last = job
         page.wait_for_timeout(at.uniform(0.0, 1500.0))
         address = page.url
         server.kill()
