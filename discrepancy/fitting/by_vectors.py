@@ -32,7 +32,8 @@ def predicted(problem: Problem, lanes: Sequence[Lane], pool: Pool) -> list[np.nd
         NotNative: an effect has an operation without vector instructions.
     """
     # Sensors with a state of their own cost as much as the run: lanes that have none go without.
-    dynamic = _have_dynamic_sensors(problem, lanes)
+    switches = np.stack([lane.switches for lane in lanes])
+    dynamic = _have_dynamic_sensors(problem, switches)
     if dynamic.any() and not dynamic.all():
         parts = [
             predicted(problem, [lane for lane, chosen in zip(lanes, which, strict=True) if chosen], pool)
@@ -48,7 +49,7 @@ def predicted(problem: Problem, lanes: Sequence[Lane], pool: Pool) -> list[np.nd
     own: dict[str, Any] = {
         "numbers": numbers,
         "mixed": problem.unknowns.mixed(numbers),
-        "switches": np.stack([lane.switches for lane in lanes]),
+        "switches": switches,
         "laws": np.stack([lane.laws for lane in lanes]),
     }
     jobs = []
@@ -68,12 +69,13 @@ def predicted(problem: Problem, lanes: Sequence[Lane], pool: Pool) -> list[np.nd
     return [np.stack(job.raw()) for job in jobs]
 
 
-def _have_dynamic_sensors(problem: Problem, lanes: Sequence[Lane]) -> np.ndarray:
+def _have_dynamic_sensors(problem: Problem, switches: np.ndarray) -> np.ndarray:
+    """Return, for switches of lanes (lanes, switches), whether each has a sensor with a state."""
     dynamic = [effect for effect in problem.models.effects if effect.has_state]
     if any(effect.switch is None for effect in dynamic):
-        return np.ones(len(lanes), dtype=bool)
+        return np.ones(len(switches), dtype=bool)
     places = [problem.switched.index(effect.label) for effect in dynamic]
-    return np.any(np.stack([lane.switches for lane in lanes])[:, places] != 0.0, axis=1)
+    return np.any(switches[:, places] != 0.0, axis=1)
 
 
 def kernel_of(problem: Problem, run: OneRun, lane: Lane, added: Sequence[str]) -> Kernel:

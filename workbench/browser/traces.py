@@ -59,7 +59,7 @@ def traces(
         most: points of a trace.
     """
     case, most = view["case"], min(max(most, _LEAST_POINTS), MOST_POINTS)
-    drawn, whole = [], True
+    drawn: list[dict[str, Any]] = []
     for number in runs:
         own = folder / TRACES / str(number)
         if not 0 <= number < len(case["runs"]) or not own.is_dir():
@@ -67,7 +67,6 @@ def traces(
         time = np.load(own / "time_s.npy", mmap_mode="r") * case["time"]["factor"]
         rows = _rows(time, window)
         x = time[rows]
-        whole &= x.size <= most
 
         def trace(y: np.ndarray, x: np.ndarray = x) -> dict[str, Any]:
             shown, values = decimated(x, y, most)
@@ -91,7 +90,7 @@ def traces(
             if values is not None:
                 inputs[name] = trace(values)
         drawn.append({"number": number, "rows": int(x.size), "channels": channels, "inputs": inputs})
-    return {"runs": drawn, "exact": whole}
+    return {"runs": drawn, "exact": all(one["rows"] <= most for one in drawn)}
 
 
 def preview(folder: Path, view: Mapping[str, Any], name: str) -> dict[str, Any]:
