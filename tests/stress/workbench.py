@@ -143,7 +143,7 @@ def killed(browser: Any, server: Server, case: Path, at: random.Random) -> list[
     visitor = Visitor(browser, server)
     try:
         return _path_with_kills(visitor, case, at)
-    except PlaywrightError as error:
+    except (PlaywrightError, AssertionError) as error:
         visitor.picture("after-a-kill")
         return [str(error).splitlines()[0]]
     finally:

@@ -84,7 +84,10 @@ class Page:
         return button(words, lambda: self.go(name), "tab-button", role="tab")
 
     def go(self, place: str) -> None:
-        """Go to a step or a tab by its name; "" stays and draws anew."""
+        """Go to a step or a tab by its name; "" stays and draws anew.
+
+        A place that is shown already is not drawn anew: a click on a button that is replaced just then would be lost.
+        """
         if place in TABS:
             self.tab = place
         elif place:
@@ -92,7 +95,8 @@ class Page:
             if self.tab != "traces" and place != "keep":
                 self.tab = "traces"
             ui.navigate.history.replace(f"{self.context.address}?step={place}")
-        self._seen.pop("drawn", None)
+        else:
+            self._seen.pop("drawn", None)
         self.look()
 
     def look(self) -> None:

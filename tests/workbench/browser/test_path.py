@@ -223,6 +223,16 @@ def test_the_example_answers_within_five_seconds(visit: Visit, server: Server) -
     assert seconds < 30.0
 
 
+def test_the_step_that_is_shown_is_not_drawn_anew(visit: Visit) -> None:
+    """A click on a button that is replaced at that moment would be lost."""
+    page = visit().page
+    page.wait_for_selector(".panel h2:has-text('Bring data')")
+    page.evaluate("document.querySelector('.panel h2').dataset.drawn = 'once'")
+    page.click(".step:has-text('Bring data')")
+    page.wait_for_timeout(500)
+    assert page.locator(".panel h2[data-drawn=once]").count() == 1
+
+
 def test_a_tablet_in_the_dark_shows_the_path_without_scrolling_sideways(visit: Visit) -> None:
     visitor = visit(size=(820, 1180))
     page = visitor.page

@@ -94,7 +94,7 @@ def _uploaded(context: Context) -> None:
     if any(name.lower().endswith(".toml") for name, _ in context.session.uploads):
         context.do("upload", kind="", options={})
     else:
-        context.go("data")
+        context.go("")
 
 
 def _uploads(context: Context) -> None:
@@ -117,7 +117,7 @@ def _uploads(context: Context) -> None:
 
 def _remove(context: Context) -> None:
     context.session.remove_uploads()
-    context.go("data")
+    context.go("")
 
 
 def _form(context: Context, source: dict[str, Any]) -> None:
@@ -129,7 +129,7 @@ def _form(context: Context, source: dict[str, Any]) -> None:
 
     def kind(value: str) -> None:
         form["kind"] = value
-        context.go("data")
+        context.go("")
 
     with h("div", "", "form"):
         select("What was measured", KINDS, form["kind"], kind)
