@@ -58,7 +58,7 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
         return f"the study has changed ({', '.join(named)})"
     if list(was.get("axes", ())) != list(now.get("axes", ())):
         return "the study has changed (the order of its axes)"
-    if _ranges(was) != _ranges(now):
+    if ranges_of(was) != ranges_of(now):
         return "the study has changed (the order of its sample's ranges, to which the points are dealt)"
     for name, digest in new["files_sha256"].items():
         if old["files_sha256"].get(name) != digest:
@@ -74,7 +74,8 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
     return ""
 
 
-def _ranges(study: Mapping[str, Any]) -> list[str]:
+def ranges_of(study: Mapping[str, Any]) -> list[str]:
+    """Return what a study of a manifest draws for its lanes, in the order of its points."""
     return list((study.get("sample") or {}).get("ranges", ()))
 
 

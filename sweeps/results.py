@@ -16,7 +16,7 @@ from jaxmodel.schema import without_schema
 from jaxmodel.simulation import Status
 from jaxmodel.units import unit_of
 from sweeps.lane import Outcome
-from sweeps.manifest import manifest_of
+from sweeps.manifest import manifest_of, ranges_of
 from sweeps.places import Folder, Place, place_of
 from sweeps.plan import Chunks
 from sweeps.study import LANE, Study
@@ -174,7 +174,9 @@ def load(directory: str | Path | Place) -> xr.Dataset:
         dataset = xr.open_zarr(place.zarr(GRID), consolidated=False, chunks=None)
         manifest = json.loads(place.read(MANIFEST))
         without_schema(manifest, f"{place}, {MANIFEST}")
-        ordered = dataset[list(manifest["variables"])]  # a folder lists them in any order
+        # A folder lists them in any order.
+        drawn = [name for name in ranges_of(manifest["study"]) if name in dataset.coords]
+        ordered = dataset.reset_coords(drawn)[[*drawn, *manifest["variables"]]].set_coords(drawn)
         return ordered.assign_attrs(attributes_of(manifest))
     except MeasurementError:
         raise

@@ -12,6 +12,8 @@ from typing import Any
 import typer
 import typer.core
 
+from workbench.folders import let_go
+
 MISTAKE = 2
 _STOPPED = 130
 _MOST_CHARACTERS = 800  # of a sentence, which may repeat a word of any length
@@ -43,23 +45,28 @@ class OneSentence(typer.core.TyperGroup):
         except (typer.Abort, KeyboardInterrupt):
             _mistake("Stopped.")
             return _STOPPED
-        except OSError as error:
-            return _mistake(
-                f"{error.filename or 'file'}: {error.strerror or error}; give a file or folder that can be used."
-            )
-        except MemoryError:
-            return _mistake(
-                "There is too little memory for this; take fewer or shorter runs, or allow less by --memory."
-            )
-        except ValueError as error:
-            from jaxmodel.errors import UserError
-
-            if isinstance(error, UserError):
-                return _mistake(str(error))
+        except Exception as error:
+            if sentence := sentence_of(error):
+                return _mistake(sentence)
             raise
+        finally:
+            let_go()
         if code == _STOPPED:  # so typer says that Ctrl-C was pressed
             _mistake("Stopped.")
         return code if isinstance(code, int) else 0
+
+
+def sentence_of(error: Exception) -> str:
+    """Return what to say of an error that its user can do something about; "" for a defect of the program."""
+    if isinstance(error, OSError):
+        return f"{error.filename or 'file'}: {error.strerror or error}; give a file or folder that can be used."
+    if isinstance(error, MemoryError):
+        return "There is too little memory for this; take fewer or shorter runs, or allow less by --memory."
+    if isinstance(error, ValueError):
+        from jaxmodel.errors import UserError
+
+        return str(error) if isinstance(error, UserError) else ""
+    return ""
 
 
 def _plain(sentence: str) -> str:

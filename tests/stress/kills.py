@@ -34,10 +34,14 @@ COMMANDS = {
 SAID_APART = {"manifest.json", "report.html", "import.json", "result.zarr"}
 
 
+def program(words: list[str]) -> list[str]:
+    """Return what runs a command."""
+    return [sys.executable, "-c", "from workbench.cli import main; main()", *words]
+
+
 def _run(words: list[str], folder: Path, after_s: float | None) -> int | None:
     """Run a command; kill it after some seconds. Return its exit code, None if it was killed."""
-    program = [sys.executable, "-c", "from workbench.cli import main; main()", *words]
-    process = subprocess.Popen(program, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    process = subprocess.Popen(program(words), cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         return process.wait(after_s)
     except subprocess.TimeoutExpired:
@@ -46,10 +50,11 @@ def _run(words: list[str], folder: Path, after_s: float | None) -> int | None:
         return None
 
 
-def _different(one: Path, other: Path) -> list[str]:
-    """Return the files that two folders do not have alike."""
+def different(one: Path, other: Path) -> list[str]:
+    """Return the files that two folders do not have alike; what begins with a dot is no result."""
     names = sorted({str(path.relative_to(root)) for root in (one, other) for path in root.rglob("*") if path.is_file()})
-    compared = [name for name in names if not SAID_APART & {*Path(name).parts}]
+    shown = [name for name in names if not any(part.startswith(".") for part in Path(name).parts)]
+    compared = [name for name in shown if not SAID_APART & {*Path(name).parts}]
     return [
         name
         for name in compared
@@ -68,7 +73,7 @@ def killed(name: str, after_s: float, folder: Path, whole: Path) -> list[str]:
         try:
             if name == "import":
                 read_case(out)
-            elif [one for one in _different(out, whole) if one.endswith((".toml", ".csv")) and (out / one).exists()]:
+            elif [one for one in different(out, whole) if one.endswith((".toml", ".csv")) and (out / one).exists()]:
                 wrong.append("a case that is not whole")
         except UserError as error:
             wrong.append(f"a case that is not whole: {error}")
@@ -77,7 +82,7 @@ def killed(name: str, after_s: float, folder: Path, whole: Path) -> list[str]:
     if code != 0:
         wrong.append(f"the second run left with {code}")
     else:
-        wrong += [f"{one} differs" for one in _different(out, whole)]
+        wrong += [f"{one} differs" for one in different(out, whole)]
     shutil.rmtree(out, ignore_errors=True)
     return wrong
 

@@ -367,3 +367,15 @@ def test_a_result_whose_files_are_damaged_is_not_loaded(study, many_chunks, tmp_
 def test_a_folder_without_a_result_is_not_loaded(tmp_path: Path):
     with pytest.raises(SweepError, match="holds no result of a sweep"):
         load(tmp_path)
+
+
+def test_what_was_drawn_is_in_the_order_of_the_study_however_a_folder_lists_it(study, tmp_path):
+    ranges = {"storage_months": (0.0, 9.0), "capacity_Ah": (2.0, 3.0)}
+    for number, own in enumerate((ranges, dict(reversed(ranges.items())))):
+        run(
+            study.replace(axes={"current_A": [1.0]}, parameters={}, sample={"count": 4, "ranges": own}),
+            out=tmp_path / str(number),
+        )
+        assert [name for name in load(tmp_path / str(number)).coords if name in own] == list(own)
+        columns = (tmp_path / str(number) / "lanes.csv").read_text().splitlines()[0].split(",")
+        assert [name for name in columns if name in own] == list(own)

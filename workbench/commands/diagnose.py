@@ -26,10 +26,12 @@ from discrepancy.wording import (
     run_sentence,
     verdict_sentence,
 )
-from jaxmodel.errors import MeasurementError, UserError
+from jaxmodel.errors import MeasurementError
 from workbench import terminal
 from workbench.commands.start import read_case_with, start
+from workbench.folders import take
 from workbench.meanwhile import import_meanwhile
+from workbench.one_sentence import sentence_of
 
 # Usual share of the work that is done when each part of a diagnosis starts. Assumed; the number of rounds varies.
 DONE_BY = {"calibrating": 0.0, "refitting": 0.35, "adding": 0.5, "comparing models": 0.85, "pictures": 0.9}
@@ -67,7 +69,7 @@ def diagnose_all(
     """
     method = partial(diagnose, add=add, with_effects=with_effects, without=without) if try_effects else compare
     _check_names(paths)
-    start(out)
+    start(None)
     done: list[Diagnosis] = []
     failed: list[str] = []
     began = time.perf_counter()
@@ -78,9 +80,10 @@ def diagnose_all(
         except Exception as error:
             if len(paths) == 1:
                 raise
-            if not isinstance(error, UserError):  # a defect of the program: show it, and continue with the other cases
+            sentence = sentence_of(error)
+            if not sentence:  # a defect of the program: show it, and continue with the other cases
                 traceback.print_exc(file=sys.stderr)
-            terminal.complain(str(error))
+            terminal.complain(sentence or str(error))
             failed.append(path.name)
     if len(paths) > 1:
         _print_all(done, failed)
@@ -117,15 +120,20 @@ def _diagnose_one(
 ) -> Diagnosis:
     try_effects = method is not compare
     case = read_case_with(path, effects)
+    take(out / case.name)
     import_meanwhile("workbench.report", *([] if answer_only else _PICTURES))
     with terminal.stages(f"{case.name}{place}", DONE_BY if try_effects else None) as progress:
         diagnosis = method(case, progress=progress)
-        folder = diagnosis.write(out / case.name, pictures=False)
-        if not answer_only:
-            progress("pictures and report")
-            from workbench.report import write_report
+        try:
+            folder = diagnosis.write(out / case.name, pictures=False)
+            if not answer_only:
+                progress("pictures and report")
+                from workbench.report import write_report
 
-            write_report(diagnosis, folder)
+                write_report(diagnosis, folder)
+        except OSError:  # what took minutes is shown, though it cannot be kept
+            print_diagnosis(diagnosis)
+            raise
     print_diagnosis(diagnosis)
     if diagnosis.law_source:
         terminal.say(

@@ -14,6 +14,7 @@ from importing.imported import shortened
 from jaxmodel.errors import MeasurementError, UserError, nearest
 from jaxmodel.measurements import KINDS
 from workbench import terminal
+from workbench.folders import take
 
 _MOST_DECISIONS, _MOST_FINDINGS = 40, 40
 
@@ -50,6 +51,7 @@ def import_files(
         **decisions,
     )
     paths = files_of(files, out)
+    take(out)
     ask = _ask if sys.stdin.isatty() and sys.stderr.isatty() else None
     with terminal.stages("import") as progress:
         imported = import_case(paths, cast(Any, kind), options=options, ask=ask, progress=progress)

@@ -11,17 +11,19 @@ from jaxmodel.case import Case
 from jaxmodel.cases import read_case
 from jaxmodel.jax_settings import keep_compiled_programs
 from jaxmodel.ports import Effect
+from workbench.folders import take
 from workbench.terminal import complain
 
 
 def start(out: Path | None) -> None:
-    """Make the folder for results, if there is one, enable the cache of compiled programs.
+    """Take the folder for results, if there is one, and enable the cache of compiled programs.
 
     Raises:
-        OSError: the folder cannot be made.
+        UserError: the folder cannot be used.
+        OSError: it cannot be made.
     """
     if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
+        take(out)
     if problem := keep_compiled_programs():
         complain(problem)
     gc.freeze()  # all that was imported

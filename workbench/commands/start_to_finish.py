@@ -15,6 +15,7 @@ from workbench import terminal
 from workbench.commands.diagnose import diagnose_all
 from workbench.commands.import_files import files_of, import_files
 from workbench.commands.parameterise import parameterise_case
+from workbench.folders import take
 
 CASE, PARAMETERISED, DIAGNOSIS = "1_case", "2_parameterised", "3_diagnosis"
 STAGES, ANSWER = "start.json", "answer.json"
@@ -101,7 +102,7 @@ class _Stages:
     """The stages that are done, kept in a file."""
 
     def __init__(self, out: Path, again: bool) -> None:
-        out.mkdir(parents=True, exist_ok=True)
+        take(out)
         self._file = out / STAGES
         self._done: dict[str, str] = {} if again else _read(self._file)
 
