@@ -144,7 +144,7 @@ def write(folder: Path, results: dict[str, Any]) -> None:
     figure, panels = plt.subplots(1, 3, figsize=(13, 4.2), layout="constrained")
     for panel, name, axis, label in (
         (panels[0], "over_lanes", "lanes", "lanes, 1,800 steps"),
-        (panels[1], "over_steps", "steps", "steps of 4,096 lanes"),
+        (panels[1], "over_steps", "steps", "steps, 4,096 lanes or fewer"),
     ):
         for kind, colour in _COLOURS.items():
             rows = [row for row in results[name] if row["kind"] == kind]
