@@ -23,6 +23,7 @@ from benchmarks import growth, report
 from benchmarks.accelerator import on_accelerator
 from benchmarks.against_c import against_c
 from benchmarks.check import check
+from benchmarks.commands import times_of_commands
 from benchmarks.derivatives import cost_of_derivatives, memory_of_a_long_gradient
 from benchmarks.equal_accuracy import EqualAccuracy
 from benchmarks.scaling import over_lanes, over_steps
@@ -65,6 +66,12 @@ def _growth() -> dict[str, Any]:
     return found
 
 
+def _commands() -> list[dict[str, Any]]:
+    rows = times_of_commands()
+    report.print_commands(rows)
+    return rows
+
+
 PARTS: dict[str, Callable[[], Any]] = {
     "against_c": _against_c,
     "equal_accuracy": _equal_accuracy,
@@ -72,6 +79,7 @@ PARTS: dict[str, Callable[[], Any]] = {
     "over_steps": lambda: _scaling("Steps", over_steps),
     "derivatives": _derivatives,
     "growth": _growth,
+    "commands": _commands,
     "accelerator": _accelerator,
 }
 

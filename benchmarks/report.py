@@ -104,6 +104,12 @@ def print_growth(found: dict[str, list[dict[str, Any]]]) -> None:
     table("The same by workers on this machine, 4 million lanes", ["workers", "s"], lines, right=range(2))
 
 
+def print_commands(rows: list[dict[str, Any]]) -> None:
+    """Print what the commands take."""
+    lines = [[row["name"], f"{row['cold_s']:.1f}", f"{row['warm_s']:.1f}"] for row in rows]
+    table("Whole commands by the clock", ["command", "cold, s", "warm, s"], lines, right=range(1, 3))
+
+
 def print_accelerator(found: dict[str, Any]) -> None:
     """Print what a step of a lane takes on a GPU."""
     if "left_out" in found:

@@ -6,7 +6,9 @@ import pytest
 
 from benchmarks.against_c import MOST_APART, differences
 from benchmarks.by_hand import ByHand, NoCompiler
+from benchmarks.commands import COMMANDS, ROOT
 from benchmarks.work import Ours, study_of
+from workbench.cli import app
 
 
 @pytest.mark.parametrize("kind", ["cell", "robot"])
@@ -19,3 +21,10 @@ def test_c_program_gives_the_engines_results(kind: str):
         pytest.skip(str(reason))
     apart = differences(ours(), by_hand())
     assert {name: apart[name] for name, most in MOST_APART.items() if not apart[name] <= most} == {}
+
+
+def test_the_commands_that_are_timed_are_commands_on_files_that_exist():
+    known = {str(command.name or command.callback.__name__) for command in app.registered_commands if command.callback}
+    assert {words[0] for words in COMMANDS.values()} <= known
+    files = [word for words in COMMANDS.values() for word in words if "/" in word]
+    assert [file for file in files if not (ROOT / file).exists()] == []
