@@ -18,7 +18,8 @@ from jaxmodel.cell import cycle_resistance, storage_factor
 FLAGS = ("-std=c11", "-O3", "-march=native", "-ffast-math", "-fopenmp", "-fPIC")
 # As in sweeps.devices; only some processors have vectors that wide, and only some compilers know the flag.
 WIDE = "-mprefer-vector-width=512"
-SINGLE = ("-DSINGLE", "-fsingle-precision-constant")
+# Sums in float are compensated, which associative mathematics would take away as unneeded.
+SINGLE = ("-DSINGLE", "-fsingle-precision-constant", "-fno-associative-math")
 _SOURCES = Path(__file__).with_name("c")
 _CELL = ("series_resistance_scale", "rc_resistance_scale", "rc_capacitance_scale", "ocv_offset_V")
 _MOTOR = ("R_0", "psi_R", "T_0", "k_tau", "L_a", "J", "tau_0", "R_wc", "R_ca", "tau_wc", "tau_ca")

@@ -13,7 +13,7 @@ void run_cells(const CellParameters *p, long lanes, const real *current_A, const
         const int count = lanes - first < WIDTH ? (int)(lanes - first) : WIDTH;
         const real *current = current_A + first, *ageing = cycle_ohm + first;
         const real per_charge = 1.0 / (3600.0 * p->capacity_Ah * p->storage_factor);
-        real soc[WIDTH], v_short[WIDTH], v_long[WIDTH], least[WIDTH];
+        real soc[WIDTH], v_short[WIDTH], v_long[WIDTH], least[WIDTH], lost[WIDTH] = {0};
         for (int l = 0; l < count; l++) {
             soc[l] = p->initial_soc;
             v_short[l] = v_long[l] = 0.0;
@@ -25,7 +25,7 @@ void run_cells(const CellParameters *p, long lanes, const real *current_A, const
             for (int l = 0; l < count; l++) {
                 const real i = current[l], drained = i * per_charge * h;
                 const Pairs pairs = rc_pairs(soc[l] - 0.5 * drained, p);
-                const real end = soc[l] - drained;
+                const real end = sum_of(soc[l], -drained, &lost[l]);
                 v_short[l] = relaxed(v_short[l], i * pairs.short_ohm, h, pairs.short_s);
                 v_long[l] = relaxed(v_long[l], i * pairs.long_ohm, h, pairs.long_s);
                 const real voltage = open_circuit_voltage(end, p) - i * series_resistance(end, ageing[l], p) - v_short[l] - v_long[l];

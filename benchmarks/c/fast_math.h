@@ -23,6 +23,19 @@ typedef int64_t whole;
 #define LEAST_EXPONENT -700.0
 #endif
 
+// x + change. In float what the sum loses is kept in `lost` and added to the next (Kahan), as ours does.
+static inline real sum_of(real x, real change, real *lost) {
+#ifdef SINGLE
+    change += *lost;
+    const real sum = x + change;
+    *lost = change - (sum - x);
+    return sum;
+#else
+    (void)lost;
+    return x + change;
+#endif
+}
+
 static inline whole bits_of(real x) {
     whole bits;
     memcpy(&bits, &x, sizeof bits);

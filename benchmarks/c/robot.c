@@ -107,7 +107,7 @@ void run_robots(const RobotParameters *p, long lanes, const real *load_Nm, const
         const real *load = load_Nm + first, *ageing = cycle_ohm + first;
         const real per_charge = 1.0 / (3600.0 * p->cell.capacity_Ah * p->cell.storage_factor);
         const real ratio = p->n_motors * p->duty;
-        real soc[WIDTH], v_short[WIDTH], v_long[WIDTH], x_winding[WIDTH], x_case[WIDTH], i_a[WIDTH], speed[WIDTH];
+        real soc[WIDTH], lost[WIDTH] = {0}, v_short[WIDTH], v_long[WIDTH], x_winding[WIDTH], x_case[WIDTH], i_a[WIDTH], speed[WIDTH];
         real pack_V[WIDTH], pack_ohm[WIDTH], winding_ohm[WIDTH], least[WIDTH];  // the first three at the present state
         for (int l = 0; l < count; l++) {
             soc[l] = p->cell.initial_soc;
@@ -140,7 +140,7 @@ void run_robots(const RobotParameters *p, long lanes, const real *load_Nm, const
                 const Armature step = armature(i_a[l], speed[l], &here, &there, per_half, h, per_h, load[l], p);
                 const real drawn = ratio * step.mean_current + p->onboard_A;
                 const real loss = motor_loss(&step, &there);
-                soc[l] -= drawn * per_charge * h;
+                soc[l] = sum_of(soc[l], -drawn * per_charge * h, &lost[l]);
                 v_short[l] = relaxed(v_short[l], drawn * mid_rc.short_ohm, h, mid_rc.short_s);
                 v_long[l] = relaxed(v_long[l], drawn * mid_rc.long_ohm, h, mid_rc.long_s);
                 x_winding[l] += (p->R_wc * loss - x_winding[l]) * whole_wc;
