@@ -29,9 +29,9 @@ from plots.style import (
     power_of_ten,
     styled,
 )
+from sweeps.results import NO_METRICS
 from sweeps.study import LANE
 
-NO_METRICS = ("status", "valid_share")
 MOST_CURVES = 18  # as many as have room for their names at their ends
 
 

@@ -22,6 +22,8 @@ from sweeps.plan import Chunks
 from sweeps.study import LANE, Study
 
 GRID, TABLE, MANIFEST = "result.zarr", "lanes.csv", "manifest.json"
+# Variables of a result that are no metric.
+NO_METRICS = ("status", "valid_share")
 # More lines than this no spreadsheet shows; the Zarr store holds the same numbers.
 MOST_LINES = 100_000
 

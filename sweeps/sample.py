@@ -7,7 +7,6 @@ import threading
 import warnings
 
 import numpy as np
-from scipy.stats import qmc
 
 from sweeps.axes_form import SampleForm
 
@@ -45,6 +44,8 @@ class _Sobol:
         self._begin()
 
     def _begin(self) -> None:
+        from scipy.stats import qmc  # half a second, which a grid does without
+
         self._sequence = qmc.Sobol(self._size, scramble=True, rng=self._seed)
 
     def points(self, first: int, count: int) -> np.ndarray:
@@ -65,4 +66,6 @@ def _sequence(size: int, seed: int) -> _Sobol:
 @functools.lru_cache(maxsize=1)
 def _hypercube(size: int, count: int, seed: int) -> np.ndarray:
     """Return a whole Latin hypercube: no part of it can be drawn alone, so it is held in memory."""
+    from scipy.stats import qmc
+
     return qmc.LatinHypercube(size, rng=seed).random(count)

@@ -9,8 +9,6 @@ from jaxmodel.build import FIDELITIES
 from jaxmodel.case_simulation import SimulatedRun, simulate_case
 from jaxmodel.errors import MeasurementError, ParameterError, nearest
 from jaxmodel.whole_files import write_whole
-from plots.runs import simulation
-from plots.style import png
 from workbench import terminal
 from workbench.commands.start import read_case_with, start
 
@@ -33,10 +31,8 @@ def simulate(path: Path, out: Path, fidelity: str, effects: Sequence[str], *, an
         outcomes = simulate_case(case, fidelity=fidelity, progress=progress)
     for outcome in outcomes:
         write_csv(outcome, out / f"{outcome.run.name}.csv")
-        if answer_only:
-            continue
-        picture = png(simulation(outcome.run.name, outcome.table, outcome.run))
-        write_whole(out / f"{outcome.run.name}.png", picture)
+        if not answer_only:
+            _draw(outcome, out / f"{outcome.run.name}.png")
     rows = [
         (o.run.name, o.run.label, str(len(o.table)), f"{o.end_s:g}", o.status.name.lower().replace("_", " "))
         for o in outcomes
@@ -45,6 +41,13 @@ def simulate(path: Path, out: Path, fidelity: str, effects: Sequence[str], *, an
     for sentence in filter(None, (outcome.sentence() for outcome in outcomes)):
         terminal.say(sentence)
     terminal.say(f"{len(outcomes)} CSV files{'' if answer_only else ' and pictures'} are in {out}.")
+
+
+def _draw(outcome: SimulatedRun, path: Path) -> None:
+    from plots.runs import simulation
+    from plots.style import png
+
+    write_whole(path, png(simulation(outcome.run.name, outcome.table, outcome.run)))
 
 
 def write_csv(outcome: SimulatedRun, path: Path) -> None:

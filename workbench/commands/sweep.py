@@ -12,13 +12,12 @@ import xarray as xr
 import sweeps
 from jaxmodel.jax_settings import keep_compiled_programs
 from jaxmodel.simulation import Status
-from plots.datasets import save_pictures
-from plots.sweeps import NO_METRICS
 from sweeps.places import Folder, place_of
 from sweeps.plan import size_text
-from sweeps.results import GRID, MANIFEST, TABLE
+from sweeps.results import GRID, MANIFEST, NO_METRICS, TABLE
 from workbench import terminal
 from workbench.commands.start import own_effects, start
+from workbench.meanwhile import import_meanwhile
 
 _PERCENTS = (0, 5, 50, 95, 100)
 
@@ -58,9 +57,13 @@ def sweep(
         return None
     place = place_of(out)
     start(place.path if isinstance(place, Folder) else None)
-    dataset = run_study(study, out=out, memory=memory, **how)
     pictures &= isinstance(place, Folder)
     if pictures:
+        import_meanwhile("plots.datasets")
+    dataset = run_study(study, out=out, memory=memory, **how)
+    if pictures:
+        from plots.datasets import save_pictures
+
         save_pictures(dataset, out)
     print_sweep(dataset)
     table = f"{TABLE}, " if place.holds(TABLE) else ""

@@ -17,6 +17,7 @@ from jaxmodel.errors import SweepError
 from jaxmodel.whole_files import write_whole
 from sweeps.plan import COPIES, NARROWEST_BLOCK
 from sweeps.results import GRID as STORE
+from sweeps.results import NO_METRICS
 from workbench.browser.files import GRID, SENSITIVITY, SWEEP, write_json
 from workbench.browser.worker.place import Place
 from workbench.browser.worker.progress import Progress
@@ -28,7 +29,6 @@ _LOOK_S, _LOOKING = 0.4, 0.1
 _CHUNKS = 200
 # Values of an axis of the map that are drawn; of more, every k-th.
 _MOST_OF_AN_AXIS = 250
-_NO_METRICS = ("status", "valid_share")
 _MOST_BARS = 14
 
 
@@ -112,7 +112,7 @@ def _memory_of_chunks(study: sweeps.Study) -> int:
 
 def _write_grid(folder: Path, dataset: xr.Dataset) -> None:
     """Write every metric over both axes, thinned to what can be drawn; what has not landed is null."""
-    names = [str(n) for n, v in dataset.data_vars.items() if n not in _NO_METRICS and "time_s" not in v.dims]
+    names = [str(n) for n, v in dataset.data_vars.items() if n not in NO_METRICS and "time_s" not in v.dims]
     axes = [str(axis) for axis in dataset[names[0]].dims]
     status = dataset["status"].to_numpy()
     every = {axis: -(-dataset.sizes[axis] // _MOST_OF_AN_AXIS) for axis in axes}
