@@ -105,10 +105,11 @@ class Grid:
         region = self._chunks.region(number)
         if not all(self.place.holds(self._file(name, region)) for name in self._names):
             return False
-        try:
-            return all(np.asarray(array[region]).size for array in self.arrays.values())
-        except ValueError:  # a checksum
-            return False
+        with self.place.reached():
+            try:
+                return all(np.asarray(array[region]).size for array in self.arrays.values())
+            except ValueError:  # a checksum
+                return False
 
     def _file(self, name: str, region: tuple[slice, ...]) -> str:
         """Return the file of a variable that holds a chunk."""

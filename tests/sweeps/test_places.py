@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+import zarr
 from moto.server import ThreadedMotoServer
 from typer.testing import CliRunner
 
@@ -127,6 +128,17 @@ def test_an_object_that_was_damaged_or_lost_is_computed_again(study, whole, url,
     store = Store(study, cut(study.shape, 60), url, resume=True)
     assert store.pending == [0, 1]
     assert_same_bits(run(study, out=url, resume=True), whole)
+
+
+def test_a_network_that_fails_while_chunks_are_checked_is_told(study, url, many_chunks, monkeypatch):
+    run(study, out=url)
+
+    def lost(array: zarr.Array, region: object) -> None:
+        raise ConnectionError("the line is cut")
+
+    monkeypatch.setattr(zarr.Array, "__getitem__", lost)
+    with pytest.raises(SweepError, match=r"the object store cannot be used \(the line is cut\); check the name"):
+        run(study, out=url, resume=True)
 
 
 def test_a_store_that_was_being_made_is_made_anew(study, whole, url, many_chunks, monkeypatch):
