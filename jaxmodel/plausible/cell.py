@@ -13,7 +13,6 @@ import functools
 from collections.abc import Iterator
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jaxmodel.case import Case, Run
@@ -126,7 +125,8 @@ def open_circuit(case: Case) -> tuple[np.ndarray, np.ndarray]:
 @functools.cache
 def _of_the_paper() -> tuple[np.ndarray, np.ndarray]:
     soc = np.linspace(0.0, 1.0, 41)
-    return soc, np.array(jax.vmap(CellCurves().ocv, (0, None))(jnp.asarray(soc), jnp.asarray(20.0)))
+    # One kept program: each operation alone would be compiled again in every process.
+    return soc, np.array(jax.jit(jax.vmap(CellCurves().ocv, (0, None)))(soc, 20.0))
 
 
 def loop_of(case: Case, run: Run) -> Loop | None:
