@@ -24,6 +24,7 @@ from jaxmodel.jax_settings import SWEEP_OPTIONS
 from jaxmodel.model import Model
 from jaxmodel.parameters import Parameters
 from jaxmodel.profile import constant
+from sensitivity.by_vectors import answers, slopes
 from sensitivity.checkpoint import in_blocks
 from sensitivity.response import Response, make_response, steps_of
 from sweeps.devices import CPU_BLOCK
@@ -37,6 +38,8 @@ _PART = 8
 # A call takes so many lanes: a run as in a sweep; what derivatives keep of as many leaves the caches.
 _AT_ONCE = {"run": CPU_BLOCK}
 _AT_ONCE_ELSE = 64
+# As `sensitivity` calls them on processors: vector instructions, beside a run of the same.
+_KERNEL_RUN, _KERNEL_FORWARD = "run, as a kernel", "forward mode, as a kernel"
 _DIFFERENCE = 1e-3  # of a parameter's own value, or of its stated step
 
 
@@ -110,20 +113,30 @@ def cost_of(kind: str, lanes: int = LANES, rounds: int = 2) -> list[dict[str, An
             found[name] = np.concatenate([np.asarray(compiled(arrays, batch)) for batch in batches])
 
         contestants[name] = contest
+    def kernel_run() -> None:
+        found[_KERNEL_RUN] = np.asarray(answers(response, at)[0].metrics[:, 0])
+
+    def kernel_forward() -> None:
+        found[_KERNEL_FORWARD] = np.asarray(slopes(response, at, count)[1].metrics[..., 0]) * step.size
+
+    if jax.default_backend() == "cpu":
+        contestants |= {_KERNEL_RUN: kernel_run, _KERNEL_FORWARD: kernel_forward}
+        some |= dict.fromkeys((_KERNEL_RUN, _KERNEL_FORWARD), lanes)
     times = {name: timing.as_row() for name, timing in alternate(contestants, rounds).items()}
     exact, counted = found["forward mode"], {"doubling": step.in_bounds}
     rows = []
     for name, row in times.items():
         more = lanes / some[name]
-        times_run = {key: more * row[key] / times["run"][key] for key in ("best_s", "cpu_s")}
+        unit = times[_KERNEL_RUN if name in (_KERNEL_RUN, _KERNEL_FORWARD) else "run"]
+        times_run = {key: more * row[key] / unit[key] for key in ("best_s", "cpu_s")}
         error = None
-        if name not in ("run", "forward mode"):
+        if name not in ("run", "forward mode", _KERNEL_RUN):
             truth = exact[: some[name]]
             off = np.abs(found[name] - truth)[:, counted.get(name, slice(None))].max(axis=1)
             error = float(np.max(off / np.abs(truth).max(axis=1)))
         rows.append(
             {"kind": kind, "way": name, "lanes": some[name], "steps": response.stepped.duration_s.size}
-            | {"parameters": count, "runs": runs.get(name), "memory_MiB": memory[name], "error": error}
+            | {"parameters": count, "runs": runs.get(name), "memory_MiB": memory.get(name), "error": error}
             | {"times_run": times_run["best_s"], "times_run_cpu": times_run["cpu_s"]}
             | row
         )

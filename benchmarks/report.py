@@ -132,7 +132,8 @@ def print_derivatives(found: dict[str, Any]) -> None:
         error = "" if row["error"] is None else f"{row['error']:.0e}"
         runs = "" if row["runs"] is None else str(row["runs"])
         times = [f"{row['times_run']:.1f}", f"{row['times_run_cpu']:.1f}", f"{each:.2f}"]
-        lines.append([row["kind"], row["way"], f"{row['lanes']:,}", runs, *times, f"{row['memory_MiB']:.0f}", error])
+        memory = "" if row["memory_MiB"] is None else f"{row['memory_MiB']:.0f}"
+        lines.append([row["kind"], row["way"], f"{row['lanes']:,}", runs, *times, memory, error])
     first = found["cost"][0]
     table(
         f"Derivatives of one number by all parameters, {first['steps']:,} steps",
