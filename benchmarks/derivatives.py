@@ -113,6 +113,7 @@ def cost_of(kind: str, lanes: int = LANES, rounds: int = 2) -> list[dict[str, An
             found[name] = np.concatenate([np.asarray(compiled(arrays, batch)) for batch in batches])
 
         contestants[name] = contest
+
     def kernel_run() -> None:
         found[_KERNEL_RUN] = np.asarray(answers(response, at)[0].metrics[:, 0])
 

@@ -12,26 +12,21 @@ from __future__ import annotations
 
 import dataclasses
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-import optimistix
 import pandas as pd
-from jaxtyping import Array, Float
+from scipy.optimize import elementwise
 
-from jaxmodel.kernel import as_one_kernel
 from jaxmodel.model import Model
 from jaxmodel.profile import constant
 from jaxmodel.simulation import Cutoff
-from sweeps.lane import Keep, SteppedProfile, lay_out, run_lane
+from sweeps.lane import Keep, SteppedProfile, lay_out
 from sweeps.metrics import metrics_of
+from sweeps.points import outcomes_at
 
 # Slopes are means over the paper's half hour. Rows of a minute suffice for a steady run: the map is checked at 1 s.
 DURATION_S, STEP_S, CHECK_STEP_S = 1800.0, 60.0, 1.0
 TOLERANCE = 1e-9  # of a root, relative to the reference slope
 LEAST_DUTY, MOST_DUTY = 1e-3, 1.0
-MOST_ROUNDS = 64
 # A run ends here and its slope is that until then: a high duty empties the pack before the half hour.
 NEARLY_EMPTY = Cutoff(soc=0.05)  # type: ignore[arg-type]
 # The paper, abstract and end of section 3: "15.7 percent per 20 degC deviation", "14.7 percent" per 50 mN m.
@@ -143,13 +138,14 @@ def compensate(
     shape = (len(ambient_degC), len(load_torque_Nm))
     at = np.array([reference.ambient_degC]), np.array([reference.load_torque_Nm])
     slope = float(steady(model, *at, np.array([reference.duty])).soc_gradient[0])
-    least, most = (
-        steady(model, ambients, torques, np.full_like(ambients, bound)).soc_gradient / slope - 1.0
-        for bound in (LEAST_DUTY, MOST_DUTY)
-    )
-    there = (least < 0.0) & (most > 0.0)
-    warm, load = (jnp.asarray(np.where(there, grid, value[0])) for grid, value in ((ambients, at[0]), (torques, at[1])))
-    duty = np.where(there, np.asarray(_roots(model, _half_hour(model, STEP_S), warm, load, jnp.asarray(slope))), np.nan)
+
+    def off(duty: np.ndarray, ambient: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        return steady(model, ambient, torque, duty).soc_gradient / slope - 1.0
+
+    # NaN where the bounds have no root between them.
+    duty = elementwise.find_root(
+        off, (LEAST_DUTY, MOST_DUTY), args=(ambients, torques), tolerances={"fatol": TOLERANCE}
+    ).x
     before = steady(model, ambients, torques, np.full_like(ambients, reference.duty), CHECK_STEP_S)
     after = steady(model, ambients, torques, duty, CHECK_STEP_S)
 
@@ -174,12 +170,9 @@ def steady(
     model: Model, ambient_degC: np.ndarray, load_torque_Nm: np.ndarray, duty: np.ndarray, step_s: float = STEP_S
 ) -> Runs:
     """Return runs of half an hour at constant inputs, one for each point; all arrays of one shape (points,)."""
-    lanes = {"ambient_degC": ambient_degC, "load_torque_Nm": load_torque_Nm, "duty": duty}
-    values = _over_lanes(model, _half_hour(model, step_s), {name: jnp.asarray(v, float) for name, v in lanes.items()})
-    return Runs(
-        np.asarray(values["soc_gradient"]),
-        np.asarray(values["mean_speed_rad_s"]),
-    )
+    own = {"ambient_degC": ambient_degC, "load_torque_Nm": load_torque_Nm, "duty": duty}
+    found = outcomes_at(_keep(), model, _half_hour(model, step_s), NEARLY_EMPTY, own).values
+    return Runs(found["soc_gradient"], found["mean_speed_rad_s"])
 
 
 def paper_rule_error(model: Model, compensation: Compensation) -> float:
@@ -213,43 +206,6 @@ def _half_hour(model: Model, step_s: float) -> SteppedProfile:
     return lay_out(model, constant(DURATION_S, step_s, ambient_degC=20.0, load_torque_Nm=0.1, duty=0.3), np.array([0]))
 
 
-def _keep(*names: str) -> Keep:
+def _keep() -> Keep:
     shipped = metrics_of("robot")
-    return Keep(tuple(shipped[name] for name in names))
-
-
-@eqx.filter_jit
-def _over_lanes(model: Model, stepped: SteppedProfile, lanes: dict[str, Array]) -> dict[str, Array]:
-    def over(model: Model, stepped: SteppedProfile, lanes: dict[str, Array]) -> dict[str, Array]:
-        return jax.vmap(lambda own: run_lane(_keep(*_METRICS), model, stepped, NEARLY_EMPTY, own).values)(lanes)
-
-    return as_one_kernel(over, model, stepped, lanes)
-
-
-@eqx.filter_jit
-def _roots(
-    model: Model,
-    stepped: SteppedProfile,
-    ambient_degC: Float[Array, " points"],
-    load_torque_Nm: Float[Array, " points"],
-    slope: Array,
-) -> Float[Array, " points"]:
-    """Return the root of each point; each has one between the bounds."""
-    keep = _keep("soc_gradient")
-
-    def off(duty: Array, point: tuple[Array, Array]) -> Array:
-        ambient, torque = point
-        own = {"ambient_degC": ambient, "load_torque_Nm": torque, "duty": duty}
-        return run_lane(keep, model, stepped, NEARLY_EMPTY, own).values["soc_gradient"] / slope - 1.0
-
-    # By halving: a run and its derivative in a loop took ten times as long to compile as the run alone.
-    solver = optimistix.Bisection(rtol=TOLERANCE, atol=TOLERANCE)  # type: ignore[call-arg]
-    bounds = {"lower": jnp.asarray(LEAST_DUTY), "upper": jnp.asarray(MOST_DUTY)}
-
-    def root(ambient: Array, torque: Array) -> Array:
-        start = jnp.asarray(0.5 * (LEAST_DUTY + MOST_DUTY))
-        return optimistix.root_find(
-            off, solver, start, (ambient, torque), options=bounds, max_steps=MOST_ROUNDS, throw=False
-        ).value
-
-    return jax.vmap(root)(ambient_degC, load_torque_Nm)
+    return Keep(tuple(shipped[name] for name in _METRICS))
