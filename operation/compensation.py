@@ -172,7 +172,7 @@ def steady(
     """Return runs of half an hour at constant inputs, one for each point; all arrays of one shape (points,)."""
     own = {"ambient_degC": ambient_degC, "load_torque_Nm": load_torque_Nm, "duty": duty}
     found = outcomes_at(_keep(), model, _half_hour(model, step_s), NEARLY_EMPTY, own).values
-    return Runs(found["soc_gradient"], found["mean_speed_rad_s"])
+    return Runs(np.asarray(found["soc_gradient"]), np.asarray(found["mean_speed_rad_s"]))
 
 
 def paper_rule_error(model: Model, compensation: Compensation) -> float:
