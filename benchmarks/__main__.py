@@ -22,7 +22,7 @@ import jax
 from benchmarks import growth, report
 from benchmarks.accelerator import on_accelerator
 from benchmarks.against_c import against_c
-from benchmarks.check import check
+from benchmarks.check import check, ratios_of
 from benchmarks.commands import times_of_commands
 from benchmarks.derivatives import cost_of_derivatives, memory_of_a_long_gradient
 from benchmarks.equal_accuracy import EqualAccuracy
@@ -101,6 +101,7 @@ def main(wanted: Sequence[str]) -> None:
     left_out = [name for name, part in found.items() if "left_out" in part]
     kept: dict[str, Any] = before if wanted else {name: before[name] for name in left_out if name in before}
     results = kept | {name: part for name, part in found.items() if name not in left_out}
+    results["ratios_by_vectors"] = before["ratios_by_vectors"] | ratios_of(found.get("against_c", []))
     results["machine"] = kept.get("machine", machine)
     named = [name for name in wanted if name not in left_out]
     of_others = {name: of for name, of in before.get("machine_of", {}).items() if name in kept}
