@@ -124,8 +124,10 @@ def _spikes(run: Log, name: str, values: np.ndarray) -> Iterator[Finding]:
     if unit_of(name) not in ("degC", "V") or values.size < 20:
         return
     with np.errstate(invalid="ignore"):
-        before, after = np.diff(values)[:-1], np.diff(values)[1:]
-        usual = float(np.nanmedian(np.abs(np.diff(values))))
+        changes = np.diff(values)
+        if not np.isfinite(changes).any():
+            return
+        before, after, usual = changes[:-1], changes[1:], float(np.nanmedian(np.abs(changes)))
         floor = 5.0 if unit_of(name) == "degC" else 0.5
         spike = (np.minimum(np.abs(before), np.abs(after)) > max(50.0 * usual, floor)) & (before * after < 0.0)
     if not spike.any():
