@@ -79,7 +79,7 @@ def comparison(inv: Workings) -> Diagnosis:
         ladder=ladder,
         scores=(),
         critical_z=float("nan"),
-        remarks=_remarks(inv, inv.base, adjusted, ladder[-1], ()),
+        remarks=_remarks(inv, inv.base, adjusted, ladder, ()),
         remaining=remaining,
         extrapolated=remarks.extrapolated(inv.case),
         tolerance=tolerances(inv),
@@ -204,7 +204,7 @@ def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ord
             if inv.space.candidates[gain.label].group in ("effect", "sensor")
         ),
         critical_z=critical,
-        remarks=_remarks(inv, final, adjusted, ladder[1], extrapolated),
+        remarks=_remarks(inv, final, adjusted, ladder, extrapolated),
         curves=(*curves, *laws),
         runs=tuple(
             run_found(inv, final, last, label, removes[label]) for label in final.labels if groups[label] == "run"
@@ -359,7 +359,7 @@ def _blind(inv: Workings) -> tuple[str, ...]:
 
 
 def _remarks(
-    inv: Workings, trial: Trial, adjusted: AdjustedStarts, base: Rung, extrapolated: Sequence[Extrapolated]
+    inv: Workings, trial: Trial, adjusted: AdjustedStarts, ladder: Sequence[Rung], extrapolated: Sequence[Extrapolated]
 ) -> tuple[str, ...]:
     layout, fitted = inv.space.layout, trial.fitted
     common, of_runs = [], []
@@ -380,7 +380,8 @@ def _remarks(
         *remarks.nothing_held_out(inv.case),
         *remarks.formulas_of_the_paper(inv.case),
         *remarks.noise_remarks(trial.scale.noise),
-        *remarks.starts_moving(inv.case, trial.scale.noise, base.predictions),
+        *remarks.starts_moving(inv.case, trial.scale.noise, ladder[1].predictions),
+        *remarks.better_as_stated(ladder[0], ladder[-1]),
         *remarks.nothing_moves(fitted),
         *remarks.strained([*common, *of_runs]),
         *remarks.out_of_range(inv.space, trial),

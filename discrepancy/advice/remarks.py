@@ -12,11 +12,13 @@ from discrepancy.fitting.candidates import Candidate, specimen_ranges
 from discrepancy.fitting.fit import NEAR, Fit
 from discrepancy.fitting.model import ModelSpace
 from discrepancy.noise.instrument import NoiseModel
-from discrepancy.result import Extrapolated
+from discrepancy.result import Extrapolated, Rung
 from discrepancy.settings import SETTINGS
+from discrepancy.wording import amount, join
 from jaxmodel.case import Case, Run
 from jaxmodel.declaration import describe
 from jaxmodel.parameters import info
+from jaxmodel.units import split_unit
 
 # An effect's number is remarked on this share of its usual range beyond an end: the ends are nothing sharp.
 OUT_OF_RANGE = 0.25
@@ -30,6 +32,8 @@ STARTS = ("initial_soc", "initial_temperature_rise_K", "initial_hysteresis", "in
 # A check run lies outside the conditions fitted by more than this: K of a temperature, of the state of charge, and of
 # all else, and of wide spans of temperature, this share of what was fitted. Assumed.
 BEYOND_K, BEYOND_SOC, BEYOND_SHARE = 5.0, 0.1, 0.2
+# A held-out error that is larger or smaller by this share is so for a user too. Assumed.
+DIFFERS = 0.1
 # Share of a sensor's readings at either end that tell no range: its noise.
 NOISY_ENDS = 0.005
 # Columns whose size counts, whatever their sign.
@@ -224,6 +228,28 @@ def nothing_held_out(case: Case) -> tuple[str, ...]:
     return (
         "No run is held out: the errors are those of runs that the model was fitted to, and how well it predicts "
         f"others cannot be judged; {how}.",
+    )
+
+
+def better_as_stated(stated: Rung, final: Rung) -> tuple[str, ...]:
+    """Say where the held-out runs are predicted worse by the final model than by what the case states.
+
+    Args:
+        stated: the base model before any calibration.
+        final: the model that the diagnosis ends with.
+    """
+    pairs = {name: (one.check, final.errors[name].check) for name, one in stated.errors.items()}
+    worse = {name: pair for name, pair in pairs.items() if pair[1] > (1.0 + DIFFERS) * pair[0]}
+    if not worse or any(after < (1.0 - DIFFERS) * before for before, after in pairs.values()):
+        return ()
+    changes = []
+    for name, pair in worse.items():
+        (before, after), unit = amount(name, pair)
+        changes.append(f"{split_unit(name)[0]} is {after} {unit} off, and {before} {unit} as stated")
+    return (
+        f"On the check runs the final model is no better than the base model as stated: {join(changes)}. The "
+        "calibration follows what changes from reading to reading and counts slow errors less; if those matter, keep "
+        "the stated values, or give them a smaller sd.",
     )
 
 

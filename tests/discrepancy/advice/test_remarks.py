@@ -10,6 +10,7 @@ from discrepancy.advice.remarks import (
     Strained,
     _about,
     badly_started,
+    better_as_stated,
     extrapolated,
     extrapolated_sentence,
     noise_remarks,
@@ -24,6 +25,7 @@ from discrepancy.fitting.candidates import make_candidate
 from discrepancy.fitting.fit import Fit
 from discrepancy.noise.contract import noise_of_case
 from discrepancy.noise.instrument import NoiseModel
+from discrepancy.result import ChannelError, Rung
 from jaxmodel.case import Case, Run
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.known import Known
@@ -181,3 +183,20 @@ def test_speed_and_load_count_by_their_size() -> None:
     assert extrapolated(case_of("motor", {}, [fit, motor_run(2, -110.0, -0.02, "check")])) == ()
     found = extrapolated(case_of("motor", {}, [fit, motor_run(2, -150.0, 0.08, "check")]))
     assert {one.condition for one in found} == {"|speed_rad_s|", "|load_torque_Nm|"}
+
+
+def rung(**check: float) -> Rung:
+    errors = {name: ChannelError(fit=1e-3, check=value) for name, value in check.items()}
+    return Rung("", (), {}, (), errors, {}, 0.0, 0, {})
+
+
+def test_a_final_model_that_predicts_no_better_than_the_stated_one_is_remarked_on() -> None:
+    stated = rung(voltage_V=9.0e-3, cell_temperature_degC=0.7)
+    (said,) = better_as_stated(stated, rung(voltage_V=9.5e-3, cell_temperature_degC=0.83))
+    assert said.startswith(
+        "On the check runs the final model is no better than the base model as stated: cell temperature is 0.83 K off, "
+        "and 0.7 K as stated."
+    )
+    assert better_as_stated(stated, rung(voltage_V=5.0e-3, cell_temperature_degC=0.83)) == ()
+    assert better_as_stated(stated, stated) == ()
+    assert better_as_stated(rung(voltage_V=np.nan), rung(voltage_V=np.nan)) == ()
