@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import shutil
 from collections.abc import Callable, Generator, Iterable
 from pathlib import Path
@@ -18,6 +19,8 @@ except ImportError:  # not a POSIX system: nothing keeps two runs out of one fol
     fcntl = None
 
 LOG = "chunks.done"
+# A letter alone is a drive of Windows.
+_ONE_SLASH = re.compile(r"[a-z][a-z0-9+]+:/(?!/)")
 
 
 class Folder:
@@ -226,5 +229,14 @@ Place = Folder | Bucket
 
 
 def place_of(out: str | Path) -> Place:
-    """Return where results go: a bucket for a URL, else a folder."""
+    """Return where results go: a bucket for a URL, else a folder.
+
+    Raises:
+        SweepError: a slash of the URL is missing, as in a `Path` made of one.
+    """
+    if _ONE_SLASH.match(str(out)):
+        store, name = str(out).split(":/", 1)
+        raise SweepError(
+            f"{out}: a slash is missing; write {store}://{name} for an object store, ./{out} for a folder."
+        )
     return Bucket(str(out)) if "://" in str(out) else Folder(out)

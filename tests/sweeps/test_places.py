@@ -168,6 +168,7 @@ def test_a_worker_elsewhere_writes_into_the_place_of_this_study_alone(study, kin
     [
         ("s4://bench/x", r"s4://bench/x: .*; give a folder, or a URL such as s3://bucket/name"),
         ("s3://no-such-bucket/x", r"s3://no-such-bucket/x: the object store cannot be used \(.*\); check the name"),
+        ("s3:/bench/x", r"s3:/bench/x: a slash is missing; write s3://bench/x for an object store, \./s3:/bench/x for"),
     ],
 )
 def test_a_place_that_cannot_be_used_is_told(study, s3, out, sentence):
