@@ -14,8 +14,8 @@ import numpy as np
 
 from benchmarks.timing import alternate
 from benchmarks.work import Ours, study_of
-from jaxmodel.native import CudaKernel
-from sweeps.by_cuda import is_cuda
+from jaxmodel.lanes import CudaKernel
+from jaxmodel.sweeps.by_cuda import is_cuda
 
 LANES = (4_096, 65_536, 1_048_576)
 # What two processors' rounding may make of a result, relative.

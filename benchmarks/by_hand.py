@@ -13,10 +13,10 @@ import jax
 import numpy as np
 
 from benchmarks.work import AMBIENT_DEGC, DUTY, Ours
-from jaxmodel.cell import cycle_resistance, storage_factor
+from jaxmodel.model.cell import cycle_resistance, storage_factor
 
 FLAGS = ("-std=c11", "-O3", "-march=native", "-ffast-math", "-fopenmp", "-fPIC")
-# As in sweeps.devices; only some processors have vectors that wide, and only some compilers know the flag.
+# As in jaxmodel.sweeps.devices; only some processors have vectors that wide, and only some compilers know the flag.
 WIDE = "-mprefer-vector-width=512"
 # Sums in float are compensated, which associative mathematics would take away as unneeded.
 SINGLE = ("-DSINGLE", "-fsingle-precision-constant", "-fno-associative-math")

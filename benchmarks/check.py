@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.against_c import against_c
-from jaxmodel.native.machine import vector_bits
+from jaxmodel.lanes.machine import vector_bits
 
 # What the ratio of core times to C may exceed the committed one by: other work on the machine moves it by some percent.
 BAND = 1.25

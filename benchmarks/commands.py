@@ -36,7 +36,7 @@ def _seconds(words: list[str], cache: Path) -> float:
     with tempfile.TemporaryDirectory() as out:
         began = time.perf_counter()
         subprocess.run(
-            [sys.executable, "-m", "workbench.cli", *words, "--out", out],
+            [sys.executable, "-m", "jaxmodel.app.cli", *words, "--out", out],
             cwd=ROOT,
             env={**_ENVIRONMENT, "JAXMODEL_CACHE": str(cache)},
             stdout=subprocess.DEVNULL,

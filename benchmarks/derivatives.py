@@ -20,14 +20,14 @@ from jaxtyping import Array
 from benchmarks.long_gradient import STEPS
 from benchmarks.timing import alternate
 from benchmarks.work import AMBIENT_DEGC, DURATION_S, DUTY
-from jaxmodel.jax_settings import SWEEP_OPTIONS
-from jaxmodel.model import Model
-from jaxmodel.parameters import Parameters
-from jaxmodel.profile import constant
-from sensitivity.by_vectors import answers, slopes
-from sensitivity.checkpoint import in_blocks
-from sensitivity.response import Response, make_response, steps_of
-from sweeps.devices import CPU_BLOCK
+from jaxmodel.base.jax_settings import SWEEP_OPTIONS
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.parameters import Parameters
+from jaxmodel.model.profile import constant
+from jaxmodel.sensitivity.by_vectors import answers, slopes
+from jaxmodel.sensitivity.checkpoint import in_blocks
+from jaxmodel.sensitivity.response import Response, make_response, steps_of
+from jaxmodel.sweeps.devices import CPU_BLOCK
 
 LANES = 1024
 METRIC = "delivered_energy_Wh"

@@ -11,7 +11,7 @@ from benchmarks.by_diffrax import SOLVERS, ByDiffrax
 from benchmarks.peer import PEERS, NoPeer, Peer
 from benchmarks.timing import alternate
 from benchmarks.work import AMBIENT_DEGC, DURATION_S, Ours, study_of
-from jaxmodel.cell import storage_factor
+from jaxmodel.model.cell import storage_factor
 
 LANES = 4096
 MOST_SOC, MOST_VOLTAGE_V = 1e-6, 1e-4

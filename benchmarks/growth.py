@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-import sweeps
-from sweeps import Study
+from jaxmodel import sweeps
+from jaxmodel.sweeps import Study
 
 LANES = (10_000, 100_000, 1_000_000, 10_000_000)
 WORKERS = (1, 2, 4)

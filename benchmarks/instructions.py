@@ -6,7 +6,7 @@ import re
 from typing import Any
 
 from benchmarks.work import Ours, study_of
-from jaxmodel.native import machine
+from jaxmodel.lanes import machine
 
 _KINDS = {
     "multiplications and sums": r"v(add|sub|mul|fn?m(add|sub)\d*)[ps][ds]",

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxmodel.model import Model
-from jaxmodel.profile import Profile
-from sensitivity.derivatives import local_sensitivities
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.profile import Profile
+from jaxmodel.sensitivity.derivatives import local_sensitivities
 
 STEPS = 100_000
 

@@ -13,7 +13,7 @@ from typing import Any
 import jax
 import matplotlib.pyplot as plt
 
-from workbench.terminal import table
+from jaxmodel.app.terminal import table
 
 _PACKAGES = ("jax", "jaxlib", "numpy", "equinox", "diffrax")
 _COLOURS = {"cell": "tab:blue", "robot": "tab:orange"}

@@ -7,10 +7,10 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxmodel.native import Kernel
-from sweeps import Study
-from sweeps.by_vectors import ByVectors
-from sweeps.runner import Runner
+from jaxmodel.lanes import Kernel
+from jaxmodel.sweeps import Study
+from jaxmodel.sweeps.by_vectors import ByVectors
+from jaxmodel.sweeps.runner import Runner
 
 DURATION_S = 1800
 AMBIENT_DEGC = 20.0

@@ -8,22 +8,14 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from discrepancy.settings import table as settings_table
-from jaxmodel.declaration import ParameterInfo, describe
-from jaxmodel.effects import (
-    CATALOGUE,
-    battery,
-    drive,
-    further_battery,
-    further_drive,
-    further_sensors,
-    sensors,
-)
+from jaxmodel.diagnosis.settings import table as settings_table
+from jaxmodel.effects import CATALOGUE, battery, drive, further_battery, further_drive, further_sensors, sensors
 from jaxmodel.effects.curves import CURVES
 from jaxmodel.effects.shifts import SHIFTS
-from jaxmodel.parameters import TABLE
-from jaxmodel.ports import PORTS, Effect
-from jaxmodel.specimen import SIZES
+from jaxmodel.effects.specimen import SIZES
+from jaxmodel.model.declaration import ParameterInfo, describe
+from jaxmodel.model.parameters import TABLE
+from jaxmodel.model.ports import PORTS, Effect
 
 HERE = Path(__file__).parent
 NOTE = "<!-- Made by make_parameters.py from the code; do not edit. -->\n"

@@ -9,9 +9,9 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from jaxmodel.declaration import Scalar, parameter
-from jaxmodel.flow import Flow, State, relaxation
-from jaxmodel.ports import CellContext, Effect, MotorContext
+from jaxmodel.model.declaration import Scalar, parameter
+from jaxmodel.model.flow import Flow, State, relaxation
+from jaxmodel.model.ports import CellContext, Effect, MotorContext
 
 COPPER = 0.0039  # 1/K, temperature coefficient of the contact's resistance
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sweeps import Study, run, save
+from jaxmodel.sweeps import Study, run, save
 
 study = Study(
     title="The paper's robot: 4,536 discharges",

@@ -1,75 +1,114 @@
-"""An electro-thermal model of a lithium pack driving brushed DC motors: a pure step, scanned.
+"""Which physics does a model lack? An electro-thermal model of a lithium pack driving DC motors, held to measurements.
 
-    from jaxmodel import Case, read_case, simulate_case
+    from jaxmodel import diagnose, read_case, simulate_case
 
     case = read_case("examples/samsung_30q")  # or Case.from_dataframes({"1C": frame}, kind="cell")
-    simulation = simulate_case(case)
-    simulation.to_dataframe()
+    simulate_case(case).to_dataframe()
+    diagnose(case).summary()
 
-What `__all__` lists is the public API; the modules behind it may change.
+What `__all__` lists here, and in `jaxmodel.effects`, `jaxmodel.operation`, `jaxmodel.plots`, `jaxmodel.sensitivity` and
+`jaxmodel.sweeps`, is the public API. Every other module is private and may change. A name is imported when it is first
+used.
 
-The import sets three things of JAX, all in `jaxmodel.jax_settings`: float64, one device per core, and a flag of the
-compiler. The environment variable JAXMODEL_JAX_SETTINGS=off, set before the import, leaves JAX as it is.
+The import sets three things of JAX, all in `jaxmodel.base.jax_settings`: float64, one device per core, and a flag of
+the compiler. The environment variable JAXMODEL_JAX_SETTINGS=off, set before the import, leaves JAX as it is.
 """
 
 from typing import TYPE_CHECKING
 
-from jaxmodel import jax_settings
+from jaxmodel.base import jax_settings
+from jaxmodel.base.lazy import names_when_used
 
 jax_settings.apply()
 
-from jaxmodel import effects, presets
-from jaxmodel.build import case_model, preset_model, run_profile
-from jaxmodel.case import Case, Run
-from jaxmodel.case_simulation import CaseSimulation, simulate_case
-from jaxmodel.cases import read_case
-from jaxmodel.declaration import Scalar, parameter
-from jaxmodel.errors import UserError
-from jaxmodel.jax_settings import keep_compiled_programs
-from jaxmodel.known import Known, Table
-from jaxmodel.lazy import names_when_used
-from jaxmodel.model import Model
-from jaxmodel.parameters import Parameters
-from jaxmodel.ports import CellContext, Effect, MotorContext
-from jaxmodel.profile import Profile, constant
-from jaxmodel.simulation import Cutoff, Status, Trajectory, run_track, simulate, track
-
 if TYPE_CHECKING:
-    from jaxmodel.tables import RawTable, read_table
+    from jaxmodel import effects, operation, plots, sensitivity, sweeps
+    from jaxmodel.app.report import write_report
+    from jaxmodel.base.errors import UserError
+    from jaxmodel.base.jax_settings import keep_compiled_programs
+    from jaxmodel.case import presets
+    from jaxmodel.case.build import case_model, preset_model, run_profile
+    from jaxmodel.case.known import Known, Table
+    from jaxmodel.case.reading import read_case
+    from jaxmodel.case.records import Case, Run
+    from jaxmodel.case.simulation import CaseSimulation, simulate_case
+    from jaxmodel.data.importing.imported import Imported
+    from jaxmodel.data.importing.importer import import_case
+    from jaxmodel.data.importing.options import Options
+    from jaxmodel.data.tables.raw_table import RawTable
+    from jaxmodel.data.tables.reading import read_table
+    from jaxmodel.diagnosis.diagnosis import compare, diagnose
+    from jaxmodel.diagnosis.finishing import conclusion, finish
+    from jaxmodel.diagnosis.identification import Identification, identify
+    from jaxmodel.diagnosis.investigation import Investigation
+    from jaxmodel.diagnosis.names import curve
+    from jaxmodel.diagnosis.result import Diagnosis
+    from jaxmodel.diagnosis.settings import SETTINGS, Settings
+    from jaxmodel.model.declaration import Scalar, parameter
+    from jaxmodel.model.electrothermal import Model
+    from jaxmodel.model.parameters import Parameters
+    from jaxmodel.model.ports import CellContext, Effect, MotorContext
+    from jaxmodel.model.profile import Profile, constant
+    from jaxmodel.model.simulation import Cutoff, Status, Trajectory, run_track, simulate, track
+    from jaxmodel.parameterisation.parameterise import parameterise
+    from jaxmodel.parameterisation.preset import write_preset
+    from jaxmodel.parameterisation.result import Extraction, Parameterisation
 
 __all__ = [
+    "SETTINGS",
     "Case",
     "CaseSimulation",
     "CellContext",
     "Cutoff",
+    "Diagnosis",
     "Effect",
+    "Extraction",
+    "Identification",
+    "Imported",
+    "Investigation",
     "Known",
     "Model",
     "MotorContext",
+    "Options",
+    "Parameterisation",
     "Parameters",
     "Profile",
     "RawTable",
     "Run",
     "Scalar",
+    "Settings",
     "Status",
     "Table",
     "Trajectory",
     "UserError",
     "case_model",
+    "compare",
+    "conclusion",
     "constant",
+    "curve",
+    "diagnose",
     "effects",
+    "finish",
+    "identify",
+    "import_case",
     "keep_compiled_programs",
+    "operation",
     "parameter",
+    "parameterise",
+    "plots",
     "preset_model",
     "presets",
     "read_case",
     "read_table",
     "run_profile",
     "run_track",
+    "sensitivity",
     "simulate",
     "simulate_case",
+    "sweeps",
     "track",
+    "write_preset",
+    "write_report",
 ]
 
-# What reads files of benches: most programs need none of it.
 __getattr__, __dir__ = names_when_used(__name__, __file__)

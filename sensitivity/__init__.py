@@ -1,6 +1,6 @@
 """How results depend on parameters: derivatives, pairs, uncertainty, and indices over whole ranges.
 
-    import sensitivity, sweeps
+    from jaxmodel import sensitivity, sweeps
 
     study = sweeps.read_study("examples/paper_sweep.toml").at({"ambient_degC": 20.0, "load_torque_Nm": 0.175})
     data = sensitivity.local(study)                         # xarray.Dataset: derivatives, elasticities, doubling
@@ -12,14 +12,14 @@ Each analysis takes a study and returns an `xarray.Dataset`, whose attribute `an
 
 from typing import TYPE_CHECKING
 
-from jaxmodel.lazy import names_when_used
+from jaxmodel.base.lazy import names_when_used
 
 if TYPE_CHECKING:
-    from sensitivity.global_study import global_indices
-    from sensitivity.over_axes import elasticity_map
-    from sensitivity.results import largest_elasticity, save, tables
-    from sensitivity.study import interactions, local, uncertainty
-    from sensitivity.uncertain import Estimates, read_estimates, stated_sd
+    from jaxmodel.sensitivity.global_study import global_indices
+    from jaxmodel.sensitivity.over_axes import elasticity_map
+    from jaxmodel.sensitivity.results import largest_elasticity, save, tables
+    from jaxmodel.sensitivity.study import interactions, local, uncertainty
+    from jaxmodel.sensitivity.uncertain import Estimates, read_estimates, stated_sd
 
 __all__ = [
     "Estimates",

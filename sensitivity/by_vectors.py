@@ -12,9 +12,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxmodel.native import Kernel, NotNative, Pool
-from sensitivity.response import Answer, Response
-from sweeps.lane import Outcome
+from jaxmodel.lanes import Kernel, NotNative, Pool
+from jaxmodel.sensitivity.response import Answer, Response
+from jaxmodel.sweeps.lane import Outcome
 
 # Packets of a call of a kernel: few, so that threads end together and progress moves.
 _PACKETS = 8

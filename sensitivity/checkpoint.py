@@ -17,8 +17,8 @@ import jax
 import jax.numpy as jnp
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal, jaxpr_as_fun
 
-from jaxmodel.jaxprs import opened, parts_of_scan
-from jaxmodel.kernel import as_one_kernel, holds_constants
+from jaxmodel.lanes.jaxprs import opened, parts_of_scan
+from jaxmodel.lanes.xla_kernel import as_one_kernel, holds_constants
 
 # A scan shorter than this is left as it is; one longer than that is cut into blocks.
 SHORTEST, LONGEST = 16, 4096

@@ -13,15 +13,15 @@ import numpy as np
 import xarray
 from jaxtyping import Array, Float
 
-from jaxmodel.model import Model
-from jaxmodel.native import NotNative
-from jaxmodel.profile import Profile
-from jaxmodel.simulation import Cutoff
-from sensitivity import by_vectors
-from sensitivity.checkpoint import LONGEST, in_blocks
-from sensitivity.response import Answer, Response, Steps, make_response, steps_of
-from sweeps.lane import Outcome
-from sweeps.metrics import Metric
+from jaxmodel.lanes import NotNative
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.profile import Profile
+from jaxmodel.model.simulation import Cutoff
+from jaxmodel.sensitivity import by_vectors
+from jaxmodel.sensitivity.checkpoint import LONGEST, in_blocks
+from jaxmodel.sensitivity.response import Answer, Response, Steps, make_response, steps_of
+from jaxmodel.sweeps.lane import Outcome
+from jaxmodel.sweeps.metrics import Metric
 
 Mode = Literal["forward", "reverse"]
 Points = Float[np.ndarray, "lanes parameter"] | Float[Array, "lanes parameter"]
@@ -126,7 +126,7 @@ def local_sensitivities(
         profile: inputs over time.
         names: parameters, those of effects ("effect.parameter"), curves of the cell (by a factor) and inputs of the
             profile (the ambient by a shift in K, any other by a factor); None takes all that enter.
-        metrics: names of `sensitivity.metrics`, or one's own; None takes all of the kind.
+        metrics: names of `jaxmodel.sensitivity.metrics`, or one's own; None takes all of the kind.
         outputs: readings wanted over time; None takes all, () none.
         cutoff: where the run ends; its last row is held fixed while parameters move.
         mode: "forward" or "reverse" differentiation; None chooses the cheaper, which the attributes record.

@@ -18,13 +18,13 @@ import numpy as np
 import xarray
 from jaxtyping import Array, Float, Int
 
-from jaxmodel.model import Model
-from jaxmodel.profile import Profile
-from jaxmodel.simulation import Cutoff
-from sensitivity.derivatives import answer_variables, coordinates, pushforward, relative
-from sensitivity.metrics import VALID_SHARE
-from sensitivity.response import Answer, Response, make_response, steps_of
-from sweeps.metrics import Metric
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.profile import Profile
+from jaxmodel.model.simulation import Cutoff
+from jaxmodel.sensitivity.derivatives import answer_variables, coordinates, pushforward, relative
+from jaxmodel.sensitivity.metrics import VALID_SHARE
+from jaxmodel.sensitivity.response import Answer, Response, make_response, steps_of
+from jaxmodel.sweeps.metrics import Metric
 
 # Curvatures are central differences of exact slopes, this share of a step to both sides: good to some seven digits. The
 # exact second derivative, a jvp of a jvp, took five to ten times as long to compile.
@@ -39,7 +39,7 @@ class Doubling(eqx.Module):
         moved: after the step.
         slope: first derivative, in steps: the linear prediction of `moved - base`.
         curvature: second derivative, in steps.
-        status: how the run after the step ended, a `jaxmodel.simulation.Status`.
+        status: how the run after the step ended, a `jaxmodel.model.simulation.Status`.
         valid_share: share of its rows in which the equations make sense.
     """
 

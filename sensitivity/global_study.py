@@ -9,12 +9,12 @@ import numpy as np
 import xarray
 from pydantic import PrivateAttr
 
-from jaxmodel.simulation import Status
-from sensitivity.indices import analyse, make_design
-from sweeps.axes_form import Range
-from sweeps.engine import Progress, run
-from sweeps.study import Study
-from sweeps.study_form import StudyFields
+from jaxmodel.model.simulation import Status
+from jaxmodel.sensitivity.indices import analyse, make_design
+from jaxmodel.sweeps.axes_form import Range
+from jaxmodel.sweeps.engine import Progress, run
+from jaxmodel.sweeps.study import Study
+from jaxmodel.sweeps.study_form import StudyFields
 
 
 class DesignedStudy(Study):
@@ -53,16 +53,17 @@ def global_indices(
     axis of one value stays. Runs that fail are left out with their block, and counted.
 
     Args:
-        study: from `sweeps.read_study`, or `sweeps.Study(...)`; its axes and its sample are the ranges.
+        study: from `jaxmodel.sweeps.read_study`, or `jaxmodel.sweeps.Study(...)`; its axes and its sample are the
+            ranges.
         method: "sobol", "morris" or "dgsm".
         count: of base points (trajectories of "morris"); of "sobol" rounded up to a power of two.
         groups: names that move together, by the group's name; not for "dgsm".
         second_order: of "sobol", indices of pairs too, at twice the runs.
         seed: of the points and of the resampling.
-        progress: as in `sweeps.run`.
+        progress: as in `jaxmodel.sweeps.run`.
 
     Returns:
-        As `sensitivity.indices.analyse`, and low and high (parameter) and metric_unit (metric).
+        As `jaxmodel.sensitivity.indices.analyse`, and low and high (parameter) and metric_unit (metric).
 
     Raises:
         SweepError: fewer than two names vary, or the method, a group or the count cannot be used.

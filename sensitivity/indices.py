@@ -2,7 +2,7 @@
 
 A design is points of the unit cube in blocks, one block for each base point: what the analysis of a block needs stands
 together, so that a block of which one run failed is left out as a whole, and so that a part of the blocks is a smaller
-design. The numbers come from a sweep (`sensitivity.global_study`) or from any function.
+design. The numbers come from a sweep (`jaxmodel.sensitivity.global_study`) or from any function.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import xarray
 
-from jaxmodel.errors import SweepError
+from jaxmodel.base.errors import SweepError
 
 # SALib is imported where it is used: it brings a plotting package, which this package must not load.
 METHODS = ("sobol", "morris", "dgsm")

@@ -12,7 +12,7 @@ from typing import Any
 import jax
 from jax.extend.core import Jaxpr, JaxprEqn, Literal
 
-from jaxmodel.jaxprs import opened, parts_of_scan
+from jaxmodel.lanes.jaxprs import opened, parts_of_scan
 
 
 def influential(function: Callable[[dict[str, Any]], Any], arguments: dict[str, Any]) -> set[str]:

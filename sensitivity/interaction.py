@@ -18,14 +18,14 @@ import jax
 import numpy as np
 import xarray
 
-from jaxmodel.errors import ParameterError
-from jaxmodel.model import Model
-from jaxmodel.profile import Profile
-from jaxmodel.simulation import Cutoff
-from sensitivity.derivatives import answer_variables, coordinates, pushforward, relative
-from sensitivity.metrics import VALID_SHARE
-from sensitivity.response import make_response, steps_of
-from sweeps.metrics import Metric
+from jaxmodel.base.errors import ParameterError
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.profile import Profile
+from jaxmodel.model.simulation import Cutoff
+from jaxmodel.sensitivity.derivatives import answer_variables, coordinates, pushforward, relative
+from jaxmodel.sensitivity.metrics import VALID_SHARE
+from jaxmodel.sensitivity.response import make_response, steps_of
+from jaxmodel.sweeps.metrics import Metric
 
 # Second derivatives are differences of fourth order of exact slopes, this share of a step apart: ten digits. A jvp of a
 # jvp has three more, and took more than seven minutes to compile for a robot, where slopes take twenty seconds.

@@ -6,10 +6,10 @@ from collections.abc import Iterable
 
 import jax.numpy as jnp
 
-from jaxmodel.declaration import Scalar
-from jaxmodel.errors import SweepError, nearest
-from sweeps import metrics as of_sweeps
-from sweeps.metrics import Carry, End, Metric, RowValue
+from jaxmodel.base.errors import SweepError, nearest
+from jaxmodel.model.declaration import Scalar
+from jaxmodel.sweeps import metrics as of_sweeps
+from jaxmodel.sweeps.metrics import Carry, End, Metric, RowValue
 
 
 class FittedSlope(of_sweeps.FittedGradient):

@@ -14,15 +14,15 @@ import numpy as np
 import xarray
 from jaxtyping import Array, Float
 
-from jaxmodel.errors import SweepError
-from jaxmodel.jax_settings import SWEEP_OPTIONS
-from jaxmodel.native import NotNative
-from jaxmodel.profile import Profile
-from sensitivity import by_vectors
-from sensitivity.metrics import choose_metrics, has_derivative
-from sensitivity.response import SHIFTED_INPUT, Response, make_response
-from sweeps.engine import Progress
-from sweeps.study import Study
+from jaxmodel.base.errors import SweepError
+from jaxmodel.base.jax_settings import SWEEP_OPTIONS
+from jaxmodel.lanes import NotNative
+from jaxmodel.model.profile import Profile
+from jaxmodel.sensitivity import by_vectors
+from jaxmodel.sensitivity.metrics import choose_metrics, has_derivative
+from jaxmodel.sensitivity.response import SHIFTED_INPUT, Response, make_response
+from jaxmodel.sweeps.engine import Progress
+from jaxmodel.sweeps.study import Study
 
 # Few lanes at a time, a step is mostly the dispatch of its operations; many at a time leave the cache.
 _AT_ONCE = 64
@@ -117,7 +117,7 @@ def _in_batches(
     batches = np.split(filled, len(filled) // at_once)
     program = _compiled(response, batches[0], asked)
     parts = []
-    # Batch after batch from here, not by a loop in the program: see jaxmodel.kernel. A batch fills one core.
+    # Batch after batch from here, not by a loop in the program: see jaxmodel.lanes.xla_kernel. A batch fills one core.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for part in pool.map(program, batches):
             parts.append(part)

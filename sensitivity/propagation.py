@@ -22,15 +22,15 @@ import xarray
 from jaxtyping import Array, Float, Int
 from scipy.stats import norm, qmc
 
-from jaxmodel.errors import ParameterError
-from jaxmodel.model import Model
-from jaxmodel.native import NotNative
-from jaxmodel.profile import Profile
-from jaxmodel.simulation import Cutoff, Status
-from sensitivity import by_vectors
-from sensitivity.derivatives import coordinates, jacobian
-from sensitivity.response import Answer, Response, make_response
-from sweeps.metrics import Metric
+from jaxmodel.base.errors import ParameterError
+from jaxmodel.lanes import NotNative
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.profile import Profile
+from jaxmodel.model.simulation import Cutoff, Status
+from jaxmodel.sensitivity import by_vectors
+from jaxmodel.sensitivity.derivatives import coordinates, jacobian
+from jaxmodel.sensitivity.response import Answer, Response, make_response
+from jaxmodel.sweeps.metrics import Metric
 
 QUANTILES = (0.025, 0.16, 0.5, 0.84, 0.975)
 # The two ways agree where sd differ by less than this share, and mean and ends of the interval are off by less than it

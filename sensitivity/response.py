@@ -17,17 +17,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxmodel.curves import CURVE_NAMES, Curve
-from jaxmodel.declaration import ParameterInfo, Scalar
-from jaxmodel.errors import ParameterError, nearest
-from jaxmodel.model import Model, initial_state, read
-from jaxmodel.names import parameter_table, value, with_values
-from jaxmodel.profile import Profile
-from jaxmodel.simulation import Cutoff, Track, run_track, track
-from sensitivity.influence import influential
-from sensitivity.metrics import VALID_SHARE, choose_metrics
-from sweeps.lane import Keep, Outcome, SteppedProfile, lay_out, run_lane
-from sweeps.metrics import Metric
+from jaxmodel.base.errors import ParameterError, nearest
+from jaxmodel.model.curves import CURVE_NAMES, Curve
+from jaxmodel.model.declaration import ParameterInfo, Scalar
+from jaxmodel.model.electrothermal import Model, initial_state, read
+from jaxmodel.model.names import parameter_table, value, with_values
+from jaxmodel.model.profile import Profile
+from jaxmodel.model.simulation import Cutoff, Track, run_track, track
+from jaxmodel.sensitivity.influence import influential
+from jaxmodel.sensitivity.metrics import VALID_SHARE, choose_metrics
+from jaxmodel.sweeps.lane import Keep, Outcome, SteppedProfile, lay_out, run_lane
+from jaxmodel.sweeps.metrics import Metric
 
 SHIFTED_INPUT = "ambient_degC"
 CURVES = CURVE_NAMES[1:]  # the open-circuit voltage has its offset
@@ -174,7 +174,8 @@ def make_response(
         profile: inputs over time.
         names: parameters of the model, of its effects ("effect.parameter"), curves of the cell and inputs of the
             profile; None takes all that enter the answer.
-        metrics: names of `sensitivity.metrics`, or instances of `sweeps.Metric`; None takes all of the kind.
+        metrics: names of `jaxmodel.sensitivity.metrics`, or instances of `jaxmodel.sweeps.Metric`; None takes all of
+            the kind.
         outputs: readings wanted over time; None takes all, () none.
         cutoff: where the run ends, if before the end of the profile.
 

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import xarray
 
-from jaxmodel.whole_files import write_whole
+from jaxmodel.base.atomic_files import write_whole
 
 # The name of an analysis' files, and the digits of its tables: indices have sampling errors, derivatives have none.
 FILES = {
@@ -89,7 +89,7 @@ def largest_elasticity(data: xarray.Dataset, metric: str) -> tuple[str, float]:
     """Return the parameter with the largest elasticity of a metric, and that elasticity; ('', nan) where there is none.
 
     Args:
-        data: as `sensitivity.local` returns it.
+        data: as `jaxmodel.sensitivity.local` returns it.
         metric: one of its metrics.
     """
     values = data["elasticity"].sel(metric=metric).to_numpy()

@@ -8,15 +8,15 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 import xarray
 
-from sensitivity.derivatives import local_sensitivities
-from sensitivity.doubling import doubling_test
-from sensitivity.interaction import second_derivatives
-from sensitivity.metrics import choose_metrics, has_derivative
-from sensitivity.propagation import propagate
-from sensitivity.uncertain import stated_sd
-from sweeps.metrics import Metric
-from sweeps.prepare import Prepared
-from sweeps.study import Study
+from jaxmodel.sensitivity.derivatives import local_sensitivities
+from jaxmodel.sensitivity.doubling import doubling_test
+from jaxmodel.sensitivity.interaction import second_derivatives
+from jaxmodel.sensitivity.metrics import choose_metrics, has_derivative
+from jaxmodel.sensitivity.propagation import propagate
+from jaxmodel.sensitivity.uncertain import stated_sd
+from jaxmodel.sweeps.metrics import Metric
+from jaxmodel.sweeps.prepare import Prepared
+from jaxmodel.sweeps.study import Study
 
 
 def local(study: Study, *, doubling: bool = True) -> xarray.Dataset:
@@ -28,7 +28,7 @@ def local(study: Study, *, doubling: bool = True) -> xarray.Dataset:
     stores, at the rows that it stores, or all.
 
     Args:
-        study: from `sweeps.read_study`, or `sweeps.Study(...)`.
+        study: from `jaxmodel.sweeps.read_study`, or `jaxmodel.sweeps.Study(...)`.
         doubling: False leaves out the doubling test, whose program takes several times as long to compile.
 
     Returns:
@@ -37,7 +37,7 @@ def local(study: Study, *, doubling: bool = True) -> xarray.Dataset:
         metric_value, metric_unit (metric);
         metric_derivative, metric_change (derivative times step), elasticity (p/y) dy/dp (metric, parameter);
         output_value (output, time_s); output_derivative, output_change (output, parameter, time_s);
-        and the variables of `sensitivity.doubling.doubling_test`.
+        and the variables of `jaxmodel.sensitivity.doubling.doubling_test`.
 
     Raises:
         ParameterError, SweepError: what the study names has no sensitivity.
@@ -60,7 +60,7 @@ def interactions(study: Study, pairs: Iterable[tuple[str, str]] | Iterable[str])
         pairs: pairs of parameters or inputs; or names, of which every pair is taken, each name with itself too.
 
     Returns:
-        As `sensitivity.interaction.second_derivatives`.
+        As `jaxmodel.sensitivity.interaction.second_derivatives`.
 
     Raises:
         ParameterError, SweepError: a parameter or metric is unknown, or no pair is given.
@@ -96,7 +96,7 @@ def uncertainty(
         seed: of the draws.
 
     Returns:
-        As `sensitivity.propagation.propagate`.
+        As `jaxmodel.sensitivity.propagation.propagate`.
 
     Raises:
         ParameterError, SweepError: a name is unknown, an sd is negative, the correlations contradict each other, or

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from jaxmodel.case import Case
-from jaxmodel.cases import read_case
-from jaxmodel.errors import SweepError
-from sweeps.study import Study
+from jaxmodel.base.errors import SweepError
+from jaxmodel.case.reading import read_case
+from jaxmodel.case.records import Case
+from jaxmodel.sweeps.study import Study
 
 
 @dataclasses.dataclass(frozen=True)

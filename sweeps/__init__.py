@@ -1,6 +1,6 @@
 """Thousands of combinations of parameters, inputs and effects through the model, into one labelled data set.
 
-import sweeps
+from jaxmodel import sweeps
 
 study = sweeps.read_study("examples/paper_sweep.toml")  # or sweeps.Study(kind="cell", profile={...}, axes={...})
 dataset = sweeps.run(study)                             # xarray.Dataset: metrics over the axes
@@ -10,14 +10,14 @@ sweeps.save(dataset, "results")                         # result.zarr, lanes.csv
 
 from typing import TYPE_CHECKING
 
-from jaxmodel.lazy import names_when_used
+from jaxmodel.base.lazy import names_when_used
 
 if TYPE_CHECKING:
-    from sweeps.engine import Progress, run
-    from sweeps.forecasting import Forecast, forecast
-    from sweeps.metrics import End, Metric, Moment, Step, metrics_of, metrics_on_request
-    from sweeps.results import lanes_per_second, load, percentiles, save
-    from sweeps.study import Study, read_study
+    from jaxmodel.sweeps.engine import Progress, run
+    from jaxmodel.sweeps.forecasting import Forecast, forecast
+    from jaxmodel.sweeps.metrics import End, Metric, Moment, Step, metrics_of, metrics_on_request
+    from jaxmodel.sweeps.results import lanes_per_second, load, percentiles, save
+    from jaxmodel.sweeps.study import Study, read_study
 
 __all__ = [
     "End",

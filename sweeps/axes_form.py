@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from jaxmodel.forms import Form, wrong
-from sweeps.form import refuse_unquoted_names
+from jaxmodel.base.forms import Form, wrong
+from jaxmodel.sweeps.form import refuse_unquoted_names
 
 Spacing = Literal["linear", "log"]
 # A step that ends this share of itself before the stop, or past it, has met it.

@@ -9,10 +9,10 @@ from typing import Any, TypeVar
 import jax
 import numpy as np
 
-from jaxmodel.native import CudaCall, CudaKernel
-from sweeps.lane import Outcome
-from sweeps.lane_kernel import doubled
-from sweeps.plan import ACCELERATOR, LANE_STEPS_PER_CALL
+from jaxmodel.lanes import CudaCall, CudaKernel
+from jaxmodel.sweeps.lane import Outcome
+from jaxmodel.sweeps.lane_kernel import doubled
+from jaxmodel.sweeps.plan import ACCELERATOR, LANE_STEPS_PER_CALL
 
 _Item = TypeVar("_Item")
 

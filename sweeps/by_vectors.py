@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from jaxmodel.native import Kernel, Pool
-from sweeps.lane import Outcome
-from sweeps.lane_kernel import doubled
-from sweeps.plan import LANE_STEPS_PER_CALL
+from jaxmodel.lanes import Kernel, Pool
+from jaxmodel.sweeps.lane import Outcome
+from jaxmodel.sweeps.lane_kernel import doubled
+from jaxmodel.sweeps.plan import LANE_STEPS_PER_CALL
 
 # Fewer are not worth another thread: 0.1 ms of a cell.
 LEAST_LANE_STEPS = 8_000

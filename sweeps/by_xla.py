@@ -10,12 +10,12 @@ import jax
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-from jaxmodel.jax_settings import SWEEP_OPTIONS
-from jaxmodel.kernel import as_one_kernel
-from jaxmodel.model import Model
-from sweeps.devices import widest_block
-from sweeps.lane import Keep, Outcome, SteppedProfile, run_lane
-from sweeps.plan import ACCELERATOR, calls_of
+from jaxmodel.base.jax_settings import SWEEP_OPTIONS
+from jaxmodel.lanes.xla_kernel import as_one_kernel
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.sweeps.devices import widest_block
+from jaxmodel.sweeps.lane import Keep, Outcome, SteppedProfile, run_lane
+from jaxmodel.sweeps.plan import ACCELERATOR, calls_of
 
 
 class ByXla:

@@ -22,14 +22,14 @@ from typing import Any
 import jax
 import llvmlite
 
-from jaxmodel.errors import SweepError
-from jaxmodel.jax_settings import use_all_cores
-from sweeps import manifest
-from sweeps.lane import Outcome
-from sweeps.plan import Chunks
-from sweeps.runner import Runner
-from sweeps.store import Grid
-from sweeps.study import Study
+from jaxmodel.base.errors import SweepError
+from jaxmodel.base.jax_settings import use_all_cores
+from jaxmodel.sweeps import manifest
+from jaxmodel.sweeps.lane import Outcome
+from jaxmodel.sweeps.plan import Chunks
+from jaxmodel.sweeps.runner import Runner
+from jaxmodel.sweeps.store import Grid
+from jaxmodel.sweeps.study import Study
 
 # Chunks per thread: enough that a slow worker at the end delays little.
 CHUNKS_PER_THREAD = 4

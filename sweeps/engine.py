@@ -11,12 +11,12 @@ from typing import Any
 
 import xarray as xr
 
-from jaxmodel.errors import Remark, SweepError
-from sweeps.results import InMemory
-from sweeps.room import refuse_what_cannot_be_kept
-from sweeps.runner import Runner
-from sweeps.store import Store
-from sweeps.study import Study
+from jaxmodel.base.errors import Remark, SweepError
+from jaxmodel.sweeps.results import InMemory
+from jaxmodel.sweeps.room import refuse_what_cannot_be_kept
+from jaxmodel.sweeps.runner import Runner
+from jaxmodel.sweeps.store import Store
+from jaxmodel.sweeps.study import Study
 
 Progress = Callable[[int, int], None]
 
@@ -49,8 +49,8 @@ def run(
 
     Returns:
         A dataset with the axes as coordinates, each metric and each stored column as a variable, and `status`, a
-        `jaxmodel.simulation.Status` per lane. A lane that fails is NaN and harms no other; nothing is raised for it.
-        With `out` it is read from the disk as far as it is used.
+        `jaxmodel.model.simulation.Status` per lane. A lane that fails is NaN and harms no other; nothing is raised for
+        it. With `out` it is read from the disk as far as it is used.
 
     Raises:
         SweepError: `out` holds another sweep or a finished one, the disk is full or too small, the memory does not
@@ -80,7 +80,7 @@ def _executor(engine: str, study: Study) -> contextlib.AbstractContextManager[An
             '"tcp://host:8786".'
         )
     try:
-        from sweeps.cluster import cluster
+        from jaxmodel.sweeps.cluster import cluster
     except ImportError as error:
         raise SweepError(f"engine: {error.name} is not installed; install jaxmodel[cluster].") from error
     return cluster(engine, study)

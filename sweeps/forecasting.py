@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 import time
 
-from sweeps.plan import COPIES
-from sweeps.runner import Runner
-from sweeps.study import Study
+from jaxmodel.sweeps.plan import COPIES
+from jaxmodel.sweeps.runner import Runner
+from jaxmodel.sweeps.study import Study
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,7 +47,7 @@ def forecast(study: Study, memory: float | int | str | None = None) -> Forecast:
 
     Args:
         study: what would be run.
-        memory: as `sweeps.run` takes it.
+        memory: as `jaxmodel.sweeps.run` takes it.
 
     Raises:
         SweepError: the memory does not suffice.

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from jaxmodel.forms import wrong
+from jaxmodel.base.forms import wrong
 
 
 def refuse_unquoted_names(table: Any, known: Collection[str] = ()) -> Any:

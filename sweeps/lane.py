@@ -11,15 +11,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxmodel.flow import State, with_rests
-from jaxmodel.model import Model, initial_state, read, step, valid
-from jaxmodel.names import with_values
-from jaxmodel.profile import Profile
-from jaxmodel.robot import Inputs
-from jaxmodel.simulation import Cutoff, Status, track
-from sweeps.metrics import End, Metric, Moment, Step
-from sweeps.power import powers
-from sweeps.sums import add, nothing
+from jaxmodel.model.electrothermal import Model, initial_state, read, step, valid
+from jaxmodel.model.flow import State, with_rests
+from jaxmodel.model.names import with_values
+from jaxmodel.model.profile import Profile
+from jaxmodel.model.robot import Inputs
+from jaxmodel.model.simulation import Cutoff, Status, track
+from jaxmodel.sweeps.metrics import End, Metric, Moment, Step
+from jaxmodel.sweeps.power import powers
+from jaxmodel.sweeps.sums import add, nothing
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Outcome(eqx.Module):
     Attributes:
         values: by name of the metric; NaN where the run is not finite.
         columns: by name, at the stored rows.
-        status: a `jaxmodel.simulation.Status`.
+        status: a `jaxmodel.model.simulation.Status`.
     """
 
     values: dict[str, Array]
@@ -90,7 +90,7 @@ def run_lane(
     Of `own`, an input's name replaces it, `scale.INPUT` multiplies it, `initial.STATE` sets a state at the start, and
     any other name is a parameter.
 
-    Pure; the physics and the meaning of the cut-off are those of `jaxmodel.simulation.run_track`.
+    Pure; the physics and the meaning of the cut-off are those of `jaxmodel.model.simulation.run_track`.
     """
     held = {name: value for name, value in own.items() if name in stepped.steady or name in stepped.later}
     scales, initial = _after("scale.", own), _after("initial.", own)

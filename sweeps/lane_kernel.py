@@ -9,9 +9,9 @@ from typing import Any, TypeVar
 import jax
 import numpy as np
 
-from jaxmodel.model import Model
-from jaxmodel.native import Written
-from sweeps.lane import Keep, Outcome, SteppedProfile, run_lane
+from jaxmodel.lanes import Written
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.sweeps.lane import Keep, Outcome, SteppedProfile, run_lane
 
 _Kind = TypeVar("_Kind", bound=Written)
 

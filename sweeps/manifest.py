@@ -15,9 +15,9 @@ from typing import Any
 import jax
 
 import jaxmodel
-from jaxmodel.native import processor
-from jaxmodel.schema import with_schema
-from sweeps.study import Study
+from jaxmodel.base.schema import with_schema
+from jaxmodel.lanes import processor
+from jaxmodel.sweeps.study import Study
 
 # Whose versions can move a bit of a result, and whose cannot.
 _DECIDING = ("jax", "jaxlib", "llvmlite", "equinox", "numpy", "scipy")

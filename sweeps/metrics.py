@@ -17,9 +17,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from jaxmodel.declaration import Scalar
-from sweeps.power import LOSSES
-from sweeps.sums import add, nothing
+from jaxmodel.model.declaration import Scalar
+from jaxmodel.sweeps.power import LOSSES
+from jaxmodel.sweeps.sums import add, nothing
 
 Carry = Any
 
@@ -30,7 +30,7 @@ class Moment(eqx.Module):
     Attributes:
         columns: the inputs and what ideal sensors read, by the names of case files.
         valid: False where the model's equations make no sense.
-        powers: as in `sweeps.power`, where a metric asks for them.
+        powers: as in `jaxmodel.sweeps.power`, where a metric asks for them.
     """
 
     columns: Mapping[str, Scalar]

@@ -10,8 +10,8 @@ from collections.abc import Callable, Generator, Iterable
 from pathlib import Path
 from typing import IO, Any
 
-from jaxmodel.errors import SweepError
-from jaxmodel.whole_files import flush, write_whole
+from jaxmodel.base.atomic_files import flush, write_whole
+from jaxmodel.base.errors import SweepError
 
 try:
     import fcntl

@@ -8,7 +8,7 @@ import re
 
 import numpy as np
 
-from jaxmodel.errors import SweepError
+from jaxmodel.base.errors import SweepError
 
 # Of all chunks in progress, unless the user states another; the program itself takes some 0.5 GiB beside it.
 DEFAULT_MEMORY = 512 * 2**20

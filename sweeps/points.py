@@ -8,14 +8,14 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxmodel.model import Model
-from jaxmodel.native import Kernel, NotNative
-from jaxmodel.simulation import Cutoff
-from sweeps.by_vectors import ByVectors
-from sweeps.by_xla import ByXla
-from sweeps.devices import lane_mesh
-from sweeps.lane import Keep, Outcome, SteppedProfile
-from sweeps.lane_kernel import kernel_of_a_lane
+from jaxmodel.lanes import Kernel, NotNative
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.simulation import Cutoff
+from jaxmodel.sweeps.by_vectors import ByVectors
+from jaxmodel.sweeps.by_xla import ByXla
+from jaxmodel.sweeps.devices import lane_mesh
+from jaxmodel.sweeps.lane import Keep, Outcome, SteppedProfile
+from jaxmodel.sweeps.lane_kernel import kernel_of_a_lane
 
 
 def outcomes_at(

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
-from jaxmodel import cell as cells
-from jaxmodel import motor as motors
-from jaxmodel import robot as robots
-from jaxmodel.cell import Cell
-from jaxmodel.declaration import Scalar
-from jaxmodel.flow import State
-from jaxmodel.model import Model, true_inputs
-from jaxmodel.motor import Motor
-from jaxmodel.ports import fold
-from jaxmodel.robot import Inputs
+from jaxmodel.model import cell as cells
+from jaxmodel.model import motor as motors
+from jaxmodel.model import robot as robots
+from jaxmodel.model.cell import Cell
+from jaxmodel.model.declaration import Scalar
+from jaxmodel.model.electrothermal import Model, true_inputs
+from jaxmodel.model.flow import State
+from jaxmodel.model.motor import Motor
+from jaxmodel.model.ports import fold
+from jaxmodel.model.robot import Inputs
 
 BATTERY = ("ohmic_W", "polarisation_W")
 DRIVE = ("copper_W", "friction_W")

@@ -7,25 +7,25 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxmodel.build import case_model
-from jaxmodel.case import Case
-from jaxmodel.case_schema import parse_case
-from jaxmodel.cases import read_case
-from jaxmodel.declaration import ParameterInfo
+from jaxmodel.base.errors import SweepError, instead
+from jaxmodel.base.units import unit_of
+from jaxmodel.case.build import case_model
+from jaxmodel.case.forms import parse_case
+from jaxmodel.case.measurements import KINDS, file_label, read_utf8
+from jaxmodel.case.presets import located, why_not
+from jaxmodel.case.reading import read_case
+from jaxmodel.case.records import Case
 from jaxmodel.effects import own_effects
-from jaxmodel.errors import SweepError, instead
-from jaxmodel.measurements import KINDS, file_label, read_utf8
-from jaxmodel.model import Model, initial_state
-from jaxmodel.names import parameter_table, with_values
-from jaxmodel.parameters import TABLE
-from jaxmodel.ports import Effect
-from jaxmodel.presets import located, why_not
-from jaxmodel.profile import Profile
-from jaxmodel.simulation import Cutoff
-from jaxmodel.units import unit_of
-from sweeps.metrics import Metric, metrics_of, metrics_on_request
-from sweeps.profiles import build_profile, check_input, input_names
-from sweeps.study_form import StudyForm
+from jaxmodel.model.declaration import ParameterInfo
+from jaxmodel.model.electrothermal import Model, initial_state
+from jaxmodel.model.names import parameter_table, with_values
+from jaxmodel.model.parameters import TABLE
+from jaxmodel.model.ports import Effect
+from jaxmodel.model.profile import Profile
+from jaxmodel.model.simulation import Cutoff
+from jaxmodel.sweeps.metrics import Metric, metrics_of, metrics_on_request
+from jaxmodel.sweeps.profiles import build_profile, check_input, input_names
+from jaxmodel.sweeps.study_form import StudyForm
 
 # Prefixes of names: a factor on an input, a state at the start.
 SCALE, INITIAL = "scale.", "initial."

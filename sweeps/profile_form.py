@@ -5,10 +5,10 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
-from jaxmodel.case_schema import Number
-from jaxmodel.forms import Form, wrong
-from jaxmodel.profile import MOST_ROWS
-from sweeps.form import refuse_unquoted_names
+from jaxmodel.base.forms import Form, wrong
+from jaxmodel.case.forms import Number
+from jaxmodel.model.profile import MOST_ROWS
+from jaxmodel.sweeps.form import refuse_unquoted_names
 
 
 class Inputs(Form):

@@ -8,14 +8,14 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
-from jaxmodel.errors import SweepError, instead
-from jaxmodel.measurements import KINDS, file_label, read_measurements
-from jaxmodel.model import Model
-from jaxmodel.profile import MOST_ROWS, Profile, constant
-from jaxmodel.robot import load_torque
-from jaxmodel.run_csv import read_header
-from jaxmodel.units import LARGEST
-from sweeps.profile_form import ProfileForm, PulsesForm
+from jaxmodel.base.errors import SweepError, instead
+from jaxmodel.base.units import LARGEST
+from jaxmodel.case.measurements import KINDS, file_label, read_measurements
+from jaxmodel.case.run_csv import read_header
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.profile import MOST_ROWS, Profile, constant
+from jaxmodel.model.robot import load_torque
+from jaxmodel.sweeps.profile_form import ProfileForm, PulsesForm
 
 Columns = dict[str, np.ndarray]
 # Outside these an input is in the wrong unit, or wrong.

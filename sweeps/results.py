@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from jaxmodel.errors import MeasurementError, SweepError
-from jaxmodel.schema import without_schema
-from jaxmodel.simulation import Status
-from jaxmodel.units import unit_of
-from sweeps.lane import Outcome
-from sweeps.manifest import manifest_of, ranges_of
-from sweeps.places import Folder, Place, place_of
-from sweeps.plan import Chunks
-from sweeps.study import LANE, Study
+from jaxmodel.base.errors import MeasurementError, SweepError
+from jaxmodel.base.schema import without_schema
+from jaxmodel.base.units import unit_of
+from jaxmodel.model.simulation import Status
+from jaxmodel.sweeps.lane import Outcome
+from jaxmodel.sweeps.manifest import manifest_of, ranges_of
+from jaxmodel.sweeps.places import Folder, Place, place_of
+from jaxmodel.sweeps.plan import Chunks
+from jaxmodel.sweeps.study import LANE, Study
 
 GRID, TABLE, MANIFEST = "result.zarr", "lanes.csv", "manifest.json"
 # Variables of a result that are no metric.

@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from jaxmodel.errors import SweepError
-from sweeps.places import place_of
-from sweeps.plan import size_text
-from sweeps.results import result_bytes_per_lane
-from sweeps.study import Study
+from jaxmodel.base.errors import SweepError
+from jaxmodel.sweeps.places import place_of
+from jaxmodel.sweeps.plan import size_text
+from jaxmodel.sweeps.results import result_bytes_per_lane
+from jaxmodel.sweeps.study import Study
 
 # Of its size that a result on disk may lose by compression: metrics of lanes that differ lose a tenth to a half.
 MOST_COMPRESSION = 4.0

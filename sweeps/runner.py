@@ -9,19 +9,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxmodel.errors import SweepError
-from jaxmodel.model import Model
-from jaxmodel.names import with_values
-from jaxmodel.native import CudaError, CudaKernel, Kernel, NotNative, Written
-from sweeps.by_cuda import ByCuda, is_cuda
-from sweeps.by_vectors import ByVectors
-from sweeps.by_xla import ByXla
-from sweeps.devices import lane_mesh
-from sweeps.lane import Keep, Outcome, lay_out
-from sweeps.lane_kernel import kernel_of_a_lane
-from sweeps.plan import ACCELERATOR, DEFAULT_MEMORY, Chunks, bytes_of, cut, lanes_per_chunk, size_text
-from sweeps.results import result_bytes_per_lane
-from sweeps.study import Study
+from jaxmodel.base.errors import SweepError
+from jaxmodel.lanes import CudaError, CudaKernel, Kernel, NotNative, Written
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.names import with_values
+from jaxmodel.sweeps.by_cuda import ByCuda, is_cuda
+from jaxmodel.sweeps.by_vectors import ByVectors
+from jaxmodel.sweeps.by_xla import ByXla
+from jaxmodel.sweeps.devices import lane_mesh
+from jaxmodel.sweeps.lane import Keep, Outcome, lay_out
+from jaxmodel.sweeps.lane_kernel import kernel_of_a_lane
+from jaxmodel.sweeps.plan import ACCELERATOR, DEFAULT_MEMORY, Chunks, bytes_of, cut, lanes_per_chunk, size_text
+from jaxmodel.sweeps.results import result_bytes_per_lane
+from jaxmodel.sweeps.study import Study
 
 _Kind = TypeVar("_Kind", bound=Written)
 

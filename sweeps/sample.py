@@ -8,7 +8,7 @@ import warnings
 
 import numpy as np
 
-from sweeps.axes_form import SampleForm
+from jaxmodel.sweeps.axes_form import SampleForm
 
 
 def draw(sample: SampleForm, numbers: np.ndarray) -> dict[str, np.ndarray]:

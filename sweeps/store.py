@@ -22,13 +22,13 @@ import xarray as xr
 import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
-from jaxmodel.errors import SweepError
-from jaxmodel.schema import with_schema, without_schema
-from sweeps.lane import Outcome
-from sweeps.manifest import difference, manifest_of
-from sweeps.places import Place, place_of
-from sweeps.plan import Chunks, size_text
-from sweeps.results import (
+from jaxmodel.base.errors import SweepError
+from jaxmodel.base.schema import with_schema, without_schema
+from jaxmodel.sweeps.lane import Outcome
+from jaxmodel.sweeps.manifest import difference, manifest_of
+from jaxmodel.sweeps.places import Place, place_of
+from jaxmodel.sweeps.plan import Chunks, size_text
+from jaxmodel.sweeps.results import (
     GRID,
     MANIFEST,
     about,
@@ -41,7 +41,7 @@ from sweeps.results import (
     values_of,
     variables_of,
 )
-from sweeps.study import LANE, Study
+from jaxmodel.sweeps.study import LANE, Study
 
 # Lanes whose drawn values are in memory at a time.
 _DRAWN_AT_ONCE = 2**20

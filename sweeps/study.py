@@ -9,16 +9,16 @@ from typing import Any, Unpack
 import numpy as np
 from pydantic import PrivateAttr, ValidationError
 
-from jaxmodel import toml
-from jaxmodel.errors import SweepError, UserError
-from jaxmodel.forms import complaint
-from jaxmodel.measurements import file_label, read_utf8
-from jaxmodel.ports import Effect
-from jaxmodel.robot import duty_of_signal
-from sweeps.prepare import INITIAL, SCALE, Prepared, prepare
-from sweeps.profiles import input_names
-from sweeps.sample import draw
-from sweeps.study_form import StudyFields, StudyForm
+from jaxmodel.base import toml
+from jaxmodel.base.errors import SweepError, UserError
+from jaxmodel.base.forms import complaint
+from jaxmodel.case.measurements import file_label, read_utf8
+from jaxmodel.model.ports import Effect
+from jaxmodel.model.robot import duty_of_signal
+from jaxmodel.sweeps.prepare import INITIAL, SCALE, Prepared, prepare
+from jaxmodel.sweeps.profiles import input_names
+from jaxmodel.sweeps.sample import draw
+from jaxmodel.sweeps.study_form import StudyFields, StudyForm
 
 # The dimension along which lanes lie whose values are drawn.
 LANE = "lane"
@@ -53,7 +53,7 @@ class Study(StudyForm):
             sets a state at the start.
         sample: {"count": ..., "ranges": {name: (low, high)}}: lanes whose values are drawn from ranges, along a
             dimension `lane` of the result.
-        metrics: names of shipped metrics, or instances of `sweeps.Metric`; by default all that the kind has.
+        metrics: names of shipped metrics, or instances of `jaxmodel.sweeps.Metric`; by default all that the kind has.
         store: columns that are stored over time too, at every `store_every`-th row.
         store_every: a number of rows.
         cutoff: where a run ends before its profile does; the case's where there is one.

@@ -11,14 +11,14 @@ from typing import Annotated, Any, Literal, TypedDict
 import numpy as np
 from pydantic import BeforeValidator, ConfigDict, Field, field_serializer, model_validator
 
-from jaxmodel.case import Case
-from jaxmodel.case_schema import CutoffEntry
-from jaxmodel.forms import Form, wrong
-from jaxmodel.ports import Effect
-from sweeps.axes_form import Axes, SampleForm
-from sweeps.form import refuse_unquoted_names
-from sweeps.metrics import Metric
-from sweeps.profile_form import ProfileForm
+from jaxmodel.base.forms import Form, wrong
+from jaxmodel.case.forms import CutoffEntry
+from jaxmodel.case.records import Case
+from jaxmodel.model.ports import Effect
+from jaxmodel.sweeps.axes_form import Axes, SampleForm
+from jaxmodel.sweeps.form import refuse_unquoted_names
+from jaxmodel.sweeps.metrics import Metric
+from jaxmodel.sweeps.profile_form import ProfileForm
 
 Kind = Literal["cell", "motor", "robot"]
 Fidelity = Literal["formula", "lut"]
@@ -26,7 +26,7 @@ Precision = Literal["float64", "float32"]
 
 
 class StudyFields(TypedDict, total=False):
-    """The keyword arguments of `sweeps.Study`, which explains each; tables of the file are mappings here."""
+    """The keyword arguments of `jaxmodel.sweeps.Study`, which explains each; tables of the file are mappings here."""
 
     title: str
     kind: Kind | None

@@ -5,8 +5,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jaxmodel.declaration import Scalar
-from jaxmodel.flow import sum_and_rest
+from jaxmodel.model.declaration import Scalar
+from jaxmodel.model.flow import sum_and_rest
 
 # The sum, and in float32 what its roundings lost: 100,000 equal parts would otherwise miss some 1e-3 of it.
 Sum = tuple[Array, ...]

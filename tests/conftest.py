@@ -13,16 +13,15 @@ import pytest
 from jaxtyping import install_import_hook
 
 if TYPE_CHECKING:  # ours only where they are used: JAX reads its variables, set below, when it is imported
-    from discrepancy.result import Diagnosis
-    from jaxmodel.case import Case
+    from jaxmodel.case.records import Case
+    from jaxmodel.diagnosis.result import Diagnosis
 
 REPOSITORY = Path(__file__).parents[1]
 
-# Types and shapes are checked at every call of ours. Not of `jaxmodel.native`: it writes 50,000 instructions for a
+# Types and shapes are checked at every call of ours. Not of `jaxmodel.lanes`: it writes 50,000 instructions for a
 # kernel, and checked each takes 17 times as long.
-_CHECKED = ("importing", "sweeps", "sensitivity", "discrepancy", "operation", "parameterisation", "plots", "workbench")
-_PARTS = [path.stem for path in (REPOSITORY / "jaxmodel").iterdir() if path.stem.strip("_") == path.stem]
-install_import_hook([*_CHECKED, *(f"jaxmodel.{name}" for name in _PARTS if name != "native")], "beartype.beartype")
+_ROOMS = [path.stem for path in (REPOSITORY / "jaxmodel").iterdir() if path.stem.strip("_.") == path.stem]
+install_import_hook([f"jaxmodel.{room}" for room in _ROOMS if room != "lanes"], "beartype.beartype")
 
 # Compiling the model costs far more than running it, and reading it back compiled a tenth of that. The cache outlives
 # the run and serves every worker; through the environment, so that it also serves the programs that tests start.
@@ -76,7 +75,7 @@ def made_case(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def case(made_case: Path) -> Case:
-    from jaxmodel.cases import read_case
+    from jaxmodel.case.reading import read_case
 
     return read_case(made_case)
 

@@ -8,7 +8,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from discrepancy.result import (
+from jaxmodel.case.known import Known
+from jaxmodel.case.reading import read_case
+from jaxmodel.case.records import Case
+from jaxmodel.case.simulation import simulate_case
+from jaxmodel.diagnosis.result import (
     ChannelError,
     CurveFound,
     Diagnosis,
@@ -24,11 +28,7 @@ from discrepancy.result import (
     Sensor,
     ToleranceUsed,
 )
-from jaxmodel.case import Case
-from jaxmodel.case_simulation import simulate_case
-from jaxmodel.cases import read_case
 from jaxmodel.effects.curves import SOC_KNOTS
-from jaxmodel.known import Known
 
 ROWS = 61
 CASE = """title = "Small cell <bench> & load"

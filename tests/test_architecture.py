@@ -235,9 +235,9 @@ RUNS_WHAT_IT_IS_GIVEN = {
     "marshal.loads", "yaml.load", "pd.read_pickle", "frame.eval", "spec.loader.exec_module",
 }  # fmt: skip
 ALLOWED_TO_RUN = {
-    ("importing/formulas.py", "frame.eval"),  # of pandas, once the formula has been found to be one
-    ("jaxmodel/build.py", "spec.loader.exec_module"),  # --effect
-    ("discrepancy/fitting/programs.py", "pickle.loads"),  # from the folder of `jaxmodel.kept`
+    ("jaxmodel/data/importing/formulas.py", "frame.eval"),  # of pandas, once the formula has been found to be one
+    ("jaxmodel/case/build.py", "spec.loader.exec_module"),  # --effect
+    ("jaxmodel/diagnosis/fitting/programs.py", "pickle.loads"),  # from the folder of `jaxmodel.base.cache`
     ("sweeps/cluster.py", "pickle.loads"),  # what this process sent to a worker of its own cluster
 }
 
@@ -278,7 +278,7 @@ def test_every_slow_test_that_is_listed_is_there() -> None:
 
 def test_annotations_are_checked_while_tests_run() -> None:
     """Without the import hook every other test would still pass, and check less."""
-    from jaxmodel.errors import nearest
+    from jaxmodel.base.errors import nearest
 
     with pytest.raises(jaxtyping.TypeCheckError):
         nearest(3, ["a name"])

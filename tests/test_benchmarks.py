@@ -8,7 +8,7 @@ from benchmarks.against_c import MOST_APART, MOST_APART_SINGLE, differences
 from benchmarks.by_hand import ByHand, NoCompiler
 from benchmarks.commands import COMMANDS, ROOT
 from benchmarks.work import Ours, study_of
-from workbench.cli import app
+from jaxmodel.app.cli import app
 
 
 @pytest.mark.parametrize(("precision", "limits"), [("float64", MOST_APART), ("float32", MOST_APART_SINGLE)])

@@ -11,23 +11,23 @@ import numpy as np
 import pytest
 import yaml
 
-from discrepancy.decision import RULES
-from discrepancy.settings import table
-from jaxmodel.build import load_effect_class, make_effect
-from jaxmodel.case_schema import CaseEntry, RunEntry, parse_case
-from jaxmodel.cases import read_case
-from jaxmodel.curves import CellCurves
+from jaxmodel.base.errors import UserError
+from jaxmodel.case.build import load_effect_class, make_effect
+from jaxmodel.case.forms import CaseEntry, RunEntry, parse_case
+from jaxmodel.case.measurements import KINDS
+from jaxmodel.case.reading import read_case
+from jaxmodel.diagnosis.decision import RULES
+from jaxmodel.diagnosis.settings import table
 from jaxmodel.effects import CATALOGUE
-from jaxmodel.errors import UserError
-from jaxmodel.measurements import KINDS
-from jaxmodel.model import Model
-from jaxmodel.parameters import Parameters
-from jaxmodel.ports import PORTS
-from jaxmodel.profile import constant
-from sensitivity import metrics as of_sensitivity
-from sweeps import metrics_of, read_study
-from sweeps.study_form import ProfileForm, StudyForm
-from tests.jaxmodel.runs import readings
+from jaxmodel.model.curves import CellCurves
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.parameters import Parameters
+from jaxmodel.model.ports import PORTS
+from jaxmodel.model.profile import constant
+from jaxmodel.sensitivity import metrics as of_sensitivity
+from jaxmodel.sweeps import metrics_of, read_study
+from jaxmodel.sweeps.study_form import ProfileForm, StudyForm
+from tests.model.runs import readings
 
 REPOSITORY = Path(__file__).parents[1]
 DOCS = REPOSITORY / "docs"

@@ -19,7 +19,7 @@ from benchmarks.discrepancy.judge import Judged, metrics, read_blind, report
 from benchmarks.discrepancy.ranges import CONFUSABLE, EFFECTS
 from benchmarks.discrepancy.rates import Rate
 from benchmarks.discrepancy.tables import DRIVEN_FROM, OFF, SOC, VALUES
-from jaxmodel.cases import read_case
+from jaxmodel.case.reading import read_case
 
 SEEDS = range(BENCH_FROM, BENCH_FROM + 250)
 DRAWN = {seed: draw_bench(seed) for seed in SEEDS}

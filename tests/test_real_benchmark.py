@@ -17,8 +17,8 @@ from benchmarks.real.reference import reference
 from benchmarks.real.reference_cell import CellReference
 from benchmarks.real.reference_motor import MotorReference
 from benchmarks.real.table import Row, sentences, summary
-from jaxmodel.case import Case
-from jaxmodel.cases import read_case
+from jaxmodel.case.reading import read_case
+from jaxmodel.case.records import Case
 from jaxmodel.effects import CATALOGUE
 
 try:

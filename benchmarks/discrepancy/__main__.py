@@ -19,7 +19,7 @@ from benchmarks.discrepancy.generate import make as make_case
 from benchmarks.discrepancy.judge import read, report
 from benchmarks.discrepancy.one import in_a_process
 from benchmarks.discrepancy.publish import publish
-from jaxmodel.jax_settings import keep_compiled_programs
+from jaxmodel.base.jax_settings import keep_compiled_programs
 
 app = typer.Typer(add_completion=False, no_args_is_help=True)
 Folder = Annotated[Path, typer.Argument(help="Where the cases are, one folder each.")]

@@ -22,8 +22,8 @@ MOST_SECONDS = 900.0
 
 def diagnose_folder(folder: Path) -> dict[str, Any]:
     """Return the answer of the diagnosis of a case."""
-    from discrepancy import diagnose
-    from jaxmodel.cases import read_case
+    from jaxmodel.case.reading import read_case
+    from jaxmodel.diagnosis import diagnose
 
     return diagnose(read_case(folder)).answer()
 
@@ -63,7 +63,7 @@ def in_a_process(folder: Path, out: Path, *, cold: bool, limit_s: float = MOST_S
 def main(folder: Path, out: Path, warm: Annotated[bool, typer.Option(help="Use programs compiled before.")] = False):
     """Diagnose a case and write its answer."""
     if warm:
-        from jaxmodel.jax_settings import keep_compiled_programs
+        from jaxmodel.base.jax_settings import keep_compiled_programs
 
         keep_compiled_programs()
     out.write_text(json.dumps(diagnose_folder(folder)))

@@ -11,7 +11,7 @@ from matplotlib.ticker import PercentFormatter
 
 from benchmarks.discrepancy.judge import BINS, Judged
 from benchmarks.discrepancy.rates import rate
-from plots.style import BLUE, GREY, PAGE_CM, new_figure, styled
+from jaxmodel.plots.style import BLUE, GREY, PAGE_CM, new_figure, styled
 
 
 @styled

@@ -15,7 +15,7 @@ from benchmarks.discrepancy.generate import CONFUSABLE_FROM, HARDER_FROM
 from benchmarks.discrepancy.judge import Judged, calibration_error, keep, metrics, power, read, reliability
 from benchmarks.discrepancy.pictures import reliability_picture
 from benchmarks.discrepancy.rates import Rate, markdown
-from plots.style import png
+from jaxmodel.plots.style import png
 
 SEALED_FROM = 1000
 # Begins the names of files with the answers to cases of one group.

@@ -17,12 +17,12 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import least_squares
 
-from jaxmodel.build import case_model, run_profile
-from jaxmodel.case import Case, Run
-from jaxmodel.known import Known
-from jaxmodel.model import Model
-from jaxmodel.profile import Track
-from jaxmodel.simulation import run_track, track
+from jaxmodel.case.build import case_model, run_profile
+from jaxmodel.case.known import Known
+from jaxmodel.case.records import Case, Run
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.profile import Track
+from jaxmodel.model.simulation import run_track, track
 
 # Of a number's sd, or of a tenth of an effect's parameter: the step of the differences that stand for derivatives.
 STEP = 1e-3

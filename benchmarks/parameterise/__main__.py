@@ -15,8 +15,8 @@ from benchmarks.parameterise.peers import peer_errors
 from benchmarks.real.cases import WORK, find_data
 from benchmarks.real.reference import reference
 from benchmarks.report import machine
-from parameterisation import parameterise
-from workbench.terminal import say, table
+from jaxmodel.app.terminal import say, table
+from jaxmodel.parameterisation import parameterise
 
 app = typer.Typer(add_completion=False)
 

@@ -15,8 +15,8 @@ from benchmarks.real.one import diagnose_apart
 from benchmarks.real.reference import reference
 from benchmarks.real.table import Row, print_rows, print_summary, summary
 from benchmarks.report import machine
-from jaxmodel.cases import read_case
-from workbench.terminal import say
+from jaxmodel.app.terminal import say
+from jaxmodel.case.reading import read_case
 
 app = typer.Typer(add_completion=False)
 

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.real.one import diagnose_apart
-from workbench.terminal import say, table
+from jaxmodel.app.terminal import say, table
 
 NUMBER = r"[-+]?[\d.]+(?:[eE][-+]?\d+)?"
 ADDED_SOC_SD = 0.01

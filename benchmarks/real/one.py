@@ -20,8 +20,8 @@ KEPT_PROGRAMS = ("JAX_COMPILATION_CACHE_DIR", "JAXMODEL_CACHE")
 
 def said_of(folder: Path) -> dict[str, Any]:
     """Return the answer of the diagnosis on a case: the one place that knows where the diagnosis lives."""
-    from discrepancy import diagnose
-    from jaxmodel.cases import read_case
+    from jaxmodel.case.reading import read_case
+    from jaxmodel.diagnosis import diagnose
 
     return diagnose(read_case(folder)).answer()
 

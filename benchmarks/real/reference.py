@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.real.reference_cell import CellReference
 from benchmarks.real.reference_motor import MotorReference
-from jaxmodel.case import Case
+from jaxmodel.case.records import Case
 
 
 @dataclasses.dataclass(frozen=True)

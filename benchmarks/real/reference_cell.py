@@ -21,7 +21,7 @@ from scipy.linalg import block_diag
 from scipy.optimize import minimize_scalar
 
 from benchmarks.real.least_squares import COARSE, FINE, Sums, differences, hats, left_out, relaxed, ridge
-from jaxmodel.case import Case, Run
+from jaxmodel.case.records import Case, Run
 
 ZERO_DEGC_IN_K, GAS_J_MOL_K, REFERENCE_K = 273.15, 8.314, 298.15
 E_SCALE = 20e3  # J/mol; the unit of what a resistance adds to its exponential

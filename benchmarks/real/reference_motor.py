@@ -17,7 +17,7 @@ import itertools
 import numpy as np
 from scipy.optimize import nnls
 
-from jaxmodel.case import Case, Run
+from jaxmodel.case.records import Case, Run
 
 CHOICES = tuple(("tau_0", *more) for size in range(4) for more in itertools.combinations(("g", "b", "c"), size))
 FOLLOWED_S = 0.2  # a longer step is too coarse for the mechanical time constant of a small motor

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.real.cases import CASES, RealCase
-from workbench.terminal import say, table
+from jaxmodel.app.terminal import say, table
 
 # Of a channel: its short name, the unit of its error, and how many of them are one of the column's.
 UNITS = {

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from jaxmodel import read_case, simulate_case
-from jaxmodel.build import load_effect_class
+from jaxmodel.case.build import load_effect_class
 
 EFFECT = Path(__file__).parents[2] / "examples" / "my_effects.py"
 TRUTH = {"R_c": 0.015, "R_th": 40.0, "tau_c": 60.0}

@@ -11,15 +11,15 @@ import typer
 
 # Imported first: sweeps configures JAX for all cores, which must happen before the first array.
 from examples.paper.discharges import discharges  # isort: skip
-from discrepancy import diagnose
 from examples.paper import report, report_no_load
 from examples.paper.candidates import carried
 from examples.paper.no_load import doubled, experiment, gradients, no_load, pulsed, trajectory
-from jaxmodel.cases import read_case
-from workbench import terminal
-from workbench.article import Table, write_article
-from workbench.commands.diagnose import DONE_BY
-from workbench.commands.start import start
+from jaxmodel import diagnose
+from jaxmodel.app import terminal
+from jaxmodel.app.article import Table, write_article
+from jaxmodel.app.commands.diagnose import DONE_BY
+from jaxmodel.app.commands.start import start
+from jaxmodel.case.reading import read_case
 
 EXAMPLE = Path(__file__).parents[1] / "paper_table1"
 FULL_SPEED = 1.0

@@ -16,14 +16,14 @@ from scipy.optimize import least_squares
 
 from examples.paper.discharges import ASSUMED, DURATION_S
 from examples.paper.printed import TABLE_1, TABLE_STEP
-from jaxmodel.build import make_effect, preset_model
-from jaxmodel.declaration import describe
+from jaxmodel.case.build import make_effect, preset_model
 from jaxmodel.effects import CATALOGUE
-from jaxmodel.model import Model
-from jaxmodel.names import parameter_table
-from jaxmodel.profile import constant
-from sweeps.lane import Keep, lay_out, run_lane
-from sweeps.metrics import metrics_of
+from jaxmodel.model.declaration import describe
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.names import parameter_table
+from jaxmodel.model.profile import constant
+from jaxmodel.sweeps.lane import Keep, lay_out, run_lane
+from jaxmodel.sweeps.metrics import metrics_of
 
 HELD_OUT_DEGC = 40.0
 # Standard deviations as in examples/paper_table1: assumed.

@@ -6,9 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-import sweeps
 from examples.paper.printed import TABLE_1, TABLE_2
-from jaxmodel.cell import storage_factor
+from jaxmodel import sweeps
+from jaxmodel.model.cell import storage_factor
 
 # Values that the paper does not state, chosen to reproduce Table 2; see `docs/paper.md`.
 ASSUMED = {"duty": 0.3, "load_torque_Nm": 0.175, "onboard_current_A": 0.3}

@@ -9,15 +9,15 @@ import numpy as np
 import xarray as xr
 from scipy.optimize import brentq
 
-import sweeps
 from examples.paper.printed import LINEAR_SPAN_S, REDUCTION, TEST_DURATION_S, TESTS, VOLTMETER_V, Test
-from jaxmodel.build import preset_model
-from jaxmodel.cell import cycle_resistance
-from jaxmodel.model import Model
-from jaxmodel.names import with_values
-from jaxmodel.profile import Profile, constant
-from jaxmodel.simulation import simulate
-from sensitivity.doubling import doubling_test
+from jaxmodel import sweeps
+from jaxmodel.case.build import preset_model
+from jaxmodel.model.cell import cycle_resistance
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.names import with_values
+from jaxmodel.model.profile import Profile, constant
+from jaxmodel.model.simulation import simulate
+from jaxmodel.sensitivity.doubling import doubling_test
 
 FIG_8_DURATION_S, STEP_S = 3000.0, 10.0
 N_SERIES = 6.0
@@ -102,8 +102,8 @@ def pulsed() -> tuple[np.ndarray, np.ndarray]:
 def doubled(duty: float) -> tuple[xr.Dataset, Gradients]:
     """Return the paper's parametric test by the package `sensitivity`, and the slopes with all components doubled.
 
-    The data set is that of `sensitivity.doubling_test` for each component alone, at 0 N m and 20 degC over Fig. 8's
-    time; the slopes are those of a cell whose whole equivalent circuit is doubled at once, motors' included.
+    The data set is that of `jaxmodel.sensitivity.doubling_test` for each component alone, at 0 N m and 20 degC over
+    Fig. 8's time; the slopes are those of a cell whose whole equivalent circuit is doubled at once, motors' included.
     """
     model = preset_model("paper", "robot")
     profile = constant(FIG_8_DURATION_S, STEP_S, duty=duty, load_torque_Nm=0.0, ambient_degC=20.0)

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from discrepancy.wording import effect_name
 from examples.paper import printed
 from examples.paper.candidates import HELD_OUT_DEGC, Carried
 from examples.paper.discharges import ASSUMED, misfit, share_left, slopes, with_storage_at_ambient
 from examples.paper.no_load import Gradients, Held
 from examples.paper.printed import TABLE_1, TABLE_2, TABLE_STEP, headline
-from plots import paper as pictures
-from plots.style import png
-from plots.sweeps import against_paper, family
-from workbench.article import Picture, Section, Table, percent, power
+from jaxmodel.app.article import Picture, Section, Table, percent, power
+from jaxmodel.diagnosis.wording import effect_name
+from jaxmodel.plots import paper as pictures
+from jaxmodel.plots.style import png
+from jaxmodel.plots.sweeps import against_paper, family
 
 NOT_STATED = (
     ("open-circuit voltage", "Chen and Rincon-Mora 2006, the paper's reference [6]", "voltages; no SOC slope"),

@@ -10,9 +10,9 @@ import xarray as xr
 from examples.paper import printed
 from examples.paper.no_load import Gradients, Held, activation_energy, gradients, trajectory
 from examples.paper.printed import TESTS
-from plots import paper as pictures
-from plots.style import png
-from workbench.article import Picture, Section, Table, percent, power
+from jaxmodel.app.article import Picture, Section, Table, percent, power
+from jaxmodel.plots import paper as pictures
+from jaxmodel.plots.style import png
 
 
 def figure_8_section(data: xr.Dataset, pulses: tuple[np.ndarray, np.ndarray]) -> Section:
@@ -146,7 +146,7 @@ def experiment_section(held: Sequence[Held]) -> Section:
 
 
 def figure_9_section(data: xr.Dataset, together: Gradients) -> Section:
-    """Return the parametric test: each component doubled, through `sensitivity.doubling_test`."""
+    """Return the parametric test: each component doubled, through `jaxmodel.sensitivity.doubling_test`."""
     time_s = data["time_s"].to_numpy()
     base = data["output_value"].sel(output="pack_voltage_V").to_numpy() / 6.0
     moved = {

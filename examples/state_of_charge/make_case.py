@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from jaxmodel.build import preset_model
+from jaxmodel.case.build import preset_model
 
 TUNED = ("drive_nn_p25degC", "drive_nn_p10degC", "drive_nn_p00degC", "drive_nn_n20degC")
 JUDGED = (

@@ -5,11 +5,11 @@ from __future__ import annotations
 import inspect
 from collections.abc import Iterable
 
-from jaxmodel.declaration import describe
+from jaxmodel.base.errors import EffectError
 from jaxmodel.effects import battery, drive, further_battery, further_drive, further_sensors, sensors
-from jaxmodel.errors import EffectError
-from jaxmodel.ports import Effect
-from jaxmodel.specimen import scale_of
+from jaxmodel.effects.specimen import scale_of
+from jaxmodel.model.declaration import describe
+from jaxmodel.model.ports import Effect
 
 CATALOGUE: dict[str, type[Effect]] = {
     cls.name: cls

@@ -6,10 +6,10 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from jaxmodel.cell import ZERO_DEGC_IN_K, cycle_resistance
-from jaxmodel.declaration import Scalar, parameter
-from jaxmodel.flow import Flow, State, integral, relaxation
-from jaxmodel.ports import CellContext, Effect
+from jaxmodel.model.cell import ZERO_DEGC_IN_K, cycle_resistance
+from jaxmodel.model.declaration import Scalar, parameter
+from jaxmodel.model.flow import Flow, State, integral, relaxation
+from jaxmodel.model.ports import CellContext, Effect
 
 GAS_CONSTANT = 8.314  # J/(mol K)
 FARADAY = 96485.0  # C/mol

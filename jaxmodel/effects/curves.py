@@ -13,11 +13,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxmodel.cell import ZERO_DEGC_IN_K
-from jaxmodel.curves import between_knots
-from jaxmodel.declaration import Scalar
-from jaxmodel.errors import EffectError
-from jaxmodel.ports import CellContext, Effect, MotorContext
+from jaxmodel.base.errors import EffectError
+from jaxmodel.model.cell import ZERO_DEGC_IN_K
+from jaxmodel.model.curves import between_knots
+from jaxmodel.model.declaration import Scalar
+from jaxmodel.model.ports import CellContext, Effect, MotorContext
 
 CELL = ("cell", "robot")
 MOTOR = ("motor", "robot")

@@ -6,8 +6,8 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from jaxmodel.declaration import Scalar, parameter
-from jaxmodel.ports import Effect, MotorContext
+from jaxmodel.model.declaration import Scalar, parameter
+from jaxmodel.model.ports import Effect, MotorContext
 
 MOTOR = ("motor", "robot")
 ROBOT = ("robot",)

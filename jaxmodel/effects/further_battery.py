@@ -6,11 +6,11 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from jaxmodel.cell import ZERO_DEGC_IN_K
-from jaxmodel.declaration import Scalar, parameter
 from jaxmodel.effects.battery import CELL, GAS_CONSTANT, REFERENCE_DEGC
-from jaxmodel.flow import Flow, State, integral, relaxation
-from jaxmodel.ports import CellContext, Effect
+from jaxmodel.model.cell import ZERO_DEGC_IN_K
+from jaxmodel.model.declaration import Scalar, parameter
+from jaxmodel.model.flow import Flow, State, integral, relaxation
+from jaxmodel.model.ports import CellContext, Effect
 
 CHANGEOVER = 0.01  # share of the one-hour current over which a resistance of one direction sets in
 LEAST_CAPACITY = 0.05  # share that is left however far a law of the capacity is extrapolated

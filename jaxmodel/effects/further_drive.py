@@ -6,9 +6,9 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from jaxmodel.declaration import Scalar, parameter
 from jaxmodel.effects.drive import MOTOR, ROBOT
-from jaxmodel.ports import Effect, MotorContext
+from jaxmodel.model.declaration import Scalar, parameter
+from jaxmodel.model.ports import Effect, MotorContext
 
 DIRECTION_RAD_S = 1.0  # a rotor faster than this has a direction
 DIRECTION_DUTY = 0.02  # so has a bridge with more duty than this

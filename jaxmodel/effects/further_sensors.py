@@ -7,9 +7,9 @@ from typing import ClassVar
 import equinox as eqx
 from jaxtyping import Array
 
-from jaxmodel.declaration import Scalar, parameter
 from jaxmodel.effects.sensors import ANY, SensorEffect
-from jaxmodel.sensors import Signal
+from jaxmodel.model.declaration import Scalar, parameter
+from jaxmodel.model.sensors import Signal
 
 DRIVEN = ("motor", "robot")
 CALIBRATION_DEGC = 25.0

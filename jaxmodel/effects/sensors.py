@@ -6,9 +6,9 @@ from typing import ClassVar
 
 from jaxtyping import Array
 
-from jaxmodel.declaration import Scalar, parameter
-from jaxmodel.ports import Effect
-from jaxmodel.sensors import Signal, lagged, shifted, shifted_rows
+from jaxmodel.model.declaration import Scalar, parameter
+from jaxmodel.model.ports import Effect
+from jaxmodel.model.sensors import Signal, lagged, shifted, shifted_rows
 
 ANY = ("cell", "motor", "robot")
 

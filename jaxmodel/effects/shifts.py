@@ -12,10 +12,10 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jaxmodel.declaration import Scalar, parameter
 from jaxmodel.effects.sensors import ANY, SensorEffect
-from jaxmodel.ports import CellContext, Effect, MotorContext
-from jaxmodel.sensors import Signal
+from jaxmodel.model.declaration import Scalar, parameter
+from jaxmodel.model.ports import CellContext, Effect, MotorContext
+from jaxmodel.model.sensors import Signal
 
 CELL = ("cell", "robot")
 MOTOR = ("motor", "robot")

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discrepancy.result import Diagnosis
 from examples.paper import __main__ as paper_report
 from examples.paper import discharges
 from examples.paper.no_load import activation_energy, gradients, soc_at_rest
@@ -20,9 +19,10 @@ from examples.paper.printed import (
     TESTS,
     headline,
 )
-from jaxmodel.cases import read_case
-from jaxmodel.schema import with_schema
-from operation.compensation import SHARE_PER_20_K, SHARE_PER_50_MNM
+from jaxmodel.base.schema import with_schema
+from jaxmodel.case.reading import read_case
+from jaxmodel.diagnosis.result import Diagnosis
+from jaxmodel.operation.compensation import SHARE_PER_20_K, SHARE_PER_50_MNM
 
 
 def test_headlines_are_the_tables_by_one_of_their_own_slopes() -> None:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jaxmodel.build import make_effect
-from jaxmodel.model import Model
-from jaxmodel.parameters import Parameters
-from jaxmodel.profile import Profile
-from jaxmodel.simulation import simulate as run
+from jaxmodel.case.build import make_effect
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.parameters import Parameters
+from jaxmodel.model.profile import Profile
+from jaxmodel.model.simulation import simulate as run
 from tests.independent import simulate
 
 STRONG = {"R_0": 0.063, "k_tau": 0.039}  # an inrush of two hundred ampere

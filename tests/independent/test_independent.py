@@ -12,8 +12,8 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 
-from jaxmodel.declaration import describe
 from jaxmodel.effects import CATALOGUE
+from jaxmodel.model.declaration import describe
 
 from . import Run, make_profile, simulate, write_case
 from .equations import open_circuit_voltage, series_resistance

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxmodel.build import preset_model
-from operation import compensation
-from operation.c_header import Q15, c_header, looked_up
-from operation.compensation import Compensation, Reference, Runs, bilinear, compensate, paper_rule_error
+from jaxmodel.case.build import preset_model
+from jaxmodel.operation import compensation
+from jaxmodel.operation.c_header import Q15, c_header, looked_up
+from jaxmodel.operation.compensation import Compensation, Reference, Runs, bilinear, compensate, paper_rule_error
 
 AMBIENT = np.array([-20.0, 20.0, 60.0])
 TORQUE = np.array([0.05, 0.175, 0.3])

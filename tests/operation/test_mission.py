@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxmodel.build import preset_model
-from jaxmodel.cell import storage_factor
-from jaxmodel.errors import SweepError, UserError
-from operation.compensation import Compensation, Reference, Runs
-from operation.mission import (
+from jaxmodel.base.errors import SweepError, UserError
+from jaxmodel.case.build import preset_model
+from jaxmodel.model.cell import storage_factor
+from jaxmodel.operation.compensation import Compensation, Reference, Runs
+from jaxmodel.operation.mission import (
     LIMITS,
     NOT_REACHED,
     Limits,

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxmodel.build import preset_model
-from jaxmodel.errors import MeasurementError
-from jaxmodel.model import Model
-from jaxmodel.profile import constant
-from jaxmodel.simulation import simulate
-from operation import cells_in_parallel, read_robots
+from jaxmodel.base.errors import MeasurementError
+from jaxmodel.case.build import preset_model
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.profile import constant
+from jaxmodel.model.simulation import simulate
+from jaxmodel.operation import cells_in_parallel, read_robots
 
 
 def write_case(folder: Path, kind: str = "robot", mass_kg: float = 30.0) -> Path:

@@ -9,17 +9,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxmodel.build import preset_model
-from jaxmodel.case import Run
-from jaxmodel.cell import cycle_resistance, storage_factor
-from jaxmodel.errors import MeasurementError
-from jaxmodel.names import with_values
-from jaxmodel.profile import Profile
-from jaxmodel.simulation import simulate
-from operation.evaluation import NEARER, Trial, draw_tunings, filters, polynomials, rms, trials, tune_filter
-from operation.kalman import FilterOutput, Measured, Tuning
-from operation.polynomial import polynomial_estimator
-from tests.discrepancy.made_cases import run_of
+from jaxmodel.base.errors import MeasurementError
+from jaxmodel.case.build import preset_model
+from jaxmodel.case.records import Run
+from jaxmodel.model.cell import cycle_resistance, storage_factor
+from jaxmodel.model.names import with_values
+from jaxmodel.model.profile import Profile
+from jaxmodel.model.simulation import simulate
+from jaxmodel.operation.evaluation import NEARER, Trial, draw_tunings, filters, polynomials, rms, trials, tune_filter
+from jaxmodel.operation.kalman import FilterOutput, Measured, Tuning
+from jaxmodel.operation.polynomial import polynomial_estimator
+from tests.diagnosis.made_cases import run_of
 
 CELL = preset_model("panasonic_18650pf", "cell")
 ROWS = 1801

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from jaxmodel import Known, read_case, simulate_case
-from jaxmodel.errors import FitError, MeasurementError
-from parameterisation import Parameterisation, parameterise
+from jaxmodel.base.errors import FitError, MeasurementError
+from jaxmodel.parameterisation import Parameterisation, parameterise
 from tests.parameterisation import made
 
 SIGMAS = 4.0

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from parameterisation.cell import grid_of
-from parameterisation.design import FINE, Shape, Smoothness, Start
-from parameterisation.joint import JointFit, _Problem, fit_joint
-from parameterisation.rows import Rows, rows_of
-from parameterisation.search import Parts, search
+from jaxmodel.parameterisation.cell import grid_of
+from jaxmodel.parameterisation.design import FINE, Shape, Smoothness, Start
+from jaxmodel.parameterisation.joint import JointFit, _Problem, fit_joint
+from jaxmodel.parameterisation.rows import Rows, rows_of
+from jaxmodel.parameterisation.search import Parts, search
 from tests.parameterisation import made
 
 SHAPE = Shape(made.TAU_S, made.TAU_L)

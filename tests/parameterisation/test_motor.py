@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 from jaxmodel import Case
-from jaxmodel.errors import FitError
-from parameterisation import Parameterisation, parameterise
+from jaxmodel.base.errors import FitError
+from jaxmodel.parameterisation import Parameterisation, parameterise
 from tests.parameterisation import made
 
 SIGMAS = 4.0

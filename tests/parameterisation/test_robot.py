@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from jaxmodel import read_case
-from jaxmodel.cell import cycle_resistance, storage_factor
-from jaxmodel.errors import FitError
-from parameterisation import Parameterisation, parameterise
+from jaxmodel.base.errors import FitError
+from jaxmodel.model.cell import cycle_resistance, storage_factor
+from jaxmodel.parameterisation import Parameterisation, parameterise
 from tests.parameterisation import made_robot
 from tests.parameterisation.made_robot import EXACT, NOISE, TRUE
 

@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 import xarray as xr
 
-import sensitivity
-import sweeps
-from jaxmodel.errors import SweepError
-from plots.datasets import MOST_DRAWN, pictures_of, save_pictures, thinned
-from plots.global_indices import bars
-from plots.lanes import panels, points
-from plots.sensitivities import doubling_beside_gradient, interaction_matrix, over_time
-from plots.sweeps import family, heat_map, metric_curves
-from plots.uncertainty import bands_over_time
+from jaxmodel import sensitivity, sweeps
+from jaxmodel.base.errors import SweepError
+from jaxmodel.plots.datasets import MOST_DRAWN, pictures_of, save_pictures, thinned
+from jaxmodel.plots.global_indices import bars
+from jaxmodel.plots.lanes import panels, points
+from jaxmodel.plots.sensitivities import doubling_beside_gradient, interaction_matrix, over_time
+from jaxmodel.plots.sweeps import family, heat_map, metric_curves
+from jaxmodel.plots.uncertainty import bands_over_time
 
 
 def grid(**sizes: int) -> xr.Dataset:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discrepancy.result import Diagnosis
-from discrepancy.wording import final_in_short
+from jaxmodel.diagnosis.result import Diagnosis
+from jaxmodel.diagnosis.wording import final_in_short
 from jaxmodel.effects.curves import SOC_KNOTS
-from plots.errors import errors_by_run
-from plots.evidence import curves, ladder
-from plots.style import png
+from jaxmodel.plots.errors import errors_by_run
+from jaxmodel.plots.evidence import curves, ladder
+from jaxmodel.plots.style import png
 from tests.made_up import contact, factor_curve, law, ocv_curve, with_additions
 
 

@@ -7,11 +7,11 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from jaxmodel.build import preset_model
-from operation import Compensation, Evaluation, Mission, Reference, Segment
-from operation.compensation import Runs
-from operation.state_of_charge import COUNTED, ESTIMATORS, FILTER
-from plots.operation import (
+from jaxmodel.case.build import preset_model
+from jaxmodel.operation import Compensation, Evaluation, Mission, Reference, Segment
+from jaxmodel.operation.compensation import Runs
+from jaxmodel.operation.state_of_charge import COUNTED, ESTIMATORS, FILTER
+from jaxmodel.plots.operation import (
     compensation_gains,
     compensation_maps,
     endurance,

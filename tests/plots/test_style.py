@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from plots.style import (
+from jaxmodel.plots.style import (
     CSS_DOTS_PER_INCH,
     DOTS_PER_INCH,
     MOST_ROWS,

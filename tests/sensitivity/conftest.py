@@ -1,6 +1,6 @@
 """A short, smooth run of each kind: the cell with all its effects, every sensor's among them, the drives with some.
 
-That each effect's own derivatives are right is tested on the model itself (tests/jaxmodel/test_derivatives.py), but for
+That each effect's own derivatives are right is tested on the model itself (tests/model/test_derivatives.py), but for
 the brush drop's; here, that effects of any kind go through metrics, inputs and curves. All of a robot's would compile
 three times as long.
 """
@@ -10,11 +10,11 @@ from __future__ import annotations
 import pytest
 
 from jaxmodel.effects import CATALOGUE
-from jaxmodel.model import Model
-from jaxmodel.parameters import Parameters
-from jaxmodel.ports import Effect
-from jaxmodel.profile import Profile, constant
-from sensitivity.response import Response, make_response
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.parameters import Parameters
+from jaxmodel.model.ports import Effect
+from jaxmodel.model.profile import Profile, constant
+from jaxmodel.sensitivity.response import Response, make_response
 
 # Off the kinks: a shift by a whole number of rows, or a start at full charge, has one derivative to each side.
 OFF_A_ROW = {"clock_shift": {"d": 0.4}}

@@ -11,11 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxmodel.model import Model
-from jaxmodel.profile import constant
-from sensitivity import checkpoint
-from sensitivity.checkpoint import in_blocks
-from sensitivity.response import make_response
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.profile import constant
+from jaxmodel.sensitivity import checkpoint
+from jaxmodel.sensitivity.checkpoint import in_blocks
+from jaxmodel.sensitivity.response import make_response
 
 
 def course(parameters):

@@ -12,19 +12,19 @@ import numpy as np
 import pytest
 import xarray
 
-from jaxmodel.cell import cycle_resistance, storage_factor
-from jaxmodel.curves import CellCurves
+from jaxmodel.base.errors import ParameterError, SweepError
 from jaxmodel.effects import CATALOGUE
-from jaxmodel.errors import ParameterError, SweepError
-from jaxmodel.model import Model
-from jaxmodel.names import with_values
-from jaxmodel.parameters import Parameters
-from jaxmodel.profile import Profile, constant
-from jaxmodel.simulation import Cutoff
-from sensitivity import by_vectors
-from sensitivity.derivatives import _jacobian_by_xla, choose_mode, jacobian, local_sensitivities
-from sensitivity.response import Response, make_response, steps_of
-from sweeps.metrics import Integral
+from jaxmodel.model.cell import cycle_resistance, storage_factor
+from jaxmodel.model.curves import CellCurves
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.names import with_values
+from jaxmodel.model.parameters import Parameters
+from jaxmodel.model.profile import Profile, constant
+from jaxmodel.model.simulation import Cutoff
+from jaxmodel.sensitivity import by_vectors
+from jaxmodel.sensitivity.derivatives import _jacobian_by_xla, choose_mode, jacobian, local_sensitivities
+from jaxmodel.sensitivity.response import Response, make_response, steps_of
+from jaxmodel.sweeps.metrics import Integral
 
 CURRENT_A, AMBIENT_DEGC, DURATION_S = 3.0, 30.0, 8.0
 

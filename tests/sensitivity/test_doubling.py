@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import xarray
 
-from jaxmodel.model import Model
-from jaxmodel.names import value, with_values
-from jaxmodel.parameters import TABLE, Parameters
-from jaxmodel.profile import constant
-from jaxmodel.simulation import Cutoff, Status, simulate
-from sensitivity.derivatives import local_sensitivities
-from sensitivity.doubling import doubling_test
-from sensitivity.response import make_response, steps_of
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.names import value, with_values
+from jaxmodel.model.parameters import TABLE, Parameters
+from jaxmodel.model.profile import constant
+from jaxmodel.model.simulation import Cutoff, Status, simulate
+from jaxmodel.sensitivity.derivatives import local_sensitivities
+from jaxmodel.sensitivity.doubling import doubling_test
+from jaxmodel.sensitivity.response import make_response, steps_of
 
 CELL = Model("cell", Parameters(initial_soc=0.5))
 CELL_PROFILE = constant(20.0, 2.0, current_A=3.0, ambient_degC=10.0)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import xarray
 
-from jaxmodel.errors import SweepError
-from sensitivity.global_study import global_indices, ranges_of
-from sensitivity.indices import Design, analyse, make_design
-from sweeps.study import Study
+from jaxmodel.base.errors import SweepError
+from jaxmodel.sensitivity.global_study import global_indices, ranges_of
+from jaxmodel.sensitivity.indices import Design, analyse, make_design
+from jaxmodel.sweeps.study import Study
 
 NAMES = ("x1", "x2", "x3")
 A, B = 7.0, 0.1  # of the Ishigami function

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sensitivity.information import Information, direction_in_words
+from jaxmodel.sensitivity.information import Information, direction_in_words
 
 
 def made(seed: int, parts: int = 3, unknowns: int = 4) -> tuple[Information, np.ndarray]:

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 import xarray
 
-from jaxmodel.cell import storage_factor
-from jaxmodel.errors import ParameterError
-from jaxmodel.model import Model
-from jaxmodel.parameters import Parameters
-from jaxmodel.profile import constant
-from jaxmodel.simulation import simulate
-from sensitivity.derivatives import pushforward
-from sensitivity.interaction import second_derivatives
-from sensitivity.response import make_response
+from jaxmodel.base.errors import ParameterError
+from jaxmodel.model.cell import storage_factor
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.parameters import Parameters
+from jaxmodel.model.profile import constant
+from jaxmodel.model.simulation import simulate
+from jaxmodel.sensitivity.derivatives import pushforward
+from jaxmodel.sensitivity.interaction import second_derivatives
+from jaxmodel.sensitivity.response import make_response
 
 CURRENT_A, DURATION_S = 3.0, 40.0
 CELL = Model("cell", Parameters(initial_soc=0.5))

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jaxmodel.model import Model
-from jaxmodel.native import NotNative
-from jaxmodel.parameters import Parameters
-from jaxmodel.profile import constant
-from sensitivity import by_vectors, over_axes
-from sensitivity.derivatives import local_sensitivities
-from sensitivity.over_axes import elasticity_map
-from sweeps.study import Study
+from jaxmodel.lanes import NotNative
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.parameters import Parameters
+from jaxmodel.model.profile import constant
+from jaxmodel.sensitivity import by_vectors, over_axes
+from jaxmodel.sensitivity.derivatives import local_sensitivities
+from jaxmodel.sensitivity.over_axes import elasticity_map
+from jaxmodel.sweeps.study import Study
 
 METRICS = ["final_soc", "delivered_energy_Wh"]
 NAMES = ("capacity_Ah", "series_resistance_scale", "current_A")

@@ -7,10 +7,10 @@ import pytest
 import xarray
 from scipy.stats import norm
 
-from jaxmodel.errors import ParameterError
-from jaxmodel.model import Model
-from jaxmodel.profile import constant
-from sensitivity.propagation import propagate
+from jaxmodel.base.errors import ParameterError
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.profile import constant
+from jaxmodel.sensitivity.propagation import propagate
 
 PROFILE = constant(600.0, 60.0, current_A=5.0, ambient_degC=15.0)
 METRICS, OUTPUTS = ("final_soc", "min_voltage_V"), ("voltage_V", "soc")

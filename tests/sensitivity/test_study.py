@@ -9,11 +9,11 @@ import pandas as pd
 import pytest
 import xarray
 
-import sensitivity
-from jaxmodel.errors import SweepError
-from sensitivity import interactions, local, stated_sd, uncertainty
-from sweeps.engine import run
-from sweeps.study import Study, read_study
+from jaxmodel import sensitivity
+from jaxmodel.base.errors import SweepError
+from jaxmodel.sensitivity import interactions, local, stated_sd, uncertainty
+from jaxmodel.sweeps.engine import run
+from jaxmodel.sweeps.study import Study, read_study
 
 STUDY = """
 title = "a cell at two ages"

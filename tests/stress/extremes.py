@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from jaxmodel.names import parameter_table, value
-from jaxmodel.parameters import ParameterInfo
-from jaxmodel.simulation import Status
-from sweeps import Study, run
+from jaxmodel.model.names import parameter_table, value
+from jaxmodel.model.parameters import ParameterInfo
+from jaxmodel.model.simulation import Status
+from jaxmodel.sweeps import Study, run
 from tests.sweeps.test_by_vectors import OF_CELL, OF_MOTOR, OF_ROBOT, OF_STATES
 
 # By kind: effects, the loads and surroundings between which a user may be, and the rest of the study.

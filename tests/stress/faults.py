@@ -20,12 +20,12 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from sweeps.places import LOG
-from sweeps.store import RUN
+from jaxmodel.app.one_sentence import MISTAKE
+from jaxmodel.sweeps.places import LOG
+from jaxmodel.sweeps.store import RUN
 from tests.stress import seeds
 from tests.stress.kills import COMMANDS, different, program
 from tests.stress.trial import emptied, faults
-from workbench.one_sentence import MISTAKE
 
 _ROOM_KIB = 2**20
 # A clock that is set while a command runs: each look is up to some months off.

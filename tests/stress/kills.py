@@ -18,7 +18,7 @@ import time
 from pathlib import Path
 
 from jaxmodel import read_case
-from jaxmodel.errors import UserError
+from jaxmodel.base.errors import UserError
 from tests.stress import seeds
 
 # By what is killed: the words, and the words of the second run.
@@ -36,7 +36,7 @@ SAID_APART = {"manifest.json", "report.html", "import.json", "result.zarr"}
 
 def program(words: list[str]) -> list[str]:
     """Return what runs a command."""
-    return [sys.executable, "-c", "from workbench.cli import main; main()", *words]
+    return [sys.executable, "-c", "from jaxmodel.app.cli import main; main()", *words]
 
 
 def _run(words: list[str], folder: Path, after_s: float | None) -> int | None:

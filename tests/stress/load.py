@@ -18,10 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
-import sweeps
-from discrepancy import diagnose
-from jaxmodel.cases import read_case
-from sweeps import Study
+from jaxmodel import sweeps
+from jaxmodel.case.reading import read_case
+from jaxmodel.diagnosis import diagnose
+from jaxmodel.sweeps import Study
 from tests.made_up import write_case
 
 # The first rounds compile, and fill caches of limited size.

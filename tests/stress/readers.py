@@ -11,19 +11,19 @@ from pathlib import Path
 
 import numpy as np
 
-from importing import import_case
-from importing.options import Kind
-from jaxmodel.build import case_model, load_effect_class, preset_model
-from jaxmodel.case import Run
-from jaxmodel.cases import read_case
-from jaxmodel.model import Model
-from operation.mission import mission_profile, read_mission, rounds_in
-from operation.state_of_charge import read_tunings
-from sweeps.runner import Runner
-from sweeps.study import read_study
+from jaxmodel.app.browser.worker.opening import refuse_outside
+from jaxmodel.case.build import case_model, load_effect_class, preset_model
+from jaxmodel.case.reading import read_case
+from jaxmodel.case.records import Run
+from jaxmodel.data.importing import import_case
+from jaxmodel.data.importing.options import Kind
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.operation.mission import mission_profile, read_mission, rounds_in
+from jaxmodel.operation.state_of_charge import read_tunings
+from jaxmodel.sweeps.runner import Runner
+from jaxmodel.sweeps.study import read_study
 from tests.stress import seeds
 from tests.stress.mutators import BINARY, TABLE, TEXT, Mutator
-from workbench.browser.worker.opening import refuse_outside
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,10 +8,10 @@ import json
 import pandas as pd
 import scipy.io
 
-from operation.kalman import Tuning
-from operation.state_of_charge import FILTER, FILTER_FIXED
+from jaxmodel.operation.kalman import Tuning
+from jaxmodel.operation.state_of_charge import FILTER, FILTER_FIXED
 from tests.conftest import REPOSITORY
-from tests.importing.benches import FORMATS, cell_log, motor_log
+from tests.data.importing.benches import FORMATS, cell_log, motor_log
 
 CASE = """title = "Small cell"
 kind = "cell"
@@ -158,7 +158,7 @@ def folders() -> dict[str, dict[str, bytes]]:
     """Return folders of text files by what reads them; the first file of each is named to the reader."""
     texts = {
         "case": {"case.toml": CASE, "one.csv": ONE, "two.csv": TWO},
-        "preset": {"case.toml": PRESET_CASE, "own.toml": _file("jaxmodel/presets/lg_mj1.toml"), "one.csv": ONE,
+        "preset": {"case.toml": PRESET_CASE, "own.toml": _file("jaxmodel/case/presets/lg_mj1.toml"), "one.csv": ONE,
                    "two.csv": TWO},
         "study": {"study.toml": STUDY},
         "study of a case": {"study.toml": OF_CASE, "case.toml": CASE, "one.csv": ONE, "two.csv": TWO},

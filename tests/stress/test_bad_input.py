@@ -14,11 +14,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxmodel import toml
-from jaxmodel.case_schema import check_case
-from jaxmodel.errors import UserError
-from operation.state_of_charge import read_tunings
-from sweeps.study import Study
+from jaxmodel.base import toml
+from jaxmodel.base.errors import UserError
+from jaxmodel.case.forms import check_case
+from jaxmodel.operation.state_of_charge import read_tunings
+from jaxmodel.sweeps.study import Study
 from tests.stress.readers import READERS
 from tests.stress.seeds import CASE, DRIVE, STUDY
 from tests.stress.trial import faults, read, trial

@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
-from jaxmodel.errors import UserError
+from jaxmodel.base.errors import UserError
 from tests.stress.mutators import spoilt
 from tests.stress.readers import READERS, Reader
 

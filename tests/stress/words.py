@@ -20,11 +20,11 @@ import click
 import typer
 from typer.testing import CliRunner
 
+from jaxmodel.app.cli import app
+from jaxmodel.app.one_sentence import MISTAKE
 from tests.stress import seeds
 from tests.stress.mutators import NUMBERS, TEXTS
 from tests.stress.trial import emptied, faults
-from workbench.cli import app
-from workbench.one_sentence import MISTAKE
 
 SECONDS = 5.0
 # What stands for an argument of a command, in a folder with the files of `seeds`.

@@ -22,9 +22,9 @@ import psutil
 from playwright.sync_api import Error as PlaywrightError
 from playwright.sync_api import sync_playwright
 
+from jaxmodel.app.browser.files import PROGRESS, VIEW, WANTED, read_json
+from tests.app.browser.conftest import ARGUMENTS, Server, Visitor, chromium
 from tests.made_up import write_case
-from tests.workbench.browser.conftest import ARGUMENTS, Server, Visitor, chromium
-from workbench.browser.files import PROGRESS, VIEW, WANTED, read_json
 
 EFFECT = "self_heating"
 # What a user does, by what is clicked; a model after each.

@@ -21,13 +21,13 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
-import sensitivity
-from jaxmodel.case_simulation import simulate_case
-from jaxmodel.cases import read_case
-from sweeps import Study
+from jaxmodel import sensitivity
+from jaxmodel.app.commands.simulate import write_csv
+from jaxmodel.app.report import write_report
+from jaxmodel.case.reading import read_case
+from jaxmodel.case.simulation import simulate_case
+from jaxmodel.sweeps import Study
 from tests.made_up import diagnosis_of, write_case
-from workbench.commands.simulate import write_csv
-from workbench.report import write_report
 
 Write = Callable[[Path], object]
 _TOUCHES = ("open", "os.rename", "os.remove", "os.mkdir", "os.rmdir", "shutil.rmtree")

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 import xarray as xr
 
-from sweeps import Study, run
+from jaxmodel.sweeps import Study, run
 
 
 @pytest.fixture(scope="session")

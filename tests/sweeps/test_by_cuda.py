@@ -9,10 +9,10 @@ import jax
 import numpy as np
 import pytest
 
-import sweeps
-from jaxmodel.native import CudaError, CudaKernel, cuda
-from sweeps import Study, by_cuda, lane_kernel, plan
-from tests.jaxmodel.native.driver import Driver
+from jaxmodel import sweeps
+from jaxmodel.lanes import CudaError, CudaKernel, cuda
+from jaxmodel.sweeps import Study, by_cuda, lane_kernel, plan
+from tests.lanes.driver import Driver
 from tests.sweeps.test_by_vectors import STUDIES
 
 STUDY: dict[str, Any] = {

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jaxmodel.errors import SweepError
-from jaxmodel.names import parameter_table
-from jaxmodel.native import machine
-from jaxmodel.simulation import Status
-from sweeps import Study, metrics_of, metrics_on_request, run
+from jaxmodel.base.errors import SweepError
+from jaxmodel.lanes import machine
+from jaxmodel.model.names import parameter_table
+from jaxmodel.model.simulation import Status
+from jaxmodel.sweeps import Study, metrics_of, metrics_on_request, run
 
 AGREES = 1e-12
 # What XLA's own numbers of a lane change by where it may differ more, and the shares of lanes of motors that may do so,

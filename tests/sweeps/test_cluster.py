@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jaxmodel.errors import SweepError
-from sweeps import Metric, Study, plan, run
-from sweeps.places import LOG
-from sweeps.store import Grid
+from jaxmodel.base.errors import SweepError
+from jaxmodel.sweeps import Metric, Study, plan, run
+from jaxmodel.sweeps.places import LOG
+from jaxmodel.sweeps.store import Grid
 
 REPOSITORY = Path(__file__).parents[2]
 
@@ -120,7 +120,7 @@ def test_local_cluster_gives_the_same_bits(study, local, tmp_path, monkeypatch):
 
 
 def test_scheduler_that_is_not_there_is_told(study, monkeypatch):
-    monkeypatch.setattr("sweeps.cluster._PATIENCE_S", 1)
+    monkeypatch.setattr("jaxmodel.sweeps.cluster._PATIENCE_S", 1)
     with pytest.raises(SweepError, match="no scheduler answers at tcp://127"):
         run(study, engine="tcp://127.0.0.1:9")
     with pytest.raises(

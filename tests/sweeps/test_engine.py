@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jaxmodel.cell import storage_factor
-from jaxmodel.errors import Remark
-from jaxmodel.model import Model, read
-from jaxmodel.names import with_values
-from jaxmodel.profile import BENDING_STEP_SHARE, SETTLED, Profile, constant
-from jaxmodel.simulation import Cutoff, Status, Trajectory, simulate, track
-from sweeps import Metric, Study, by_vectors, lane_kernel, plan, run, runner
+from jaxmodel.base.errors import Remark
+from jaxmodel.model.cell import storage_factor
+from jaxmodel.model.electrothermal import Model, read
+from jaxmodel.model.names import with_values
+from jaxmodel.model.profile import BENDING_STEP_SHARE, SETTLED, Profile, constant
+from jaxmodel.model.simulation import Cutoff, Status, Trajectory, simulate, track
+from jaxmodel.sweeps import Metric, Study, by_vectors, lane_kernel, plan, run, runner
 
 TABLE_2 = {0.175: -2.05e-4, 0.25: -2.80e-4, 0.30: -3.30e-4, 0.35: -3.80e-4}
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jaxmodel.build import preset_model
-from jaxmodel.native import NotNative
-from jaxmodel.profile import constant
-from jaxmodel.simulation import Cutoff, Status
-from sweeps import Study, points, run
-from sweeps.lane import Keep, Outcome, lay_out
-from sweeps.metrics import metrics_of
-from sweeps.points import outcomes_at
+from jaxmodel.case.build import preset_model
+from jaxmodel.lanes import NotNative
+from jaxmodel.model.profile import constant
+from jaxmodel.model.simulation import Cutoff, Status
+from jaxmodel.sweeps import Study, points, run
+from jaxmodel.sweeps.lane import Keep, Outcome, lay_out
+from jaxmodel.sweeps.metrics import metrics_of
+from jaxmodel.sweeps.points import outcomes_at
 
 POINTS = {"current_A": np.array([0.5, 3.0, 9.0]), "cycles": np.array([0.0, 200.0, 100.0])}
 METRICS = ("final_soc", "min_voltage_V")

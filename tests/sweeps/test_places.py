@@ -16,13 +16,13 @@ import zarr
 from moto.server import ThreadedMotoServer
 from typer.testing import CliRunner
 
-from jaxmodel.errors import SweepError
-from sweeps import Study, load, plan, run
-from sweeps.places import Bucket, Folder, place_of
-from sweeps.plan import cut
-from sweeps.results import variables_of
-from sweeps.store import RUN, Grid, Store
-from workbench.cli import app
+from jaxmodel.app.cli import app
+from jaxmodel.base.errors import SweepError
+from jaxmodel.sweeps import Study, load, plan, run
+from jaxmodel.sweeps.places import Bucket, Folder, place_of
+from jaxmodel.sweeps.plan import cut
+from jaxmodel.sweeps.results import variables_of
+from jaxmodel.sweeps.store import RUN, Grid, Store
 
 AXES = {"current_A": np.linspace(0.2, 3.0, 20).tolist(), "cycles": np.linspace(0.0, 300.0, 15).tolist()}
 

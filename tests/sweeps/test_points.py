@@ -11,11 +11,11 @@ import pandas as pd
 import pytest
 
 from jaxmodel import Case, Status
-from jaxmodel.build import load_effect_class
+from jaxmodel.base.errors import SweepError, UserError
+from jaxmodel.case.build import load_effect_class
 from jaxmodel.effects import CATALOGUE
-from jaxmodel.errors import SweepError, UserError
-from sensitivity import stated_sd
-from sweeps import Study, read_study, run
+from jaxmodel.sensitivity import stated_sd
+from jaxmodel.sweeps import Study, read_study, run
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 OWN_EFFECT = f"{EXAMPLES / 'my_effects.py'}:HotContact"

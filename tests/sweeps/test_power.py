@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sweeps import Study, metrics_on_request, percentiles, run
-from sweeps.metrics import Ratio
-from sweeps.power import LOSSES
+from jaxmodel.sweeps import Study, metrics_on_request, percentiles, run
+from jaxmodel.sweeps.metrics import Ratio
+from jaxmodel.sweeps.power import LOSSES
 
 EFFECTS = {
     "ocv_hysteresis": {}, "slow_diffusion": {}, "saturation": {}, "viscous_friction": {}, "stribeck_friction": {},

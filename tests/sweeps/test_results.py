@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from sweeps import load, metrics_of, run, save
+from jaxmodel.sweeps import load, metrics_of, run, save
 
 
 def test_axes_and_metrics_are_labelled_with_units(robot_study, robot_result):

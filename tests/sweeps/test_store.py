@@ -20,10 +20,10 @@ import zarr
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxmodel.errors import SweepError
-from sweeps import Study, load, manifest, places, plan, run
-from sweeps.places import LOG
-from sweeps.store import Store
+from jaxmodel.base.errors import SweepError
+from jaxmodel.sweeps import Study, load, manifest, places, plan, run
+from jaxmodel.sweeps.places import LOG
+from jaxmodel.sweeps.store import Store
 
 REPOSITORY = Path(__file__).parents[2]
 AXES = {"current_A": np.linspace(0.2, 3.0, 40).tolist(), "storage_months": np.linspace(0.0, 36.0, 30).tolist()}
@@ -113,7 +113,7 @@ def test_what_is_no_size_is_told(text):
 
 CHILD = """
 import json, sys
-import sweeps
+from jaxmodel import sweeps
 from sweeps import manifest, plan
 manifest.sources_digest = lambda: "that of this test"
 plan.LANE_STEPS_PER_CHUNK = 60 * 64

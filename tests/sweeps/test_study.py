@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jaxmodel.errors import UserError
-from sweeps import Study, read_study, run
+from jaxmodel.base.errors import UserError
+from jaxmodel.sweeps import Study, read_study, run
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 STUDY = """

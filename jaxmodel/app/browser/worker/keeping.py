@@ -1,0 +1,90 @@
+"""Keeping a session: report, answer, extended model, pictures, and a script that repeats it."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+from jaxmodel.app.browser.files import KEPT
+from jaxmodel.app.browser.worker.place import Place
+from jaxmodel.app.browser.worker.progress import Progress
+from jaxmodel.app.browser.worker.view import verdict_view
+from jaxmodel.app.report import write_report
+from jaxmodel.base.atomic_files import write_whole
+from jaxmodel.diagnosis import conclusion
+
+_WHAT = {
+    "report.html": "the report: one page, opens offline",
+    "session.py": "Python that repeats this session",
+    "extended.toml": "the case with what was added",
+    "calibrated.toml": "the case, calibrated",
+    "answer.json": "the answer for programs",
+    "errors.json": "the errors for programs",
+    "found_law.py": "the unknown law as an effect",
+}
+
+
+def keep(place: Place, progress: Progress) -> None:
+    """Write report, answer, extended model, pictures and script to the session's folder."""
+    progress("concluding")
+    investigation = place.investigation(progress)
+    diagnosis = place.diagnosis or conclusion(investigation)
+    folder = place.folder / KEPT
+    shutil.rmtree(folder, ignore_errors=True)
+    progress("writing the answer")
+    diagnosis.write(folder, pictures=False)
+    progress("pictures and report")
+    write_report(diagnosis, folder)
+    write_whole(folder / "session.py", script_of(place.view))
+    place.show(kept=_listed(folder), verdict=place.view.get("verdict") or verdict_view(diagnosis))
+
+
+def _listed(folder: Path) -> list[dict[str, Any]]:
+    """Return every file with what it is, the most useful first."""
+    names = sorted(
+        (path.name for path in folder.iterdir() if path.is_file()),
+        key=lambda name: (list(_WHAT).index(name) if name in _WHAT else len(_WHAT), name),
+    )
+    return [
+        {
+            "name": name,
+            "what": _WHAT.get(name, "picture" if name.endswith(".png") else "data of a run"),
+            "bytes": (folder / name).stat().st_size,
+        }
+        for name in names
+    ]
+
+
+def script_of(view: dict[str, Any]) -> str:
+    """Return Python that repeats a session."""
+    source = view["source"]
+    lines = ['"""What was done in the workbench, step by step."""', ""]
+    verbs = {verb for verb, _ in view["script"]}
+    names = ["Investigation", *(["finish"] if "finish" in verbs else [])]
+    lines.append(f"from discrepancy import {', '.join(names)}")
+    if source["how"] == "files":
+        given = {name: value for name, value in source["options"].items() if value not in (None, "", {}, [])}
+        options = "".join(f", {name}={value!r}" for name, value in given.items())
+        files = ", ".join(repr(name) for name in source["files"])
+        lines += ["from importing import import_case", *_parameterise_import(source), ""]
+        lines.append(f"imported = import_case([{files}], {source['kind']!r}{options})")
+        case = "parameterise(imported.case).case" if source.get("parameterised") else "imported.case"
+        lines.append(f"case = {case}")
+    else:
+        lines += ["from jaxmodel import read_case", ""]
+        place = view["path"] if source["how"] != "upload" else Path(view["path"]).name
+        lines.append(f"case = read_case({place!r})")
+    lines += ["investigation = Investigation(case)", "print(investigation.errors())", "print(investigation.where())"]
+    for verb, labels in view["script"]:
+        listed = ", ".join(repr(label) for label in labels)
+        lines += {
+            "set": [f"investigation.drop(*investigation.added).add({listed})"],
+            "finish": ["diagnosis = finish(investigation)", "print(diagnosis.summary())"],
+        }.get(verb, [f"investigation.{verb}({listed})"])
+    lines += ["print(investigation.ladder())", 'investigation.extended_case().write("extended")']
+    return "\n".join(lines) + "\n"
+
+
+def _parameterise_import(source: dict[str, Any]) -> list[str]:
+    return ["from parameterisation import parameterise"] if source.get("parameterised") else []

@@ -1,0 +1,261 @@
+"""What the pages show of a case and of the present model, as one value for JSON."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from jaxmodel.app.browser.worker.words import (
+    GROUPS,
+    channel_words,
+    error_text,
+    finite,
+    in_words,
+    physics_of,
+    reason_for,
+    title_of,
+)
+from jaxmodel.base.units import readable, split_unit
+from jaxmodel.case.build import case_model
+from jaxmodel.case.records import Case
+from jaxmodel.data.importing import Imported
+from jaxmodel.data.importing.imported import shortened
+from jaxmodel.diagnosis import Investigation
+from jaxmodel.diagnosis.residuals.regime_map import RUN, RegimeMap
+from jaxmodel.diagnosis.residuals.regimes import Bins
+from jaxmodel.diagnosis.result import Diagnosis, Rung
+from jaxmodel.diagnosis.wording import VERDICT_TITLES, step_names, verdict_sentence, with_sd
+from jaxmodel.model.names import parameter_table
+
+_MOST_LINES = 60
+# Times are drawn in this unit where the longest run takes longer than so many seconds.
+_TIMES = ((6 * 3600.0, 1.0 / 3600.0, "h"), (1200.0, 1.0 / 60.0, "min"))
+
+
+def case_view(case: Case) -> dict[str, Any]:
+    """Return a case's title, runs, channels and inputs."""
+    longest = max(float(run.measured.time_s[-1] - run.measured.time_s[0]) for run in case.runs)
+    time = next(({"factor": f, "unit": u} for least, f, u in _TIMES if longest > least), {"factor": 1.0, "unit": "s"})
+    readings = dict.fromkeys(name for run in case.runs for name in run.measured.outputs)
+    inputs = dict.fromkeys(name for run in case.runs for name in run.measured.inputs)
+    return {
+        "title": case.title,
+        "kind": case.kind,
+        "time": time,
+        "runs": [
+            {
+                "name": run.name,
+                "split": run.split,
+                "label": run.label,
+                "rows": int(run.measured.time_s.size),
+                "duration_s": float(run.measured.time_s[-1] - run.measured.time_s[0]),
+            }
+            for run in case.runs
+        ],
+        "channels": [channel_words(name) for name in readings],
+        "inputs": [channel_words(name) for name in inputs],
+        "uncertain": [
+            {"name": name, "text": f"{known.value:g} ± {known.sd:g}"}
+            for name, known in case.parameters.items()
+            if known.sd is not None
+        ],
+        "formulas": list(case.formulas),
+    }
+
+
+def import_view(imported: Imported) -> dict[str, Any]:
+    """Return what an import decided and found, in sentences."""
+    decided = shortened([one for one in imported.decisions if one.about not in ("reading", "clock", "convention")])
+    warned = dict.fromkeys(one.sentence for one in imported.findings if one.weight == "warning")
+    noted = dict.fromkeys(one.sentence for one in imported.findings if one.weight != "warning")
+    return {
+        "decided": decided[:_MOST_LINES],
+        "warned": list(warned)[:_MOST_LINES],
+        "noted": list(noted)[:_MOST_LINES],
+        "missing": imported.missing(),
+    }
+
+
+def model_view(investigation: Investigation, previews: pd.DataFrame, maps: list[RegimeMap]) -> dict[str, Any]:
+    """Return everything on the present model: errors, where it fails, candidates, ladder, parameters.
+
+    Args:
+        investigation: with its present model fitted.
+        previews: of all candidates, as `Investigation.preview` returns it.
+        maps: of each channel.
+    """
+    models = investigation.models()
+    present = investigation.present()
+    return {
+        "added": [_addition(investigation, label) for label in investigation.added],
+        "residuals": _residuals(investigation, models[0]),
+        "errors": _errors(investigation.errors()),
+        "where": investigation.where().to_dict("records"),
+        "maps": [map_view(one) for one in maps],
+        "candidates": _candidates(investigation, previews),
+        "ladder": _ladder(models, present.added),
+        "parameters": [
+            {"name": name, "text": with_sd(one), "strained": name in present.at_bound}
+            for name, one in present.estimates.items()
+        ],
+    }
+
+
+def _residuals(investigation: Investigation, base: Rung) -> dict[str, Any]:
+    """Return, by channel, in which unit residuals are drawn, and noise and tolerance in it."""
+    found = {}
+    for name, noise in investigation.noise.items():
+        sizes = [error.worst for error in base.by_run[name].values()]
+        factor, unit = readable(sizes, channel_words(name)["difference"])
+        tolerance = investigation.case.tolerance.get(name)
+        found[name] = {
+            "factor": factor,
+            "unit": unit,
+            "noise": factor * noise.sd,
+            "tolerance": None if tolerance is None else factor * tolerance.rms,
+            "noise_text": error_text(name, noise.sd),
+            "tolerance_text": "" if tolerance is None else error_text(name, tolerance.rms),
+        }
+    return found
+
+
+def _addition(investigation: Investigation, label: str) -> dict[str, str]:
+    candidate = investigation.space.candidates[label]
+    group = GROUPS.get(candidate.group, "Laws")
+    return {"name": label, "title": title_of(candidate), "physics": physics_of(candidate), "group": group}
+
+
+def _errors(table: pd.DataFrame) -> list[dict[str, Any]]:
+    rows = []
+    for row in table.to_dict("records"):
+        channel = str(row["channel"])
+        rows.append(
+            {
+                "run": row["run"],
+                "split": row["split"],
+                "channel": channel,
+                "rms": finite(row["rms"]),
+                "text": error_text(channel, row["rms"]),
+                "mean": error_text(channel, row["mean"]),
+                "worst": error_text(channel, row["max"]),
+                "noise": error_text(channel, row["noise_sd"]),
+                "over_noise": finite(row["rms_over_noise"]),
+                "tolerance": error_text(channel, row["tolerance"]),
+                "within": row["within_tolerance"] if isinstance(row["within_tolerance"], bool | np.bool_) else None,
+            }
+        )
+        if rows[-1]["within"] is not None:
+            rows[-1]["within"] = bool(rows[-1]["within"])
+    return rows
+
+
+def map_view(one: RegimeMap) -> dict[str, Any]:
+    """Return a regime map with the words on its axes; residuals in a readable unit."""
+    scale, unit = readable(one.mean[np.isfinite(one.mean)], one.unit)
+    return {
+        **channel_words(one.channel),
+        "unit": unit,
+        "x": _axis(one.across, one.run_names),
+        "y": _axis(one.along, one.run_names),
+        "mean": [[finite(scale * value) for value in row] for row in one.mean],
+        "rms": [[finite(scale * value) for value in row] for row in one.rms],
+        "seconds": one.seconds.tolist(),
+    }
+
+
+def _axis(bins: Bins, runs: tuple[str, ...]) -> dict[str, Any]:
+    quantity, unit = split_unit(bins.name)
+    if bins.name == RUN:
+        return {"title": "run", "labels": [runs[int(value)] for value in bins.middle]}
+    title = f"{quantity} [{unit}]" if unit else quantity
+    if bins.are_levels:
+        return {"title": title, "labels": [f"{value:.3g}" for value in bins.middle]}
+    labels = []
+    for low, high in zip(bins.lower, bins.upper, strict=True):
+        if not np.isfinite(low) and not np.isfinite(high):
+            labels.append("all")
+        elif not np.isfinite(low):
+            labels.append(f"< {high:.4g}")
+        elif not np.isfinite(high):
+            labels.append(f"> {low:.4g}")
+        else:
+            labels.append(f"{low:.4g} to {high:.4g}")
+    return {"title": title, "labels": labels}
+
+
+def _candidates(investigation: Investigation, previews: pd.DataFrame) -> list[dict[str, Any]]:
+    names = [str(name) for name in previews.columns[4:]]
+    size = {
+        str(channel): np.sqrt(np.mean(part[["residual", *names]].to_numpy() ** 2, axis=0))
+        for channel, part in previews.groupby("channel", sort=False)
+    }
+    found = []
+    for row in investigation.candidates().to_dict("records"):
+        name, candidate = str(row["name"]), investigation.space.candidates[str(row["name"])]
+        if name not in names:
+            continue
+        own = 1 + names.index(name)
+        expected = {channel: (float(rms[0]), float(rms[own])) for channel, rms in size.items()}
+        gain = float(row["log_evidence"])
+        found.append(
+            {
+                "name": name,
+                "title": title_of(candidate),
+                "group": GROUPS[candidate.group],
+                "physics": physics_of(candidate),
+                "equation": type(candidate.effect).equation,
+                "gain": gain,
+                "reason": reason_for(expected, gain),
+                "expected": {channel: list(pair) for channel, pair in expected.items()},
+            }
+        )
+    return found
+
+
+def _ladder(models: list[Rung], present: tuple[str, ...]) -> list[dict[str, Any]]:
+    names = step_names([one.added for one in models])
+    return [
+        {
+            "name": f"{name[:1].upper()}{name[1:]}".replace("_", " "),
+            "present": one.added == present,
+            "errors": {
+                channel: {
+                    "fit": finite(error.fit),
+                    "check": finite(error.check),
+                    "fit_text": error_text(channel, error.fit),
+                    "check_text": error_text(channel, error.check),
+                }
+                for channel, error in one.errors.items()
+            },
+        }
+        for name, one in zip(names, models, strict=True)
+    ]
+
+
+def sweepable(case: Case) -> list[dict[str, Any]]:
+    """Return the parameters and inputs that may be axes, each with a first range: a fifth about its value."""
+    model = case_model(case)
+    found = []
+    for name, info in parameter_table(model).items():
+        known = case.parameters.get(name)
+        value = info.default if known is None else known.value
+        if not np.isfinite(value) or value == 0.0:
+            continue
+        ends = sorted((0.8 * value, 1.2 * value))
+        low, high = (float(np.clip(end, info.lower, info.upper)) for end in ends)
+        if low < high:
+            found.append({"name": name, "unit": info.unit, "meaning": info.meaning, "low": low, "high": high})
+    ambient = {"name": "ambient_degC", "unit": "°C", "meaning": "ambient temperature", "low": -10.0, "high": 45.0}
+    return [ambient, *found]
+
+
+def verdict_view(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Return a diagnosis in words."""
+    return {
+        "verdict": diagnosis.verdict,
+        "title": VERDICT_TITLES[diagnosis.verdict],
+        "sentence": in_words(verdict_sentence(diagnosis), diagnosis.case.catalogue),
+        "remarks": [in_words(remark, diagnosis.case.catalogue) for remark in diagnosis.remarks],
+    }

@@ -1,0 +1,89 @@
+"""Channels, candidates and errors in the words that the pages show."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from jaxmodel.base.units import difference_unit, split_unit
+from jaxmodel.diagnosis.fitting.candidates import Candidate
+from jaxmodel.diagnosis.wording import amount, join
+
+GROUPS = {"effect": "Effects", "sensor": "Sensors", "curve": "Your tables", "run": "Single runs"}
+# Odds beyond which no number is named.
+_CERTAIN = 1e6
+# A candidate is said to help a channel if it takes away this share of its error.
+_HELPS = 0.02
+
+
+def title_of(candidate: Candidate) -> str:
+    """Return what a candidate is called on the page: 'Self heating', 'Voltage offset of voltage'."""
+    name, _, run = candidate.label.partition("@")
+    name, _, column = name.partition(":")
+    words = name.replace("_", " ")
+    words = re.sub(r"\b(ocv|rc|pwm)\b", lambda found: found[0].upper(), f"{words[:1].upper()}{words[1:]}", flags=re.I)
+    of_column = f" of {split_unit(column)[0]}" if column else ""
+    return f"{words}{of_column}{f' in {run}' if run else ''}"
+
+
+def in_words(sentence: str, names: Iterable[str]) -> str:
+    """Return a sentence with names such as `self_heating` as words."""
+    for name in sorted(names, key=len, reverse=True):
+        sentence = sentence.replace(name, name.replace("_", " "))
+    return sentence
+
+
+def physics_of(candidate: Candidate) -> str:
+    """Return in one sentence, without its formula, what a candidate adds to the model."""
+    first = (type(candidate.effect).__doc__ or "").strip().splitlines()[0]
+    head, colon, tail = first.partition(": ")
+    if colon and re.search(r"[=^|*]|[A-Za-z]_|\(", tail):
+        first = f"{head}."
+    return first
+
+
+def reason_for(expected: Mapping[str, tuple[float, float]], gain: float) -> str:
+    """Say what a candidate promises on the fit runs: the errors before and after, by channel, and the odds."""
+    better, worse = [], []
+    for channel, (before, after) in expected.items():
+        (was, becomes), unit = amount(channel, [before, after])
+        change = f"{split_unit(channel)[0]} from {was} to {becomes} {unit}"
+        if after < (1.0 - _HELPS) * before:
+            better.append(change)
+        elif after > (1.0 + _HELPS) * before:
+            worse.append(change)
+    if gain <= 0.0 or not better:
+        return "These runs give no reason to add it."
+    rises = f", and raise that of {join(worse)}" if worse else ""
+    return f"It should reduce the error of {join(better)}{rises}. {odds_of(gain)}"
+
+
+def odds_of(gain: float) -> str:
+    """Say a gain of log evidence as odds."""
+    odds = float(np.exp(min(gain, 50.0)))
+    if odds > _CERTAIN:
+        return "Odds for it: more than a million to 1."
+    return f"Odds for it: {odds:,.0f} to 1." if odds >= 10.0 else f"Odds for it: only {odds:.1f} to 1."
+
+
+def channel_words(channel: str) -> dict[str, str]:
+    """Return a channel's quantity, its unit and the unit of its differences."""
+    quantity, unit = split_unit(channel)
+    return {"name": channel, "quantity": quantity, "unit": unit, "difference": difference_unit(unit)}
+
+
+def error_text(channel: str, value: float) -> str:
+    """Return one error with its unit; '-' if there is none."""
+    if not np.isfinite(value):
+        return "-"
+    (number,), unit = amount(channel, [value])
+    return " ".join(filter(None, (number, unit)))
+
+
+def finite(value: Any) -> float | None:
+    """Return a number for JSON, which has no NaN."""
+    number = float(value)
+    return number if np.isfinite(number) else None

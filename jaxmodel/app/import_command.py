@@ -1,0 +1,109 @@
+"""What `jaxmodel import` takes; the command itself is in `jaxmodel.app.commands.import_files`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+# Options that `jaxmodel start` takes too.
+Columns = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--column",
+        metavar='NAME="COLUMN"',
+        help='As current_A="I/mA", or a formula, as voltage_V="duty * supply_V"; repeatable.',
+        show_default=False,
+    ),
+]
+Units = Annotated[
+    list[str] | None,
+    typer.Option("--unit", metavar='"COLUMN=UNIT"', help="The unit of a column; repeatable.", show_default=False),
+]
+Constants = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--constant", metavar="NAME=VALUE", help="An input that never changes; repeatable.", show_default=False
+    ),
+]
+Sign = Annotated[
+    str | None, typer.Option(metavar="discharge-positive|charge-positive", help="Of the current.", show_default=False)
+]
+Check = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--check", metavar="RUN", help='Hold out this run, or those of a pattern "*_n20*".', show_default=False
+    ),
+]
+Ambient = Annotated[float | None, typer.Option(metavar="DEGC", help="Of all runs.", show_default=False)]
+InitialSoc = Annotated[float | None, typer.Option(help="At the start of all runs.", show_default=False)]
+Capacity = Annotated[float | None, typer.Option(metavar="AH", help="Of the cell.", show_default=False)]
+
+
+def import_(
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="FILE...", help="Logs of one piece of hardware, in any format.", show_default=False),
+    ],
+    kind: Annotated[str, typer.Option(metavar="cell|motor|robot", help="What was measured.", show_default=False)],
+    out: Annotated[Path, typer.Option("--out", metavar="CASE", help="Folder for the case.", show_default=False)],
+    title: Annotated[str | None, typer.Option(help="Of the case.", show_default=False)] = None,
+    column: Columns = None,
+    unit: Units = None,
+    constant: Constants = None,
+    rows: Annotated[
+        str | None, typer.Option(metavar="CONDITION", help='Import these only, as "I_A > 0".', show_default=False)
+    ] = None,
+    sign: Sign = None,
+    flip: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Reverse this column; repeatable.", show_default=False)
+    ] = None,
+    split_at: Annotated[
+        str, typer.Option(metavar="auto|files|rests|steps", help="Where runs begin, besides each file.")
+    ] = "auto",
+    rest_minutes: Annotated[float, typer.Option(help="The shortest rest that ends a run.")] = 30.0,
+    check: Check = None,
+    ambient: Ambient = None,
+    initial_soc: InitialSoc = None,
+    capacity: Capacity = None,
+    preset: Annotated[str | None, typer.Option(help="For what the files do not tell.", show_default=False)] = None,
+    seconds_per_row: Annotated[
+        float | None, typer.Option(help="For files without a clock.", show_default=False)
+    ] = None,
+    cells_in_series: Annotated[int, typer.Option(help="Of a module, to divide its voltage by.")] = 1,
+    parallel_cells: Annotated[int, typer.Option(help="Of a module, to divide its current by.")] = 1,
+    sheet: Annotated[str | None, typer.Option(help="Of a spreadsheet; a MATLAB variable.", show_default=False)] = None,
+    encoding: Annotated[str | None, typer.Option(help="Of text, as cp1252.", show_default=False)] = None,
+    delimiter: Annotated[str | None, typer.Option(help="Of text.", show_default=False)] = None,
+    decimal: Annotated[str | None, typer.Option(metavar=".|,", help="Of text.", show_default=False)] = None,
+    answer_only: Annotated[bool, typer.Option("--answer-only", help="Write the case, no pictures.")] = False,
+) -> None:
+    """Import raw logs of a cycler or bench as a case: columns, units, signs, clocks and runs are found and checked."""
+    from jaxmodel.app.commands.import_files import import_files
+
+    import_files(
+        files,
+        kind,
+        out,
+        pairs={"column": column or [], "unit": unit or [], "constant": constant or []},
+        title=title,
+        rows=rows,
+        sign=sign,
+        flip=tuple(flip or ()),
+        split_at=split_at,
+        rest_minutes=rest_minutes,
+        check=None if check is None else tuple(check),
+        ambient=ambient,
+        initial_soc=initial_soc,
+        capacity_Ah=capacity,
+        preset=preset,
+        seconds_per_row=seconds_per_row,
+        cells_in_series=cells_in_series,
+        parallel_cells=parallel_cells,
+        sheet=sheet,
+        encoding=encoding,
+        delimiter=delimiter,
+        decimal=decimal,
+        answer_only=answer_only,
+    )

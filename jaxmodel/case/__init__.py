@@ -1,0 +1,1 @@
+"""A measurement case: records of hardware and runs, read from files, written to them, simulated."""

@@ -1,0 +1,161 @@
+"""From a case or preset to models and profiles."""
+
+from __future__ import annotations
+
+import importlib.util
+import inspect
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from jaxmodel.base.errors import EffectError, instead
+from jaxmodel.case.measurements import KINDS
+from jaxmodel.case.presets import Kind
+from jaxmodel.case.reading import with_preset
+from jaxmodel.case.records import Case, Run
+from jaxmodel.effects import CATALOGUE, own_effects
+from jaxmodel.model.curves import CURVE_NAMES, CellCurves, Curve, Table, look_up_curves
+from jaxmodel.model.declaration import describe
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.parameters import Parameters
+from jaxmodel.model.ports import Effect
+from jaxmodel.model.profile import Profile
+
+FIDELITIES = ("formula", "lut")
+
+
+def make_effect(
+    name: str, values: Mapping[str, Any], where: str, catalogue: Mapping[str, type[Effect]] = CATALOGUE
+) -> Effect:
+    """Return an effect of the catalogue with parameter values, checked against its parameter table.
+
+    Args:
+        name: the effect's name.
+        values: its parameters by name; a sensor effect also takes `column`.
+        where: file and place, for messages.
+        catalogue: the known effects by name.
+
+    Raises:
+        EffectError: unknown effect or parameter; the message gives the nearest name.
+    """
+    if name not in catalogue:
+        raise EffectError(f"{where}: no effect is called '{name}'.{instead(name, catalogue)} {own_effect_hint(name)}")
+    cls = catalogue[name]
+    table = describe(cls)
+    numbers: dict[str, Any] = {}
+    for field, given in values.items():
+        if field == "column" and cls.is_sensor:
+            continue
+        if field not in table:
+            raise EffectError(
+                f"{where}: effect '{name}' has no parameter '{field}'."
+                f"{instead(field, [*table, *(['column'] if cls.is_sensor else [])])}"
+            )
+        numbers[field] = table[field].check(given, f"{where}, effect '{name}'")
+    if not cls.is_sensor:
+        return cls(**numbers)
+    column = values.get("column") or cls.column
+    if cls.reads and not column:
+        raise EffectError(f"{where}: effect '{name}' needs a column, one that ends in {cls.reads}.")
+    return cls(**numbers, column=column)
+
+
+def own_effect_hint(name: str) -> str:
+    """Say how an effect of the user's own is given, who may have meant one by a name that is not in the catalogue."""
+    example = "found_law.py:FoundLaw" if name == "found_law" else "FILE.py:CLASS"
+    return f"Give an effect of your own by --effect {example}."
+
+
+def load_effect_class(reference: str) -> type[Effect]:
+    """Return the effect class that `path/to/file.py:ClassName` names, from a user's own file.
+
+    Raises:
+        EffectError: the file or class is not there, or the class is not an effect.
+    """
+    file, _, class_name = reference.partition(":")
+    path = Path(file)
+    if not class_name or not path.is_file():
+        raise EffectError(f"--effect {reference}: give an existing file and a class, as in my_effects.py:MagnetAgeing.")
+    spec = importlib.util.spec_from_file_location(f"own_{path.stem}", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # where a dataclass looks up annotations that are text
+    try:
+        spec.loader.exec_module(module)
+    except EffectError as error:
+        raise EffectError(f"--effect {reference}: {error}") from error
+    except (Exception, SystemExit) as error:
+        why = "it ends the program" if isinstance(error, SystemExit) else error
+        raise EffectError(f"--effect {reference}: the file does not run ({why}); correct it there.") from error
+    cls = getattr(module, class_name, None)
+    if not (inspect.isclass(cls) and issubclass(cls, Effect)):
+        raise EffectError(
+            f"--effect {reference}: {path.name} has no class '{class_name}' derived from jaxmodel.Effect; add it."
+        )
+    try:
+        own_effects([cls])
+    except EffectError as error:
+        raise EffectError(f"--effect {reference}: {error}") from error
+    return cls
+
+
+def case_model(
+    case: Case,
+    run: Run | None = None,
+    *,
+    fidelity: str = "formula",
+) -> Model:
+    """Return the model of a case: preset, parameters, tables and effects; for one run with its overrides.
+
+    Raises:
+        ParameterError: the preset is unknown or serves other kinds.
+        EffectError: an effect is unknown or does not apply to the kind.
+    """
+    where = case.label
+    case = with_preset(case)
+    known: dict[str, Any] = {name: entry.value for name, entry in case.parameters.items()}
+    if run is not None:
+        known |= {name: entry.value for name, entry in run.overrides.items()}
+        known["initial_soc"] = run.initial_soc.value
+        if run.initial_cell_temperature is not None:
+            ambient = float(run.measured.inputs["ambient_degC"][0])
+            known["initial_temperature_rise_K"] = run.initial_cell_temperature.value - ambient
+    curves = CellCurves()
+    if fidelity == "lut":
+        curves = look_up_curves(curves)
+    chosen: dict[str, Curve] = {name: getattr(curves, name) for name in CURVE_NAMES}
+    chosen |= {
+        name: Table(table.soc, table.values, table.temperature_degC)
+        for name, table in case.tables.items()
+        if name in CURVE_NAMES
+    }
+    effects = tuple(make_effect(name, values, where, case.catalogue) for name, values in case.effects.items())
+    for effect in effects:
+        if case.kind not in effect.kinds:
+            raise EffectError(
+                f"{where}: effect '{effect.name}' applies to {' and '.join(effect.kinds)}, "
+                f"not to kind '{case.kind}'; remove it."
+            )
+        columns = [column for column in KINDS[case.kind].columns if column.endswith(effect.reads)]
+        if effect.column and effect.column not in columns:
+            raise EffectError(
+                f"{where}: effect '{effect.name}' cannot act on the column '{effect.column}'."
+                f"{instead(effect.column, columns)}"
+            )
+    return Model(kind=case.kind, parameters=Parameters(**known), curves=CellCurves(**chosen), effects=effects)
+
+
+def preset_model(name: str, kind: Kind) -> Model:
+    """Return the model of a preset; other values are those of the paper.
+
+    Raises:
+        ParameterError: the preset is unknown or serves other kinds.
+    """
+    return case_model(Case("preset", Path("preset_model"), "", kind, name, {}, {}, {}, {}, (), {}))
+
+
+def run_profile(run: Run) -> Profile:
+    """Return the inputs of a measured run as a profile."""
+    return Profile(run.measured.time_s, run.measured.inputs)

@@ -1,0 +1,64 @@
+"""Stated values of hardware, checked: numbers with their sd, and curves."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+
+from jaxmodel.case.forms import KnownEntry, ParametersEntry, TableEntry
+from jaxmodel.model.parameters import info
+
+
+@dataclasses.dataclass(frozen=True)
+class Known:
+    """A stated number: its value and standard deviation (None: exact)."""
+
+    value: float
+    sd: float | None = None
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Table:
+    """A curve over SOC, or over SOC and temperature; linear between the points, held at the ends.
+
+    Attributes:
+        soc: strictly increasing states of charge, shape (soc,).
+        values: V of `ocv`, ohm of `R_ints`, `R_TS` and `R_TL`, F of `C_TS` and `C_TL`; shape (soc,), or
+            (temperature, soc) where `temperature_degC` is given.
+        temperature_degC: strictly increasing temperatures, shape (temperature,), or None.
+        sd: of the values: V of `ocv`, a share of the value of the others; None: exact.
+    """
+
+    soc: np.ndarray
+    values: np.ndarray
+    temperature_degC: np.ndarray | None = None
+    sd: float | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Tolerance:
+    """The acceptable error of a reading, in its unit: rms, and maximum (None: any)."""
+
+    rms: float
+    max: float | None = None
+
+
+def scalars(entries: Mapping[str, KnownEntry], where: str) -> dict[str, Known]:
+    """Return scalar parameters, checked against their bounds.
+
+    Raises:
+        ParameterError: one is unknown or outside its bounds.
+    """
+    return {name: Known(info(name, where).check(entry.value, where), entry.sd) for name, entry in entries.items()}
+
+
+def tables(entries: ParametersEntry) -> dict[str, Table]:
+    """Return the curves among `[parameters]`, by name."""
+    return {name: _table(entry) for name, entry in entries if isinstance(entry, TableEntry)}
+
+
+def _table(entry: TableEntry) -> Table:
+    temperature_degC = None if entry.temperature_degC is None else np.array(entry.temperature_degC, dtype=float)
+    return Table(np.array(entry.soc, dtype=float), np.array(entry.values, dtype=float), temperature_degC, entry.sd)

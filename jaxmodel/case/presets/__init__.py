@@ -1,0 +1,126 @@
+"""Hardware by name: the paper's robot, and real cells and motors, each a TOML file of this folder.
+
+A preset states the parameters of one piece of hardware, in the form of a case's `[parameters]`, with sd and source.
+Other values are those of the paper. A file of the same form is a preset too: its name ends in `.toml`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import os
+from importlib import resources
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, ValidationError
+
+from jaxmodel.base import toml
+from jaxmodel.base.errors import ParameterError, UserError, instead
+from jaxmodel.base.forms import Form, complaint
+from jaxmodel.case.forms import ParametersEntry
+from jaxmodel.case.known import Known, Table, scalars, tables
+from jaxmodel.case.measurements import read_utf8
+
+Kind = Literal["cell", "motor", "robot"]
+# The titles are here too, so that listing the presets, or using that of the paper, opens no file.
+PRESETS = {
+    "paper": "the robot of the paper: 6S1P 5.2 Ah pack, two maxon RE50 motors",
+    "samsung_30q": "Samsung INR18650-30Q, 3.0 A h",
+    "lg_mj1": "LG INR18650-MJ1 that gave 2.9 A h",
+    "k2_lfp_26650": "K2 Energy 26650 LFP, 2.2 A h",
+    "panasonic_18650pf": "Panasonic NCR18650PF, 2.9 A h",
+    "hobby_servo_s3315d": "HJ S3315D hobby servo with its gear, 7 V",
+    "prony_gearmotor": "an unnamed 12 V gear motor measured on a brake",
+}
+
+
+class HeldOut(Form):
+    """RMS error of the preset on a run that was not used for it, in the column's unit."""
+
+    run: str
+    column: str
+    rms: float
+
+
+class PresetForm(Form):
+    """The content of a preset file."""
+
+    title: str
+    kinds: list[Kind]
+    data: str
+    licence: str
+    parameters: ParametersEntry
+    held_out: list[HeldOut] = Field(default_factory=list)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Preset:
+    """One piece of hardware.
+
+    Attributes:
+        name: a key of `PRESETS`, or the path of a file.
+        kinds: kinds of model for which it can be used.
+        parameters: scalar parameters by name.
+        tables: curves by name.
+    """
+
+    name: str
+    kinds: tuple[Kind, ...]
+    parameters: dict[str, Known]
+    tables: dict[str, Table]
+
+
+def located(name: str, folder: Path) -> str:
+    """Return the name of a preset; that of a file as its path, which is relative to a folder where it is stated."""
+    return os.path.abspath(folder / name) if name.endswith(".toml") else name
+
+
+def read_form(name: str) -> PresetForm:
+    """Return the content of a preset except the paper's, with data set, licence and errors on held-out runs.
+
+    Raises:
+        MeasurementError, ParameterError: the file cannot be read, or has another form than those of this folder.
+    """
+    own, where = name.endswith(".toml"), f"preset '{Path(name).name}'"
+    text = read_utf8(Path(name)) if own else (resources.files(__name__) / f"{name}.toml").read_text(encoding="utf-8")
+    content = toml.parsed(text, where)
+    try:
+        return PresetForm.model_validate(content)
+    except ValidationError as error:
+        raise ParameterError(f"{where}: {complaint(error, content, 'the file')}") from error
+
+
+def read_preset(name: str) -> Preset:
+    """Return a preset by its name: a key of `PRESETS`, or the path of a file."""
+    return _of_form(name) if name.endswith(".toml") else _of_package(name)
+
+
+@functools.cache
+def _of_package(name: str) -> Preset:
+    return Preset(name, ("cell", "motor", "robot"), {}, {}) if name == "paper" else _of_form(name)
+
+
+def _of_form(name: str) -> Preset:
+    form = read_form(name)
+    numbers = scalars(form.parameters.__pydantic_extra__, f"preset '{Path(name).name}'")
+    return Preset(name, tuple(form.kinds), numbers, tables(form.parameters))
+
+
+def why_not(name: str, kind: str) -> str:
+    """Return why a preset cannot be used for a kind of model, as a sentence; '' if it can."""
+    label = Path(name).name
+    if name.endswith(".toml"):
+        if not os.path.isfile(name):
+            return f"there is no file '{label}' where the preset is sought ({Path(name).parent}); correct its name."
+        try:
+            title, kinds = read_form(name).title, read_preset(name).kinds
+        except UserError as error:
+            return str(error)
+    elif name not in PRESETS:
+        return f"no preset is called '{name}'.{instead(name, PRESETS)}"
+    else:
+        title, kinds = PRESETS[name], read_preset(name).kinds
+    if kind in kinds:
+        return ""
+    return f"preset '{label}' ({title}) serves kind {' and '.join(kinds)}, not '{kind}'; use another of the two."

@@ -1,0 +1,236 @@
+"""A measurement case: stated hardware and its runs.
+
+All values are plain numbers in the units of their names. `jaxmodel.case.reading` makes a case from files or DataFrames,
+`jaxmodel.case.build` a model from a case.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import html
+from collections.abc import Collection, Iterable, Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+
+from jaxmodel.case.known import Known, Table, Tolerance
+from jaxmodel.case.measurements import Measured, file_label
+from jaxmodel.effects import CATALOGUE
+from jaxmodel.model.curves import CURVE_NAMES
+from jaxmodel.model.parameters import info
+from jaxmodel.model.ports import Effect
+
+# A capacity this far from the paper's, as a share of it, is that of another cell. Assumed.
+_ANOTHER_CELL = 0.2
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Run:
+    """One run of a case.
+
+    Attributes:
+        name: the file's name without its ending.
+        file: the CSV as case.toml names it.
+        split: "fit" for runs that may be fitted, "check" for runs that are never fitted.
+        label: free text.
+        initial_soc: state of charge at the first row.
+        overrides: parameters of the case that are different in this run.
+        measured: times, inputs and outputs.
+        source: the CSV's path; None for a run from a DataFrame.
+        initial_cell_temperature: at the first row, degC; None if not stated.
+        tolerance: by column, the acceptable error in this run; that of the case for other columns.
+        ambient_degC: the stated constant ambient temperature of this run; None if it is a column.
+    """
+
+    name: str
+    file: str
+    split: Literal["fit", "check"]
+    label: str
+    initial_soc: Known
+    overrides: dict[str, Known]
+    measured: Measured
+    source: Path | None
+    initial_cell_temperature: Known | None = None
+    tolerance: dict[str, Tolerance] = dataclasses.field(default_factory=dict)
+    ambient_degC: float | None = None
+
+    def driven_by(self, inputs: Mapping[str, np.ndarray]) -> Run:
+        """Return the run with other inputs and unchanged readings."""
+        return dataclasses.replace(self, measured=dataclasses.replace(self.measured, inputs=dict(inputs)))
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Return the run as a table: `time_s`, inputs and readings by column name, a row for each time."""
+        return pd.DataFrame({"time_s": self.measured.time_s, **self.measured.inputs, **self.measured.outputs})
+
+    def __repr__(self) -> str:
+        return f"<Run {self.name}: {self.split}, {self.measured.time_s.size} rows>"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Case:
+    """Hardware as far as it is known, its sensors, and its runs.
+
+    `read_case` makes a case from files, `Case.from_dataframes` from tables in memory.
+
+    Attributes:
+        name: the folder's name.
+        path: the TOML file; None for a case from DataFrames.
+        title: free text, by default the name.
+        kind: a key of `KINDS`.
+        preset: source of every parameter that is not stated here.
+        parameters: scalar parameters by name, without `initial_soc`, which belongs to each run.
+        tables: curves by name (`ocv`, `R_ints`, `R_TS`, `R_TL`, `C_TS`, `C_TL`).
+        effects: effects turned on: their parameters by name, and the `column` of a sensor effect.
+        sensors: by column, the sd of its white noise before rounding, in the column's unit.
+        runs: in the order of the file; at least one.
+        cutoff: end of a discharge: `soc`, `voltage_V`, both or neither.
+        tolerance: by column of a reading, the acceptable error, in the column's unit.
+        effect_sd: by effect and parameter, the sd of the value in `effects`; others are exact.
+        own_effects: the user's own effect classes by name; they are used like those of the catalogue.
+    """
+
+    name: str
+    path: Path | None
+    title: str
+    kind: Literal["cell", "motor", "robot"]
+    preset: str
+    parameters: dict[str, Known]
+    tables: dict[str, Table]
+    effects: dict[str, dict[str, float | str]]
+    sensors: dict[str, float]
+    runs: tuple[Run, ...]
+    cutoff: dict[str, float]
+    tolerance: dict[str, Tolerance] = dataclasses.field(default_factory=dict)
+    effect_sd: dict[str, dict[str, float]] = dataclasses.field(default_factory=dict)
+    own_effects: Mapping[str, type[Effect]] = dataclasses.field(default_factory=dict)
+
+    @classmethod
+    def from_dataframes(
+        cls,
+        frames: Mapping[Any, pd.DataFrame],
+        *,
+        kind: Literal["cell", "motor", "robot"],
+        name: str = "case",
+        title: str = "",
+        preset: str = "paper",
+        parameters: Mapping[str, Any] | None = None,
+        tables: Mapping[str, Mapping[str, Any]] | None = None,
+        effects: Mapping[str, Mapping[str, Any]] | None = None,
+        sensors: Mapping[str, float] | None = None,
+        tolerance: Mapping[str, Any] | None = None,
+        cutoff: Mapping[str, float] | None = None,
+        check: Collection[Any] = (),
+        runs: Mapping[Any, Mapping[str, Any]] | None = None,
+        own_effects: Iterable[type[Effect]] = (),
+    ) -> Case:
+        """Make a case from one DataFrame per run; all other arguments correspond to case.toml (docs/cases.md).
+
+        Args:
+            frames: by name of the run, a table with the columns of a run's CSV: `time_s` [s] (or as the index), inputs
+                and readings with their units in their names. Currents are positive on discharge.
+            kind: "cell", "motor" or "robot".
+            name: of the case and its results.
+            title: free text.
+            preset: source of every parameter that is not stated here: a key of `jaxmodel.case.presets.PRESETS`, or the
+                path of a file of that form, which ends in `.toml`.
+            parameters: scalar parameters by name: a number is exact, `(value, sd)` has a standard deviation.
+            tables: curves by name: `{"ocv": {"soc": [...], "voltage_V": [...]}}`.
+            effects: effects turned on, with their parameters: `{"self_heating": {}}`.
+            sensors: by column, the sd of its noise.
+            tolerance: by column, the acceptable error: an rms, or `{"rms": , "max": }`.
+            cutoff: end of a discharge: `soc`, `voltage_V`.
+            check: names of the check runs; all others are fit runs.
+            runs: by name of a run, the entries of its [[runs]] block in case.toml: `initial_soc`, `label`,
+                `ambient_degC`, `initial_cell_temperature_degC`, and parameters that are different in it.
+            own_effects: your own effect classes, used like those of the catalogue.
+
+        Raises:
+            MeasurementError: a table or entry cannot be used; the message says where and what to do.
+            ParameterError: a parameter is unknown, out of its bounds or of the wrong form.
+            EffectError: one of your own effects is incomplete, or has the name of another.
+        """
+        from jaxmodel.case.reading import case_of_frames
+
+        entries = {"parameters": {**(parameters or {}), **(tables or {})}, "effects": effects or {}}
+        entries |= {"sensors": sensors or {}, "tolerance": tolerance or {}, "cutoff": cutoff or {}}
+        entries |= {"title": title, "kind": kind, "preset": preset}
+        return case_of_frames(frames, name, check, runs or {}, entries, own_effects)
+
+    @property
+    def label(self) -> str:
+        """Return the name of the case in messages: its file, or its name if it has none."""
+        return f"case '{self.name}'" if self.path is None else file_label(self.path)
+
+    @property
+    def catalogue(self) -> dict[str, type[Effect]]:
+        """Return every effect that may act in the case by name: the catalogue and the user's own."""
+        return {**CATALOGUE, **self.own_effects}
+
+    @property
+    def files(self) -> list[Path]:
+        """Return the files that the case was read from."""
+        return [path for path in (self.path, *(run.source for run in self.runs)) if path is not None]
+
+    def to_dataframes(self) -> dict[str, pd.DataFrame]:
+        """Return the runs as tables by name: `time_s`, inputs and readings."""
+        return {run.name: run.to_dataframe() for run in self.runs}
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Return a row for each run: split, rows, duration, initial SOC, and its readings."""
+        return pd.DataFrame(
+            {
+                "run": run.name,
+                "split": run.split,
+                "rows": run.measured.time_s.size,
+                "duration_s": run.measured.time_s[-1] - run.measured.time_s[0],
+                "initial_soc": run.initial_soc.value,
+                "inputs": ", ".join(run.measured.inputs),
+                "readings": ", ".join(run.measured.outputs),
+                "label": run.label,
+            }
+            for run in self.runs
+        )
+
+    def summary(self) -> str:
+        """Return the case in a few lines: hardware, uncertain parameters, runs."""
+        uncertain = [f"{name} = {k.value:g} ± {k.sd:g}" for name, k in self.parameters.items() if k.sd is not None]
+        lines = [
+            f"{self.title} ({self.kind}, preset {Path(self.preset).name})",
+            f"uncertain: {', '.join(uncertain) or 'nothing'}",
+            f"tables: {', '.join(self.tables) or 'none'}",
+            *([f"formulas of the paper's cell: {', '.join(self.formulas)}"] if self.formulas else []),
+            f"effects: {', '.join(self.effects) or 'none'}",
+            self.to_dataframe().to_string(index=False, max_colwidth=60),
+        ]
+        return "\n".join(lines)
+
+    @property
+    def formulas(self) -> tuple[str, ...]:
+        """Return the curves of a cell other than the paper's for which the case states no table."""
+        paper_Ah = info("capacity_Ah").default
+        capacity = self.parameters.get("capacity_Ah", Known(paper_Ah)).value
+        if self.kind == "motor" or not (self.tables or abs(capacity / paper_Ah - 1.0) > _ANOTHER_CELL):
+            return ()
+        return tuple(name for name in CURVE_NAMES if name not in self.tables)
+
+    def write(self, folder: str | Path) -> Path:
+        """Write the case as a folder with `case.toml` and a CSV for each run, which `read_case` takes.
+
+        Returns:
+            The TOML file.
+
+        Raises:
+            MeasurementError: a file of the case itself would be overwritten.
+        """
+        from jaxmodel.case.writing import write_folder
+
+        return write_folder(self, Path(folder))
+
+    def __repr__(self) -> str:
+        fitted = sum(run.split == "fit" for run in self.runs)
+        return f"<Case {self.name}: {self.kind}, {fitted} fit and {len(self.runs) - fitted} check runs>"
+
+    def _repr_html_(self) -> str:
+        return f"<p><b>{html.escape(repr(self)[1:-1])}</b></p>{self.to_dataframe().to_html(index=False, border=0)}"

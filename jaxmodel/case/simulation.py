@@ -1,0 +1,135 @@
+"""Simulation of all runs of a case."""
+
+from __future__ import annotations
+
+import dataclasses
+import html
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pandas as pd
+
+from jaxmodel.case.build import case_model, run_profile
+from jaxmodel.case.measurements import KINDS
+from jaxmodel.case.plotting import SimulationPlots
+from jaxmodel.case.records import Case, Run
+from jaxmodel.model.pieces import run_in_pieces
+from jaxmodel.model.simulation import Cutoff, Status
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SimulatedRun:
+    """The simulation of one run.
+
+    Attributes:
+        run: the run, as measured.
+        table: time_s, every reading, and `valid`: False where the equations are outside their valid range.
+            Rows after the end are empty.
+        status: how it ended.
+        end_s: time of the last row that was reached.
+    """
+
+    run: Run
+    table: pd.DataFrame
+    status: Status
+    end_s: float
+
+    def sentence(self) -> str:
+        """Say how the run ended, '' for a normal end."""
+        said = []
+        if self.status == Status.REACHED_CUTOFF:
+            said.append(f"{self.run.name} reached its cut-off at {self.end_s:g} s; the rows after it are empty.")
+        if self.status == Status.NOT_FINITE:
+            said.append(f"{self.run.name} produced numbers that are not finite; check its parameters and inputs.")
+        invalid = np.flatnonzero(~self.table["valid"].to_numpy(dtype=bool))
+        if invalid.size:
+            first = float(self.table["time_s"].iloc[invalid[0]])
+            said.append(
+                f"{self.run.name} is outside the valid range of the cell's equations in {invalid.size} of its "
+                f"{len(self.table)} rows, first at {first:g} s."
+            )
+        return " ".join(said)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class CaseSimulation:
+    """The simulated runs of a case, in the order of the case.
+
+    Attributes:
+        case: whose model was run.
+        runs: one by one.
+    """
+
+    case: Case
+    runs: tuple[SimulatedRun, ...]
+
+    def __getitem__(self, place: int) -> SimulatedRun:
+        """Return a run by its index."""
+        return self.runs[place]
+
+    def __iter__(self) -> Iterator[SimulatedRun]:
+        """Go through the runs."""
+        return iter(self.runs)
+
+    def __len__(self) -> int:
+        """Return the number of runs."""
+        return len(self.runs)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Return all runs in one table: `run`, `time_s`, every reading, and `valid`."""
+        table = pd.concat([one.table for one in self.runs], ignore_index=True)
+        table.insert(0, "run", np.repeat([one.run.name for one in self.runs], [len(one.table) for one in self.runs]))
+        return table
+
+    def summary(self) -> str:
+        """Return a line for each run: how it ended."""
+        lines = [
+            f"{one.run.name}: {len(one.table)} rows, {one.status.name.lower().replace('_', ' ')} at {one.end_s:g} s"
+            for one in self.runs
+        ]
+        return "\n".join([*lines, *filter(None, (one.sentence() for one in self.runs))])
+
+    @property
+    def plot(self) -> SimulationPlots:
+        """Return the pictures: `plot()` draws the first run, `plot("run name")` another."""
+        return SimulationPlots(self)
+
+    def __repr__(self) -> str:
+        return f"<CaseSimulation of {self.case.name}: {len(self)} runs>"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(self.summary())}</pre>"
+
+
+def simulate_case(
+    case: Case,
+    *,
+    fidelity: str = "formula",
+    progress: Callable[[str], None] | None = None,
+) -> CaseSimulation:
+    """Run the model of a case over each of its runs.
+
+    Args:
+        case: with its effects and cut-off.
+        fidelity: "formula" or "lut".
+        progress: called with the name of each run before it starts.
+
+    Returns:
+        The simulated runs, in the order of the case; a failure in a run raises no error.
+
+    Raises:
+        ParameterError: as `case_model`.
+        EffectError: as `case_model`.
+    """
+    cutoff = Cutoff(**case.cutoff) if case.cutoff else None
+    outcomes = []
+    for run in case.runs:
+        if progress:
+            progress(run.name)
+        course = run_in_pieces(case_model(case, run, fidelity=fidelity), run_profile(run), cutoff)
+        usual = [name for name in KINDS[case.kind].outputs if name in course.readings]
+        columns = {name: course.readings[name] for name in dict.fromkeys((*usual, *course.readings))}
+        time_s = run.measured.time_s
+        table = pd.DataFrame({"time_s": time_s} | columns | {"valid": course.valid}, copy=False)
+        outcomes.append(SimulatedRun(run, table, course.status, float(time_s[course.end_row])))
+    return CaseSimulation(case, tuple(outcomes))

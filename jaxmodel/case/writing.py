@@ -1,0 +1,117 @@
+"""Writing a case as a TOML file that `read_case` takes."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from jaxmodel.base import toml
+from jaxmodel.base.atomic_files import write_whole
+from jaxmodel.base.errors import MeasurementError
+from jaxmodel.base.schema import with_schema
+from jaxmodel.case.known import Known, Table, Tolerance
+from jaxmodel.case.records import Case, Run
+
+_VALUE_KEYS = {"ocv": "voltage_V", "R_ints": "ohm", "R_TS": "ohm", "R_TL": "ohm", "C_TS": "farad", "C_TL": "farad"}
+
+
+def write_case(case: Case, path: Path, comments: list[str] | None = None) -> None:
+    """Write a case as a TOML file that `read_case` takes; paths of its runs are relative to the new file's folder.
+
+    Args:
+        case: from files or DataFrames; for a run without a file, a CSV is written next to the TOML file.
+        path: the new file.
+        comments: lines at the top.
+    """
+    files = [run.source or _write_csv(run, path.parent / f"{_file_name(run.name)}.csv") for run in case.runs]
+    content: dict[str, Any] = {"title": case.title, "kind": case.kind}
+    content["preset"] = preset_entry(case.preset, path)
+    content["parameters"] = {name: _known(known) for name, known in case.parameters.items()}
+    content["parameters"] |= {name: table_entry(name, table) for name, table in case.tables.items()}
+    content["effects"] = {name: _effect(values, case.effect_sd.get(name, {})) for name, values in case.effects.items()}
+    content |= {"sensors": case.sensors, "tolerance": _tolerances(case.tolerance), "cutoff": case.cutoff}
+    content = {name: entry for name, entry in content.items() if entry or name in ("title", "parameters")}
+    content["runs"] = [
+        {"file": _from(path, file), "split": run.split, "label": run.label}
+        | ({} if case.kind == "motor" else {"initial_soc": _known(run.initial_soc)})
+        | ({} if run.ambient_degC is None else {"ambient_degC": run.ambient_degC})
+        | _stated_of(run)
+        | {name: _known(known) for name, known in run.overrides.items()}
+        for run, file in zip(case.runs, files, strict=True)
+    ]
+    head = "".join(f"# {line}\n" for line in comments or [])
+    write_whole(path, head + toml.document(with_schema(content)))
+
+
+def write_folder(case: Case, folder: Path) -> Path:
+    """Write a case as a folder: `case.toml` and a CSV for each run; return the TOML file.
+
+    Raises:
+        MeasurementError: the folder is the one that the case was read from.
+    """
+    toml_file = folder / "case.toml"
+    if any(file.resolve().parent == folder.resolve() for file in case.files):
+        raise MeasurementError(f"{folder}: the case was read from this folder; give another one.")
+    folder.mkdir(parents=True, exist_ok=True)
+    toml_file.unlink(missing_ok=True)  # until its runs are written, the folder is no case
+    write_case(dataclasses.replace(case, runs=tuple(dataclasses.replace(r, source=None) for r in case.runs)), toml_file)
+    return toml_file
+
+
+def _write_csv(run: Run, file: Path) -> Path:
+    table = run.to_dataframe()
+    table = table.drop(columns=[] if run.ambient_degC is None else "ambient_degC")
+    write_whole(file, table.to_csv(index=False))
+    return file
+
+
+def _file_name(name: str) -> str:
+    """Return a run's name as a valid file name."""
+    return re.sub(r"[^\w.+-]+", "_", name).strip(".") or "run"
+
+
+def _stated_of(run: Run) -> dict[str, Any]:
+    stated: dict[str, Any] = {}
+    if run.initial_cell_temperature is not None:
+        stated["initial_cell_temperature_degC"] = _known(run.initial_cell_temperature)
+    if run.tolerance:
+        stated["tolerance"] = _tolerances(run.tolerance)
+    return stated
+
+
+def _known(known: Known) -> float | dict[str, float]:
+    return known.value if known.sd is None else {"value": known.value, "sd": known.sd}
+
+
+def _effect(values: Mapping[str, float | str], sd: Mapping[str, float]) -> dict[str, Any]:
+    return {name: {"value": value, "sd": sd[name]} if name in sd else value for name, value in values.items()}
+
+
+def _tolerances(tolerances: Mapping[str, Tolerance]) -> dict[str, Any]:
+    return {name: one.rms if one.max is None else {"rms": one.rms, "max": one.max} for name, one in tolerances.items()}
+
+
+def table_entry(name: str, table: Table) -> dict[str, Any]:
+    """Return a table as `[parameters]` holds it."""
+    entry: dict[str, Any] = {"soc": table.soc.tolist()}
+    if table.temperature_degC is not None:
+        entry["temperature_degC"] = table.temperature_degC.tolist()
+    entry[_VALUE_KEYS[name]] = table.values.tolist()
+    return entry | ({} if table.sd is None else {"sd_V" if name == "ocv" else "sd_relative": table.sd})
+
+
+def preset_entry(preset: str, path: Path) -> str:
+    """Return a preset as a case's file states it: its name, or the path of its file from the folder of the case."""
+    return _from(path, Path(preset)) if preset.endswith(".toml") else preset
+
+
+def _from(path: Path, file: Path) -> str:
+    """Return a path relative to another file's folder; unchanged if there is none (another drive)."""
+    try:
+        return Path(os.path.relpath(file, path.resolve().parent)).as_posix()
+    except ValueError:
+        return file.as_posix()

@@ -1,0 +1,1 @@
+"""What people bring: files of any bench as tables, and tables as cases."""

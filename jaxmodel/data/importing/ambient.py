@@ -1,0 +1,112 @@
+"""The ambient temperature of a run: its column, the user, the name of its file, or what its thermometer begins with."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+
+import numpy as np
+
+from jaxmodel.data.importing.findings import Decision, Finding
+from jaxmodel.data.importing.logs import Log
+
+# 'p25degC', 'n20degC', '-10 degC', '25°C'; without "deg" also a rate, so it must agree with the thermometer.
+_DEGREES = re.compile(
+    r"(?<![A-Za-z0-9])(?P<sign>[pnmPNM+-]?)_?(?P<number>\d{1,3}([.p]\d+)?)\s?_?(deg_?C|°C|degC|celsius|grad)",
+    re.IGNORECASE,
+)
+_LETTER = re.compile(r"(?<![A-Za-z0-9.])(?P<sign>[nm-]?)(?P<number>\d{1,2})_?C(?![A-Za-z0-9])")
+_AGREE_K, _AGREE_OF_LETTER_K = 15.0, 8.0
+THERMOMETERS = ("cell_temperature_degC", "case_temperature_degC", "winding_temperature_degC")
+_COLDEST, _WARMEST = -90.0, 200.0
+
+
+def with_ambient(run: Log, stated: float | None, listed: float | None) -> tuple[Log, float | None]:
+    """Return a run and its constant ambient temperature [degC]; None where it has a column, or nothing tells.
+
+    Args:
+        run: the run.
+        stated: by the user.
+        listed: by a list of files.
+    """
+    if stated is not None:
+        columns = {name: values for name, values in run.columns.items() if name != "ambient_degC"}
+        run = dataclasses.replace(run, columns=columns)
+        return run.also(Decision("ambient_degC", run.name, f"{stated:g}", "stated", "user")), stated
+    if "ambient_degC" in run.columns:
+        return _filled(run), None
+    if listed is not None:
+        return run.also(Decision("ambient_degC", run.name, f"{listed:g}", "a list of files states it", "file")), listed
+    first = first_reading(run)
+    named = temperature_in(run.name if run.name.startswith(run.source.stem) else run.source.stem, first)
+    if named is not None:
+        run = run.also(Decision("ambient_degC", run.name, f"{named:g}", "the name of the file states it", "file"))
+        if first is not None and abs(first - named) > 5.0:
+            sentence = (
+                f"{run.name}: the name of the file states {named:g} degC, and the thermometer begins at "
+                f"{first:.1f} degC; "
+                "it may have begun warm."
+            )
+            run = run.also(Finding("ambient", run.name, sentence, "warning", "ambient_degC"))
+        return run, named
+    if first is None:
+        return run, None
+    value = round(first, 1)
+    why = "assumed: the first reading of its thermometer"
+    sentence = (
+        f"{run.name}: no ambient temperature was measured; {value:g} degC, the first reading of its "
+        "thermometer, is taken for all of the run (--ambient)."
+    )
+    found = Finding("ambient", run.name, sentence, "warning", "ambient_degC")
+    return run.also(Decision("ambient_degC", run.name, f"{value:g}", why, "assumed"), found), value
+
+
+def temperature_in(name: str, first: float | None) -> float | None:
+    """Return the temperature that a name states [degC], None if it states none or another than the thermometer's.
+
+    Args:
+        name: of a file.
+        first: the first reading of a thermometer [degC], if there is one.
+    """
+    name = name.replace("__", "_").replace("_", " _ ")
+    for pattern, within in ((_DEGREES, _AGREE_K), (_LETTER, _AGREE_OF_LETTER_K)):
+        for found in pattern.finditer(name.replace(" _ ", "_ ")):
+            value = float(found["number"].replace("p", "."))
+            value = -value if found["sign"].lower() in ("n", "m", "-") else value
+            if first is None and pattern is _LETTER:
+                continue
+            if (first is None or abs(first - value) <= within) and _COLDEST <= value <= _WARMEST:
+                return value
+    return None
+
+
+def first_reading(run: Log) -> float | None:
+    """Return the first reading of the run's thermometer [degC]."""
+    for name in THERMOMETERS:
+        values = run.columns.get(name)
+        if values is not None and np.isfinite(values).any():
+            return float(values[np.isfinite(values)][0])
+    return None
+
+
+def _filled(run: Log) -> Log:
+    """Return a run whose ambient temperature has no gaps."""
+    return fill(run, "ambient_degC")
+
+
+def fill(run: Log, name: str) -> Log:
+    """Return a run without gaps in an input: interpolated between its neighbours, and held at the ends."""
+    values = run.columns[name]
+    there = np.isfinite(values)
+    if there.all():
+        return run
+    filled = np.interp(run.time_s, run.time_s[there], values[there])
+    lost = int((~there).sum())
+    weight = "warning" if lost > 0.01 * there.size else "note"
+    sentence = (
+        f"{run.name}: {name} is missing in {lost:,} of {there.size:,} rows; an input has no gaps, so it is "
+        "interpolated "
+        "between its neighbours."
+    )
+    found = Finding("gap in an input", run.name, sentence, weight, name, numbers={"rows": float(lost)})
+    return dataclasses.replace(run, columns=run.columns | {name: filled}).also(found)

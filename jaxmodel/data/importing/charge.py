@@ -1,0 +1,320 @@
+"""The capacity of a cell and the state of charge at the start of each run, as far as the files tell them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from jaxmodel.data.importing.findings import Decision, Finding
+from jaxmodel.data.importing.logs import Log
+from jaxmodel.data.importing.sign import evidence
+
+# Highest voltage at rest and the voltage from which a rested cell is full, by chemistry that the range tells (assumed).
+_LFP_MOST_V = 3.85
+_LFP_SPREAD_V = 0.25  # between the quartiles of its voltage
+# A rested cell within so much [V] of the highest voltage of the files is full; sd of its SOC for that.
+_FULL_V, _FULL_SD = 0.06, 0.02
+_NEARLY_FULL_V = 0.2
+_CHARGED_ABOVE_V = 0.15  # a charge that ends so far above every rest was not followed by one
+_FULL_LOADED_V, _FULL_LOADED_SD = 0.1, 0.04
+_LFP_FULL_V, _LFP_FULL_SD = 3.38, 0.02
+# The voltage under load within so much [V] of the lowest of the files is the cut-off, if it is no higher than makers of
+# such cells state: 2.5 to 3.2 V of layered oxides, 2.0 to 2.8 V of LFP.
+_EMPTY_V = 0.15
+_MOST_EMPTY_V, _MOST_EMPTY_LFP_V = 3.3, 2.9
+# A current below this share of the run's largest, or of that of all runs, is a rest.
+_REST, _FLOOR = 0.02, 0.0025
+_RESTED_S = 600.0
+_SLOW = 1.0 / 15.0  # of the capacity per hour: such a current hardly moves the voltage
+
+
+@dataclasses.dataclass(frozen=True)
+class Stated:
+    """A number with its standard deviation, and what it rests on."""
+
+    value: float
+    sd: float | None
+    why: str
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Count:
+    """The charge of one run.
+
+    Attributes:
+        run: which.
+        out_Ah: charge taken out since the first row [A h].
+        full: rows at which the cell is full: at rest near the highest voltage, or at the end of a charge.
+        empty: rows at which the cut-off is reached under load.
+        resting: rows without load.
+        ambient_degC: of the run; None where nothing tells.
+        rate_A: typical current of the run [A].
+        below_full_V: how far below the highest rested voltage of the files it rests at its first row; NaN for a start
+            under load, and for a flat chemistry.
+    """
+
+    run: Log
+    out_Ah: np.ndarray
+    full: np.ndarray
+    empty: np.ndarray
+    resting: np.ndarray
+    ambient_degC: float | None
+    rate_A: float
+    below_full_V: float
+
+
+def counts(runs: Sequence[Log], ambient_degC: Sequence[float | None]) -> list[Count]:
+    """Return the charge of each run that has current and voltage.
+
+    Args:
+        runs: of one cell, current positive on discharge.
+        ambient_degC: of each.
+    """
+    usable = [
+        (run, warmth)
+        for run, warmth in zip(runs, ambient_degC, strict=True)
+        if {"current_A", "voltage_V"} <= run.columns.keys()
+    ]
+    if not usable:
+        return []
+    floor = _FLOOR * max(float(np.nanmax(np.abs(run.columns["current_A"]))) for run, _ in usable)
+    # At rest: a pulse of charge in the cold goes far above what a full cell has.
+    rested = [_quantile(run.columns["voltage_V"][_resting(run, floor)], 0.995) for run, _ in usable]
+    tops = [_quantile(run.columns["voltage_V"], 0.99) for run, _ in usable]
+    high = max((value for value in rested if np.isfinite(value)), default=float(np.median(tops)))
+    volts = [run.columns["voltage_V"] for run, _ in usable]
+    spread = [_quantile(one, 0.75) - _quantile(one, 0.25) for one in volts]
+    flat = 3.2 < high < _LFP_MOST_V and float(np.median(spread)) < _LFP_SPREAD_V
+    # A cycler that goes from charge to discharge without a rest shows no full cell at rest.
+    charged_V = [float(run.columns["voltage_V"][end]) for run, _ in usable for end in _charged(run)]
+    if charged_V and not flat and max(charged_V) > high + _CHARGED_ABOVE_V:
+        high = max(charged_V)
+    lows = sorted(_quantile(run.columns["voltage_V"], 0.0) for run, _ in usable)
+    low = float(np.median(lows[: max(len(lows) // 2, 1)]))
+    return [_count(run, warmth, high, low, floor, flat) for run, warmth in usable]
+
+
+def _charged(run: Log) -> np.ndarray:
+    """Return the last rows of charges that put back at least half of all the charge that the run moves."""
+    current = np.nan_to_num(run.columns["current_A"])
+    out = np.cumsum(current * np.diff(run.time_s, prepend=run.time_s[0]))
+    charging = np.concatenate([[False], current < 0.0, [False]])
+    turns = np.flatnonzero(charging[1:] != charging[:-1])
+    begins, ends = turns[::2], turns[1::2] - 1
+    put_back = out[np.maximum(begins - 1, 0)] - out[ends]
+    ends = ends[put_back >= 0.5 * float(np.ptp(out))] if ends.size else ends
+    return ends[np.isfinite(run.columns["voltage_V"][ends])]
+
+
+def _resting(run: Log, floor: float) -> np.ndarray:
+    current = np.nan_to_num(run.columns["current_A"])
+    return np.abs(current) <= max(_REST * float(np.max(np.abs(current))), floor)
+
+
+def _quantile(values: np.ndarray, share: float) -> float:
+    there = values[np.isfinite(values)][:: max(values.size // 1_000_000, 1)]
+    return float(np.quantile(there, share)) if there.size else np.nan
+
+
+def _count(run: Log, ambient_degC: float | None, high: float, low: float, floor: float, flat: bool) -> Count:
+    """Return the charge of a run.
+
+    Args:
+        run: current positive on discharge.
+        ambient_degC: of it.
+        high: voltage of a full cell.
+        low: the cut-off.
+        floor: current below which every run rests [A].
+        flat: whether the open-circuit voltage is, as that of LFP.
+    """
+    current, voltage = np.nan_to_num(run.columns["current_A"]), run.columns["voltage_V"]
+    interval = np.diff(run.time_s, prepend=run.time_s[0]) / 3600.0
+    out = np.cumsum(current * interval)
+    largest = float(np.max(np.abs(current))) or 1.0
+    resting = _resting(run, floor)
+    with np.errstate(invalid="ignore"):
+        if flat:
+            near_full = voltage >= min(_LFP_FULL_V, high - 0.02)
+        else:
+            near_full = voltage >= high - _FULL_V
+        full = near_full & resting
+        # The end of a charge at constant voltage: the current has fallen to a small share.
+        tapered = (current < 0.0) & (np.abs(current) < 0.12 * largest) & (voltage >= high - 0.01)
+        most = _MOST_EMPTY_LFP_V if flat else _MOST_EMPTY_V if high > _LFP_MOST_V else np.inf
+        empty = (voltage <= min(low + _EMPTY_V, most)) & (current > 0.1 * largest)
+    ends = _charged(run)
+    tapered[ends[voltage[ends] >= high - 0.01]] = True
+    if not resting[0] and np.isfinite(voltage[0]) and current[0] > 0.0:  # the first row is under load already
+        seen = evidence(run)
+        drop = current[0] * seen.resistance_ohm if seen.steps >= 3 and seen.resistance_ohm > 0.0 else 0.0
+        full[0] |= bool(voltage[0] + drop >= high - (_FULL_LOADED_V if drop else 1.5 * _FULL_LOADED_V))
+    loaded = np.abs(current) > 0.05 * largest
+    rate = float(np.median(np.abs(current[loaded]))) if loaded.any() else 0.0
+    below = high - float(voltage[0]) if resting[0] and not flat else np.nan
+    return Count(run, out, full | tapered, empty, resting, ambient_degC, rate, below)
+
+
+def capacity_of(
+    found: Sequence[Count], stated_Ah: float | None, of_preset: Stated | None = None
+) -> tuple[Stated, bool]:
+    """Return the capacity [A h], and whether a full discharge or the user gave it.
+
+    Args:
+        found: the charge of each run.
+        stated_Ah: by the user.
+        of_preset: that of the preset that the user chose.
+    """
+    if stated_Ah is not None:
+        return Stated(stated_Ah, 0.02 * stated_Ah, "stated"), True
+    discharges = [pair for count in found for pair in _full_discharges(count)]
+    if discharges:
+        one, best = max(discharges, key=lambda pair: pair[1])
+        # What a fast discharge leaves in the cell is not known.
+        sd = (0.02 if one.rate_A < 0.25 * best else 0.05) * best
+        count = len(discharges)
+        which = "the only discharge" if count == 1 else f"the largest of {count} discharges"
+        return Stated(best, sd, f"{which} from full to the cut-off, in {one.run.name}"), True
+    if of_preset is not None:
+        return of_preset, False
+    moved = max((float(np.ptp(count.out_Ah)) for count in found), default=0.0)
+    if moved <= 0.0:
+        return Stated(5.2, 5.0, "unknown: no charge was moved; the paper's cell"), False
+    why = "assumed: 1.25 times the charge that the longest run moves; no discharge goes from full to the cut-off"
+    return Stated(1.25 * moved, 0.3 * moved, why), False
+
+
+def _full_discharges(count: Count) -> list[tuple[Count, float]]:
+    """Return the charge between a full cell and the cut-off that follows, for each such pair."""
+    result = []
+    full, empty = np.flatnonzero(count.full), np.flatnonzero(count.empty)
+    while full.size and empty.size:
+        after = empty[empty > full[0]]
+        if not after.size:
+            break
+        end = int(after[0])
+        before = full[full < end]
+        begin = int(before[np.argmin(count.out_Ah[before])])  # a small pulse from full leaves it near full
+        # The cut-off may last for rows: the charge up to the deepest point before the next full row.
+        following = full[full > end]
+        stop = int(following[0]) if following.size else count.out_Ah.size
+        deepest = float(count.out_Ah[end:stop].max())
+        result.append((count, deepest - float(count.out_Ah[begin])))
+        full, empty = following, empty[empty > stop]
+    largest = max((amount for _, amount in result), default=0.0)
+    return [(one, amount) for one, amount in result if amount > 0.5 * largest and amount > 0.0]
+
+
+def rest_curve(
+    found: Sequence[Count], starts: Sequence[Stated | None], capacity_Ah: float
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return SOC and voltage of a cell at rest or nearly so, from runs whose start is known; None with fewer than four.
+
+    The points increase in both.
+    """
+    socs, volts = [], []
+    for count, start in zip(found, starts, strict=True):
+        if start is None or (start.sd or 0.0) > 0.05:
+            continue
+        current, voltage, time_s = count.run.columns["current_A"], count.run.columns["voltage_V"], count.run.time_s
+        slow = np.abs(current) <= _SLOW * capacity_Ah
+        moving = np.where(count.resting, 0, np.arange(current.size))
+        since = time_s - time_s[np.maximum.accumulate(moving)]
+        quiet = np.isfinite(voltage) & slow & ((since > _RESTED_S) | (np.nan_to_num(current) > 0.01 * capacity_Ah))
+        rows = np.flatnonzero(quiet)
+        rows = rows[np.linspace(0, rows.size - 1, min(rows.size, 2000)).astype(int)] if rows.size else rows
+        socs.append(start.value - count.out_Ah[rows] / capacity_Ah)
+        volts.append(voltage[rows])
+    if not socs:
+        return None
+    soc, volt = np.concatenate(socs), np.concatenate(volts)
+    bins = np.round(soc * 40.0)
+    points = [(float(np.median(soc[bins == one])), float(np.median(volt[bins == one]))) for one in np.unique(bins)]
+    points = [(s, v) for s, v in points if -0.05 <= s <= 1.05]
+    if len(points) < 4:
+        return None
+    soc, volt = np.array(points).T
+    volt = np.maximum.accumulate(volt)
+    keep = np.diff(volt, prepend=-np.inf) > 0.0
+    return (soc[keep], volt[keep]) if keep.sum() >= 4 else None
+
+
+def starts_of(found: Sequence[Count], capacity: Stated, known: bool) -> list[Stated]:
+    """Return the state of charge at the first row of each run.
+
+    Args:
+        found: the charge of each run.
+        capacity: of the cell [A h].
+        known: whether the capacity comes from a full discharge or from the user.
+    """
+    counted = [_counted(count, capacity.value, known) for count in found]
+    curve = rest_curve(found, counted, capacity.value)
+    result = []
+    for count, start in zip(found, counted, strict=True):
+        # A run that only reaches the cut-off knows its end less well than a rested voltage knows its start.
+        read = None if curve is None or (start is not None and (start.sd or 0.0) <= 0.03) else _read(count, *curve)
+        options = [one for one in (start, read) if one is not None]
+        unknown = Stated(
+            0.5, 0.3, "unknown: no full charge, no cut-off and no rested voltage tells it; state --initial-soc"
+        )
+        result.append(min([*options, unknown], key=lambda one: one.sd or 0.0))
+    return result
+
+
+def _counted(count: Count, capacity_Ah: float, known: bool) -> Stated | None:
+    full = np.flatnonzero(count.full)
+    if full.size and abs(count.out_Ah[full[0]]) < 0.005 * capacity_Ah:
+        loaded = not count.resting[0]
+        why = "full: it begins near the highest voltage of the files" + (", under load" if loaded else "")
+        return Stated(1.0, _FULL_LOADED_SD if loaded else _FULL_SD, why)
+    if count.below_full_V < _NEARLY_FULL_V:
+        # Near full, layered oxides lose about 1 V per unit of SOC; so much a rest after the charge takes by itself.
+        start = 1.0 - max(count.below_full_V - 0.5 * _FULL_V, 0.0)
+        return Stated(_within(start), 0.05, "nearly full: by the voltage at which it rests, at 1 V per unit of SOC")
+    if full.size:
+        first = int(full[0])
+        start = 1.0 + float(count.out_Ah[first]) / capacity_Ah
+        sd = _FULL_SD + (0.05 if not known else 0.01) + 0.02 * abs(1.0 - start)
+        return Stated(_within(start), sd, "counted back from the full charge within the run")
+    empty = np.flatnonzero(count.empty)
+    if empty.size and known:
+        start = float(count.out_Ah[empty[-1]]) / capacity_Ah
+        # The faster and the colder, the more is left in the cell at the cut-off.
+        cold = 0.0 if count.ambient_degC is None else max(20.0 - count.ambient_degC, 0.0)
+        sd = 0.04 + 0.05 * count.rate_A / capacity_Ah + 0.01 * cold
+        return Stated(_within(start + 0.3 * sd), sd, "counted back from the cut-off within the run")
+    return None
+
+
+def _read(count: Count, soc: np.ndarray, volt: np.ndarray) -> Stated | None:
+    """Return the SOC at which a cell rests at the first voltage of a run; the flatter the curve, the larger its sd."""
+    voltage = count.run.columns["voltage_V"]
+    there = np.flatnonzero(np.isfinite(voltage))
+    if not there.size or not count.resting[there[0]]:
+        return None
+    first = float(voltage[there[0]])
+    if not volt[0] - 0.05 <= first <= volt[-1] + 0.05:
+        return None
+    low, high = (float(np.interp(first + step, volt, soc)) for step in (-0.015, 0.015))
+    start = _within(float(np.interp(first, volt, soc)))
+    return Stated(
+        start, 0.02 + 0.5 * (high - low), "read from the voltage at which it begins, by the rests of other runs"
+    )
+
+
+def _within(soc: float) -> float:
+    return round(min(max(soc, 0.0), 1.0), 4)
+
+
+def told(run: Log, start: Stated) -> Log:
+    """Return a run with what is said about its start."""
+    source = "assumed" if start.why.startswith(("unknown", "assumed")) else "user" if start.why == "stated" else "file"
+    value = f"{start.value:g}" if start.sd is None else f"{start.value:g} ± {start.sd:.2g}"
+    run = run.also(Decision("initial_soc", run.name, value, start.why, source))
+    if start.why.startswith("unknown"):
+        sentence = (
+            f"{run.name}: its state of charge at the start is unknown; {value} is written. State it with --initial-soc."
+        )
+        run = run.also(Finding("initial SOC", run.name, sentence, "warning", "soc"))
+    return run

@@ -1,0 +1,239 @@
+"""The outcome of an import: the case, and everything that was found and decided on the way."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import html
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from jaxmodel.case.records import Case
+from jaxmodel.data.importing.charge import Stated
+from jaxmodel.data.importing.conditions import Condition
+from jaxmodel.data.importing.findings import Decision, Finding
+from jaxmodel.data.importing.logs import Log
+from jaxmodel.data.importing.options import Kind, Options
+
+if TYPE_CHECKING:
+    from jaxmodel.data.importing.plotting import ImportPlots
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ImportedRun:
+    """One run as it is written.
+
+    Attributes:
+        log: its readings.
+        split: "fit" or "check".
+        label: in words.
+        ambient_degC: constant ambient temperature; None where it is a column.
+        start: state of charge at the first row; None for a motor.
+        condition: under which it was measured.
+    """
+
+    log: Log
+    split: str
+    label: str
+    ambient_degC: float | None
+    start: Stated | None
+    condition: Condition
+
+    def entries(self) -> dict[str, Any]:
+        """Return the run's entries of case.toml."""
+        stated: dict[str, Any] = {"label": self.label}
+        if self.ambient_degC is not None:
+            stated["ambient_degC"] = self.ambient_degC
+        if self.start is not None:
+            stated["initial_soc"] = _entry(self.start)
+        return stated
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Imported:
+    """Imported files: a case, findings and decisions.
+
+    Attributes:
+        kind: of the case.
+        runs: in the order of the files.
+        options: decisions of the user.
+        capacity: of a cell; None for other kinds.
+        capacity_known: whether a full discharge or the user told the capacity.
+        constants: first values of a motor's constants, by name of the parameter.
+        general: findings and decisions that concern no single run.
+    """
+
+    kind: Kind
+    runs: tuple[ImportedRun, ...]
+    options: Options
+    capacity: Stated | None
+    capacity_known: bool
+    constants: dict[str, Stated]
+    general: tuple[Finding | Decision, ...]
+
+    @functools.cached_property
+    def case(self) -> Case:
+        """The case, in memory.
+
+        Raises:
+            UserError: it holds what cannot be, such as a unit that does not fit; the sentence says what to do.
+        """
+        frames = {run.log.name: self._frame(run) for run in self.runs}
+        return Case.from_dataframes(
+            frames,
+            kind=self.kind,
+            name="imported",
+            title=self.title,
+            preset=self.options.preset or "paper",
+            parameters=self.parameters(),
+            check=[run.log.name for run in self.runs if run.split == "check"],
+            runs={run.log.name: run.entries() for run in self.runs},
+        )
+
+    def check(self) -> None:
+        """Refuse a case that `read_case` would refuse.
+
+        Raises:
+            UserError: it holds what cannot be; the sentence says what to do.
+        """
+        _ = self.case
+
+    @property
+    def title(self) -> str:
+        """What the case is called."""
+        if self.options.title:
+            return self.options.title
+        folders = sorted({run.log.source.resolve().parent.name for run in self.runs})
+        return f"{', '.join(folders)}: imported {self.kind}"
+
+    def _frame(self, run: ImportedRun) -> pd.DataFrame:
+        return run.log.to_dataframe()
+
+    def parameters(self) -> dict[str, Any]:
+        """Return what the case states of its hardware: the capacity, and that it is as old as when it was measured."""
+        if self.capacity is None:
+            return {name: _entry(stated) for name, stated in self.constants.items()}
+        # A preset states a capacity of its own: a measured one takes precedence, an assumed one does not.
+        of_files = {} if self.options.preset and not self.capacity_known else {"capacity_Ah": _entry(self.capacity)}
+        return of_files | {"cycles": 0, "storage_months": 0}
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Everything that a person should know, in the order of the files."""
+        return tuple(one for one in self._all() if isinstance(one, Finding))
+
+    @property
+    def decisions(self) -> tuple[Decision, ...]:
+        """Everything that was settled, in the order of the files."""
+        return tuple(one for one in self._all() if isinstance(one, Decision))
+
+    def _all(self) -> Iterator[Finding | Decision]:
+        yield from self.general
+        for run in self.runs:
+            yield from run.log.decisions
+            yield from run.log.findings
+
+    def missing(self) -> str:
+        """Return in one sentence what the case does not know yet; "" if nothing."""
+        if self.options.preset:
+            return ""
+        if self.kind == "motor":
+            lacking = [name for name in ("R_0", "k_tau") if name not in self.constants]
+            first = f"first values of {', '.join(self.constants)} and " if self.constants else ""
+            rest = f"{', '.join(lacking)}, " if lacking else ""
+            return (
+                f"The case has {first}the paper's motor for {rest}inertia, friction and heat: run "
+                "`jaxmodel parameterise CASE`, or give "
+                "--preset."
+            )
+        if self.kind == "robot":
+            return ""
+        lacking = "" if self.capacity_known else "its capacity, "
+        return (
+            f"The case does not know {lacking}its open-circuit voltage and its resistances (formulas of "
+            "the paper's cell stand in for "
+            "them): run `jaxmodel parameterise CASE`, or give --preset."
+        )
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Return a row for each run: rows, duration, condition, start, split, number of warnings."""
+        return pd.DataFrame([self._row(run) for run in self.runs])
+
+    def _row(self, run: ImportedRun) -> dict[str, Any]:
+        log = run.log
+        warmth = run.ambient_degC if run.ambient_degC is not None else float(np.median(log.columns["ambient_degC"]))
+        return {
+            "run": log.name,
+            "split": run.split,
+            "rows": log.rows,
+            "duration_s": float(log.time_s[-1] - log.time_s[0]),
+            "ambient_degC": warmth,
+            "initial_soc": np.nan if run.start is None else run.start.value,
+            "columns": ", ".join(log.columns),
+            "warnings": sum(finding.weight == "warning" for finding in log.findings),
+            "label": run.label,
+        }
+
+    def summary(self) -> str:
+        """Return runs, decisions that are not the user's, warnings, and what is missing."""
+        lines = [self.title, self.to_dataframe().drop(columns=["columns"]).to_string(index=False, max_colwidth=60)]
+        lines += [
+            f"decided: {one}" for one in shortened([d for d in self.decisions if d.about not in ("reading", "clock")])
+        ]
+        lines += [f"look at: {one.sentence}" for one in self.findings if one.weight == "warning"]
+        return "\n".join([*lines, *([self.missing()] if self.missing() else [])])
+
+    @property
+    def plot(self) -> ImportPlots:
+        """Pictures: `imported.plot("run")`."""
+        from jaxmodel.data.importing.plotting import ImportPlots
+
+        return ImportPlots(self)
+
+    def write(self, folder: str | Path, *, pictures: bool = False) -> Path:
+        """Write the case: case.toml, a CSV for each run, import.json, and a picture of each run if asked for.
+
+        Returns:
+            The TOML file.
+
+        Raises:
+            MeasurementError: the folder holds the files that were imported.
+        """
+        from jaxmodel.data.importing.writing import write
+
+        return write(self, Path(folder), pictures)
+
+    def __repr__(self) -> str:
+        warnings = sum(finding.weight == "warning" for finding in self.findings)
+        return f"<Imported {self.kind}: {len(self.runs)} runs, {warnings} warnings>"
+
+    def _repr_html_(self) -> str:
+        return f"<p><b>{html.escape(repr(self)[1:-1])}</b></p>{self.to_dataframe().to_html(index=False, border=0)}"
+
+
+def shortened(decisions: list[Decision]) -> list[str]:
+    """Return decisions as sentences, those that say the same of several files or runs as one."""
+    places: dict[tuple[str, str, str], list[str]] = {}
+    for one in decisions:
+        places.setdefault((one.about, one.value, one.why), []).append(one.where)
+    lines = []
+    for (about, value, why), where in places.items():
+        named = [one for one in dict.fromkeys(where) if one]
+        some = f" ({', '.join(named[:3])}{f' and {len(named) - 3} more' if len(named) > 3 else ''})" if named else ""
+        lines.append(f"{about}{some}: {value} - {why}")
+    return lines
+
+
+def _entry(stated: Stated) -> float | dict[str, float]:
+    value = float(f"{stated.value:.5g}")
+    return value if stated.sd is None else {"value": value, "sd": float(f"{stated.sd:.2g}")}
+
+
+def file_name(name: str) -> str:
+    """Return a run's name as a valid file name."""
+    return re.sub(r"[^\w.+-]+", "_", name).strip(".") or "run"

@@ -1,0 +1,357 @@
+"""From files to a case: read, put on a clock, settle signs, split into runs, look for what is odd, propose the rest."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxmodel.base.errors import MeasurementError, nearest
+from jaxmodel.case.measurements import KINDS, file_label
+from jaxmodel.case.presets import located, read_preset, why_not
+from jaxmodel.data.importing import charge
+from jaxmodel.data.importing.ambient import fill, with_ambient
+from jaxmodel.data.importing.checks import odd_things
+from jaxmodel.data.importing.clock import with_clock
+from jaxmodel.data.importing.conditions import Condition, condition_of, specimens, splits_of
+from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
+from jaxmodel.data.importing.imported import Imported, ImportedRun
+from jaxmodel.data.importing.joining import joined
+from jaxmodel.data.importing.listing import Listed, read_listing
+from jaxmodel.data.importing.loading import NotALog, load
+from jaxmodel.data.importing.logs import Log
+from jaxmodel.data.importing.motor_constants import constants_of
+from jaxmodel.data.importing.options import Kind, Options, checked
+from jaxmodel.data.importing.runs import split
+from jaxmodel.data.importing.sign import motor_signs, settle
+from jaxmodel.data.importing.speed import with_speed
+
+_ROBOT_SOC = charge.Stated(1.0, 0.05, "assumed: full")
+
+
+def import_case(
+    files: Sequence[str | Path] | str | Path,
+    kind: Kind,
+    *,
+    out: str | Path | None = None,
+    options: Options | None = None,
+    ask: Ask | None = None,
+    progress: Callable[[str], None] | None = None,
+    **decisions: Any,
+) -> Imported:
+    """Import raw files of a bench as a case.
+
+    Args:
+        files: of one piece of hardware, in any format that `jaxmodel.read_table` knows.
+        kind: "cell", "motor" or "robot".
+        out: folder that the case is written to; by default nothing is written.
+        options: decisions of the user.
+        ask: answers what the files leave open; by default that is an error which names the option to give.
+        progress: is told what is done next.
+        decisions: fields of `Options`, as keywords: `ambient=23.0`, `sign="charge-positive"`.
+
+    Returns:
+        The case with everything that was found and decided.
+
+    Raises:
+        MeasurementError: a file cannot be used, or something is open that only the user can tell.
+    """
+    if kind not in KINDS:
+        raise MeasurementError(f"kind: there is no '{kind}'; use cell, motor or robot.")
+    known = {field.name for field in dataclasses.fields(Options)}
+    if unknown := [name for name in decisions if name not in known]:
+        raise MeasurementError(f"import_case: there is no decision '{unknown[0]}'.{nearest(unknown[0], known)}")
+    options = checked(dataclasses.replace(options or Options(), **decisions))
+    if options.preset:
+        options = dataclasses.replace(options, preset=located(options.preset, Path()))
+        if problem := why_not(str(options.preset), kind):
+            raise MeasurementError(f"preset: {problem}")
+    tell = progress or (lambda _: None)
+    paths = [Path(files)] if isinstance(files, str | Path) else [Path(file) for file in files]
+    logs, listed, general = _read(paths, kind, options, ask, tell)
+    tell("clocks and signs")
+    logs, clockless = _with_clocks(logs, options, ask)
+    general += clockless
+    logs = joined(logs)
+    logs = _signed(logs, kind, options, ask)
+    runs = [run for log in logs for run in split(_scaled(log, kind, options), options)]
+    runs = [_complete(with_speed(run), kind, options, listed.get(run.source.name)) for run in runs]
+    tell(f"checking {len(runs)} runs")
+    runs = [run.also(*odd_things(run, kind)) for run in runs]
+    imported = _assembled(runs, kind, options, ask, listed, general)
+    if out is not None:
+        tell(f"writing {len(runs)} runs")
+        imported.write(out)
+    return imported
+
+
+def _read(
+    paths: Sequence[Path], kind: Kind, options: Options, ask: Ask | None, tell: Callable[[str], None]
+) -> tuple[list[Log], dict[str, Listed], list[Finding | Decision]]:  # fmt: skip
+    """Return the logs among the files, what a list among them says of each, and what is to be said of all."""
+    if not paths:
+        raise MeasurementError("There are no files to import; name at least one.")
+    logs: list[Log] = []
+    listed: dict[str, Listed] = {}
+    found: list[Finding | Decision] = []
+    readings = []
+    for path in paths:
+        others = [other.name for other in paths if other != path]
+        if others and path.is_file() and (listing := read_listing(path, others, KINDS[kind].required_inputs)):
+            listed |= listing
+            found.append(Decision("list of files", "", file_label(path), "it names the other files", "file"))
+        else:
+            readings.append(path)
+    for path in readings:
+        tell(f"reading {path.name}")
+        stated = listed[path.name].inputs if path.name in listed else {}
+        try:
+            logs.append(load(path, kind, options, ask, stated))
+        except NotALog as error:
+            if len(readings) == 1:
+                raise
+            found.append(Finding("file left out", file_label(path), f"{error} It is left out.", "warning"))
+    if not logs:
+        reason = next((one.sentence for one in found if isinstance(one, Finding)), "")
+        raise MeasurementError(reason.removesuffix(" It is left out.") or "No file holds readings; name the logs.")
+    for target, column in options.columns.items():
+        stated = any(d.about == target and d.source == "user" for log in logs for d in log.decisions)
+        if (
+            column
+            and not stated
+            and target not in ("time_s", "stamp", "step_time", "state", "step", "cycle", "discharged_Ah")
+        ):
+            raise MeasurementError(
+                f"column: no file has a column '{column}' with readings for {target}, or the columns of that formula; "
+                "check the names."
+            )
+    return logs, listed, found
+
+
+def _with_clocks(logs: Sequence[Log], options: Options, ask: Ask | None) -> tuple[list[Log], list[Finding]]:
+    """Return logs with their clocks; one without is left out where others have one and the user states no other way."""
+    timed, found = [], []
+    for log in logs:
+        if (clocked := with_clock(log, options.seconds_per_row)) is not None:
+            timed.append(clocked)
+        else:
+            sentence = (
+                f"{file_label(log.source)} has no column of time and is left out; import it apart "
+                "with --seconds-per-row."
+            )
+            found.append(Finding("file left out", file_label(log.source), sentence, "warning"))
+    if timed:
+        return timed, found
+    return [_clocked(log, options, ask) for log in logs], []
+
+
+def _clocked(log: Log, options: Options, ask: Ask | None) -> Log:
+    timed = with_clock(log, options.seconds_per_row)
+    if timed is not None:
+        return timed
+    where = file_label(log.source)
+    question = Question(f"{where} has no clock. How many seconds are there from row to row?", "--seconds-per-row S")
+    if ask is None:
+        raise MeasurementError(
+            f'{where} has no column of time; name it with --column time_s="NAME", or state --seconds-per-row S, which '
+            "takes the rows as evenly spaced."
+        )
+    timed = with_clock(log, _number(ask(question), question))
+    assert timed is not None
+    return timed
+
+
+def _signed(logs: list[Log], kind: Kind, options: Options, ask: Ask | None) -> list[Log]:
+    for name in options.flip:
+        if not any(name in log.columns for log in logs):
+            raise MeasurementError(f"flip: no file has readings of {name}; name a column of the case.")
+    if kind == "cell":
+        with_current = [log for log in logs if "current_A" in log.columns]
+        try:
+            settled = settle(with_current, options.sign, options.accept_unsettled_sign) if with_current else []
+        except MeasurementError:
+            if ask is None:
+                raise
+            choices = ("discharge-positive", "charge-positive")
+            question = Question(
+                "The readings do not settle the sign of the current. What is it?", "--sign", choices, choices[0]
+            )
+            settled = settle(with_current, ask(question), True)
+        by_name = {id(before): after for before, after in zip(with_current, settled, strict=True)}
+        logs = [by_name.get(id(log), log) for log in logs]
+    elif options.sign == "charge-positive":
+        logs = [_flipped(log, ("current_A", "pack_current_A", "motor_current_A")) for log in logs]
+    logs = [_flipped(log, options.flip) for log in logs]
+    return [motor_signs(log) for log in logs] if kind == "motor" else logs
+
+
+def _flipped(log: Log, names: Sequence[str]) -> Log:
+    for name in names:
+        if name in log.columns:
+            log = dataclasses.replace(log, columns=log.columns | {name: -log.columns[name]})
+            log = log.also(Decision(f"sign of {name}", log.name, "reversed", "stated", "user"))
+    return log
+
+
+def _scaled(log: Log, kind: Kind, options: Options) -> Log:
+    """Return a module's log as that of one cell."""
+    if kind != "cell":
+        return log
+    for name, count, how in (
+        ("voltage_V", options.cells_in_series, "cells in series"),
+        ("current_A", options.parallel_cells, "cells in parallel"),
+    ):
+        if count > 1 and name in log.columns:
+            log = dataclasses.replace(log, columns=log.columns | {name: log.columns[name] / count})
+            log = log.also(Decision(name, log.name, f"divided by {count} {how}", "stated", "user"))
+    voltage = log.columns.get("voltage_V")
+    if voltage is not None and (middle := float(np.nanmedian(voltage))) > 5.0:
+        count = round(middle / 3.65) if middle < 1000.0 else 0
+        todo = f"--cells-in-series {count}" if count else "--unit"
+        raise MeasurementError(
+            f"{file_label(log.source)}: voltage_V has {middle:.4g} V (median), more than one cell; state "
+            f"{todo}, or name another "
+            "column with --column."
+        )
+    return log
+
+
+def _complete(run: Log, kind: Kind, options: Options, listed: Listed | None) -> Log:
+    """Return a run with every input of its kind but the ambient temperature, without gaps in them."""
+    vocabulary = KINDS[kind]
+    for name, value in options.constants.items():
+        if name not in vocabulary.columns:
+            raise MeasurementError(
+                f"constant: a {kind} has no column '{name}'; it has {', '.join(vocabulary.columns)}."
+            )
+        run = dataclasses.replace(run, columns=run.columns | {name: np.full(run.rows, float(value))})
+        run = run.also(Decision(name, run.name, f"{value:g} throughout", "stated", "user"))
+    for name, value in (listed.inputs if listed is not None else {}).items():
+        if name not in run.columns and name != "ambient_degC":
+            run = dataclasses.replace(run, columns=run.columns | {name: np.full(run.rows, value)})
+            run = run.also(Decision(name, run.name, f"{value:g} throughout", "a list of files states it", "file"))
+    groups = [(name,) for name in vocabulary.required_inputs if name != "ambient_degC"] + list(vocabulary.alternatives)
+    for group in groups:
+        if not any(name in run.columns for name in group):
+            names = " or ".join(group)
+            raise MeasurementError(
+                f"{file_label(run.source)}: no column is {names}, which a {kind} needs; name it with --column "
+                f'{group[0]}="NAME", or state --constant {group[0]}=VALUE for all of it.'
+            )
+        present = [name for name in group if name in run.columns]
+        for name in present[1:]:
+            if name not in vocabulary.outputs:  # a robot is driven by duty or by set voltage, not by both
+                columns = {key: values for key, values in run.columns.items() if key != name}
+                run = dataclasses.replace(run, columns=columns)
+        run = fill(run, present[0])
+    drives = {present for group in groups for present in [next(name for name in group if name in run.columns)]}
+    if not any(name in run.columns and name not in drives for name in vocabulary.outputs):
+        raise MeasurementError(
+            f"{file_label(run.source)} has no reading that a {kind} predicts "
+            f"({', '.join(vocabulary.outputs)}); name one with "
+            "--column, as --column " + f'{vocabulary.outputs[0]}="NAME".'
+        )
+    for name in vocabulary.optional_inputs:
+        needs = vocabulary.only_with.get(name)
+        if name in run.columns and needs is not None and needs not in run.columns:
+            columns = {key: values for key, values in run.columns.items() if key != name}
+            run = dataclasses.replace(run, columns=columns)
+        elif name in run.columns:
+            run = fill(run, name)
+    return run
+
+
+def _assembled(
+    runs: list[Log],
+    kind: Kind,
+    options: Options,
+    ask: Ask | None,
+    listed: dict[str, Listed],
+    general: list[Finding | Decision],
+) -> Imported:
+    """Return runs with ambient temperature, state of charge, label and split, and what the case states."""
+    warmed: list[tuple[Log, float | None]] = []
+    stated = options.ambient
+    for run in runs:
+        of_list = listed.get(run.source.name)
+        run, ambient = with_ambient(run, stated, of_list.ambient_degC if of_list else None)
+        if ambient is None and "ambient_degC" not in run.columns:
+            question = Question(
+                f"At which ambient temperature was {run.name} measured [degC]?", "--ambient DEGC", (), "23"
+            )
+            if ask is None:
+                raise MeasurementError(
+                    f"{file_label(run.source)} has no ambient temperature, neither in a column nor in its "
+                    "name, and no thermometer; "
+                    "state --ambient DEGC."
+                )
+            stated = _number(ask(question), question)
+            run, ambient = with_ambient(run, stated, None)
+        warmed.append((run, ambient))
+    conditions = [condition_of(run, ambient) for run, ambient in warmed]
+    capacity, full = None, False
+    starts: list[charge.Stated | None] = [None] * len(warmed)
+    if kind == "cell":
+        counts = charge.counts([run for run, _ in warmed], [one.ambient_degC for one in conditions])
+        capacity, full = charge.capacity_of(counts, options.capacity_Ah, _of_preset(options.preset))
+        known = {
+            count.run.name: start for count, start in zip(counts, charge.starts_of(counts, capacity, full), strict=True)
+        }
+        starts = [known.get(run.name) for run, _ in warmed]
+    if kind == "robot":
+        starts = [_ROBOT_SOC] * len(warmed)
+    if options.initial_soc is not None and kind != "motor":
+        starts = [charge.Stated(options.initial_soc, 0.02, "stated")] * len(warmed)
+    splits, why = splits_of([run for run, _ in warmed], conditions, options.check)
+    general = [*general, *why]
+    if several := specimens([run for run, _ in warmed]):
+        general.append(several)
+    done = []
+    for (run, ambient), condition, start, part in zip(warmed, conditions, starts, splits, strict=True):
+        of_list = listed.get(run.source.name)
+        label = _label(condition, of_list, None if capacity is None else capacity.value)
+        done.append(
+            ImportedRun(run if start is None else charge.told(run, start), part, label, ambient, start, condition)
+        )
+    general += _about_capacity(capacity, full, options)
+    constants = {} if kind != "motor" or options.preset else constants_of([run for run, _ in warmed])
+    general += [Decision(n, "", f"{k.value:.4g} ± {k.sd:.2g}", k.why, "assumed") for n, k in constants.items()]
+    return Imported(kind, tuple(done), options, capacity, full, constants, tuple(general))
+
+
+def _label(condition: Condition, listed: Listed | None, capacity_Ah: float | None) -> str:
+    if listed is None or not listed.label:
+        return condition.words(capacity_Ah)
+    warmth = "" if condition.ambient_degC is None else f", {condition.ambient_degC:.3g} degC"
+    return f"{listed.label}{warmth}"
+
+
+def _of_preset(preset: str | None) -> charge.Stated | None:
+    """Return the capacity that a preset states; None without a preset, or where it states none."""
+    known = read_preset(preset).parameters.get("capacity_Ah") if preset else None
+    if known is None:
+        return None
+    why = f"of the preset '{Path(str(preset)).name}'; no discharge goes from full to the cut-off"
+    return charge.Stated(known.value, known.sd or 0.02 * known.value, why)
+
+
+def _about_capacity(capacity: charge.Stated | None, full: bool, options: Options) -> list[Finding | Decision]:
+    if capacity is None:
+        return []
+    value = f"{capacity.value:.4g} ± {capacity.sd:.2g} A h"
+    source = "user" if options.capacity_Ah is not None else "file" if full else "assumed"
+    about: list[Finding | Decision] = [Decision("capacity_Ah", "", value, capacity.why, source)]
+    if not full and _of_preset(options.preset) is None:
+        sentence = f"The capacity is not known: {capacity.why}; {value} is written. State it with --capacity."
+        about.append(Finding("capacity", "", sentence, "warning"))
+    return about
+
+
+def _number(answer: str, question: Question) -> float:
+    try:
+        return float(answer.replace(",", "."))
+    except ValueError:
+        raise MeasurementError(f"'{answer}' is not a number; give {question.option}.") from None

@@ -1,0 +1,331 @@
+"""Files as logs in the columns and units of a case: which column is which, in which unit, and what was left out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from jaxmodel.base.errors import MeasurementError
+from jaxmodel.base.units import LARGEST
+from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
+from jaxmodel.data.importing.formulas import computed, wanted
+from jaxmodel.data.importing.logs import Log
+from jaxmodel.data.importing.options import Kind, Options
+from jaxmodel.data.importing.roles import MARKS, Role, looks_like, required, roles_of, target_unit
+from jaxmodel.data.importing.times import Times, parse_times
+from jaxmodel.data.tables import RawTable, read_table
+from jaxmodel.data.tables.names import matches
+from jaxmodel.data.tables.raw_table import to_numbers, units_in
+from jaxmodel.data.tables.units import Conversion, conversion
+
+_SAMPLE_ROWS = 2000
+_NONE = "none"
+_SENSED = ("voltage_V", "pack_voltage_V", "speed_rad_s", "cell_temperature_degC", "winding_temperature_degC")
+_WHY = {
+    "named": "by its name",
+    "like it in name": "by a word in its name",
+    "stated": "stated",
+    "looks like it": "by its readings",
+}
+_STATES = (
+    (re.compile(r"^(d|dis|dchg|discharge.*|.*dchg.*|.*discharg.*|entlad.*|.*放电.*|dch)$", re.IGNORECASE), -1.0),
+    (re.compile(r"^(c|cha|chg|charge.*|.*chg.*|.*charg.*|lad.*|.*充电.*|chr)$", re.IGNORECASE), 1.0),
+)
+
+
+class NotALog(MeasurementError):
+    """A file that holds no readings of this kind of case, such as a list of files."""
+
+
+def load(path: Path, kind: Kind, options: Options, ask: Ask | None = None, elsewhere: Collection[str] = ()) -> Log:
+    """Read a file in the columns and units of a case.
+
+    Args:
+        path: the file.
+        kind: of the case.
+        options: decisions of the user.
+        ask: answers which column is meant where none is found.
+        elsewhere: columns of the case that a list of files states.
+
+    Raises:
+        NotALog: none of its columns is one of the case.
+        MeasurementError: the file cannot be read, or a unit does not fit.
+    """
+    chosen: dict[str, Role] = {}
+
+    def keep(names: Sequence[str]) -> Sequence[str]:
+        chosen.update(roles_of(names, _units_to_match(names, units_in(names), options), kind, options.columns))
+        lacking = _lacking(chosen, kind, options)
+        if wanted(options, names):
+            return names
+        if lacking and any(target not in options.columns for target in lacking):
+            return names  # what no name tells is looked for in the readings
+        return list(dict.fromkeys(role.column for role in chosen.values()))
+
+    table = read_table(
+        path,
+        columns=keep,
+        sheet=options.sheet,
+        encoding=options.encoding,
+        delimiter=options.delimiter,
+        decimal=options.decimal,
+    )
+    table, kept = computed(table, options)
+    seen = [*map(str, table.frame), *table.left_out]
+    units = dict(table.units) | {name: unit for name, unit in options.units.items() if name in table.frame}
+    to_match = _units_to_match(seen, units_in(seen) | dict(table.units), options)
+    chosen = roles_of(seen, to_match, kind, options.columns)
+    if (lacking := _lacking(chosen, kind, options)) and _may_be_a_log(chosen, seen):
+        named = {role.column for role in chosen.values()}
+        free = [name for name in table.frame if name not in named and not _without_sense(str(name), units)]
+        chosen |= looks_like(pd.DataFrame(table.frame[free]).head(_SAMPLE_ROWS), kind, lacking)
+    if not any(target in chosen for target in _readings(kind)):
+        raise NotALog(
+            f"{table.label} has no reading of a {kind} among its columns ({', '.join(seen[:8])}); "
+            "name one with --column."
+        )
+    if ask is not None:
+        for target in _lacking(chosen, kind, options):
+            if target not in elsewhere and target not in options.columns:
+                chosen |= _asked(target, table, chosen, ask)
+    return _log(table, chosen, units, seen).also(*kept)
+
+
+def _asked(target: str, table: RawTable, chosen: Mapping[str, Role], ask: Ask) -> dict[str, Role]:
+    """Return what the user says that a column of the case is."""
+    taken = {role.column for role in chosen.values()}
+    free = [str(name) for name in table.frame if name not in taken]
+    if not free:
+        return {}
+    question = Question(f"{table.label}: which column is {target}?", f'--column {target}="NAME"', (*free, _NONE), _NONE)
+    answer = ask(question)
+    return {} if answer == _NONE else {target: Role(target, answer, "stated")}
+
+
+def _units_to_match(names: Sequence[str], units: Mapping[str, str], options: Options) -> dict[str, str]:
+    """Return units by which names are matched: a stated one that fits nothing is left to be refused by its column."""
+    stated = {name: unit for name, unit in options.units.items() if name in names and matches(name, unit)}
+    return {**units, **stated}
+
+
+def _may_be_a_log(chosen: Mapping[str, Role], names: Sequence[str]) -> bool:
+    """Return whether some column is known to be of a log, or the file names none: only then looks are asked."""
+    return bool(chosen.keys() & {"time_s", "step_time", "stamp", "current_A", "voltage_V"}) or all(
+        name.startswith("column ") for name in names
+    )
+
+
+def _without_sense(name: str, units: Mapping[str, str]) -> bool:
+    """Return whether a column has a unit or a name that says it is something else."""
+    return name in units
+
+
+def _readings(kind: Kind) -> tuple[str, ...]:
+    groups = required(kind)
+    return (*(name for group in groups for name in group), *_SENSED)
+
+
+def _lacking(chosen: Mapping[str, Role], kind: Kind, options: Options) -> list[str]:
+    """Return what a case cannot do without and no name tells."""
+    timed = bool(chosen.keys() & {"time_s", "stamp", "step_time"}) or options.seconds_per_row is not None
+    lacking = [] if timed else ["time_s"]
+    wanted = [("current_A",), ("voltage_V",)] if kind == "cell" else required(kind)
+    given = chosen.keys() | options.constants.keys()
+    return lacking + [group[0] for group in wanted if not given.intersection(group)]
+
+
+def _log(table: RawTable, chosen: Mapping[str, Role], units: Mapping[str, str], seen: Sequence[str]) -> Log:
+    where, name = table.label, table.source.stem
+    found: list[Finding | Decision] = []
+    log = _clocked(table, chosen, units, found)
+    columns: dict[str, np.ndarray] = {}
+    for target, role in chosen.items():
+        if target in MARKS:
+            continue
+        values = _converted(table, role, units.get(role.column, ""), target_unit(target), where, found)
+        if not np.isfinite(values).any():
+            found.append(
+                Finding("empty column", where, f"{where}: column '{role.column}' is empty and left out.", column=target)
+            )
+            continue
+        columns[target] = values
+        found += _about(role, units.get(role.column, ""), where)
+        if role.column in table.repeated:
+            sentence = (
+                f"{where}: several columns are called '{role.column}'; the first is taken as {target}. The next is "
+                f'--column {target}="{role.column} 2".'
+            )
+            found.append(Finding("repeated name", where, sentence, "warning", target))
+    discharged = None
+    if role := chosen.get("discharged_Ah"):
+        discharged = _converted(table, role, units.get(role.column, ""), "A h", where, [])
+    log = Log(
+        name,
+        table.source,
+        log.time_s,
+        columns,
+        {
+            key: _marks(pd.Series(table.frame[chosen[key].column]), key)
+            for key in ("step", "cycle", "state")
+            if key in chosen
+        },
+        log.stamp_s,
+        discharged,
+        log.time_is_of_step,
+    )
+    found += [Decision("reading", where, remark, table.format, "file") for remark in table.remarks]
+    found += [Finding("not read", where, f"{where}: {loss}", "warning") for loss in table.losses]
+    used = {role.column for role in chosen.values()}
+    if left := [name for name in seen if name not in used]:
+        some = ", ".join(left[:20]) + (f" and {len(left) - 20} more" if len(left) > 20 else "")
+        found.append(
+            Finding("columns left out", where, f"{where}: not imported, as no column of the case holds it: {some}.")
+        )
+    if table.current_positive_on == "charge":
+        found.append(Decision("convention", where, "charge", table.remarks[-1].rstrip("."), "file"))
+    return log.also(*found)
+
+
+def _about(role: Role, unit: str, where: str) -> list[Finding | Decision]:
+    """Return what is to be said about a column that was chosen."""
+    source = "user" if role.why == "stated" else "file"
+    text = f"column '{role.column}'" + (f" in {unit}" if unit else "")
+    about: list[Finding | Decision] = [Decision(role.target, where, text, _WHY[role.why], source)]
+    if role.why == "looks like it":
+        sentence = (
+            f"{where}: no name tells {role.target}; column '{role.column}' looks like it. State it with --column."
+        )
+        about.append(Finding("column by its looks", where, sentence, "warning", role.target))
+    if role.others:
+        others = ", ".join(role.others[:6])
+        sentence = f"{where}: {role.target} is column '{role.column}'; it could also be {others} (--column)."
+        about.append(Finding("several columns", where, sentence, column=role.target))
+    if role.commanded:
+        sentence = (
+            f"{where}: column '{role.column}' is by its name what was set or supplied, and not "
+            "measured at the terminals."
+        )
+        about.append(Finding("commanded", where, sentence, "warning", role.target))
+    return about
+
+
+def _clocked(
+    table: RawTable, chosen: Mapping[str, Role], units: Mapping[str, str], found: list[Finding | Decision]
+) -> Log:
+    """Return a log that has the clock only: elapsed time, and time stamps where the file has them."""
+    where, elapsed, stamp, of_step = table.label, None, None, False
+    for target in ("time_s", "stamp", "step_time"):
+        role = chosen.get(target)
+        if role is None or (target == "step_time" and elapsed is not None):
+            continue
+        times = parse_times(pd.Series(table.frame[role.column]), units.get(role.column, ""))
+        if times is None:
+            continue
+        found.append(Decision("clock", where, f"column '{role.column}'", times.form, "file"))
+        if times.absolute:
+            stamp = times.seconds if stamp is None else stamp
+        elif elapsed is None:
+            elapsed, of_step = times.seconds, target == "step_time"
+            found += _unit_of_time(role, times, where)
+        if role.why == "looks like it":
+            found += [one for one in _about(role, "", where) if isinstance(one, Finding)]
+    return Log("", table.source, np.empty(0) if elapsed is None else elapsed, {}, {}, stamp, None, of_step)
+
+
+def _unit_of_time(role: Role, times: Times, where: str) -> list[Finding]:
+    if times.known_unit:
+        return []
+    sentence = f"{where}: column '{role.column}' states no unit; it is taken as seconds (--unit \"{role.column}=min\")."
+    return [Finding("unit assumed", where, sentence, "warning", "time_s")]
+
+
+def _converted(
+    table: RawTable, role: Role, unit: str, target: str, where: str, found: list[Finding | Decision]
+) -> np.ndarray:
+    """Return a column in the unit of the case.
+
+    Raises:
+        MeasurementError: the column holds text, or its unit is of another quantity.
+    """
+    column = table.frame[role.column]
+    try:
+        values = column.to_numpy(dtype=float, na_value=np.nan)
+    except (TypeError, ValueError):
+        raise MeasurementError(
+            f"{where}: column '{role.column}' holds text and no numbers, and {role.target} needs numbers; name another "
+            f'with --column {role.target}="NAME".'
+        ) from None
+    if not unit:
+        change, guessed = guess_unit(values, target)
+        if guessed:
+            sentence = (
+                f"{where}: column '{role.column}' states no unit; {guessed}. Correct it with --unit if it is another."
+            )
+            weight = "warning" if change != Conversion(1.0) or target == "rad/s" else "note"
+            found.append(Finding("unit assumed", where, sentence, weight, role.target))
+    else:
+        known = conversion(unit, target)
+        if known is None:
+            raise MeasurementError(
+                f"{where}: column '{role.column}' is in '{unit}', which is no unit of {role.target} "
+                f"({target or 'a fraction'}); "
+                f'state it with --unit "{role.column}={target or 1}", or name another with --column.'
+            )
+        change = known
+    if change.factor != 1.0 or change.offset != 0.0:
+        with np.errstate(over="ignore"):
+            values = values * change.factor + change.offset
+    beyond = np.abs(values) > LARGEST
+    if beyond.any():
+        values = np.where(beyond, np.nan, values)
+        count = int(beyond.sum())
+        found.append(
+            Finding(
+                "not finite",
+                where,
+                f"{where}: column '{role.column}' has {count} values that are infinite or beyond {LARGEST:g}, "
+                "taken as missing.",
+                "warning",
+                role.target,
+            )
+        )
+    return values
+
+
+def guess_unit(values: np.ndarray, target: str) -> tuple[Conversion, str]:
+    """Return the conversion of a column whose file states no unit, and what was assumed, by the size of its values."""
+    there = np.abs(values[np.isfinite(values)][:: max(values.size // 100_000, 1)])
+    middle, largest = (float(np.median(there)), float(there.max())) if there.size else (0.0, 0.0)
+    if target == "V" and middle > 1000.0:
+        return Conversion(1e-3), f"its median is {middle:.4g}, taken as mV"
+    if target == "degC" and 200.0 < middle < 420.0:
+        return Conversion(1.0, -273.15), f"its median is {middle:.4g}, taken as K"
+    if target == "" and largest > 1.5:
+        return Conversion(0.01), f"it goes up to {largest:.4g}, taken as percent"
+    if target == "rad/s":
+        rpm = largest > 1000.0
+        return Conversion(
+            np.pi / 30.0 if rpm else 1.0
+        ), f"it goes up to {largest:.4g}, taken as {'1/min' if rpm else 'rad/s'}"
+    return Conversion(1.0), f"taken as {target}" if target else ""
+
+
+def _marks(column: pd.Series, key: str) -> np.ndarray:
+    """Return step, cycle or state of each row as numbers: a state is 1 on charge, -1 on discharge, 0 otherwise."""
+    if key != "state" and column.dtype.kind in "iuf":
+        return column.to_numpy(dtype=float)
+    codes, words = pd.factorize(column.astype("string"))
+    if key != "state":
+        numbers = to_numbers(pd.Series(words, dtype="string"))
+        table = np.where(np.isnan(numbers), np.arange(len(words), dtype=float), numbers)
+    else:
+        table = np.array([_state(str(word)) for word in words], dtype=float)
+    return np.append(table, 0.0 if key == "state" else np.nan)[codes]
+
+
+def _state(word: str) -> float:
+    return next((sign for pattern, sign in _STATES if pattern.match(word.strip())), 0.0)

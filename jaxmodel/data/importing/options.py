@@ -1,0 +1,96 @@
+"""What a user may decide about an import; everything else is found in the files."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Literal, get_args
+
+from jaxmodel.base.errors import MeasurementError, nearest
+
+Kind = Literal["cell", "motor", "robot"]
+Sign = Literal["discharge-positive", "charge-positive"]
+SplitAt = Literal["auto", "files", "rests", "steps"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """Decisions of the user; the default of each lets the files decide.
+
+    Attributes:
+        title: of the case; by default the names of the folders of the files.
+        columns: by column of the case (`current_A`, `time_s`), the column of the files that holds it, or a formula of
+            columns (`duty * supply_V`); '' for none.
+        units: by column of the files, its unit.
+        sign: what the sign of the current means in the files; for a motor, "discharge-positive" is positive when
+            it drives.
+        rows: a condition on columns of the files; only rows for which it holds are imported.
+        flip: columns of the case whose sign is reversed.
+        split_at: where runs begin: "files" for each file, "rests" after each long rest too, "steps" at each new cycle
+            or step too; "auto" for each file and each restart of its clock.
+        rest_minutes: the shortest rest that ends a run, in minutes.
+        check: names of the check runs; None for a proposal.
+        ambient: ambient temperature [degC] of all runs.
+        constants: by input of the case, a value that holds throughout (`load_torque_Nm`: 0.0).
+        initial_soc: state of charge at the start of all runs.
+        capacity_Ah: capacity of the cell.
+        preset: source of every parameter that is not stated.
+        seconds_per_row: time from row to row [s], for files without a clock.
+        cells_in_series: by which a voltage is divided, for a module that is modelled as one cell.
+        parallel_cells: by which a current is divided, for the same.
+        accept_unsettled_sign: keep the sign of the file where physics cannot settle it.
+        sheet: of spreadsheets; of MATLAB files the variable.
+        encoding: of text.
+        delimiter: of text.
+        decimal: of text.
+    """
+
+    title: str | None = None
+    columns: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    units: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    sign: str | None = None
+    rows: str | None = None
+    flip: tuple[str, ...] = ()
+    split_at: str = "auto"
+    rest_minutes: float = 30.0
+    check: tuple[str, ...] | None = None
+    ambient: float | None = None
+    constants: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    initial_soc: float | None = None
+    capacity_Ah: float | None = None
+    preset: str | None = None
+    seconds_per_row: float | None = None
+    cells_in_series: int = 1
+    parallel_cells: int = 1
+    accept_unsettled_sign: bool = False
+    sheet: str | None = None
+    encoding: str | None = None
+    delimiter: str | None = None
+    decimal: str | None = None
+
+
+def checked(options: Options) -> Options:
+    """Return options whose words are known and whose numbers can be.
+
+    Raises:
+        MeasurementError: one is not.
+    """
+    for name, given, known in (
+        ("sign", options.sign, get_args(Sign)),
+        ("split_at", options.split_at, get_args(SplitAt)),
+        ("decimal", options.decimal, (".", ",")),
+    ):
+        if given is not None and given not in known:
+            words = " or ".join(known)
+            raise MeasurementError(f"{name}: there is no '{given}'; use {words}.{nearest(str(given), known)}")
+    for name, value, low, high in (
+        ("rest_minutes", options.rest_minutes, 0.0, 1e6),
+        ("capacity_Ah", options.capacity_Ah, 1e-6, 1e6),
+        ("initial_soc", options.initial_soc, 0.0, 1.0),
+        ("seconds_per_row", options.seconds_per_row, 1e-9, 1e9),
+        ("cells_in_series", options.cells_in_series, 1, 10_000),
+        ("parallel_cells", options.parallel_cells, 1, 10_000),
+    ):
+        if value is not None and not low <= value <= high:
+            raise MeasurementError(f"{name}: {value!s:.40} is not within {low:g} and {high:g}; correct it.")
+    return options

@@ -1,0 +1,200 @@
+"""Which column of a file is which column of a case: by name and synonym, by unit, and by what it looks like."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from jaxmodel.base.errors import MeasurementError, nearest
+from jaxmodel.base.units import unit_of
+from jaxmodel.case.measurements import KINDS
+from jaxmodel.data.tables.names import matches
+
+# By kind and column of the case, the quantities that it may be.
+ROLES: dict[str, dict[str, str]] = {
+    "cell": {
+        "current_A": "current",
+        "voltage_V": "voltage",
+        "cell_temperature_degC": "cell_temperature",
+        "ambient_degC": "ambient_temperature",
+        "soc": "soc",
+    },
+    "motor": {
+        "voltage_V": "motor_voltage",
+        "current_A": "motor_current",
+        "load_torque_Nm": "load_torque",
+        "speed_rad_s": "speed",
+        "position_rad": "angle",
+        "winding_temperature_degC": "winding_temperature",
+        "case_temperature_degC": "case_temperature",
+        "ambient_degC": "ambient_temperature",
+    },
+    "robot": {
+        "duty": "duty",
+        "V_set": "set_voltage",
+        "load_torque_Nm": "load_torque",
+        "incline_deg": "incline",
+        "acceleration_m_s2": "acceleration",
+        "pack_voltage_V": "pack_voltage",
+        "pack_current_A": "pack_current",
+        "motor_current_A": "motor_current",
+        "speed_rad_s": "speed",
+        "cell_temperature_degC": "cell_temperature",
+        "winding_temperature_degC": "winding_temperature",
+        "case_temperature_degC": "case_temperature",
+        "ambient_degC": "ambient_temperature",
+        "soc": "soc",
+    },
+}
+# Columns that are no readings and yet tell how a file is to be read.
+MARKS = {
+    "time_s": "time",
+    "step_time": "step_time",
+    "stamp": "stamp",
+    "state": "state",
+    "step": "step",
+    "cycle": "cycle",
+    "discharged_Ah": "discharged_charge",
+}
+_UNSURE = 100  # ranks of `matches` from here on are of names that only contain a word of the quantity
+_COMMANDED = 200
+
+
+@dataclasses.dataclass(frozen=True)
+class Role:
+    """A column of a file and the column of the case that it becomes.
+
+    Attributes:
+        target: the column of the case, or a key of `MARKS`.
+        column: its name in the file.
+        why: "named", "like it in name", "stated" or "looks like it".
+        others: further columns of the file that could be it as well.
+        commanded: the name says that it is set, and not measured.
+    """
+
+    target: str
+    column: str
+    why: str
+    others: tuple[str, ...] = ()
+    commanded: bool = False
+
+
+def roles_of(names: Sequence[str], units: Mapping[str, str], kind: str, stated: Mapping[str, str]) -> dict[str, Role]:
+    """Return the columns of a file by what they become.
+
+    Args:
+        names: of the file's columns.
+        units: by column, as the file or the user states them.
+        kind: of the case.
+        stated: by column of the case, the column of the files that the user names; '' for none. A name that this
+            file does not have says nothing about it.
+
+    Raises:
+        MeasurementError: the user names a column of the case that there is not.
+    """
+    targets = {**ROLES[kind], **MARKS}
+    for target in stated:
+        if target not in targets:
+            known = [*targets]
+            hint = nearest(target, known) or f" They are {', '.join(known)}."
+            raise MeasurementError(f"column: a {kind} has no column '{target}'.{hint}")
+    found: dict[str, Role] = {}
+    for target, column in stated.items():
+        if column in names:
+            found[target] = Role(target, column, "stated")
+    taken = {role.column for role in found.values()}
+    open_targets = [target for target in targets if target not in found and stated.get(target) != ""]
+    ranked: dict[str, list[tuple[int, int, str]]] = {target: [] for target in open_targets}
+    by_quantity = {quantity: target for target, quantity in targets.items() if target in ranked}
+    for position, name in enumerate(names):
+        if name in taken:
+            continue
+        for match in matches(name, units.get(name, "")):
+            if match.quantity in by_quantity:
+                ranked[by_quantity[match.quantity]].append((match.rank, position, name))
+    # The surest names first, so that a column goes to what it fits best.
+    order = sorted((rank, target, position, name) for target, some in ranked.items() for rank, position, name in some)
+    for rank, target, _, name in order:
+        if target in found or name in taken:
+            continue
+        taken.add(name)
+        why = "named" if rank < _UNSURE else "like it in name"
+        found[target] = Role(target, name, why, commanded=rank >= _COMMANDED)
+    for target, role in found.items():
+        others = [name for _, _, name in sorted(ranked.get(target, [])) if name not in taken]
+        found[target] = dataclasses.replace(role, others=tuple(dict.fromkeys(others)))
+    return found
+
+
+def looks_like(frame: pd.DataFrame, kind: str, missing: Sequence[str]) -> dict[str, Role]:
+    """Return what columns look like, for those columns of a case that no name tells; only a cell's and the time.
+
+    Args:
+        frame: the first rows of the columns that no name tells.
+        kind: of the case.
+        missing: columns of the case, or `time_s`, that are sought.
+    """
+    found: dict[str, Role] = {}
+    numbers = {str(name): frame[name].to_numpy(dtype=float) for name in frame if frame[name].dtype.kind in "iuf"}
+    numbers = {name: values for name, values in numbers.items() if np.isfinite(values).sum() > 4}
+    if "time_s" in missing:
+        # Whole numbers under a name count something: rows, tests, cycles.
+        nameless = all(name.startswith("column ") for name in numbers)
+        rising = [n for n, v in numbers.items() if _rises(v) and (nameless or np.any(v != np.round(v)))]
+        rising.sort(key=lambda name: bool(np.all(np.diff(numbers[name]) == 1.0)))
+        if rising:
+            found["time_s"] = Role("time_s", rising[0], "looks like it", tuple(rising[1:]))
+            del numbers[rising[0]]
+    if kind != "cell":
+        return found
+    for target, test in (("voltage_V", _is_voltage), ("current_A", _is_current), ("cell_temperature_degC", _is_warmth)):
+        fitting = [name for name, values in numbers.items() if target in missing and test(values)]
+        if fitting:
+            found[target] = Role(target, fitting[0], "looks like it", tuple(fitting[1:]))
+            del numbers[fitting[0]]
+    return found
+
+
+def _rises(values: np.ndarray) -> bool:
+    there = values[np.isfinite(values)]
+    return bool(np.all(np.diff(there) >= 0.0) and np.ptp(there) > 0.0)
+
+
+def _is_voltage(values: np.ndarray) -> bool:
+    """Return whether a column can be the voltage of one cell, in V or mV."""
+    there = values[np.isfinite(values)]
+    scale = 1e-3 if np.median(there) > 100.0 else 1.0
+    low, high = np.quantile(there * scale, [0.02, 0.98])
+    return bool(1.0 < low <= high < 4.7 and high - low < 3.2)
+
+
+def _is_current(values: np.ndarray) -> bool:
+    """Return whether a column rests at zero for a while, or changes its sign."""
+    there = values[np.isfinite(values)]
+    largest = float(np.max(np.abs(there)))
+    rests = np.mean(np.abs(there) < 0.02 * largest) if largest else 0.0
+    return bool(largest > 0.0 and not _rises(there) and (rests > 0.02 or (there.min() < 0.0 < there.max())))
+
+
+def _is_warmth(values: np.ndarray) -> bool:
+    there = values[np.isfinite(values)]
+    low, high = float(there.min()), float(there.max())
+    steps = np.abs(np.diff(there))
+    return bool(-45.0 < low <= high < 95.0 and high - low < 70.0 and np.quantile(steps, 0.99) < 3.0 and high > 4.7)
+
+
+def target_unit(target: str) -> str:
+    """Return the unit of a column of a case."""
+    if target == "discharged_Ah":
+        return "A h"
+    return {"V_set": "V", "position_rad": "rad"}.get(target) or unit_of(target)
+
+
+def required(kind: str) -> tuple[tuple[str, ...], ...]:
+    """Return groups of columns of which a case of this kind needs one each, but for the ambient temperature."""
+    vocabulary = KINDS[kind]
+    single = tuple((name,) for name in vocabulary.required_inputs if name != "ambient_degC")
+    return single + tuple(vocabulary.alternatives)

@@ -1,0 +1,91 @@
+"""Splitting a log into runs: at restarts of its clock, rests, cycles or steps."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from jaxmodel.case.measurements import file_label
+from jaxmodel.data.importing.findings import Decision, Finding
+from jaxmodel.data.importing.logs import Log
+from jaxmodel.data.importing.options import Options
+
+# A current below this share of the largest one is a rest.
+_REST = 0.01
+_FEWEST_ROWS = 10
+
+
+def split(log: Log, options: Options) -> list[Log]:
+    """Return the runs of a log, each from its own time 0, named after the file; a single one has the file's name.
+
+    Args:
+        log: with a clock.
+        options: `split_at`, `rest_minutes`.
+    """
+    where = file_label(log.source)
+    begins = sorted({0, *log.restarts, *_asked(log, options)})
+    pieces = [log.take(slice(a, b)) for a, b in zip(begins, [*begins[1:], log.rows], strict=True)]
+    long = [piece for piece in pieces if piece.rows >= min(_FEWEST_ROWS, log.rows)]
+    found: list[Finding | Decision] = []
+    if short := len(pieces) - len(long):
+        rows = sum(piece.rows for piece in pieces) - sum(piece.rows for piece in long)
+        sentence = f"{where}: {short} parts of fewer than {_FEWEST_ROWS} rows ({rows} rows in all) are left out."
+        found.append(Finding("short parts", where, sentence, "warning", numbers={"rows": float(rows)}))
+    if len(long) > 1:
+        found.append(Decision("runs", where, f"{len(long)} runs", _why(log, options), "file"))
+    digits = len(str(len(long)))
+    named = [
+        piece.take(slice(None), log.name if len(long) == 1 else f"{log.name}-{number:0{digits}d}")
+        for number, piece in enumerate(long, start=1)
+    ]
+    runs = [_from_zero(piece) for piece in named]
+    # What was found in the file is told once.
+    return [
+        run.also(*found) if number == 0 else _untold(run) for number, run in enumerate(runs)
+    ]  # fmt: skip
+
+
+def _untold(run: Log) -> Log:
+    return dataclasses.replace(run, findings=(), decisions=())
+
+
+def _from_zero(piece: Log) -> Log:
+    start = float(piece.time_s[0])
+    return piece if start == 0.0 else dataclasses.replace(piece, time_s=piece.time_s - start)
+
+
+def _why(log: Log, options: Options) -> str:
+    return {"rests": "at rests", "steps": "at cycles or steps"}.get(options.split_at, "where its clock begins anew")
+
+
+def _asked(log: Log, options: Options) -> list[int]:
+    if options.split_at == "rests":
+        return _after_rests(log, 60.0 * options.rest_minutes)
+    if options.split_at == "steps":
+        return _at_marks(log)
+    return []
+
+
+def _after_rests(log: Log, least_s: float) -> list[int]:
+    """Return the rows at which load begins after long rests; the last row of the rest belongs to what follows."""
+    current = log.columns.get("current_A", log.columns.get("pack_current_A"))
+    if current is None:
+        return []
+    largest = float(np.nanmax(np.abs(current))) if np.isfinite(current).any() else 0.0
+    rest = np.nan_to_num(np.abs(current)) <= _REST * largest
+    edges = np.flatnonzero(np.diff(rest.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    long = [
+        (a, b) for a, b in edges.tolist() if b < log.rows and log.time_s[b - 1] - log.time_s[max(a - 1, 0)] >= least_s
+    ]
+    return [end - 1 for begin, end in long if begin > 0]
+
+
+def _at_marks(log: Log) -> list[int]:
+    """Return the rows at which the cycle changes, or the step where the file counts no cycles."""
+    for key in ("cycle", "step"):
+        marks = log.marks.get(key)
+        if marks is not None and np.unique(marks[np.isfinite(marks)]).size > 1:
+            filled = np.nan_to_num(marks)
+            return (np.flatnonzero(np.diff(filled) != 0.0) + 1).tolist()
+    return []

@@ -1,0 +1,233 @@
+"""The quantities of a bench's log by the names that benches give them: data, the surest name first."""
+
+from __future__ import annotations
+
+import dataclasses
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantity:
+    """What a column may hold.
+
+    Attributes:
+        unit: a unit that it can be converted to, as `jaxmodel.base.units` writes it; None if it has none.
+        names: whole names in lower case, without unit; the first is the surest.
+        words: a name that contains one of these may be it too.
+        also: such a name must contain one of these as well.
+        without: a name that contains one of these is something else.
+        with_unit: of the whole names, those that count only where a unit is stated ("Test (Sec)").
+        counts: it is a number of steps or a word: a column with a unit is something else.
+    """
+
+    unit: str | None
+    names: tuple[str, ...]
+    words: frozenset[str] = frozenset()
+    also: frozenset[str] = frozenset()
+    without: frozenset[str] = frozenset()
+    with_unit: frozenset[str] = frozenset()
+    counts: bool = False
+
+
+def _of(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(" ".join(name.split()) for name in text.split(","))
+
+
+# Words of what is wanted rather than measured.
+NOT_MEASURED = _of("command commanded set drive input applied nominal supply control")
+_TARGET = _of("setpoint reference ref goal target limit max min maximum minimum desired soll error range cutoff")
+_COUNTED = _of("capacity energy charge power density resistance slope dv di dt dq std sigma integral")
+_AMBIENT = _of("ambient amb chamber room environment environmental air oven umgebung surroundings lab klima outside")
+_WINDING = _of("winding coil copper wicklung phase")
+_HOUSING = _of("case housing stator body gehäuse frame shell")
+_HEAT = _of("temperature temp temperatur température thermocouple tc rtd 温度")
+_GEARED = _of("motor winding coil stator")
+
+QUANTITIES: dict[str, Quantity] = {
+    "time": Quantity(
+        "s",
+        _names(
+            "time, test time, total time, elapsed time, t, time elapsed, run time, running time, prog "
+            "time, program time,"
+            "prog time sum, total test time, test, elapsed, relative test time, zeit, prüfzeit, temps, x value,"
+            "time since start, duration, time s, test time second, 总时间, 测试时间, seconds, secs, sec"
+        ),
+        _of("time zeit"),
+        without=_of("step stamp date day clock unix utc real system absolute dpt charge discharge rest relative")
+        | _TARGET,
+        with_unit=_of("test"),
+    ),
+    "step_time": Quantity(
+        "s",
+        _names("step time, steptime, relative time, step elapsed time, schrittzeit, step, 相对时间, step time second"),
+        without=_of("total"),
+        with_unit=_of("step"),
+    ),
+    "stamp": Quantity(
+        None,
+        _names(
+            "date time, datetime, timestamp, time stamp, dpt time, unix time, unix time second, absolute "
+            "time, real time,"
+            "realtime, system time, abs time, date, utc, utc time, epoch, epoch time, recorded time, datum, datumzeit,"
+            "date and time, 绝对时间, 系统时间, clock"
+        ),
+        _of("datetime timestamp stamp unix utc absolute"),
+    ),
+    "current": Quantity(
+        "A",
+        _names(
+            "current, i, amps, cell current, battery current, measured current, current measured, amp, "
+            "amperes, cur, strom,"
+            "stromstärke, courant, corriente, i cell, i batt, i bat, i battery, current ampere, 电流, 电流值, curr"
+        ),
+        _of("current amps strom 电流 curr"),
+        without=_TARGET | _COUNTED | _of("range index motor step left right phase"),
+    ),
+    "voltage": Quantity(
+        "V",
+        _names(
+            "voltage, cell voltage, terminal voltage, battery voltage, ewe, ecell, ewe ece, volts, u, v, volt, vcell,"
+            "measured voltage, voltage measured, spannung, zellspannung, tension, voltaje, u cell, u batt, "
+            "v batt, v cell,"
+            "voltage volt, 电压, 电压值, ewe v"
+        ),
+        _of("voltage volts spannung 电压 ewe ecell"),
+        without=_TARGET | _COUNTED | _of("group aux open ocv"),
+    ),
+    "state": Quantity(
+        None,
+        _names("state, md, status, step type, mode, step name, step state, 工步类型, 状态, es, step mode"),
+        counts=True,
+    ),
+    "step": Quantity(
+        None,
+        _names(
+            "step index, step, step number, step id, step no, step num, ns, step count, schritt, 工步号, 工步序号, "
+            "step index 1, step count 1"
+        ),
+        counts=True,
+    ),
+    "cycle": Quantity(
+        None,
+        _names(
+            "cycle, cycle index, cycle number, cycle id, cycle count, cyc, cyc#, run, test run, "
+            "repetition, zyklus, 循环号,"
+            "循环序号, cycle no"
+        ),
+        counts=True,
+    ),
+    "discharged_charge": Quantity(
+        "A h",
+        _names("discharge capacity, discharging capacity, capacity dchg, cap dchg, dchg cap, discharged, 放电容量"),
+        _of("discharge discharged discharging"),
+        also=_of("capacity charge ah cap"),
+        without=_of("energy spec specific"),
+    ),
+    "cell_temperature": Quantity(
+        "degC",
+        _names(
+            "cell temperature, surface temperature, temperature, temp, battery temperature, battery temp, cell temp,"
+            "skin temperature, temperature middle, temperatur, zelltemperatur, temperature measured, temperature t1,"
+            "aux temperature 1, aux temperature 1 1, temperature 1, temp 1, t1, tc1, t cell, t surf, t surface, evtemp,"
+            "cell temp 1, aux temperature, 温度, 辅温, celltemp, can, temperature t1 celsius"
+        ),
+        _HEAT | _of("t"),
+        without=_AMBIENT | _TARGET | _GEARED,
+    ),
+    "ambient_temperature": Quantity(
+        "degC",
+        _names(
+            "ambient temperature, chamber temperature, ambient, chamber, ambient temp, chamber temp, t "
+            "amb, t ambient, tamb,"
+            "room temperature, environment temperature, air temperature, oven temperature, umgebungstemperatur,"
+            "ambient temperature celsius, temp chamber, klimakammer, t chamber, t env, 环境温度"
+        ),
+        _AMBIENT,
+        also=_HEAT | _of("t"),
+        without=_TARGET | _of("above"),
+    ),
+    "winding_temperature": Quantity(
+        "degC",
+        _names("winding temperature, coil temperature, copper temperature, t winding, wicklungstemperatur, t w"),
+        _WINDING,
+        also=_HEAT | _of("t"),
+        without=_AMBIENT | _of("interface"),
+    ),
+    "case_temperature": Quantity(
+        "degC",
+        _names(
+            "case temperature, housing temperature, motor temperature, stator body temperature, stator temperature,"
+            "body temperature, t case, t housing, gehäusetemperatur, temperature, motor temp, temp"
+        ),
+        _HOUSING,
+        also=_HEAT | _of("t"),
+        without=_AMBIENT,
+    ),
+    "motor_voltage": Quantity(
+        "V",
+        _names(
+            "motor voltage, voltage, terminal voltage, armature voltage, u, v, volts, u motor, v motor, motorspannung"
+        ),
+        _of("voltage volts spannung"),
+        without=_TARGET | _of("battery pack cell deck"),
+    ),
+    "motor_current": Quantity(
+        "A",
+        _names(
+            "motor current, current, armature current, i, amps, i motor, motorstrom, phase current, winding current"
+        ),
+        _of("current amps strom"),
+        without=_TARGET | _COUNTED | _of("battery pack"),
+    ),
+    "speed": Quantity(
+        "rad/s",
+        _names(
+            "speed, motor speed, shaft speed, angular velocity, angular speed, rotational speed, velocity, "
+            "rpm, omega, n,"
+            "drehzahl, rotor speed, speed measured, measured speed, encoder speed, w, vel"
+        ),
+        _of("speed velocity rpm omega drehzahl"),
+        without=_TARGET | _of("wheel"),
+    ),
+    "angle": Quantity(
+        "rad",
+        _names("position, angle, motor position, motor angle, shaft angle, encoder, encoder position, theta, winkel"),
+        _of("position angle encoder winkel"),
+        without=_TARGET,
+    ),
+    "load_torque": Quantity(
+        "N m",
+        _names(
+            "load torque, torque, brake torque, shaft torque, measured torque, drehmoment, moment, load, m, torque load"
+        ),
+        _of("torque drehmoment"),
+        without=_TARGET | _of("enable constant motor"),
+    ),
+    "duty": Quantity(
+        "",
+        _names("duty, duty cycle, pwm duty, pwm, motor duty, duty ratio, throttle, tastgrad"),
+        _of("duty pwm"),
+        without=_of("flipper arm"),
+    ),
+    "set_voltage": Quantity("V", _names("v set, vset, set voltage, setpoint voltage")),
+    "pack_voltage": Quantity(
+        "V",
+        _names(
+            "pack voltage, battery voltage, bus voltage, supply voltage, vbat, v batt, vbatt, u batt, voltage, v bus"
+        ),
+        _of("voltage"),
+        also=_of("battery pack bus supply"),
+    ),
+    "pack_current": Quantity(
+        "A",
+        _names("pack current, battery current, bus current, total current, ibat, i batt, current, i bus"),
+        _of("current"),
+        also=_of("battery pack bus total"),
+    ),
+    "incline": Quantity("deg", _names("incline, slope, inclination, pitch, grade angle, steigung")),
+    "acceleration": Quantity("m/s2", _names("acceleration, acc x, accel")),
+    "soc": Quantity("", _names("soc, state of charge, ladezustand, battery level")),
+}

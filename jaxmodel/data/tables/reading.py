@@ -1,0 +1,173 @@
+"""One front door for every format: which reader takes a file, and what a known format fixes."""
+
+from __future__ import annotations
+
+import dataclasses
+import gzip
+import re
+import shutil
+import tempfile
+from collections.abc import Collection, Sequence
+from pathlib import Path
+
+from jaxmodel.base.errors import MeasurementError
+from jaxmodel.case.measurements import file_label
+from jaxmodel.data.tables.columnar import read_columnar
+from jaxmodel.data.tables.delimited import Keep, read_delimited
+from jaxmodel.data.tables.loggers import PACKAGES, read_logger
+from jaxmodel.data.tables.matlab import read_matlab
+from jaxmodel.data.tables.raw_table import RawTable
+from jaxmodel.data.tables.spreadsheets import read_spreadsheet
+
+SPREADSHEETS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
+COLUMNAR = (".parquet", ".pq", ".feather", ".arrow")
+TEXT = (".csv", ".tsv", ".txt", ".mpt", ".asc", ".log", ".lvm", ".bdf", "")
+SUFFIXES = (*TEXT, *SPREADSHEETS, *COLUMNAR, ".mat", *PACKAGES, ".gz")
+"""The endings of files that `read_table` knows; a file of another is taken as text."""
+
+# The fixed names of the Battery Data Format: labels, and names for machines. Its current is positive on charge.
+_BATTERY_DATA_FORMAT = (
+    {"Test Time / s", "Current / A", "Voltage / V"},
+    {"test_time_second", "current_ampere", "voltage_volt"},
+)
+# By the ending of their files, makers whose current is positive on charge. Their own manuals.
+_POSITIVE_ON_CHARGE = {
+    ".mpr": "BioLogic", ".mpt": "BioLogic", ".nda": "Neware", ".ndax": "Neware", ".res": "Arbin",
+}  # fmt: skip
+_MOST_BYTES = 8 * 2**30  # that a compressed file may become
+_CHUNK = 2**24
+_STARTS = ((b"PK\x03\x04", ".xlsx"), (b"PAR1", ".parquet"), (b"ARROW1", ".feather"), (b"\xd0\xcf\x11\xe0", ".xls"))
+
+
+def read_table(
+    path: str | Path,
+    *,
+    columns: Collection[str] | Keep | None = None,
+    rows: int | None = None,
+    sheet: str | None = None,
+    encoding: str | None = None,
+    delimiter: str | None = None,
+    decimal: str | None = None,
+) -> RawTable:
+    """Read the table of a bench's file of any format; nothing is renamed or converted.
+
+    Args:
+        path: CSV, TSV or text of a cycler, a spreadsheet, Parquet, Feather, MATLAB, or a format of `loggers`.
+        columns: names of those to read, or a function that chooses them from all names; by default all.
+        rows: the most rows to read.
+        sheet: of a spreadsheet; of a MATLAB file the variable.
+        encoding: of text; by default found.
+        delimiter: of text; by default found.
+        decimal: of text, '.' or ','; by default found.
+
+    Returns:
+        The columns under the names of the file, their units, and remarks on how it was read.
+
+    Raises:
+        MeasurementError: the file is not there, is damaged or not a table, or its package is not installed.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise MeasurementError(f"{file_label(path)} is a folder; name the files in it.")
+    if not path.is_file():
+        raise MeasurementError(f"There is no file {file_label(path)}; check its name.")
+    if path.suffix.lower() == ".gz":
+        with tempfile.TemporaryDirectory() as folder:
+            inside = _decompressed(path, Path(folder))
+            table = read_table(
+                inside, columns=columns, rows=rows, sheet=sheet, encoding=encoding, delimiter=delimiter, decimal=decimal
+            )
+        return dataclasses.replace(table, source=path)
+    keep = _keeper(columns, path)
+    suffix = _suffix(path)
+    if suffix in SPREADSHEETS:
+        table = read_spreadsheet(path, sheet)
+    elif suffix in COLUMNAR:
+        table = read_columnar(path, keep, rows)
+    elif suffix == ".mat":
+        table = read_matlab(path, sheet)
+    elif suffix in PACKAGES:
+        table = read_logger(path)
+    else:
+        table = read_delimited(path, keep=keep, rows=rows, encoding=encoding, delimiter=delimiter, decimal=decimal)
+    if len(table.frame) == 0:
+        raise MeasurementError(f"{table.label} has names of columns and no rows; export the measurement again.")
+    return _as_known(_selected(table, keep, rows))
+
+
+def _decompressed(path: Path, folder: Path) -> Path:
+    """Return the content of a gzip file as a file of a temporary folder, named so that messages name it alike.
+
+    Raises:
+        MeasurementError: it is damaged, holds another gzip file, or becomes larger than `_MOST_BYTES`.
+    """
+    inside = folder / path.parent.name / path.stem
+    if inside.suffix.lower() == ".gz":
+        raise MeasurementError(f"{file_label(path)} is compressed twice; decompress it once.")
+    inside.parent.mkdir(exist_ok=True)
+    size = 0
+    try:
+        with gzip.open(path, "rb") as packed, inside.open("wb") as plain:
+            while chunk := packed.read(_CHUNK):
+                size += len(chunk)
+                if size > _MOST_BYTES or shutil.disk_usage(folder).free < _CHUNK:
+                    raise MeasurementError(
+                        f"{file_label(path)} becomes larger than {size / 2**30:.0f} GiB when it is decompressed; "
+                        "decompress it yourself, and give the part that holds the measurement."
+                    )
+                plain.write(chunk)
+    except (OSError, EOFError) as error:
+        raise MeasurementError(f"{file_label(path)} is no whole gzip file ({error}); export it again.") from None
+    return inside
+
+
+def _suffix(path: Path) -> str:
+    """Return the ending of a file, by its first bytes where the ending says nothing."""
+    suffix = path.suffix.lower()
+    with path.open("rb") as stream:
+        start = stream.read(8)
+    if suffix == ".dat":
+        return suffix if start.startswith(b"MDF") else ".txt"
+    if suffix in TEXT or suffix not in SUFFIXES:
+        return next((ending for mark, ending in _STARTS if start.startswith(mark)), ".txt")
+    if suffix in SPREADSHEETS and re.match(rb"[\w#\"\xef]", start) and not start.startswith(b"PK"):
+        return ".txt"  # text that a cycler's software has called .xls
+    return suffix
+
+
+def _keeper(columns: Collection[str] | Keep | None, path: Path) -> Keep | None:
+    if columns is None or callable(columns):
+        return columns
+    wanted = [columns] if isinstance(columns, str) else list(columns)
+
+    def keep(names: Sequence[str]) -> Sequence[str]:
+        for name in wanted:
+            if name not in names:
+                raise MeasurementError(f"{file_label(path)} has no column '{name}'; it has {', '.join(names)}.")
+        return wanted
+
+    return keep
+
+
+def _selected(table: RawTable, keep: Keep | None, rows: int | None) -> RawTable:
+    frame = table.frame if rows is None else table.frame.iloc[:rows]
+    if keep is None or table.left_out:
+        return dataclasses.replace(table, frame=frame)
+    names = [str(name) for name in frame]
+    wanted = list(keep(names))
+    left_out = tuple(name for name in names if name not in wanted)
+    return dataclasses.replace(table, frame=frame[wanted], left_out=left_out)
+
+
+def _as_known(table: RawTable) -> RawTable:
+    """Return a table with what its format fixes."""
+    names = {*map(str, table.frame), *table.left_out}
+    if any(fixed <= names for fixed in _BATTERY_DATA_FORMAT):
+        remark = "Battery Data Format: its current is positive on charge."
+        return dataclasses.replace(
+            table, format="Battery Data Format", remarks=(*table.remarks, remark), current_positive_on="charge"
+        )
+    if maker := _POSITIVE_ON_CHARGE.get(table.source.suffix.lower()):
+        remark = f"{maker}: its current is positive on charge."
+        return dataclasses.replace(table, remarks=(*table.remarks, remark), current_positive_on="charge")
+    return table

@@ -1,0 +1,43 @@
+"""Compare a model with measurements: where it fails, what it lacks, which tables are wrong, and what remains.
+
+    from discrepancy import Investigation, diagnose
+
+    diagnosis = diagnose(case)  # the verdict and its reasons
+    diagnosis.plot.ladder()
+
+    investigation = Investigation(case)  # the same step by step
+    investigation.candidates()
+    investigation.add("self_heating")
+    investigation.ladder()
+
+What `__all__` lists is the public API; the modules behind it may change.
+"""
+
+from typing import TYPE_CHECKING
+
+from jaxmodel.base.lazy import names_when_used
+
+if TYPE_CHECKING:
+    from jaxmodel.diagnosis.diagnosis import compare, diagnose
+    from jaxmodel.diagnosis.finishing import conclusion, finish
+    from jaxmodel.diagnosis.identification import Identification, identify
+    from jaxmodel.diagnosis.investigation import Investigation
+    from jaxmodel.diagnosis.names import curve
+    from jaxmodel.diagnosis.result import Diagnosis
+    from jaxmodel.diagnosis.settings import SETTINGS, Settings
+
+__all__ = [
+    "SETTINGS",
+    "Diagnosis",
+    "Identification",
+    "Investigation",
+    "Settings",
+    "compare",
+    "conclusion",
+    "curve",
+    "diagnose",
+    "finish",
+    "identify",
+]
+
+__getattr__, __dir__ = names_when_used(__name__, __file__)

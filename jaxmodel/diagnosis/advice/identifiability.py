@@ -1,0 +1,385 @@
+"""How well a case determines its parameters: Fisher information of its readings at the calibrated model, by run."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+
+import numpy as np
+
+from jaxmodel.base.errors import ParameterError, instead, nearest
+from jaxmodel.case.build import case_model
+from jaxmodel.case.known import Known
+from jaxmodel.case.records import Case
+from jaxmodel.diagnosis.evidence.trial import Trial
+from jaxmodel.diagnosis.fitting.fit import Fit, errors_at, fit
+from jaxmodel.diagnosis.fitting.lanes import one_thread_of_blas
+from jaxmodel.diagnosis.fitting.readings import Weights
+from jaxmodel.diagnosis.noise.model_error import NONE, estimate
+from jaxmodel.diagnosis.workings import Workings
+from jaxmodel.model.names import parameter_table, value
+from jaxmodel.model.parameters import TABLE, info
+from jaxmodel.sensitivity.information import Floats, Information, direction_in_words
+
+# Prior sd assumed for a requested parameter that the case states as exact, as a share of its value,
+ASSUMED_SHARE = 0.3
+_ASSUMED_RANGE_SHARE = 0.1  # or as a share of its range if the value is zero
+# Information of a direction, relative to the prior, below which it is reported as undetermined.
+SLOPPY = 1.0
+# Ratio of posterior to prior sd up to which the answer is "Yes", and "In part".
+_DETERMINED, _PARTLY = 0.5, 0.9
+# Decrease of chi-square along a profile from which the calibration is started again.
+_DEEPER = 0.2
+# RMS residual, in sd of the noise, above which a model error is estimated,
+MISFIT = 1.5
+# so many times, from so many readings of a series, each time with a new fit.
+_REWEIGHTINGS, _MOST_OF_A_SERIES = 3, 1500
+# Initial states that a case need not state; left out if their information is below this share of the prior's.
+_UNSTATED_STARTS, _NOTHING = ("initial_hysteresis", "initial_temperature_rise_K"), 1e-6
+
+
+@dataclasses.dataclass(frozen=True)
+class Profiled:
+    """The profile likelihood of one parameter and its quadratic approximation.
+
+    Attributes:
+        name: of the parameter.
+        values: at which it was held, in its unit.
+        rise: of chi-square (readings and priors) above its minimum.
+        quadratic: the rise that the information predicts.
+        interval: where the rise is 1, in the parameter's unit; nan if the profile ends before.
+        lowest: coordinates of all unknowns at the smallest rise; if it is negative, the calibration had not converged.
+    """
+
+    name: str
+    values: Floats
+    rise: Floats
+    quadratic: Floats
+    interval: tuple[float, float]
+    lowest: Floats
+
+    @property
+    def is_not_quadratic(self) -> bool:
+        """Return True if the quadratic approximation is wrong by more than 0.25 sd within two sd."""
+        near = self.quadratic <= 4.0 + 1e-9
+        return bool(np.max(np.abs(np.sqrt(np.maximum(self.rise, 0.0)) - np.sqrt(self.quadratic))[near]) > 0.25)
+
+
+@dataclasses.dataclass(frozen=True)
+class Identifiability:
+    """How well the fit runs of a case determine its unknowns.
+
+    Attributes:
+        case: its name.
+        information: in units of prior sd; its parts are the pairs (run, sensor), in order.
+        runs: names of the fit runs.
+        sensors: names of the channels.
+        values: of the unknowns at the calibrated model, in their units.
+        units: of the unknowns.
+        prior_sd: in units, at the calibrated model.
+        logarithmic: True if changes of the unknown are relative.
+        relative: d ln p / dx, or 1 if a relative change has no meaning.
+        assumed: unknowns whose prior is assumed, not stated in the case.
+        misfit: RMS residual in sd of the noise, 1 if the model fits. If it does not, the bounds treat the residual as
+            an autocorrelated model error.
+    """
+
+    case: str
+    information: Information
+    runs: tuple[str, ...]
+    sensors: tuple[str, ...]
+    values: Floats
+    units: tuple[str, ...]
+    prior_sd: Floats
+    logarithmic: tuple[bool, ...]
+    relative: Floats
+    assumed: tuple[str, ...]
+    misfit: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the unknowns, those of one run with its name in brackets."""
+        return self.information.names
+
+    @property
+    def sd(self) -> Floats:
+        """Return the Cramer-Rao bounds with the priors, in units."""
+        return self.information.sd() * self.prior_sd
+
+    @property
+    def sd_of_data(self) -> Floats:
+        """Return the Cramer-Rao bounds of the data alone, in units; inf if they do not determine an unknown."""
+        return self.information.sd_of_data() * self.prior_sd
+
+    @functools.cached_property
+    def _shares(self) -> Floats:
+        return self.information.shares()
+
+    def shares_by_run(self) -> Floats:
+        """Return the runs' shares in the final information, shape (runs, unknowns); see `Information.shares`."""
+        return self._shares[:-2].reshape(len(self.runs), len(self.sensors), -1).sum(axis=1)
+
+    def shares_by_sensor(self) -> Floats:
+        """Return the sensors' shares in the final information, shape (sensors, unknowns)."""
+        return self._shares[:-2].reshape(len(self.runs), len(self.sensors), -1).sum(axis=0)
+
+    def shares_known_before(self) -> Floats:
+        """Return the shares of the parameter's own prior and of the priors of the others, (2, unknowns)."""
+        return self._shares[-2:]
+
+    def sd_without_run(self) -> Floats:
+        """Return the bounds in units with each run left out in turn, shape (runs, unknowns)."""
+        width = len(self.sensors)
+        cells = [range(i * width, (i + 1) * width) for i in range(len(self.runs))]
+        return np.array([self.information.without(one).sd() * self.prior_sd for one in cells])
+
+    def sd_without_sensor(self) -> Floats:
+        """Return the bounds in units with each sensor left out in turn, shape (sensors, unknowns)."""
+        width = len(self.sensors)
+        cells = [range(i, len(self.runs) * width, width) for i in range(width)]
+        return np.array([self.information.without(one).sd() * self.prior_sd for one in cells])
+
+    def sloppy(self) -> list[tuple[float, str]]:
+        """Return the directions with less information from the data than from the prior, with a description."""
+        proportional = {n: bool(log) for n, log in zip(self.names, self.logarithmic, strict=True)}
+        return [
+            (float(strength), direction_in_words(self.names, way * self.relative, proportional))
+            for strength, way in zip(*(part.T for part in self.information.directions()), strict=True)
+            if strength < SLOPPY
+        ]
+
+    def place(self, name: str) -> int:
+        """Return the index of an unknown; a name without run means the first run's.
+
+        Raises:
+            ParameterError: it is not among the unknowns.
+        """
+        meant = [i for i, known in enumerate(self.names) if name in (known, known.partition("[")[0])]
+        if not meant:
+            raise ParameterError(f"{self.case}: '{name}' is not among the unknowns.{nearest(name, self.names)}")
+        return meant[0]
+
+    def answer(self, name: str) -> str:
+        """Say in one sentence whether the data determine a parameter.
+
+        Raises:
+            ParameterError: it is not among the unknowns.
+        """
+        i = self.place(name)
+        unit = f" {self.units[i]}" if self.units[i] else ""
+        before, after, alone = (float(part[i]) for part in (self.prior_sd, self.sd, self.sd_of_data))
+        prior = f"{'assumed' if name in self.assumed else 'stated'} sd of {_rounded(before)}{unit}"
+        if self.information.total[i, i] < 1e-8:
+            return f"No: no reading depends on {name}."
+        found = f"{name} = {self.values[i]:.4g} ± {_rounded(after)}{unit}"
+        if after > _PARTLY * before:
+            why = self._why_not(i)
+            return f"No: with the data the sd of {name} is {_rounded(after)}{unit}, against the {prior}; {why}."
+        verdict = "Yes" if after <= _DETERMINED * before and alone <= 2.0 * after else "In part"
+        gain = f"{_rounded(before / after)} times more accurate than the {prior}"
+        if alone <= 2.0 * after:
+            how = f"{self._best_source(i)}"
+        else:
+            of_data = f"give an sd of {_rounded(alone)}{unit}" if np.isfinite(alone) else "do not determine it"
+            how = f"this needs the stated values of other parameters: the data alone {of_data}"
+        but = (
+            f"; the RMS residual is {_rounded(self.misfit)} times the noise, and the sd is valid only if "
+            f"the model error averages out like noise"
+            if self.misfit > MISFIT
+            else ""
+        )
+        return f"{verdict}: {found}, {gain}; {how}{but}."
+
+    def _best_source(self, i: int) -> str:
+        cells = self._shares[:-2, i]
+        best = int(np.argmax(cells))
+        run, sensor = self.runs[best // len(self.sensors)], self.sensors[best % len(self.sensors)]
+        return f"{100.0 * cells[best]:.0f} % of the information comes from {sensor} in {run}"
+
+    def _why_not(self, i: int) -> str:
+        if self.information.total[i, i] < 1.0:
+            return "the readings hardly depend on it"
+        strength, axes = self.information.directions()
+        weights = axes[i] ** 2 / (1.0 + strength)
+        way = axes[:, int(np.argmax(weights))] * self.relative
+        proportional = {n: bool(log) for n, log in zip(self.names, self.logarithmic, strict=True)}
+        words = direction_in_words(self.names, way, proportional)
+        return f"they determine {words}" if "only as" in words else f"they do not determine {words}"
+
+
+def _rounded(number: float) -> str:
+    return f"{number:.2g}" if abs(number) < 100.0 else f"{number:.0f}"
+
+
+def asking_for(case: Case, names: Sequence[str]) -> tuple[Case, tuple[str, ...]]:
+    """Return the case with an sd for requested parameters that it states as exact, and the names of these.
+
+    The assumed sd is 30 % of the value, or a tenth of the range if the value is zero.
+
+    Raises:
+        ParameterError: a name is unknown.
+    """
+    changed: dict[str, Known] = {}
+    for name in names:
+        if name not in TABLE:
+            known = parameter_table(case_model(case, case.runs[0]))
+            raise ParameterError(f"--parameter {name}: there is no such parameter.{instead(name, [*known])}")
+        stated = case.parameters.get(name)
+        in_runs = name == "initial_soc" or any(name in run.overrides and run.overrides[name].sd for run in case.runs)
+        if in_runs or (stated is not None and stated.sd is not None):
+            continue
+        known = info(name)
+        number = float(stated.value if stated is not None else value(case_model(case, case.runs[0]), name))
+        width = known.upper - known.lower
+        sd = ASSUMED_SHARE * abs(number) or (_ASSUMED_RANGE_SHARE * width if np.isfinite(width) else 1.0)
+        changed[name] = Known(number, sd)
+    return dataclasses.replace(case, parameters=case.parameters | changed), tuple(changed)
+
+
+@one_thread_of_blas
+def calibrated(investigation: Workings, labels: Sequence[str] = ()) -> tuple[Trial, float]:
+    """Return a calibrated model, and its RMS residual in sd of the noise.
+
+    If that is not close to 1, the residual is treated as model error, with the size and correlation time of this
+    model's residual; the weights of the investigation come from the residual of the richest model.
+    """
+    found: Trial = investigation.settled(labels)
+    readings, setting = found.scale.view.readings, found.setting
+    problem, weights = investigation.space.problem(setting), Weights(readings, NONE)
+    left = errors_at(found.scale.view, problem, setting, found.fitted.x[None])[:, 0]
+    misfit = float(np.sqrt(np.mean(weights.whiten(left) ** 2)))
+    for _ in range(_REWEIGHTINGS if misfit > MISFIT else 0):
+        error = estimate(readings.pieces(_MOST_OF_A_SERIES), readings.differenced(left))
+        scale = found.scale.with_error(error)
+        fitted = fit(scale.view, setting, scale.weights, found.fitted.x)
+        found = Trial(setting, found.amplitudes, fitted, scale)
+        left = errors_at(scale.view, problem, setting, fitted.x[None])[:, 0]
+    return found, misfit
+
+
+@one_thread_of_blas
+def deeper(trial: Trial, profiled: Profiled) -> Trial | None:
+    """Return the model calibrated again from where a profile was below its minimum; None if it was not."""
+    if np.min(profiled.rise) > -_DEEPER:
+        return None
+    found = fit(trial.scale.view, trial.setting, trial.scale.weights, profiled.lowest)
+    return dataclasses.replace(trial, fitted=found)
+
+
+def identifiability(
+    investigation: Workings, trial: Trial, misfit: float = 1.0, assumed: Sequence[str] = ()
+) -> Identifiability:
+    """Return how well the fit runs of a case determine the unknowns of a calibrated model.
+
+    Args:
+        investigation: of the case.
+        trial: a calibrated model.
+        misfit: its RMS residual, in sd of the noise.
+        assumed: names of unknowns whose prior is assumed.
+    """
+    case, space, fitted, free = investigation.case, investigation.space, trial.fitted, trial.setting.free
+    layout, fit_runs, sensors = space.layout, investigation.fit_runs, tuple(investigation.noise)
+    parts = _parts(trial, fit_runs, sensors)
+    information = np.diag(parts.sum(axis=0))
+    # Unknowns of check runs are left out.
+    kept = [
+        i
+        for i, place in enumerate(free)
+        if (layout.runs[place] < 0 or layout.runs[place] in fit_runs)
+        and not (layout.coordinates[place].name in _UNSTATED_STARTS and information[i] < _NOTHING)
+    ]
+    coordinates, x = [layout.coordinates[free[i]] for i in kept], [fitted.x[free[i]] for i in kept]
+    values = np.array([one.number(at) for one, at in zip(coordinates, x, strict=True)])
+    prior_sd = np.array([one.slope(at) for one, at in zip(coordinates, x, strict=True)]) * fitted.prior_sd[kept]
+    proportional = tuple(_is_proportional(one.name, value) for one, value in zip(coordinates, values, strict=True))
+    units = {name: known.unit for name, known in parameter_table(space.coarse.models).items()}
+    names = names_of(investigation)
+    return Identifiability(
+        case=case.name,
+        information=Information(tuple(names[free[i]] for i in kept), parts[:, kept][:, :, kept]),
+        runs=tuple(case.runs[number].name for number in fit_runs),
+        sensors=sensors,
+        values=values,
+        units=tuple(units.get(one.name, "") for one in coordinates),
+        prior_sd=prior_sd,
+        logarithmic=proportional,
+        relative=np.where(proportional, prior_sd / np.where(values == 0.0, 1.0, values), 1.0),
+        assumed=tuple(assumed),
+        misfit=misfit,
+    )
+
+
+def _is_proportional(name: str, number: float) -> bool:
+    return bool(number) and (name not in TABLE or (TABLE[name].unit != "degC" and TABLE[name].transform == "log"))
+
+
+def names_of(investigation: Workings) -> tuple[str, ...]:
+    """Return the names of all unknowns, those of one run with its name in brackets."""
+    layout, runs = investigation.space.layout, investigation.case.runs
+    return tuple(
+        name + (f"[{runs[run].name}]" if run >= 0 else "") for name, run in zip(layout.names, layout.runs, strict=True)
+    )
+
+
+def _parts(trial: Trial, runs: Sequence[int], sensors: Sequence[str]) -> np.ndarray:
+    """Return J'J of the readings of each run and sensor, in prior sd, shape (runs * sensors, k, k)."""
+    slopes = trial.fitted.jacobian * trial.fitted.prior_sd
+    parts = np.zeros((len(runs), len(sensors), slopes.shape[1], slopes.shape[1]))
+    for (sensor, run), rows in trial.scale.view.readings.chains:
+        parts[runs.index(run), sensors.index(sensor)] = slopes[rows].T @ slopes[rows]
+    return parts.reshape(-1, *parts.shape[2:])
+
+
+@one_thread_of_blas
+def profile_likelihood(
+    investigation: Workings, trial: Trial, name: str, reach: float = 3.0, places: int = 9
+) -> Profiled:
+    """Return the profile likelihood of one unknown: all others are fitted again at each of its values.
+
+    Args:
+        investigation: of the case.
+        trial: a calibrated model.
+        name: of the unknown, one of `names_of`.
+        reach: sd on either side.
+        places: number of values, odd.
+    """
+    best, free, number = trial.fitted, list(trial.setting.free), names_of(investigation).index(name)
+    view, weights = trial.scale.view, trial.scale.weights
+    others = [place for place in free if place != number]
+    offsets = np.linspace(-reach, reach, places)
+    sd = float(best.sd()[free.index(number)])
+    xs = best.x[number] + offsets * sd
+    middle = places // 2
+    fits = [best] * places
+    for side in (range(middle + 1, places), range(middle - 1, -1, -1)):
+        at: Fit = best
+        for place in side:  # outwards, each fit starts at its neighbour's
+            start = at.x.copy()
+            start[number] = xs[place]
+            at = fits[place] = fit(view, trial.setting, weights, start, free=others)
+    coordinate = investigation.space.layout.coordinates[number]
+    # The prior of the held unknown counts too, which a fit with it held leaves out.
+    chi2 = np.array([one.chi2 + float(np.sum((one.x[free] / best.prior_sd) ** 2)) for one in fits])
+    rise = chi2 - chi2[middle]
+    return Profiled(
+        name=name,
+        values=np.array([coordinate.number(x) for x in xs]),
+        rise=rise,
+        quadratic=offsets**2,
+        interval=(
+            coordinate.number(_crossing(xs[middle::-1], rise[middle::-1])),
+            coordinate.number(_crossing(xs[middle:], rise[middle:])),
+        ),
+        lowest=fits[int(np.argmin(rise))].x,
+    )
+
+
+def _crossing(xs: np.ndarray, rise: np.ndarray) -> float:
+    """Return where the rise reaches 1, by linear interpolation of its root; nan if it does not."""
+    root = np.sqrt(np.maximum(rise, 0.0))
+    beyond = np.flatnonzero(root >= 1.0)
+    if not beyond.size:
+        return float("nan")
+    last = int(beyond[0])
+    return float(np.interp(1.0, root[last - 1 : last + 1], xs[last - 1 : last + 1]))

@@ -1,0 +1,163 @@
+"""The extended case of a diagnosis: calibrated parameters, effects and corrected tables."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from jaxmodel.case.build import case_model
+from jaxmodel.case.known import Known
+from jaxmodel.case.records import Case, Run
+from jaxmodel.diagnosis.extended.tables import corrected_tables, is_held_by_tables
+from jaxmodel.diagnosis.result import CurveFound, Estimate, RunFound, Rung
+from jaxmodel.diagnosis.wording import curve_sentence, effect_name, is_law, run_sentence
+from jaxmodel.model.declaration import ParameterInfo, describe
+from jaxmodel.model.parameters import info
+from jaxmodel.model.ports import Effect
+
+_STARTS = ("initial_temperature_rise_K", "initial_hysteresis")
+# Shifts of single runs that a case file can hold, and the parameter that holds them.
+_HELD_BY_A_RUN = {"friction_shift": "tau_0"}
+
+
+def extended_case(
+    case: Case, final: Rung, curves: Sequence[CurveFound] = (), found_runs: Sequence[RunFound] = ()
+) -> tuple[Case, list[str]]:
+    """Return the case with the final model's parameters, effects and tables, each with its sd; and notes on the rest.
+
+    Parameters fitted outside their bounds are moved to the bound. A case file holds one effect of each name, so that of
+    two faults of one kind on two columns the first is kept. It can hold no unknown law and few shifts of single runs.
+    The notes state every such change.
+
+    Args:
+        case: as it was diagnosed.
+        final: the model.
+        curves: its corrections of tables and relations.
+        found_runs: its shifts of single runs.
+    """
+    fitted = _Fitted(final.estimates)
+    catalogue = case.catalogue
+    values = {name: dict(of_effect) for name, of_effect in case.effects.items()}
+    effect_sd = {name: dict(of_effect) for name, of_effect in case.effect_sd.items()}
+    for name, sds in case.effect_sd.items():
+        column = case.effects[name].get("column")
+        fitted.put_effect(f"{name}:{column}" if column else name, list(sds), catalogue, values, effect_sd)
+    shifted = {run.label: run for run in found_runs}
+    for label in final.added:
+        name = label.partition(":")[0]
+        if "@" in label or is_law(label) or is_held_by_tables(label):
+            continue
+        if name not in catalogue:
+            fitted.notes.append(_left_out(label, curves))
+        elif name in values:
+            fitted.notes.append(f"{label} is left out: a case file holds one effect of each name.")
+        else:
+            fitted.put_effect(label, list(describe(catalogue[name])), catalogue, values, effect_sd)
+    parameters = {name: fitted.known(name, before, info(name)) for name, before in case.parameters.items()}
+    runs = [fitted.run(run) for run in case.runs]
+    for label in (label for label in final.added if "@" in label):
+        if label in shifted and label.partition("@")[0] in _HELD_BY_A_RUN:
+            runs = [_shifted(run, shifted[label], parameters, fitted) for run in runs]
+        else:
+            described = run_sentence(shifted[label]) if label in shifted else f"{effect_name(label)}."
+            fitted.notes.append(f"A case file cannot hold this shift of a single run: {described}")
+    extended = dataclasses.replace(case, parameters=parameters, effects=values, effect_sd=effect_sd, runs=tuple(runs))
+    tables, notes = corrected_tables(case_model(extended, runs[0]), curves)
+    cycles = {run.overrides["cycles"].value if "cycles" in run.overrides else None for run in runs}
+    if "R_ints" in tables and len(cycles) > 1:
+        notes.append(
+            "The curve in R_ints is exact for the cycles of the first run and approximate for runs with other cycles."
+        )
+    notes += [
+        f"{effect_name(label)} is left out: it is an effect in found_law.py; give --effect found_law.py:FoundLaw."
+        for label in final.added
+        if is_law(label)
+    ]
+    return dataclasses.replace(extended, tables=case.tables | tables), [*fitted.notes, *notes]
+
+
+def _left_out(label: str, curves: Sequence[CurveFound]) -> str:
+    described = [curve_sentence(curve) for curve in curves if curve.label == label]
+    return f"{label} is left out: a case file has no table for it{f': {described[0]}' if described else '.'}"
+
+
+class _Fitted:
+    """Fitted parameters within their bounds, and notes on those that were changed."""
+
+    def __init__(self, estimates: Mapping[str, Estimate]) -> None:
+        """Take the estimates by name."""
+        self._estimates = estimates
+        self.notes: list[str] = []
+
+    def number(self, name: str, before: float, entry: ParameterInfo) -> float:
+        """Return the fitted value of a parameter, or its previous value."""
+        return self.bounded(name, self._estimates[name].value if name in self._estimates else before, entry)
+
+    def bounded(self, name: str, value: float, entry: ParameterInfo) -> float:
+        """Return a value within the bounds of its table."""
+        bounded = min(max(value, entry.lower), entry.upper)
+        if bounded != value:
+            self.notes.append(f"{name} was fitted as {value:g}, outside its range; it is set to {bounded:g} here.")
+        return bounded
+
+    def sd(self, name: str, before: float | None) -> float | None:
+        """Return the posterior sd of a parameter, or its previous sd if it was not fitted."""
+        if name not in self._estimates:
+            return before
+        sd = float(self._estimates[name].sd)
+        return sd if np.isfinite(sd) and sd > 0.0 else None
+
+    def known(self, name: str, before: Known, entry: ParameterInfo) -> Known:
+        """Return a parameter with its sd."""
+        return Known(self.number(name, before.value, entry), self.sd(name, before.sd))
+
+    def put_effect(
+        self,
+        label: str,
+        fields: list[str],
+        catalogue: Mapping[str, type[Effect]],
+        values: dict[str, dict[str, float | str]],
+        effect_sd: dict[str, dict[str, float]],
+    ) -> None:
+        """Put the fitted parameters of an effect among the values and sd of a case's effects."""
+        name, _, column = label.partition(":")
+        table = describe(catalogue[name])
+        own = values.setdefault(name, {})
+        for field in fields:
+            known = f"{label}.{field}"
+            if known not in self._estimates:
+                continue
+            own[field] = self.number(known, 0.0, table[field])
+            effect_sd.setdefault(name, {}).pop(field, None)
+            sd = self.sd(known, None)
+            if sd is not None:
+                effect_sd[name][field] = sd
+        own |= {"column": column} if column else {}
+        if not effect_sd.get(name):
+            effect_sd.pop(name, None)
+
+    def run(self, run: Run) -> Run:
+        """Return a run with its own fitted parameters, including those of its start."""
+        known = run.overrides | {"initial_soc": run.initial_soc}
+        known |= {
+            name: Known(0.0) for name in _STARTS if f"{name}[{run.name}]" in self._estimates and name not in known
+        }
+        values = {name: self.known(f"{name}[{run.name}]", before, info(name)) for name, before in known.items()}
+        # A stated temperature and a fitted rise are the same quantity; a case file holds one of them.
+        stated = None if _STARTS[0] in values else run.initial_cell_temperature
+        soc = values.pop("initial_soc")
+        return dataclasses.replace(run, initial_soc=soc, overrides=values, initial_cell_temperature=stated)
+
+
+def _shifted(run: Run, found: RunFound, parameters: Mapping[str, Known], fitted: _Fitted) -> Run:
+    """Return the run with its shift, if it is the run that was found."""
+    if run.name != found.run or not np.isfinite(found.value):
+        return run
+    name = _HELD_BY_A_RUN[found.label.partition("@")[0]]
+    entry = info(name)
+    before = run.overrides.get(name) or parameters.get(name) or Known(float(entry.default))
+    sd = float(np.hypot(before.sd or 0.0, found.sd if np.isfinite(found.sd) else 0.0))
+    now = Known(fitted.bounded(f"{name}[{run.name}]", before.value + found.value, entry), sd or None)
+    return dataclasses.replace(run, overrides=run.overrides | {name: now})

@@ -1,0 +1,159 @@
+"""Corrected tables of a case: its tables or formulas plus the curves of the final model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from types import SimpleNamespace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxmodel.case.known import Table
+from jaxmodel.diagnosis.result import CurveFound
+from jaxmodel.effects.curves import TEMPERATURE_KNOTS
+from jaxmodel.model import curves as formulas
+from jaxmodel.model.cell import cycle_resistance
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.ports import fold, touches
+
+# Which curves act on which tables.
+_TABLES_OF = {
+    "ocv_curve": ("ocv",),
+    "series_resistance_curve": ("R_ints",),
+    "series_resistance_temperature_curve": ("R_ints",),
+    "rc_resistance_curve": ("R_TS", "R_TL"),
+    "rc_resistance_temperature_curve": ("R_TS", "R_TL"),
+    "rc_capacitance_curve": ("C_TS", "C_TL"),
+    "rc_capacitance_temperature_curve": ("C_TS", "C_TL"),
+}
+# Largest error of linear interpolation between points of a table: V of a voltage, a share of everything else.
+_TOLERANCE_V, _TOLERANCE = 5e-5, 3e-4
+# States of charge at which a formula is sampled first: the ends of a table, and the kink of the formula.
+_FORMULA_SOC = (-0.01, formulas.SOC_FORMULA_FLOOR, 1.05)
+_HALVINGS = 7
+_DIGITS = 7
+# Smallest resistance that is written, where a formula gives none above zero, ohm.
+_LEAST = 1e-6
+
+
+def is_held_by_tables(label: str) -> bool:
+    """Return True if a case file can hold a curve as a table."""
+    return label in _TABLES_OF
+
+
+def corrected_tables(model: Model, found: Sequence[CurveFound]) -> tuple[dict[str, Table], list[str]]:
+    """Return the tables that some curves change, by name, and notes on what they cannot hold.
+
+    Args:
+        model: the final model without its curves.
+        found: the curves; those that no table holds are skipped.
+    """
+    by_table: dict[str, list[CurveFound]] = {}
+    for curve in found:
+        for table in _TABLES_OF.get(curve.label, ()):
+            by_table.setdefault(table, []).append(curve)
+    tables = {name: _corrected(name, model, curves) for name, curves in by_table.items()}
+    return tables, _notes(model, by_table)
+
+
+def _corrected(name: str, model: Model, found: Sequence[CurveFound]) -> Table:
+    base = getattr(model.curves, name)
+    ageing = float(_cycle_resistance(model)) if name == "R_ints" else 0.0
+    sample = _sampler(base)
+
+    def values(soc: np.ndarray, temperature_degC: np.ndarray) -> np.ndarray:
+        """Return the values of the table, shape (temperature, soc)."""
+        off = sum(_off(curve, soc, temperature_degC) for curve in found)
+        before = sample(soc, temperature_degC)
+        if name == "ocv":
+            return before + off
+        return np.maximum((before + ageing) * np.exp(off) - ageing, _LEAST)
+
+    over_temperature = [curve for curve in found if _is_over_temperature(curve)]
+    soc = _start_of_soc(base, [curve for curve in found if curve not in over_temperature])
+    temperature = _start_of_temperature(base, sample, over_temperature)
+    limit = _TOLERANCE_V if name == "ocv" else None
+    soc = _refined(soc, lambda x: values(x, temperature).T, limit)
+    if temperature.size > 1:
+        temperature = _refined(temperature, lambda x: values(soc, x), limit)
+    held = _rounded(values(soc, temperature))
+    sd = float(np.sqrt(sum(np.mean(np.square(curve.sd)) for curve in found)))
+    one_row = temperature.size == 1
+    return Table(
+        soc=_rounded(soc),
+        values=held[0] if one_row else held,
+        temperature_degC=None if one_row else _rounded(temperature),
+        sd=sd if np.isfinite(sd) and sd > 0.0 else None,
+    )
+
+
+def _is_over_temperature(curve: CurveFound) -> bool:
+    return curve.label.endswith("_temperature_curve")
+
+
+def _off(curve: CurveFound, soc: np.ndarray, temperature_degC: np.ndarray) -> np.ndarray:
+    """Return a curve, linear between knots and constant beyond its ends, in a shape to be added to a table."""
+    if _is_over_temperature(curve):
+        return np.interp(temperature_degC, curve.at, curve.value)[:, None]
+    return np.interp(soc, curve.at, curve.value)[None, :]
+
+
+def _cycle_resistance(model: Model) -> jax.Array:
+    """Return R_cyc in ohm; a curve of the series resistance scales it too."""
+    context = SimpleNamespace(parameters=model.parameters)
+    return jnp.asarray(fold(model.effects, "cycle_resistance", cycle_resistance(model.parameters.cycles), context))
+
+
+def _sampler(curve: formulas.Curve) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    over_soc = jax.vmap(curve, in_axes=(0, None))
+    over_both = jax.vmap(over_soc, in_axes=(None, 0))
+    return lambda soc, temperature_degC: np.asarray(over_both(jnp.asarray(soc), jnp.asarray(temperature_degC)))
+
+
+def _start_of_soc(base: formulas.Curve, found: Sequence[CurveFound]) -> np.ndarray:
+    own = np.asarray(base.soc) if isinstance(base, formulas.Table) else np.array(_FORMULA_SOC)
+    return np.unique(np.concatenate([own, *(np.asarray(curve.at, dtype=float) for curve in found)]))
+
+
+def _start_of_temperature(base: formulas.Curve, sample: Callable, found: Sequence[CurveFound]) -> np.ndarray:
+    """Return initial temperatures; a single one if nothing depends on temperature."""
+    if isinstance(base, formulas.Table):
+        own = np.asarray(base.temperature_degC) if base.values.shape[0] > 1 else np.zeros(0)
+    else:
+        knots = np.array(TEMPERATURE_KNOTS)
+        own = knots if np.ptp(sample(np.array([0.5]), knots)) > 0.0 else np.zeros(0)
+    together = np.unique(np.concatenate([own, *(np.asarray(curve.at, dtype=float) for curve in found)]))
+    return together if together.size else np.array([formulas.Table([0.0], [0.0]).temperature_degC[0]])
+
+
+def _refined(knots: np.ndarray, values: Callable[[np.ndarray], np.ndarray], limit: float | None) -> np.ndarray:
+    """Return knots, including those given, between which linear interpolation is accurate enough.
+
+    Args:
+        knots: initial ones, increasing.
+        values: at knots, shape (knots, columns).
+        limit: largest error; None for a share of the value.
+    """
+    for _ in range(_HALVINGS):
+        middle, at = 0.5 * (knots[1:] + knots[:-1]), values(knots)
+        straight = 0.5 * (at[1:] + at[:-1])
+        allowed = np.full_like(straight, limit) if limit else _TOLERANCE * np.abs(straight)
+        off = np.any(np.abs(values(middle) - straight) > np.maximum(allowed, 1e-12), axis=1)
+        if not off.any():
+            break
+        knots = np.sort(np.concatenate([knots, middle[off]]))
+    return knots
+
+
+def _rounded(values: np.ndarray) -> np.ndarray:
+    return np.array([float(f"{value:.{_DIGITS}g}") for value in values.ravel()]).reshape(values.shape)
+
+
+def _notes(model: Model, by_table: Mapping[str, Sequence[CurveFound]]) -> list[str]:
+    """Return notes on tables that differ from their curves."""
+    notes = []
+    adding = [effect.label for effect in model.effects if effect.name in ("contact_heating", "contact_drift")]
+    if "R_ints" in by_table and adding and touches(model.effects, "series_resistance"):
+        notes.append(f"R_ints contains its curve, which here does not scale what {' and '.join(adding)} adds.")
+    return notes

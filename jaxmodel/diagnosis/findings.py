@@ -1,0 +1,82 @@
+"""Curves, unknown laws and shifts of single runs in the final model."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from jaxmodel.diagnosis.evidence.trial import Trial
+from jaxmodel.diagnosis.fitting.laws import PORTS
+from jaxmodel.diagnosis.result import CurveFound, Estimate, Removed, RunFound, Rung
+from jaxmodel.diagnosis.workings import Workings
+from jaxmodel.effects.curves import Curve
+
+
+def _values(inv: Workings, trial: Trial, label: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the values of a curve or law at its knots, and their sd."""
+    layout, candidate = inv.space.layout, inv.space.candidates[label]
+    places = list(layout.of[label])
+    columns = slice(candidate.offset, candidate.offset + len(candidate.coordinates))
+    mix = candidate.mix[:, columns]
+    if candidate.law is not None:
+        knots = inv.settings.law_knots
+        mix = mix[candidate.law[0] * knots : (candidate.law[0] + 1) * knots]
+    free = list(trial.setting.free)
+    mine = [free.index(place) for place in places]
+    covariance = trial.fitted.covariance[np.ix_(mine, mine)]
+    return mix @ trial.fitted.x[places], np.sqrt(np.maximum(np.diag(mix @ covariance @ mix.T), 0.0))
+
+
+def curve_found(inv: Workings, trial: Trial, label: str, removes: dict[str, Removed]) -> CurveFound:
+    """Return the correction of a table or relation at its knots."""
+    candidate = inv.space.candidates[label]
+    effect = candidate.effect
+    assert isinstance(effect, Curve)
+    values, sd = _values(inv, trial, label)
+    return CurveFound(
+        label, candidate.port if label != "entropy_curve" else "entropy_coefficient", candidate.over,
+        np.array(effect.knots), values, sd, effect.unit, removes, candidate.stated,
+    )  # fmt: skip
+
+
+def law_found(inv: Workings, trial: Trial, label: str, removes: dict[str, Removed]) -> CurveFound:
+    """Return a fitted unknown law at its knots."""
+    candidate = inv.space.candidates[label]
+    assert candidate.law is not None
+    low, high = candidate.law[1][-4], candidate.law[1][-3]
+    values, sd = _values(inv, trial, label)
+    factor = candidate.law[1][-1] if candidate.multiplier else 1.0
+    at = np.linspace(low, high, values.size)
+    unit = {"torque_constant": "N m/A", "motor_loss": "W", "cell_heat": "W"}.get(candidate.port, "")
+    unit = unit or ("V" if candidate.port in ("overpotential", "bridge_voltage") else "")
+    unit = unit or ("N m" if candidate.port == "load_torque" else "A")
+    return CurveFound(
+        label, candidate.port, candidate.over, at, factor * values, factor * sd, unit, removes, False,
+        candidate.multiplier,
+    )  # fmt: skip
+
+
+def unknown_sentence(curve: CurveFound) -> str:
+    """Say where a law acts, and how it depends on its variable."""
+    equation = next((ports[curve.port][2] for ports in PORTS.values() if curve.port in ports), curve.port)
+    factor = f" proportional to {curve.multiplier}" if curve.multiplier else ""
+    turns = np.diff(curve.value)
+    unit = f" {curve.unit}" if curve.unit else ""
+    if np.all(turns >= 0.0) or np.all(turns <= 0.0):
+        shape = f"{'rising' if turns.sum() > 0 else 'falling'} by {abs(curve.value[-1] - curve.value[0]):.3g}{unit}"
+    else:
+        shape = f"between {curve.value.min():.3g} and {curve.value.max():.3g}{unit}"
+    return (
+        f"the remaining error acts on {equation.replace('_', ' ')}{factor} as a function of {curve.over}, {shape} over "
+        f"{curve.at.min():.3g} to {curve.at.max():.3g}"
+    )
+
+
+def run_found(inv: Workings, trial: Trial, last: Rung, label: str, removes: dict[str, Removed]) -> RunFound:
+    """Return the shift of a parameter in one run."""
+    candidate = inv.space.candidates[label]
+    run = inv.case.runs[candidate.run]
+    coordinate = candidate.coordinates[0]
+    estimate = last.estimates.get(f"{coordinate.name}[{run.name}]", Estimate(np.nan, np.nan, ""))
+    names = {"contact_resistance": "series_resistance_ohm", "friction_shift": "friction_torque_Nm"}
+    parameter = names.get(candidate.effect.name, candidate.effect.label)
+    return RunFound(label, run.name, run.file, parameter, estimate.value, estimate.sd, estimate.unit, removes)

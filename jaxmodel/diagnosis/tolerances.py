@@ -1,0 +1,37 @@
+"""Tolerances on check runs, stated by the case or assumed, and whether the final model is within them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from jaxmodel.diagnosis.result import Rung, ToleranceUsed
+from jaxmodel.diagnosis.workings import Workings
+
+
+def tolerances(inv: Workings) -> dict[str, ToleranceUsed]:
+    """Return the tolerance of every channel."""
+    stated = inv.case.tolerance
+    return {
+        name: ToleranceUsed(stated[name].rms, stated[name].max, False)
+        if name in stated
+        else ToleranceUsed(inv.assumed_tolerance(name), None, True)
+        for name in inv.noise
+    }
+
+
+def fit_for_purpose(inv: Workings, last: Rung) -> dict[str, dict[str, bool]]:
+    """Return, by channel and check run, whether a model's error is within the tolerance, stated or assumed."""
+    found: dict[str, dict[str, bool]] = {}
+    for name, tolerance in tolerances(inv).items():
+        for run in inv.case.runs:
+            if run.split != "check" or name not in run.measured.outputs:
+                continue
+            own = run.tolerance.get(name)
+            errors = run.measured.outputs[name] - last.predictions[run.name][name]
+            errors = errors[np.isfinite(errors)]
+            if errors.size:
+                rms, largest = float(np.sqrt(np.mean(errors**2))), float(np.max(np.abs(errors)))
+                limit = own.max if own is not None else tolerance.largest
+                within = rms <= (own.rms if own is not None else tolerance.rms)
+                found.setdefault(name, {})[run.name] = within and (limit is None or largest <= limit)
+    return found

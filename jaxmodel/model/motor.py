@@ -1,0 +1,269 @@
+"""One brushed permanent-magnet DC motor: armature, rotor, losses and two thermal stages (eqs. 11-13, 15-17)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxmodel.model.armature import ArmatureStep, Bend, Matrix, Pair, solve_pair, solve_speed, stable
+from jaxmodel.model.declaration import Scalar
+from jaxmodel.model.flow import Flow, State, relaxation
+from jaxmodel.model.parameters import Parameters
+from jaxmodel.model.ports import Effect, MotorContext, fold, touches
+
+TerminalVoltage = Callable[[Scalar], Scalar]
+# Shortest secant, as a share of its variable (and of 1 A or 1 rad/s): short enough to be a tangent, long enough to lose
+# only 1e-13 to rounding.
+SMALLEST_SECANT = 1e-3
+# In a long step the slope of torque over current is at least this share of its chord to zero current: that of its
+# tangent at a third of the current that halves the torque.
+CHORD_SHARE = 0.8
+# The ports whose values change with the current or speed within a step; without an effect on any the pair is linear.
+BENDING = (
+    "armature_voltage_drop", "motor_torque", "coulomb_torque", "friction_torque", "bridge_voltage", "onboard_current",
+    "overpotential", "weakest_cell_voltage",
+)  # fmt: skip
+# Speed in rad/s below which a rotor held by friction is at rest: its sign is a rounding error.
+STANDSTILL = 1e-9
+
+
+class Motor(eqx.Module):
+    """The quantities of one motor that do not depend on its current and speed."""
+
+    context: MotorContext
+    effects: tuple[Effect, ...]
+    winding_resistance_ohm: Scalar
+    inductance_H: Scalar
+    torque_constant: Scalar
+    load_torque_Nm: Scalar
+
+
+def initial_state(parameters: Parameters) -> State:
+    """Return the motor's states at the start of a run: no current, at its initial speed and temperature rises."""
+    return {
+        "x_winding_K": parameters.initial_winding_rise_K,
+        "x_case_K": parameters.initial_case_rise_K,
+        "motor_current_A": jnp.zeros(()),
+        "speed_rad_s": parameters.initial_speed_rad_s,
+    }
+
+
+def evaluate(
+    parameters: Parameters,
+    effects: tuple[Effect, ...],
+    state: State,
+    ambient_degC: Scalar,
+    load_torque_Nm: Scalar,
+    duty: Scalar,
+    pack_voltage_V: Scalar,
+) -> Motor:
+    """Return the motor's temperatures (degC), resistance, inductance and torque constant at a state, eqs. 15 and 17."""
+    p = parameters
+    case = ambient_degC + state["x_case_K"]
+    winding = case + state["x_winding_K"]
+    context = MotorContext(
+        parameters=p,
+        state=state,
+        ambient_degC=ambient_degC,
+        winding_degC=winding,
+        case_degC=case,
+        duty=duty,
+        pack_voltage_V=pack_voltage_V,
+        current_A=state["motor_current_A"],
+        speed_rad_s=state["speed_rad_s"],
+    )
+    above_reference = winding - p.T_0
+    return Motor(
+        context=context,
+        effects=effects,
+        winding_resistance_ohm=fold(effects, "winding_resistance", p.R_0 * (1.0 + p.psi_R * above_reference), context),
+        inductance_H=p.L_a * (1.0 + p.psi_L * above_reference),
+        torque_constant=fold(effects, "torque_constant", p.k_tau, context),
+        load_torque_Nm=fold(effects, "load_torque", load_torque_Nm, context),
+    )
+
+
+def rates(motor: Motor, terminal_voltage_V: Scalar, pair: Pair) -> Pair:
+    """Return (di_a/dt, dw/dt) in A/s and rad/s^2 at a voltage on the terminals, eqs. 11-13, without Coulomb friction.
+
+    L_a di_a/dt = V_M - R i_a - k_e w - drops; J dw/dt = tau_D - tau_l - smooth friction.
+    """
+    context = _running(motor, pair)
+    drop, torque = _voltage_drop(motor, pair), _driving_torque(motor, pair)
+    friction = fold(motor.effects, "friction_torque", jnp.zeros(()), context)
+    ohmic, back_emf = motor.winding_resistance_ohm * pair.current, motor.torque_constant * pair.speed
+    across = terminal_voltage_V - ohmic - back_emf - drop
+    return Pair(across / motor.inductance_H, (torque - motor.load_torque_Nm - friction) / context.parameters.J)
+
+
+def _running(motor: Motor, pair: Pair) -> MotorContext:
+    return eqx.tree_at(lambda c: (c.current_A, c.speed_rad_s), motor.context, (pair.current, pair.speed))
+
+
+def _voltage_drop(motor: Motor, pair: Pair) -> Scalar:
+    return fold(motor.effects, "armature_voltage_drop", jnp.zeros(()), _running(motor, pair))
+
+
+def _driving_torque(motor: Motor, pair: Pair) -> Scalar:
+    return fold(motor.effects, "motor_torque", motor.torque_constant * pair.current, _running(motor, pair))
+
+
+def _secant_end(start: Scalar, expected: Scalar, rate: Scalar) -> Scalar:
+    """Return the end of a secant from `start`: the expected value, or a point just ahead if that is too close."""
+    ahead = SMALLEST_SECANT * (1.0 + jnp.abs(start))
+    change = expected - start
+    return start + jnp.where(jnp.abs(change) > ahead, change, jnp.where(rate < 0.0, -ahead, ahead))
+
+
+def _coulomb_torque(motor: Motor, speed_rad_s: Scalar) -> Scalar:
+    context = _running(motor, Pair(motor.context.current_A, speed_rad_s))
+    return fold(motor.effects, "coulomb_torque", motor.context.parameters.tau_0, context)
+
+
+def run(
+    now: Motor,
+    later: Motor,
+    voltage_now: TerminalVoltage,
+    voltage_later: TerminalVoltage,
+    duration: Scalar,
+    lead: Scalar,
+    expected: Pair,
+) -> ArmatureStep:
+    """Advance current and speed over a step, the voltage given.
+
+    Args:
+        now: the motor at the start of the step.
+        later: the motor at the state that represents the step; its coefficients are linearised.
+        voltage_now: terminal voltage (V) as a function of i_a (A), at the start.
+        voltage_later: the same, at the later state.
+        duration: of the step, s.
+        lead: seconds from the start to the later state; 0 where it is the same.
+        expected: expected i_a and w at the end, zeros if unknown. The linearisation is the tangent of a
+            linear pair; else the secant up to there, as a tangent would miss the nonlinearity of an effect (brush
+            drop, saturation).
+    """
+    pair = Pair(now.context.current_A, now.context.speed_rad_s)
+    inertia = now.context.parameters.J
+    volts_at_start = voltage_later(pair.current)
+    at_start = rates(later, volts_at_start, pair)
+    rate_now = at_start if now is later else rates(now, voltage_now(pair.current), pair)
+    level = _coulomb_torque(later, pair.speed)
+    if now is not later and touches(later.effects, "coulomb_torque"):
+        # The friction level below is that of the later state; its growth until then is missing at the start.
+        direction = jnp.where(jnp.abs(pair.speed) > STANDSTILL, jnp.sign(pair.speed), 0.0)
+        growth = direction * (level - _coulomb_torque(now, pair.speed)) / inertia
+        rate_now = Pair(rate_now.current, rate_now.speed + growth)
+    drift = at_start.plus(rate_now, -1.0).times(jnp.where(lead > 0.0, 1.0 / jnp.where(lead > 0.0, lead, 1.0), 0.0))
+
+    if touches(later.effects, *BENDING):
+        end = Pair(*(_secant_end(*each) for each in zip(pair, expected, at_start, strict=True)))
+        jacobian = _secants(later, voltage_later, pair, end, at_start, level)
+    else:
+        end, jacobian = pair, _tangents(later, voltage_later, pair)
+    if touches(later.effects, "motor_torque"):
+        jacobian = _following_the_torque(jacobian, later, pair, end, duration)
+    if touches(later.effects, *BENDING):
+        jacobian = stable(jacobian, later.torque_constant / inertia, duration)
+    bend = _bend_of_the_drop(later, pair, end) if touches(later.effects, "armature_voltage_drop") else None
+    return solve_pair(pair, rate_now, drift, jacobian, level, inertia, duration, bend)
+
+
+def _secants(motor: Motor, voltage: TerminalVoltage, start: Pair, end: Pair, at_start: Pair, level: Scalar) -> Matrix:
+    """Return the change of the rates, friction included, along the current and then along the speed."""
+    at_corner = rates(motor, voltage(end.current), Pair(end.current, start.speed))
+    at_end = rates(motor, voltage(end.current), end)
+    by_current = at_corner.plus(at_start, -1.0).times(1.0 / (end.current - start.current))
+    by_speed = at_end.plus(at_corner, -1.0).times(1.0 / (end.speed - start.speed))
+    level_slope = (_coulomb_torque(motor, end.speed) - level) / (end.speed - start.speed)
+    friction_slope = jnp.sign(start.speed) * level_slope / motor.context.parameters.J
+    return Matrix(by_current.current, by_speed.current, by_current.speed, by_speed.speed - friction_slope)
+
+
+def _tangents(motor: Motor, voltage: TerminalVoltage, at: Pair) -> Matrix:
+    """Return the derivatives of the rates by current and speed; exact, as the pair is linear here."""
+
+    def along_current(current: Scalar) -> Pair:
+        return rates(motor, voltage(current), Pair(current, at.speed))
+
+    def along_speed(speed: Scalar) -> Pair:
+        return rates(motor, jnp.zeros(()), Pair(at.current, speed))
+
+    by_current, by_speed = (
+        jax.jvp(along, (x,), (jnp.ones_like(x),))[1]
+        for along, x in ((along_current, at.current), (along_speed, at.speed))
+    )
+    return Matrix(by_current.current, by_speed.current, by_current.speed, by_speed.speed)
+
+
+def _following_the_torque(jacobian: Matrix, motor: Motor, start: Pair, end: Pair, duration: Scalar) -> Matrix:
+    """Bound d(dw/dt)/di from below in a step that is long compared with the rotor's time constant.
+
+    If saturation makes the torque fall as the current grows, the secant of a long step would keep the torque up while
+    the current falls, and the rotor would overshoot its equilibrium. There the torque follows approximately its chord
+    to zero current. Shorter steps keep their secant, which gives a correct start and a correct heat of the inrush.
+    """
+    inertia = motor.context.parameters.J
+
+    def chord(pair: Pair) -> Scalar:
+        none = jnp.abs(pair.current) < SMALLEST_SECANT  # of a motor at rest, 1e-250 A
+        torque = _driving_torque(motor, pair)
+        return jnp.where(none, motor.torque_constant, torque / jnp.where(none, 1.0, pair.current)) / inertia
+
+    least = CHORD_SHARE * jnp.minimum(chord(start), chord(end))
+    far_longer = (duration * jacobian.b * least / jacobian.a) ** 8  # duration in time constants; 0 or all, and smooth
+    share = far_longer / (1.0 + far_longer)
+    return jacobian._replace(c=jacobian.c + share * jnp.maximum(least - jacobian.c, 0.0))
+
+
+def _bend_of_the_drop(motor: Motor, start: Pair, secant_end: Pair) -> Bend:
+    """Return the deviation of a voltage drop from its secant in the current; it is large near zero current."""
+    at_start = _voltage_drop(motor, start)
+    at_end = _voltage_drop(motor, Pair(secant_end.current, start.speed))
+    slope = (at_end - at_start) / (secant_end.current - start.current)
+
+    def off_the_line(pair: Pair) -> Scalar:
+        return (_voltage_drop(motor, pair) - at_start - slope * (pair.current - start.current)) / motor.inductance_H
+
+    return Bend(off_the_line, slope / motor.inductance_H)
+
+
+def run_at_current(motor: Motor, current_A: Scalar, duration: Scalar) -> ArmatureStep:
+    """Advance the speed over a step with the motor's current imposed."""
+    speed = motor.context.speed_rad_s
+
+    def acceleration(w):
+        return rates(motor, jnp.zeros(()), Pair(current_A, w)).speed
+
+    rate = acceleration(speed)
+    ahead = _secant_end(speed, speed, rate)
+    slope = (acceleration(ahead) - rate) / (ahead - speed)
+    level = _coulomb_torque(motor, speed)
+    return solve_speed(current_A, speed, rate, jnp.minimum(slope, 0.0), level, motor.context.parameters.J, duration)
+
+
+def loss(motor: Motor, step: ArmatureStep) -> Scalar:
+    """Return the mean power in W that heats the winding over a step, eq. 16.
+
+    P_M = i_a^2 R + |w| (sum of the motor's friction torques), the first with the variance of i_a over the step.
+    """
+    context = _running(motor, Pair(step.mean_current_A, step.mean_speed_rad_s))
+    copper = (step.mean_current_A**2 + step.current_variance_A2) * motor.winding_resistance_ohm
+    friction = step.coulomb_torque_Nm + fold(motor.effects, "friction_torque", jnp.zeros(()), context)
+    return fold(motor.effects, "motor_loss", copper + friction * step.mean_speed_rad_s, context)
+
+
+def flows(motor: Motor, step: ArmatureStep) -> dict[str, Flow]:
+    """Return the flows of the motor's two temperature rises, eq. 15."""
+    p = motor.context.parameters
+    power = loss(motor, step)
+    own = {
+        "x_winding_K": relaxation(p.R_wc * power, p.tau_wc),
+        "x_case_K": relaxation(p.R_ca * power, p.tau_ca),
+    }
+    context = _running(motor, Pair(step.mean_current_A, step.mean_speed_rad_s))
+    for effect in motor.effects:
+        own |= effect.flows(None, context, jnp.zeros(()))
+    return own

@@ -1,0 +1,158 @@
+"""Ports: the named constitutive relations of the model, and how an effect enters through them.
+
+An effect is a class that declares its parameters and the kinds it applies to. For each port that it changes it has a
+method with the name of the port, which takes the port's value and the context and returns the new value. The model
+applies its effects to each port in order. An effect with states also gives their initial values and flows.
+"""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any, ClassVar
+
+import equinox as eqx
+
+from jaxmodel.base.errors import EffectError, nearest
+from jaxmodel.lanes.switch import switched
+from jaxmodel.model.curves import CellCurves
+from jaxmodel.model.declaration import Scalar
+from jaxmodel.model.flow import Flow, State
+from jaxmodel.model.parameters import Parameters
+
+
+class CellContext(eqx.Module):
+    """The quantities available to an effect on a port of the cell: for one cell, SI, temperatures in degC.
+
+    Ports are evaluated in order: temperature, usable charge, open-circuit voltage and resistances, then quantities that
+    depend on the current. Quantities of later ports are zero in the context.
+    """
+
+    parameters: Parameters
+    curves: CellCurves
+    state: State
+    soc: Scalar
+    ambient_degC: Scalar
+    temperature_degC: Scalar
+    usable_charge_C: Scalar
+    series_resistance_ohm: Scalar
+    R_TS: Scalar
+    C_TS: Scalar
+    R_TL: Scalar
+    C_TL: Scalar
+    current_A: Scalar
+    voltage_V: Scalar
+    counted_current_A: Scalar
+    heat_transfer: Scalar
+
+
+class MotorContext(eqx.Module):
+    """The quantities available to an effect on a port of the motor, its bridge or the on-board electronics.
+
+    Kind motor has no duty and no pack: there the duty is 1 and the pack voltage is the terminal voltage.
+    """
+
+    parameters: Parameters
+    state: State
+    ambient_degC: Scalar
+    winding_degC: Scalar
+    case_degC: Scalar
+    duty: Scalar
+    pack_voltage_V: Scalar
+    current_A: Scalar
+    speed_rad_s: Scalar
+
+
+CELL_PORTS = {
+    "cell_temperature": "degC; the ambient in the base model",
+    "usable_charge": "C; eqs. 1 and 8",
+    "counted_current": "A; the current that eq. 1 integrates",
+    "open_circuit_voltage": "V of one cell",
+    "cycle_resistance": "ohm; eq. 7",
+    "series_resistance": "ohm; R_ints + R_cyc, eqs. 7, 9 and 10",
+    "rc_resistance": "ohm; R_TS and R_TL in turn, eqs. 3 and 5",
+    "rc_capacitance": "F; C_TS and C_TL in turn, eqs. 4 and 6",
+    "heat_transfer": "factor on the heat transfer of one cell to the ambient, 1 without effects",
+    "overpotential": "V lost in addition to i R, V_TS and V_TL",
+    "cell_heat": "W made in one cell",
+    "weakest_cell_voltage": "V by which the weakest cell of the pack is below the others",
+    "surface_temperature": "degC at a thermometer on the cell; that of the cell in the base model",
+}
+MOTOR_PORTS = {
+    "torque_constant": "N m/A and V s/rad; eqs. 11 and 12",
+    "motor_torque": "N m; eq. 12",
+    "winding_resistance": "ohm; eq. 17",
+    "armature_voltage_drop": "V lost in addition to i R and the back-EMF",
+    "coulomb_torque": "N m; friction of constant size against the motion, also at standstill",
+    "friction_torque": "N m; friction that grows smoothly with speed, signed as the speed",
+    "load_torque": "N m; signed, active",
+    "motor_loss": "W that heat the winding; eq. 16",
+    "bridge_voltage": "V at the motor's terminals; eq. 14",
+    "onboard_current": "A; eq. 20",
+}
+SENSOR_PORTS = {
+    "true_input": "the true value of a measured input",
+    "reading": "a sensor's reading of an output over the whole run",
+}
+PORTS = CELL_PORTS | MOTOR_PORTS | SENSOR_PORTS
+_HOOKS = {"initial_state", "flows"}
+
+
+class Effect(eqx.Module):
+    """A candidate effect: parameters as fields, one method for each port it touches.
+
+    `column` is the column of a sensor effect, "" for others; `reads` is the ending of its possible columns ("" for one
+    effect on all outputs). `distinguished_by` is the parameter that must differ between runs to distinguish the effect
+    from a calibration. `has_state` marks sensor effects with internal state or delay. `switch` serves to test many
+    effects at once: at 0 the effect is absent, exactly; at 1 it is present; the derivative at 0 is the direction in
+    which it moves the model. None, the default, means 1.
+    """
+
+    name: ClassVar[str]
+    kinds: ClassVar[tuple[str, ...]]
+    equation: ClassVar[str]
+    is_sensor: ClassVar[bool] = False
+    has_state: ClassVar[bool] = False
+    reads: ClassVar[str] = ""
+    distinguished_by: ClassVar[str] = ""
+
+    column: str = eqx.field(static=True, default="")
+    switch: Scalar | None = None
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """Refuse a class whose methods are not ports: a misspelt method would have no effect."""
+        super().__init_subclass__(**kwargs)
+        for method, value in vars(cls).items():
+            if inspect.isfunction(value) and not method.startswith("_") and method not in PORTS.keys() | _HOOKS:
+                raise EffectError(
+                    f"effect class {cls.__name__}: '{method}' is not a port.{nearest(method, PORTS)} "
+                    f"Ports are {', '.join(PORTS)}; start a helper's name with an underscore."
+                )
+
+    @property
+    def label(self) -> str:
+        """Return the name of this effect, unique in a model."""
+        return self.name
+
+    def initial_state(self, parameters: Parameters, ambient_degC: Scalar) -> State:
+        """Return the effect's own states at the start of a run, named 'effect.state'."""
+        return {}
+
+    def flows(self, cell: CellContext | None, motor: MotorContext | None, heat_W: Scalar) -> dict[str, Flow]:
+        """Return the flow of each of the effect's own states; `heat_W` is that of one cell."""
+        return {}
+
+
+def fold(effects: tuple[Effect, ...], port: str, value: Any, context: Any) -> Any:
+    """Apply every effect that acts on a port to its value, in order."""
+    for effect in effects:
+        method = getattr(effect, port, None)
+        if method is None:
+            continue
+        changed = method(value, context)
+        value = changed if effect.switch is None else switched(effect.switch, value, changed)
+    return value
+
+
+def touches(effects: tuple[Effect, ...], *ports: str) -> bool:
+    """Return True if any effect acts on any of the ports."""
+    return any(hasattr(effect, port) for effect in effects for port in ports)

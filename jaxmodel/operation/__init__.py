@@ -1,0 +1,57 @@
+"""The model on a robot: duty maps that compensate cold and load, state of charge, and how long a mission lasts.
+
+import numpy as np, operation
+
+(robot,) = operation.read_robots(["my_robot"]).values()
+map_ = operation.compensate(robot, ambient_degC=np.arange(-20.0, 61.0, 20.0), load_torque_Nm=np.arange(0.1, 0.4, 0.05))
+mission = operation.read_mission("examples/missions/house_search.toml")
+operation.endurance(robot, mission, np.array([0.0, 20.0]), compensation=map_).to_dataframe()
+operation.evaluate_estimators(read_case("my_cell")).errors  # with read_case of jaxmodel.case.reading
+"""
+
+from jaxmodel.operation.c_header import c_header, interpolation_error
+from jaxmodel.operation.compensation import Compensation, Reference, compensate, paper_rule_error
+from jaxmodel.operation.kalman import FilterOutput, Measured, Tuning, ekf
+from jaxmodel.operation.mission import (
+    LIMITS,
+    SURFACES,
+    Limits,
+    Mission,
+    Segment,
+    endurance,
+    mission_profile,
+    read_mission,
+)
+from jaxmodel.operation.polynomial import PolynomialEstimator, polynomial_estimator, run_polynomial
+from jaxmodel.operation.robots import cells_in_parallel, read_robots
+from jaxmodel.operation.state_of_charge import Evaluation, cost_per_step, evaluate_estimators, read_tunings
+
+__all__ = [
+    "LIMITS",
+    "SURFACES",
+    "Compensation",
+    "Evaluation",
+    "FilterOutput",
+    "Limits",
+    "Measured",
+    "Mission",
+    "PolynomialEstimator",
+    "Reference",
+    "Segment",
+    "Tuning",
+    "c_header",
+    "cells_in_parallel",
+    "compensate",
+    "cost_per_step",
+    "ekf",
+    "endurance",
+    "evaluate_estimators",
+    "interpolation_error",
+    "mission_profile",
+    "paper_rule_error",
+    "polynomial_estimator",
+    "read_mission",
+    "read_robots",
+    "read_tunings",
+    "run_polynomial",
+]

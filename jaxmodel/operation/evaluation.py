@@ -1,0 +1,218 @@
+"""Trials of estimators of the state of charge: tuning them on some runs, scoring them on others.
+
+A trial starts with the run, after a rest, with the right state of charge and 20 % too low; or at 80 and 60 %, under
+load, 20 % too low and too high. Its score is the RMS error after 15 minutes to converge.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.stats import qmc
+
+from jaxmodel.base.errors import MeasurementError
+from jaxmodel.case.records import Run
+from jaxmodel.model.declaration import Scalar
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.operation.kalman import FilterOutput, Measured, Tuning, ekf
+from jaxmodel.operation.polynomial import PolynomialEstimator, run_polynomial
+
+CONVERGED_S = 900.0
+START_ERROR = 0.2  # of a wrong start, in state of charge
+UNDER_LOAD_SOC = (0.8, 0.6)  # state of charge at which trials under load begin
+UNRESTED_V = 0.05  # sd of an RC pair's voltage there
+FIXED_DEGC = 25.0  # temperature of a model without a reading of it
+# Tunings are drawn log-uniformly between these: from a good sensor and table to a poor one.
+RANGES = {
+    "charge_sd": (5e-4, 1e-2),
+    "voltage_sd_V": (5e-3, 4e-2),
+    "drop_share": (0.02, 0.2),
+    "scale_sd": (0.03, 0.3),
+    "scale_s": (100.0, 2000.0),
+    "offset_sd_V": (3e-3, 3e-2),
+    "offset_s": (500.0, 6000.0),
+}
+LENGTH = 3000  # rows of runs are padded to a multiple of it: a filter compiles once for each length
+NEARER = 1.7  # in a second round tunings are drawn within this factor of the best of the first
+BLENDS_S = (60.0, 120.0, 300.0, 600.0, 1200.0, 2400.0, 4800.0)
+Progress = Callable[[str], None]
+
+
+def rms(error: np.ndarray) -> float:
+    """Return the root of the mean square of what is finite."""
+    return float(np.sqrt(np.nanmean(np.square(error))))
+
+
+@dataclasses.dataclass(frozen=True)
+class Trial:
+    """A run from one of its rows on, as an estimator sees it.
+
+    Attributes:
+        name: of the run.
+        measured: padded with rows of no duration and no reading to one of few lengths.
+        soc: the reference state of charge, shape (rows,), without padding.
+        time_s: of these rows.
+        offsets: of the starts, added to the reference there.
+        rested: whether the cell rested before; then the filter starts with relaxed RC pairs.
+    """
+
+    name: str
+    measured: Measured
+    soc: np.ndarray
+    time_s: np.ndarray
+    offsets: tuple[float, ...]
+    rested: bool
+
+    @property
+    def starts(self) -> Array:
+        """The assumed states of charge at the start."""
+        return jnp.asarray([self.soc[0] + offset for offset in self.offsets])
+
+    @property
+    def pairs_sd_V(self) -> Array:
+        """The assumed sd of the RC pairs' voltages at the start."""
+        return jnp.asarray(0.0 if self.rested else UNRESTED_V)
+
+    def late(self, values: np.ndarray) -> np.ndarray:
+        """Return the part after the time to converge, of an array of shape (..., rows and padding)."""
+        return np.asarray(values)[..., : self.time_s.size][..., self.time_s > self.time_s[0] + CONVERGED_S]
+
+    def errors(self, estimates: np.ndarray) -> np.ndarray:
+        """Return the RMS error after convergence, shape (...), of estimates of shape (..., rows and padding)."""
+        there = np.isfinite(self.late(self.soc))
+        return np.asarray(np.sqrt(np.mean((self.late(estimates) - self.late(self.soc))[..., there] ** 2, axis=-1)))
+
+    def convergence_s(self, estimate: np.ndarray, within: float = 0.05) -> float:
+        """Return the time after which one estimate stays within a distance of the reference; inf if it never does."""
+        off = np.flatnonzero(np.abs(np.asarray(estimate)[: self.soc.size] - self.soc) > within)
+        if off.size == 0:
+            return 0.0
+        return float(self.time_s[off[-1] + 1] - self.time_s[0]) if off[-1] + 1 < self.soc.size else float("inf")
+
+
+def trials(runs: Sequence[Run], *, with_temperature: bool) -> list[Trial]:
+    """Return for each run a trial from its start, and trials under load that leave time to converge and to be scored.
+
+    Args:
+        runs: of a cell, with readings of its voltage and a reference of its charge (`soc`).
+        with_temperature: whether the model has the measured temperature of the cell (the ambient where there is
+            none), or always 25 degC.
+
+    Raises:
+        MeasurementError: a run has no reference at its start, or none after the time to converge.
+    """
+    made = []
+    for run in runs:
+        outputs = run.measured.outputs
+        if "soc" not in outputs or "voltage_V" not in outputs:
+            raise MeasurementError(f"{run.file}: needs the columns voltage_V and soc, to be evaluated.")
+        soc, time_s = outputs["soc"], run.measured.time_s
+        if not np.isfinite(soc[0]) or not np.isfinite(soc[time_s > time_s[0] + CONVERGED_S]).any():
+            raise MeasurementError(
+                f"{run.file}: needs soc in its first row, and after the {CONVERGED_S:g} s that estimators "
+                "have to converge."
+            )
+        made.append(_trial(run, 0, (0.0, -START_ERROR), with_temperature))
+        for charge in UNDER_LOAD_SOC:
+            row = int(np.argmax(soc < charge))
+            if row > 0 and run.measured.time_s[-1] - run.measured.time_s[row] > 2.0 * CONVERGED_S:
+                made.append(_trial(run, row, (-START_ERROR, START_ERROR), with_temperature))
+    return made
+
+
+def _trial(run: Run, row: int, offsets: tuple[float, ...], with_temperature: bool) -> Trial:
+    inputs, outputs = run.measured.inputs, run.measured.outputs
+    degC = outputs.get("cell_temperature_degC", inputs["ambient_degC"]) if with_temperature else FIXED_DEGC
+    if with_temperature:
+        degC = _without_gaps(run.measured.time_s, np.asarray(degC))
+    time_s = run.measured.time_s[row:]
+    length = LENGTH * -(-time_s.size // LENGTH)
+    columns = (time_s, inputs["current_A"][row:], np.broadcast_to(degC, run.measured.time_s.shape)[row:])
+
+    def padded(values: np.ndarray, by: float) -> Array:
+        return jnp.asarray(np.concatenate([values, np.full(length - values.size, by)]))
+
+    measured = Measured(
+        padded(columns[0], time_s[-1]),
+        padded(columns[1], 0.0),
+        padded(columns[2], columns[2][-1]),
+        padded(outputs["voltage_V"][row:], np.nan),
+    )
+    return Trial(run.name, measured, outputs["soc"][row:], time_s, offsets, rested=row == 0)
+
+
+def _without_gaps(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return readings with those that are missing interpolated linearly between their neighbours."""
+    there = np.isfinite(values)
+    return np.interp(time_s, time_s[there], values[there]) if there.any() else np.full(time_s.size, FIXED_DEGC)
+
+
+@eqx.filter_jit
+def filters(
+    model: Model, tunings: Tuning, measured: Measured, starts: Float[Array, " starts"], pairs_sd_V: Array
+) -> FilterOutput:
+    """Run a filter for each tuning and start over one run: leaves of shape (tunings, starts, rows)."""
+
+    def one(tuning: Tuning, start: Scalar) -> FilterOutput:
+        return ekf(model, tuning, measured, start, pairs_sd_V)
+
+    return jax.vmap(jax.vmap(one, in_axes=(None, 0)), in_axes=(0, None))(tunings, starts)
+
+
+@eqx.filter_jit
+def polynomials(estimator: PolynomialEstimator, measured: Measured, starts: Float[Array, " starts"]) -> Array:
+    """Run a polynomial estimator over one run from some starts: shape (starts, rows)."""
+    return jax.vmap(lambda start: run_polynomial(estimator, measured, start))(starts)
+
+
+def draw_tunings(count: int, near: Tuning | None = None) -> Tuning:
+    """Return tunings drawn evenly in their logarithms, from `RANGES` or near one; leaves of shape (count,)."""
+    ranges = RANGES if near is None else {n: (getattr(near, n) / NEARER, getattr(near, n) * NEARER) for n in RANGES}
+    unit = qmc.Sobol(len(RANGES), rng=0 if near is None else 1).random(count)
+    drawn = {
+        name: jnp.asarray(low * (high / low) ** unit[:, column])
+        for column, (name, (low, high)) in enumerate(ranges.items())
+    }
+    base = Tuning()
+    return Tuning(**{name: drawn.get(name, jnp.full(count, getattr(base, name))) for name in vars(base)})
+
+
+def tune_filter(model: Model, fit: Sequence[Trial], count: int, progress: Progress) -> tuple[Tuning, float]:
+    """Return the tuning with the least RMS error over some trials, and that error.
+
+    Args:
+        model: of the cell.
+        fit: trials of the runs to tune on.
+        count: tunings to try, a power of two; half as many again are tried near the best of them.
+        progress: called with the name of each run before it is filtered.
+    """
+    first = _best(model, fit, draw_tunings(count), progress)
+    second = _best(model, fit, draw_tunings(max(1, count // 2), first[0]), progress)
+    return min(first, second, key=lambda pair: pair[1])
+
+
+def _best(model: Model, fit: Sequence[Trial], drawn: Tuning, progress: Progress) -> tuple[Tuning, float]:
+    squares = []
+    for trial in fit:
+        progress(trial.name)
+        track = filters(model, drawn, trial.measured, trial.starts, trial.pairs_sd_V)
+        squares.append(trial.errors(np.asarray(track.soc)) ** 2)
+    mean = np.sqrt(np.mean(np.concatenate(squares, axis=1), axis=1))
+    best = int(np.nanargmin(mean))
+    return jax.tree.map(lambda leaf: leaf[best], drawn), float(mean[best])
+
+
+def tune_polynomial(make: Callable[[float], PolynomialEstimator], fit: Sequence[Trial]) -> PolynomialEstimator:
+    """Return the estimator with the blending time that has the least RMS error over some trials; `make` builds each."""
+    found = []
+    for blend in BLENDS_S:
+        estimator = make(blend)
+        errors = [trial.errors(np.asarray(polynomials(estimator, trial.measured, trial.starts))) for trial in fit]
+        found.append((rms(np.concatenate(errors)), estimator))
+    return min(found, key=lambda pair: pair[0])[1]

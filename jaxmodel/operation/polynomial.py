@@ -1,0 +1,116 @@
+"""The paper's polynomial estimator: state of charge from the voltage, corrected for the drop across the resistances.
+
+A few multiplications a step, for a controller without a filter. The open-circuit voltage is estimated from the reading,
+V + R(T) i + R_rc(T) i_lagged; a polynomial gives the state of charge, which corrects the coulomb count (a complementary
+filter).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jaxmodel.model.cell import cycle_resistance, storage_factor
+from jaxmodel.model.curves import Curve
+from jaxmodel.model.declaration import Scalar
+from jaxmodel.model.electrothermal import Model
+from jaxmodel.operation.kalman import Measured
+
+ORDER = 3  # of the polynomial, as in the paper's Fig. 8
+FITTED_SOC = (0.1, 1.0)  # below, the open-circuit voltage falls too steeply for such a polynomial
+_MIDDLE = 0.5
+
+
+@dataclasses.dataclass(frozen=True)
+class PolynomialEstimator:
+    """The whole estimator in a dozen numbers.
+
+    Attributes:
+        soc_of_volts: coefficients of the state of charge over the open-circuit voltage less `centre_V`, highest first.
+        centre_V: mean voltage of the fit.
+        degC: temperatures of the resistances.
+        series_ohm: series resistance at these temperatures.
+        rc_ohm: resistance of both RC pairs at these temperatures.
+        lag_s: mean time constant of the pairs.
+        blend_s: time constant with which the count follows the voltage's state of charge.
+        capacity_Ah: for the counting.
+        worst_fit: largest error of the polynomial, in state of charge.
+    """
+
+    soc_of_volts: tuple[float, ...]
+    centre_V: float
+    degC: tuple[float, ...]
+    series_ohm: tuple[float, ...]
+    rc_ohm: tuple[float, ...]
+    lag_s: float
+    blend_s: float
+    capacity_Ah: float
+    worst_fit: float
+
+
+def polynomial_estimator(model: Model, degC: np.ndarray, blend_s: float, order: int = ORDER) -> PolynomialEstimator:
+    """Return the polynomial estimator of a cell's model, from its curves at some temperatures.
+
+    Args:
+        model: of kind "cell".
+        degC: temperatures of the resistances, rising; one alone makes an estimator without temperature.
+        blend_s: as in `PolynomialEstimator`.
+        order: of the polynomial.
+    """
+    p, curves = model.parameters, model.curves
+    soc = jnp.linspace(*FITTED_SOC, 91)
+    volts = np.asarray(jax.vmap(lambda s: curves.ocv(s, jnp.asarray(25.0)))(soc)) + float(p.ocv_offset_V)
+    centre = float(volts.mean())
+    polynomial = np.polyfit(volts - centre, np.asarray(soc), order)
+    off = np.polyval(polynomial, volts - centre) - np.asarray(soc)
+
+    def at(curve: Curve, scale: Scalar) -> tuple[float, ...]:
+        return tuple(float(curve(jnp.asarray(_MIDDLE), jnp.asarray(t)) * scale) for t in degC)
+
+    series = tuple(
+        ohm + float(cycle_resistance(p.cycles) * p.series_resistance_scale)
+        for ohm in at(curves.R_ints, p.series_resistance_scale)
+    )
+    pairs = [np.array(at(curve, p.rc_resistance_scale)) for curve in (curves.R_TS, curves.R_TL)]
+    seconds = [
+        np.array(at(r, p.rc_resistance_scale)) * np.array(at(c, p.rc_capacitance_scale))
+        for r, c in ((curves.R_TS, curves.C_TS), (curves.R_TL, curves.C_TL))
+    ]
+    return PolynomialEstimator(
+        soc_of_volts=tuple(map(float, polynomial)),
+        centre_V=centre,
+        degC=tuple(map(float, degC)),
+        series_ohm=series,
+        rc_ohm=tuple(map(float, pairs[0] + pairs[1])),
+        lag_s=float(np.mean((seconds[0] * pairs[0] + seconds[1] * pairs[1]) / (pairs[0] + pairs[1]))),
+        blend_s=blend_s,
+        capacity_Ah=float(p.capacity_Ah * storage_factor(p.storage_months, p.storage_temperature_degC)),
+        worst_fit=float(np.abs(off).max()),
+    )
+
+
+def run_polynomial(estimator: PolynomialEstimator, measured: Measured, start_soc: Scalar) -> Array:
+    """Return the estimate at each row, shape (rows,); pure, so that it may be vmapped."""
+    duration = jnp.diff(measured.time_s, prepend=measured.time_s[:1])
+    series, pairs = (
+        jnp.interp(measured.degC, jnp.asarray(estimator.degC), jnp.asarray(ohm))
+        for ohm in (estimator.series_ohm, estimator.rc_ohm)
+    )
+
+    def advance(carry: tuple[Array, Array], row: tuple[Array, ...]) -> tuple[tuple[Array, Array], Array]:
+        soc, lagged = carry
+        seconds, current, volts, series_ohm, rc_ohm = row
+        lagged += (current - lagged) * seconds / (estimator.lag_s + seconds)
+        soc -= current * seconds / (3600.0 * estimator.capacity_Ah)
+        rest_V = volts + series_ohm * current + rc_ohm * lagged - estimator.centre_V
+        by_voltage = jnp.clip(jnp.polyval(jnp.asarray(estimator.soc_of_volts), rest_V), 0.0, 1.0)
+        correction = (by_voltage - soc) * seconds / (estimator.blend_s + seconds)
+        soc += jnp.where(jnp.isfinite(volts), correction, 0.0)
+        return (soc, lagged), soc
+
+    rows = (duration, measured.current_A, measured.voltage_V, series, pairs)
+    return jax.lax.scan(advance, (jnp.asarray(start_soc, dtype=float), jnp.zeros(())), rows)[1]

@@ -1,0 +1,17 @@
+"""First parameters of a cell, motor or robot from its measurements alone, with uncertainties that become priors.
+
+    from jaxmodel import read_case
+    from parameterisation import parameterise
+
+    found = parameterise(read_case("CASE"))
+    print(found.summary())  # every number with its sd and origin, and what the data do not give
+    found.write("parameterised")  # a case for simulate, compare, diagnose
+
+What `__all__` lists is the public API; the modules behind it may change.
+"""
+
+from jaxmodel.parameterisation.parameterise import parameterise
+from jaxmodel.parameterisation.preset import write_preset
+from jaxmodel.parameterisation.result import Extraction, Parameterisation
+
+__all__ = ["Extraction", "Parameterisation", "parameterise", "write_preset"]

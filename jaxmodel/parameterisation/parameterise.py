@@ -1,0 +1,38 @@
+"""First parameters of a case from its fit runs alone."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+from threadpoolctl import threadpool_limits
+
+from jaxmodel.case.records import Case
+from jaxmodel.parameterisation.cell import parameterise_cell
+from jaxmodel.parameterisation.motor import parameterise_motor
+from jaxmodel.parameterisation.result import Parameterisation
+from jaxmodel.parameterisation.robot import parameterise_robot
+from jaxmodel.parameterisation.rounding import rounded
+
+
+# The matrices are small: on busy cores a second thread of BLAS makes each product wait.
+@threadpool_limits.wrap(limits=1, user_api="blas")
+def parameterise(case: Case, *, progress: Callable[[str], None] | None = None) -> Parameterisation:
+    """Extract first parameters, with sd, from the fit runs of a case.
+
+    What the case states as exact is kept; what it states with an sd is a first guess. Check runs are never used: the
+    forward simulation of the result shows their error.
+
+    Args:
+        case: from `jaxmodel.read_case` or `jaxmodel.Case.from_dataframes`; it needs runs and a kind only.
+        progress: called with the name of each stage.
+
+    Returns:
+        Numbers with sd and origin, the case that holds them, and what the data do not give.
+
+    Raises:
+        FitError: the fit runs lack readings without which nothing can be extracted.
+    """
+    kinds = {"cell": parameterise_cell, "motor": parameterise_motor, "robot": parameterise_robot}
+    found = kinds[case.kind](case, progress)
+    return dataclasses.replace(found, case=rounded(found.case))

@@ -1,0 +1,194 @@
+"""A worker does its jobs, says how far it is, stops when it is asked to, and goes on from its files when it is new."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from jaxmodel.app.browser.files import PROGRESS, STOP, WANTED, read_json
+from jaxmodel.app.browser.sessions import Session, Sessions
+from jaxmodel.app.browser.worker.__main__ import do
+from jaxmodel.app.browser.worker.keeping import script_of
+from jaxmodel.app.browser.worker.place import Place
+from jaxmodel.app.browser.worker.progress import Progress, Stopped
+from jaxmodel.app.browser.workers import MOST, Worker, Workers
+
+
+class StandIn(Worker):
+    """A worker that notes what it is told."""
+
+    def __init__(self) -> None:
+        self.told: list[dict[str, Any]] = []
+        self.is_dead, self.used_at = False, 0.0
+
+    @property
+    def lives(self) -> bool:
+        return not self.is_dead
+
+    def tell(self, line: dict[str, Any]) -> None:
+        self.told.append(line)
+
+    def end(self) -> None:
+        self.is_dead = True
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Session:
+    return Sessions(tmp_path).new("a" * 32)
+
+
+@pytest.fixture
+def workers(monkeypatch: pytest.MonkeyPatch) -> Workers:
+    monkeypatch.setattr("jaxmodel.app.browser.workers.Worker", StandIn)
+    return Workers(spare=False)
+
+
+def job(place: Place, name: str, **with_: Any) -> dict[str, Any]:
+    """Do a job in this process, and return how it ended."""
+    do(place, {"id": secrets.token_hex(8), "do": name, "with": with_})
+    return read_json(place.folder / PROGRESS)
+
+
+def test_what_a_session_shows_is_what_the_investigation_says(session: Session, made_case: Path) -> None:
+    from jaxmodel.case.reading import read_case
+    from jaxmodel.diagnosis import Investigation
+
+    place = Place(session.folder)
+    assert job(place, "open", path=str(made_case), how="case")["state"] == "done"
+    assert job(place, "add", names=["self_heating"])["state"] == "done"
+    view = session.view
+    own = Investigation(read_case(made_case))
+    first = own.candidates()["name"].iloc[0]
+    own.add("self_heating")
+    ladder = own.ladder()
+    for place_in_ladder, rung in enumerate(view["ladder"]):
+        for channel, error in rung["errors"].items():
+            assert error["fit"] == pytest.approx(ladder[f"{channel} fit"].iloc[place_in_ladder])
+            assert error["check"] == pytest.approx(ladder[f"{channel} check"].iloc[place_in_ladder])
+    assert first == "self_heating"
+    # A new worker goes on from the files: the same model, the same numbers.
+    again = Place(session.folder)
+    assert job(again, "undo")["state"] == "done"
+    assert [rung["present"] for rung in session.view["ladder"]] == [True]
+
+
+def test_a_mistake_is_the_sentence_of_the_command_line(session: Session, tmp_path: Path) -> None:
+    ended = job(Place(session.folder), "open", path=str(tmp_path / "nothing"), how="case")
+    assert ended["state"] == "failed"
+    assert "no case.toml" in ended["now"]
+    assert session.view["stage"] == "empty"
+
+
+def test_a_job_ends_where_it_next_reports_once_it_is_to_stop(tmp_path: Path) -> None:
+    progress = Progress(tmp_path, {"id": "1", "do": "diagnose"})
+    progress("refitting with self_heating")
+    (tmp_path / STOP).touch()
+    with pytest.raises(Stopped):
+        progress("refitting with another")
+
+
+def test_time_left_follows_from_how_long_it_took_before(tmp_path: Path) -> None:
+    Progress(tmp_path, {"id": "1", "do": "add"}, usual_s=40.0)("scoring every candidate")
+    assert read_json(tmp_path / PROGRESS)["left_s"] == pytest.approx(40.0, abs=1.0)
+
+
+def test_one_job_at_a_time(session: Session, workers: Workers) -> None:
+    assert workers.do(session, "compare")
+    assert not workers.do(session, "add", names=["self_heating"])
+
+
+def test_a_job_that_does_not_stop_is_ended_with_its_worker(
+    session: Session, workers: Workers, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    workers.do(session, "diagnose")
+    workers.stop(session)
+    workers.look_after(session)
+    assert session.wanted is not None  # it has a few seconds
+    monkeypatch.setattr("jaxmodel.app.browser.workers.PATIENCE_S", -1.0)
+    workers.look_after(session)
+    assert session.wanted is None
+    assert session.progress is not None
+    assert session.progress["state"] == "stopped"
+    assert workers.do(session, "compare")  # with a new worker
+
+
+def test_a_worker_that_died_is_said(session: Session, workers: Workers) -> None:
+    workers.do(session, "diagnose")
+    next(iter(workers._of.values())).end()
+    workers.look_after(session)
+    assert session.progress is not None
+    assert session.progress["state"] == "failed"
+    assert "worker.log" in session.progress["now"]
+
+
+def test_what_was_wanted_before_a_crash_is_begun_again(session: Session, workers: Workers) -> None:
+    session.want("add", names=["self_heating"])
+    workers.take_up(session)
+    (worker,) = workers._of.values()
+    assert worker.told[-1]["with"] == {"names": ["self_heating"]}
+
+
+def test_where_every_worker_has_a_job_a_further_one_waits(tmp_path: Path, workers: Workers) -> None:
+    sessions = [Sessions(tmp_path).new("a" * 32) for _ in range(MOST + 2)]
+    assert all(workers.do(one, "compare") for one in sessions)
+    assert len(workers._of) == MOST
+    assert [(one.progress or {})["now"] for one in sessions[MOST - 1 :]] == [
+        "starting",
+        f"waiting for {MOST} jobs of other sessions",
+        f"waiting for {MOST + 1} jobs of other sessions",
+    ]
+    workers.stop(sessions[MOST])  # who waits no longer leaves the place to the next
+    assert sessions[MOST].wanted is None
+    sessions[0].was_stopped()
+    workers.look_after(sessions[1])
+    assert workers._of[sessions[-1].folder].told[-1]["do"] == "compare"  # type: ignore[attr-defined]
+    assert sessions[0].folder not in workers._of  # the idle one made room
+
+
+def test_a_worker_that_is_about_to_say_how_its_job_ended_is_not_taken_for_idle(
+    tmp_path: Path, workers: Workers
+) -> None:
+    sessions = [Sessions(tmp_path).new("a" * 32) for _ in range(MOST + 1)]
+    for one in sessions[:-1]:
+        workers.do(one, "compare")
+    (sessions[0].folder / WANTED).unlink()  # and its progress still says that it runs
+    workers.do(sessions[-1], "compare")
+    assert sessions[0].folder in workers._of
+    assert workers._of[sessions[0].folder].lives
+
+
+def test_what_was_done_before_a_crash_is_not_done_again(session: Session, made_case: Path) -> None:
+    place = Place(session.folder)
+    job(place, "open", path=str(made_case), how="case")
+    job(place, "add", names=["self_heating"])
+    undo = {"id": "2", "do": "undo", "with": {}}
+    do(place, undo)
+    do(Place(session.folder), undo)  # of a server that was killed before it saw the end
+    assert session.progress is not None
+    assert session.progress["state"] == "done"
+    assert [verb for verb, _ in session.view["script"]] == ["add", "undo"]
+
+
+def test_the_script_repeats_the_session(made_case: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    view = {"source": {"how": "case"}, "path": str(made_case), "script": [["add", ["self_heating"]], ["undo", []]]}
+    program = script_of(view)
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    exec(compile(program, "session.py", "exec"), names)
+    assert names["investigation"].added == ()
+    assert tomllib.loads((tmp_path / "extended" / "case.toml").read_text(encoding="utf-8"))["kind"] == "cell"
+
+
+def test_what_pages_show_is_json_without_nan(session: Session, made_case: Path) -> None:
+    place = Place(session.folder)
+    job(place, "open", path=str(made_case), how="case")
+    json.dumps(session.view, allow_nan=False)
+    index = read_json(session.folder / "previews" / "index.json")
+    left = np.load(session.folder / "previews" / "left.npy")
+    assert left.shape == (len(index["names"]), index["series"][-1]["last"])

@@ -1,0 +1,202 @@
+"""Remarks of a diagnosis."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from jaxmodel.case.known import Known
+from jaxmodel.case.records import Case, Run
+from jaxmodel.diagnosis.advice.remarks import (
+    Strained,
+    _about,
+    badly_started,
+    better_as_stated,
+    extrapolated,
+    extrapolated_sentence,
+    noise_remarks,
+    not_converged,
+    nothing_held_out,
+    nothing_moves,
+    starts_moving,
+    strained,
+    unusual,
+)
+from jaxmodel.diagnosis.fitting.candidates import make_candidate
+from jaxmodel.diagnosis.fitting.fit import Fit
+from jaxmodel.diagnosis.noise.contract import noise_of_case
+from jaxmodel.diagnosis.noise.instrument import NoiseModel
+from jaxmodel.diagnosis.result import ChannelError, Rung
+from jaxmodel.effects import CATALOGUE
+from tests.diagnosis.made_cases import case_of, run_of
+
+
+def test_a_parameter_far_from_its_stated_value_is_remarked_on_with_both() -> None:
+    far = Strained("capacity_Ah", 2.21, -5.0, 2.6, 0.078)
+    (said,) = strained([far, dataclasses.replace(far, pull=2.9)])
+    assert said == (
+        "capacity_Ah = 2.21 is 5.0 sd below what the case states (2.6 ± 0.078): correct it, or it stands in for "
+        "something that the model lacks."
+    )
+    assert strained([]) == ()
+
+
+def test_a_start_far_from_its_stated_value_compensates_for_an_error() -> None:
+    start = Strained("initial_soc", 0.87, 7.0, 0.8, 0.01, "run-04")
+    own = Strained("capacity_Ah", 2.9, 3.5, 2.6, 0.078, "run-02")
+    first, second = strained([own, start])
+    assert first.startswith(
+        "The start of run-04 was moved to compensate for an error: initial_soc = 0.87 is 7.0 sd above"
+    )
+    assert "of run-02" in second
+    assert "lacks in that run." in second
+
+
+def test_noise_that_is_contradicted_or_not_stated_is_remarked_on() -> None:
+    wrong = NoiseModel(
+        6e-3, 0.0, "the readings show 0.006: the stated sd is wrong (0.001)", stated=1e-3, contradicts=True
+    )
+    good = NoiseModel(1e-3, 0.0, "stated (0.001)", stated=1e-3)
+    untold = NoiseModel(0.2, 0.0, "estimated from the readings")
+    small = dataclasses.replace(wrong, sd=2.5e-4)
+    said = noise_remarks({"voltage_V": wrong, "soc": good, "cell_temperature_degC": untold, "current_A": small})
+    assert len(said) == 3
+    assert said[0].startswith("The readings of voltage_V scatter by 0.006, 6 times the stated sd of 0.001")
+    assert said[1].startswith("The noise of cell_temperature_degC is not stated; taken as 0.2")
+    assert "1/4 of the stated sd" in said[2]
+
+
+def fitted(promise: float, slope: float) -> Fit:
+    return Fit(np.zeros(2), (0, 1), np.ones(2), np.zeros(3), np.full((3, 2), slope), promise, 5)
+
+
+def test_a_fit_that_did_not_converge_or_has_no_sensitivity_is_remarked_on() -> None:
+    assert not_converged(fitted(0.01, 1.0)) == ()
+    (said,) = not_converged(fitted(30.0, 1.0))
+    assert "promises 30 of chi-square" in said
+    assert nothing_moves(fitted(0.0, 1.0)) == ()
+    assert nothing_moves(fitted(0.0, 1e-5))[0].startswith("No unknown moves any reading")
+
+
+def test_an_effect_far_from_its_usual_size_may_stand_in_for_another() -> None:
+    candidate = make_candidate(CATALOGUE["ocv_hysteresis"]())
+    usual = [coordinate.number(0.0) for coordinate in candidate.coordinates]
+    assert unusual(candidate, usual) == ()
+    (said,) = unusual(candidate, [100.0 * usual[0], *usual[1:]])
+    assert said.startswith(f"{candidate.coordinates[0].name} = ")
+    assert "outside its usual range" in said
+    name = candidate.coordinates[0].name.rpartition(".")[2]
+    assert unusual(candidate, [100.0 * usual[0], *usual[1:]], {name: (50.0 * usual[0], 200.0 * usual[0])}) == ()
+
+
+def test_usual_ranges_have_soft_ends() -> None:
+    assert _about(15.0, 20.0, 2000.0)
+    assert _about(4000.0, 20.0, 2000.0)
+    assert not _about(1.0, 20.0, 2000.0), "a resistance is strong where it is small"
+    assert not _about(1e5, 20.0, 2000.0)
+    assert _about(-0.011, -0.01, 0.01)
+    assert not _about(-0.02, -0.01, 0.01)
+
+
+def test_a_motor_that_turns_when_its_file_begins_is_remarked_on() -> None:
+    rows = np.full(40, 12.0)
+    inputs = {"voltage_V": rows, "load_torque_Nm": 0.0 * rows, "ambient_degC": rows}
+    speeds = [np.linspace(start, 300.0, 40) for start in (0.2, -150.0)]
+    runs = [run_of(number, inputs, {"speed_rad_s": speed}) for number, speed in enumerate(speeds, start=1)]
+    case = case_of("motor", {}, runs, {"speed_rad_s": 0.3})
+    noise = noise_of_case(case)
+
+    def said(*starts: float) -> tuple[str, ...]:
+        predicted = zip(case.runs, starts, strict=True)
+        return starts_moving(case, noise, {run.name: {"speed_rad_s": start + 0.0 * rows} for run, start in predicted})
+
+    (remark,) = said(0.0, 0.0)
+    assert remark.endswith("if it did turn, give initial_speed_rad_s = -150 to run-02.")
+    assert said(0.0, -150.0) == ()
+    stated = dataclasses.replace(case.runs[1], overrides={"initial_speed_rad_s": Known(-120.0)})
+    case = dataclasses.replace(case, runs=(case.runs[0], stated))
+    (told,) = said(0.0, -120.0)
+    assert told.startswith("speed_rad_s of run-02 is -150 at the first row, and initial_speed_rad_s is stated as -120:")
+    assert "stands still" not in told
+    assert starts_moving(case, {}, {}) == ()
+
+
+def test_a_case_that_holds_nothing_out_is_told_how_to() -> None:
+    fitted, check = cell_run(1, 1.0, 20.0), cell_run(2, 1.0, 20.0, split="check")
+    assert nothing_held_out(case_of("cell", {}, [fitted, check], {})) == ()
+    (alone,) = nothing_held_out(case_of("cell", {}, [fitted], {}))
+    assert "cannot be judged; record another run" in alone
+    (two,) = nothing_held_out(case_of("cell", {}, [fitted, dataclasses.replace(check, split="fit")], {}))
+    assert 'set split = "check" for one of them' in two
+
+
+def test_a_check_run_with_a_wrong_start_is_remarked_on() -> None:
+    (said,) = badly_started({"run-03": 1.9, "run-04": -5.9})
+    assert said.startswith("The start of run-04 is wrong: its first readings require a start 5.9 sd")
+    assert "limited to 2 sd;" in said
+
+
+def cell_run(number: int, current_A: float, ambient_degC: float, split: str = "fit", **own: Known) -> Run:
+    """1,200 s at one current, from full: 5 A take 0.83 of 2 A h."""
+    rows = np.ones(401)
+    inputs = {"current_A": current_A * rows, "ambient_degC": ambient_degC * rows}
+    warms = {"cell_temperature_degC": ambient_degC + np.linspace(0.0, current_A, 401)}
+    return run_of(number, inputs, warms, initial_soc=Known(1.0), split=split, **own)
+
+
+def cell_case(*check: Run, **parameters: Known) -> Case:
+    return case_of(
+        "cell", {"capacity_Ah": Known(2.0)} | parameters, [cell_run(1, 3.0, 10.0), cell_run(2, 2.0, 25.0), *check]
+    )
+
+
+def test_a_check_run_within_what_was_fitted_is_no_extrapolation() -> None:
+    assert extrapolated(cell_case(cell_run(3, 3.4, 20.0, "check"))) == ()
+    assert extrapolated(cell_case(cell_run(3, 2.0, 28.0, "check"))) == (), "3 K are little"
+
+
+def test_what_lies_outside_is_named_with_both_spans() -> None:
+    found = {one.condition: one for one in extrapolated(cell_case(cell_run(3, 5.0, -10.0, "check")))}
+    assert set(found) == {"ambient_degC", "cell_temperature_degC", "|current_A|", "soc"}
+    assert found["ambient_degC"].span_fitted == (10.0, 25.0)
+    assert found["ambient_degC"].span == (-10.0, -10.0)
+    np.testing.assert_allclose(found["soc"].span, (1.0 - 5.0 / 6.0, 1.0))
+    np.testing.assert_allclose(found["soc"].span_fitted, (0.5, 1.0))
+    assert found["soc"].file == "run-03.csv"
+    said = extrapolated_sentence(found["ambient_degC"])
+    assert said == "run-03.csv is outside the fit runs: ambient_degC is -10; the fit runs cover 10 to 25."
+
+
+def test_a_run_of_an_older_cell_is_an_extrapolation() -> None:
+    (found,) = extrapolated(cell_case(cell_run(3, 2.0, 20.0, "check", cycles=Known(400.0)), cycles=Known(100.0)))
+    assert (found.condition, found.span_fitted, found.span) == ("cycles", (100.0, 100.0), (400.0, 400.0))
+
+
+def test_speed_and_load_count_by_their_size() -> None:
+    def motor_run(number: int, speed: float, load: float, split: str) -> Run:
+        rows = np.ones(50)
+        inputs = {"voltage_V": rows, "load_torque_Nm": load * rows, "ambient_degC": 20.0 * rows}
+        return run_of(number, inputs, {"speed_rad_s": speed * rows}, split=split)
+
+    fit = motor_run(1, 100.0, 0.05, "fit")
+    assert extrapolated(case_of("motor", {}, [fit, motor_run(2, -110.0, -0.02, "check")])) == ()
+    found = extrapolated(case_of("motor", {}, [fit, motor_run(2, -150.0, 0.08, "check")]))
+    assert {one.condition for one in found} == {"|speed_rad_s|", "|load_torque_Nm|"}
+
+
+def rung(**check: float) -> Rung:
+    errors = {name: ChannelError(fit=1e-3, check=value) for name, value in check.items()}
+    return Rung("", (), {}, (), errors, {}, 0.0, 0, {})
+
+
+def test_a_final_model_that_predicts_no_better_than_the_stated_one_is_remarked_on() -> None:
+    stated = rung(voltage_V=9.0e-3, cell_temperature_degC=0.7)
+    (said,) = better_as_stated(stated, rung(voltage_V=9.5e-3, cell_temperature_degC=0.83))
+    assert said.startswith(
+        "On the check runs the final model is no better than the base model as stated: cell temperature is 0.83 K off, "
+        "and 0.7 K as stated."
+    )
+    assert better_as_stated(stated, rung(voltage_V=5.0e-3, cell_temperature_degC=0.83)) == ()
+    assert better_as_stated(stated, stated) == ()
+    assert better_as_stated(rung(voltage_V=np.nan), rung(voltage_V=np.nan)) == ()

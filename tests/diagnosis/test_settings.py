@@ -1,0 +1,29 @@
+"""Every constant is in one table, with a meaning and a source."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+from jaxmodel.diagnosis.settings import SETTINGS, Settings, table
+
+
+def test_every_constant_has_a_meaning_and_a_source():
+    rows = table()
+    assert [row["name"] for row in rows] == [field.name for field in dataclasses.fields(Settings)]
+    for row in rows:
+        assert row["meaning"], row
+        assert row["source"], row
+        assert row["value"] == str(getattr(SETTINGS, row["name"]))
+
+
+def test_a_changed_constant_is_listed_with_its_value():
+    changed = dataclasses.replace(SETTINGS, named=0.9)
+    assert [row["value"] for row in table(changed) if row["name"] == "named"] == ["0.9"]
+
+
+def test_every_constant_is_used():
+    """An unused constant in the table would be misleading."""
+    package = Path(__file__).parents[2] / "discrepancy"
+    text = "\n".join(path.read_text(encoding="utf-8") for path in package.rglob("*.py") if path.name != "settings.py")
+    assert [row["name"] for row in table() if f".{row['name']}" not in text] == []
