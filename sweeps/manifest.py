@@ -21,6 +21,8 @@ from jaxmodel.sweeps.study import Study
 
 # Whose versions can move a bit of a result, and whose cannot.
 _DECIDING = ("jax", "jaxlib", "llvmlite", "equinox", "numpy", "scipy")
+# The rooms whose code can move one.
+_ROOMS = ("base", "lanes", "model", "effects", "case")
 _VERSIONS_OF = ("jaxmodel", *_DECIDING, "xarray", "zarr")
 
 
@@ -102,7 +104,8 @@ def _source_of(cls: type) -> bytes:
 def sources_digest() -> str:
     """Return the SHA-256 of the sources and presets of the packages that results come from."""
     hashed = hashlib.sha256()
-    for folder in (Path(str(jaxmodel.__file__)).parent, Path(__file__).parent):
+    root = Path(str(jaxmodel.__file__)).parent
+    for folder in (*(root / room for room in _ROOMS), Path(__file__).parent):
         for path in sorted(file for ending in ("py", "toml") for file in folder.rglob(f"*.{ending}")):
             hashed.update(path.relative_to(folder).as_posix().encode() + path.read_bytes())
     return hashed.hexdigest()

@@ -1,6 +1,6 @@
 """Command line, report and web page: the only package that talks to people.
 
-from workbench import write_report
+from jaxmodel.app import write_report
 
 write_report(diagnosis, "results")  # report.html, one page that opens offline, and its pictures
 """
@@ -21,4 +21,4 @@ def __getattr__(name: str) -> Any:
         from jaxmodel.app.report import write_report
 
         return write_report
-    raise AttributeError(f"module 'workbench' has no attribute '{name}'")
+    raise AttributeError(f"module '{__name__}' has no attribute '{name}'")

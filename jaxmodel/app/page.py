@@ -20,7 +20,7 @@ def write_page(path: Path, template: str, **content: Any) -> None:
 @functools.cache
 def _environment() -> jinja2.Environment:
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("workbench"),
+        loader=jinja2.PackageLoader("jaxmodel.app"),
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,

@@ -57,13 +57,3 @@ def test_demo_ends_with_one_page(
         assert said in result.stdout
     errors = diagnosis.base.errors["cell_temperature_degC"], diagnosis.final.errors["cell_temperature_degC"]
     assert f"cell temperature {errors[0].check:.3g} → {errors[1].check:.3g} K" in result.stdout
-
-
-def test_demo_without_the_examples_says_where_they_are(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(demo_command, "EXAMPLES", tmp_path / "nowhere")
-    result = run("demo", "--out", tmp_path / "out")
-    assert result.exit_code == 2
-    assert "examples/" in result.stderr
-    assert not (tmp_path / "out").exists()

@@ -26,7 +26,7 @@ class Worker:
     def __init__(self) -> None:
         """Start a process, which loads the model and then waits for a session."""
         environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
-        root = str(Path(__file__).parents[2])
+        root = str(Path(__file__).parents[3])
         environment["PYTHONPATH"] = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH", ""))))
         self.process = subprocess.Popen(
             [sys.executable, "-m", "jaxmodel.app.browser.worker"],

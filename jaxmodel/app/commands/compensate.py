@@ -14,6 +14,7 @@ from jaxmodel import operation
 from jaxmodel.app import terminal
 from jaxmodel.app.article import Picture, Section, Table, percent, write_article
 from jaxmodel.app.commands.start import start
+from jaxmodel.app.shipped import EXAMPLES
 from jaxmodel.base.atomic_files import write_whole
 from jaxmodel.base.errors import MeasurementError
 from jaxmodel.case.build import case_model, preset_model
@@ -23,7 +24,6 @@ from jaxmodel.operation import Compensation, Mission
 from jaxmodel.plots.operation import compensation_gains, compensation_maps
 from jaxmodel.plots.style import png
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
 RECORDED = EXAMPLES / "paper_table1" / "recorded"
 MISSION = EXAMPLES / "missions" / "house_search.toml"
 PRINTED = "equations as printed"
@@ -48,7 +48,7 @@ def compensate_models(out: Path, cases: Sequence[Path], mission_path: Path | Non
     """
     began = time.perf_counter()
     mission_path = mission_path or MISSION
-    paths = list(cases) or _recorded()
+    paths = list(cases) or [RECORDED / "extended.toml", RECORDED / "capacity.toml"]
     own = (
         operation.read_robots(cases) if cases else {_recorded_name(path): case_model(read_case(path)) for path in paths}
     )
@@ -90,15 +90,6 @@ def compensate_models(out: Path, cases: Sequence[Path], mission_path: Path | Non
     for line in lines:
         terminal.say(f"- {line}")
     terminal.say(f"Maps and headers{', and report.html,' if pictures else ''} are in {out}.")
-
-
-def _recorded() -> list[Path]:
-    paths = [RECORDED / "extended.toml", RECORDED / "capacity.toml"]
-    if not all(path.is_file() for path in paths):
-        raise MeasurementError(
-            "compensate needs the folder examples/ that lies beside the packages, or models of yours: --model CASE."
-        )
-    return paths
 
 
 def _recorded_name(path: Path) -> str:

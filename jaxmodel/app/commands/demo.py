@@ -18,8 +18,8 @@ from jaxmodel.app.commands.start import start
 from jaxmodel.app.commands.sweep import print_sweep, run_study
 from jaxmodel.app.page import write_page
 from jaxmodel.app.report import report_content, write_report
+from jaxmodel.app.shipped import EXAMPLES
 from jaxmodel.base.atomic_files import write_whole
-from jaxmodel.base.errors import MeasurementError
 from jaxmodel.case.reading import read_case
 from jaxmodel.diagnosis import Diagnosis, diagnose
 from jaxmodel.diagnosis.summary import error_in_short
@@ -28,7 +28,6 @@ from jaxmodel.plots.sensitivities import doubling_beside_gradient, elasticities,
 from jaxmodel.plots.style import png
 from jaxmodel.plots.sweeps import against_paper, family, heat_map
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
 POINT = {"ambient_degC": 20.0, "load_torque_Nm": 0.175}
 # The paper's Tables 1 and 2: change of the state of charge [1/s] over ambient [degC], and over torque [N m].
 TABLE_1 = {-20.0: -2.8e-4, 0.0: -2.5e-4, 20.0: -2.1e-4, 40.0: -1.6e-4, 60.0: -1.3e-4, 80.0: -0.9e-4, 100.0: -0.5e-4}
@@ -42,17 +41,12 @@ def demo(out: Path, case_path: Path | None) -> None:
     """Sweep and differentiate the robot of the paper, diagnose a real cell, and write `out/index.html`.
 
     Raises:
-        UserError: the examples are missing, or the case cannot be used.
+        UserError: the case cannot be used.
     """
     began = time.perf_counter()
-    study_path = EXAMPLES / "paper_sweep.toml"
-    if not study_path.is_file():
-        raise MeasurementError(
-            "The demo needs the folder examples/ of the repository; run it from a copy of the repository."
-        )
     case = read_case(case_path or EXAMPLES / "samsung_30q")
     start(out)
-    study = sweeps.read_study(study_path)
+    study = sweeps.read_study(EXAMPLES / "paper_sweep.toml")
 
     dataset = run_study(study.replace(store=["soc"], store_every=_STORED_EVERY_ROWS))
     sweeps.save(dataset, out / "sweep")

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import tomllib
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 from nicegui.element import Element
 
 from jaxmodel.app.browser.context import Context
 from jaxmodel.app.browser.html import button, counted, duration, field, h, select, size_words
+from jaxmodel.app.shipped import EXAMPLES
 
-EXAMPLES = Path(__file__).parents[3] / "examples"
 # The columns that each kind of hardware may have, and what they are called on the form.
 COLUMNS = {
     "cell": ("time_s", "current_A", "voltage_V", "cell_temperature_degC", "ambient_degC"),
