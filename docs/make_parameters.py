@@ -126,8 +126,7 @@ Every constant that [a diagnosis](../discrepancy.md) uses, with its source. An i
 ```python
 import dataclasses
 
-from discrepancy import SETTINGS, Investigation
-from jaxmodel import read_case
+from jaxmodel import SETTINGS, Investigation, read_case
 
 settings = dataclasses.replace(SETTINGS, noise_contradiction=2.0)
 investigation = Investigation(read_case("examples/samsung_30q"), settings=settings)

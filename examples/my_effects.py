@@ -9,9 +9,7 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from jaxmodel.model.declaration import Scalar, parameter
-from jaxmodel.model.flow import Flow, State, relaxation
-from jaxmodel.model.ports import CellContext, Effect, MotorContext
+from jaxmodel import CellContext, Effect, Flow, MotorContext, Scalar, State, parameter, relaxation
 
 COPPER = 0.0039  # 1/K, temperature coefficient of the contact's resistance
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from jaxmodel.sweeps import Study, run, save
+from jaxmodel import sweeps
 
-study = Study(
+study = sweeps.Study(
     title="The paper's robot: 4,536 discharges",
     kind="robot",
     parameters={"onboard_current_A": 0.3},
@@ -29,4 +29,4 @@ study = Study(
 )
 
 if __name__ == "__main__":
-    save(run(study), "paper-sweep")
+    sweeps.save(sweeps.run(study), "paper-sweep")

@@ -26,12 +26,14 @@ if TYPE_CHECKING:
     from jaxmodel.app.report import write_report
     from jaxmodel.base.errors import UserError
     from jaxmodel.base.jax_settings import keep_compiled_programs
+    from jaxmodel.base.version import __version__ as __version__
     from jaxmodel.case import presets
-    from jaxmodel.case.build import case_model, preset_model, run_profile
+    from jaxmodel.case.build import case_model, load_effect_class, preset_model, run_profile
     from jaxmodel.case.known import Known, Table
     from jaxmodel.case.reading import read_case
     from jaxmodel.case.records import Case, Run
     from jaxmodel.case.simulation import CaseSimulation, simulate_case
+    from jaxmodel.data.importing.findings import Question
     from jaxmodel.data.importing.imported import Imported
     from jaxmodel.data.importing.importer import import_case
     from jaxmodel.data.importing.options import Options
@@ -44,8 +46,11 @@ if TYPE_CHECKING:
     from jaxmodel.diagnosis.names import curve
     from jaxmodel.diagnosis.result import Diagnosis
     from jaxmodel.diagnosis.settings import SETTINGS, Settings
+    from jaxmodel.model.curves import between_knots
     from jaxmodel.model.declaration import Scalar, parameter
     from jaxmodel.model.electrothermal import Model
+    from jaxmodel.model.flow import Flow, State, integral, relaxation
+    from jaxmodel.model.names import parameter_table, with_values
     from jaxmodel.model.parameters import Parameters
     from jaxmodel.model.ports import CellContext, Effect, MotorContext
     from jaxmodel.model.profile import Profile, constant
@@ -63,6 +68,7 @@ __all__ = [
     "Diagnosis",
     "Effect",
     "Extraction",
+    "Flow",
     "Identification",
     "Imported",
     "Investigation",
@@ -73,14 +79,17 @@ __all__ = [
     "Parameterisation",
     "Parameters",
     "Profile",
+    "Question",
     "RawTable",
     "Run",
     "Scalar",
     "Settings",
+    "State",
     "Status",
     "Table",
     "Trajectory",
     "UserError",
+    "between_knots",
     "case_model",
     "compare",
     "conclusion",
@@ -91,15 +100,19 @@ __all__ = [
     "finish",
     "identify",
     "import_case",
+    "integral",
     "keep_compiled_programs",
+    "load_effect_class",
     "operation",
     "parameter",
+    "parameter_table",
     "parameterise",
     "plots",
     "preset_model",
     "presets",
     "read_case",
     "read_table",
+    "relaxation",
     "run_profile",
     "run_track",
     "sensitivity",
@@ -107,6 +120,7 @@ __all__ = [
     "simulate_case",
     "sweeps",
     "track",
+    "with_values",
     "write_preset",
     "write_report",
 ]

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from jaxmodel.base.lazy import names_when_used
 
 if TYPE_CHECKING:
+    from jaxmodel.sensitivity.doubling import doubling_test
     from jaxmodel.sensitivity.global_study import global_indices
     from jaxmodel.sensitivity.over_axes import elasticity_map
     from jaxmodel.sensitivity.results import largest_elasticity, save, tables
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Estimates",
+    "doubling_test",
     "elasticity_map",
     "global_indices",
     "interactions",

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from jaxmodel import read_case, simulate_case
-from jaxmodel.case.build import load_effect_class
+from jaxmodel import load_effect_class, read_case, simulate_case
 
 EFFECT = Path(__file__).parents[2] / "examples" / "my_effects.py"
 TRUTH = {"R_c": 0.015, "R_th": 40.0, "tau_c": 60.0}

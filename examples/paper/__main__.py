@@ -7,19 +7,15 @@ import time
 from pathlib import Path
 from typing import Annotated, Any
 
+import pandas as pd
 import typer
 
-# Imported first: sweeps configures JAX for all cores, which must happen before the first array.
-from examples.paper.discharges import discharges  # isort: skip
 from examples.paper import report, report_no_load
 from examples.paper.candidates import carried
+from examples.paper.discharges import discharges
 from examples.paper.no_load import doubled, experiment, gradients, no_load, pulsed, trajectory
-from jaxmodel import diagnose
-from jaxmodel.app import terminal
-from jaxmodel.app.article import Table, write_article
-from jaxmodel.app.commands.diagnose import DONE_BY
-from jaxmodel.app.commands.start import start
-from jaxmodel.case.reading import read_case
+from examples.paper.page import Table, write_page
+from jaxmodel import diagnose, keep_compiled_programs, read_case
 
 EXAMPLE = Path(__file__).parents[1] / "paper_table1"
 FULL_SPEED = 1.0
@@ -40,15 +36,19 @@ def paper(
 ) -> None:
     """Repeat every table and figure of the paper, simulated and as printed, on one page."""
     began = time.perf_counter()
-    start(out)
-    with terminal.stages("paper") as progress:
-        progress("Tables 1 and 2, by formula and by look-up table")
-        data = discharges()
-        progress("Figs. 8 and 9, the experiment")
-        still = no_load()
-        pulses = pulsed()
-        components, together = doubled(FULL_SPEED)
-        fits = list(carried(lambda what: progress(f"fitting Table 1 with {what}")))
+
+    def progress(what: str) -> None:
+        print(f"paper: {what} ({time.perf_counter() - began:.0f} s)", flush=True)
+
+    out.mkdir(parents=True, exist_ok=True)
+    keep_compiled_programs()
+    progress("Tables 1 and 2, by formula and by look-up table")
+    data = discharges()
+    progress("Figs. 8 and 9, the experiment")
+    still = no_load()
+    pulses = pulsed()
+    components, together = doubled(FULL_SPEED)
+    fits = list(carried(lambda what: progress(f"fitting Table 1 with {what}")))
     answer, origin = _diagnosis(out) if diagnose_again else _recorded()
     held = experiment(still)
     full = gradients(still["time_s"].to_numpy(), trajectory(still, FULL_SPEED))
@@ -60,7 +60,7 @@ def paper(
         report_no_load.figure_9_section(components, together),
     ]
     found = report.findings(data, held, full)
-    write_article(
+    write_page(
         out,
         "The paper, reproduced",
         f"Specht et al., temperature and a rescue robot's battery; made in {time.perf_counter() - began:.0f} s",
@@ -70,10 +70,10 @@ def paper(
     )
     for table in (part for section in sections for part in section.parts if isinstance(part, Table)):
         if table.name in ("table-1", "table-2", "headlines", "tables-3-and-5"):
-            terminal.table(table.name, table.head, table.rows, right=range(table.words, len(table.head)))
+            print(f"\n{table.name}\n{pd.DataFrame(table.rows, columns=list(table.head)).to_string(index=False)}")
     for line in found:
-        terminal.say(f"- {line}")
-    terminal.say(f"Everything is on one page: {out / 'report.html'}")
+        print(f"- {line}")
+    print(f"Everything is on one page: {out / 'report.html'}")
 
 
 def _recorded() -> tuple[dict[str, Any], str]:
@@ -84,8 +84,7 @@ def _recorded() -> tuple[dict[str, Any], str]:
 
 def _diagnosis(out: Path) -> tuple[dict[str, Any], str]:
     """Diagnose the example and write the answer and the extended model to `out`."""
-    with terminal.stages("Table 1", DONE_BY) as progress:
-        diagnosis = diagnose(read_case(EXAMPLE), progress=progress)
+    diagnosis = diagnose(read_case(EXAMPLE), progress=lambda what: print(f"Table 1: {what}", flush=True))
     diagnosis.write(out, pictures=False)
     return diagnosis.answer(), "The diagnosis was computed with this report."
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,14 +17,8 @@ from scipy.optimize import least_squares
 
 from examples.paper.discharges import ASSUMED, DURATION_S
 from examples.paper.printed import TABLE_1, TABLE_STEP
-from jaxmodel.case.build import make_effect, preset_model
+from jaxmodel import Model, constant, parameter_table, preset_model, run_track, track, with_values
 from jaxmodel.effects import CATALOGUE
-from jaxmodel.model.declaration import describe
-from jaxmodel.model.electrothermal import Model
-from jaxmodel.model.names import parameter_table
-from jaxmodel.model.profile import constant
-from jaxmodel.sweeps.lane import Keep, lay_out, run_lane
-from jaxmodel.sweeps.metrics import metrics_of
 
 HELD_OUT_DEGC = 40.0
 # Standard deviations as in examples/paper_table1: assumed.
@@ -81,10 +76,10 @@ def carried(progress: Callable[[str], None] = lambda what: None) -> Iterator[Car
 
 def _fit(effects: Sequence[str]) -> Carried:
     base = preset_model("paper", "robot")
-    model = Model(base.kind, base.parameters, base.curves, tuple(make_effect(name, {}, "paper") for name in effects))
-    own = [f"{name}.{field}" for name in effects for field in describe(CATALOGUE[name])]
-    names = [*own, *UNCERTAIN]
+    model = Model(base.kind, base.parameters, base.curves, tuple(CATALOGUE[name]() for name in effects))
     table = parameter_table(model)
+    own = [name for name in table if name.partition(".")[0] in effects]
+    names = [*own, *UNCERTAIN]
     ambients = np.array(list(TABLE_1))
     printed, fitted = np.array(list(TABLE_1.values())), ambients != HELD_OUT_DEGC
     slopes = _slopes(model, names, ambients)
@@ -124,19 +119,20 @@ def _mild(info) -> float:
 def _slopes(
     model: Model, names: Sequence[str], ambients: np.ndarray
 ) -> Callable[[np.ndarray], tuple[jax.Array, jax.Array]]:
-    """Return the engine's slopes (1/s) and mean pack currents (A) at all temperatures as functions of named numbers."""
+    """Return the model's slopes (1/s) and mean pack currents (A) at all temperatures as functions of named numbers."""
     inputs = {name: value for name, value in ASSUMED.items() if name != "onboard_current_A"}
-    laid_out = lay_out(model, constant(DURATION_S, STEP_S, ambient_degC=20.0, **inputs), np.array([0]))
-    shipped = metrics_of("robot")
-    keep = Keep((shipped["soc_gradient"], shipped["delivered_charge_Ah"]))
+    profile = constant(DURATION_S, STEP_S, ambient_degC=20.0, **inputs)
+    steps, time_s = track(model, profile), jnp.asarray(profile.time_s)
 
     @jax.jit
     def over_ambients(values):
-        own = dict(zip(names, values, strict=True))
+        changed = with_values(model, dict(zip(names, values, strict=True)))
 
         def run(ambient):
-            values = run_lane(keep, model, laid_out, None, own | {"ambient_degC": ambient}).values
-            return values["soc_gradient"], values["delivered_charge_Ah"] * 3600.0 / DURATION_S
+            at = steps.inputs | {"ambient_degC": jnp.full_like(steps.inputs["ambient_degC"], ambient)}
+            readings = run_track(changed, eqx.tree_at(lambda s: s.inputs, steps, at), time_s).readings
+            # In the first row the motors have no current yet.
+            return (readings["soc"][-1] - readings["soc"][0]) / DURATION_S, readings["pack_current_A"][1:].mean()
 
         return jax.vmap(run)(jnp.asarray(ambients))
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from examples.paper.printed import TABLE_1, TABLE_2
+from examples.paper.printed import TABLE_1, TABLE_2, share_left
 from jaxmodel import sweeps
-from jaxmodel.model.cell import storage_factor
 
 # Values that the paper does not state, chosen to reproduce Table 2; see `docs/paper.md`.
 ASSUMED = {"duty": 0.3, "load_torque_Nm": 0.175, "onboard_current_A": 0.3}
@@ -49,11 +47,6 @@ def misfit(ours: dict[float, float], printed: dict[float, float]) -> tuple[float
     """Return the RMS and the largest relative difference of simulated and printed slopes."""
     off = np.array([ours[at] / printed[at] - 1.0 for at in printed])
     return float(np.sqrt(np.mean(off**2))), float(np.abs(off).max())
-
-
-def share_left(months: float, storage_degC: float) -> float:
-    """Return the share of the capacity left after storage, eq. 8."""
-    return float(storage_factor(jnp.asarray(months), jnp.asarray(storage_degC)))
 
 
 def with_storage_at_ambient(ours: dict[float, float], months: float) -> dict[float, float]:

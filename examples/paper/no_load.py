@@ -9,15 +9,9 @@ import numpy as np
 import xarray as xr
 from scipy.optimize import brentq
 
-from examples.paper.printed import LINEAR_SPAN_S, REDUCTION, TEST_DURATION_S, TESTS, VOLTMETER_V, Test
-from jaxmodel import sweeps
-from jaxmodel.case.build import preset_model
-from jaxmodel.model.cell import cycle_resistance
-from jaxmodel.model.electrothermal import Model
-from jaxmodel.model.names import with_values
-from jaxmodel.model.profile import Profile, constant
-from jaxmodel.model.simulation import simulate
-from jaxmodel.sensitivity.doubling import doubling_test
+from examples.paper.printed import LINEAR_SPAN_S, REDUCTION, TEST_DURATION_S, TESTS, VOLTMETER_V, Test, cycle_ohm
+from jaxmodel import Model, Profile, constant, preset_model, simulate, sweeps, with_values
+from jaxmodel.sensitivity import doubling_test
 
 FIG_8_DURATION_S, STEP_S = 3000.0, 10.0
 N_SERIES = 6.0
@@ -180,9 +174,8 @@ def experiment(data: xr.Dataset) -> list[Held]:
 def cell_resistance(soc: float, ambient_degC: float) -> float:
     """Return R_ints + R_cyc of one cell in ohm, eqs. 7, 9 and 10."""
     model = preset_model("paper", "robot")
-    return float(
-        model.curves.R_ints(jnp.asarray(soc), jnp.asarray(ambient_degC)) + cycle_resistance(model.parameters.cycles)
-    )
+    series = model.curves.R_ints(jnp.asarray(soc), jnp.asarray(ambient_degC))
+    return float(series) + cycle_ohm(float(model.parameters.cycles))
 
 
 def activation_energy(ohm_20: float, ohm_30: float) -> float:

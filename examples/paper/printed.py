@@ -62,6 +62,16 @@ TESTS = (
 )
 
 
+def cycle_ohm(cycles: float) -> float:
+    """Return R_cyc of one cell in ohm, eq. 7."""
+    return 0.0015 * float(np.sqrt(cycles))
+
+
+def share_left(months: float, storage_degC: float) -> float:
+    """Return the share of the capacity left after storage, eq. 8."""
+    return 1.0 - 1.544e5 * float(np.exp(-40498.0 / (8.3143 * (storage_degC + 273.15)))) * months
+
+
 @dataclasses.dataclass(frozen=True)
 class Headline:
     """A change of the slope along a table, per step of its axis, and as a share of one of its slopes.

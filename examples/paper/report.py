@@ -8,16 +8,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from examples.paper import printed
+from examples.paper import pictures, printed
 from examples.paper.candidates import HELD_OUT_DEGC, Carried
-from examples.paper.discharges import ASSUMED, misfit, share_left, slopes, with_storage_at_ambient
+from examples.paper.discharges import ASSUMED, misfit, slopes, with_storage_at_ambient
 from examples.paper.no_load import Gradients, Held
-from examples.paper.printed import TABLE_1, TABLE_2, TABLE_STEP, headline
-from jaxmodel.app.article import Picture, Section, Table, percent, power
-from jaxmodel.diagnosis.wording import effect_name
-from jaxmodel.plots import paper as pictures
-from jaxmodel.plots.style import png
-from jaxmodel.plots.sweeps import against_paper, family
+from examples.paper.page import Picture, Section, Table, percent, power
+from examples.paper.printed import TABLE_1, TABLE_2, TABLE_STEP, headline, share_left
+from jaxmodel.plots import against_paper, family
 
 NOT_STATED = (
     ("open-circuit voltage", "Chen and Rincon-Mora 2006, the paper's reference [6]", "voltages; no SOC slope"),
@@ -62,11 +59,8 @@ def fidelity_sections(data: xr.Dataset) -> list[Section]:
                 + " (1e-4 /s) and no charge would be left at 60 °C and above: the opposite of the table.",
                 Picture(
                     "figure-6",
-                    png(
-                        family(
-                            data.sel(fidelity="formula", load_torque_Nm=0.175), "soc", "ambient_degC", "175 mN m",
-                            TABLE_1,
-                        )
+                    family(
+                        data.sel(fidelity="formula", load_torque_Nm=0.175), "soc", "ambient_degC", "175 mN m", TABLE_1
                     ),
                     "Fig. 6: state of charge at seven ambient temperatures; solid: simulation (all seven coincide), "
                     "dashed: slopes of Table 1.",
@@ -82,22 +76,18 @@ def fidelity_sections(data: xr.Dataset) -> list[Section]:
                 _slope_table("table-2", "torque [mN m]", TABLE_2, by, "load_torque_Nm", 1e3),
                 Picture(
                     "figure-7",
-                    png(
-                        family(
-                            data.sel(fidelity="formula", ambient_degC=20.0), "soc", "load_torque_Nm", "20 °C", TABLE_2
-                        )
+                    family(
+                        data.sel(fidelity="formula", ambient_degC=20.0), "soc", "load_torque_Nm", "20 °C", TABLE_2
                     ),
                     "Fig. 7: state of charge at seven torques; solid: simulation, dashed: slopes of Table 2.",
                 ),
                 Picture(
                     "tables-1-and-2",
-                    png(
-                        against_paper(
-                            [
-                                ("ambient [°C], at 175 mN m", one, TABLE_1),
-                                ("torque [mN m], at 20 °C", _milli(two), _milli(TABLE_2)),
-                            ]
-                        )
+                    against_paper(
+                        [
+                            ("ambient [°C], at 175 mN m", one, TABLE_1),
+                            ("torque [mN m], at 20 °C", _milli(two), _milli(TABLE_2)),
+                        ]
                     ),
                     "Both tables and the simulation.",
                 ),
@@ -165,7 +155,7 @@ def table_1_section(fits: Sequence[Carried], answer: Mapping[str, Any], origin: 
     """
     rounding = TABLE_STEP / np.sqrt(12.0)
     named = [
-        f"{effect_name(e['name'])} (probability {e['probability']:.2f}; "
+        f"{e['name'].replace(':', ' of ')} (probability {e['probability']:.2f}; "
         + ", ".join(f"{k} = {v['value']:.3g} ± {v['sd']:.1g}" for k, v in e["parameters"].items() if k != "column")
         + ")"
         for e in answer["effects"]
@@ -207,7 +197,7 @@ def table_1_section(fits: Sequence[Carried], answer: Mapping[str, Any], origin: 
             Table("table-1-candidates", head, rows, words=3),
             Picture(
                 "table-1-candidates",
-                png(pictures.carried_slopes(TABLE_1, TABLE_STEP / 2.0, {_name(f): f.slopes for f in fits})),
+                pictures.carried_slopes(TABLE_1, TABLE_STEP / 2.0, {_name(f): f.slopes for f in fits}),
                 "Table 1 with its rounding, and the fit of each hypothesis.",
             ),
             "What it shows: the table is linear in temperature within its rounding (-0.91 % of the 20 °C slope per "
@@ -235,7 +225,7 @@ def table_1_section(fits: Sequence[Carried], answer: Mapping[str, Any], origin: 
 
 
 def _name(fit: Carried) -> str:
-    return " + ".join(map(effect_name, fit.effects)) or "base model, calibrated"
+    return " + ".join(fit.effects) or "base model, calibrated"
 
 
 def findings(data: xr.Dataset, held: Sequence[Held], full: Gradients) -> list[str]:

@@ -7,12 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from examples.paper import printed
+from examples.paper import pictures, printed
 from examples.paper.no_load import Gradients, Held, activation_energy, gradients, trajectory
+from examples.paper.page import Picture, Section, Table, percent, power
 from examples.paper.printed import TESTS
-from jaxmodel.app.article import Picture, Section, Table, percent, power
-from jaxmodel.plots import paper as pictures
-from jaxmodel.plots.style import png
 
 
 def figure_8_section(data: xr.Dataset, pulses: tuple[np.ndarray, np.ndarray]) -> Section:
@@ -51,11 +49,9 @@ def figure_8_section(data: xr.Dataset, pulses: tuple[np.ndarray, np.ndarray]) ->
             Table("figure-8-polynomials", ("polynomial of", "t³ [V/s³]", "t² [V/s²]", "t [V/s]", "1 [V]"), polynomials),
             Picture(
                 "figure-8",
-                png(
-                    pictures.cell_voltage(
-                        {name: (*runs[name], found[name].cubic) for name in runs},
-                        [(30.0, printed.QUICK_DROP_V), (2000.0, printed.AFTER_2000_S_V)],
-                    )
+                pictures.cell_voltage(
+                    {name: (*runs[name], found[name].cubic) for name in runs},
+                    [(30.0, printed.QUICK_DROP_V), (2000.0, printed.AFTER_2000_S_V)],
                 ),
                 "Voltage of one cell from a full pack, third-order polynomials, and the levels given in the paper.",
             ),
@@ -105,14 +101,12 @@ def experiment_section(held: Sequence[Held]) -> Section:
             "the gradient in Table 5 that is 15 % smaller is one digit that fell 150 s later.",
             Picture(
                 "experiment",
-                png(
-                    pictures.tests(
-                        [h.test.name for h in held],
-                        np.array([h.test.gradient_V_s for h in held]),
-                        np.array([h.over_test for h in held]),
-                        np.array([[h.least for h in held], [h.greatest for h in held]]),
-                        np.array([h.from_rest for h in held]),
-                    )
+                pictures.tests(
+                    [h.test.name for h in held],
+                    np.array([h.test.gradient_V_s for h in held]),
+                    np.array([h.over_test for h in held]),
+                    np.array([[h.least for h in held], [h.greatest for h in held]]),
+                    np.array([h.from_rest for h in held]),
                 ),
                 "Gradients of the four tests: range allowed by two readings to 0.1 V, printed, and model.",
             ),
@@ -184,7 +178,7 @@ def figure_9_section(data: xr.Dataset, together: Gradients) -> Section:
             Table("figure-9", head, rows),
             Picture(
                 "figure-9",
-                png(pictures.doubled_voltages(time_s, base, moved)),
+                pictures.doubled_voltages(time_s, base, moved),
                 "Voltage of one cell with one component doubled at a time.",
             ),
         ],

@@ -14,10 +14,11 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from jaxmodel.case.build import preset_model
+from jaxmodel import preset_model
 
 TUNED = ("drive_nn_p25degC", "drive_nn_p10degC", "drive_nn_p00degC", "drive_nn_n20degC")
 JUDGED = (
@@ -38,7 +39,7 @@ def main(source: Path, target: Path) -> None:
     target.mkdir(parents=True, exist_ok=True)
     model = preset_model("panasonic_18650pf", "cell")
     soc = np.linspace(0.0, 1.0, 101)
-    ocv = np.array([float(model.curves.ocv(x, 25.0)) for x in soc])
+    ocv = np.array([float(model.curves.ocv(jnp.asarray(x), jnp.asarray(25.0))) for x in soc])
     text = HEAD
     for name in (*TUNED, *JUDGED):
         rows = pd.read_csv(source / f"{name}.csv")

@@ -1,4 +1,12 @@
-"""The catalogue of candidate effects: battery, drive and sensors, each a class on the ports of the model."""
+"""The catalogue of candidate effects: battery, drive and sensors, each a class on the ports of the model.
+
+    from jaxmodel.effects import CATALOGUE, PORTS, SensorEffect
+
+    CATALOGUE["self_heating"].equation
+    PORTS["series_resistance"]  # what a method of that name receives and returns
+
+An effect of your own derives from `Effect`, a fault of a sensor from `SensorEffect`.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +15,11 @@ from collections.abc import Iterable
 
 from jaxmodel.base.errors import EffectError
 from jaxmodel.effects import battery, drive, further_battery, further_drive, further_sensors, sensors
+from jaxmodel.effects.sensors import SensorEffect
 from jaxmodel.effects.specimen import scale_of
 from jaxmodel.model.declaration import describe
-from jaxmodel.model.ports import Effect
+from jaxmodel.model.ports import PORTS, Effect
+from jaxmodel.model.sensors import Signal
 
 CATALOGUE: dict[str, type[Effect]] = {
     cls.name: cls
@@ -55,4 +65,4 @@ def _missing(cls: type[Effect]) -> str:
     return f"usual range of its parameter '{unstated[0]}', as in typical=(0.01, 0.2)" if unstated else ""
 
 
-__all__ = ["CATALOGUE", "Effect", "own_effects"]
+__all__ = ["CATALOGUE", "PORTS", "Effect", "SensorEffect", "Signal", "own_effects"]

@@ -25,10 +25,13 @@ if TYPE_CHECKING:
         interaction_matrix,
         over_time,
     )
-    from jaxmodel.plots.sweeps import family, heat_map, metric_curves
+    from jaxmodel.plots.style import LINES, new_figure, styled
+    from jaxmodel.plots.sweeps import against_paper, family, heat_map, metric_curves
     from jaxmodel.plots.uncertainty import bands_over_time, metric_intervals
 
 __all__ = [
+    "LINES",
+    "against_paper",
     "bands_over_time",
     "doubling_beside_gradient",
     "elasticities",
@@ -41,11 +44,13 @@ __all__ = [
     "interaction_matrix",
     "metric_curves",
     "metric_intervals",
+    "new_figure",
     "over_time",
     "pictures_of",
     "residuals_by_condition",
     "save_pictures",
     "simulation",
+    "styled",
 ]
 
 __getattr__, __dir__ = names_when_used(__name__, __file__)

@@ -24,6 +24,6 @@ def test_a_changed_constant_is_listed_with_its_value():
 
 def test_every_constant_is_used():
     """An unused constant in the table would be misleading."""
-    package = Path(__file__).parents[2] / "discrepancy"
+    package = Path(__file__).parents[2] / "jaxmodel" / "diagnosis"
     text = "\n".join(path.read_text(encoding="utf-8") for path in package.rglob("*.py") if path.name != "settings.py")
     assert [row["name"] for row in table() if f".{row['name']}" not in text] == []

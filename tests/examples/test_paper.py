@@ -5,24 +5,30 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from examples.paper import __main__ as paper_report
 from examples.paper import discharges
 from examples.paper.no_load import activation_energy, gradients, soc_at_rest
+from examples.paper.page import Picture, Section, Table, percent, power, write_page
 from examples.paper.printed import (
     STEP_PER_20_K,
     STEP_PER_50_MNM,
     TABLE_1,
     TABLE_2,
     TESTS,
+    cycle_ohm,
     headline,
+    share_left,
 )
 from jaxmodel.base.schema import with_schema
 from jaxmodel.case.reading import read_case
 from jaxmodel.diagnosis.result import Diagnosis
+from jaxmodel.model.cell import cycle_resistance, storage_factor
 from jaxmodel.operation.compensation import SHARE_PER_20_K, SHARE_PER_50_MNM
+from jaxmodel.plots import new_figure
 
 
 def test_headlines_are_the_tables_by_one_of_their_own_slopes() -> None:
@@ -34,6 +40,33 @@ def test_headlines_are_the_tables_by_one_of_their_own_slopes() -> None:
     assert by_temperature.share == pytest.approx(2.3 / 6.0 / 2.1, rel=1e-9)
     assert round(-by_torque.per_interval * 1e4, 1) == pytest.approx(STEP_PER_50_MNM * 1e4)
     assert STEP_PER_50_MNM / 3.4e-4 == pytest.approx(SHARE_PER_50_MNM, abs=5e-4)
+
+
+def test_equations_7_and_8_as_printed_are_those_of_the_model() -> None:
+    assert cycle_ohm(400.0) == pytest.approx(float(cycle_resistance(jnp.asarray(400.0))), rel=1e-12)
+    for months, degC in ((0.0, 20.0), (18.0, 20.0), (36.0, 45.0)):
+        modelled = float(storage_factor(jnp.asarray(months), jnp.asarray(degC)))
+        assert share_left(months, degC) == pytest.approx(modelled, rel=1e-12)
+
+
+def test_page_has_every_part_and_escapes_what_it_is_given(tmp_path: Path) -> None:
+    table = Table("numbers", ("what", "[V]"), [("<b>", "1.5")])
+    parts = ["R < 1 & more", table, Picture("dot", new_figure(4.0, 3.0), "a figure")]
+    source = tmp_path / "source.toml"
+    source.write_text("", encoding="utf-8")
+    write_page(tmp_path, "title", "under", ["found"], [Section("section", parts)], [source])
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "R &lt; 1 &amp; more" in page
+    assert '<td>&lt;b&gt;</td><td class="n">1.5</td>' in page
+    assert "e3b0c44298fc1c14" in page  # SHA-256 of nothing
+    assert (tmp_path / "numbers.csv").read_text(encoding="utf-8").splitlines() == ["what,[V]", "<b>,1.5"]
+    assert (tmp_path / "dot.png").read_bytes().startswith(b"\x89PNG")
+    assert (power(-0.00001, -4, 0), power(2.05e-4, -4), percent(0.123), percent(-0.0001)) == (
+        "0",
+        "2.05",
+        "+12.3 %",
+        "0.0 %",
+    )
 
 
 def test_table_5_is_table_3_over_the_time_at_which_the_last_digit_fell() -> None:

@@ -38,9 +38,7 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from jaxmodel.model.curves import between_knots
-from jaxmodel.model.declaration import Scalar, parameter
-{imports}from jaxmodel.model.ports import Effect
+from jaxmodel import Effect, Scalar, between_knots, {also}parameter
 
 AT = ({knots})  # {variable}
 LAW = jnp.array([{values}])
@@ -102,7 +100,7 @@ def law_file(candidate: Candidate, values: np.ndarray, knots: np.ndarray, kind: 
     return _TEMPLATE.format(
         case=case,
         sentence="\n".join(textwrap.wrap(sentence, 116)),
-        imports="from jaxmodel.model.flow import integral\n" if timed else "",
+        also="integral, " if timed else "",
         knots=numbers(knots),
         values=numbers(values),
         variable=candidate.over,

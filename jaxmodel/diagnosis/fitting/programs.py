@@ -29,7 +29,7 @@ from jaxmodel.base.cache import keep, kept
 from jaxmodel.base.jax_settings import QUICK_OPTIONS
 
 # Packages whose source is traced: those of the project, and others.
-_PROJECT = ("jaxmodel", "discrepancy")
+_PROJECT = ("jaxmodel",)
 _OTHERS = ("jax", "jaxlib", "equinox", "numpy")
 
 _Compiled = Callable[..., Array]

@@ -62,17 +62,17 @@ def script_of(view: dict[str, Any]) -> str:
     lines = ['"""What was done in the workbench, step by step."""', ""]
     verbs = {verb for verb, _ in view["script"]}
     names = ["Investigation", *(["finish"] if "finish" in verbs else [])]
-    lines.append(f"from discrepancy import {', '.join(names)}")
+    names.append("import_case" if source["how"] == "files" else "read_case")
+    names += ["parameterise"] if source["how"] == "files" and source.get("parameterised") else []
+    lines += [f"from jaxmodel import {', '.join(names)}", ""]
     if source["how"] == "files":
         given = {name: value for name, value in source["options"].items() if value not in (None, "", {}, [])}
         options = "".join(f", {name}={value!r}" for name, value in given.items())
         files = ", ".join(repr(name) for name in source["files"])
-        lines += ["from importing import import_case", *_parameterise_import(source), ""]
         lines.append(f"imported = import_case([{files}], {source['kind']!r}{options})")
         case = "parameterise(imported.case).case" if source.get("parameterised") else "imported.case"
         lines.append(f"case = {case}")
     else:
-        lines += ["from jaxmodel import read_case", ""]
         place = view["path"] if source["how"] != "upload" else Path(view["path"]).name
         lines.append(f"case = read_case({place!r})")
     lines += ["investigation = Investigation(case)", "print(investigation.errors())", "print(investigation.where())"]
@@ -84,7 +84,3 @@ def script_of(view: dict[str, Any]) -> str:
         }.get(verb, [f"investigation.{verb}({listed})"])
     lines += ["print(investigation.ladder())", 'investigation.extended_case().write("extended")']
     return "\n".join(lines) + "\n"
-
-
-def _parameterise_import(source: dict[str, Any]) -> list[str]:
-    return ["from parameterisation import parameterise"] if source.get("parameterised") else []

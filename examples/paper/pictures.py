@@ -7,7 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from jaxmodel.plots.style import BLACK, BLUE, GREY, LINES, ORANGE, PAGE_CM, new_figure, styled
+from jaxmodel.plots import LINES, new_figure, styled
+
+BLUE, ORANGE, BLACK, GREY = *LINES[:2], "#1a1a1a", "#8c8c8c"
+PAGE_CM = 17.0  # text width of an A4 report
 
 DASHES = ("-", (0, (5, 2)), (0, (1, 1.4)), (0, (5, 1.5, 1, 1.5)))
 
