@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from jaxmodel.diagnosis.settings import table as settings_table
-from jaxmodel.effects import CATALOGUE, battery, drive, further_battery, further_drive, further_sensors, sensors
+from jaxmodel.effects import CATALOGUE, battery, drive, sensors
 from jaxmodel.effects.curves import CURVES
 from jaxmodel.effects.shifts import SHIFTS
 from jaxmodel.effects.specimen import SIZES
@@ -20,15 +20,15 @@ from jaxmodel.model.ports import PORTS, Effect
 HERE = Path(__file__).parent
 NOTE = "<!-- Made by make_parameters.py from the code; do not edit. -->\n"
 GROUPS = {
-    (battery, further_battery): (
+    battery: (
         "Cell and pack",
         "T is the cell's temperature where `self_heating` is on, else the ambient.",
     ),
-    (drive, further_drive): (
+    drive: (
         "Motor, gear, bridge, electronics",
         "T_w is the winding's temperature, T_c the case's, w the rotor's speed.",
     ),
-    (sensors, further_sensors): (
+    sensors: (
         "Sensors",
         "Each fault except `clock_shift` acts on one `column`. The faults of the load torque and of the chamber have a "
         "fixed column. If the column is a measured input, the fault is subtracted from the measured values.",
@@ -89,9 +89,8 @@ size, they scale with your cell or motor by the ratio of its size to the paper's
 {_table(("size", "what", "from"), _sizes())}
 """
     ]
-    for modules, (title, note) in GROUPS.items():
-        names = [module.__name__ for module in modules]
-        classes = [cls for cls in CATALOGUE.values() if cls.__module__ in names]
+    for module, (title, note) in GROUPS.items():
+        classes = [cls for cls in CATALOGUE.values() if cls.__module__ == module.__name__]
         parts.append(f"## {title}\n\n{note}\n\n{_effects(classes)}\n{_effect_parameters(classes)}")
     parts.append(
         f"""## Curves

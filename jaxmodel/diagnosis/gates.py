@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from jaxmodel.diagnosis.evidence.left_out import expected_gain
 from jaxmodel.diagnosis.evidence.linear import Gain
 from jaxmodel.diagnosis.evidence.trial import Trial
 from jaxmodel.diagnosis.fitting.candidates import Candidate
+from jaxmodel.diagnosis.settings import Settings
 from jaxmodel.diagnosis.workings import Workings
 
 
@@ -87,17 +88,22 @@ def addition(inv: Workings, model: Trial, gain: Gain) -> Addition:
 
 
 def odds_of(inv: Workings, candidate: Candidate, model: Trial) -> float:
-    """Return the log odds that the gain of a candidate must exceed; they grow with the number of similar candidates."""
-    group = ("effect", "sensor") if candidate.group in ("effect", "sensor") else (candidate.group,)
-    rare_odds = inv.settings.rare_odds
-    similar = sum(np.exp(-rare_odds * _is_rare(one)) for one in inv.space.candidates.values() if one.group in group)
+    """Return the log odds that the gain of a candidate must exceed, more if the form of a model error is assumed."""
     penalty = inv.settings.odds_beside_model_error if model.scale.error.sd else 0.0
-    return inv.settings.least_odds + float(np.log(max(1.0, similar))) + rare_odds * _is_rare(candidate) + penalty
+    return prior_odds(candidate, inv.space.candidates.values(), inv.settings) + penalty
 
 
-def _is_rare(candidate: Candidate) -> bool:
-    """Return True for rare effects: those of the `further` modules of the catalogue."""
-    return type(candidate.effect).__module__.rpartition(".")[2].startswith("further")
+def prior_odds(candidate: Candidate, candidates: Iterable[Candidate], settings: Settings) -> float:
+    """Return the log odds against a candidate before the data; they grow with the number of similar candidates.
+
+    Args:
+        candidate: one of the candidates.
+        candidates: all that compete; a rare one counts for its share.
+        settings: the constants.
+    """
+    group = ("effect", "sensor") if candidate.group in ("effect", "sensor") else (candidate.group,)
+    similar = sum(np.exp(-settings.rare_odds * one.effect.rare) for one in candidates if one.group in group)
+    return settings.least_odds + float(np.log(max(1.0, similar))) + settings.rare_odds * candidate.effect.rare
 
 
 def passes(inv: Workings, addition: Addition) -> bool:

@@ -167,13 +167,10 @@ def _refitted(inv: Workings, model: Settled, gains: Sequence[Gain]) -> list[Addi
 
 
 def _may_enter(inv: Workings, model: Settled, label: str) -> bool:
-    """Return True if a candidate may be tested: a curve over temperature only with the Arrhenius law it corrects."""
-    candidate = inv.space.candidates[label]
-    if candidate.group == "curve" and candidate.over == "cell_temperature_degC":
-        return "arrhenius_resistance" in model.labels or "arrhenius_resistance" not in inv.space.candidates
-    if label == "arrhenius_polarisation":  # its activation energy differs from that of all resistances
-        return "arrhenius_resistance" in model.labels or "arrhenius_resistance" not in inv.space.candidates
-    return True
+    """Return True if a candidate may be tested: every effect that it needs is in the model, or is no candidate."""
+    candidates = inv.space.candidates
+    needed = {one for one, candidate in candidates.items() if candidate.name in candidates[label].effect.needs}
+    return all(any(candidates[one].name == candidates[other].name for one in model.labels) for other in needed)
 
 
 def _without_unneeded(

@@ -14,19 +14,21 @@ import inspect
 from collections.abc import Iterable
 
 from jaxmodel.base.errors import EffectError
-from jaxmodel.effects import battery, drive, further_battery, further_drive, further_sensors, sensors
+from jaxmodel.effects import battery, drive, sensors
 from jaxmodel.effects.sensors import SensorEffect
 from jaxmodel.effects.specimen import scale_of
 from jaxmodel.model.declaration import describe
 from jaxmodel.model.ports import PORTS, Effect
 from jaxmodel.model.sensors import Signal
 
-CATALOGUE: dict[str, type[Effect]] = {
-    cls.name: cls
-    for module in (battery, drive, sensors, further_battery, further_drive, further_sensors)
+_DECLARED = [
+    cls
+    for module in (battery, drive, sensors)
     for _, cls in inspect.getmembers(module, inspect.isclass)
     if issubclass(cls, Effect) and hasattr(cls, "name") and cls.__module__ == module.__name__
-}
+]
+# Rare effects last, in tables and where candidates are alike.
+CATALOGUE: dict[str, type[Effect]] = {cls.name: cls for cls in sorted(_DECLARED, key=lambda cls: cls.rare)}
 
 
 def own_effects(classes: Iterable[type[Effect]]) -> dict[str, type[Effect]]:

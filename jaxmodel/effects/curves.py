@@ -151,6 +151,7 @@ class SeriesResistanceTemperatureCurve(Curve):
     """Factor on the series resistance over the cell's temperature."""
 
     name: ClassVar[str] = "series_resistance_temperature_curve"
+    needs: ClassVar[tuple[str, ...]] = ("arrhenius_resistance",)  # the law that it corrects
     kinds: ClassVar[tuple[str, ...]] = CELL
     equation: ClassVar[str] = "R_ints + R_cyc -> (R_ints + R_cyc) exp(f(T))"
     port: ClassVar[str] = "series_resistance"
@@ -167,6 +168,7 @@ class RcResistanceTemperatureCurve(Curve):
     """Factor on the resistances of both RC pairs over the cell's temperature."""
 
     name: ClassVar[str] = "rc_resistance_temperature_curve"
+    needs: ClassVar[tuple[str, ...]] = ("arrhenius_resistance",)  # the law that it corrects
     kinds: ClassVar[tuple[str, ...]] = CELL
     equation: ClassVar[str] = "R_TS, R_TL -> R exp(f(T))"
     port: ClassVar[str] = "rc_resistance"
@@ -183,6 +185,7 @@ class RcCapacitanceTemperatureCurve(Curve):
     """Factor on the capacitances of both RC pairs over the cell's temperature."""
 
     name: ClassVar[str] = "rc_capacitance_temperature_curve"
+    needs: ClassVar[tuple[str, ...]] = ("arrhenius_resistance",)  # the law that it corrects
     kinds: ClassVar[tuple[str, ...]] = CELL
     equation: ClassVar[str] = "C_TS, C_TL -> C exp(f(T))"
     port: ClassVar[str] = "rc_capacitance"

@@ -102,9 +102,11 @@ class Effect(eqx.Module):
 
     `column` is the column of a sensor effect, "" for others; `reads` is the ending of its possible columns ("" for one
     effect on all outputs). `distinguished_by` is the parameter that must differ between runs to distinguish the effect
-    from a calibration. `has_state` marks sensor effects with internal state or delay. `switch` serves to test many
-    effects at once: at 0 the effect is absent, exactly; at 1 it is present; the derivative at 0 is the direction in
-    which it moves the model. None, the default, means 1.
+    from a calibration. `rare` marks an effect that is seldom the cause: a diagnosis asks for more evidence. `needs` are
+    names of effects without which a diagnosis does not try this one, where they are candidates of the case. `has_state`
+    marks sensor effects with internal state or delay. `switch` serves to test many effects at once: at 0 the effect is
+    absent, exactly; at 1 it is present; the derivative at 0 is the direction in which it moves the model. None, the
+    default, means 1.
     """
 
     name: ClassVar[str]
@@ -114,6 +116,8 @@ class Effect(eqx.Module):
     has_state: ClassVar[bool] = False
     reads: ClassVar[str] = ""
     distinguished_by: ClassVar[str] = ""
+    rare: ClassVar[bool] = False
+    needs: ClassVar[tuple[str, ...]] = ()
 
     column: str = eqx.field(static=True, default="")
     switch: Scalar | None = None

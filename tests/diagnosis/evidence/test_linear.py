@@ -18,8 +18,7 @@ from jaxmodel.diagnosis.fitting.readings import Weights
 from jaxmodel.diagnosis.noise.contract import noise_of_case
 from jaxmodel.diagnosis.noise.model_error import NONE, ModelError
 from jaxmodel.diagnosis.screening.screen import Direction, Screen, screen
-from jaxmodel.effects.battery import EntropicOcv
-from jaxmodel.effects.further_battery import CapacityFade
+from jaxmodel.effects.battery import CapacityFade, EntropicOcv
 
 READINGS = 60
 

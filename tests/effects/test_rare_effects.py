@@ -1,4 +1,4 @@
-"""The further effects: absent at their null, by closed forms, and against the second simulator where it knows them."""
+"""The rare effects: absent at their null, by closed forms, and against the second simulator where it knows them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxmodel.case.build import make_effect
-from jaxmodel.effects import CATALOGUE, further_battery, further_drive, further_sensors
+from jaxmodel.effects import CATALOGUE
 from jaxmodel.model.curves import CURVE_NAMES, CellCurves, Table
 from jaxmodel.model.declaration import describe
 from jaxmodel.model.electrothermal import Model
@@ -16,8 +16,7 @@ from jaxmodel.model.profile import Profile, constant
 from tests.independent import simulate
 from tests.model.runs import readings, staircase
 
-MODULES = {module.__name__ for module in (further_battery, further_drive, further_sensors)}
-FURTHER = [name for name, cls in CATALOGUE.items() if cls.__module__ in MODULES]
+RARE = [name for name, cls in CATALOGUE.items() if cls.rare]
 CONSTANT = {"ocv": 3.7, "R_ints": 0.05, "R_TS": 0.03, "C_TS": 900.0, "R_TL": 0.04, "C_TL": 5000.0}
 LEVELS = staircase(8, 60, 1.0)
 AMBIENT = np.linspace(-5.0, 40.0, 60)
@@ -56,12 +55,12 @@ def lost(profile: Profile, *effects: Effect) -> np.ndarray:
     return without - with_them
 
 
-def test_those_there_were_come_first():
-    assert list(CATALOGUE)[28:] == FURTHER
-    assert len(FURTHER) == 16
+def test_rare_effects_come_last():
+    assert list(CATALOGUE)[28:] == RARE
+    assert len(RARE) == 16
 
 
-@pytest.mark.parametrize("name", [n for n in FURTHER if CATALOGUE[n].is_sensor])
+@pytest.mark.parametrize("name", [n for n in RARE if CATALOGUE[n].is_sensor])
 def test_a_sensor_without_its_fault_reads_the_truth_to_the_bit(name: str):
     """The same of physics, in one program for all effects, is in test_laws.py."""
     kind = CATALOGUE[name].kinds[0]
@@ -71,7 +70,7 @@ def test_a_sensor_without_its_fault_reads_the_truth_to_the_bit(name: str):
         np.testing.assert_array_equal(found[column], values, err_msg=column)
 
 
-@pytest.mark.parametrize("name", FURTHER)
+@pytest.mark.parametrize("name", RARE)
 def test_an_effect_is_told_in_full(name: str):
     infos = describe(CATALOGUE[name])
     assert next(iter(infos.values())).null == 0.0

@@ -1,0 +1,147 @@
+"""The odds against each effect before the data, which effects are rare, and which another must precede."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+from jaxmodel.case.build import load_effect_class
+from jaxmodel.diagnosis import policy
+from jaxmodel.diagnosis.fitting.candidates import candidates, make_candidate
+from jaxmodel.diagnosis.gates import prior_odds
+from jaxmodel.diagnosis.settings import SETTINGS
+from jaxmodel.effects import CATALOGUE
+from jaxmodel.effects.curves import CURVES
+from jaxmodel.effects.shifts import SHIFTS
+from tests.diagnosis.made_cases import investigation_of, small_cell
+
+KINDS = ("cell", "motor", "robot")
+TABLE = """
+effect                     cell  motor  robot  rare  needs
+arrhenius_resistance       3.74      -   4.36
+capacity_temperature       3.74      -   4.36
+cell_imbalance                -      -   4.36
+charge_transfer            3.74      -   4.36
+entropic_ocv               3.74      -   4.36
+ocv_hysteresis             3.74      -   4.36
+rate_capacity              3.74      -   4.36
+resistance_ageing          3.74      -   4.36
+self_discharge             3.74      -   4.36
+self_heating               3.74      -   4.36
+slow_diffusion             3.74      -   4.36
+bridge_resistance             -      -   4.36
+brush_drop                    -   3.60   4.36
+constant_power_load           -      -   4.36
+friction_temperature          -   3.60   4.36
+gear_loss                     -   3.60   4.36
+magnet_temperature            -   3.60   4.36
+onboard_temperature           -      -   4.36
+pwm_ripple                    -      -   4.36
+saturation                    -   3.60   4.36
+stribeck_friction             -   3.60   4.36
+viscous_friction              -   3.60   4.36
+windage                       -   3.60   4.36
+clock_shift                3.74   3.60   4.36
+current_offset             3.74   3.60   4.36
+temperature_lag            3.74   3.60   4.36
+voltage_gain               3.74   3.60   4.36
+voltage_offset             3.74   3.60   4.36
+arrhenius_polarisation     6.74      -   7.36  rare  arrhenius_resistance
+capacity_fade              6.74      -   7.36  rare
+contact_drift              6.74      -   7.36  rare
+contact_heating            6.74      -   7.36  rare
+core_temperature           6.74      -   7.36  rare
+discharge_resistance       6.74      -   7.36  rare
+bridge_dead_time              -      -   7.36  rare
+brush_current_drop            -   6.60   7.36  rare
+directional_friction          -   6.60   7.36  rare
+chamber_offset             6.74   6.60   7.36  rare
+current_gain               6.74   6.60   7.36  rare
+speed_gain                    -   6.60   7.36  rare
+temperature_gain           6.74   6.60   7.36  rare
+temperature_offset         6.74   6.60   7.36  rare
+torque_gain                   -   6.60   7.36  rare
+torque_offset                 -   6.60   7.36  rare
+"""
+
+OWN = '''
+from typing import ClassVar
+from jaxmodel import CellContext, Effect, Scalar, parameter
+
+class Creep(Effect):
+    """A resistance of its own."""
+    name: ClassVar[str] = "creep"
+    kinds: ClassVar[tuple[str, ...]] = ("cell",)
+    equation: ClassVar[str] = "R += r"
+    {more}
+    r: Scalar = parameter(0.01, unit="ohm", meaning="resistance", null=0.0, typical=(0.001, 0.02))
+
+    def series_resistance(self, value: Scalar, context: CellContext) -> Scalar:
+        return value + self.r
+'''
+
+
+def table_of_odds() -> str:
+    """Return a line for each effect: the log odds against it in each kind, with a sensor fault in one column each."""
+    of_kind = {kind: [make_candidate(cls()) for cls in CATALOGUE.values() if kind in cls.kinds] for kind in KINDS}
+    lines = [f"{'effect':24}{'cell':>7}{'motor':>7}{'robot':>7}  rare  needs"]
+    for name, cls in CATALOGUE.items():
+        odds = [
+            f"{prior_odds(make_candidate(cls()), of_kind[kind], SETTINGS):7.2f}" if kind in cls.kinds else f"{'-':>7}"
+            for kind in KINDS
+        ]
+        lines.append(f"{name:24}{''.join(odds)}  {'rare' if cls.rare else '':4}  {', '.join(cls.needs)}".rstrip())
+    return "\n".join(lines)
+
+
+def test_odds_are_those_of_the_table():
+    print(table_of_odds())
+    assert table_of_odds() == TABLE.strip()
+
+
+def test_a_rare_effect_needs_the_evidence_that_the_settings_say():
+    all_of_cell = [make_candidate(cls()) for cls in CATALOGUE.values() if "cell" in cls.kinds]
+    rare, common = (
+        {prior_odds(one, all_of_cell, SETTINGS) for one in all_of_cell if one.effect.rare is which}
+        for which in (True, False)
+    )
+    assert len(rare) == len(common) == 1
+    assert abs(rare.pop() - common.pop() - SETTINGS.rare_odds) < 1e-12
+
+
+def test_what_an_effect_needs_is_there_and_needs_nothing():
+    declared = {**CATALOGUE, **CURVES, **SHIFTS}
+    assert {name: cls.needs for name, cls in declared.items() if cls.needs and name not in CATALOGUE} == {
+        "series_resistance_temperature_curve": ("arrhenius_resistance",),
+        "rc_resistance_temperature_curve": ("arrhenius_resistance",),
+        "rc_capacitance_temperature_curve": ("arrhenius_resistance",),
+    }
+    for cls in declared.values():
+        assert all(need in CATALOGUE and not CATALOGUE[need].needs for need in cls.needs), cls.name
+
+
+def own_effect(folder: Path, file: str, more: str = ""):
+    (folder / file).write_text(OWN.format(more=more), encoding="utf-8")
+    return load_effect_class(f"{folder / file}:Creep")
+
+
+def test_the_name_of_a_file_makes_no_effect_rare(tmp_path: Path):
+    cls = own_effect(tmp_path, "further_losses.py")
+    case = dataclasses.replace(small_cell(), own_effects={"creep": cls})
+    competing = {one.label: one for one in candidates(case)}
+    odds = {name: prior_odds(one, competing.values(), SETTINGS) for name, one in competing.items()}
+    assert odds["creep"] == odds["self_heating"] < odds["contact_drift"]
+
+
+def test_an_effect_of_ones_own_may_be_rare_and_wait_for_another(tmp_path: Path):
+    more = 'rare: ClassVar[bool] = True\n    needs: ClassVar[tuple[str, ...]] = ("self_heating", "not_in_this_case")'
+    cls = own_effect(tmp_path, "losses.py", more)
+    one = investigation_of(dataclasses.replace(small_cell(), own_effects={"creep": cls}), "creep", "self_heating")
+    competing = one.space.candidates
+    difference = prior_odds(competing["creep"], competing.values(), SETTINGS) - prior_odds(
+        competing["self_heating"], competing.values(), SETTINGS
+    )
+    assert abs(difference - SETTINGS.rare_odds) < 1e-12
+    assert not policy._may_enter(one, one.base, "creep")
+    assert policy._may_enter(one, one.base, "self_heating")
+    assert policy._may_enter(one, one.settled(("self_heating",)), "creep")
