@@ -1,11 +1,11 @@
 #!/bin/sh
-# The presets of jaxmodel/presets from measured data, by the two commands alone.
+# Presets from measured data, by the two commands alone: two of the package, and three that it does not hold.
 # Usage: make.sh DATA_FOLDER OUT_FOLDER [NAME ...]; README.md says what DATA_FOLDER holds.
 set -eu
 data=$1 out=$2
 shift 2
 arts="ARTS-Lab, University of South Carolina, GitHub ARTS-Laboratory"
-panasonic=$data/panasonic_18650pf
+panasonic=$data/panasonic_18650pf servo=$data/hobby_servo_lift
 
 preset() {  # NAME TITLE DATA LICENCE IMPORT_OPTION...
     name=$1 title=$2 from=$3 licence=$4
@@ -33,6 +33,19 @@ copy GitHub fededc88/Panasonic-18650PF-Data, commit 6d720489" \
             "$panasonic"/drive_us06_*degC.csv "$panasonic"/drive_cycle1_p25degC.csv \
             "$panasonic"/cc1C_p25degC_start1.csv \
             --kind cell --check "drive_us06*" --check "drive_cycle1*" --check "cc1C*" ;;
+    prony_gearmotor)
+        preset "$name" "an unnamed 12 V gear motor measured on a brake" \
+            "GitHub gkret123/DC-Motor-Data-Analysis, commit 972c5218, GK_Data_M1.xlsx" "none stated" \
+            "$data"/gearmotor_prony_brake/static_load_points.csv --kind motor --ambient 20 --seconds-per-row 10 \
+            --split-at steps --column voltage_V=applied_voltage_V --column step=applied_voltage_V \
+            --rows "applied_voltage_V != 8 and not (torque_Nm < 0.02 and current_A > 0.2)" \
+            --check static_load_points-4 --check static_load_points-5 ;;
+    hobby_servo_s3315d)
+        preset "$name" "HJ S3315D hobby servo with its gear, 7 V" \
+            "S. Pfrommer, GitHub spfrommer/servo-experiment, commit 8d48684b, folder processed" "none stated" \
+            "$servo"/runs.csv "$servo"/load_*.csv --kind motor --ambient 20 --constant voltage_V=7.15 \
+            --rows "direction == 'lift' and angle_deg > 40 and angle_deg < 140" --column step=run --split-at steps \
+            --check "load_100g*" --check "load_300g*" --check "load_600g*" ;;
     *)
         echo "no preset is called $name" >&2
         exit 2 ;;

@@ -1,16 +1,17 @@
 """Write a case of real drive cycles for `jaxmodel estimate`: a Panasonic NCR18650PF cell from 25 to -20 degC.
 
 The data are not part of this repository (licence not verified): P. Kollmeyer, Panasonic 18650PF Li-ion Battery Data,
-Mendeley Data v1, DOI 10.17632/wykht8y7tg.1, as 1 s means. Call:
+Mendeley Data v1, DOI 10.17632/wykht8y7tg.1, as 1 s means. `examples/presets/make.sh` makes the preset. Call:
 
-    python examples/state_of_charge/make_case.py FOLDER_OF_THE_DATA FOLDER_OF_THE_CASE
+    python examples/state_of_charge/make_case.py FOLDER_OF_THE_DATA FOLDER_OF_THE_CASE PRESET.toml
 
 Runs NN (on which, with the pulse tests, the preset was fitted) are "fit": the filter is tuned on them. All others are
-"check". The reference charge is the tester's own count from the rest before the run, by the preset's 2.996 A h.
+"check". The reference charge is the tester's own count from the rest before the run, by the preset's capacity.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -30,17 +31,16 @@ STANDING_A = 0.1  # below it the first row is at rest and gives the charge; else
 HEAD = """# Made by make_case.py; do not edit.
 title = "Panasonic NCR18650PF, drive cycles from 25 to -20 degC"
 kind = "cell"
-preset = "panasonic_18650pf"
 """
 
 
-def main(source: Path, target: Path) -> None:
+def main(source: Path, target: Path, preset: Path) -> None:
     """Write `case.toml` and the runs."""
     target.mkdir(parents=True, exist_ok=True)
-    model = preset_model("panasonic_18650pf", "cell")
+    model = preset_model(str(preset), "cell")
     soc = np.linspace(0.0, 1.0, 101)
     ocv = np.array([float(model.curves.ocv(jnp.asarray(x), jnp.asarray(25.0))) for x in soc])
-    text = HEAD
+    text = f'{HEAD}preset = "{Path(os.path.relpath(preset, target)).as_posix()}"\n'
     for name in (*TUNED, *JUDGED):
         rows = pd.read_csv(source / f"{name}.csv")
         at_rest = abs(rows.current_A.iloc[0]) < STANDING_A
@@ -62,4 +62,4 @@ def main(source: Path, target: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]))
+    main(*map(Path, sys.argv[1:]))

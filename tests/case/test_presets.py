@@ -18,7 +18,7 @@ from jaxmodel.base.errors import ParameterError, SweepError
 from jaxmodel.case.build import case_model, preset_model
 from jaxmodel.case.known import Known, Table
 from jaxmodel.case.measurements import KINDS
-from jaxmodel.case.presets import PRESETS, read_form, read_preset, why_not
+from jaxmodel.case.presets import PRESETS, read_form, read_preset
 from jaxmodel.case.reading import read_case
 from jaxmodel.case.records import Case
 from jaxmodel.case.simulation import simulate_case
@@ -32,8 +32,6 @@ from tests.model.runs import padded, run
 REPOSITORY = Path(__file__).parents[2]
 DATA = REPOSITORY.parent / "shared" / "data"
 MADE = [name for name in PRESETS if name != "paper"]
-CELLS = [name for name in MADE if why_not(name, "cell") == ""]
-MOTORS = [name for name in MADE if why_not(name, "motor") == ""]
 ROWS = 3200  # one compiled shape for the longest run held out here and for all others
 UNITS = {"voltage_V": (1e3, "mV"), "speed_rad_s": (1, "rad/s"), "current_A": (1, "A")}
 UNITS |= {"cell_temperature_degC": (1, "K")}
@@ -42,7 +40,6 @@ HELD_OUT: dict[str, tuple[str, str, dict[str, Any]]] = {
     "samsung_30q": ("samsung_30q_18650/cell1_cc2C.csv", "cell1_cc2C", {"ambient": 23.0}),
     "lg_mj1": ("lg_mj1_18650/pulse_10pctSOC_p28degC.csv", "pulse_10pctSOC_p28degC", {}),
     "k2_lfp_26650": ("k2_lfp_26650/cc1C_p30degC.csv", "cc1C_p30degC", {}),
-    "panasonic_18650pf": ("panasonic_18650pf/cc1C_p25degC_start1.csv", "cc1C_p25degC_start1", {}),
 }
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="the measured data are not beside the repository")
 
@@ -63,7 +60,7 @@ def run_of_cell(name: str, profile: Profile, initial_soc: float = 1.0) -> Trajec
 
 
 def test_every_file_is_listed_under_its_title() -> None:
-    files = {path.stem for path in (REPOSITORY / "jaxmodel" / "presets").glob("*.toml")}
+    files = {path.stem for path in (REPOSITORY / "jaxmodel" / "case" / "presets").glob("*.toml")}
     assert files == set(MADE)
     assert {name: read_form(name).title for name in MADE} == {name: PRESETS[name] for name in MADE}
 
@@ -79,7 +76,7 @@ def test_every_number_has_a_source_and_every_file_its_licence(name: str) -> None
     assert len(form.held_out) > 0
 
 
-@pytest.mark.parametrize("name", CELLS)
+@pytest.mark.parametrize("name", MADE)
 def test_a_cell_brings_all_its_curves_and_they_are_a_cells(name: str) -> None:
     """The voltage at rest never falls as charge grows, and the series resistance falls as the cell warms."""
     tables = read_preset(name).tables
@@ -91,7 +88,7 @@ def test_a_cell_brings_all_its_curves_and_they_are_a_cells(name: str) -> None:
     assert np.all(np.diff(middle) < 0.0)
 
 
-@pytest.mark.parametrize("name", CELLS)
+@pytest.mark.parametrize("name", MADE)
 def test_a_cell_runs_within_its_tables(name: str) -> None:
     """A discharge and a rest at each of its temperatures: finite, lower under load, back up at rest."""
     capacity = float(preset_model(name, "cell").parameters.capacity_Ah)
@@ -116,9 +113,10 @@ def test_a_cell_serves_a_robot_whose_other_parts_are_the_papers() -> None:
     assert 6 * 3.5 < float(readings["pack_voltage_V"][6]) < 6 * 4.2
 
 
-@pytest.mark.parametrize("name", MOTORS)
-def test_a_motor_settles_where_its_equations_do(name: str) -> None:
-    model = preset_model(name, "motor")
+def test_a_motor_settles_where_its_equations_do(tmp_path: Path) -> None:
+    head = 'title = "Ours"\nkinds = ["motor"]\ndata = "bench 7"\nlicence = "CC0"\n'
+    (tmp_path / "ours.toml").write_text(f"{head}[parameters]\nR_0 = 2.8\nk_tau = 0.96\ntau_0 = 0.22\n", "utf-8")
+    model = preset_model(str(tmp_path / "ours.toml"), "motor")
     p = model.parameters
     voltage, load = 6.0, 0.1
     profile = constant(1.0, 0.5, voltage_V=voltage, load_torque_Nm=load, ambient_degC=25.0)
@@ -132,11 +130,10 @@ def test_a_motor_settles_where_its_equations_do(name: str) -> None:
 
 @pytest.mark.parametrize("name", MADE)
 def test_a_kind_that_it_does_not_serve_gets_one_sentence(name: str) -> None:
-    kind = "motor" if name in CELLS else "robot"
     with pytest.raises(ParameterError) as caught:
-        case_model(case_with(name, kind))
+        case_model(case_with(name, "motor"))
     assert str(caught.value).startswith(f"bench/case.toml: preset '{name}' ({PRESETS[name]}) serves kind ")
-    assert f"not '{kind}'" in str(caught.value)
+    assert "not 'motor'" in str(caught.value)
 
 
 def test_a_misspelt_preset_is_told_the_nearest() -> None:

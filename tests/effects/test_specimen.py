@@ -7,7 +7,6 @@ import pytest
 
 from jaxmodel.base.errors import EffectError
 from jaxmodel.case.build import load_effect_class
-from jaxmodel.case.presets import read_preset
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.effects.curves import CURVES
 from jaxmodel.effects.shifts import SHIFTS
@@ -91,9 +90,12 @@ def test_the_supply_of_a_robot_is_its_packs():
     assert scale_of("supply", {"n_series": 3.0, "nominal_cell_voltage_V": 3.6}) == pytest.approx(10.8 / 22.8)
 
 
-@pytest.mark.parametrize("preset", ["hobby_servo_s3315d", "prony_gearmotor"])
-def test_the_friction_of_real_motors_is_of_the_size_of_the_papers(preset: str):
-    known = {name: entry.value for name, entry in read_preset(preset).parameters.items()}
+@pytest.mark.parametrize(
+    "known",
+    [{"R_0": 2.766, "k_tau": 0.9593, "tau_0": 0.2244}, {"R_0": 10.86, "k_tau": 0.6754, "tau_0": 0.04579}],
+    ids=["hobby servo with its gear", "gear motor on a brake"],
+)
+def test_the_friction_of_real_motors_is_of_the_size_of_the_papers(known: dict[str, float]):
     share = known["tau_0"] / (TABLE["tau_0"].default * scale_of("torque", known))
     assert 0.2 < share < 5.0
 

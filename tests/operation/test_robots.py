@@ -37,7 +37,7 @@ def test_robots_are_read_by_the_names_of_their_folders(tmp_path: Path) -> None:
 
 def test_cells_in_parallel_share_the_current() -> None:
     """Two cells at 6 A are one cell at 3 A."""
-    one = preset_model("panasonic_18650pf", "cell")
+    one = preset_model("lg_mj1", "cell")
     profile_of = {amps: constant(600.0, 10.0, current_A=amps, ambient_degC=20.0) for amps in (3.0, 6.0)}
 
     def readings(model: Model, amps: float) -> dict[str, np.ndarray]:

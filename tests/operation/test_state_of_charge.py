@@ -21,7 +21,7 @@ from jaxmodel.operation.kalman import FilterOutput, Measured, Tuning
 from jaxmodel.operation.polynomial import polynomial_estimator
 from tests.diagnosis.made_cases import run_of
 
-CELL = preset_model("panasonic_18650pf", "cell")
+CELL = preset_model("lg_mj1", "cell")
 ROWS = 1801
 TIME_S = np.arange(0.0, 2.0 * ROWS, 2.0)
 

@@ -28,7 +28,7 @@ from jaxmodel.plots.style import png
 AMBIENT_DEGC = np.arange(-20.0, 60.1, 5.0)
 # Months of storage and charging cycles.
 AGES = {"new": (0.0, 0.0), "18 months, 25 cycles": (18.0, 25.0), "36 months, 200 cycles": (36.0, 200.0)}
-REAL_CELLS = "Panasonic cells, 6 in series, 2 in parallel"
+REAL_CELLS = "LG MJ1 cells, 6 in series, 2 in parallel"
 BY_CAPACITY = "paper's pack, capacity as in Table 1"
 
 
@@ -82,11 +82,11 @@ def mission(path: Path | None, out: Path, cases: Sequence[Path], ages: Sequence[
 
 def usual_models() -> dict[str, Model]:
     """Return the paper's robot, that with a capacity by temperature as Table 1 would have it, and one on real cells."""
-    models = {PRINTED: preset_model("paper", "robot")}
-    capacity = RECORDED / "capacity.toml"
-    if capacity.is_file():
-        models[BY_CAPACITY] = case_model(read_case(capacity))
-    return models | {REAL_CELLS: operation.cells_in_parallel(preset_model("panasonic_18650pf", "robot"), 2.0)}
+    return {
+        PRINTED: preset_model("paper", "robot"),
+        BY_CAPACITY: case_model(read_case(RECORDED / "capacity.toml")),
+        REAL_CELLS: operation.cells_in_parallel(preset_model("lg_mj1", "robot"), 2.0),
+    }
 
 
 def _age(text: str) -> tuple[str, tuple[float, float]]:

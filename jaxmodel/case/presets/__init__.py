@@ -1,4 +1,6 @@
-"""Hardware by name: the paper's robot, and real cells and motors, each a TOML file of this folder.
+"""Hardware by name: the paper's robot, and real cells, each a TOML file of this folder.
+
+LICENSE-DATA states the source and the licence of each. Data whose licence is not known give no preset of the package.
 
 A preset states the parameters of one piece of hardware, in the form of a case's `[parameters]`, with sd and source.
 Other values are those of the paper. A file of the same form is a preset too: its name ends in `.toml`.
@@ -29,9 +31,6 @@ PRESETS = {
     "samsung_30q": "Samsung INR18650-30Q, 3.0 A h",
     "lg_mj1": "LG INR18650-MJ1 that gave 2.9 A h",
     "k2_lfp_26650": "K2 Energy 26650 LFP, 2.2 A h",
-    "panasonic_18650pf": "Panasonic NCR18650PF, 2.9 A h",
-    "hobby_servo_s3315d": "HJ S3315D hobby servo with its gear, 7 V",
-    "prony_gearmotor": "an unnamed 12 V gear motor measured on a brake",
 }
 
 
