@@ -52,11 +52,10 @@ bench: $(INSTALLED) bench-peers
 bench-check: $(INSTALLED)
 	$(BIN)/python -m benchmarks check
 
-# The peers' packages do not go with ours (PyBaMM pins its own): an environment apart. Without it they are left out.
+# What the benchmark compares with: the extra peers, beside the rest. Without it they are left out.
 bench-peers: $(INSTALLED)
-	@test -e .bench-env/.installed || { $(PYTHON) -m venv .bench-env && \
-		timeout 300 .bench-env/bin/pip install --quiet --no-compile --constraint benchmarks/peers-constraints.txt pybamm thevenin pybop numba pysindy \
-		&& touch .bench-env/.installed; } || echo "The peers could not be installed; the benchmark leaves them out."
+	@$(BIN)/pip install --quiet --no-compile --constraint constraints.txt --editable '.[test,peers]' \
+		|| echo "The peers could not be installed; the benchmark leaves them out."
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix
@@ -75,5 +74,5 @@ $(INSTALLED_DOCS): $(INSTALLED)
 	@touch $@
 
 clean:
-	rm -rf .venv .venv-oldest .bench-env .jax-cache workbench-pictures .hypothesis .pytest_cache .ruff_cache build dist site demo-results *.egg-info
+	rm -rf .venv .venv-oldest .jax-cache workbench-pictures .hypothesis .pytest_cache .ruff_cache build dist site demo-results *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

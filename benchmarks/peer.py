@@ -1,15 +1,16 @@
-"""A peer in its own environment: a program that stays ready and runs its job whenever it is asked."""
+"""A peer in a process of its own: a program that stays ready and runs its job whenever it is asked."""
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-ENVIRONMENT = Path(__file__).parents[1] / ".bench-env"
 _PROGRAMS = Path(__file__).with_name("peers")
 PEERS = ("numba", "pybamm", "thevenin")
 
@@ -22,11 +23,10 @@ class Peer:
     """A program of benchmarks/peers with its job done once: what it found is in `soc` and `voltage_V`."""
 
     def __init__(self, name: str, job: dict[str, Any]) -> None:
-        python = ENVIRONMENT / "bin" / "python"
-        if not python.exists():
+        if importlib.util.find_spec(name) is None:
             raise NoPeer("not installed; run make bench-peers")
         self._process = subprocess.Popen(
-            [str(python), str(_PROGRAMS / f"by_{name}.py")],
+            [sys.executable, str(_PROGRAMS / f"by_{name}.py")],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

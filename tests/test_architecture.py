@@ -200,7 +200,11 @@ def test_tests_mirror_the_packages() -> None:
 
 def test_every_dependency_has_its_reason_and_is_used() -> None:
     project = PROJECT["project"]
-    extras = {name: listed for name, listed in project["optional-dependencies"].items() if name not in ("docs", "test")}
+    extras = {
+        name: listed
+        for name, listed in project["optional-dependencies"].items()
+        if name not in ("docs", "test", "peers")
+    }
     listed = [*project["dependencies"], *(one for extra in extras.values() for one in extra)]
     names = {re.split(r"[><=~ ;\[]", one)[0] for one in listed}
     table = (REPOSITORY / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("| dependency | reason |")[2]

@@ -7,7 +7,6 @@ once.
 from __future__ import annotations
 
 import gc
-from importlib import metadata
 from pathlib import Path
 from typing import Annotated
 
@@ -17,6 +16,7 @@ from jaxmodel.app.import_command import import_
 from jaxmodel.app.one_sentence import OneSentence
 from jaxmodel.app.start_command import start
 from jaxmodel.app.workbench_command import workbench
+from jaxmodel.base.version import __version__
 
 app = typer.Typer(
     cls=OneSentence,
@@ -34,7 +34,7 @@ app.command(epilog="Example: jaxmodel workbench examples/samsung_30q")(workbench
 
 def _print_version(asked: bool) -> bool:
     if asked:
-        print(f"jaxmodel {metadata.version('jaxmodel')}")
+        print(f"jaxmodel {__version__}")
         raise typer.Exit()
     return asked
 
