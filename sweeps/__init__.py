@@ -1,11 +1,13 @@
 """Thousands of combinations of parameters, inputs and effects through the model, into one labelled data set.
 
-from jaxmodel import sweeps
+    from jaxmodel import sweeps
 
-study = sweeps.read_study("examples/paper_sweep.toml")  # or sweeps.Study(kind="cell", profile={...}, axes={...})
-dataset = sweeps.run(study)                             # xarray.Dataset: metrics over the axes
-dataset["soc_gradient"].sel(ambient_degC=20.0)
-sweeps.save(dataset, "results")                         # result.zarr, lanes.csv, manifest.json
+    study = sweeps.read_study("examples/paper_sweep.toml")  # or sweeps.Study(kind="cell", profile={...}, axes={...})
+    dataset = sweeps.run(study)                             # xarray.Dataset: metrics over the axes
+    dataset["soc_gradient"].sel(ambient_degC=20.0)
+    sweeps.save(dataset, "results")                         # result.zarr, lanes.csv, manifest.json
+
+A metric of your own derives from `Metric`.
 """
 
 from typing import TYPE_CHECKING

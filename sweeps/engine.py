@@ -19,6 +19,7 @@ from jaxmodel.sweeps.store import Store
 from jaxmodel.sweeps.study import Study
 
 Progress = Callable[[int, int], None]
+"""Called with the lanes that are done and all lanes, as a sweep goes on."""
 
 
 def run(

@@ -1,6 +1,6 @@
 """Compare a model with measurements: where it fails, what it lacks, which tables are wrong, and what remains.
 
-    from discrepancy import Investigation, diagnose
+    from jaxmodel import Investigation, diagnose
 
     diagnosis = diagnose(case)  # the verdict and its reasons
     diagnosis.plot.ladder()
@@ -10,7 +10,7 @@
     investigation.add("self_heating")
     investigation.ladder()
 
-What `__all__` lists is the public API; the modules behind it may change.
+The room is private: users import these names from `jaxmodel`.
 """
 
 from typing import TYPE_CHECKING

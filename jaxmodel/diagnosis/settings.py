@@ -146,6 +146,7 @@ class Settings:
 
 
 SETTINGS = Settings()
+"""The constants as they are unless an investigation is given others."""
 
 
 def table(settings: Settings = SETTINGS) -> list[dict[str, str]]:

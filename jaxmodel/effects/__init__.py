@@ -27,8 +27,8 @@ _DECLARED = [
     for _, cls in inspect.getmembers(module, inspect.isclass)
     if issubclass(cls, Effect) and hasattr(cls, "name") and cls.__module__ == module.__name__
 ]
-# Rare effects last, in tables and where candidates are alike.
 CATALOGUE: dict[str, type[Effect]] = {cls.name: cls for cls in sorted(_DECLARED, key=lambda cls: cls.rare)}
+"""All effects by name; rare ones last, in tables and where candidates are alike."""
 
 
 def own_effects(classes: Iterable[type[Effect]]) -> dict[str, type[Effect]]:

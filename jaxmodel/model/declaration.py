@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 from jaxmodel.base.errors import ParameterError
 
 Scalar = Float[Array, ""]
+"""One number of a model: an array without axes, of one lane."""
 Transform = Literal["log", "identity"]
 # Units whose thousandth people write.
 _IN_MILLI = ("A h", "V", "A", "ohm", "N m", "N m/A", "H")

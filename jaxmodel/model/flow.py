@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 State = dict[str, Array]
+"""What a step carries on, by name; the states of an effect are called `effect.state`."""
 # Ends the name of what is lost when a state is added to.
 REST = ".rest"
 

@@ -94,6 +94,7 @@ SENSOR_PORTS = {
     "reading": "a sensor's reading of an output over the whole run",
 }
 PORTS = CELL_PORTS | MOTOR_PORTS | SENSOR_PORTS
+"""By the name of each port, the value that a method of that name receives and returns."""
 _HOOKS = {"initial_state", "flows"}
 
 

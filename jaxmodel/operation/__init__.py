@@ -1,15 +1,19 @@
 """The model on a robot: duty maps that compensate cold and load, state of charge, and how long a mission lasts.
 
-import numpy as np, operation
+    import numpy as np
 
-(robot,) = operation.read_robots(["my_robot"]).values()
-map_ = operation.compensate(robot, ambient_degC=np.arange(-20.0, 61.0, 20.0), load_torque_Nm=np.arange(0.1, 0.4, 0.05))
-mission = operation.read_mission("examples/missions/house_search.toml")
-operation.endurance(robot, mission, np.array([0.0, 20.0]), compensation=map_).to_dataframe()
-operation.evaluate_estimators(read_case("my_cell")).errors  # with read_case of jaxmodel.case.reading
+    from jaxmodel import operation, read_case
+
+    (robot,) = operation.read_robots(["my_robot"]).values()
+    map_ = operation.compensate(robot, ambient_degC=np.arange(-20, 61, 20.0), load_torque_Nm=np.arange(0.1, 0.4, 0.05))
+    mission = operation.read_mission("examples/missions/house_search.toml")
+    operation.endurance(robot, mission, np.array([0.0, 20.0]), compensation=map_).to_dataframe()
+    operation.evaluate_estimators(read_case("my_cell")).errors
+
+`read_robots` gives the models of cases of the kind robot by the names of their folders.
 """
 
-from jaxmodel.operation.c_header import c_header, interpolation_error
+from jaxmodel.operation.c_code import c_header, interpolation_error
 from jaxmodel.operation.compensation import Compensation, Reference, compensate, paper_rule_error
 from jaxmodel.operation.kalman import FilterOutput, Measured, Tuning, ekf
 from jaxmodel.operation.mission import (

@@ -32,8 +32,6 @@ from jaxmodel.model.robot import flipper_torque, track_torque
 from jaxmodel.model.simulation import Cutoff, Track, run_track, track
 from jaxmodel.operation.compensation import Compensation
 
-# Friction coefficients mu of eq. 18 by surface. The paper has 0.7, rubber on asphalt; the others are assumed, in the
-# order of the traction of a track on them.
 SURFACES = {
     "asphalt": 0.7,
     "concrete": 0.65,
@@ -43,8 +41,13 @@ SURFACES = {
     "grass": 0.55,
     "ice": 0.1,
 }
+"""Friction coefficients mu of eq. 18 by surface.
+
+The paper has 0.7, rubber on asphalt; the others are assumed, in the order of the traction of a track on them.
+"""
 FLIPPER_GEAR, FLIPPER_EFFICIENCY = 246.0, 0.94  # assumed; the paper states none for the flippers
 LIMITS = ("charge", "voltage", "winding")
+"""What may end a mission."""
 NOT_REACHED = len(LIMITS)
 
 

@@ -1,13 +1,12 @@
 """First parameters of a cell, motor or robot from its measurements alone, with uncertainties that become priors.
 
-    from jaxmodel import read_case
-    from parameterisation import parameterise
+    from jaxmodel import parameterise, read_case
 
     found = parameterise(read_case("CASE"))
     print(found.summary())  # every number with its sd and origin, and what the data do not give
     found.write("parameterised")  # a case for simulate, compare, diagnose
 
-What `__all__` lists is the public API; the modules behind it may change.
+The room is private: users import these names from `jaxmodel`.
 """
 
 from jaxmodel.parameterisation.parameterise import parameterise

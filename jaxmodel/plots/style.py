@@ -33,6 +33,7 @@ CSS_DOTS_PER_INCH = 96  # of a browser
 GREY, BLACK = "#8c8c8c", "#1a1a1a"
 BLUE, ORANGE, GREEN, SKY, PURPLE = "#0072b2", "#d55e00", "#009e73", "#56b4e9", "#cc79a7"
 LINES = (BLUE, ORANGE, GREEN, PURPLE, SKY, "#e69f00", BLACK)
+"""Colours of lines, in the order in which pictures take them."""
 MEASURED, BASE, FINAL, FLOOR = "#6e6e6e", BLUE, ORANGE, "#009e73"
 SEQUENCE = "cividis"
 

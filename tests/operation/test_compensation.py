@@ -12,7 +12,7 @@ import pytest
 
 from jaxmodel.case.build import preset_model
 from jaxmodel.operation import compensation
-from jaxmodel.operation.c_header import Q15, c_header, looked_up
+from jaxmodel.operation.c_code import Q15, c_header, looked_up
 from jaxmodel.operation.compensation import Compensation, Reference, Runs, bilinear, compensate, paper_rule_error
 
 AMBIENT = np.array([-20.0, 20.0, 60.0])
