@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.metadata
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -26,6 +27,9 @@ GRID, TABLE, MANIFEST = "result.zarr", "lanes.csv", "manifest.json"
 NO_METRICS = ("status", "valid_share")
 # More lines than this no spreadsheet shows; the Zarr store holds the same numbers.
 MOST_LINES = 100_000
+# The libraries that read a store, and what each of its arrays states.
+_READ_BY = ("xarray", "zarr")
+_OF_AN_ARRAY = {"chunk_grid", "codecs", "data_type", "fill_value", "node_type", "shape", "zarr_format"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -167,7 +171,7 @@ def load(directory: str | Path | Place) -> xr.Dataset:
         directory: the folder, or the URL in an object store.
 
     Raises:
-        SweepError: there is no result, or one that is damaged.
+        SweepError: there is no result, one that is damaged, or one that the installed libraries cannot read.
     """
     place = place_of(directory) if isinstance(directory, str | Path) else directory
     if not place.holds(MANIFEST):
@@ -182,10 +186,34 @@ def load(directory: str | Path | Place) -> xr.Dataset:
         return ordered.assign_attrs(attributes_of(manifest))
     except MeasurementError:
         raise
-    except (ValueError, KeyError, TypeError, AttributeError, OSError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, OSError, ImportError, NotImplementedError) as error:
+        libraries = unfit_libraries(place)
         raise SweepError(
-            f"{place}: its files are damaged ({type(error).__name__}); run the sweep again into another folder."
+            f"{place}: {libraries} ({type(error).__name__}); install the versions that wrote it, or the newest."
+            if libraries
+            else f"{place}: its files are damaged ({type(error).__name__}); run the sweep again into another folder."
         ) from error
+
+
+def unfit_libraries(place: Place) -> str:
+    """Return which libraries do not read a result that others wrote and whose files are whole; "" for a damaged one."""
+    try:
+        manifest = json.loads(place.read(MANIFEST))
+        written = {name: manifest["versions"][name] for name in _READ_BY}
+        for name in manifest["variables"]:
+            array = json.loads(place.read(f"{GRID}/{name}/zarr.json"))
+            if not _OF_AN_ARRAY <= array.keys():
+                return ""
+        if json.loads(place.read(f"{GRID}/zarr.json"))["node_type"] != "group":
+            return ""
+    except (ValueError, KeyError, TypeError, AttributeError, OSError):
+        return ""
+    others = {name: now for name in _READ_BY if (now := importlib.metadata.version(name)) != written[name]}
+    if not others:
+        return ""
+    here = " and ".join(f"{name} {version}" for name, version in others.items())
+    wrote = " and ".join(f"{name} {written[name]}" for name in others)
+    return f"{here} cannot read what {wrote} wrote"
 
 
 def lanes_per_second(dataset: xr.Dataset) -> float:

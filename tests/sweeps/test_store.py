@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxmodel.base.errors import SweepError
-from jaxmodel.sweeps import Study, load, manifest, places, plan, run
+from jaxmodel.sweeps import Study, load, manifest, places, plan, results, run
 from jaxmodel.sweeps.places import LOG
 from jaxmodel.sweeps.store import Store
 
@@ -361,6 +362,50 @@ def test_a_result_whose_files_are_damaged_is_not_loaded(study, many_chunks, tmp_
     run(study, out=out)
     (out / file).write_text('{"half":', encoding="utf-8")
     with pytest.raises(SweepError, match=r"its files are damaged .* run the sweep again into another folder"):
+        load(out)
+
+
+def _stated(folder: Path, **versions: str) -> None:
+    """Change which libraries wrote a result, as its manifest states."""
+    manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    manifest["versions"] |= versions
+    (folder / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+
+
+@pytest.mark.parametrize("error", [AttributeError, ImportError, NotImplementedError, TypeError, ValueError])
+def test_a_library_that_cannot_read_is_named_and_the_files_are_not_called_damaged(study, tmp_path, monkeypatch, error):
+    """xarray 2025.3 with zarr 3.1 raises an AttributeError."""
+    out = tmp_path / "out"
+    run(study, out=out)
+    _stated(out, xarray="2031.1.0")
+
+    def refuse(*_: object, **__: object) -> None:
+        raise error("'Float64' object has no attribute 'value'")
+
+    monkeypatch.setattr(results.xr, "open_zarr", refuse)
+    installed = version("xarray")
+    with pytest.raises(SweepError) as caught:
+        load(out)
+    assert f"xarray {installed} cannot read what xarray 2031.1.0 wrote ({error.__name__}); install" in str(caught.value)
+    assert "damaged" not in str(caught.value)
+
+
+@pytest.mark.parametrize("file", ["manifest.json", "result.zarr/zarr.json", "result.zarr/status/zarr.json"])
+@pytest.mark.parametrize("text", ['{"half":', "[]"])
+def test_damage_is_damage_whatever_wrote_it(study, tmp_path, file, text):
+    out = tmp_path / "out"
+    run(study, out=out)
+    _stated(out, xarray="2031.1.0", zarr="9.0")
+    (out / file).write_text(text, encoding="utf-8")
+    with pytest.raises(SweepError, match="its files are damaged"):
+        load(out)
+
+
+def test_what_the_same_libraries_wrote_and_cannot_read_is_damaged(study, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    run(study, out=out)
+    monkeypatch.setattr(results.xr, "open_zarr", lambda *_, **__: {}["nothing"])
+    with pytest.raises(SweepError, match=r"its files are damaged \(KeyError\)"):
         load(out)
 
 
