@@ -94,7 +94,7 @@ def pulsed() -> tuple[np.ndarray, np.ndarray]:
 
 
 def doubled(duty: float) -> tuple[xr.Dataset, Gradients]:
-    """Return the paper's parametric test by the package `sensitivity`, and the slopes with all components doubled.
+    """Return the paper's parametric test by `jaxmodel.sensitivity`, and the slopes with all components doubled.
 
     The data set is that of `jaxmodel.sensitivity.doubling_test` for each component alone, at 0 N m and 20 degC over
     Fig. 8's time; the slopes are those of a cell whose whole equivalent circuit is doubled at once, motors' included.

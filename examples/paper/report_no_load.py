@@ -168,7 +168,7 @@ def figure_9_section(data: xr.Dataset, together: Gradients) -> Section:
     return Section(
         "Fig. 9: components doubled",
         [
-            "Each component of the equivalent circuits is doubled alone, by the package `sensitivity`, and all "
+            "Each component of the equivalent circuits is doubled alone, by `jaxmodel.sensitivity`, and all "
             "together; full speed, 0 N m, 20 °C. The paper doubles them together and prints one slope, "
             f"{power(printed.DOUBLED_GRADIENT, -5)}e-5 V/s, over an unstated span: twice its "
             f"{power(printed.LINEAR_GRADIENT, -5)}e-5. The simulation gives {power(together.linear, -5)}e-5 over 30 "

@@ -1,4 +1,4 @@
-"""All pictures of a data set: of a sweep, or of any analysis of the package `sensitivity`."""
+"""All pictures of a data set: of a sweep, or of any analysis of `jaxmodel.sensitivity`."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def pictures_of(dataset: xr.Dataset) -> Iterator[tuple[str, Figure]]:
     than 50,000 lanes a part is drawn. Of a sensitivity analysis: its pictures for every metric and reading that varies.
 
     Args:
-        dataset: of `jaxmodel.sweeps.run`, or of an analysis of the package `sensitivity`.
+        dataset: of `jaxmodel.sweeps.run`, or of an analysis of `jaxmodel.sensitivity`.
 
     Raises:
         SweepError: the data set comes from neither.

@@ -1,4 +1,4 @@
-"""Pictures of the package `operation`: maps of a compensation, estimated states of charge, how long missions last."""
+"""Pictures of `jaxmodel.operation`: maps of a compensation, estimated states of charge, how long missions last."""
 
 from __future__ import annotations
 

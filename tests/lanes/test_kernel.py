@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from jax import lax
 
-from jaxmodel import lanes as native
+from jaxmodel import lanes
 from jaxmodel.lanes import ROWS, STEPS, Kernel, NotNative, Pool, machine
 from jaxmodel.model.curves import interpolate
 
@@ -276,4 +276,4 @@ def test_compiled_code_is_kept_and_a_broken_file_is_not_used(tmp_path, monkeypat
 
 def test_front_door_names_what_it_has() -> None:
     of_processors = {"ROWS", "STEPS", "Kernel", "NotNative", "Pool", "Written", "processor"}
-    assert set(native.__all__) == of_processors | {"CudaCall", "CudaError", "CudaKernel"}
+    assert set(lanes.__all__) == of_processors | {"CudaCall", "CudaError", "CudaKernel"}
