@@ -28,7 +28,7 @@ from jaxmodel.plots.style import png
 AMBIENT_DEGC = np.arange(-20.0, 60.1, 5.0)
 # Months of storage and charging cycles.
 AGES = {"new": (0.0, 0.0), "18 months, 25 cycles": (18.0, 25.0), "36 months, 200 cycles": (36.0, 200.0)}
-REAL_CELLS = "LG MJ1 cells, 6 in series, 2 in parallel"
+REAL_CELLS = "LG MJ1 cells (measured at 20 and 40 °C), 6 in series, 2 in parallel"
 BY_CAPACITY = "paper's pack, capacity as in Table 1"
 
 
