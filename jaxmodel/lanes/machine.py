@@ -13,7 +13,15 @@ import llvmlite
 import llvmlite.binding as llvm
 
 from jaxmodel.base.cache import keep, kept
+from jaxmodel.base.errors import UserError
 
+# The LLVM of an older one refuses the text of every kernel, as if no function had instructions.
+_OLDEST = (0, 45)
+if tuple(map(int, llvmlite.__version__.split(".")[:2])) < _OLDEST:
+    raise UserError(
+        f"llvmlite {llvmlite.__version__} is too old to compile a model; "
+        f"install {'.'.join(map(str, _OLDEST))} or newer: pip install --upgrade llvmlite."
+    )
 # How the names of features begin that say which instructions there are for floating-point numbers.
 _OF_VECTORS = ("avx", "fma", "neon", "sve", "fp-armv8")
 
