@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
+import importlib.resources
 import inspect
 import platform
 import re
@@ -14,7 +15,6 @@ from typing import Any
 
 import jax
 
-import jaxmodel
 from jaxmodel.base.schema import with_schema
 from jaxmodel.lanes import processor
 from jaxmodel.sweeps.study import Study
@@ -104,7 +104,7 @@ def _source_of(cls: type) -> bytes:
 def sources_digest() -> str:
     """Return the SHA-256 of the sources and presets of the packages that results come from."""
     hashed = hashlib.sha256()
-    root = Path(str(jaxmodel.__file__)).parent
+    root = Path(str(importlib.resources.files("jaxmodel")))
     for folder in (*(root / room for room in _ROOMS), Path(__file__).parent):
         for path in sorted(file for ending in ("py", "toml") for file in folder.rglob(f"*.{ending}")):
             hashed.update(path.relative_to(folder).as_posix().encode() + path.read_bytes())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import inspect
 import sys
@@ -9,10 +10,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from jaxmodel.base.errors import EffectError, instead
+from jaxmodel.base.errors import EffectError, ParameterError, instead
 from jaxmodel.case.measurements import KINDS
-from jaxmodel.case.presets import Kind
-from jaxmodel.case.reading import with_preset
+from jaxmodel.case.presets import Kind, read_preset, why_not
 from jaxmodel.case.records import Case, Run
 from jaxmodel.effects import CATALOGUE, own_effects
 from jaxmodel.model.curves import CURVE_NAMES, CellCurves, Curve, Table, look_up_curves
@@ -99,6 +99,19 @@ def load_effect_class(reference: str) -> type[Effect]:
     except EffectError as error:
         raise EffectError(f"--effect {reference}: {error}") from error
     return cls
+
+
+def with_preset(case: Case) -> Case:
+    """Return a case with the values and sd of its preset; entries of the case take precedence.
+
+    Raises:
+        ParameterError: the preset is unknown or serves other kinds.
+    """
+    if problem := why_not(case.preset, case.kind):
+        raise ParameterError(f"{case.label}: {problem}")
+    preset = read_preset(case.preset)
+    parameters, curves = preset.parameters | case.parameters, preset.tables | case.tables
+    return dataclasses.replace(case, parameters=parameters, tables=curves)
 
 
 def case_model(

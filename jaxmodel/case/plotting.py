@@ -1,25 +1,15 @@
-"""Pictures of simulated cases; `plots` and matplotlib are imported only when one is drawn."""
+"""Pictures of simulated cases; the room `plots` draws them, and is imported when one is drawn."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-from jaxmodel.base.errors import MeasurementError, nearest
+from jaxmodel.base.late_binding import late_bound
+from jaxmodel.case.records import chosen_run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-def chosen_run(name: str | None, names: Iterable[str]) -> str:
-    """Return the name of a run, the first by default; raise MeasurementError if there is no such run."""
-    names = list(names)
-    chosen = names[0] if name is None else name
-    if chosen not in names:
-        hint = nearest(chosen, names) or f" The runs are {', '.join(names)}."
-        raise MeasurementError(f"plot: no run is called '{chosen}'.{hint}")
-    return chosen
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,8 +24,6 @@ class SimulationPlots:
         Raises:
             MeasurementError: there is no such run.
         """
-        from jaxmodel.plots import runs
-
         by_name = {one.run.name: one for one in self.simulation}
         name = chosen_run(run, by_name)
-        return runs.simulation(name, by_name[name].table, by_name[name].run)
+        return late_bound("jaxmodel.plots.runs:simulation")(name, by_name[name].table, by_name[name].run)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -13,6 +12,7 @@ import pandas as pd
 from jaxmodel import effects
 from jaxmodel.base.errors import MeasurementError, ParameterError, instead, nearest
 from jaxmodel.case import plausible
+from jaxmodel.case.build import case_model, with_preset
 from jaxmodel.case.entries import entry_of
 from jaxmodel.case.forms import CaseEntry, EffectEntry, RunEntry, ToleranceEntry, parse_case
 from jaxmodel.case.known import Known, Tolerance, scalars, tables
@@ -25,7 +25,7 @@ from jaxmodel.case.measurements import (
     read_measurements,
     read_utf8,
 )
-from jaxmodel.case.presets import located, read_preset, why_not
+from jaxmodel.case.presets import located, why_not
 from jaxmodel.case.records import Case, Run
 from jaxmodel.model.ports import Effect
 
@@ -77,8 +77,6 @@ def case_of_frames(
 
     def measured(run: RunEntry) -> Measured:
         return measurements_of(frames[run.file], entry.kind, run.ambient_degC, f"{where}, run '{run.file}'")
-
-    from jaxmodel.case.build import case_model
 
     case = _case(entry, name, None, where, [None] * len(entry.runs), measured, own_effects)
     for run in case.runs:
@@ -133,19 +131,6 @@ def _case(
     case = case if why_not(case.preset, case.kind) else with_preset(case)
     plausible.check(case)
     return case
-
-
-def with_preset(case: Case) -> Case:
-    """Return a case with the values and sd of its preset; entries of the case take precedence.
-
-    Raises:
-        ParameterError: the preset is unknown or serves other kinds.
-    """
-    if problem := why_not(case.preset, case.kind):
-        raise ParameterError(f"{case.label}: {problem}")
-    preset = read_preset(case.preset)
-    parameters, curves = preset.parameters | case.parameters, preset.tables | case.tables
-    return dataclasses.replace(case, parameters=parameters, tables=curves)
 
 
 def _toml_file(path: Path) -> Path:

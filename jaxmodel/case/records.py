@@ -15,6 +15,8 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
+from jaxmodel.base.errors import MeasurementError, nearest
+from jaxmodel.base.late_binding import late_bound
 from jaxmodel.case.known import Known, Table, Tolerance
 from jaxmodel.case.measurements import Measured, file_label
 from jaxmodel.effects import CATALOGUE
@@ -151,11 +153,10 @@ class Case:
             ParameterError: a parameter is unknown, out of its bounds or of the wrong form.
             EffectError: one of your own effects is incomplete, or has the name of another.
         """
-        from jaxmodel.case.reading import case_of_frames
-
         entries = {"parameters": {**(parameters or {}), **(tables or {})}, "effects": effects or {}}
         entries |= {"sensors": sensors or {}, "tolerance": tolerance or {}, "cutoff": cutoff or {}}
         entries |= {"title": title, "kind": kind, "preset": preset}
+        case_of_frames = late_bound("jaxmodel.case.reading:case_of_frames")
         return case_of_frames(frames, name, check, runs or {}, entries, own_effects)
 
     @property
@@ -224,9 +225,7 @@ class Case:
         Raises:
             MeasurementError: a file of the case itself would be overwritten.
         """
-        from jaxmodel.case.writing import write_folder
-
-        return write_folder(self, Path(folder))
+        return late_bound("jaxmodel.case.writing:write_folder")(self, Path(folder))
 
     def __repr__(self) -> str:
         fitted = sum(run.split == "fit" for run in self.runs)
@@ -234,3 +233,13 @@ class Case:
 
     def _repr_html_(self) -> str:
         return f"<p><b>{html.escape(repr(self)[1:-1])}</b></p>{self.to_dataframe().to_html(index=False, border=0)}"
+
+
+def chosen_run(name: str | None, names: Iterable[str]) -> str:
+    """Return the name of a run, the first by default; raise MeasurementError if there is no such run."""
+    names = list(names)
+    chosen = names[0] if name is None else name
+    if chosen not in names:
+        hint = nearest(chosen, names) or f" The runs are {', '.join(names)}."
+        raise MeasurementError(f"plot: no run is called '{chosen}'.{hint}")
+    return chosen

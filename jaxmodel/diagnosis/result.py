@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from jaxmodel.base.late_binding import late_bound
 from jaxmodel.case.records import Case
 from jaxmodel.case.simulation import CaseSimulation, simulate_case
 from jaxmodel.diagnosis.plotting import DiagnosisPlots
@@ -326,16 +327,11 @@ class Diagnosis:
 
     def summary(self) -> str:
         """Return the verdict and its reasons in a few lines."""
-        from jaxmodel.diagnosis.summary import summary
-        from jaxmodel.diagnosis.wording import verdict_sentence
-
-        return "\n".join([verdict_sentence(self), *summary(self), *(f"Note: {remark}" for remark in self.remarks)])
+        return late_bound("jaxmodel.diagnosis.summary:whole_summary")(self)
 
     def answer(self) -> dict[str, Any]:
         """Return the answer in the form of the case contract, ready for JSON."""
-        from jaxmodel.diagnosis.answer import answer
-
-        return answer(self)
+        return late_bound("jaxmodel.diagnosis.answer:answer")(self)
 
     def extended_case(self) -> Case:
         """Return the case with the parameters, effects and tables of the final model."""
@@ -344,8 +340,7 @@ class Diagnosis:
     @functools.cached_property
     def extension(self) -> tuple[Case, list[str]]:
         """Return the extended case, and a sentence for everything that a case cannot hold."""
-        from jaxmodel.diagnosis.extended import extended_case
-
+        extended_case = late_bound("jaxmodel.diagnosis.extended:extended_case")
         return extended_case(self.case, self.final, self.curves, self.runs)
 
     @functools.cached_property
@@ -370,9 +365,7 @@ class Diagnosis:
         Returns:
             The folder.
         """
-        from jaxmodel.diagnosis.extended.files import write_result
-
-        write_result(self, Path(folder))
+        late_bound("jaxmodel.diagnosis.extended.files:write_result")(self, Path(folder))
         if pictures:
             self.plot.save(folder)
         return Path(folder)

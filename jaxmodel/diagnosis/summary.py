@@ -16,7 +16,14 @@ from jaxmodel.diagnosis.wording import (
     named_sentence,
     number,
     run_sentence,
+    verdict_sentence,
 )
+
+
+def whole_summary(diagnosis: Diagnosis) -> str:
+    """Return the verdict, its reasons and the remarks, one in a line."""
+    notes = (f"Note: {remark}" for remark in diagnosis.remarks)
+    return "\n".join([verdict_sentence(diagnosis), *summary(diagnosis), *notes])
 
 
 def summary(diagnosis: Diagnosis) -> list[str]:

@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 
 from jaxmodel.base.errors import FitError
+from jaxmodel.case.build import with_preset
 from jaxmodel.case.known import Known
-from jaxmodel.case.reading import with_preset
 from jaxmodel.case.records import Case
 from jaxmodel.case.simulation import simulate_case
 from jaxmodel.model.parameters import info

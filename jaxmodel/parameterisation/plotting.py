@@ -1,4 +1,4 @@
-"""Pictures of a parameterisation; `plots` and matplotlib are imported only when one is drawn."""
+"""Pictures of a parameterisation; the room `plots` draws them, and is imported when one is drawn."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jaxmodel.base.errors import MeasurementError, nearest
+from jaxmodel.base.late_binding import late_bound
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,13 +25,11 @@ class ParameterisationPlots:
         Raises:
             MeasurementError: there are no such points.
         """
-        from jaxmodel.plots import parameterisation
-
         points = self.parameterisation.points
         if name not in points:
             hint = nearest(name, points) or f" There are {', '.join(points)}."
             raise MeasurementError(f"plot: no extraction is called '{name}'.{hint}")
-        return parameterisation.extraction(self.parameterisation, name)
+        return late_bound("jaxmodel.plots.parameterisation:extraction")(self.parameterisation, name)
 
     def curves(self) -> Figure:
         """Draw the tables over state of charge, a line for each temperature.
@@ -38,11 +37,9 @@ class ParameterisationPlots:
         Raises:
             MeasurementError: the case has no tables.
         """
-        from jaxmodel.plots import parameterisation
-
         if not self.parameterisation.case.tables:
             raise MeasurementError("plot: the case has no tables; draw an extraction.")
-        return parameterisation.curves(self.parameterisation.case)
+        return late_bound("jaxmodel.plots.parameterisation:curves")(self.parameterisation.case)
 
     def run(self, name: str | None = None) -> Figure:
         """Draw a run and its forward simulation, the first by default.
@@ -61,6 +58,4 @@ class ParameterisationPlots:
 
     def save(self, folder: str | Path) -> list[Path]:
         """Write every picture as a PNG to a folder, which is made if need be; return the files."""
-        from jaxmodel.plots.style import save
-
-        return save(self.all().items(), folder)
+        return late_bound("jaxmodel.plots.style:save")(self.all().items(), folder)

@@ -16,10 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxmodel.base.errors import FitError
-from jaxmodel.case.build import case_model
+from jaxmodel.case.build import case_model, with_preset
 from jaxmodel.case.known import Known
 from jaxmodel.case.measurements import Measured
-from jaxmodel.case.reading import with_preset
 from jaxmodel.case.records import Case, Run
 from jaxmodel.model.cell import storage_factor
 from jaxmodel.model.parameters import info

@@ -1,11 +1,12 @@
-"""Pictures of an import; `plots` and matplotlib are imported only when one is drawn."""
+"""Pictures of an import; the room `plots` draws them, and is imported when one is drawn."""
 
 from __future__ import annotations
 
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
-from jaxmodel.case.plotting import chosen_run
+from jaxmodel.base.late_binding import late_bound
+from jaxmodel.case.records import chosen_run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,17 +24,12 @@ class ImportPlots:
         Raises:
             MeasurementError: there is no such run.
         """
-        from jaxmodel.plots.imports import imported_run
-
         by_name = {one.log.name: one.log for one in self.imported.runs}
-        name = chosen_run(run, by_name)
-        log = by_name[name]
+        log = by_name[chosen_run(run, by_name)]
         marked = [(finding.what, finding.column, finding.spans_s) for finding in log.findings]
         notes = [finding.sentence for finding in log.findings if finding.weight == "warning"]
-        return imported_run(name, log.time_s, log.columns, marked, notes)
+        return late_bound("jaxmodel.plots.imports:imported_run")(log.name, log.time_s, log.columns, marked, notes)
 
     def png(self, run: str) -> bytes:
         """Return the picture of a run as a PNG file."""
-        from jaxmodel.plots.style import png
-
-        return png(self(run))
+        return late_bound("jaxmodel.plots.style:png")(self(run))
