@@ -1,9 +1,11 @@
-"""Project rules that are tested: which package imports which, module size, and forbidden text."""
+"""Project rules that are tested: which room imports which, module size, and forbidden text."""
 
 from __future__ import annotations
 
 import ast
 import fnmatch
+import importlib
+import inspect
 import os
 import re
 import subprocess
@@ -15,85 +17,52 @@ from pathlib import Path
 import jaxtyping
 import pytest
 
+from tests.import_graph import FLOORS, NAME, Graph, arrows_down, graph_of, imported_names, room_of
+
 REPOSITORY = Path(__file__).parents[1]
 PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))
-
-MAY_IMPORT = {
-    "jaxmodel": set(),
-    "importing": {"jaxmodel"},
-    "sweeps": {"jaxmodel"},
-    "sensitivity": {"jaxmodel", "sweeps"},
-    "discrepancy": {"jaxmodel", "sensitivity"},
-    "operation": {"jaxmodel", "sweeps", "sensitivity"},
-    "parameterisation": {"jaxmodel"},
-    "plots": {"jaxmodel", "importing", "sweeps", "sensitivity", "discrepancy", "operation", "parameterisation"},
-    "workbench": {
-        "jaxmodel",
-        "importing",
-        "sweeps",
-        "sensitivity",
-        "discrepancy",
-        "operation",
-        "parameterisation",
-        "plots",
-    },
-}
-# The parts of `discrepancy`, from low to high: each may import only parts of lower levels.
-DISCREPANCY = [
-    {"settings", "plotting"},
-    {"result", "residuals"},
-    {"wording", "answer"},
-    {"preparation", "decision"},
-    {"noise"},
-    {"fitting"},
-    {"screening"},
-    {"evidence"},
-    {"workings"},
-    {"gates"},
-    {"policy", "rungs", "advice", "findings", "tolerances", "extended", "names"},
-    {"summary", "investigation", "identification"},
-    {"diagnosis"},
-    {"finishing"},
-    {"__init__"},
-]
-WITHOUT_FRONT_END = ["jaxmodel", "importing", "sweeps", "sensitivity", "operation", "parameterisation"]
+GRAPH = graph_of(REPOSITORY)
+ROOMS = [room for rooms in FLOORS for room in rooms]
+WITHOUT_FRONT_END = [room for room in ROOMS if room not in ("plots", "app")]
 FRONT_END = set(
     "altair bokeh click dash fastapi flask jinja2 matplotlib nicegui plotly rich seaborn starlette streamlit textual "
     "tornado tqdm typer uvicorn".split()
 )
 FRONT_END_OF_PYTHON = set("argparse curses http optparse socketserver tkinter webbrowser wsgiref".split())
-MOST_LINES = 400
+MOST_LINES = 600
 FORBIDDEN_TEXT = {
     "absolute path": re.compile(r"(?<![\w.:/~-])/(home|root|work|Users)/\w"),
     "registry host": re.compile(r"\b(pypi\.org|pythonhosted\.org|anaconda\.org|npmjs\.(org|com))\b"),
 }
 
 
-def modules_of(package: str) -> list[Path]:
-    return sorted((REPOSITORY / package).rglob("*.py"))
+def modules_of(room: str) -> list[Path]:
+    return [path for module, path in GRAPH.paths.items() if room_of(module) == room]
 
 
-def imports_of(path: Path, within: type | None = None) -> Iterator[tuple[str, int]]:
-    """The top-level package and line of every absolute import, anywhere in a module or only at its top level."""
-    module = ast.parse(path.read_text(encoding="utf-8"), str(path))
-    for node in module.body if within is ast.Module else ast.walk(module):
-        if isinstance(node, ast.Import):
-            yield from ((alias.name.split(".")[0], node.lineno) for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            yield node.module.split(".")[0], node.lineno
+def files_of(folder: str) -> list[Path]:
+    return sorted((REPOSITORY / folder).rglob("*.py"))
 
 
-def imports_into(package: str) -> Iterator[tuple[str, str]]:
-    """Each top-level package that a package imports, with the place of the import.
+def place(path: Path) -> str:
+    return path.relative_to(REPOSITORY).as_posix()
 
-    Only `plotting.py` may import `plots`, inside its functions: a result draws itself on request.
+
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"), str(path))
+
+
+def imports_into(room: str) -> Iterator[tuple[str, str]]:
+    """Each top-level package that a room imports, with the place of the import.
+
+    `plotting.py` may name a type of matplotlib, in an `if TYPE_CHECKING`: the pictures of a record return figures.
     """
-    for path in modules_of(package):
-        at_top = {line for _, line in imports_of(path, ast.Module)}
-        for imported, line in imports_of(path):
-            if imported in ("plots", "matplotlib") and path.name == "plotting.py" and line not in at_top:
-                continue
-            yield imported, f"{path.relative_to(REPOSITORY)}:{line}: import of {imported}"
+    for path in modules_of(room):
+        tree = tree_of(path)
+        if path.name == "plotting.py":
+            tree.body = [node for node in tree.body if not (isinstance(node, ast.If) and "TYPE" in ast.dump(node.test))]
+        for name, line in imported_names(tree):
+            yield name.split(".")[0], f"{place(path)}:{line}: import of {name}"
 
 
 def texts_of_project() -> Iterator[tuple[Path, str]]:
@@ -113,87 +82,157 @@ def texts_of_project() -> Iterator[tuple[Path, str]]:
                 continue
 
 
-@pytest.mark.parametrize("package", MAY_IMPORT)
-def test_package_imports_only_the_packages_it_may(package: str) -> None:
-    others = MAY_IMPORT.keys() - MAY_IMPORT[package] - {package}
-    assert [place for imported, place in imports_into(package) if imported in others] == []
+def test_imports_go_up_only() -> None:
+    """A room imports from lower floors alone, and nothing imports the root."""
+    assert arrows_down(GRAPH) == []
 
 
-def test_parts_of_the_diagnosis_import_only_lower_ones() -> None:
-    level = {part: number for number, parts in enumerate(DISCREPANCY) for part in parts}
-    upward = []
-    for path in modules_of("discrepancy"):
-        own = path.relative_to(REPOSITORY / "discrepancy").with_suffix("").parts[0]
-        module = ast.parse(path.read_text(encoding="utf-8"), str(path))
-        # Methods of results (summary, write, plot) import what they need when called.
-        for node in module.body if own in ("result", "plotting") else ast.walk(module):
-            if not isinstance(node, ast.ImportFrom) or (node.module or "").split(".")[0] != "discrepancy":
-                continue
-            _, *inside = (node.module or "").split(".")
-            for other in inside[:1] or [alias.name for alias in node.names]:
-                if other != own and level[other] >= level[own]:
-                    upward.append(f"{path.relative_to(REPOSITORY)}:{node.lineno}: {own} imports {other}")
-    assert upward == []
-    # The list is complete.
-    assert set(level) == {
-        path.stem for path in (REPOSITORY / "discrepancy").iterdir() if path.suffix in ("", ".py")
-    } - {"__pycache__"}
+def test_no_modules_import_each_other() -> None:
+    """Not in a function and not for a type either: a circle is one thing in two files."""
+    assert GRAPH.circles() == []
 
 
-@pytest.mark.parametrize("package", WITHOUT_FRONT_END)
-def test_package_imports_no_plotting_web_or_command_line(package: str) -> None:
+def test_every_module_is_imported_by_one_name() -> None:
+    """`sweeps.study` beside `jaxmodel.sweeps.study` would be a second module, with classes of its own."""
+    by_another_name = re.compile(r"^ *(from|import) (sweeps|sensitivity)\.\w+", re.MULTILINE)
+    paths = [path for top in (NAME, "sweeps", "sensitivity", "tests", "benchmarks") for path in files_of(top)]
+    assert [place(path) for path in paths if by_another_name.search(path.read_text(encoding="utf-8"))] == []
+
+
+# Trees that someone could make, each with what is wrong with it.
+ALLOWED = {"base/a": "", "model/b": "from jaxmodel.base import a", "model/c": "from jaxmodel.model.b import a"}
+DOWN = {
+    "at the top": {"base/a": "from jaxmodel.model.b import f"},
+    "of a module": {"base/a": "from jaxmodel.model import b"},
+    "in a function": {"base/a": "def f():\n    import jaxmodel.model.b"},
+    "for a type": {"base/a": "if TYPE_CHECKING:\n    from jaxmodel.model.b import B"},
+    "of the root": {"model/c": "from jaxmodel import simulate"},
+    "of a folder at the top": {"model/c": "from sweeps.study import Study", "sweeps/study": ""},
+    "across": {"diagnosis/a": "from jaxmodel.parameterisation.b import f", "parameterisation/b": ""},
+    "of a facade": {"base/a": "from jaxmodel.plots import ladder", "plots/__init__": ""},
+    "of a room without a floor": {"cellar/a": "import os"},
+}
+CIRCLES = {
+    "in a function": {"model/b": "def f():\n    from jaxmodel.model.c import g"},
+    "for a type": {"model/b": "if TYPE_CHECKING:\n    from jaxmodel.model.c import C"},
+    "through a third": {"model/b": "import jaxmodel.model.d", "model/d": "from jaxmodel.model import c"},
+    "through a facade": {"model/b": "from jaxmodel.model import d", "model/__init__": "import jaxmodel.model.b"},
+}
+
+
+def made_up(folder: Path, files: dict[str, str]) -> Graph:
+    files = {"__init__": "from jaxmodel.model.b import f", "model/__init__": ""} | files
+    for name, text in files.items():
+        room = name.split("/")[0]
+        file = (folder if room in ("sweeps", "sensitivity") else folder / NAME) / f"{name}.py"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text, encoding="utf-8")
+    return graph_of(folder)
+
+
+def test_a_tree_whose_imports_go_up_is_allowed(tmp_path: Path) -> None:
+    graph = made_up(tmp_path, ALLOWED)
+    assert sum(len(imported) for imported in graph.arrows.values()) == 3
+    assert (arrows_down(graph), graph.circles()) == ([], [])
+
+
+@pytest.mark.parametrize("files", DOWN.values(), ids=list(DOWN))
+def test_an_arrow_that_goes_down_is_found(tmp_path: Path, files: dict[str, str]) -> None:
+    (found,) = arrows_down(made_up(tmp_path, ALLOWED | files))
+    assert next(iter(files)).replace("/", ".") in found
+
+
+@pytest.mark.parametrize("files", CIRCLES.values(), ids=list(CIRCLES))
+def test_a_circle_is_found(tmp_path: Path, files: dict[str, str]) -> None:
+    graph = made_up(tmp_path, ALLOWED | files)
+    assert arrows_down(graph) == []
+    (found,) = graph.circles()
+    assert "jaxmodel.model.b" in found
+
+
+def late_bound_calls() -> Iterator[tuple[str, str, str, ast.Call | None]]:
+    """Every `late_bound(name)`: its module, the function that has it, the name, and the call of what it returns."""
+    for module, path in GRAPH.paths.items():
+        for outer in ast.walk(tree_of(path)):
+            for method in outer.body if isinstance(outer, ast.ClassDef) else ():
+                if not isinstance(method, ast.FunctionDef):
+                    continue
+                nodes = list(ast.walk(method))
+                calls = [node for node in nodes if isinstance(node, ast.Call)]
+                for node in (one for one in calls if ast.unparse(one.func) == "late_bound"):
+                    named = {
+                        ast.unparse(target)
+                        for one in nodes
+                        if isinstance(one, ast.Assign) and node in ast.walk(one.value)
+                        for target in ast.walk(one.targets[0])
+                    }
+                    use = next((one for one in calls if one.func is node or ast.unparse(one.func) in named), None)
+                    yield module, f"{outer.name}.{method.name}", ast.literal_eval(node.args[0]), use
+
+
+def test_methods_of_records_are_bound_to_functions_above_them() -> None:
+    """What is late bound is the method of a class, stands above its module, is there, and takes these arguments."""
+    found = list(late_bound_calls())
+    sources = "".join(path.read_text(encoding="utf-8") for path in GRAPH.paths.values())
+    definition_and_example = 2
+    assert len(found) == len(re.findall(r"late_bound\(", sources)) - definition_and_example
+    floor = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
+    for module, method, name, call in found:
+        other, _, function = name.partition(":")
+        is_above = floor[room_of(other)] > floor[room_of(module)]
+        assert is_above or other in GRAPH.above(module), f"{method}: {other} does not stand above {module}"
+        assert call is not None, f"{method}: what {name} returns is not called"
+        signature = inspect.signature(getattr(importlib.import_module(other), function))
+        signature.bind(*call.args, **{str(keyword.arg): keyword.value for keyword in call.keywords})
+
+
+@pytest.mark.parametrize("room", WITHOUT_FRONT_END)
+def test_room_imports_no_plotting_web_or_command_line(room: str) -> None:
     front_end = FRONT_END | FRONT_END_OF_PYTHON
-    assert [place for imported, place in imports_into(package) if imported in front_end] == []
+    assert [where for imported, where in imports_into(room) if imported in front_end] == []
 
 
 def test_importing_every_module_without_a_front_end_loads_none() -> None:
     """Other dependencies could load a front end indirectly."""
-    modules = [path.relative_to(REPOSITORY).with_suffix("") for p in WITHOUT_FRONT_END for path in modules_of(p)]
-    names = [".".join(module.parts).removesuffix(".__init__") for module in modules]
+    names = [module for module in GRAPH.paths if room_of(module) in WITHOUT_FRONT_END]
     program = f"import importlib, sys; [importlib.import_module(name) for name in {names}]; print(*sys.modules)"
     result = subprocess.run(
         [sys.executable, "-c", program], cwd=REPOSITORY, capture_output=True, text=True, timeout=120
     )
     assert result.returncode == 0, result.stderr
     loaded = set(result.stdout.split())
-    assert set(WITHOUT_FRONT_END) <= loaded
+    assert set(names) <= loaded
     assert loaded & FRONT_END == set()
 
 
-@pytest.mark.parametrize("package", MAY_IMPORT)
-def test_package_imports_only_declared_dependencies(package: str) -> None:
-    """A package that needs a dependency of the test extra would work here and fail for a user."""
+@pytest.mark.parametrize("room", ROOMS)
+def test_room_imports_only_declared_dependencies(room: str) -> None:
+    """A room that needs a dependency of the test extra would work here and fail for a user."""
     project = PROJECT["project"]
     extras = project["optional-dependencies"]
     declared = project["dependencies"] + extras["cluster"] + extras["s3"] + extras["matlab"] + extras["workbench"]
     known = {re.split(r"[^\w-]", requirement)[0].replace("-", "_") for requirement in declared}
     known |= {"pydantic_core"}  # half of pydantic
-    known |= sys.stdlib_module_names | MAY_IMPORT.keys()
-    assert [place for imported, place in imports_into(package) if imported not in known] == []
+    known |= sys.stdlib_module_names | {NAME}
+    assert [where for imported, where in imports_into(room) if imported not in known] == []
 
 
-@pytest.mark.parametrize("package", MAY_IMPORT)
-def test_package_says_in_one_docstring_what_it_is(package: str) -> None:
-    module = ast.parse((REPOSITORY / package / "__init__.py").read_text(encoding="utf-8"))
-    assert ast.get_docstring(module)
+def test_every_package_says_in_its_docstring_what_it_is() -> None:
+    packages = {module: path for module, path in GRAPH.paths.items() if path.name == "__init__.py"}
+    # A folder without an __init__ would not be in the wheel.
+    assert {module.rpartition(".")[0] for module in GRAPH.paths} - {""} <= packages.keys()
+    assert [module for module, path in packages.items() if not ast.get_docstring(tree_of(path))] == []
 
 
-@pytest.mark.parametrize("package", MAY_IMPORT)
-def test_every_package_of_package_is_installed(package: str) -> None:
-    packages = {".".join(path.parent.relative_to(REPOSITORY).parts) for path in modules_of(package)}
-    listed = {name for name in PROJECT["tool"]["setuptools"]["packages"] if name.split(".")[0] == package}
-    assert packages == listed
+@pytest.mark.parametrize("room", ROOMS)
+def test_module_is_short(room: str) -> None:
+    lengths = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in modules_of(room)}
+    assert {place(path): lines for path, lines in lengths.items() if lines > MOST_LINES} == {}
 
 
-@pytest.mark.parametrize("package", MAY_IMPORT)
-def test_module_is_short(package: str) -> None:
-    lengths = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in modules_of(package)}
-    assert {str(path.relative_to(REPOSITORY)): lines for path, lines in lengths.items() if lines > MOST_LINES} == {}
-
-
-def test_tests_mirror_the_packages() -> None:
+def test_tests_mirror_the_rooms() -> None:
     tested = {path.parent.relative_to(REPOSITORY / "tests").parts[:1] for path in REPOSITORY.glob("tests/**/test_*.py")}
-    with_code = {(package,) for package in MAY_IMPORT if len(modules_of(package)) > 1}
+    with_code = {(room,) for room in ROOMS if len(modules_of(room)) > 1}
     # tests/independent is the independent simulator, tested like the product; tests/stress is of every reader.
     assert tested - {(), ("independent",), ("examples",), ("stress",)} == with_code
 
@@ -211,7 +250,7 @@ def test_every_dependency_has_its_reason_and_is_used() -> None:
     rows = [line.split("|") for line in table.partition("\n\n")[0].splitlines() if line.startswith("| `")]
     assert {name for row in rows for name in re.findall(r"`([\w-]+)`", row[1].partition("(")[0])} == names
     assert all(row[2].strip() for row in rows)
-    sources = "".join(path.read_text(encoding="utf-8") for package in MAY_IMPORT for path in modules_of(package))
+    sources = "".join(path.read_text(encoding="utf-8") for path in GRAPH.paths.values())
     assert [name for name in names if not re.search(rf"\b{name.replace('-', '_')}\b", sources)] == []
 
 
@@ -248,22 +287,20 @@ ALLOWED_TO_RUN = {
 
 def calls_of(path: Path) -> Iterator[tuple[str, ast.Call]]:
     """The name of what each call calls, as it is written, and the call."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Call):
             yield ast.unparse(node.func), node
 
 
 def test_nothing_runs_what_it_reads_but_where_the_user_has_put_it_there() -> None:
-    paths = [path for package in MAY_IMPORT for path in modules_of(package)]
-    calls = {(str(path.relative_to(REPOSITORY)), name) for path in paths for name, _ in calls_of(path)}
+    calls = {(place(path), name) for path in GRAPH.paths.values() for name, _ in calls_of(path)}
     assert {call for call in calls if call[1] in RUNS_WHAT_IT_IS_GIVEN} == ALLOWED_TO_RUN
 
 
 def test_no_shell_is_used_and_no_array_is_a_pickle() -> None:
     flags = {
-        f"{path.relative_to(REPOSITORY)}:{call.lineno}: {keyword.arg}"
-        for package in MAY_IMPORT
-        for path in modules_of(package)
+        f"{place(path)}:{call.lineno}: {keyword.arg}"
+        for path in GRAPH.paths.values()
         for _, call in calls_of(path)
         for keyword in call.keywords
         if keyword.arg in ("shell", "allow_pickle")
