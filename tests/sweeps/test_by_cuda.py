@@ -42,7 +42,7 @@ def driver(monkeypatch: pytest.MonkeyPatch) -> Driver:
         SimpleNamespace(platform="gpu", client=client, local_hardware_id=number, device_kind="GPU") for number in (0, 1)
     ]
     mesh = SimpleNamespace(devices=np.array(gpus), size=2)
-    monkeypatch.setattr("sweeps.runner.lane_mesh", lambda devices: mesh)
+    monkeypatch.setattr("jaxmodel.sweeps.runner.lane_mesh", lambda devices: mesh)
     return driver
 
 
