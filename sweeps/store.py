@@ -76,10 +76,8 @@ class Grid:
         """
         try:
             group = zarr.open_group(self.place.zarr(GRID), mode="r+", use_consolidated=False)
-            return {
-                name: group[name].with_config({"write_empty_chunks": True})  # type: ignore[union-attr]
-                for name in self._names
-            }
+            with zarr.config.set({"array.write_empty_chunks": True}):  # an array keeps what holds when it is opened
+                return {name: group[name] for name in self._names}  # type: ignore[misc]
         except (ValueError, KeyError, FileNotFoundError) as error:
             raise damaged(self.place, GRID) from error
 
