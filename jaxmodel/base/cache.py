@@ -13,8 +13,6 @@ import threading
 import warnings
 from pathlib import Path
 
-import jax
-
 from jaxmodel.base.errors import Remark
 
 _HASH_BYTES = hashlib.sha256().digest_size
@@ -67,6 +65,8 @@ def why_not_private(folder: Path) -> str:
 
 def _folder() -> Path | None:
     """Return the folder, beside the programs that JAX keeps (`jaxmodel.base.jax_settings`); None if there is none."""
+    import jax  # here, so that the help of a command starts without it
+
     beside = jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
     if not beside:
         return None

@@ -1,7 +1,7 @@
 """All settings of JAX and its compiler that this project makes, and the variable that disables them.
 
-Importing `jaxmodel` calls `apply`. The environment variable JAXMODEL_JAX_SETTINGS=off, set before the import, leaves
-JAX as it is: float32 unless the user asks for float64, one device for all cores.
+Importing `jaxmodel` calls `apply`, and imports no JAX itself. The environment variable JAXMODEL_JAX_SETTINGS=off, set
+before the import, leaves JAX as it is: float32 unless the user asks for float64, one device for all cores.
 """
 
 from __future__ import annotations
@@ -10,11 +10,13 @@ import os
 import sys
 import tempfile
 import warnings
+from collections.abc import Sequence
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec
 from importlib.metadata import version
 from pathlib import Path
+from types import ModuleType
 from typing import Any
-
-import jax
 
 from jaxmodel.base.cache import why_not_private
 
@@ -34,13 +36,46 @@ def apply() -> None:
     """Enable float64, one device per core, and reductions inside kernels, unless the user disables this.
 
     The accuracy of the model (SOC to 1e-6 over hours) needs float64. JAX determines its devices once, at the first
-    array, so that this must happen on import.
+    array, so that this must happen before that: now, or where JAX has not been imported yet, as soon as it is. So the
+    help of a command and the server of the workbench start without JAX.
     """
     if os.environ.get(SWITCH, "").lower() in ("off", "0", "no", "false"):
         return
+    _keep_sums_in_kernels()
+    if "jax" in sys.modules:
+        _configure()
+    else:
+        sys.meta_path.insert(0, _ConfigureOnImport())
+
+
+def _configure() -> None:
+    import jax
+
     jax.config.update("jax_enable_x64", True)
     use_all_cores()
-    _keep_sums_in_kernels()
+
+
+class _ConfigureOnImport(MetaPathFinder):
+    """Lets the other finders find JAX, and configures it at the end of its import."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        if fullname != "jax":
+            return None
+        others = (finder for finder in sys.meta_path if finder is not self)
+        spec = next((found for one in others if (found := one.find_spec(fullname, path, target))), None)
+        if spec is None or spec.loader is None:
+            return spec
+        load = spec.loader.exec_module
+
+        def load_and_configure(module: ModuleType) -> None:
+            load(module)
+            sys.meta_path.remove(self)
+            _configure()
+
+        spec.loader.exec_module = load_and_configure  # type: ignore[method-assign]
+        return spec
 
 
 def use_all_cores() -> None:
@@ -48,6 +83,8 @@ def use_all_cores() -> None:
 
     Accelerators are unaffected.
     """
+    import jax
+
     chosen = jax.config.jax_num_cpu_devices >= 0  # type: ignore[attr-defined]
     if chosen or "xla_force_host_platform_device_count" in os.environ.get("XLA_FLAGS", ""):
         return
@@ -109,6 +146,8 @@ def keep_compiled_programs() -> str:
         warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache")  # once is enough
     if not private:
         return problem  # what is there may be another user's, and would be run
+    import jax
+
     jax.config.update("jax_compilation_cache_dir", str(cache_folder()))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
