@@ -42,7 +42,7 @@ def perfect(truth: dict[str, Any]) -> dict[str, Any]:
     names = [name for name in truth["effects"] if not name.startswith("x_")]
     said = answer(truth["verdict"], *names, curves=[], runs=[], extrapolated=[], remarks=[])
     for effect in said["effects"]:
-        numbers = truth["effect_parameters"][effect["name"]]
+        numbers = truth["effect_parameters"].get(effect["name"], {})  # of a battery simulated otherwise: none
         effect["parameters"] = {n: v if n == "column" else {"value": v, "sd": abs(v)} for n, v in numbers.items()}
     if "table" in truth:
         port = {"ocv": "open_circuit_voltage", "R_ints": "series_resistance"}[truth["table"]]
