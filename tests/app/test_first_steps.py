@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import threading
-import tomllib
 import warnings
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -14,14 +14,12 @@ from jaxmodel.plots.style import new_figure, png
 from tests.app.conftest import Run
 from tests.app.test_cli import STUDY
 
-REPOSITORY = Path(__file__).parents[2]
 DRAWN = (".png", ".html")
 
 
-def test_version_is_that_of_the_project(run: Run) -> None:
-    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+def test_version_is_that_of_the_installation(run: Run) -> None:
     result = run("--version")
-    assert (result.exit_code, result.stdout.strip()) == (0, f"jaxmodel {project['version']}")
+    assert (result.exit_code, result.stdout.strip()) == (0, f"jaxmodel {version('jaxmodel')}")
 
 
 def test_bare_command_shows_its_help_and_nothing_after_it(run: Run) -> None:
