@@ -87,7 +87,8 @@ def room_of(module: str) -> str:
 def modules_of(repository: Path) -> dict[str, Path]:
     """Return every module of the package by its name, those of rooms at the top by their name inside it."""
     inside = [path for path in (repository / NAME).iterdir() if not path.is_symlink() and path.is_dir()]
-    found = {NAME: repository / NAME / "__init__.py"}
+    at_the_root = {path.stem: path for path in sorted((repository / NAME).glob("*.py"))}
+    found = {f"{NAME}.{stem}".removesuffix(".__init__"): path for stem, path in at_the_root.items()}
     for folder in sorted([*inside, *(repository / room for room in AT_THE_TOP if (repository / room).is_dir())]):
         for path in sorted(folder.rglob("*.py")):
             parts = (NAME, folder.name, *path.relative_to(folder).with_suffix("").parts)

@@ -111,6 +111,7 @@ DOWN = {
     "across": {"diagnosis/a": "from jaxmodel.parameterisation.b import f", "parameterisation/b": ""},
     "of a facade": {"base/a": "from jaxmodel.plots import ladder", "plots/__init__": ""},
     "of a room without a floor": {"cellar/a": "import os"},
+    "of a module beside the rooms": {"attic": "import os"},
 }
 CIRCLES = {
     "in a function": {"model/b": "def f():\n    from jaxmodel.model.c import g"},
