@@ -29,12 +29,14 @@ test: $(INSTALLED)
 test-all:
 	$(MAKE) test TESTS=--all
 
-# The fast tests with the oldest releases that pyproject.toml allows, in an environment apart: before a release.
+# The fast tests with the oldest releases that pyproject.toml allows, in an environment apart: before a release. Old
+# releases call what newer ones deprecate; that is no error of ours.
 test-oldest:
 	@test -x .venv-oldest/bin/pip || $(PYTHON) -m venv .venv-oldest
 	$(PYTHON) tests/oldest.py > .venv-oldest/constraints.txt
 	.venv-oldest/bin/pip install --quiet --no-compile --constraint .venv-oldest/constraints.txt --editable '.[test]'
-	OPENBLAS_NUM_THREADS=1 .venv-oldest/bin/pytest -n 2 --dist loadfile --no-loadscope-reorder
+	OPENBLAS_NUM_THREADS=1 .venv-oldest/bin/pytest -n 2 --dist loadfile --no-loadscope-reorder \
+		-W default::DeprecationWarning -W default::PendingDeprecationWarning
 
 # Strict: a link that leads nowhere, or a page that would fetch anything from another host, fails the build.
 docs: $(INSTALLED_DOCS)
