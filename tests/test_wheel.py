@@ -22,6 +22,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.oldest import oldest
 from tests.test_front_doors import PACKAGES
 
 REPOSITORY = Path(__file__).parents[1]
@@ -193,6 +194,15 @@ def test_the_peers_go_beside_it(installed: Path, wheel: Path, tmp_path: Path) ->
     found = (tmp_path / "found.txt").read_text(encoding="utf-8")
     for name in ("pybamm", "pybop", "numba", "llvmlite", "numpy"):
         assert f"\n{name}==" in found
+
+
+def test_the_oldest_releases_go_together(source: Path, tmp_path: Path) -> None:
+    """Where two bounds exclude each other, `make test-oldest` would have nothing to install."""
+    lines = oldest((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))
+    (tmp_path / "oldest.txt").write_text("\n".join(lines), encoding="utf-8")
+    files = ("pyproject.toml", "--extra", "test", "--output-file", tmp_path / "found.txt")
+    uv("pip", "compile", "--python", sys.executable, "--constraint", tmp_path / "oldest.txt", *files, cwd=source)
+    assert set(lines) >= {"jax==0.10", "numpy==2.2", "llvmlite==0.45"}
 
 
 def test_the_version_is_said(installed: Path, wheel: Path, tmp_path: Path) -> None:
