@@ -8,11 +8,11 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from jaxmodel.diagnosis.settings import table as settings_table
 from jaxmodel.effects import CATALOGUE, battery, drive, sensors
 from jaxmodel.effects.curves import CURVES
 from jaxmodel.effects.shifts import SHIFTS
 from jaxmodel.effects.specimen import SIZES
+from jaxmodel.fit.settings import table as settings_table
 from jaxmodel.model.declaration import ParameterInfo, describe
 from jaxmodel.model.parameters import TABLE
 from jaxmodel.model.ports import PORTS, Effect
@@ -95,9 +95,11 @@ size, they scale with your cell or motor by the ratio of its size to the paper's
     parts.append(
         f"""## Curves
 
-Curves are not in the catalogue. They correct relations of the model. They are piecewise linear between knots and
-constant beyond the ends. A diagnosis reports them as "this table of yours is wrong by this much at this point". A value
-without a unit is the logarithm of a factor.
+Curves are not in the catalogue: a case does not name them. They correct relations of the model. They are piecewise
+linear between knots and constant beyond the ends; the knots are shares of the range of the variable that the fit runs
+cover. [A diagnosis](discrepancy.md) has them in every model and finds the size of each, up to the largest, from the
+evidence. It reports a table of the case as "wrong by this much at this point". A value without a unit is the logarithm
+of a factor. A single knot is a number that does not depend on the variable.
 
 {_effects(CURVES.values())}
 {_curve_values()}"""
@@ -120,7 +122,8 @@ def settings_page() -> str:
     return f"""{NOTE}
 # Settings of a diagnosis
 
-Every constant that [a diagnosis](../discrepancy.md) uses, with its source. An investigation takes others:
+The constants of [a diagnosis](../discrepancy.md) that may be changed, with their source. Those of the fit and of the
+search itself stand in `jaxmodel/fit` and `jaxmodel/diagnosis/search.py`. An investigation takes others:
 
 ```python
 import dataclasses
@@ -190,12 +193,12 @@ def _curve_values() -> str:
             f"-{cls.typical:g} to {cls.typical:g}",
             cls.scales,
             f"`{cls.over}`",
+            f"{cls.largest:g}",
             ", ".join(f"{knot:g}" for knot in cls.usual_knots),
-            cls.knots_scale,
         )
         for cls in CURVES.values()
     ]
-    return _table(("curve", "unit", "usual range", "scales as", "over", "usual knots", "knots scale as"), rows)
+    return _table(("curve", "unit", "usual range", "scales as", "over", "largest", "knots"), rows)
 
 
 def _range(info: ParameterInfo) -> str:

@@ -43,9 +43,8 @@ if TYPE_CHECKING:
     from jaxmodel.diagnosis.finishing import conclusion, finish
     from jaxmodel.diagnosis.identification import Identification, identify
     from jaxmodel.diagnosis.investigation import Investigation
-    from jaxmodel.diagnosis.names import curve
     from jaxmodel.diagnosis.result import Diagnosis
-    from jaxmodel.diagnosis.settings import SETTINGS, Settings
+    from jaxmodel.fit.settings import SETTINGS, Settings
     from jaxmodel.model.curves import between_knots
     from jaxmodel.model.declaration import Scalar, parameter
     from jaxmodel.model.electrothermal import Model
@@ -94,7 +93,6 @@ __all__ = [
     "compare",
     "conclusion",
     "constant",
-    "curve",
     "diagnose",
     "effects",
     "finish",

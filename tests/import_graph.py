@@ -27,6 +27,7 @@ FLOORS = (
     ("sweeps",),
     ("sensitivity",),
     ("data",),
+    ("fit",),
     ("diagnosis", "parameterisation"),
     ("operation",),
     ("plots",),

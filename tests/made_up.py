@@ -28,7 +28,8 @@ from jaxmodel.diagnosis.result import (
     Sensor,
     ToleranceUsed,
 )
-from jaxmodel.effects.curves import SOC_KNOTS
+from jaxmodel.diagnosis.wording import is_law
+from jaxmodel.effects.curves import MEDIUM
 
 ROWS = 61
 CASE = """title = "Small cell <bench> & load"
@@ -84,7 +85,7 @@ def write_case(folder: Path, effects: dict[str, dict[str, float]] | None = None)
 
 def ocv_curve(stated: bool = True) -> CurveFound:
     """Return an open-circuit voltage that is 12 mV too low about the middle, badly known where no run has been."""
-    at = np.array(SOC_KNOTS)
+    at = np.array(MEDIUM)
     value = 0.012 * np.exp(-(((at - 0.6) / 0.15) ** 2))
     sd = np.where(at > 0.3, 0.0012, 0.019)
     return CurveFound("ocv_curve", "open_circuit_voltage", "soc", at, value, sd, "V", TAKEN, stated)
@@ -92,7 +93,7 @@ def ocv_curve(stated: bool = True) -> CurveFound:
 
 def factor_curve(label: str, at: np.ndarray, over: str = "soc") -> CurveFound:
     """Return a resistance or capacitance that is off by up to a third."""
-    port = label.removesuffix("_curve").removesuffix("_temperature")
+    port = label.removesuffix("_curve")
     value = 0.3 * np.sin(2.0 * np.linspace(0.0, np.pi, at.size))
     return CurveFound(label, port, over, at, value, np.full(at.size, 0.04), "", TAKEN, True)
 
@@ -234,9 +235,16 @@ def with_additions(
 ) -> Diagnosis:
     """Return a diagnosis whose final model holds more: numbers, curves or laws, and what single runs have."""
     final = diagnosis.final
-    labels = (*final.added, *(curve.label for curve in curves), *(run.label for run in runs))
+    laws = tuple(curve for curve in curves if is_law(curve.label))
+    labels = (*final.added, *(law.label for law in laws), *(run.label for run in runs))
     final = dataclasses.replace(final, added=labels, estimates=final.estimates | (estimates or {}))
-    return dataclasses.replace(diagnosis, ladder=(*diagnosis.ladder[:-1], final), curves=curves, runs=runs)
+    return dataclasses.replace(
+        diagnosis,
+        ladder=(*diagnosis.ladder[:-1], final),
+        curves=curves,
+        runs=runs,
+        corrections=tuple(curve for curve in curves if not is_law(curve.label)),
+    )
 
 
 def _rung(name, added, case, estimates, at_bound) -> Rung:

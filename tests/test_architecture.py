@@ -281,7 +281,6 @@ RUNS_WHAT_IT_IS_GIVEN = {
 ALLOWED_TO_RUN = {
     ("jaxmodel/data/importing/formulas.py", "frame.eval"),  # of pandas, once the formula has been found to be one
     ("jaxmodel/case/build.py", "spec.loader.exec_module"),  # --effect
-    ("jaxmodel/diagnosis/fitting/programs.py", "pickle.loads"),  # from the folder of `jaxmodel.base.cache`
     ("sweeps/cluster.py", "pickle.loads"),  # what this process sent to a worker of its own cluster
 }
 

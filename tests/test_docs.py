@@ -17,8 +17,8 @@ from jaxmodel.case.forms import CaseEntry, RunEntry, parse_case
 from jaxmodel.case.measurements import KINDS
 from jaxmodel.case.reading import read_case
 from jaxmodel.diagnosis.decision import RULES
-from jaxmodel.diagnosis.settings import table
 from jaxmodel.effects import CATALOGUE
+from jaxmodel.fit.settings import table
 from jaxmodel.model.curves import CellCurves
 from jaxmodel.model.electrothermal import Model
 from jaxmodel.model.parameters import Parameters

@@ -17,7 +17,6 @@ from jaxmodel.app.report_rows import channel_rows, ladder_rows, noise_rows, para
 from jaxmodel.base.units import split_unit
 from jaxmodel.diagnosis.advice.next_experiment import in_words
 from jaxmodel.diagnosis.advice.remarks import extrapolated_sentence as remark_on_extrapolation
-from jaxmodel.diagnosis.fitting.starts import SEED
 from jaxmodel.diagnosis.result import Diagnosis
 from jaxmodel.diagnosis.summary import extrapolated_sentence, purpose_sentences, summary
 from jaxmodel.diagnosis.wording import (
@@ -31,6 +30,7 @@ from jaxmodel.diagnosis.wording import (
     verdict_sentence,
     with_sd,
 )
+from jaxmodel.fit.screen import SEED
 
 
 def write_report(diagnosis: Diagnosis, folder: str | Path) -> dict[str, bytes]:
@@ -111,9 +111,8 @@ def _sentence(text: str) -> str:
     return f"{text[:1].upper()}{text[1:].rstrip('.')}."
 
 
-def _immaterial(sentence: str, reduced: str) -> str:
-    reduces = reduced and f"; it reduces the error of {reduced}"
-    return _sentence(f"{sentence.rstrip('.')}{reduces}")
+def _immaterial(sentence: str, takes: str) -> str:
+    return _sentence(f"{sentence.rstrip('.')}{takes and f'; it {takes}'}")
 
 
 def _files(diagnosis: Diagnosis) -> list[Path]:

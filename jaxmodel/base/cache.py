@@ -1,7 +1,7 @@
 """Compiled programs on disk: in a folder of the user alone, each with the hash of its content.
 
-What is kept here is run when it is read: machine code, text of a compiler, and a pickle. So nothing is read from a
-folder that another user owns or may write to. The hash finds what was cut off or has changed on the disk.
+What is kept here is run when it is read: machine code and text of a compiler. So nothing is read from a folder that
+another user owns or may write to. The hash finds what was cut off or has changed on the disk.
 """
 
 from __future__ import annotations

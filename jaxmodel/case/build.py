@@ -142,7 +142,7 @@ def case_model(
     chosen |= {
         name: Table(table.soc, table.values, table.temperature_degC)
         for name, table in case.tables.items()
-        if name in CURVE_NAMES
+        if name in (*CURVE_NAMES, "dU_dT")
     }
     effects = tuple(make_effect(name, values, where, case.catalogue) for name, values in case.effects.items())
     for effect in effects:

@@ -141,6 +141,17 @@ class CapacitanceTable(TableEntry):
     value_key = "farad"
 
 
+class EntropyTable(TableEntry):
+    """An entropy coefficient dU/dT [V/K] over SOC."""
+
+    V_per_K: Values
+    sd_V_per_K: SD = None
+    source: str = ""
+    value_key = "V_per_K"
+    sd_key = "sd_V_per_K"
+    positive = False
+
+
 class ParametersEntry(Form):
     """`[parameters]`: tables by their names, and any scalar parameter of the model."""
 
@@ -153,6 +164,7 @@ class ParametersEntry(Form):
     R_TL: ResistanceTable | None = None
     C_TS: CapacitanceTable | None = None
     C_TL: CapacitanceTable | None = None
+    dU_dT: EntropyTable | None = None
 
 
 class EffectEntry(Form):

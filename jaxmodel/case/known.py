@@ -25,10 +25,10 @@ class Table:
 
     Attributes:
         soc: strictly increasing states of charge, shape (soc,).
-        values: V of `ocv`, ohm of `R_ints`, `R_TS` and `R_TL`, F of `C_TS` and `C_TL`; shape (soc,), or
-            (temperature, soc) where `temperature_degC` is given.
+        values: V of `ocv`, ohm of `R_ints`, `R_TS` and `R_TL`, F of `C_TS` and `C_TL`, V/K of `dU_dT`; shape (soc,),
+            or (temperature, soc) where `temperature_degC` is given.
         temperature_degC: strictly increasing temperatures, shape (temperature,), or None.
-        sd: of the values: V of `ocv`, a share of the value of the others; None: exact.
+        sd: of the values: V of `ocv`, V/K of `dU_dT`, a share of the value of the others; None: exact.
     """
 
     soc: np.ndarray

@@ -17,6 +17,8 @@ from jaxmodel.case.known import Known, Table, Tolerance
 from jaxmodel.case.records import Case, Run
 
 _VALUE_KEYS = {"ocv": "voltage_V", "R_ints": "ohm", "R_TS": "ohm", "R_TL": "ohm", "C_TS": "farad", "C_TL": "farad"}
+_VALUE_KEYS |= {"dU_dT": "V_per_K"}
+_SD_KEYS = {"ocv": "sd_V", "dU_dT": "sd_V_per_K"}
 
 
 def write_case(case: Case, path: Path, comments: list[str] | None = None) -> None:
@@ -101,7 +103,7 @@ def table_entry(name: str, table: Table) -> dict[str, Any]:
     if table.temperature_degC is not None:
         entry["temperature_degC"] = table.temperature_degC.tolist()
     entry[_VALUE_KEYS[name]] = table.values.tolist()
-    return entry | ({} if table.sd is None else {"sd_V" if name == "ocv" else "sd_relative": table.sd})
+    return entry | ({} if table.sd is None else {_SD_KEYS.get(name, "sd_relative"): table.sd})
 
 
 def preset_entry(preset: str, path: Path) -> str:

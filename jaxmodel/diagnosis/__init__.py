@@ -22,9 +22,8 @@ if TYPE_CHECKING:
     from jaxmodel.diagnosis.finishing import conclusion, finish
     from jaxmodel.diagnosis.identification import Identification, identify
     from jaxmodel.diagnosis.investigation import Investigation
-    from jaxmodel.diagnosis.names import curve
     from jaxmodel.diagnosis.result import Diagnosis
-    from jaxmodel.diagnosis.settings import SETTINGS, Settings
+    from jaxmodel.fit.settings import SETTINGS, Settings
 
 __all__ = [
     "SETTINGS",
@@ -34,7 +33,6 @@ __all__ = [
     "Settings",
     "compare",
     "conclusion",
-    "curve",
     "diagnose",
     "finish",
     "identify",

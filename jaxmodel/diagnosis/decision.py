@@ -4,37 +4,30 @@ from __future__ import annotations
 
 import dataclasses
 
-from jaxmodel.diagnosis.settings import SETTINGS, Settings
+from jaxmodel.fit.settings import SETTINGS, Settings
 
 
 @dataclasses.dataclass(frozen=True)
 class ChannelEvidence:
-    """The errors of a channel; those of a voltage are divided by its steepness (`jaxmodel.diagnosis.noise.steepness`).
+    """The errors of a channel, in its unit.
 
     Attributes:
         noise: sd of its sensor.
         before: RMS error of the calibrated base model on fit runs.
         fit: RMS error of the final model on fit runs.
         check: RMS error of the final model on check runs; NaN without check runs.
-        tolerance: stated; None if not stated.
-        model_error: s of the model error, in the channel's unit; 0 without one.
+        tolerance: stated or assumed.
         check_before: RMS error of the calibrated base model on check runs; NaN without check runs.
-        steep: whether readings where the OCV is steep make up much of the whole error.
+        stated_tolerance: whether the case states the tolerance.
     """
 
     noise: float
     before: float
     fit: float
     check: float
-    tolerance: float | None
-    model_error: float
+    tolerance: float
     check_before: float = float("nan")
-    steep: bool = False
-
-    @property
-    def where(self) -> str:
-        """Return where the error is that large, for a sentence."""
-        return ", apart from the steep ends of the OCV" if self.steep else ""
+    stated_tolerance: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,14 +35,16 @@ class Evidence:
     """Everything that decides the verdict.
 
     Attributes:
-        effects: probability of every effect in the final model, by label.
-        sensors: those of them that are sensor faults.
+        named: effects that are named, by label.
+        possible: effects of the final model that are not.
+        sensors: those of both that are sensor faults.
         unknown: accepted laws and curves that belong to no effect and no table, in words.
         channels: by name.
         extrapolates: a check run is outside the conditions of the fit runs.
     """
 
-    effects: dict[str, float]
+    named: tuple[str, ...]
+    possible: tuple[str, ...]
     sensors: frozenset[str]
     unknown: tuple[str, ...]
     channels: dict[str, ChannelEvidence]
@@ -70,13 +65,13 @@ RULES = {
     "unknown law": ("unknown_effect", "an unknown law is accepted"),
     "large remaining error": (
         "unknown_effect",
-        "the remaining error is several times the noise, above a stated tolerance, and more than a share of the base "
+        "the remaining error is several times the noise, above the tolerance, and more than a share of the base "
         "model's error, on fit runs and on check runs",
     ),
-    "named": ("missing_effect", "an effect other than a sensor fault has a probability of at least 0.5"),
-    "fault": ("sensor_fault", "a sensor fault has a probability of at least 0.5"),
-    "open": ("undecided", "the final model contains effects, all with a probability below 0.5"),
-    "held out": ("undecided", "the error on check runs is far above that on fit runs"),
+    "named": ("missing_effect", "an effect other than a sensor fault is named"),
+    "fault": ("sensor_fault", "a sensor fault is named"),
+    "open": ("undecided", "the final model contains effects of which none may be named, and its base is not adequate"),
+    "held out": ("undecided", "the error on check runs is far above that on fit runs, and above the tolerance"),
     "adequate": ("adequate", "none of the rules above applies"),
 }
 
@@ -88,7 +83,7 @@ def decide(evidence: Evidence, settings: Settings = SETTINGS) -> Decision:
     left = [name for name, one in evidence.channels.items() if _mostly_left(one, settings)]
     if left:
         described = [
-            f"the error of {name} remains at {one.fit:.3g} (noise {one.noise:.2g}{one.where})"
+            f"the error of {name} remains at {one.fit:.3g} (noise {one.noise:.2g})"
             for name, one in evidence.channels.items()
             if name in left
         ]
@@ -96,10 +91,9 @@ def decide(evidence: Evidence, settings: Settings = SETTINGS) -> Decision:
             "large remaining error",
             f"{' and '.join(described)}; no effect, curve or law that was tried explains it on left-out data",
         )
-    named = [label for label, probability in evidence.effects.items() if probability >= settings.named]
-    if named:
-        return _decision("fault" if all(label in evidence.sensors for label in named) else "named", None)
-    if evidence.effects:
+    if evidence.named:
+        return _decision("fault" if set(evidence.named) <= evidence.sensors else "named", None)
+    if evidence.possible and not all(_within(one) for one in evidence.channels.values()):
         return _decision("open", None)
     failing = [name for name, one in evidence.channels.items() if _fails_held_out(one, settings)]
     if failing:
@@ -117,12 +111,18 @@ def _decision(rule: str, unexplained: str | None) -> Decision:
 
 
 def _mostly_left(one: ChannelEvidence, settings: Settings) -> bool:
-    """Return True if most of a channel's error remains, on held-out runs too, and is material."""
-    if one.model_error <= 0.0 or (one.tolerance is not None and one.fit <= one.tolerance):
+    """Return True if most of a channel's error remains, on held-out runs too, and is above the tolerance."""
+    if one.fit <= one.tolerance:
         return False
     if one.check <= settings.unexplained_share * one.check_before:  # False for NaN, without check runs
         return False
     return one.fit > settings.far_above_noise * one.noise and one.fit > settings.unexplained_share * one.before
+
+
+def _within(one: ChannelEvidence) -> bool:
+    """Return True if the base model is within a stated tolerance, or a third of an assumed one, on all runs."""
+    limit = one.tolerance if one.stated_tolerance else one.tolerance / 3.0
+    return one.before <= limit and not one.check_before > limit
 
 
 def _ratio(one: ChannelEvidence) -> float:
@@ -131,6 +131,6 @@ def _ratio(one: ChannelEvidence) -> float:
 
 def _fails_held_out(one: ChannelEvidence, settings: Settings) -> bool:
     """Return True if the error on check runs is far above that on fit runs, and above a stated tolerance."""
-    if one.tolerance is not None and one.check <= one.tolerance:
+    if one.stated_tolerance and one.check <= one.tolerance:
         return False
     return _ratio(one) > settings.held_out_factor

@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import softmax
 
 from jaxmodel.base.errors import EffectError
 from jaxmodel.case.records import Case
-from jaxmodel.diagnosis import policy
 from jaxmodel.diagnosis.advice import remarks as remarks
 from jaxmodel.diagnosis.advice.law_file import law_file
 from jaxmodel.diagnosis.advice.next_experiment import best_of_each, propose
 from jaxmodel.diagnosis.decision import ChannelEvidence, Evidence, decide
-from jaxmodel.diagnosis.evidence.trial import Trial
-from jaxmodel.diagnosis.findings import curve_found, law_found, run_found, unknown_sentence
-from jaxmodel.diagnosis.fitting.candidates import is_distinguishable
-from jaxmodel.diagnosis.fitting.lanes import one_thread_of_blas
-from jaxmodel.diagnosis.fitting.model import Labels
-from jaxmodel.diagnosis.gates import Addition, odds_of
+from jaxmodel.diagnosis.findings import all_curves, curve_found, law_found, run_found, unknown_sentence
 from jaxmodel.diagnosis.residuals.statements import statements
 from jaxmodel.diagnosis.residuals.table import ChannelResiduals
 from jaxmodel.diagnosis.result import (
@@ -36,16 +30,24 @@ from jaxmodel.diagnosis.result import (
     Sensor,
 )
 from jaxmodel.diagnosis.rungs import AdjustedStarts, errors_by_run, nominal, residuals_of, rung, with_adjusted_starts
+from jaxmodel.diagnosis.search import Found, Search, Test
 from jaxmodel.diagnosis.tolerances import fit_for_purpose, tolerances
-from jaxmodel.diagnosis.workings import Progress, Workings
+from jaxmodel.effects.curves import CURVES
+from jaxmodel.fit.cache import FitCache, Progress
+from jaxmodel.fit.candidates import is_distinguishable
+from jaxmodel.fit.estimate import Fit
+from jaxmodel.fit.lanes import one_thread_of_blas
+from jaxmodel.fit.space import Labels
 
 SOMETHING_ELSE = "something_else"
-# Two models are indistinguishable if their log evidence differs by less than this (20 to 1).
-DISTINGUISHABLE = 3.0
-# Probability of a cause that was not tested, without and with a remaining model error. Assumed.
-UNTESTED, UNTESTED_WITH_MODEL_ERROR = 0.01, 0.05
+# Probability of a cause that was not tested, where all errors are noise and where some are left. Assumed.
+UNTESTED, UNTESTED_WITH_ERROR_LEFT = 0.01, 0.05
 # A model more probable than this is a rival; an experiment is proposed for at most so many.
 RIVAL, MOST_RIVALS = 0.05, 3
+# Share of a tolerance by which an error on held-out runs may rise before what came in stays (design).
+WORSE = 0.1
+# An error that exceeds the noise by less than this is noise.
+ABOVE_NOISE = 1.1
 
 
 @one_thread_of_blas
@@ -59,32 +61,34 @@ def compare(case: Case, *, progress: Progress | None = None) -> Diagnosis:
     Raises:
         FitError: nothing is uncertain, or no run may be used to calibrate.
     """
-    return comparison(Workings(case, progress=progress))
+    return comparison(FitCache(case, progress=progress))
 
 
-def comparison(inv: Workings) -> Diagnosis:
+def comparison(cache: FitCache) -> Diagnosis:
     """Return the calibrated base model of an investigation as a diagnosis that tests no candidate."""
-    adjusted = with_adjusted_starts(inv, inv.base)
-    ladder = (nominal(inv), rung(inv, "calibrated", inv.base, adjusted))
-    left = residuals_of(inv, ladder[-1])
-    remaining = _remaining(inv, inv.base, ladder[-1], left)
+    cache.report("calibrating the base model")
+    fit = cache.calibrated
+    adjusted = with_adjusted_starts(cache, fit)
+    ladder = (nominal(cache), rung(cache, "calibrated", fit, adjusted))
+    left = residuals_of(cache, ladder[-1])
+    remaining = _remaining(cache, fit, ladder[-1], left)
     return Diagnosis(
-        case=inv.case,
+        case=cache.case,
         verdict="",
         effects=(),
         candidates=(),
         unexplained=None,
         blind_to=(),
-        noise=_sensors(inv.base),
+        noise=_sensors(cache),
         ladder=ladder,
         scores=(),
         critical_z=float("nan"),
-        remarks=_remarks(inv, inv.base, adjusted, ladder, ()),
+        remarks=_remarks(cache, fit, adjusted, ladder, ()),
         remaining=remaining,
-        extrapolated=remarks.extrapolated(inv.case),
-        tolerance=tolerances(inv),
+        extrapolated=remarks.extrapolated(cache.case),
+        tolerance=tolerances(cache),
         where_base={name: one.where for name, one in remaining.items()},
-        errors=errors_by_run(inv, {"base": ladder[-1]}),
+        errors=errors_by_run(cache, {"base": ladder[-1]}),
     )
 
 
@@ -110,188 +114,214 @@ def diagnose(
         FitError: nothing is uncertain, or no run may be used to calibrate.
         EffectError: a name that is no candidate of this case, or a sensor's effect without its column.
     """
-    inv = Workings(case, without=without, progress=progress)
+    cache = FitCache(case, without=without, progress=progress)
     if add and with_effects:
         raise EffectError("--add tests no other candidate and --with does; give all effects with one of the two.")
-    wanted = inv.space.labels_to_add([*add, *with_effects])
-    found = policy.run(inv, wanted, seek=not add)
+    wanted = cache.space.labels_to_add([*add, *with_effects])
+    search = Search(cache)
+    found = search.run(wanted, seek=not add)
     return conclude(
-        inv,
+        search,
         found,
         wanted,
         (*(f"--add {n}" for n in add), *(f"--with {n}" for n in with_effects), *(f"--without {n}" for n in without)),
     )
 
 
-def conclude(inv: Workings, found: policy.Found, wanted: Sequence[str] = (), ordered: Sequence[str] = ()) -> Diagnosis:
-    """Return the diagnosis of a finished investigation."""
-    inv.report("comparing models")
-    final = found.final
-    adjusted = with_adjusted_starts(inv, final)
-    ladder = [nominal(inv), rung(inv, "calibrated", inv.base)]
-    ladder += [rung(inv, "with " + " + ".join(m.labels), m, compared=True) for m in found.path[1:] if m is not final]
-    if final.labels:
-        ladder.append(rung(inv, "with " + " + ".join(final.labels), final, adjusted))
+def conclude(search: Search, found: Found, wanted: Sequence[str] = (), ordered: Sequence[str] = ()) -> Diagnosis:
+    """Return the diagnosis of a finished search."""
+    cache = search.cache
+    cache.report("comparing models")
+    labels = found.final.added
+    last_fit = cache.fit(labels, "all")
+    adjusted = with_adjusted_starts(cache, last_fit)
+    ladder = [nominal(cache), rung(cache, "calibrated", cache.calibrated)]
+    steps = [path for path in found.path if path and path != labels]
+    ladder += [rung(cache, f"with {' + '.join(path)}", cache.fit(path), compared=True) for path in steps]
+    final = rung(cache, f"with {' + '.join(labels) or 'corrected tables'}", last_fit, adjusted)
+    stays = not wanted and _predicts_worse(cache, ladder[0], final)
+    if stays:
+        final = dataclasses.replace(ladder[0], name="as stated")
+    curves_differ = any(amplitude > 2e-3 for amplitude in last_fit.spec.amplitudes.values())
+    if labels or curves_differ or stays:
+        ladder.append(final)
     last = ladder[-1]
-    left = {"base": residuals_of(inv, ladder[1])}
-    left["final"] = residuals_of(inv, last) if final.labels else left["base"]
-    groups = {label: inv.space.candidates[label].group for label in final.labels}
-    lacking = {label: _lacking(inv, found.compared, final, label) for label in final.labels}
-    removes = {label: _removes(rung(inv, "", trial, compared=True), last) for label, trial in lacking.items()}
-    probabilities, indistinguishable = _probabilities(inv, found)
-    holding = {
-        label: sum(p for labels, p in probabilities.items() if label in labels)
-        for label in final.labels
-        if groups[label] in ("effect", "sensor")
-    }
-    order = sorted(holding, key=lambda one: lacking[one].log_evidence)
-    laws = [law_found(inv, final, label, removes[label]) for label in final.labels if groups[label] == "law"]
-    curves = tuple(curve_found(inv, final, label, removes[label]) for label in final.labels if groups[label] == "curve")
-    unstated = [curve for curve in (*curves, *laws) if not curve.stated]
-    extrapolated = remarks.extrapolated(inv.case)
-    channels = {name: _channel_evidence(inv, found, name, ladder[1], last) for name in inv.noise}
-    explained = bool(holding) and all(_small(one) for one in channels.values())
-    evidence = Evidence(
-        effects={label: (1.0 if label in wanted else holding[label]) for label in order},
-        sensors=frozenset(label for label in order if groups[label] == "sensor"),
-        unknown=() if explained else tuple(unknown_sentence(curve) for curve in unstated),
-        channels=channels,
-        extrapolates=bool(extrapolated),
+    left = {"base": residuals_of(cache, ladder[1]), "final": residuals_of(cache, last)}
+    groups = {label: cache.space.candidates[label].group for label in labels}
+    removes = {label: _removes(cache, labels, label) for label in labels}
+    is_effect = [label for label in labels if groups[label] in ("effect", "sensor")]
+    order = sorted(is_effect, key=lambda label: -found.tests[label].gain)
+    named = [] if stays else [label for label in order if found.tests[label].named or label in wanted]
+    laws = [law_found(cache, found.final, label, removes[label]) for label in labels if groups[label] == "law"]
+    tests = search.curves(found.final)
+    curves = tuple(
+        curve_found(cache, found.final, label, {})
+        for label, test in tests.items()
+        if CURVES[label].table and test.significant and test.material and test.size_sd >= 2.0
     )
-    decision = decide(evidence, inv.settings)
-    most = inv.settings.most_probable
-    named = tuple(
+    unstated = [one for one in (*curves, *laws) if not one.stated]
+    extrapolated = remarks.extrapolated(cache.case)
+    channels = {name: _channel_evidence(cache, name, ladder[1], last) for name in cache.noise}
+    explained = bool(named) and all(_small(one) for one in channels.values())
+    decision = decide(
+        Evidence(
+            named=tuple(named),
+            possible=tuple(label for label in order if label not in named),
+            sensors=frozenset(label for label in order if groups[label] == "sensor"),
+            unknown=() if explained else tuple(unknown_sentence(curve) for curve in unstated),
+            channels=channels,
+            extrapolates=bool(extrapolated),
+        ),
+        cache.settings,
+    )
+    most = cache.settings.most_probable
+    hypotheses = _hypotheses(search, found)
+    effects = tuple(
         NamedEffect(
             label=label,
-            name=inv.space.candidates[label].effect.name,
-            column=inv.space.candidates[label].effect.column,
-            probability=float(min(most, holding[label])),
+            name=cache.space.candidates[label].effect.name,
+            column=cache.space.candidates[label].effect.column,
+            probability=_probability(found, label, most, forced=label in wanted),
             parameters={n.removeprefix(f"{label}."): e for n, e in last.estimates.items() if n.startswith(f"{label}.")},
-            cannot_tell_apart_from=indistinguishable.get(label, ()),
+            cannot_tell_apart_from=_not_told_apart(cache, found, label),
             removes=removes[label],
         )
-        for label in order
-        if holding[label] >= inv.settings.named or label in wanted
+        for label in named
     )
-    else_p = UNTESTED_WITH_MODEL_ERROR if final.scale.error.sd else UNTESTED
+    explained_all = all(one.fit <= ABOVE_NOISE * one.noise for one in channels.values())
+    else_p = UNTESTED if explained_all else UNTESTED_WITH_ERROR_LEFT
     if decision.verdict == "unknown_effect":
         else_p = 0.9
     candidates: dict[str, float] = {}
-    for labels, p in probabilities.items():
-        candidates[_name(inv, labels)] = candidates.get(_name(inv, labels), 0.0) + p * (1.0 - else_p)
+    for model, p in hypotheses.items():
+        name = _name(cache, model)
+        candidates[name] = candidates.get(name, 0.0) + p * (1.0 - else_p)
     candidates[SOMETHING_ELSE] = else_p
     candidates = dict(sorted(((n, min(p, most)) for n, p in candidates.items()), key=lambda pair: -pair[1]))
-    gains = inv.base_gains
-    critical = inv.linear(inv.base).critical_z()
-    blind = _blind(inv)
-    rivals = _rivals(found.compared, probabilities)
+    scores = cache.scores(())
+    critical = scores.critical_z()
+    blind = _blind(cache)
+    likely = sorted((model for model, p in hypotheses.items() if p > RIVAL), key=lambda one: -hypotheses[one])
+    rivals = [cache.fit(model) for model in likely[:MOST_RIVALS]] if len(likely) > 1 else []
     proposals = ()
     if rivals:
-        inv.report("searching for an experiment that decides")
-        proposals = best_of_each(propose(inv, rivals))
+        cache.report("searching for an experiment that decides")
+        proposals = best_of_each(propose(cache, rivals))
     return Diagnosis(
-        case=inv.case,
+        case=cache.case,
         verdict=decision.verdict,
-        effects=named,
+        effects=effects,
         candidates=tuple((name, p) for name, p in candidates.items() if p >= 5e-4),
         unexplained=decision.unexplained,
-        blind_to=tuple(name for name in blind if name not in {effect.name for effect in named}),
-        noise=_sensors(final),
+        blind_to=tuple(name for name in blind if name not in {effect.name for effect in effects}),
+        noise=_sensors(cache),
         ladder=tuple(ladder),
         scores=tuple(
-            ScoreEntry(gain.label, gain.z, bool(abs(gain.z) > critical), inv.space.candidates[gain.label].name in blind)
-            for gain in gains
-            if inv.space.candidates[gain.label].group in ("effect", "sensor")
+            ScoreEntry(
+                gain.label, gain.z, bool(abs(gain.z) > critical), cache.space.candidates[gain.label].name in blind
+            )
+            for gain in scores.gains()
+            if cache.space.candidates[gain.label].group in ("effect", "sensor")
         ),
         critical_z=critical,
-        remarks=_remarks(inv, final, adjusted, ladder, extrapolated),
-        curves=(*curves, *laws),
-        runs=tuple(
-            run_found(inv, final, last, label, removes[label]) for label in final.labels if groups[label] == "run"
+        remarks=(
+            *_remarks(cache, last_fit, adjusted, ladder, extrapolated),
+            *([remarks.stated_model_stays(order)] if stays else []),
         ),
-        immaterial=tuple(_immaterial(inv, one, last) for one in found.refused.values()),
-        remaining=_remaining(inv, final, last, left["final"]),
+        curves=() if stays else (*curves, *laws),
+        runs=tuple(
+            run_found(cache, last_fit, last, label, removes[label])
+            for label in labels
+            if groups[label] == "run" and found.tests[label].named
+        ),
+        immaterial=tuple(
+            _immaterial(cache, one, {})
+            for one in (*(found.tests[label] for label in order if label not in named), *found.refused.values())
+            if cache.space.candidates[one.label].group in ("effect", "sensor")
+        ),
+        remaining=_remaining(cache, last_fit, last, left["final"]),
         extrapolated=extrapolated,
-        tolerance=tolerances(inv),
-        fit_for_purpose=fit_for_purpose(inv, last),
-        where_base=_where(inv, left["base"]),
-        errors=errors_by_run(inv, {"base": ladder[1], "final": last}),
-        rivals=tuple(_name(inv, one.labels) for one in rivals),
+        tolerance=tolerances(cache),
+        fit_for_purpose=fit_for_purpose(cache, last),
+        where_base=_where(cache, left["base"]),
+        errors=errors_by_run(cache, {"base": ladder[1], "final": last}),
+        rivals=tuple(_name(cache, one.added) for one in rivals),
         proposals=proposals,
-        law_source=_law_source(inv, laws),
+        law_source=_law_source(cache, laws),
+        corrections=all_curves(cache, last_fit) if last is final and not stays else (),
         ordered=tuple(ordered),
     )
 
 
-def _lacking(inv: Workings, compared: Sequence[Trial], final: Trial, label: str) -> Trial:
-    rest = tuple(one for one in final.labels if one != label)
-    return next((one for one in compared if one.labels == rest), None) or inv.trial(rest, final)
-
-
-def _probabilities(inv: Workings, found: policy.Found) -> tuple[dict[Labels, float], dict[str, Labels]]:
-    """Return the probability of every model compared, and what is indistinguishable from each effect."""
-    final = found.final
-    logs: dict[tuple[str, ...], float] = {}
-    for trial in found.compared:
-        prior = -sum(odds_of(inv, inv.space.candidates[one], trial) - inv.settings.least_odds for one in trial.labels)
-        logs[trial.labels] = max(logs.get(trial.labels, -np.inf), trial.log_evidence + prior)
-    values = np.array(list(logs.values()))
-    shares = dict(zip(logs, np.exp(values - logsumexp(values)).tolist(), strict=True))
-    indistinguishable: dict[str, tuple[str, ...]] = {}
-    for label in final.labels:
-        rest = set(final.labels) - {label}
-        others = [
-            next(iter(set(trial.labels) - rest))
-            for trial in found.compared
-            if rest < set(trial.labels)
-            and label not in trial.labels
-            and len(trial.labels) == len(final.labels)
-            and trial.log_evidence > final.log_evidence - DISTINGUISHABLE
-        ]
-        indistinguishable[label] = tuple(dict.fromkeys(inv.space.candidates[one].name for one in others))
-    return shares, indistinguishable
-
-
-def _name(inv: Workings, labels: Sequence[str]) -> str:
-    """Return the name of a model in the answer, without columns."""
-    return "+".join(inv.space.candidates[label].name for label in labels) or "base"
-
-
-def _rivals(trials: Sequence[Trial], probabilities: Mapping[tuple[str, ...], float]) -> list[Trial]:
-    """Return the models between which the data do not decide, the most probable first; none if they do."""
-    likely = sorted(
-        (labels for labels, p in probabilities.items() if p > RIVAL), key=lambda labels: -probabilities[labels]
+def _predicts_worse(cache: FitCache, stated: Rung, final: Rung) -> bool:
+    """Return True if a channel of the held-out runs is predicted worse than by what came in, and none better."""
+    changes = {
+        name: (one.check - stated.errors[name].check) / max(cache.tolerances[name], 1e-12)
+        for name, one in final.errors.items()
+        if np.isfinite(one.check)
+    }
+    return any(change > WORSE for change in changes.values()) and not any(
+        change < -WORSE for change in changes.values()
     )
-    found = [next(one for one in trials if one.labels == labels) for labels in likely][:MOST_RIVALS]
-    return found if len(found) > 1 else []
 
 
-def _removes(lacking: Rung, final: Rung) -> dict[str, Removed]:
-    """Return by how much the final model reduces each channel's error relative to one that lacks something."""
+def _hypotheses(search: Search, found: Found) -> dict[Labels, float]:
+    """Return the probability of the final model and of its rivals: those lacking something or with another thing."""
+    cache, final = search.cache, found.final
+    logs: dict[Labels, float] = {final.added: 0.0}
+    for label, test in found.tests.items():
+        rest = tuple(one for one in final.added if one != label)
+        logs[rest] = max(logs.get(rest, -np.inf), -(test.gain - test.odds + cache.settings.least_odds))
+    own = search.evidence(final, final.likelihood)
+    for models in found.rivals.values():
+        for model in models:
+            logs[model] = search.evidence(cache.fit(model), final.likelihood) - own
+    if not final.added:
+        for label, test in found.refused.items():
+            logs[(label,)] = test.gain - test.odds
+    return dict(zip(logs, softmax(np.array(list(logs.values()))).tolist(), strict=True))
 
-    def removed(before: float, after: float) -> float:
-        squared = before**2 - after**2
-        return float(np.copysign(np.sqrt(abs(squared)), squared))
 
+def _probability(found: Found, label: str, most: float, *, forced: bool) -> float:
+    """Return the probability of a named effect: no more than its margin, its rivals and resampled data allow."""
+    test = found.tests[label]
+    if forced and not test.named:
+        return float(min(most, 1.0 / (1.0 + np.exp(-(test.gain - test.odds)))))
+    alone = 1.0 / (1.0 + np.exp(-(test.gain - test.odds + 1.0)))
+    return float(min(most, alone, test.share) / (1.0 + 0.5 * len(found.rivals.get(label, ()))))
+
+
+def _not_told_apart(cache: FitCache, found: Found, label: str) -> tuple[str, ...]:
+    """Return the names of effects that explain the readings as well in the place of one."""
+    rest = set(found.final.added) - {label}
+    others = [next(iter(set(model) - rest)) for model in found.rivals.get(label, ())]
+    return tuple(dict.fromkeys(cache.space.candidates[one].name for one in others))
+
+
+def _name(cache: FitCache, labels: Sequence[str]) -> str:
+    """Return the name of a model in the answer, without columns."""
+    return "+".join(cache.space.candidates[label].name for label in labels) or "base"
+
+
+def _removes(cache: FitCache, labels: Sequence[str], label: str) -> dict[str, Removed]:
+    """Return by how much each channel's error is smaller with an addition than without it."""
+    lacking = rung(cache, "", cache.fit([one for one in labels if one != label]), compared=True)
+    after = rung(cache, "", cache.fit(labels), compared=True)
     return {
-        channel: Removed(
-            removed(lacking.errors[channel].fit, after.fit), removed(lacking.errors[channel].check, after.check)
-        )
-        for channel, after in final.errors.items()
+        channel: Removed(lacking.errors[channel].fit - one.fit, lacking.errors[channel].check - one.check)
+        for channel, one in after.errors.items()
     }
 
 
-def _channel_evidence(inv: Workings, found: policy.Found, name: str, base: Rung, last: Rung) -> ChannelEvidence:
-    tolerance = inv.case.tolerance.get(name)
+def _channel_evidence(cache: FitCache, name: str, base: Rung, last: Rung) -> ChannelEvidence:
     return ChannelEvidence(
-        noise=found.final.scale.noise[name].sd,
-        before=base.errors[name].level_fit,
-        fit=last.errors[name].level_fit,
-        check=last.errors[name].level_check,
-        tolerance=None if tolerance is None else tolerance.rms,
-        model_error=found.final.scale.error.of_channel(name),
-        check_before=base.errors[name].level_check,
-        steep=last.errors[name].level_fit < inv.settings.level_share * last.errors[name].fit,
+        noise=cache.noise[name].sd,
+        before=base.errors[name].fit,
+        fit=last.errors[name].fit,
+        check=last.errors[name].check,
+        tolerance=cache.tolerances[name],
+        check_before=base.errors[name].check,
+        stated_tolerance=name in cache.case.tolerance,
     )
 
 
@@ -300,34 +330,28 @@ def _small(one: ChannelEvidence) -> bool:
     return bool(one.before**2 - one.noise**2 < 0.1 * one.noise**2)
 
 
-def _immaterial(inv: Workings, refused: Addition, last: Rung) -> Immaterial:
-    name = inv.space.candidates[refused.label].name
-    if not refused.plausible:
-        reason = f"its size would be more than {inv.settings.implausible:g} sd from the usual one"
-    elif not refused.predicts_better(inv.settings.least_expected_score):
-        score = f"log score {refused.score_gain:+.1f}, expected {refused.expected_score_gain:+.1f}"
-        reason = f"it does not improve the prediction of left-out data ({score})"
-    elif refused.harmful:
-        reason = "it increases the error on left-out data"
-    elif not refused.material:
-        reason = "it reduces no error by a material amount"
-    else:
-        reason = (
-            "with the model error estimated again, its size is implausible or it increases the error on left-out data"
+def _immaterial(cache: FitCache, test: Test, removes: dict[str, Removed]) -> Immaterial:
+    name = cache.space.candidates[test.label].name
+    if not test.significant:
+        sentence = (
+            f"{name}: it may be there, and curves of what no table states, such as an activation energy of each "
+            f"resistance, explain the fit runs nearly as well (log evidence {test.gain:+.1f} of {test.odds:.1f} needed)"
         )
-    removes = _removes(last, rung(inv, "", refused.trial, compared=True))
+        return Immaterial(name, removes, sentence)
     return Immaterial(
-        name, removes, f"{name}: it is significant on the fit runs (log evidence {refused.gain:+.1f}), but {reason}"
+        name,
+        removes,
+        f"{name}: it is significant on the fit runs (log evidence {test.gain:+.1f}), but {test.why_not()}",
     )
 
 
-def _sensors(trial: Trial) -> dict[str, Sensor]:
-    return {name: Sensor(one.sd, one.rho, one.source, one.quantum) for name, one in trial.scale.noise.items()}
+def _sensors(cache: FitCache) -> dict[str, Sensor]:
+    return {name: Sensor(one.sd, one.rho, one.source, one.quantum) for name, one in cache.noise.items()}
 
 
-def _where(inv: Workings, left: Sequence[ChannelResiduals]) -> dict[str, tuple[str, ...]]:
+def _where(cache: FitCache, left: Sequence[ChannelResiduals]) -> dict[str, tuple[str, ...]]:
     """Return, by channel, sentences on where a model with these residuals fails."""
-    capacity = inv.case.parameters.get("capacity_Ah")
+    capacity = cache.case.parameters.get("capacity_Ah")
     return {
         residuals.channel: tuple(
             s.text for s in statements(residuals, capacity_Ah=None if capacity is None else capacity.value)
@@ -336,62 +360,78 @@ def _where(inv: Workings, left: Sequence[ChannelResiduals]) -> dict[str, tuple[s
     }
 
 
-def _remaining(inv: Workings, trial: Trial, last: Rung, left: Sequence[ChannelResiduals]) -> dict[str, Remaining]:
-    where = _where(inv, left)
-    tau = trial.scale.error.tau_s
-    return {name: Remaining(last.errors[name].fit, tau.get(name, 0.0), where.get(name, ())) for name in inv.noise}
+def _remaining(cache: FitCache, fit: Fit, last: Rung, left: Sequence[ChannelResiduals]) -> dict[str, Remaining]:
+    where = _where(cache, left)
+    interval = {name: _interval_s(cache, name) for name in cache.noise}
+    return {
+        name: Remaining(
+            last.errors[name].fit,
+            interval[name] * (fit.likelihood.channels[name].inflation - 1.0) / 2.0
+            if name in fit.likelihood.channels
+            else 0.0,
+            where.get(name, ()),
+        )
+        for name in cache.noise
+    }
 
 
-def _blind(inv: Workings) -> tuple[str, ...]:
+def _interval_s(cache: FitCache, name: str) -> float:
+    """Return the median time between fitted readings of a channel, in s."""
+    data = cache.view.data
+    steps = [np.diff(data.time_s[rows]) for rows in data.by_channel.get(name, [])]
+    return float(np.median(np.concatenate(steps))) if steps and sum(one.size for one in steps) else 0.0
+
+
+def _blind(cache: FitCache) -> tuple[str, ...]:
     """Return the names of effects that the data could not show at their usual size, on any of their columns."""
-    seen = inv.linear(inv.base).visible()
+    seen = cache.scores(()).visible()
     labels: dict[str, list[str]] = {}
-    for label, candidate in inv.space.candidates.items():
+    for label, candidate in cache.space.candidates.items():
         if candidate.group in ("effect", "sensor"):
             labels.setdefault(candidate.name, []).append(label)
     unseen = [name for name, own in labels.items() if not any(label in seen for label in own)]
     unseparated = [
         name
-        for name, cls in inv.case.catalogue.items()
-        if inv.case.kind in cls.kinds and name not in inv.case.effects and not is_distinguishable(inv.case, cls)
+        for name, cls in cache.case.catalogue.items()
+        if cache.case.kind in cls.kinds and name not in cache.case.effects and not is_distinguishable(cache.case, cls)
     ]
     return (*unseen, *unseparated)
 
 
 def _remarks(
-    inv: Workings, trial: Trial, adjusted: AdjustedStarts, ladder: Sequence[Rung], extrapolated: Sequence[Extrapolated]
+    cache: FitCache, fit: Fit, adjusted: AdjustedStarts, ladder: Sequence[Rung], extrapolated: Sequence[Extrapolated]
 ) -> tuple[str, ...]:
-    layout, fitted = inv.space.layout, trial.fitted
+    layout = cache.space.layout
     common, of_runs = [], []
-    for place, pull in zip(trial.setting.free, fitted.pulls, strict=True):
-        if place >= layout.base or abs(pull) <= inv.settings.strained:
+    for place, pull in zip(fit.spec.free, fit.pulls, strict=True):
+        if place >= layout.base or abs(pull) <= cache.settings.strained:
             continue
         coordinate, run = layout.coordinates[place], layout.runs[place]
-        number, stated = coordinate.number(fitted.x[place]), coordinate.number(0.0)
+        number, stated = coordinate.number(fit.x[place]), coordinate.number(0.0)
         known = remarks.Strained(
             coordinate.name, number, coordinate.off(float(pull)), stated, abs(coordinate.slope(0.0))
         )
         if run < 0:
             common.append(known)
         else:
-            of_runs.append(dataclasses.replace(known, run=inv.case.runs[run].name))
+            of_runs.append(dataclasses.replace(known, run=cache.case.runs[run].name))
     return (
-        *inv.preparation,
-        *remarks.nothing_held_out(inv.case),
-        *remarks.formulas_of_the_paper(inv.case),
-        *remarks.noise_remarks(trial.scale.noise),
-        *remarks.starts_moving(inv.case, trial.scale.noise, ladder[1].predictions),
+        *cache.preparation,
+        *remarks.nothing_held_out(cache.case),
+        *remarks.formulas_of_the_paper(cache.case),
+        *remarks.noise_remarks(cache.noise),
+        *remarks.starts_moving(cache.case, cache.noise, ladder[1].predictions),
         *remarks.better_as_stated(ladder[0], ladder[-1]),
-        *remarks.nothing_moves(fitted),
+        *remarks.nothing_moves(fit),
         *remarks.strained([*common, *of_runs]),
-        *remarks.out_of_range(inv.space, trial),
-        *remarks.not_converged(fitted),
-        *remarks.badly_started(adjusted.pulls, inv.settings.start_reach),
+        *remarks.out_of_range(cache.space, fit),
+        *remarks.not_converged(fit),
+        *remarks.badly_started(adjusted.pulls, cache.settings.start_reach),
         *(remarks.extrapolated_sentence(one) for one in extrapolated),
     )
 
 
-def _law_source(inv: Workings, laws: Sequence[CurveFound]) -> str | None:
+def _law_source(cache: FitCache, laws: Sequence[CurveFound]) -> str | None:
     if not laws:
         return None
-    return law_file(inv.space.candidates[laws[0].label], laws[0].value, laws[0].at, inv.case.kind, inv.case.name)
+    return law_file(cache.space.candidates[laws[0].label], laws[0].value, laws[0].at, cache.case.kind, cache.case.name)

@@ -4,46 +4,53 @@ from __future__ import annotations
 
 import numpy as np
 
-from jaxmodel.diagnosis.evidence.trial import Trial
-from jaxmodel.diagnosis.fitting.laws import PORTS
 from jaxmodel.diagnosis.result import CurveFound, Estimate, Removed, RunFound, Rung
-from jaxmodel.diagnosis.workings import Workings
 from jaxmodel.effects.curves import Curve
+from jaxmodel.fit.cache import FitCache
+from jaxmodel.fit.estimate import NONE, Fit
+from jaxmodel.fit.laws import PORTS
 
 
-def _values(inv: Workings, trial: Trial, label: str) -> tuple[np.ndarray, np.ndarray]:
+def _values(cache: FitCache, fit: Fit, label: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the values of a curve or law at its knots, and their sd."""
-    layout, candidate = inv.space.layout, inv.space.candidates[label]
+    layout, candidate = cache.space.layout, cache.space.candidates[label]
     places = list(layout.of[label])
     columns = slice(candidate.offset, candidate.offset + len(candidate.coordinates))
     mix = candidate.mix[:, columns]
     if candidate.law is not None:
-        knots = inv.settings.law_knots
+        knots = cache.settings.law_knots
         mix = mix[candidate.law[0] * knots : (candidate.law[0] + 1) * knots]
-    free = list(trial.setting.free)
+    free = list(fit.spec.free)
     mine = [free.index(place) for place in places]
-    covariance = trial.fitted.covariance[np.ix_(mine, mine)]
-    return mix @ trial.fitted.x[places], np.sqrt(np.maximum(np.diag(mix @ covariance @ mix.T), 0.0))
+    covariance = fit.covariance[np.ix_(mine, mine)]
+    return mix @ fit.x[places], np.sqrt(np.maximum(np.diag(mix @ covariance @ mix.T), 0.0))
 
 
-def curve_found(inv: Workings, trial: Trial, label: str, removes: dict[str, Removed]) -> CurveFound:
+def curve_found(cache: FitCache, fit: Fit, label: str, removes: dict[str, Removed]) -> CurveFound:
     """Return the correction of a table or relation at its knots."""
-    candidate = inv.space.candidates[label]
+    candidate = cache.space.candidates[label]
     effect = candidate.effect
     assert isinstance(effect, Curve)
-    values, sd = _values(inv, trial, label)
+    values, sd = _values(cache, fit, label)
     return CurveFound(
         label, candidate.port if label != "entropy_curve" else "entropy_coefficient", candidate.over,
-        np.array(effect.knots), values, sd, effect.unit, removes, candidate.stated,
+        effect.knots, values, sd, effect.unit, removes, candidate.stated,
     )  # fmt: skip
 
 
-def law_found(inv: Workings, trial: Trial, label: str, removes: dict[str, Removed]) -> CurveFound:
+def all_curves(cache: FitCache, fit: Fit) -> tuple[CurveFound, ...]:
+    """Return every curve of a model that is not held at nothing, in the order in which the model has them."""
+    is_curve = {label: cache.space.candidates[label].group == "curve" for label in fit.spec.labels}
+    curves = [label for label, amplitude in fit.spec.amplitudes.items() if is_curve[label] and amplitude > NONE]
+    return tuple(curve_found(cache, fit, label, {}) for label in curves)
+
+
+def law_found(cache: FitCache, fit: Fit, label: str, removes: dict[str, Removed]) -> CurveFound:
     """Return a fitted unknown law at its knots."""
-    candidate = inv.space.candidates[label]
+    candidate = cache.space.candidates[label]
     assert candidate.law is not None
     low, high = candidate.law[1][-4], candidate.law[1][-3]
-    values, sd = _values(inv, trial, label)
+    values, sd = _values(cache, fit, label)
     factor = candidate.law[1][-1] if candidate.multiplier else 1.0
     at = np.linspace(low, high, values.size)
     unit = {"torque_constant": "N m/A", "motor_loss": "W", "cell_heat": "W"}.get(candidate.port, "")
@@ -71,10 +78,10 @@ def unknown_sentence(curve: CurveFound) -> str:
     )
 
 
-def run_found(inv: Workings, trial: Trial, last: Rung, label: str, removes: dict[str, Removed]) -> RunFound:
+def run_found(cache: FitCache, fit: Fit, last: Rung, label: str, removes: dict[str, Removed]) -> RunFound:
     """Return the shift of a parameter in one run."""
-    candidate = inv.space.candidates[label]
-    run = inv.case.runs[candidate.run]
+    candidate = cache.space.candidates[label]
+    run = cache.case.runs[candidate.run]
     coordinate = candidate.coordinates[0]
     estimate = last.estimates.get(f"{coordinate.name}[{run.name}]", Estimate(np.nan, np.nan, ""))
     names = {"contact_resistance": "series_resistance_ohm", "friction_shift": "friction_torque_Nm"}

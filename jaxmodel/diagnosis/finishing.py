@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from jaxmodel.diagnosis import policy
 from jaxmodel.diagnosis.diagnosis import comparison, conclude
-from jaxmodel.diagnosis.fitting.lanes import one_thread_of_blas
 from jaxmodel.diagnosis.investigation import Investigation
 from jaxmodel.diagnosis.result import Diagnosis
+from jaxmodel.fit.lanes import one_thread_of_blas
 
 
 @one_thread_of_blas
@@ -21,7 +20,7 @@ def finish(investigation: Investigation, *, each: Callable[[], None] = lambda: N
     """
     wanted = investigation.added
     found = investigation.search(each)
-    return conclude(investigation, found, wanted, [f"--with {name}" for name in wanted])
+    return conclude(investigation.searching, found, wanted, [f"--with {name}" for name in wanted])
 
 
 @one_thread_of_blas
@@ -33,6 +32,6 @@ def conclusion(investigation: Investigation) -> Diagnosis:
     """
     wanted = investigation.added
     if not wanted:
-        return comparison(investigation)
-    found = policy.run(investigation, wanted, seek=False)
-    return conclude(investigation, found, wanted, [f"--add {name}" for name in wanted])
+        return comparison(investigation.cache)
+    search = investigation.searching
+    return conclude(search, search.run(wanted, seek=False), wanted, [f"--add {name}" for name in wanted])

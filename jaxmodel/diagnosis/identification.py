@@ -26,7 +26,7 @@ from jaxmodel.diagnosis.advice.identifiability import (
     profile_likelihood,
 )
 from jaxmodel.diagnosis.plotting import IdentificationPlots
-from jaxmodel.diagnosis.workings import Workings
+from jaxmodel.fit.cache import FitCache
 
 # A profile can lead to a deeper minimum, from which another one can.
 _MOST_RESTARTS = 3
@@ -190,19 +190,19 @@ def identify(
     """
     say = progress or (lambda what: None)
     asked_case, assumed = asking_for(case, parameters)
-    workings = Workings(asked_case)
-    labels = workings.space.labels_to_add(add)
+    cache = FitCache(asked_case)
+    labels = cache.space.labels_to_add(add)
     say("calibrating")
-    model, misfit = calibrated(workings, labels)
-    found = identifiability(workings, model, misfit, assumed)
+    model, misfit = calibrated(cache, labels)
+    found = identifiability(cache, model, misfit, assumed)
     asked = [found.place(name) for name in dict.fromkeys([*parameters, *profiles])]
     profiled: list[Profiled] = []
     for _ in range(_MOST_RESTARTS):
         say("profiles of the likelihood" if asked else "tables and pictures")
-        profiled = [profile_likelihood(workings, model, found.names[i]) for i in asked]
-        better = [one for one in (deeper(model, each) for each in profiled) if one is not None]
+        profiled = [profile_likelihood(cache, model, found.names[i]) for i in asked]
+        better = [one for one in (deeper(cache, model, each) for each in profiled) if one is not None]
         if not better:
             break
-        model = min(better, key=lambda one: one.fitted.objective)
-        found = identifiability(workings, model, misfit, assumed)
-    return Identification(found, tuple(profiled), workings.preparation)
+        model = min(better, key=lambda one: one.objective)
+        found = identifiability(cache, model, misfit, assumed)
+    return Identification(found, tuple(profiled), cache.preparation)

@@ -4,7 +4,7 @@ investigation = Investigation(case)
 investigation.errors()            # by run and channel, against noise and tolerance
 investigation.where()             # where the present model fails, in sentences
 investigation.regime_map("voltage_V")  # the same as means over ranges of two conditions
-investigation.candidates()        # ranked effects, sensor faults, curves and shifts
+investigation.candidates()        # ranked effects, sensor faults and shifts of runs
 investigation.preview("self_heating")  # the residual that it would leave, before any refit
 investigation.add("self_heating")
 investigation.drop("self_heating")
@@ -17,40 +17,79 @@ from __future__ import annotations
 import dataclasses
 import functools
 import html
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
 import pandas as pd
 
 from jaxmodel.base.errors import MeasurementError, nearest
 from jaxmodel.case.measurements import KINDS
 from jaxmodel.case.records import Case
-from jaxmodel.diagnosis import policy
-from jaxmodel.diagnosis.evidence.trial import Settled
 from jaxmodel.diagnosis.extended import extended_case
-from jaxmodel.diagnosis.findings import curve_found, run_found
-from jaxmodel.diagnosis.fitting.lanes import one_thread_of_blas
+from jaxmodel.diagnosis.findings import all_curves, run_found
 from jaxmodel.diagnosis.plotting import InvestigationPlots
 from jaxmodel.diagnosis.residuals.regime_map import RegimeMap, regime_map
 from jaxmodel.diagnosis.residuals.statements import statements
 from jaxmodel.diagnosis.result import Rung
 from jaxmodel.diagnosis.rungs import errors_by_run, residuals_of, rung
-from jaxmodel.diagnosis.workings import Workings
+from jaxmodel.diagnosis.search import Found, Search
+from jaxmodel.fit.cache import FitCache, Progress
+from jaxmodel.fit.estimate import Fit
+from jaxmodel.fit.lanes import one_thread_of_blas
+from jaxmodel.fit.noise.instrument import NoiseModel
+from jaxmodel.fit.settings import SETTINGS, Settings
 
 
-class Investigation(Workings):
+class Investigation:
     """One case and its present model, at first the calibrated base model.
 
-    Arguments as `jaxmodel.diagnosis.workings.Workings`. Fitted models are kept, and their numbers do not depend on the
-    order of additions.
+    Attributes:
+        cache: of all models fitted so far; their numbers do not depend on the order of additions.
+        searching: the automatic search over them.
     """
 
-    _present: tuple[str, ...] = ()
-    _path: tuple[tuple[str, ...], ...] = ((),)
+    def __init__(
+        self,
+        case: Case,
+        *,
+        without: Sequence[str] = (),
+        settings: Settings = SETTINGS,
+        progress: Progress | None = None,
+    ) -> None:
+        """Begin with the calibrated base model.
+
+        Args:
+            case: with at least one fit run.
+            without: names of effects that are ruled out.
+            settings: the constants.
+            progress: called with a description of each step.
+
+        Raises:
+            FitError: nothing is uncertain, no run may be used to calibrate, or there are no readings.
+            EffectError: a name that is no candidate of this case.
+        """
+        self.cache = FitCache(case, without=without, settings=settings, progress=progress)
+        self.searching = Search(self.cache)
+        self._present: tuple[str, ...] = ()
+        self._path: tuple[tuple[str, ...], ...] = ((),)
 
     @property
-    def model(self) -> Settled:
+    def case(self) -> Case:
+        """Return the case as it is fitted."""
+        return self.cache.case
+
+    @property
+    def noise(self) -> Mapping[str, NoiseModel]:
+        """Return the noise of every channel."""
+        return self.cache.noise
+
+    @property
+    def model(self) -> Fit:
         """Return the present model."""
-        return self.settled(self._present)
+        return self._fit(self._present)
+
+    def _fit(self, labels: tuple[str, ...]) -> Fit:
+        """Return a model: with additions the curves of the stated tables are corrected too."""
+        return self.cache.fit(labels) if labels else self.cache.calibrated
 
     @property
     def added(self) -> tuple[str, ...]:
@@ -69,7 +108,7 @@ class Investigation(Workings):
 
     def _rung(self, labels: tuple[str, ...]) -> Rung:
         if labels not in self._rungs:
-            self._rungs[labels] = rung(self, "", self.settled(labels))
+            self._rungs[labels] = rung(self.cache, "", self._fit(labels))
         return self._rungs[labels]
 
     def present(self) -> Rung:
@@ -91,11 +130,10 @@ class Investigation(Workings):
 
     def extended_case(self) -> Case:
         """Return the case with the parameters, effects and tables of the present model."""
-        last, model = self.present(), self.model
-        group = {label: self.space.candidates[label].group for label in model.labels}
-        curves = [curve_found(self, model, label, {}) for label in model.labels if group[label] == "curve"]
-        runs = [run_found(self, model, last, label, {}) for label in model.labels if group[label] == "run"]
-        return extended_case(self.case, last, curves, runs)[0]
+        last, cache, labels = self.present(), self.cache, self._present
+        shifts = [label for label in labels if cache.space.candidates[label].group == "run"]
+        runs = [run_found(cache, self.model, last, label, {}) for label in shifts]
+        return extended_case(self.case, last, all_curves(cache, self.model), runs)[0]
 
     def __repr__(self) -> str:
         return f"<Investigation of {self.case.name}: {' + '.join(self._present) or 'base model'}>"
@@ -106,7 +144,7 @@ class Investigation(Workings):
     @one_thread_of_blas
     def errors(self) -> pd.DataFrame:
         """Return the present model's errors: a row for each channel of each run, against noise and tolerance."""
-        return errors_by_run(self, {"present": self.present()}).drop(columns="model")
+        return errors_by_run(self.cache, {"present": self.present()}).drop(columns="model")
 
     @one_thread_of_blas
     def where(self) -> pd.DataFrame:
@@ -114,7 +152,7 @@ class Investigation(Workings):
         capacity = self.case.parameters.get("capacity_Ah")
         rows = [
             (residuals.channel, one.text, one.share)
-            for residuals in residuals_of(self, self.present())
+            for residuals in residuals_of(self.cache, self.present())
             for one in statements(residuals, capacity_Ah=None if capacity is None else capacity.value)
         ]
         return pd.DataFrame(rows, columns=["channel", "sentence", "share"])
@@ -129,7 +167,7 @@ class Investigation(Workings):
         Raises:
             MeasurementError: no run has readings of this channel.
         """
-        found = {residuals.channel: residuals for residuals in residuals_of(self, self.present())}
+        found = {residuals.channel: residuals for residuals in residuals_of(self.cache, self.present())}
         if channel not in found:
             raise MeasurementError(f"regime_map: there are no readings of '{channel}'.{nearest(channel, found)}")
         return regime_map(found[channel])
@@ -141,8 +179,8 @@ class Investigation(Workings):
         A gain of 3 is odds of 20 to 1; a candidate must gain more where many could explain the readings.
         """
         rows = [
-            (gain.label, self.space.candidates[gain.label].group, gain.log_evidence, gain.chi2, gain.z)
-            for gain in self.linear(self.model).gains()
+            (gain.label, self.cache.space.candidates[gain.label].group, gain.log_evidence, gain.chi2, gain.z)
+            for gain in self.cache.scores(self._present).gains()
         ]
         return pd.DataFrame(rows, columns=["name", "group", "log_evidence", "chi2", "z"])
 
@@ -162,29 +200,29 @@ class Investigation(Workings):
         Raises:
             EffectError: a name is no candidate of this case.
         """
-        linear, readings = self.linear(self.model), self.model.scale.view.readings
+        scores, data = self.cache.scores(self._present), self.cache.view.data
         outputs = KINDS[self.case.kind].outputs
         table = {
-            "run": [self.case.runs[number].name for number in readings.run],
-            "channel": [outputs[number] for number in readings.channel],
-            "time_s": readings.time_s,
-            "residual": self.errors_of(self.model),
+            "run": [self.case.runs[number].name for number in data.run],
+            "channel": [outputs[number] for number in data.channel],
+            "time_s": data.time_s,
+            "residual": self.cache.fit(self._present).errors,
         }
-        labels = self.space.labels_of(names) if names else [gain.label for gain in linear.gains()]
-        left = {label: linear.left_with(label) for label in labels}
+        labels = self.cache.space.labels_of(names) if names else [gain.label for gain in scores.gains()]
+        left = {label: scores.left_with(label) for label in labels}
         return pd.DataFrame(table | {label: one for label, one in left.items() if one is not None})
 
     @one_thread_of_blas
     def add(self, *names: str) -> Investigation:
-        """Add effects, sensor faults, curves or shifts of single runs to the model, refit it, and return it.
+        """Add effects, sensor faults, laws or shifts of single runs to the model, refit it, and return it.
 
         Args:
             names: as `candidates` lists them.
 
         Raises:
-            EffectError: a name is no candidate of this case, or a sensor's effect without its column.
+            EffectError: a name is no candidate of this case, that of a curve, or a sensor's effect without its column.
         """
-        return self._go_to((*self._present, *self.space.labels_to_add(names)))
+        return self._go_to((*self._present, *self.cache.space.labels_to_add(names)))
 
     @one_thread_of_blas
     def drop(self, *names: str) -> Investigation:
@@ -193,7 +231,7 @@ class Investigation(Workings):
         Raises:
             EffectError: a name is no candidate of this case.
         """
-        gone = self.space.labels_of(names)
+        gone = self.cache.space.labels_of(names)
         return self._go_to(tuple(label for label in self._present if label not in gone))
 
     def undo(self) -> Investigation:
@@ -203,22 +241,21 @@ class Investigation(Workings):
         return self
 
     @one_thread_of_blas
-    def search(self, each: Callable[[], None] = lambda: None) -> policy.Found:
+    def search(self, each: Callable[[], None] = lambda: None) -> Found:
         """Add and remove automatically, from the present model on, until nothing more is found; what is there stays.
 
         Args:
             each: is called whenever the present model has changed; what it raises ends the search there.
         """
 
-        def accepted(model: Settled) -> None:
-            self._go_to(model.labels)
+        def accepted(labels: tuple[str, ...]) -> None:
+            self._go_to(labels)
             each()
 
-        return policy.run(self, self._present, each=accepted)
+        return self.searching.run(self._present, each=accepted)
 
     def _go_to(self, labels: tuple[str, ...]) -> Investigation:
-        model = self.settled(labels)
-        self._present = model.labels
+        self._present = self.cache.fit(labels).added
         self._path = (*self._path, self._present)
         return self
 

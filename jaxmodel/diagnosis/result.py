@@ -38,16 +38,12 @@ class ChannelError:
         check: on check runs, their start adjusted on their first readings.
         stated: on check runs, their start exactly as stated.
         worst: largest error on check runs.
-        level_fit: on fit runs, the errors divided by their steepness (`jaxmodel.diagnosis.noise.steepness`).
-        level_check: the same on check runs.
     """
 
     fit: float
     check: float
     stated: float = float("nan")
     worst: float = float("nan")
-    level_fit: float = float("nan")
-    level_check: float = float("nan")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,24 +55,21 @@ class RunError:
         rms: root mean square.
         mean: mean.
         worst: the largest size.
-        level: root mean square of the errors divided by their steepness: the error at the average slope of the OCV.
     """
 
     readings: int
     rms: float
     mean: float
     worst: float
-    level: float
 
     @classmethod
-    def of(cls, errors: np.ndarray, steepness: np.ndarray | float = 1.0) -> RunError | None:
+    def of(cls, errors: np.ndarray) -> RunError | None:
         """Return the error of some readings (n,), NaN where there is none; None if there is none at all."""
-        there = np.isfinite(errors)
-        read, level = errors[there], (errors / steepness)[there]
+        read = errors[np.isfinite(errors)]
         if not read.size:
             return None
-        rms, even = (float(np.sqrt(one @ one / one.size)) for one in (read, level))
-        return cls(read.size, rms, float(np.mean(read)), float(max(read.max(), -read.min())), even)
+        rms = float(np.sqrt(read @ read / read.size))
+        return cls(read.size, rms, float(np.mean(read)), float(max(read.max(), -read.min())))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,7 +101,7 @@ class Rung:
 
 @dataclasses.dataclass(frozen=True)
 class Removed:
-    """Reduction of a channel's error: the root of the removed mean square, in the channel's unit."""
+    """Reduction of a channel's RMS error, before minus after, in the channel's unit; negative where it rises."""
 
     fit: float
     check: float
@@ -283,6 +276,7 @@ class Diagnosis:
         errors: a row for each channel of each run.
         rivals, proposals: models between which the data do not decide, and what to measure to decide.
         law_source: source code of an unknown law as an effect.
+        corrections: all curves of the final model; `curves` has those that are told.
         ordered: options with which effects were added or ruled out.
     """
 
@@ -309,6 +303,7 @@ class Diagnosis:
     rivals: tuple[str, ...] = ()
     proposals: tuple[Any, ...] = ()
     law_source: str | None = None
+    corrections: tuple[CurveFound, ...] = ()
     ordered: tuple[str, ...] = ()
 
     @property
@@ -341,7 +336,7 @@ class Diagnosis:
     def extension(self) -> tuple[Case, list[str]]:
         """Return the extended case, and a sentence for everything that a case cannot hold."""
         extended_case = late_bound("jaxmodel.diagnosis.extended:extended_case")
-        return extended_case(self.case, self.final, self.curves, self.runs)
+        return extended_case(self.case, self.final, self.corrections, self.runs)
 
     @functools.cached_property
     def simulation(self) -> CaseSimulation:

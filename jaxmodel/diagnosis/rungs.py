@@ -10,17 +10,17 @@ import pandas as pd
 
 from jaxmodel.base.units import unit_of
 from jaxmodel.case.records import Run
-from jaxmodel.diagnosis.evidence.trial import Trial
-from jaxmodel.diagnosis.fitting.fit import fit
-from jaxmodel.diagnosis.fitting.model import View
-from jaxmodel.diagnosis.fitting.readings import Weights, collect
-from jaxmodel.diagnosis.noise.model_error import NONE
-from jaxmodel.diagnosis.preparation.thinning import start_rows
 from jaxmodel.diagnosis.residuals.conditions import time_since_load_changed
 from jaxmodel.diagnosis.residuals.table import ChannelResiduals
 from jaxmodel.diagnosis.result import ChannelError, Estimate, RunError, Rung
-from jaxmodel.diagnosis.settings import Settings
-from jaxmodel.diagnosis.workings import Workings
+from jaxmodel.fit.cache import FitCache
+from jaxmodel.fit.data import collect
+from jaxmodel.fit.estimate import Fit
+from jaxmodel.fit.gauss_newton import descend
+from jaxmodel.fit.likelihood import ChannelWeight, Likelihood
+from jaxmodel.fit.preparation.thinning import start_rows
+from jaxmodel.fit.settings import Settings
+from jaxmodel.fit.space import View
 from jaxmodel.model.declaration import describe
 from jaxmodel.model.names import parameter_table
 
@@ -28,6 +28,7 @@ from jaxmodel.model.names import parameter_table
 _MOST_OF_A_RUN = 2000
 # Initial states that may be adjusted on the first readings of a check run.
 _STARTS = ("initial_soc", "initial_temperature_rise_K", "initial_hysteresis")
+_STEPS = 10
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,26 +44,27 @@ class AdjustedStarts:
     pulls: dict[str, float]
 
 
-def with_adjusted_starts(inv: Workings, trial: Trial) -> AdjustedStarts:
+def with_adjusted_starts(cache: FitCache, fit: Fit) -> AdjustedStarts:
     """Return a model with the initial states of check runs adjusted on their first readings, within a few stated sd.
 
     These first readings are left out of the errors.
     """
-    layout, settings = inv.space.layout, inv.settings
-    checks = [number for number, run in enumerate(inv.case.runs) if run.split == "check"]
+    layout, settings = cache.space.layout, cache.settings
+    checks = [number for number, run in enumerate(cache.case.runs) if run.split == "check"]
     own = [p for p in range(layout.base) if layout.runs[p] in checks and layout.coordinates[p].name in _STARTS]
     if not own:
-        return AdjustedStarts(trial.fitted.x, {})
-    fitted = inv.space.fitted
-    rows = {number: start_rows(inv.case.runs[number], settings) for number in checks}
-    channels = inv.space.coarse.channels
-    readings = collect(fitted, trial.scale.noise, channels, checks, None, settings, rows)
-    if not readings.count:
-        return AdjustedStarts(trial.fitted.x, {})
-    view = View(inv.space, readings)
-    x = fit(view, trial.setting, Weights(readings, NONE), trial.fitted.x, free=own).x
+        return AdjustedStarts(fit.x, {})
+    rows = {number: start_rows(cache.case.runs[number], settings) for number in checks}
+    data = collect(cache.space.fitted, cache.noise, cache.space.coarse.channels, checks, settings, rows)
+    if not data.count:
+        return AdjustedStarts(fit.x, {})
+    view = View(cache.space, data)
+    # What the model is off in the fitted runs it is off here too, and that is no fault of the start.
+    weights = Likelihood({name: ChannelWeight(one.sd, 1.0, 1) for name, one in fit.likelihood.channels.items()})
+    spec = dataclasses.replace(fit.spec, free=tuple(own), precision=np.ones(len(own)))
+    x = descend(view, spec, weights, fit.x, steps=_STEPS).x
     pulls = {
-        inv.case.runs[number].name: float(
+        cache.case.runs[number].name: float(
             max(abs(layout.coordinates[p].off(x[p])) for p in own if layout.runs[p] == number)
         )
         for number in checks
@@ -72,125 +74,122 @@ def with_adjusted_starts(inv: Workings, trial: Trial) -> AdjustedStarts:
     return AdjustedStarts(x, pulls)
 
 
-def nominal(inv: Workings) -> Rung:
-    """Return the base model with its stated parameters; without predictions."""
-    base = inv.base
-    by_run = _by_run(inv, inv.space.predicted(base.setting, np.zeros_like(base.fitted.x)))
-    errors = {name: _error(inv, one, one) for name, one in by_run.items()}
-    return Rung("nominal", (), {}, (), errors, {}, float("nan"), base.fitted.rows.size, by_run)
+def nominal(cache: FitCache) -> Rung:
+    """Return the base model with its stated parameters."""
+    spec = cache.space.spec(())
+    predictions = cache.space.predicted(spec, np.zeros(cache.space.layout.size))
+    by_run = _by_run(cache, predictions)
+    errors = {name: _error(cache, one, one) for name, one in by_run.items()}
+    return Rung("nominal", (), {}, (), errors, predictions, float("nan"), cache.view.data.count, by_run)
 
 
 def rung(
-    inv: Workings, name: str, trial: Trial, adjusted: AdjustedStarts | None = None, *, compared: bool = False
+    cache: FitCache, name: str, fit: Fit, adjusted: AdjustedStarts | None = None, *, compared: bool = False
 ) -> Rung:
     """Return one model of the ladder, with its errors on fit runs and on check runs.
 
     Args:
-        inv: the investigation.
+        cache: of the case.
         name: in the ladder.
-        trial: the model.
+        fit: the model.
         adjusted: with the starts of check runs adjusted, if known.
         compared: it is only compared with others: its predictions are not kept.
     """
-    adjusted = adjusted or with_adjusted_starts(inv, trial)
-    predictions = inv.space.predicted(trial.setting, adjusted.x)
-    by_run = as_stated = _by_run(inv, predictions)
-    if np.any(adjusted.x != trial.fitted.x):
-        checks = [number for number, run in enumerate(inv.case.runs) if run.split == "check"]
-        as_stated = _by_run(inv, inv.space.predicted(trial.setting, trial.fitted.x, checks))
-    estimates, far = estimates_of(inv, trial)
+    adjusted = adjusted or with_adjusted_starts(cache, fit)
+    predictions = cache.space.predicted(fit.spec, adjusted.x)
+    by_run = as_stated = _by_run(cache, predictions)
+    if np.any(adjusted.x != fit.x):
+        checks = [number for number, run in enumerate(cache.case.runs) if run.split == "check"]
+        as_stated = _by_run(cache, cache.space.predicted(fit.spec, fit.x, checks))
+    estimates, far = estimates_of(cache, fit)
     return Rung(
         name=name,
-        added=trial.labels,
+        added=fit.added,
         estimates=estimates,
         at_bound=far,
-        errors={channel: _error(inv, by_run[channel], as_stated[channel]) for channel in inv.noise},
+        errors={channel: _error(cache, by_run[channel], as_stated[channel]) for channel in cache.noise},
         predictions={} if compared else predictions,
-        chi2=trial.fitted.chi2,
-        readings=trial.fitted.rows.size,
+        chi2=fit.objective,
+        readings=cache.view.data.count,
         by_run=by_run,
     )
 
 
-def _by_run(inv: Workings, predictions: Mapping[str, Mapping[str, np.ndarray]]) -> dict[str, dict[str, RunError]]:
+def _by_run(cache: FitCache, predictions: Mapping[str, Mapping[str, np.ndarray]]) -> dict[str, dict[str, RunError]]:
     """Return the errors by channel and run, over all readings but those that adjust the start of a check run."""
     found: dict[str, dict[str, RunError]] = {}
-    for channel in inv.noise:
+    for channel in cache.noise:
         found[channel] = {}
-        for number, run in enumerate(inv.case.runs):
+        for run in cache.case.runs:
             if run.name not in predictions or channel not in run.measured.outputs:
                 continue
-            rows, steepness = judged_rows(run, inv.settings), inv.space.steepness_of_all.get((channel, number))
-            errors = run.measured.outputs[channel][rows] - predictions[run.name][channel][rows]
-            error = RunError.of(errors, 1.0 if steepness is None else steepness[rows])
+            rows = evaluated_rows(run, cache.settings)
+            error = RunError.of(run.measured.outputs[channel][rows] - predictions[run.name][channel][rows])
             if error is not None:
                 found[channel][run.name] = error
     return found
 
 
-def judged_rows(run: Run, settings: Settings) -> slice:
-    """Return the rows of a run on which a model is judged: all but those that adjust the start of a check run."""
+def evaluated_rows(run: Run, settings: Settings) -> slice:
+    """Return the rows of a run on which a model is evaluated: all but those that adjust the start of a check run."""
     return slice(start_rows(run, settings).stop if run.split == "check" else 0, None)
 
 
-def _error(inv: Workings, by_run: Mapping[str, RunError], as_stated: Mapping[str, RunError]) -> ChannelError:
+def _error(cache: FitCache, by_run: Mapping[str, RunError], as_stated: Mapping[str, RunError]) -> ChannelError:
     """Return the error of a channel, of all readings of its fit runs and check runs."""
 
     def of(split: str, errors: Mapping[str, RunError]) -> list[RunError]:
-        return [errors[run.name] for run in inv.case.runs if run.split == split and run.name in errors]
+        return [errors[run.name] for run in cache.case.runs if run.split == split and run.name in errors]
 
-    def rms(errors: Sequence[RunError], which: str = "rms") -> float:
+    def rms(errors: Sequence[RunError]) -> float:
         count = sum(one.readings for one in errors)
-        squares = sum(one.readings * getattr(one, which) ** 2 for one in errors)
-        return float(np.sqrt(squares / count)) if count else float("nan")
+        return float(np.sqrt(sum(one.readings * one.rms**2 for one in errors) / count)) if count else float("nan")
 
-    fitted, held_out = of("fit", by_run), of("check", by_run)
+    held_out = of("check", by_run)
     return ChannelError(
-        fit=rms(fitted),
+        fit=rms(of("fit", by_run)),
         check=rms(held_out),
         stated=rms(of("check", as_stated)),
         worst=max((one.worst for one in held_out), default=float("nan")),
-        level_fit=rms(fitted, "level"),
-        level_check=rms(held_out, "level"),
     )
 
 
-def estimates_of(inv: Workings, trial: Trial) -> tuple[dict[str, Estimate], tuple[str, ...]]:
+def estimates_of(cache: FitCache, fit: Fit) -> tuple[dict[str, Estimate], tuple[str, ...]]:
     """Return a model's calibrated parameters by name, and the names of those far from their stated values."""
-    units = {name: info.unit for name, info in parameter_table(inv.space.coarse.models).items()}
-    for candidate in inv.space.candidates.values():
+    units = {name: info.unit for name, info in parameter_table(cache.space.coarse.models).items()}
+    for candidate in cache.space.candidates.values():
         label = candidate.effect.label
         units |= {f"{label}.{name}": info.unit for name, info in describe(candidate.effect).items()}
-    layout, fitted = inv.space.layout, trial.fitted
+    layout = cache.space.layout
     estimates, far = {}, []
     knots = {place for _, first, last, _ in layout.vectors for place in range(first, last)}
-    for place, sd, pull in zip(trial.setting.free, trial.sd, fitted.pulls, strict=True):
+    for place, sd, pull in zip(fit.spec.free, fit.sd, fit.pulls, strict=True):
         coordinate, run = layout.coordinates[place], layout.runs[place]
         if place in knots:
             continue
         is_undetermined = coordinate.name in _STARTS[1:] and sd > 0.98 and abs(pull) < 0.05
         if is_undetermined:  # an initial state that affects no reading
             continue
-        name = coordinate.name + (f"[{inv.case.runs[run].name}]" if run >= 0 else "")
-        x = fitted.x[place]
+        name = coordinate.name + (f"[{cache.case.runs[run].name}]" if run >= 0 else "")
+        x = fit.x[place]
         estimates[name] = Estimate(coordinate.number(x), coordinate.slope(x) * sd, units.get(coordinate.name, ""))
-        if abs(pull) > inv.settings.strained:
+        if abs(pull) > cache.settings.strained:
             far.append(name)
     return estimates, tuple(far)
 
 
-def residuals_of(inv: Workings, one: Rung) -> list[ChannelResiduals]:
+def residuals_of(cache: FitCache, one: Rung) -> list[ChannelResiduals]:
     """Return the residuals of every channel, thinned, with the conditions of each reading."""
     found = []
-    names = tuple(run.name for run in inv.case.runs)
-    since_load_changed = [time_since_load_changed(run) for run in inv.case.runs]
-    for channel in inv.noise:
+    names = tuple(run.name for run in cache.case.runs)
+    since_load_changed = [time_since_load_changed(run) for run in cache.case.runs]
+    for channel in cache.noise:
         parts: dict[str, list[np.ndarray]] = {}
-        for number, run in enumerate(inv.case.runs):
+        for number, run in enumerate(cache.case.runs):
             values = run.measured.outputs.get(channel)
             if values is None:
                 continue
-            first = judged_rows(run, inv.settings).start
+            first = evaluated_rows(run, cache.settings).start
             there = first + np.flatnonzero(np.isfinite(values[first:]))
             if there.size < 2:
                 continue
@@ -203,7 +202,7 @@ def residuals_of(inv: Workings, one: Rung) -> list[ChannelResiduals]:
                 for n in predicted
                 if n not in given and n != channel and n.split("_")[0] in _CONDITIONS
             }
-            cycles = run.overrides.get("cycles", inv.case.parameters.get("cycles"))
+            cycles = run.overrides.get("cycles", cache.case.parameters.get("cycles"))
             if cycles is not None:
                 given["cycles"] = np.full(kept.size, cycles.value)
             given["time_since_load_changed_s"] = since_load_changed[number][kept]
@@ -219,12 +218,12 @@ def residuals_of(inv: Workings, one: Rung) -> list[ChannelResiduals]:
             continue
         count = len(parts["error"])
         together = {n: np.concatenate(p) for n, p in parts.items() if len(p) == count}
-        tolerance = inv.case.tolerance.get(channel)
+        tolerance = cache.case.tolerance.get(channel)
         found.append(
             ChannelResiduals(
                 channel=channel,
                 unit="K" if unit_of(channel) == "degC" else unit_of(channel),
-                noise_sd=inv.noise[channel].sd,
+                noise_sd=cache.noise[channel].sd,
                 tolerance=None if tolerance is None else tolerance.rms,
                 run=together["run"],
                 run_names=names,
@@ -240,7 +239,7 @@ def residuals_of(inv: Workings, one: Rung) -> list[ChannelResiduals]:
 _CONDITIONS = ("soc", "speed", "cell", "winding", "case", "current", "motor", "pack")
 
 
-def errors_by_run(inv: Workings, models: Mapping[str, Rung]) -> pd.DataFrame:
+def errors_by_run(cache: FitCache, models: Mapping[str, Rung]) -> pd.DataFrame:
     """Return a row for each channel of each run and model, over all readings, in the channel's unit.
 
     Columns: model, run, split, channel, unit, readings; rms, mean and max (the largest size) of the errors; noise_sd,
@@ -248,9 +247,9 @@ def errors_by_run(inv: Workings, models: Mapping[str, Rung]) -> pd.DataFrame:
     """
     rows = []
     for model, one in models.items():
-        for channel, noise in inv.noise.items():
-            tolerance = inv.case.tolerance.get(channel)
-            for run in inv.case.runs:
+        for channel, noise in cache.noise.items():
+            tolerance = cache.case.tolerance.get(channel)
+            for run in cache.case.runs:
                 error = one.by_run[channel].get(run.name)
                 if error is None:
                     continue

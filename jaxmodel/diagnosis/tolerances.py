@@ -5,25 +5,25 @@ from __future__ import annotations
 import numpy as np
 
 from jaxmodel.diagnosis.result import Rung, ToleranceUsed
-from jaxmodel.diagnosis.workings import Workings
+from jaxmodel.fit.cache import FitCache
 
 
-def tolerances(inv: Workings) -> dict[str, ToleranceUsed]:
+def tolerances(cache: FitCache) -> dict[str, ToleranceUsed]:
     """Return the tolerance of every channel."""
-    stated = inv.case.tolerance
+    stated = cache.case.tolerance
     return {
         name: ToleranceUsed(stated[name].rms, stated[name].max, False)
         if name in stated
-        else ToleranceUsed(inv.assumed_tolerance(name), None, True)
-        for name in inv.noise
+        else ToleranceUsed(cache.assumed_tolerance(name), None, True)
+        for name in cache.noise
     }
 
 
-def fit_for_purpose(inv: Workings, last: Rung) -> dict[str, dict[str, bool]]:
+def fit_for_purpose(cache: FitCache, last: Rung) -> dict[str, dict[str, bool]]:
     """Return, by channel and check run, whether a model's error is within the tolerance, stated or assumed."""
     found: dict[str, dict[str, bool]] = {}
-    for name, tolerance in tolerances(inv).items():
-        for run in inv.case.runs:
+    for name, tolerance in tolerances(cache).items():
+        for run in cache.case.runs:
             if run.split != "check" or name not in run.measured.outputs:
                 continue
             own = run.tolerance.get(name)

@@ -33,7 +33,9 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     named = join([_with_probability(effect) for effect in diagnosis.effects])
     match diagnosis.verdict:
         case "adequate":
-            return "The calibrated base model is adequate: the data show no missing effect."
+            return (
+                f"The calibrated base model is adequate{_for_tolerances(diagnosis)}: the data show no missing effect."
+            )
         case "missing_effect":
             return f"The base model lacks {named}{_of_another_form(diagnosis)}."
         case "sensor_fault":
@@ -51,6 +53,18 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
                 f"{found} distinguish between {join(rivals)}." if len(rivals) > 1 else f"{found} confirm {rivals[0]}."
             )
     return "The base model is calibrated; no effects were tested."
+
+
+def _for_tolerances(diagnosis: Diagnosis) -> str:
+    """Return for which tolerances a model is adequate: ' for 12 mV of voltage (assumed)'; '' where one is exceeded."""
+    parts = []
+    for name, one in diagnosis.tolerance.items():
+        error = diagnosis.final.errors[name]
+        if max(error.fit, error.check if np.isfinite(error.check) else 0.0) > one.rms:
+            return ""
+        (value,), unit = amount(name, [one.rms])
+        parts.append(f"{value} {unit} of {split_unit(name)[0]}{' (assumed)' if one.assumed else ''}")
+    return f" for {join(parts)}" if parts else ""
 
 
 def _of_another_form(diagnosis: Diagnosis) -> str:
@@ -117,15 +131,24 @@ def amount(channel: str, values: Sequence[float]) -> tuple[list[str], str]:
 
 
 def removed(removes: Mapping[str, Removed]) -> str:
-    """Say by how much errors are reduced: 'voltage by 12 mV on fit runs and 9 mV on check runs'; '' if by nothing."""
+    """Say by how much errors change: 'reduces the error of voltage by 12 mV on fit runs and 9 mV on check runs'.
+
+    What rises is said to be raised; '' if nothing changes.
+    """
     parts_of_channels = []
     for channel, one in removes.items():
-        values = {"on fit runs": one.fit, "on check runs": one.check}
+        values = {"fit runs": one.fit, "check runs": one.check}
         values = {split: value for split, value in values.items() if np.isfinite(value)}
         if any(values.values()):
-            numbers, unit = amount(channel, list(values.values()))
-            parts = [" ".join(filter(None, (n, unit, split))) for n, split in zip(numbers, values, strict=True)]
-            parts_of_channels.append(f"{split_unit(channel)[0]} by {join(parts)}")
+            numbers, unit = amount(channel, list(map(abs, values.values())))
+            verbs = ["raises" if value < 0.0 else "reduces" for value in values.values()]
+            parts = [" ".join(filter(None, (n, unit, "on", split))) for n, split in zip(numbers, values, strict=True)]
+            name = split_unit(channel)[0]
+            if len(set(verbs)) == 1:
+                parts_of_channels.append(f"{verbs[0]} the error of {name} by {join(parts)}")
+            else:
+                said = f"{verbs[0]} the error of {name} by {parts[0]} and {verbs[1]} it by {parts[1]}"
+                parts_of_channels.append(said)
     return "; ".join(parts_of_channels)
 
 
@@ -134,14 +157,14 @@ def named_sentence(effect: NamedEffect) -> str:
     numbers = join([f"{name} = {with_sd(estimate)}" for name, estimate in effect.parameters.items()])
     takes = removed(effect.removes)
     alone = f"; only {effect.rests_on} shows it" if effect.rests_on else ""
-    reduces = takes and f"; it reduces the error of {takes}"
+    reduces = takes and f"; it {takes}"
     return f"{', '.join(filter(None, (effect_name(effect.label), numbers)))}{reduces}{alone}."
 
 
 def curve_sentence(curve: CurveFound) -> str:
     """Say by how much a table or relation is wrong, and by how much its correction reduces the errors."""
     takes = removed(curve.removes)
-    return f"{curve.sentence()}{takes and f'; the correction reduces the error of {takes}'}."
+    return f"{curve.sentence()}{takes and f'; the correction {takes}'}."
 
 
 def run_sentence(run: RunFound) -> str:
@@ -152,7 +175,7 @@ def run_sentence(run: RunFound) -> str:
     value = with_sd(Estimate(scale * run.value, scale * run.sd, unit))
     sign = "" if value.startswith("-") or not np.isfinite(run.value) else "+"
     takes = removed(run.removes)
-    reduces = takes and f"; this shift reduces the error of {takes}"
+    reduces = takes and f"; this shift {takes}"
     return f"{run.run}: {what}{where and f' of {where}'} differs by {sign}{value} from the other runs{reduces}."
 
 

@@ -220,7 +220,7 @@ class ChargeTransfer(Effect):
 
     name: ClassVar[str] = "charge_transfer"
     kinds: ClassVar[tuple[str, ...]] = CELL
-    equation: ClassVar[str] = "V -= (2*8.314 T_K/96485) asinh(i/(2 i_0))"
+    equation: ClassVar[str] = "V -= (2*8.314 T_K/96485) asinh(i/(2 i_0 exp(-E_i/8.314 (1/T_K - 1/298.15))))"
     i_0: Scalar = parameter(
         1.0,
         unit="A",
@@ -233,11 +233,24 @@ class ChargeTransfer(Effect):
         shape_grid=(0.2, 1.0, 4.0),
         scales="capacity",
     )
+    E_i: Scalar = parameter(
+        0.0,
+        unit="J/mol",
+        meaning="activation energy of the exchange current; 0: the same at every temperature",
+        lower=-2e4,
+        upper=1e5,
+        typical=(0.0, 40e3),
+        source="30 to 60 kJ/mol in physics-based models of cells",
+        shape_grid=(0.0, 30e3),
+    )
 
     def overpotential(self, value: Scalar, context: CellContext) -> Scalar:
         """Lose the activation overpotential."""
-        thermal = 2.0 * GAS_CONSTANT * (context.temperature_degC + ZERO_DEGC_IN_K) / FARADAY
-        return value + thermal * jnp.arcsinh(context.current_A / (2.0 * self.i_0))
+        kelvin = context.temperature_degC + ZERO_DEGC_IN_K
+        slower = jnp.exp(self.E_i / GAS_CONSTANT * (1.0 / kelvin - 1.0 / 298.15))
+        # Divided by i_0 first: without the effect that is infinite, and its product would have no derivative.
+        ratio = context.current_A / (2.0 * self.i_0) * slower
+        return value + 2.0 * GAS_CONSTANT * kelvin / FARADAY * jnp.arcsinh(ratio)
 
 
 class SelfDischarge(Effect):
@@ -522,3 +535,60 @@ class CoreTemperature(Effect):
     def surface_temperature(self, value: Scalar, context: CellContext) -> Scalar:
         """Leave the thermometer at the surface."""
         return value - context.state["core_temperature.x_K"]
+
+
+class ArrheniusLongPolarisation(Effect):
+    """The long RC pair follows an activation energy of its own, on top of that of both pairs."""
+
+    name: ClassVar[str] = "arrhenius_long_polarisation"
+    kinds: ClassVar[tuple[str, ...]] = CELL
+    is_candidate: ClassVar[bool] = False
+    equation: ClassVar[str] = "R_TL -> R_TL exp(E_l/8.314 (1/T_K - 1/293.15))"
+    E_l: Scalar = parameter(
+        5e3,
+        unit="J/mol",
+        meaning="activation energy beyond that of both RC pairs",
+        null=0.0,
+        lower=-1e5,
+        upper=1.2e5,
+        typical=(-20e3, 20e3),
+    )
+
+    def long_rc_resistance(self, value: Scalar, context: CellContext) -> Scalar:
+        """Scale R_TL."""
+        kelvin = context.temperature_degC + ZERO_DEGC_IN_K
+        return value * jnp.exp(self.E_l / GAS_CONSTANT * (1.0 / kelvin - 1.0 / (REFERENCE_DEGC + ZERO_DEGC_IN_K)))
+
+
+class HeatDetails(Effect):
+    """Details of a self-heating cell: which share of its RC pairs' loss becomes heat, and free convection."""
+
+    name: ClassVar[str] = "heat_details"
+    kinds: ClassVar[tuple[str, ...]] = CELL
+    is_candidate: ClassVar[bool] = False
+    equation: ClassVar[str] = "heat += i (s V_TS + l V_TL); hA -> hA exp(c (T - T_amb)/10)"
+    s: Scalar = parameter(
+        0.0, unit="", meaning="share of the short RC pair's loss that is heat in addition", null=0.0, lower=-2.0,
+        upper=2.0, typical=(-0.5, 0.5),
+    )  # fmt: skip
+    l: Scalar = parameter(  # noqa: E741
+        0.0, unit="", meaning="the same of the long RC pair", lower=-2.0, upper=2.0, typical=(-0.5, 0.5)
+    )
+    c: Scalar = parameter(
+        0.0,
+        unit="",
+        meaning="logarithm by which hA grows with 10 K above the ambient",
+        lower=-1.0,
+        upper=1.0,
+        typical=(-0.15, 0.15),
+        source="free convection: hA grows with the fourth root of the rise",
+    )
+
+    def cell_heat(self, value: Scalar, context: CellContext) -> Scalar:
+        """Add the shares."""
+        state = context.state
+        return value + context.current_A * (self.s * state["v_ts_V"] + self.l * state["v_tl_V"])
+
+    def heat_transfer(self, value: Scalar, context: CellContext) -> Scalar:
+        """Scale the heat transfer."""
+        return value * jnp.exp(self.c * (context.temperature_degC - context.ambient_degC) / 10.0)

@@ -13,6 +13,7 @@ from jaxmodel.model.ports import CellContext, Effect, fold
 
 ZERO_DEGC_IN_K = 273.15
 STORAGE_GAS_CONSTANT = 8.3143  # J/(mol K), as eq. 8 prints it
+ENTROPY_REFERENCE_DEGC = 20.0  # at which an open-circuit voltage is that of its table
 
 
 _ELEMENTS = ("series_resistance_ohm", "R_TS", "C_TS", "R_TL", "C_TL", "heat_transfer")
@@ -76,19 +77,24 @@ def evaluate(
     ageing = fold(effects, "cycle_resistance", cycle_resistance(p.cycles), context)
     series = (curves.R_ints(soc, temperature) + ageing) * p.series_resistance_scale
 
-    def rc_resistance(curve):
-        return fold(effects, "rc_resistance", curve(soc, temperature) * p.rc_resistance_scale, context)
+    def rc_resistance(curve, pair):
+        both = fold(effects, "rc_resistance", curve(soc, temperature) * p.rc_resistance_scale, context)
+        return fold(effects, f"{pair}_rc_resistance", both, context)
 
-    def rc_capacitance(curve):
-        return fold(effects, "rc_capacitance", curve(soc, temperature) * p.rc_capacitance_scale, context)
+    def rc_capacitance(curve, pair):
+        both = fold(effects, "rc_capacitance", curve(soc, temperature) * p.rc_capacitance_scale, context)
+        return fold(effects, f"{pair}_rc_capacitance", both, context)
 
-    voltage = fold(effects, "open_circuit_voltage", curves.ocv(soc, temperature) + p.ocv_offset_V, context)
+    open_circuit = curves.ocv(soc, temperature) + p.ocv_offset_V
+    if curves.dU_dT is not None:
+        open_circuit = open_circuit + curves.dU_dT(soc, temperature) * (temperature - ENTROPY_REFERENCE_DEGC)
+    voltage = fold(effects, "open_circuit_voltage", open_circuit, context)
     elements = (
         fold(effects, "series_resistance", series, context),
-        rc_resistance(curves.R_TS),
-        rc_capacitance(curves.C_TS),
-        rc_resistance(curves.R_TL),
-        rc_capacitance(curves.C_TL),
+        rc_resistance(curves.R_TS, "short"),
+        rc_capacitance(curves.C_TS, "short"),
+        rc_resistance(curves.R_TL, "long"),
+        rc_capacitance(curves.C_TL, "long"),
         fold(effects, "heat_transfer", jnp.ones(()), context),
     )
     context = eqx.tree_at(lambda c: tuple(getattr(c, name) for name in _ELEMENTS), context, elements)
@@ -122,13 +128,17 @@ def surface_temperature(cell: Cell) -> Scalar:
 
 
 def heat(cell: Cell, current_A: Scalar, current_variance_A2: Scalar) -> Scalar:
-    """Return the mean heat generated in one cell in W: i (V_oc - V_cell), plus that of effects.
+    """Return the mean heat generated in one cell in W: i (V_oc - V_cell) - i T_K dU/dT, plus that of effects.
 
     The variance of the current over the step (A^2) adds ohmic heat: a motor start draws ten times the mean current.
     """
     polarisation = current_A * (cell.open_circuit_voltage_V - voltage(cell, current_A))
-    ohmic = current_variance_A2 * cell.context.series_resistance_ohm
-    return fold(cell.effects, "cell_heat", polarisation + ohmic, carrying(cell, current_A))
+    own = polarisation + current_variance_A2 * cell.context.series_resistance_ohm
+    context = cell.context
+    if context.curves.dU_dT is not None:
+        kelvin = context.temperature_degC + ZERO_DEGC_IN_K
+        own = own - current_A * kelvin * context.curves.dU_dT(context.soc, context.temperature_degC)
+    return fold(cell.effects, "cell_heat", own, carrying(cell, current_A))
 
 
 def flows(cell: Cell, current_A: Scalar, current_variance_A2: Scalar) -> dict[str, Flow]:

@@ -173,7 +173,7 @@ def between_knots(x: Scalar, knots: tuple[float, ...], values: Float[Array, " kn
 
 
 class CellCurves(eqx.Module):
-    """The six curves that make a cell: V_oc (V), R_ints, R_TS, R_TL (ohm), C_TS, C_TL (F)."""
+    """The curves that make a cell: V_oc (V), R_ints, R_TS, R_TL (ohm), C_TS, C_TL (F), and dU/dT (V/K) if known."""
 
     ocv: Curve = OpenCircuitVoltage()
     R_ints: Curve = SeriesResistance(at_zero_degC=Exponential(0.1562, 24.37, 0.07446))
@@ -181,6 +181,7 @@ class CellCurves(eqx.Module):
     C_TS: Curve = Exponential(-752.9, 13.51, 703.6)
     R_TL: Curve = Exponential(6.603, 155.2, 0.04984)
     C_TL: Curve = Exponential(-6056.0, 27.12, 4475.0)
+    dU_dT: Curve | None = None
 
 
 CURVE_NAMES = ("ocv", "R_ints", "R_TS", "C_TS", "R_TL", "C_TL")

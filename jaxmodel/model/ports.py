@@ -71,6 +71,10 @@ CELL_PORTS = {
     "series_resistance": "ohm; R_ints + R_cyc, eqs. 7, 9 and 10",
     "rc_resistance": "ohm; R_TS and R_TL in turn, eqs. 3 and 5",
     "rc_capacitance": "F; C_TS and C_TL in turn, eqs. 4 and 6",
+    "short_rc_resistance": "ohm; R_TS alone, eq. 3",
+    "short_rc_capacitance": "F; C_TS alone, eq. 4",
+    "long_rc_resistance": "ohm; R_TL alone, eq. 5",
+    "long_rc_capacitance": "F; C_TL alone, eq. 6",
     "heat_transfer": "factor on the heat transfer of one cell to the ambient, 1 without effects",
     "overpotential": "V lost in addition to i R, V_TS and V_TL",
     "cell_heat": "W made in one cell",
@@ -102,18 +106,20 @@ class Effect(eqx.Module):
     """A candidate effect: parameters as fields, one method for each port it touches.
 
     `column` is the column of a sensor effect, "" for others; `reads` is the ending of its possible columns ("" for one
-    effect on all outputs). `distinguished_by` is the parameter that must differ between runs to distinguish the effect
-    from a calibration. `rare` marks an effect that is seldom the cause: a diagnosis asks for more evidence. `needs` are
-    names of effects without which a diagnosis does not try this one, where they are candidates of the case. `has_state`
-    marks sensor effects with internal state or delay. `switch` serves to test many effects at once: at 0 the effect is
-    absent, exactly; at 1 it is present; the derivative at 0 is the direction in which it moves the model. None, the
-    default, means 1.
+    effect on all outputs). `is_candidate` is False for what a case may state and no diagnosis looks for.
+    `distinguished_by` is the parameter that must differ between runs to distinguish the effect from a calibration.
+    `rare` marks an effect that is seldom the cause: a diagnosis asks for more evidence. `needs` are names of effects
+    without which a diagnosis does not try this one, where they are candidates of the case. `has_state` marks sensor
+    effects with internal state or delay. `switch` serves to test many effects at once: at 0 the effect is absent,
+    exactly; at 1 it is present; the derivative at 0 is the direction in which it moves the model. None, the default,
+    means 1.
     """
 
     name: ClassVar[str]
     kinds: ClassVar[tuple[str, ...]]
     equation: ClassVar[str]
     is_sensor: ClassVar[bool] = False
+    is_candidate: ClassVar[bool] = True
     has_state: ClassVar[bool] = False
     reads: ClassVar[str] = ""
     distinguished_by: ClassVar[str] = ""

@@ -246,7 +246,7 @@ def test_simulate_takes_what_diagnose_wrote(run: Run, diagnosed: Path, tmp_path:
     assert result.exit_code == 0, result.output
     extended = read_case(diagnosed / "extended.toml")
     answer = json.loads((diagnosed / "answer.json").read_text())
-    assert list(extended.effects) == ["self_heating"]
+    assert set(extended.effects) - {"heat_details"} == {"self_heating"}  # small details of its heat may be there too
     for channel, error in answer["error"].items():
         residuals = [
             run.measured.outputs[channel] - pd.read_csv(tmp_path / f"{run.name}.csv")[channel]

@@ -82,11 +82,12 @@ def test_report_says_what_the_diagnosis_says(page: Page, full: Diagnosis) -> Non
     for said in (
         "The base model lacks self_heating (probability 0.97) and arrhenius_resistance (probability 0.81).",
         "C_th = 82.0 ± 3.0 J/K",
-        "voltage by 12.3 mV on fit runs and 10.1 mV on check runs; cell temperature by 1.92 K on fit runs",
+        "reduces the error of voltage by 12.3 mV on fit runs and 10.1 mV on check runs; "
+        "reduces the error of cell temperature by 1.92 K on fit runs",
         "only run-02 shows it",
         "arrhenius_resistance: charge_transfer",
         "Not detectable with these data: self_discharge and clock_shift.",
-        "open circuit voltage is off by +12 mV at soc 0.6 (sd 1.2 mV)",
+        "open circuit voltage is off by +11.8 mV at soc 0.58 (sd 1.2 mV)",
         "run-02: series resistance differs by +11.20 ± 0.80 mohm from the other runs",
         "Runs at 6 A lie 24 mV above the model, growing with time.",
         "Above SOC 0.9: 4, 7, 14 mV below the model, growing with current.",
@@ -157,18 +158,22 @@ def test_model_that_fails_nowhere_has_a_report_too(diagnosis: Diagnosis, tmp_pat
 
 
 def test_rung_says_what_was_taken_out(diagnosis: Diagnosis) -> None:
-    last = dataclasses.replace(diagnosis.final, added=("arrhenius_resistance", "ocv_curve"))
+    last = dataclasses.replace(diagnosis.final, added=("arrhenius_resistance", "ocv_hysteresis"))
     swapped = dataclasses.replace(diagnosis, ladder=(*diagnosis.ladder, last))
     assert ladder_names(swapped.ladder)[2:] == [
         "with self_heating",
         "and arrhenius_resistance",
-        "and ocv_curve, without self_heating",
+        "and ocv_hysteresis, without self_heating",
     ]
 
 
 def test_what_is_off_is_one_sentence() -> None:
     assert removed({"voltage_V": Removed(float("nan"), float("nan"))}) == ""
     assert removed({"voltage_V": Removed(0.0, 0.0)}) == ""
+    assert removed({"voltage_V": Removed(-0.001, float("nan"))}) == "raises the error of voltage by 1 mV on fit runs"
+    assert removed({"voltage_V": Removed(0.0123, -0.001)}) == (
+        "reduces the error of voltage by 12.3 mV on fit runs and raises it by 1 mV on check runs"
+    )
     shift = RunFound(
         "voltage_shift:voltage_V@run-02", "run-02", "run-02.csv", "voltage_shift:voltage_V", -0.0031, 0.0002, "V", {}
     )

@@ -65,7 +65,7 @@ def test_one_module_has_one_name() -> None:
 
 
 def test_a_picture_of_a_run_loads_no_sweep_and_no_diagnosis() -> None:
-    unwanted = {"xarray", "zarr", "jaxmodel.sweeps.engine", "jaxmodel.diagnosis.fitting"}
+    unwanted = {"xarray", "zarr", "jaxmodel.sweeps.engine", "jaxmodel.fit"}
     code = f"import sys; from jaxmodel import plots; plots.simulation; print(*{unwanted} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == []

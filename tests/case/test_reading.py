@@ -150,6 +150,7 @@ def test_how_well_tables_and_effects_are_known_is_kept(folder):
         ocv = { soc = [0, 1], voltage_V = [3.0, 4.2], sd_V = 0.005 }
         R_ints = { soc = [0, 1], ohm = [0.02, 0.03], sd_relative = 0.1 }
         R_TS = { soc = [0, 1], ohm = [0.02, 0.03] }
+        dU_dT = { soc = [0, 1], V_per_K = [-1e-4, 2e-4], sd_V_per_K = 1e-5 }
         [effects]
         self_heating = { C_th = { value = 60, sd = 5 }, hA = 0.3 }
         current_offset = { column = "current_A", c = { value = 0.05, sd = 0.01 } }
@@ -157,7 +158,9 @@ def test_how_well_tables_and_effects_are_known_is_kept(folder):
         """
         + RUNS,
     )
-    assert {name: table.sd for name, table in case.tables.items()} == {"ocv": 0.005, "R_ints": 0.1, "R_TS": None}
+    of_tables = {"ocv": 0.005, "R_ints": 0.1, "R_TS": None, "dU_dT": 1e-5}
+    assert {name: table.sd for name, table in case.tables.items()} == of_tables
+    assert case.tables["dU_dT"].values.tolist() == [-1e-4, 2e-4]
     assert case.effects == {
         "self_heating": {"C_th": 60.0, "hA": 0.3},
         "current_offset": {"column": "current_A", "c": 0.05},

@@ -5,12 +5,8 @@ from __future__ import annotations
 import pytest
 
 from jaxmodel.case.records import Case
-from jaxmodel.diagnosis.fitting.model import ModelSpace, View
-from jaxmodel.diagnosis.fitting.readings import Weights, collect
 from jaxmodel.diagnosis.investigation import Investigation
-from jaxmodel.diagnosis.noise.contract import noise_of_case
-from jaxmodel.diagnosis.noise.model_error import NONE
-from tests.diagnosis.made_cases import SMALL_KEPT, MadeCell, investigation_of, made_cell, small_cell, space_of
+from tests.diagnosis.made_cases import SMALL_KEPT, MadeCell, investigation_of, made_cell, small_cell
 
 HEATING = {"self_heating": {"C_th": 60.0, "hA": 0.1}}
 
@@ -25,24 +21,6 @@ def plain_cell(tmp_path_factory: pytest.TempPathFactory) -> MadeCell:
 def small() -> Case:
     """A small cell in which nothing is hidden."""
     return small_cell()
-
-
-@pytest.fixture(scope="session")
-def small_space(small: Case) -> ModelSpace:
-    """All that could be missing in it, of every group some."""
-    return space_of(small, *SMALL_KEPT)
-
-
-@pytest.fixture(scope="session")
-def small_view(small: Case, small_space: ModelSpace) -> View:
-    """Its fitted readings."""
-    return View(small_space, collect(small, noise_of_case(small), small_space.coarse.channels, [0, 1]))
-
-
-@pytest.fixture(scope="session")
-def small_weights(small_view: View) -> Weights:
-    """The noise of its sensors."""
-    return Weights(small_view.readings, NONE)
 
 
 @pytest.fixture(scope="session")

@@ -18,8 +18,9 @@ from jaxmodel.case.known import Known
 from jaxmodel.case.measurements import Measured
 from jaxmodel.case.reading import read_case
 from jaxmodel.case.records import Case, Run
-from jaxmodel.diagnosis.fitting.model import ModelSpace
 from jaxmodel.diagnosis.investigation import Investigation
+from jaxmodel.fit.cache import FitCache
+from jaxmodel.fit.space import ModelSpace
 from jaxmodel.model.simulation import simulate as simulated
 from tests.independent import Run as Drive
 from tests.independent import make_profile, simulate, write_case
@@ -104,9 +105,9 @@ def all_but(case: Case, *kept: str) -> list[str]:
     return [one.label for one in ModelSpace(case).candidates.values() if not {one.label, one.name} & set(kept)]
 
 
-def space_of(case: Case, *kept: str) -> ModelSpace:
-    """Return the space of models in which only these candidates could be missing."""
-    return ModelSpace(case, without=all_but(case, *kept))
+def cache_of(case: Case, *kept: str) -> FitCache:
+    """Return the models of a case in which only these candidates could be missing."""
+    return FitCache(case, without=all_but(case, *kept))
 
 
 def investigation_of(case: Case, *kept: str) -> Investigation:

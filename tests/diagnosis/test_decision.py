@@ -11,10 +11,12 @@ from jaxmodel.diagnosis.decision import RULES, ChannelEvidence, Evidence, decide
 from jaxmodel.diagnosis.result import VERDICTS
 
 # A channel whose noise is 1, and all is well.
-WELL = ChannelEvidence(noise=1.0, before=10.0, fit=1.0, check=1.1, tolerance=None, model_error=0.0)
-LEFT = dataclasses.replace(WELL, fit=8.0, check=8.5, model_error=7.0)
+WELL = ChannelEvidence(noise=1.0, before=10.0, fit=1.0, check=1.1, tolerance=2.0, check_before=10.0)
+LEFT = dataclasses.replace(WELL, fit=8.0, check=8.5)
 FAILING = dataclasses.replace(WELL, check=3.0)
-NOTHING = Evidence(effects={}, sensors=frozenset(), unknown=(), channels={"voltage_V": WELL}, extrapolates=False)
+NOTHING = Evidence(
+    named=(), possible=(), sensors=frozenset(), unknown=(), channels={"voltage_V": WELL}, extrapolates=False
+)
 OFFSET = "voltage_offset:voltage_V"
 
 
@@ -27,11 +29,11 @@ def evidence(**changes) -> Evidence:
     [
         (evidence(unknown=("the overpotential lacks a law",)), "unknown law"),
         (evidence(channels={"voltage_V": LEFT}), "large remaining error"),
-        (evidence(effects={"self_heating": 0.9}), "named"),
-        (evidence(effects={"self_heating": 0.9, OFFSET: 0.9}, sensors=frozenset({OFFSET})), "named"),
-        (evidence(effects={OFFSET: 0.9}, sensors=frozenset({OFFSET})), "fault"),
-        (evidence(effects={"self_heating": 0.2, OFFSET: 0.9}, sensors=frozenset({OFFSET})), "fault"),
-        (evidence(effects={"self_heating": 0.4}), "open"),
+        (evidence(named=("self_heating",)), "named"),
+        (evidence(named=("self_heating", OFFSET), sensors=frozenset({OFFSET})), "named"),
+        (evidence(named=(OFFSET,), sensors=frozenset({OFFSET})), "fault"),
+        (evidence(named=(OFFSET,), possible=("self_heating",), sensors=frozenset({OFFSET})), "fault"),
+        (evidence(possible=("self_heating",)), "open"),
         (evidence(channels={"voltage_V": FAILING}), "held out"),
         (NOTHING, "adequate"),
     ],
@@ -46,17 +48,33 @@ def test_each_rule_gives_its_verdict(given: Evidence, rule: str):
 def test_an_effect_that_takes_most_of_the_held_out_error_is_named_whatever_is_left_of_the_fit():
     most = dataclasses.replace(LEFT, check_before=30.0)
     little = dataclasses.replace(LEFT, check_before=10.0)
-    assert decide(evidence(effects={"self_heating": 0.9}, channels={"voltage_V": most})).rule == "named"
-    assert decide(evidence(effects={"self_heating": 0.9}, channels={"voltage_V": little})).rule != "named"
+    assert decide(evidence(named=("self_heating",), channels={"voltage_V": most})).rule == "named"
+    assert decide(evidence(named=("self_heating",), channels={"voltage_V": little})).rule != "named"
+
+
+@pytest.mark.parametrize(
+    ("changes", "rule"),
+    [
+        ({"before": 2.0, "check_before": 2.0}, "open"),  # within the tolerance, but that is assumed
+        ({"before": 0.6, "check_before": 0.6}, "adequate"),
+        ({"before": 0.6, "check_before": 0.7}, "open"),
+        ({"before": 2.0, "check_before": 2.0, "stated_tolerance": True}, "adequate"),
+        ({"before": 2.1, "check_before": 2.0, "stated_tolerance": True}, "open"),
+        ({"before": 2.0, "check_before": np.nan, "stated_tolerance": True}, "adequate"),  # no check run
+    ],
+)
+def test_what_is_possible_decides_nothing_where_the_base_model_is_within_tolerance(changes: dict, rule: str):
+    channel = dataclasses.replace(WELL, **changes)
+    assert decide(evidence(possible=("self_heating",), channels={"voltage_V": channel})).rule == rule
 
 
 def test_of_several_rules_that_hold_the_first_in_the_table_gives_the_verdict():
     every = [
         {"unknown": ("a law",)},
         {"channels": {"voltage_V": dataclasses.replace(LEFT, check=30.0)}},
-        {"effects": {"self_heating": 0.9}},
+        {"named": ("self_heating",)},
         {},
-        {"effects": {"self_heating": 0.3}},
+        {"possible": ("self_heating",)},
         {"channels": {"voltage_V": FAILING}},
         {},
     ]
@@ -77,9 +95,10 @@ def test_every_verdict_is_one_that_the_answer_may_give():
     ("changes", "is_left"),
     [
         ({}, True),
-        ({"tolerance": 8.0}, False),  # within what is stated
+        ({"tolerance": 8.0}, False),  # within it
         ({"tolerance": 7.9}, True),
-        ({"model_error": 0.0}, False),  # no error shows beside the noise
+        ({"check": 4.9}, False),  # most is explained on check runs
+        ({"check": np.nan, "check_before": np.nan}, True),  # no check run
         ({"fit": 2.9, "before": 3.0}, False),  # near the noise
         ({"fit": 4.9}, False),  # most is explained
         ({"fit": 5.1}, True),
@@ -94,8 +113,9 @@ def test_what_is_left_matters_where_it_is_far_above_noise_and_tolerance(changes:
     ("changes", "fails"),
     [
         ({}, True),
-        ({"tolerance": 3.0}, False),
-        ({"tolerance": 2.9}, True),
+        ({"tolerance": 3.0}, True),  # assumed
+        ({"tolerance": 3.0, "stated_tolerance": True}, False),
+        ({"tolerance": 2.9, "stated_tolerance": True}, True),
         ({"check": 1.24}, False),
         ({"check": 1.26}, True),
         ({"fit": 0.2, "check": 1.1}, False),  # below the noise no ratio says anything

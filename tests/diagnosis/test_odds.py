@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
+from types import SimpleNamespace
 
 from jaxmodel.case.build import load_effect_class
-from jaxmodel.diagnosis import policy
-from jaxmodel.diagnosis.fitting.candidates import candidates, make_candidate
-from jaxmodel.diagnosis.gates import prior_odds
-from jaxmodel.diagnosis.settings import SETTINGS
+from jaxmodel.diagnosis.search import Search, is_rare
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.effects.curves import CURVES
 from jaxmodel.effects.shifts import SHIFTS
-from tests.diagnosis.made_cases import investigation_of, small_cell
+from jaxmodel.fit.candidates import Candidate, make_candidate
+from jaxmodel.fit.settings import SETTINGS
+from jaxmodel.fit.space import ModelSpace
+from tests.diagnosis.made_cases import cache_of, small_cell
 
 KINDS = ("cell", "motor", "robot")
 TABLE = """
@@ -81,13 +83,26 @@ class Creep(Effect):
 '''
 
 
+def of_catalogue(kind: str) -> dict[str, Candidate]:
+    """Return the candidates of a kind, a sensor fault in one column each."""
+    found = [make_candidate(cls()) for cls in CATALOGUE.values() if kind in cls.kinds and cls.is_candidate]
+    return {one.effect.name: one for one in found}
+
+
+def searching(candidates: Mapping[str, Candidate]) -> Search:
+    """Return a search among some candidates, of no case."""
+    search = object.__new__(Search)
+    search.cache = SimpleNamespace(settings=SETTINGS, space=SimpleNamespace(candidates=candidates))
+    return search
+
+
 def table_of_odds() -> str:
     """Return a line for each effect: the log odds against it in each kind, with a sensor fault in one column each."""
-    of_kind = {kind: [make_candidate(cls()) for cls in CATALOGUE.values() if kind in cls.kinds] for kind in KINDS}
+    of_kind = {kind: of_catalogue(kind) for kind in KINDS}
     lines = [f"{'effect':24}{'cell':>7}{'motor':>7}{'robot':>7}  rare  needs"]
-    for name, cls in CATALOGUE.items():
+    for name, cls in [(name, cls) for name, cls in CATALOGUE.items() if cls.is_candidate]:
         odds = [
-            f"{prior_odds(make_candidate(cls()), of_kind[kind], SETTINGS):7.2f}" if kind in cls.kinds else f"{'-':>7}"
+            f"{searching(of_kind[kind]).odds_of(of_kind[kind][name]):7.2f}" if kind in cls.kinds else f"{'-':>7}"
             for kind in KINDS
         ]
         lines.append(f"{name:24}{''.join(odds)}  {'rare' if cls.rare else '':4}  {', '.join(cls.needs)}".rstrip())
@@ -100,10 +115,10 @@ def test_odds_are_those_of_the_table():
 
 
 def test_a_rare_effect_needs_the_evidence_that_the_settings_say():
-    all_of_cell = [make_candidate(cls()) for cls in CATALOGUE.values() if "cell" in cls.kinds]
+    of_cell = of_catalogue("cell")
+    search = searching(of_cell)
     rare, common = (
-        {prior_odds(one, all_of_cell, SETTINGS) for one in all_of_cell if one.effect.rare is which}
-        for which in (True, False)
+        {search.odds_of(one) for one in of_cell.values() if is_rare(one) is which} for which in (True, False)
     )
     assert len(rare) == len(common) == 1
     assert abs(rare.pop() - common.pop() - SETTINGS.rare_odds) < 1e-12
@@ -111,11 +126,9 @@ def test_a_rare_effect_needs_the_evidence_that_the_settings_say():
 
 def test_what_an_effect_needs_is_there_and_needs_nothing():
     declared = {**CATALOGUE, **CURVES, **SHIFTS}
-    assert {name: cls.needs for name, cls in declared.items() if cls.needs and name not in CATALOGUE} == {
-        "series_resistance_temperature_curve": ("arrhenius_resistance",),
-        "rc_resistance_temperature_curve": ("arrhenius_resistance",),
-        "rc_capacitance_temperature_curve": ("arrhenius_resistance",),
-    }
+    assert {name: cls.needs for name, cls in declared.items() if cls.needs and name not in CATALOGUE} == dict.fromkeys(
+        ("convection_curve", "short_heat", "long_heat"), ("self_heating",)
+    )
     for cls in declared.values():
         assert all(need in CATALOGUE and not CATALOGUE[need].needs for need in cls.needs), cls.name
 
@@ -128,20 +141,19 @@ def own_effect(folder: Path, file: str, more: str = ""):
 def test_the_name_of_a_file_makes_no_effect_rare(tmp_path: Path):
     cls = own_effect(tmp_path, "further_losses.py")
     case = dataclasses.replace(small_cell(), own_effects={"creep": cls})
-    competing = {one.label: one for one in candidates(case)}
-    odds = {name: prior_odds(one, competing.values(), SETTINGS) for name, one in competing.items()}
+    competing = ModelSpace(case).candidates
+    search = searching(competing)
+    odds = {name: search.odds_of(one) for name, one in competing.items()}
     assert odds["creep"] == odds["self_heating"] < odds["contact_drift"]
 
 
 def test_an_effect_of_ones_own_may_be_rare_and_wait_for_another(tmp_path: Path):
     more = 'rare: ClassVar[bool] = True\n    needs: ClassVar[tuple[str, ...]] = ("self_heating", "not_in_this_case")'
     cls = own_effect(tmp_path, "losses.py", more)
-    one = investigation_of(dataclasses.replace(small_cell(), own_effects={"creep": cls}), "creep", "self_heating")
-    competing = one.space.candidates
-    difference = prior_odds(competing["creep"], competing.values(), SETTINGS) - prior_odds(
-        competing["self_heating"], competing.values(), SETTINGS
-    )
+    search = Search(cache_of(dataclasses.replace(small_cell(), own_effects={"creep": cls}), "creep", "self_heating"))
+    competing = search.cache.space.candidates
+    difference = search.odds_of(competing["creep"]) - search.odds_of(competing["self_heating"])
     assert abs(difference - SETTINGS.rare_odds) < 1e-12
-    assert not policy._may_enter(one, one.base, "creep")
-    assert policy._may_enter(one, one.base, "self_heating")
-    assert policy._may_enter(one, one.settled(("self_heating",)), "creep")
+    assert not search.may_enter((), "creep")
+    assert search.may_enter((), "self_heating")
+    assert search.may_enter(("self_heating",), "creep")

@@ -6,10 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from jaxmodel.base.errors import EffectError
 from jaxmodel.effects import CATALOGUE
-from jaxmodel.effects.curves import CURVES, Curve, OcvCurve
+from jaxmodel.effects.curves import CURVES, OF_NO_TABLE, Curve, OcvCurve
 from jaxmodel.model.curves import CURVE_NAMES, CellCurves, Table
 from jaxmodel.model.electrothermal import Model
 from jaxmodel.model.names import value, with_values
@@ -28,7 +29,15 @@ PROFILES = {
         np.arange(60.0), {"voltage_V": 12.0 * LEVELS, "load_torque_Nm": 0.05 * LEVELS, "ambient_degC": AMBIENT}
     ),
 }
+COVERED = {
+    "soc": (0.55, 0.75),
+    "temperature_degC": (0.0, 60.0),
+    "temperature_rise_K": (0.0, 10.0),
+    "current_A": (0.0, 6.0),
+    "speed_rad_s": (0.0, 300.0),
+}
 NOTHING = jnp.zeros(())
+HEAT = dict.fromkeys(("convection_curve", "short_heat", "long_heat"), "cell_temperature_degC")
 PARAMETERS = Parameters(initial_soc=0.7)
 
 
@@ -41,8 +50,16 @@ def values_of(name: str) -> np.ndarray:
     return cls.typical * np.cos(1.7 * np.arange(len(cls.usual_knots)))
 
 
+def curve_of(name: str, values=None, switch=None) -> Curve:
+    """A curve over what the runs of its kind cover."""
+    low, high = COVERED[CURVES[name].over]
+    return CURVES[name](values, low, high, switch)
+
+
 def sensed(kind: str, *effects: Effect, **parameters: float) -> dict[str, np.ndarray]:
-    return readings(Model(kind, Parameters(initial_soc=0.7, **parameters), effects=effects), PROFILES[kind])
+    """Readings of a model; a cell heats itself."""
+    own = (*([CATALOGUE["self_heating"]()] if kind == "cell" else []), *effects)
+    return readings(Model(kind, Parameters(initial_soc=0.7, **parameters), effects=own), PROFILES[kind])
 
 
 def constant_cell(*effects: Effect) -> Model:
@@ -58,10 +75,16 @@ def test_a_curve_is_told_in_full(name: str):
     assert cls.port in PORTS
     assert hasattr(cls, cls.port)
     fields = (CellContext if kind_of(name) == "cell" else MotorContext).__dataclass_fields__
-    assert cls.over in fields
-    assert cls.typical > 0.0
-    assert cls().knots == cls.usual_knots
+    assert cls.over in {*fields, "temperature_rise_K"}
+    assert 0.0 < cls.typical < cls.largest
+    np.testing.assert_array_equal(cls().knots, cls.usual_knots)
+    assert cls.usual_knots[0] == 0.0
+    assert np.all(np.diff(cls.usual_knots) > 0.0)
+    assert len(cls.usual_knots) == 1 or cls.usual_knots[-1] == 1.0
+    assert cls.table == "" or cls.table in CURVE_NAMES
+    assert set(cls.needs) <= set(CATALOGUE)
     assert name not in CATALOGUE
+    assert set(OF_NO_TABLE) <= set(CURVES)
 
 
 @pytest.mark.parametrize("name", CURVES)
@@ -69,8 +92,8 @@ def test_a_curve_of_zeros_is_absent_to_the_bit_and_so_is_one_switched_off(name: 
     """Beside the model without curves to rounding: a motor has other steps where its torque bends."""
     kind = kind_of(name)
     base = sensed(kind)
-    absent, off = (sensed(kind, curve) for curve in (CURVES[name](), CURVES[name](values_of(name), switch=NOTHING)))
-    moved = sensed(kind, CURVES[name](values_of(name)))
+    absent, off = (sensed(kind, curve) for curve in (curve_of(name), curve_of(name, values_of(name), NOTHING)))
+    moved = sensed(kind, curve_of(name, values_of(name)))
     for column, expected in base.items():
         np.testing.assert_array_equal(absent[column], off[column], err_msg=column)
         if kind == "cell":
@@ -83,16 +106,16 @@ def test_a_curve_of_zeros_is_absent_to_the_bit_and_so_is_one_switched_off(name: 
 def test_the_slope_by_the_values_is_that_of_the_readings(name: str):
     """And the slope by the switch at 0 points along the curve, so that one derivative tests it."""
     kind, direction = kind_of(name), values_of(name)
-    column = "voltage_V" if kind == "cell" else "speed_rad_s"
+    column = "speed_rad_s" if kind == "motor" else HEAT.get(name, "voltage_V")
+    heating = () if kind == "motor" else (CATALOGUE["self_heating"](),)
 
     def read(values, switch=None):
-        return jnp.asarray(
-            readings_traced(Model(kind, PARAMETERS, effects=(CURVES[name](values, switch=switch),)), kind)[column]
-        )
+        model = Model(kind, PARAMETERS, effects=(*heating, curve_of(name, values, switch)))
+        return jnp.asarray(readings_traced(model, kind)[column])
 
     zero = jnp.zeros(direction.shape)
     slope = jax.jvp(read, (zero,), (jnp.asarray(direction),))[1]
-    step = 1e-4
+    step = 1e-3
     difference = (read(step * direction) - read(-step * direction)) / (2.0 * step)
     tolerance = 2e-4 * float(jnp.max(jnp.abs(difference)))
     np.testing.assert_allclose(slope, difference, rtol=0.0, atol=tolerance)
@@ -106,55 +129,114 @@ def readings_traced(model: Model, kind: str):
 
 
 def test_an_ocv_curve_is_straight_between_its_knots_and_held_beyond():
-    curve = OcvCurve(values=[0.01, -0.02, 0.04], knots=[0.6, 0.65, 0.72])
-    base, found = sensed("cell"), sensed("cell", curve)
-    expected = np.interp(base["soc"], [0.6, 0.65, 0.72], [0.01, -0.02, 0.04])
-    np.testing.assert_allclose(found["voltage_V"] - base["voltage_V"], expected, rtol=0.0, atol=1e-13)
-    assert base["soc"].min() < 0.65 < base["soc"].max()
+    low, high = 0.6, 0.72
+    values = 0.01 * np.random.default_rng(0).standard_normal(len(OcvCurve.usual_knots))
+    base, found = sensed("cell"), sensed("cell", OcvCurve(values, low, high))
+    knots = low + (high - low) * np.array(OcvCurve.usual_knots)
+    np.testing.assert_allclose(OcvCurve(values, low, high).knots, knots)
+    # Its heat is that of the overpotential alone, which stays.
+    np.testing.assert_allclose(found["cell_temperature_degC"], base["cell_temperature_degC"], atol=1e-12)
+    expected = np.interp(base["soc"], knots, values)
+    np.testing.assert_allclose(found["voltage_V"] - base["voltage_V"], expected, rtol=0.0, atol=1e-12)
+    assert base["soc"].min() < high
+    assert base["soc"].max() > low
 
 
 @pytest.mark.parametrize(
-    ("name", "scaled"),
+    ("names", "scaled"),
     [
-        ("series_resistance_curve", {"series_resistance_scale": 1.5}),
-        ("series_resistance_temperature_curve", {"series_resistance_scale": 1.5}),
-        ("rc_resistance_curve", {"rc_resistance_scale": 1.5}),
-        ("rc_resistance_temperature_curve", {"rc_resistance_scale": 1.5}),
-        ("rc_capacitance_curve", {"rc_capacitance_scale": 1.5}),
-        ("rc_capacitance_temperature_curve", {"rc_capacitance_scale": 1.5}),
+        (("series_resistance_curve",), {"series_resistance_scale": 1.5}),
+        # Of a factor on a pair's resistance the time constant stays.
+        (
+            ("short_resistance_curve", "long_resistance_curve"),
+            {"rc_resistance_scale": 1.5, "rc_capacitance_scale": 1.0 / 1.5},
+        ),
+        (("short_time_curve", "long_time_curve"), {"rc_capacitance_scale": 1.5}),
     ],
 )
-def test_a_level_curve_of_a_logarithm_is_the_scale_itself(name: str, scaled: dict[str, float]):
-    level = np.full(len(CURVES[name].usual_knots), np.log(1.5))
-    found, expected = sensed("cell", CURVES[name](level)), sensed("cell", **scaled)
+def test_a_level_curve_of_a_logarithm_is_the_scale_itself(names: tuple[str, ...], scaled: dict[str, float]):
+    level = [curve_of(name, np.full(len(CURVES[name].usual_knots), np.log(1.5))) for name in names]
+    found, expected = sensed("cell", *level), sensed("cell", **scaled)
     for column in expected:
         np.testing.assert_allclose(found[column], expected[column], rtol=1e-12, err_msg=column)
 
 
-@pytest.mark.parametrize("degC", [-40.0, -10.0, 13.0, 70.0])
-def test_a_curve_over_temperature_acts_at_the_cells_own(degC: float):
-    curve = CURVES["series_resistance_temperature_curve"]
-    values = values_of(curve.name)
+@pytest.mark.parametrize("pair", ["short", "long"])
+def test_curves_of_one_pair_leave_the_other(pair: str):
+    """After a step of the current, V = R (1 - exp(-t / R C)) of the pair alone has changed."""
+    resistance = curve_of(f"{pair}_resistance_curve", np.full(13, 0.2))
+    time = curve_of(f"{pair}_time_curve", np.full(6, -0.3))
+    profile = constant(300.0, 5.0, current_A=2.0, ambient_degC=20.0)
+    base, found = (readings(constant_cell(*effects), profile)["voltage_V"] for effects in ((), (resistance, time)))
+    R, C = (CONSTANT[f"R_T{pair[0].upper()}"], CONSTANT[f"C_T{pair[0].upper()}"])
+
+    def drop(r: float, tau: float) -> np.ndarray:
+        return 2.0 * r * (1.0 - np.exp(-profile.time_s / tau))
+
+    changed = drop(R * np.exp(0.2), R * C * np.exp(-0.3)) - drop(R, R * C)
+    np.testing.assert_allclose(base - found, changed, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("degC", [-20.0, 5.0, 20.0, 50.0])
+def test_an_energy_is_that_of_arrhenius_at_the_cells_own_temperature(degC: float):
     profile = constant(10.0, 1.0, current_A=2.0, ambient_degC=degC)
-    base, found = (readings(constant_cell(*effects), profile)["voltage_V"] for effects in ((), (curve(values),)))
-    factor = np.exp(np.interp(degC, curve.usual_knots, values))
+    curve = curve_of("series_energy", [15e3])
+    base, found = (readings(constant_cell(*effects), profile)["voltage_V"] for effects in ((), (curve,)))
+    factor = np.exp(15e3 / 8.314 * (1.0 / (degC + 273.15) - 1.0 / 293.15))
     np.testing.assert_allclose(base - found, 2.0 * 0.05 * (factor - 1.0), rtol=0.0, atol=1e-13)
 
 
+def test_energies_of_all_three_resistances_are_the_effects_of_the_catalogue():
+    energies = [curve_of(f"{name}_energy", [12e3]) for name in ("series", "short", "long")]
+    found = sensed("cell", *energies)
+    expected = sensed("cell", CATALOGUE["arrhenius_resistance"](E_a=12e3))
+    for column in expected:
+        np.testing.assert_allclose(found[column], expected[column], rtol=1e-9, err_msg=column)
+    polarised = sensed("cell", *energies[1:])
+    expected = sensed("cell", CATALOGUE["arrhenius_polarisation"](E_rc=12e3))
+    for column in expected:
+        np.testing.assert_allclose(polarised[column], expected[column], rtol=1e-9, err_msg=column)
+
+
 def test_a_level_entropy_curve_is_the_entropy_coefficient():
-    heating = CATALOGUE["self_heating"]()
-    curve = CURVES["entropy_curve"](np.full(15, -3e-4))
-    found = sensed("cell", heating, curve)
-    expected = sensed("cell", heating, CATALOGUE["entropic_ocv"](dU_dT=-3e-4))
+    found = sensed("cell", curve_of("entropy_curve", np.full(13, -3e-4)))
+    expected = sensed("cell", CATALOGUE["entropic_ocv"](dU_dT=-3e-4))
     for column in expected:
         np.testing.assert_allclose(found[column], expected[column], rtol=1e-12, err_msg=column)
+
+
+@pytest.mark.parametrize("pair", ["short", "long"])
+def test_a_share_of_heat_is_that_of_a_pairs_loss(pair: str):
+    """In a cell that loses no heat, C_th dT/dt grows by f i V: from a step of the current on, V as of an RC pair."""
+    heating = CATALOGUE["self_heating"](C_th=50.0, hA=1e-9)
+    profile = constant(120.0, 1.0, current_A=3.0, ambient_degC=20.0)
+    curve = curve_of(f"{pair}_heat", [-0.5])
+    base, found = (
+        readings(constant_cell(heating, *effects), profile)["cell_temperature_degC"] for effects in ((), (curve,))
+    )
+    R, C = (CONSTANT[f"R_T{pair[0].upper()}"], CONSTANT[f"C_T{pair[0].upper()}"])
+    of_pair = 3.0**2 * R * (profile.time_s - R * C * (1.0 - np.exp(-profile.time_s / (R * C))))
+    np.testing.assert_allclose(found - base, -0.5 * of_pair / 50.0, rtol=1e-4, atol=5e-6)
+
+
+def test_convection_grows_with_the_rise_of_temperature():
+    """A cell that cools: dT/dt = -hA exp(f (T - T_amb) / 10) (T - T_amb) / C_th."""
+    f, rise, hA, C_th = 0.1, 25.0, 0.1, 50.0
+    heating, curve = CATALOGUE["self_heating"](C_th=C_th, hA=hA), curve_of("convection_curve", [f])
+    profile = constant(600.0, 5.0, current_A=0.0, ambient_degC=15.0)
+    model = constant_cell(heating, curve)
+    model = with_values(model, {"initial_temperature_rise_K": jnp.asarray(rise)})
+    found = readings(model, profile)["cell_temperature_degC"] - 15.0
+    solution = solve_ivp(
+        lambda _, y: -hA * np.exp(f * y / 10.0) * y / C_th, (0.0, 600.0), [rise], t_eval=profile.time_s, rtol=1e-9
+    )
+    np.testing.assert_allclose(found, solution.y[0], atol=5e-3)
 
 
 def test_a_friction_curve_is_coulomb_friction_and_viscous_friction():
     """c + b |w| is what the no-load torque and viscous friction are together."""
-    knots = (0.0, 100.0, 700.0)
-    curve = CURVES["friction_curve"](values=[0.004, 0.006, 0.018], knots=knots)
-    found = sensed("motor", curve)
+    knots = 700.0 * np.array(CURVES["friction_curve"].usual_knots)
+    found = sensed("motor", CURVES["friction_curve"](0.004 + 2e-5 * knots, 0.0, 700.0))
     expected = sensed("motor", CATALOGUE["viscous_friction"](b=2e-5), tau_0=0.014)
     for column in expected:
         np.testing.assert_allclose(found[column], expected[column], rtol=1e-9, atol=1e-9, err_msg=column)
@@ -169,7 +251,7 @@ def test_friction_does_not_drive():
 
 def test_a_torque_constant_curve_scales_the_torque_of_a_current():
     """w = (k_tau i e^f - tau_0) t / J."""
-    curve = CURVES["torque_constant_curve"](values=[0.0, -0.1, -0.4], knots=[0.0, 2.0, 8.0])
+    curve = CURVES["torque_constant_curve"]([0.0, -0.1, -0.2, -0.3, -0.4, -0.5], 0.0, 10.0)
     drive = constant(2.0, 0.1, current_A=5.0, load_torque_Nm=0.0, ambient_degC=20.0)
     found = readings(Model("motor", effects=(curve,)), drive)["speed_rad_s"]
     torque = 0.0385 * 5.0 * np.exp(-0.25) - 0.01
@@ -178,20 +260,18 @@ def test_a_torque_constant_curve_scales_the_torque_of_a_current():
 
 def test_the_values_of_a_curve_have_a_name():
     model = Model("cell", effects=(OcvCurve(),))
-    changed = with_values(model, {"ocv_curve.values": jnp.full(15, 0.01)})
-    np.testing.assert_array_equal(value(changed, "ocv_curve.values"), np.full(15, 0.01))
+    values = jnp.full(len(OcvCurve.usual_knots), 0.01)
+    np.testing.assert_array_equal(value(with_values(model, {"ocv_curve.values": values}), "ocv_curve.values"), values)
 
 
 @pytest.mark.parametrize(
-    ("values", "knots", "part"),
-    [([1.0, 2.0], [0.0, 0.5, 1.0], "has 3 knots and values of shape"), (None, [0.5, 0.5], "do not increase")],
+    ("values", "span", "part"),
+    [([1.0, 2.0], (0.0, 1.0), "knots and values of shape"), (None, (0.5, 0.5), "its range 0.5 to 0.5 is empty")],
 )
-def test_a_curve_that_cannot_be_is_refused(values, knots, part: str):
+def test_a_curve_that_cannot_be_is_refused(values, span: tuple[float, float], part: str):
     with pytest.raises(EffectError, match=part):
-        OcvCurve(values, knots)
+        OcvCurve(values, *span)
 
 
-def test_the_same_knots_compile_once():
-    assert isinstance(OcvCurve(), Curve)
-    assert jax.tree.structure(OcvCurve()) == jax.tree.structure(OcvCurve(np.ones(15)))
-    assert jax.tree.structure(OcvCurve()) != jax.tree.structure(OcvCurve(knots=np.linspace(0.0, 1.0, 15)))
+def test_every_range_compiles_once():
+    assert jax.tree.structure(OcvCurve()) == jax.tree.structure(OcvCurve(low=0.1, high=0.6))

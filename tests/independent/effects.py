@@ -22,7 +22,7 @@ NULL: dict[str, dict[str, float]] = {
     "entropic_ocv": {"dU_dT": 0.0},
     "self_heating": {"on": 0.0, "C_th": 1.0, "hA": 0.0},
     "slow_diffusion": {"R_3": 0.0, "tau_3": 1.0e3},
-    "charge_transfer": {"i_0": math.inf},
+    "charge_transfer": {"i_0": math.inf, "E_i": 0.0},
     "self_discharge": {"R_self": math.inf},
     "cell_imbalance": {"d": 0.0},
     "resistance_ageing": {"c": 0.0},

@@ -117,14 +117,21 @@ def cell_part(y: dict[str, jax.Array], ambient: jax.Array, p: Tree, e: Tree) -> 
         "slow_drop": y["v_ts"] + y["v_tl"] + y["v_3"] + e["ocv_hysteresis"]["M_V"] * y["hysteresis"],
         "weak_gain": cell["v_oc_weak"] - cell["v_oc"] - (y["v_ts_weak"] + y["v_tl_weak"] - y["v_ts"] - y["v_tl"]),
         "charge_transfer_volt": 2.0 * GAS_CONSTANT * kelvin / FARADAY,
+        "per_exchange_current": _per_exchange_current(kelvin, e),
     }
+
+
+def _per_exchange_current(kelvin: jax.Array, e: Tree) -> jax.Array:
+    """Return 1 / i_0 at a temperature: zero, with a slope of zero, where there is no charge transfer."""
+    slower = jnp.exp(e["charge_transfer"]["E_i"] / GAS_CONSTANT * (1.0 / kelvin - 1.0 / 298.15))
+    return slower / e["charge_transfer"]["i_0"]
 
 
 def cell_voltage(cell: dict[str, jax.Array], current: jax.Array, p: Tree, e: Tree) -> jax.Array:
     """Return the terminal voltage of one cell at `current`."""
     discharging = 0.5 + 0.5 * jnp.tanh(current / (0.01 * p["capacity_Ah"]))  # as a tanh its slope is finite everywhere
     series = cell["r_series"] * (1.0 + e["discharge_resistance"]["d"] * discharging)
-    ratio = current / e["charge_transfer"]["i_0"]
+    ratio = current * cell["per_exchange_current"]
     tafel = jnp.sign(current) * jnp.log1p(jnp.abs(ratio))
     transfer = cell["charge_transfer_volt"] * either(e["charge_transfer"], jnp.arcsinh(0.5 * ratio), tafel)
     return cell["v_oc"] - current * series - cell["slow_drop"] - transfer
@@ -153,8 +160,8 @@ def robot_draw(
 
     def newton(_: int, current: jax.Array) -> jax.Array:
         voltage = pack_voltage(cell, current, p, e)
-        i_0 = e["charge_transfer"]["i_0"]
-        slopes = 1.0 / jnp.sqrt(4.0 * i_0**2 + current**2), 1.0 / (i_0 + jnp.abs(current))
+        per = cell["per_exchange_current"]
+        slopes = 0.5 * per / jnp.sqrt(1.0 + (0.5 * per * current) ** 2), per / (1.0 + per * jnp.abs(current))
         transfer_slope = cell["charge_transfer_volt"] * either(e["charge_transfer"], *slopes)
         slope = cell["r_series"] - cell["r_series_weak"] - p["n_series"] * (cell["r_series"] + transfer_slope)
         excess = current - motors - onboard * ((1.0 - share) + share * nominal / voltage)

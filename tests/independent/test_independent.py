@@ -230,7 +230,7 @@ def test_other_forms_are_like_the_catalogues_and_not_the_same(name: str) -> None
     profile = make_profile(kind, "varying load", 5, duration_s=240.0, step_s=3.0, ambient_degC=-5.0)
     given = {parameter: info.typical[-1] for parameter, info in describe(CATALOGUE[name]).items() if info.typical}
     if name == "charge_transfer":
-        given = {"i_0": 0.5}
+        given = {"i_0": 0.5, "E_i": 0.0}
     forms = [{}, {name: given}, {name: given | {"other": 1.0}}]
     read = [simulate(kind, {}, profile, effects, 0.6) for effects in forms]
     usual, other = (

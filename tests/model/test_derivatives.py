@@ -53,7 +53,8 @@ def names(kind: str) -> tuple[str, ...]:
 def values(kind: str, **changes: float) -> np.ndarray:
     # A shift by whole rows reads just where an input jumps, and friction has a kink at standstill: there no reading has
     # a derivative by the one, and by the other; so it has where a load that a transducer invents is just held.
-    changes = {"clock_shift.d": 0.37, "initial_speed_rad_s": 30.0, "torque_offset.c": 0.003} | changes
+    off = {"clock_shift.d": 0.37, "initial_speed_rad_s": 30.0, "torque_offset.c": 0.003, "charge_transfer.E_i": 2e4}
+    changes = off | {"heat_details.s": 0.3, "heat_details.l": -0.2, "heat_details.c": 0.1} | changes
     return np.array([changes.get(name, float(value(full_model(kind), name))) for name in names(kind)])
 
 

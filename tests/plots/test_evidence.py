@@ -7,7 +7,7 @@ import pytest
 
 from jaxmodel.diagnosis.result import Diagnosis
 from jaxmodel.diagnosis.wording import final_in_short
-from jaxmodel.effects.curves import SOC_KNOTS
+from jaxmodel.effects.curves import MEDIUM
 from jaxmodel.plots.errors import errors_by_run
 from jaxmodel.plots.evidence import curves, ladder
 from jaxmodel.plots.style import png
@@ -16,7 +16,7 @@ from tests.made_up import contact, factor_curve, law, ocv_curve, with_additions
 
 def test_every_curve_is_drawn_about_its_value(diagnosis: Diagnosis) -> None:
     """An uncertain knot does not flatten the others; a factor is drawn in percent."""
-    resistance = factor_curve("series_resistance_curve", np.array(SOC_KNOTS))
+    resistance = factor_curve("series_resistance_curve", np.array(MEDIUM))
     figure = curves((ocv_curve(), resistance, law()))
     drawn = [axes for axes in figure.axes if axes.get_visible()]
     assert [axes.get_ylabel() for axes in drawn] == ["correction [mV]", "correction [%]", "correction [mV]"]

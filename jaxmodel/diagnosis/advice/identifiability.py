@@ -12,12 +12,10 @@ from jaxmodel.base.errors import ParameterError, instead, nearest
 from jaxmodel.case.build import case_model
 from jaxmodel.case.known import Known
 from jaxmodel.case.records import Case
-from jaxmodel.diagnosis.evidence.trial import Trial
-from jaxmodel.diagnosis.fitting.fit import Fit, errors_at, fit
-from jaxmodel.diagnosis.fitting.lanes import one_thread_of_blas
-from jaxmodel.diagnosis.fitting.readings import Weights
-from jaxmodel.diagnosis.noise.model_error import NONE, estimate
-from jaxmodel.diagnosis.workings import Workings
+from jaxmodel.fit.cache import FitCache
+from jaxmodel.fit.estimate import Fit, calibrate
+from jaxmodel.fit.gauss_newton import descend
+from jaxmodel.fit.lanes import one_thread_of_blas
 from jaxmodel.model.names import parameter_table, value
 from jaxmodel.model.parameters import TABLE, info
 from jaxmodel.sensitivity.information import Floats, Information, direction_in_words
@@ -31,10 +29,10 @@ SLOPPY = 1.0
 _DETERMINED, _PARTLY = 0.5, 0.9
 # Decrease of chi-square along a profile from which the calibration is started again.
 _DEEPER = 0.2
-# RMS residual, in sd of the noise, above which a model error is estimated,
+# RMS residual, in sd of the noise, above which it is said that the model is off.
 MISFIT = 1.5
-# so many times, from so many readings of a series, each time with a new fit.
-_REWEIGHTINGS, _MOST_OF_A_SERIES = 3, 1500
+# Steps of a fit with one unknown held.
+_STEPS = 6
 # Initial states that a case need not state; left out if their information is below this share of the prior's.
 _UNSTATED_STARTS, _NOTHING = ("initial_hysteresis", "initial_temperature_rise_K"), 1e-6
 
@@ -238,49 +236,37 @@ def asking_for(case: Case, names: Sequence[str]) -> tuple[Case, tuple[str, ...]]
 
 
 @one_thread_of_blas
-def calibrated(investigation: Workings, labels: Sequence[str] = ()) -> tuple[Trial, float]:
+def calibrated(cache: FitCache, labels: Sequence[str] = ()) -> tuple[Fit, float]:
     """Return a calibrated model, and its RMS residual in sd of the noise.
 
-    If that is not close to 1, the residual is treated as model error, with the size and correlation time of this
-    model's residual; the weights of the investigation come from the residual of the richest model.
+    If that is not close to 1, the residual is treated as error of the model: the weights of a fit are those of the
+    errors that it leaves.
     """
-    found: Trial = investigation.settled(labels)
-    readings, setting = found.scale.view.readings, found.setting
-    problem, weights = investigation.space.problem(setting), Weights(readings, NONE)
-    left = errors_at(found.scale.view, problem, setting, found.fitted.x[None])[:, 0]
-    misfit = float(np.sqrt(np.mean(weights.whiten(left) ** 2)))
-    for _ in range(_REWEIGHTINGS if misfit > MISFIT else 0):
-        error = estimate(readings.pieces(_MOST_OF_A_SERIES), readings.differenced(left))
-        scale = found.scale.with_error(error)
-        fitted = fit(scale.view, setting, scale.weights, found.fitted.x)
-        found = Trial(setting, found.amplitudes, fitted, scale)
-        left = errors_at(scale.view, problem, setting, fitted.x[None])[:, 0]
-    return found, misfit
+    found = cache.fit(labels, "none")
+    squares = [(found.errors[rows] / cache.view.data.sd[rows]) ** 2 for _, rows in cache.view.data.chains]
+    return found, float(np.sqrt(np.mean(np.concatenate(squares))))
 
 
 @one_thread_of_blas
-def deeper(trial: Trial, profiled: Profiled) -> Trial | None:
+def deeper(cache: FitCache, fit: Fit, profiled: Profiled) -> Fit | None:
     """Return the model calibrated again from where a profile was below its minimum; None if it was not."""
     if np.min(profiled.rise) > -_DEEPER:
         return None
-    found = fit(trial.scale.view, trial.setting, trial.scale.weights, profiled.lowest)
-    return dataclasses.replace(trial, fitted=found)
+    return calibrate(cache.view, fit.spec, profiled.lowest, cache.tolerances, fit.likelihood, fixed=True)
 
 
-def identifiability(
-    investigation: Workings, trial: Trial, misfit: float = 1.0, assumed: Sequence[str] = ()
-) -> Identifiability:
+def identifiability(cache: FitCache, fit: Fit, misfit: float = 1.0, assumed: Sequence[str] = ()) -> Identifiability:
     """Return how well the fit runs of a case determine the unknowns of a calibrated model.
 
     Args:
-        investigation: of the case.
-        trial: a calibrated model.
+        cache: of the case.
+        fit: a calibrated model.
         misfit: its RMS residual, in sd of the noise.
         assumed: names of unknowns whose prior is assumed.
     """
-    case, space, fitted, free = investigation.case, investigation.space, trial.fitted, trial.setting.free
-    layout, fit_runs, sensors = space.layout, investigation.fit_runs, tuple(investigation.noise)
-    parts = _parts(trial, fit_runs, sensors)
+    case, space, free = cache.case, cache.space, fit.spec.free
+    layout, fit_runs, sensors = space.layout, cache.fit_runs, tuple(cache.noise)
+    parts = _parts(fit, fit_runs, sensors)
     information = np.diag(parts.sum(axis=0))
     # Unknowns of check runs are left out.
     kept = [
@@ -289,12 +275,14 @@ def identifiability(
         if (layout.runs[place] < 0 or layout.runs[place] in fit_runs)
         and not (layout.coordinates[place].name in _UNSTATED_STARTS and information[i] < _NOTHING)
     ]
-    coordinates, x = [layout.coordinates[free[i]] for i in kept], [fitted.x[free[i]] for i in kept]
+    coordinates, x = [layout.coordinates[free[i]] for i in kept], [fit.x[free[i]] for i in kept]
     values = np.array([one.number(at) for one, at in zip(coordinates, x, strict=True)])
-    prior_sd = np.array([one.slope(at) for one, at in zip(coordinates, x, strict=True)]) * fitted.prior_sd[kept]
+    prior_sd = (
+        np.array([one.slope(at) for one, at in zip(coordinates, x, strict=True)]) * fit.spec.precision[kept] ** -0.5
+    )
     proportional = tuple(_is_proportional(one.name, value) for one, value in zip(coordinates, values, strict=True))
     units = {name: known.unit for name, known in parameter_table(space.coarse.models).items()}
-    names = names_of(investigation)
+    names = names_of(cache)
     return Identifiability(
         case=case.name,
         information=Information(tuple(names[free[i]] for i in kept), parts[:, kept][:, :, kept]),
@@ -314,54 +302,54 @@ def _is_proportional(name: str, number: float) -> bool:
     return bool(number) and (name not in TABLE or (TABLE[name].unit != "degC" and TABLE[name].transform == "log"))
 
 
-def names_of(investigation: Workings) -> tuple[str, ...]:
+def names_of(cache: FitCache) -> tuple[str, ...]:
     """Return the names of all unknowns, those of one run with its name in brackets."""
-    layout, runs = investigation.space.layout, investigation.case.runs
+    layout, runs = cache.space.layout, cache.case.runs
     return tuple(
         name + (f"[{runs[run].name}]" if run >= 0 else "") for name, run in zip(layout.names, layout.runs, strict=True)
     )
 
 
-def _parts(trial: Trial, runs: Sequence[int], sensors: Sequence[str]) -> np.ndarray:
+def _parts(fit: Fit, runs: Sequence[int], sensors: Sequence[str]) -> np.ndarray:
     """Return J'J of the readings of each run and sensor, in prior sd, shape (runs * sensors, k, k)."""
-    slopes = trial.fitted.jacobian * trial.fitted.prior_sd
-    parts = np.zeros((len(runs), len(sensors), slopes.shape[1], slopes.shape[1]))
-    for (sensor, run), rows in trial.scale.view.readings.chains:
-        parts[runs.index(run), sensors.index(sensor)] = slopes[rows].T @ slopes[rows]
-    return parts.reshape(-1, *parts.shape[2:])
+    scale, count = fit.spec.precision**-0.5, len(fit.spec.free)
+    parts = np.zeros((len(runs), len(sensors), count, count))
+    for number, block in fit.linear.blocks.items():
+        for sensor, gram in block.items():
+            squared = fit.likelihood.channels[sensor].root ** 2
+            own = squared * scale[:, None] * gram.square * scale
+            parts[runs.index(fit.linear.runs[number]), sensors.index(sensor)] += own
+    return parts.reshape(-1, count, count)
 
 
 @one_thread_of_blas
-def profile_likelihood(
-    investigation: Workings, trial: Trial, name: str, reach: float = 3.0, places: int = 9
-) -> Profiled:
+def profile_likelihood(cache: FitCache, fit: Fit, name: str, reach: float = 3.0, places: int = 9) -> Profiled:
     """Return the profile likelihood of one unknown: all others are fitted again at each of its values.
 
     Args:
-        investigation: of the case.
-        trial: a calibrated model.
+        cache: of the case.
+        fit: a calibrated model.
         name: of the unknown, one of `names_of`.
         reach: sd on either side.
         places: number of values, odd.
     """
-    best, free, number = trial.fitted, list(trial.setting.free), names_of(investigation).index(name)
-    view, weights = trial.scale.view, trial.scale.weights
-    others = [place for place in free if place != number]
+    view, free, number = cache.view, list(fit.spec.free), names_of(cache).index(name)
+    others = fit.spec.with_free([place for place in free if place != number])
     offsets = np.linspace(-reach, reach, places)
-    sd = float(best.sd()[free.index(number)])
-    xs = best.x[number] + offsets * sd
+    xs = fit.x[number] + offsets * float(np.sqrt(fit.covariance[free.index(number), free.index(number)]))
     middle = places // 2
-    fits = [best] * places
+    at, objective = [fit.x] * places, np.full(places, fit.objective)
     for side in (range(middle + 1, places), range(middle - 1, -1, -1)):
-        at: Fit = best
+        start = fit.x
         for place in side:  # outwards, each fit starts at its neighbour's
-            start = at.x.copy()
+            start = start.copy()
             start[number] = xs[place]
-            at = fits[place] = fit(view, trial.setting, weights, start, free=others)
-    coordinate = investigation.space.layout.coordinates[number]
-    # The prior of the held unknown counts too, which a fit with it held leaves out.
-    chi2 = np.array([one.chi2 + float(np.sum((one.x[free] / best.prior_sd) ** 2)) for one in fits])
-    rise = chi2 - chi2[middle]
+            point = descend(view, others, fit.likelihood, start, steps=_STEPS)
+            # The prior of the held unknown counts too, which a fit with it held leaves out.
+            own = fit.spec.precision[free.index(number)] * xs[place] ** 2
+            at[place], objective[place], start = point.x, point.objective + own, point.x
+    coordinate = cache.space.layout.coordinates[number]
+    rise = objective - objective[middle]
     return Profiled(
         name=name,
         values=np.array([coordinate.number(x) for x in xs]),
@@ -371,7 +359,7 @@ def profile_likelihood(
             coordinate.number(_crossing(xs[middle::-1], rise[middle::-1])),
             coordinate.number(_crossing(xs[middle:], rise[middle:])),
         ),
-        lowest=fits[int(np.argmin(rise))].x,
+        lowest=at[int(np.argmin(rise))],
     )
 
 

@@ -6,8 +6,8 @@ import textwrap
 
 import numpy as np
 
-from jaxmodel.diagnosis.fitting.candidates import Candidate
-from jaxmodel.diagnosis.fitting.laws import PORTS
+from jaxmodel.fit.candidates import Candidate
+from jaxmodel.fit.laws import PORTS
 
 # Expressions for the quantities at a port of the cell, and at one of the motor.
 _IN_CELL = {

@@ -9,22 +9,22 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from jaxmodel.case.known import Known
 from jaxmodel.case.measurements import KINDS, Measured
 from jaxmodel.case.records import Case, Run
-from jaxmodel.diagnosis.evidence.trial import Scale, Trial
-from jaxmodel.diagnosis.fitting.fit import errors_and_jacobian
-from jaxmodel.diagnosis.fitting.lanes import predictions
-from jaxmodel.diagnosis.fitting.layout import Layout
-from jaxmodel.diagnosis.fitting.model import ModelSpace, Setting, View
-from jaxmodel.diagnosis.fitting.problem import Problem, make_problem
-from jaxmodel.diagnosis.fitting.readings import Readings, Weights, collect
-from jaxmodel.diagnosis.noise.model_error import NONE
-from jaxmodel.diagnosis.workings import Workings
+from jaxmodel.fit.cache import FitCache
+from jaxmodel.fit.data import FitData, collect
+from jaxmodel.fit.estimate import Fit
+from jaxmodel.fit.gauss_newton import linearised
+from jaxmodel.fit.lanes import predictions
+from jaxmodel.fit.layout import Layout
+from jaxmodel.fit.noise.instrument import NoiseModel
+from jaxmodel.fit.problem import Problem, make_problem
+from jaxmodel.fit.space import ModelSpace, ModelSpec, View
 
 # Inputs that drive; all others are loads.
 DRIVES = ("current_A", "voltage_V", "duty")
@@ -59,18 +59,18 @@ class Proposal:
         return int(np.ceil((ENOUGH_SIGMA / max(self.sigma, 1e-3)) ** 2))
 
 
-def propose(investigation: Workings, rivals: Sequence[Trial]) -> tuple[Proposal, ...]:
+def propose(cache: FitCache, rivals: Sequence[Fit]) -> tuple[Proposal, ...]:
     """Return runs and measurements that would distinguish calibrated models, the best first.
 
     Args:
-        investigation: of the case.
+        cache: of the case.
         rivals: two or more models of it.
     """
     if len(rivals) < 2:
         return ()
-    space = investigation.space
+    space = cache.space
     designs = list(candidate_runs(space.case))
-    seen = _predicted_runs(space, rivals, designs)
+    seen = _predicted_runs(cache, rivals, designs)
     pairs = list(itertools.permutations(range(len(rivals)), 2))
     found = [
         Proposal(design.label, min(_separation(seen[a][number], seen[b][number]) for a, b in pairs))
@@ -182,25 +182,25 @@ class _Batch:
 
     case: Case
     slots: tuple[int, ...]
-    scale: Scale
+    noise: Mapping[str, NoiseModel]
 
-    def problem(self, space: ModelSpace, setting: Setting) -> Problem:
+    def problem(self, space: ModelSpace, spec: ModelSpec) -> Problem:
         """Return the problem of the runs, in the shapes of the case's."""
         fine = [one.effect for one in space.candidates.values() if one.bends and one.group == "effect"]
         everything = list(space.candidates.values())
         layout = _with_initial_states(space.layout)
-        made = make_problem(self.case, layout, everything, fine if setting.is_fine else ())
-        return dataclasses.replace(made, shapes=space.problem(setting).shapes)
+        made = make_problem(self.case, layout, everything, fine if spec.is_fine else ())
+        return dataclasses.replace(made, shapes=space.problem(spec).shapes)
 
-    def readings(self, space: ModelSpace) -> Readings:
+    def readings(self, space: ModelSpace) -> FitData:
         """Return the future readings, all zero."""
         outputs = KINDS[self.case.kind].outputs
-        return collect(self.case, self.scale.noise, outputs, self.slots, None, space.settings)
+        return collect(self.case, self.noise, outputs, self.slots, space.settings)
 
 
-def _predicted_runs(space: ModelSpace, rivals: Sequence[Trial], designs: Sequence[Run]) -> list[list[_Predicted]]:
+def _predicted_runs(cache: FitCache, rivals: Sequence[Fit], designs: Sequence[Run]) -> list[list[_Predicted]]:
     """Return the predictions of each model for every candidate run, as many at a time as the case has fit runs."""
-    slots = [number for number, run in enumerate(space.case.runs) if run.split == "fit"]
+    space, slots = cache.space, cache.fit_runs
     driven_by_current = space.case.kind == "motor" and "current_A" in designs[0].measured.inputs
     fastest = [_fastest(space, one) if driven_by_current else np.inf for one in rivals]
     found: list[list[_Predicted]] = [[] for _ in rivals]
@@ -209,29 +209,29 @@ def _predicted_runs(space: ModelSpace, rivals: Sequence[Trial], designs: Sequenc
         own = tuple(slots[: len(some)])
         runs = list(space.fitted.runs)
         for slot, new in zip(slots, some + [some[-1]] * (len(slots) - len(some)), strict=True):
-            runs[slot] = _replacing(runs[slot], new, tuple(rivals[0].scale.noise))
-        batch = _Batch(dataclasses.replace(space.fitted, runs=tuple(runs)), own, rivals[0].scale)
+            runs[slot] = _replacing(runs[slot], new, tuple(cache.noise))
+        batch = _Batch(dataclasses.replace(space.fitted, runs=tuple(runs)), own, cache.noise)
         problems: dict[bool, Problem] = {}
         for number, one in enumerate(rivals):
-            if one.setting.is_fine not in problems:
-                problems[one.setting.is_fine] = batch.problem(space, one.setting)
-            found[number] += _of_batch(space, batch, problems[one.setting.is_fine], one, fastest[number])
+            if one.spec.is_fine not in problems:
+                problems[one.spec.is_fine] = batch.problem(space, one.spec)
+            found[number] += _of_batch(space, batch, problems[one.spec.is_fine], one, fastest[number])
     return found
 
 
-def _of_batch(space: ModelSpace, batch: _Batch, problem: Problem, trial: Trial, fastest: float) -> list[_Predicted]:
+def _of_batch(space: ModelSpace, batch: _Batch, problem: Problem, fit: Fit, fastest: float) -> list[_Predicted]:
     """Return the predictions of a model for the runs of a batch."""
     layout, readings = space.layout, batch.readings(space)
     # A shift of one run does not apply to other runs.
-    free = tuple(p for p in trial.setting.free if p < layout.base or layout.runs[p] < 0)
-    setting = dataclasses.replace(trial.setting, free=free)
-    x = _at_the_start(layout, trial)
-    errors, jacobian = errors_and_jacobian(View(space, readings), problem, setting, x)
-    white = Weights(readings, NONE).whiten(np.column_stack([errors, jacobian]))
-    predicted = predictions(problem.of(np.array(batch.slots)), [setting.lane(x)])[0]
+    kept = [n for n, p in enumerate(fit.spec.free) if p < layout.base or layout.runs[p] < 0]
+    spec = fit.spec.with_free([fit.spec.free[n] for n in kept])
+    x = _at_the_start(layout, fit)
+    errors, jacobian = linearised(View(space, readings), problem, spec, x)
+    white = np.column_stack([errors, -jacobian]) * fit.likelihood.roots(readings)[:, None]
+    predicted = predictions(problem.of(np.array(batch.slots)), [spec.lane(x)])[0]
     place = np.searchsorted(batch.slots, readings.run)
     possible = _possible(problem.channels, predicted, fastest)[place, readings.row]
-    known = _known(layout, trial, free)
+    known = _known(layout, fit, kept)
     return [
         _Predicted(white[mine, 0], white[mine, 1:], possible[mine], known)
         for mine in (np.flatnonzero(place == number) for number in range(len(batch.slots)))
@@ -248,27 +248,33 @@ def _with_initial_states(layout: Layout) -> Layout:
     return dataclasses.replace(layout, coordinates=coordinates)
 
 
-def _at_the_start(layout: Layout, trial: Trial) -> np.ndarray:
+def _at_the_start(layout: Layout, fit: Fit) -> np.ndarray:
     """Return the unknowns of a model in candidate runs: their initial states, and run parameters as stated."""
-    x = np.where(np.asarray(layout.runs) < 0, trial.fitted.x, 0.0)
+    x = np.where(np.asarray(layout.runs) < 0, fit.x, 0.0)
     for place, coordinate in enumerate(_with_initial_states(layout).coordinates[: layout.base]):
         if layout.runs[place] >= 0 and coordinate.name == "initial_soc":
             x[place] = coordinate.at(FIRST_SOC)
     return x
 
 
-def _known(layout: Layout, trial: Trial, free: Sequence[int]) -> np.ndarray:
-    """Return the information on the unknowns before a new run: posterior for those of all runs, prior for others."""
-    shared = np.array([layout.runs[place] < 0 for place in free])
-    fitted_at = [trial.setting.free.index(place) for place, is_shared in zip(free, shared, strict=True) if is_shared]
-    known = np.diag(trial.setting.prior_sd[list(free)] ** -2.0)
-    known[np.ix_(shared, shared)] = np.linalg.inv(trial.fitted.covariance[np.ix_(fitted_at, fitted_at)])
+def _known(layout: Layout, fit: Fit, kept: Sequence[int]) -> np.ndarray:
+    """Return the information on some unknowns before a new run: posterior for those of all runs, prior for others.
+
+    Args:
+        layout: of the unknowns.
+        fit: the model.
+        kept: places among its free unknowns.
+    """
+    shared = np.array([layout.runs[fit.spec.free[n]] < 0 for n in kept])
+    of_all = np.array(kept)[shared]
+    known = np.diag(fit.spec.precision[list(kept)])
+    known[np.ix_(shared, shared)] = np.linalg.inv(fit.covariance[np.ix_(of_all, of_all)])
     return known
 
 
-def _fastest(space: ModelSpace, trial: Trial) -> float:
+def _fastest(space: ModelSpace, fit: Fit) -> float:
     """Return the highest speed of a motor in the present runs: driven by current, it has no other limit."""
-    predicted = space.predicted(trial.setting, trial.fitted.x).values()
+    predicted = space.predicted(fit.spec, fit.x).values()
     return max(float(np.max(np.abs(of_run["speed_rad_s"]))) for of_run in predicted)
 
 
@@ -305,14 +311,14 @@ def _separation(true: _Predicted, other: _Predicted) -> float:
     return float(np.sqrt(max(left, 0.0)))
 
 
-def _separate_measurements(layout: Layout, rivals: Sequence[Trial]) -> list[Proposal]:
+def _separate_measurements(layout: Layout, rivals: Sequence[Fit]) -> list[Proposal]:
     """Return proposals to measure a parameter separately, for which the models have different values."""
     found = []
     for place, coordinate in enumerate(layout.coordinates[: layout.base]):
         if layout.runs[place] >= 0 or coordinate.name.endswith(NOT_MEASURABLE):
             continue
-        at = [one.fitted.x[place] for one in rivals]
-        sds = [one.fitted.sd()[one.setting.free.index(place)] for one in rivals]
+        at = [one.x[place] for one in rivals]
+        sds = [one.sd[one.spec.free.index(place)] for one in rivals]
         values = [coordinate.number(x) for x in at]
         spreads = [coordinate.slope(x) * sd for x, sd in zip(at, sds, strict=True)]
         sigmas = []

@@ -9,14 +9,13 @@ import numpy as np
 
 from jaxmodel.base.units import split_unit
 from jaxmodel.case.records import Case, Run
-from jaxmodel.diagnosis.evidence.trial import Trial
-from jaxmodel.diagnosis.fitting.candidates import Candidate, specimen_ranges
-from jaxmodel.diagnosis.fitting.fit import NEAR, Fit
-from jaxmodel.diagnosis.fitting.model import ModelSpace
-from jaxmodel.diagnosis.noise.instrument import NoiseModel
 from jaxmodel.diagnosis.result import Extrapolated, Rung
-from jaxmodel.diagnosis.settings import SETTINGS
 from jaxmodel.diagnosis.wording import amount, join
+from jaxmodel.fit.candidates import Candidate, specimen_ranges
+from jaxmodel.fit.estimate import Fit
+from jaxmodel.fit.noise.instrument import NoiseModel
+from jaxmodel.fit.settings import SETTINGS
+from jaxmodel.fit.space import ModelSpace
 from jaxmodel.model.declaration import describe
 from jaxmodel.model.parameters import info
 
@@ -87,14 +86,14 @@ def noise_remarks(noise: Mapping[str, NoiseModel]) -> tuple[str, ...]:
     for name, model in noise.items():
         if model.stated is None:
             remarks.append(
-                f"The noise of {name} is not stated; taken as {model.own_sd:.3g} ({model.source}). State it under "
+                f"The noise of {name} is not stated; taken as {model.sd:.3g} ({model.source}). State it under "
                 "[sensors]: all that is called significant is held against it."
             )
         elif model.contradicts:
-            ratio = model.own_sd / model.stated
+            ratio = model.sd / model.stated
             off = f"{ratio:.2g} times" if ratio > 1.0 else f"1/{1.0 / ratio:.2g} of"
             remarks.append(
-                f"The readings of {name} scatter by {model.own_sd:.3g}, {off} the stated sd of {model.stated:.3g}: "
+                f"The readings of {name} scatter by {model.sd:.3g}, {off} the stated sd of {model.stated:.3g}: "
                 "what they show was used; correct the stated one."
             )
         elif model.is_filtered:
@@ -110,15 +109,15 @@ def not_converged(fitted: Fit) -> tuple[str, ...]:
     if fitted.converged:
         return ()
     return (
-        f"The fit did not reach a minimum (another step promises {fitted.promise:.2g} of chi-square, where {NEAR:g} is "
-        "the limit): its numbers are not to be relied on.",
+        f"The fit did not reach a minimum (another step promises {fitted.promise:.2g} of {fitted.objective:.3g}): its "
+        "numbers are not to be relied on.",
     )
 
 
 def nothing_moves(fitted: Fit) -> tuple[str, ...]:
     """Say where no unknown moves any reading."""
-    information = fitted.prior_sd[:, None] * (fitted.jacobian.T @ fitted.jacobian) * fitted.prior_sd
-    if np.max(np.abs(information), initial=0.0) > NO_ANSWER:
+    scale = fitted.spec.precision**-0.5
+    if np.max(np.abs(scale[:, None] * fitted.gram.square * scale), initial=0.0) > NO_ANSWER:
         return ()
     return (
         "No unknown moves any reading of the fit runs: at what the case states as known the model stands still, as a "
@@ -126,14 +125,14 @@ def nothing_moves(fitted: Fit) -> tuple[str, ...]:
     )
 
 
-def out_of_range(space: ModelSpace, trial: Trial) -> tuple[str, ...]:
+def out_of_range(space: ModelSpace, fit: Fit) -> tuple[str, ...]:
     """Say which numbers of a model's effects are outside their usual range, that of the specimen where it has one."""
     remarks: list[str] = []
-    for label in trial.labels:
+    for label in fit.added:
         candidate = space.candidates[label]
         if candidate.is_switched:
             places = list(space.layout.of[label])
-            values = [c.number(x) for c, x in zip(candidate.coordinates, trial.fitted.x[places], strict=True)]
+            values = [c.number(x) for c, x in zip(candidate.coordinates, fit.x[places], strict=True)]
             remarks.extend(unusual(candidate, values, specimen_ranges(space.case, type(candidate.effect))))
     return tuple(remarks)
 
@@ -186,7 +185,7 @@ def starts_moving(
         read = run.measured.outputs.get(SPEED)
         if read is None or not np.isfinite(read[0]):
             continue
-        far, model = STARTS_ELSEWHERE * noise[SPEED].own_sd, predicted[run.name][SPEED][0]
+        far, model = STARTS_ELSEWHERE * noise[SPEED].sd, predicted[run.name][SPEED][0]
         if abs(read[0] - model) <= far:
             continue
         stated = run.overrides.get(START_SPEED, case.parameters.get(START_SPEED))
@@ -247,9 +246,17 @@ def better_as_stated(stated: Rung, final: Rung) -> tuple[str, ...]:
         (before, after), unit = amount(name, pair)
         changes.append(f"{split_unit(name)[0]} is {after} {unit} off, and {before} {unit} as stated")
     return (
-        f"On the check runs the final model is no better than the base model as stated: {join(changes)}. The "
-        "calibration follows what changes from reading to reading and counts slow errors less; if those matter, keep "
-        "the stated values, or give them a smaller sd.",
+        f"On the check runs the final model is no better than the base model as stated: {join(changes)}. Keep the "
+        "stated values, or give them a smaller sd.",
+    )
+
+
+def stated_model_stays(tried: Sequence[str]) -> str:
+    """Say that the case stays as it is stated, and what was tried."""
+    with_them = f" and {join([label.replace(':', ' of ') for label in tried])}" if tried else ""
+    return (
+        f"Calibration{with_them} fits the fit runs better and predicts the check runs worse than the case as stated: "
+        "the model stays as it was. The fit runs lack what the check runs need: fit a run of their kind."
     )
 
 

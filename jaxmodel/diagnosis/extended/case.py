@@ -20,6 +20,8 @@ from jaxmodel.model.ports import Effect
 _STARTS = ("initial_temperature_rise_K", "initial_hysteresis")
 # Shifts of single runs that a case file can hold, and the parameter that holds them.
 _HELD_BY_A_RUN = {"friction_shift": "tau_0"}
+# Curves of one number that effects of a case hold.
+_DETAILS = ("series_energy", "short_energy", "long_energy", "short_heat", "long_heat", "convection_curve")
 
 
 def extended_case(
@@ -28,8 +30,8 @@ def extended_case(
     """Return the case with the final model's parameters, effects and tables, each with its sd; and notes on the rest.
 
     Parameters fitted outside their bounds are moved to the bound. A case file holds one effect of each name, so that of
-    two faults of one kind on two columns the first is kept. It can hold no unknown law and few shifts of single runs.
-    The notes state every such change.
+    two faults of one kind on two columns the first is kept. It can hold no unknown law, no curve of friction or torque
+    and few shifts of single runs. The notes state every such change.
 
     Args:
         case: as it was diagnosed.
@@ -47,14 +49,18 @@ def extended_case(
     shifted = {run.label: run for run in found_runs}
     for label in final.added:
         name = label.partition(":")[0]
-        if "@" in label or is_law(label) or is_held_by_tables(label):
+        if "@" in label or is_law(label):
             continue
-        if name not in catalogue:
-            fitted.notes.append(_left_out(label, curves))
-        elif name in values:
+        if name in values:
             fitted.notes.append(f"{label} is left out: a case file holds one effect of each name.")
         else:
             fitted.put_effect(label, list(describe(catalogue[name])), catalogue, values, effect_sd)
+    _put_details(curves, values, catalogue, fitted)
+    fitted.notes += [
+        f"{curve.label} is left out: a case file has no table for it: {curve_sentence(curve)}"
+        for curve in curves
+        if not (is_law(curve.label) or is_held_by_tables(curve.label) or curve.label in _DETAILS)
+    ]
     parameters = {name: fitted.known(name, before, info(name)) for name, before in case.parameters.items()}
     runs = [fitted.run(run) for run in case.runs]
     for label in (label for label in final.added if "@" in label):
@@ -78,9 +84,31 @@ def extended_case(
     return dataclasses.replace(extended, tables=case.tables | tables), [*fitted.notes, *notes]
 
 
-def _left_out(label: str, curves: Sequence[CurveFound]) -> str:
-    described = [curve_sentence(curve) for curve in curves if curve.label == label]
-    return f"{label} is left out: a case file has no table for it{f': {described[0]}' if described else '.'}"
+def _put_details(
+    curves: Sequence[CurveFound],
+    values: dict[str, dict[str, float | str]],
+    catalogue: Mapping[str, type[Effect]],
+    fitted: _Fitted,
+) -> None:
+    """Put what no table holds among the effects: an activation energy of each resistance, and details of the heat."""
+    at = dict.fromkeys(_DETAILS, 0.0) | {curve.label: float(curve.value[0]) for curve in curves if curve.value.size}
+
+    def put(name: str, field: str, more: float) -> float:
+        """Add to a number of an effect within its bounds; return what was added."""
+        if not more:
+            return 0.0
+        entry = describe(catalogue[name])[field]
+        before = float(values[name].get(field, entry.default)) if name in values else 0.0
+        now = fitted.bounded(f"{name}.{field}", before + more, entry)
+        values.setdefault(name, {})[field] = now
+        return now - before
+
+    # The energy of the series resistance acts on the pairs too, and that of both pairs on the long one.
+    energy = put("arrhenius_resistance", "E_a", at["series_energy"])
+    energy += put("arrhenius_polarisation", "E_rc", at["short_energy"] - energy)
+    put("arrhenius_long_polarisation", "E_l", at["long_energy"] - energy)
+    for field, label in {"s": "short_heat", "l": "long_heat", "c": "convection_curve"}.items():
+        put("heat_details", field, at[label])
 
 
 class _Fitted:

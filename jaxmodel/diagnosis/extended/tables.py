@@ -11,24 +11,25 @@ import numpy as np
 
 from jaxmodel.case.known import Table
 from jaxmodel.diagnosis.result import CurveFound
-from jaxmodel.effects.curves import TEMPERATURE_KNOTS
 from jaxmodel.model import curves as formulas
 from jaxmodel.model.cell import cycle_resistance
 from jaxmodel.model.electrothermal import Model
 from jaxmodel.model.ports import fold, touches
 
-# Which curves act on which tables.
+# Which curves act on which tables, and whether they raise or lower them: a pair keeps its time constant where its
+# resistance is corrected.
 _TABLES_OF = {
-    "ocv_curve": ("ocv",),
-    "series_resistance_curve": ("R_ints",),
-    "series_resistance_temperature_curve": ("R_ints",),
-    "rc_resistance_curve": ("R_TS", "R_TL"),
-    "rc_resistance_temperature_curve": ("R_TS", "R_TL"),
-    "rc_capacitance_curve": ("C_TS", "C_TL"),
-    "rc_capacitance_temperature_curve": ("C_TS", "C_TL"),
+    "ocv_curve": {"ocv": 1.0},
+    "series_resistance_curve": {"R_ints": 1.0},
+    "short_resistance_curve": {"R_TS": 1.0, "C_TS": -1.0},
+    "long_resistance_curve": {"R_TL": 1.0, "C_TL": -1.0},
+    "short_time_curve": {"C_TS": 1.0},
+    "long_time_curve": {"C_TL": 1.0},
+    "entropy_curve": {"dU_dT": 1.0},
 }
+TEMPERATURE_KNOTS = (-30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0)
 # Largest error of linear interpolation between points of a table: V of a voltage, a share of everything else.
-_TOLERANCE_V, _TOLERANCE = 5e-5, 3e-4
+_TOLERANCE_V, _TOLERANCE_V_PER_K, _TOLERANCE = 5e-5, 1e-7, 3e-4
 # States of charge at which a formula is sampled first: the ends of a table, and the kink of the formula.
 _FORMULA_SOC = (-0.01, formulas.SOC_FORMULA_FLOOR, 1.05)
 _HALVINGS = 7
@@ -49,36 +50,34 @@ def corrected_tables(model: Model, found: Sequence[CurveFound]) -> tuple[dict[st
         model: the final model without its curves.
         found: the curves; those that no table holds are skipped.
     """
-    by_table: dict[str, list[CurveFound]] = {}
+    by_table: dict[str, list[tuple[float, CurveFound]]] = {}
     for curve in found:
-        for table in _TABLES_OF.get(curve.label, ()):
-            by_table.setdefault(table, []).append(curve)
+        for table, sign in _TABLES_OF.get(curve.label, {}).items():
+            by_table.setdefault(table, []).append((sign, curve))
     tables = {name: _corrected(name, model, curves) for name, curves in by_table.items()}
-    return tables, _notes(model, by_table)
+    return tables, _notes(model, tables)
 
 
-def _corrected(name: str, model: Model, found: Sequence[CurveFound]) -> Table:
-    base = getattr(model.curves, name)
+def _corrected(name: str, model: Model, found: Sequence[tuple[float, CurveFound]]) -> Table:
+    adds = name in ("ocv", "dU_dT")
+    base = getattr(model.curves, name) or formulas.Table([0.0, 1.0], [0.0, 0.0])
     ageing = float(_cycle_resistance(model)) if name == "R_ints" else 0.0
     sample = _sampler(base)
 
     def values(soc: np.ndarray, temperature_degC: np.ndarray) -> np.ndarray:
         """Return the values of the table, shape (temperature, soc)."""
-        off = sum(_off(curve, soc, temperature_degC) for curve in found)
+        off = sum(sign * np.interp(soc, curve.at, curve.value)[None, :] for sign, curve in found)
         before = sample(soc, temperature_degC)
-        if name == "ocv":
-            return before + off
-        return np.maximum((before + ageing) * np.exp(off) - ageing, _LEAST)
+        return before + off if adds else np.maximum((before + ageing) * np.exp(off) - ageing, _LEAST)
 
-    over_temperature = [curve for curve in found if _is_over_temperature(curve)]
-    soc = _start_of_soc(base, [curve for curve in found if curve not in over_temperature])
-    temperature = _start_of_temperature(base, sample, over_temperature)
-    limit = _TOLERANCE_V if name == "ocv" else None
+    soc = _start_of_soc(base, [curve for _, curve in found])
+    temperature = _start_of_temperature(base, sample)
+    limit = {"ocv": _TOLERANCE_V, "dU_dT": _TOLERANCE_V_PER_K}.get(name)
     soc = _refined(soc, lambda x: values(x, temperature).T, limit)
     if temperature.size > 1:
         temperature = _refined(temperature, lambda x: values(soc, x), limit)
     held = _rounded(values(soc, temperature))
-    sd = float(np.sqrt(sum(np.mean(np.square(curve.sd)) for curve in found)))
+    sd = float(np.sqrt(sum(np.mean(np.square(curve.sd)) for _, curve in found)))
     one_row = temperature.size == 1
     return Table(
         soc=_rounded(soc),
@@ -86,17 +85,6 @@ def _corrected(name: str, model: Model, found: Sequence[CurveFound]) -> Table:
         temperature_degC=None if one_row else _rounded(temperature),
         sd=sd if np.isfinite(sd) and sd > 0.0 else None,
     )
-
-
-def _is_over_temperature(curve: CurveFound) -> bool:
-    return curve.label.endswith("_temperature_curve")
-
-
-def _off(curve: CurveFound, soc: np.ndarray, temperature_degC: np.ndarray) -> np.ndarray:
-    """Return a curve, linear between knots and constant beyond its ends, in a shape to be added to a table."""
-    if _is_over_temperature(curve):
-        return np.interp(temperature_degC, curve.at, curve.value)[:, None]
-    return np.interp(soc, curve.at, curve.value)[None, :]
 
 
 def _cycle_resistance(model: Model) -> jax.Array:
@@ -116,15 +104,14 @@ def _start_of_soc(base: formulas.Curve, found: Sequence[CurveFound]) -> np.ndarr
     return np.unique(np.concatenate([own, *(np.asarray(curve.at, dtype=float) for curve in found)]))
 
 
-def _start_of_temperature(base: formulas.Curve, sample: Callable, found: Sequence[CurveFound]) -> np.ndarray:
+def _start_of_temperature(base: formulas.Curve, sample: Callable) -> np.ndarray:
     """Return initial temperatures; a single one if nothing depends on temperature."""
     if isinstance(base, formulas.Table):
         own = np.asarray(base.temperature_degC) if base.values.shape[0] > 1 else np.zeros(0)
     else:
         knots = np.array(TEMPERATURE_KNOTS)
         own = knots if np.ptp(sample(np.array([0.5]), knots)) > 0.0 else np.zeros(0)
-    together = np.unique(np.concatenate([own, *(np.asarray(curve.at, dtype=float) for curve in found)]))
-    return together if together.size else np.array([formulas.Table([0.0], [0.0]).temperature_degC[0]])
+    return np.unique(own) if own.size else np.array([formulas.Table([0.0], [0.0]).temperature_degC[0]])
 
 
 def _refined(knots: np.ndarray, values: Callable[[np.ndarray], np.ndarray], limit: float | None) -> np.ndarray:
@@ -150,7 +137,7 @@ def _rounded(values: np.ndarray) -> np.ndarray:
     return np.array([float(f"{value:.{_DIGITS}g}") for value in values.ravel()]).reshape(values.shape)
 
 
-def _notes(model: Model, by_table: Mapping[str, Sequence[CurveFound]]) -> list[str]:
+def _notes(model: Model, by_table: Mapping[str, Table]) -> list[str]:
     """Return notes on tables that differ from their curves."""
     notes = []
     adding = [effect.label for effect in model.effects if effect.name in ("contact_heating", "contact_drift")]

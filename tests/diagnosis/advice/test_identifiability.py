@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,54 +22,62 @@ from jaxmodel.diagnosis.advice.identifiability import (
     names_of,
     profile_likelihood,
 )
-from jaxmodel.diagnosis.evidence.trial import Trial
-from jaxmodel.diagnosis.fitting.fit import Fit, fit, whitened_errors_and_jacobian
-from jaxmodel.diagnosis.fitting.model import ModelSpace, View
-from jaxmodel.diagnosis.fitting.problem import Lane, Problem
-from jaxmodel.diagnosis.fitting.readings import Readings, Weights
-from jaxmodel.diagnosis.investigation import Investigation
-from jaxmodel.diagnosis.noise.model_error import NONE
-from tests.diagnosis.made_cases import TRUE, MadeCell, made_cell, made_cell_with_unknown_law
+from jaxmodel.fit.cache import FitCache
+from jaxmodel.fit.data import FitData
+from jaxmodel.fit.estimate import Fit, calibrate
+from jaxmodel.fit.gauss_newton import descend, linearised
+from jaxmodel.fit.likelihood import ChannelWeight, Likelihood
+from jaxmodel.fit.linearisation import Linearisation
+from jaxmodel.fit.problem import Lane, Problem
+from jaxmodel.fit.space import View
+from tests.diagnosis.made_cases import TRUE, MadeCell, cache_of, made_cell, made_cell_with_unknown_law
 
 DRAWS = 25
 WIDER = 30.0
 CHECK_RUN = 3
 
 
-def investigated(case: Case) -> Investigation:
+def models_of(case: Case) -> FitCache:
     """With two effects alone to choose from, of which the programs are those of other tests."""
-    kept = ("capacity_temperature", "entropic_ocv")
-    return Investigation(case, without=[n for n, one in ModelSpace(case).candidates.items() if one.name not in kept])
+    return cache_of(case, "capacity_temperature", "entropic_ocv")
+
+
+def as_noise(cache: FitCache, fit: Fit) -> Fit:
+    """The model calibrated as if what it leaves were the sensors' noise."""
+    weights = {n: ChannelWeight(cache.noise[n].sd, 1.0, one.count) for n, one in fit.likelihood.channels.items()}
+    return calibrate(cache.view, fit.spec, fit.x, cache.tolerances, Likelihood(weights), fixed=True)
 
 
 @pytest.fixture(scope="module")
-def plain(plain_cell: MadeCell) -> Investigation:
-    return investigated(plain_cell.case)
+def plain(plain_cell: MadeCell) -> FitCache:
+    return models_of(plain_cell.case)
 
 
 @pytest.fixture(scope="module")
-def model(plain: Investigation) -> Trial:
-    settled, misfit = calibrated(plain)
+def model(plain: FitCache) -> Fit:
+    fit, misfit = calibrated(plain)
     assert misfit == pytest.approx(1.0, abs=0.05)
-    assert not settled.scale.error.sd
-    return settled
+    assert fit.likelihood.channels["voltage_V"].inflation == pytest.approx(1.0, abs=0.2)
+    assert fit.added == fit.spec.labels == ()
+    return as_noise(plain, fit)
 
 
 @pytest.fixture(scope="module")
-def found(plain: Investigation, model: Trial) -> Identifiability:
+def found(plain: FitCache, model: Fit) -> Identifiability:
     return identifiability(plain, model)
 
 
-def asked(plain: Investigation) -> list[int]:
+def asked(plain: FitCache) -> list[int]:
     """The reported unknowns: without those of check runs, and initial states that affect no reading."""
     layout = plain.space.layout
     unstated = ("initial_hysteresis", "initial_temperature_rise_K")
     return [i for i in range(layout.base) if layout.runs[i] != CHECK_RUN and layout.names[i] not in unstated]
 
 
-def test_information_of_all_runs_is_that_of_the_fit(found: Identifiability, model: Trial, plain: Investigation) -> None:
+def test_information_of_all_runs_is_that_of_the_fit(found: Identifiability, model: Fit, plain: FitCache) -> None:
     own = asked(plain)
-    expected = model.fitted.information[np.ix_(own, own)] - np.eye(len(own))
+    places = [model.spec.free.index(i) for i in own]
+    expected = model.gram.square[np.ix_(places, places)]
     outer = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     np.testing.assert_allclose(found.information.total / outer, expected / outer, atol=1e-3)
     assert found.names == tuple(names_of(plain)[i] for i in own)
@@ -76,18 +85,17 @@ def test_information_of_all_runs_is_that_of_the_fit(found: Identifiability, mode
     assert len(found.information.parts) == len(found.runs) * len(found.sensors)
 
 
-def test_estimates_scatter_as_the_data_alone_say(found: Identifiability, model: Trial, plain: Investigation) -> None:
+def test_estimates_scatter_as_the_data_alone_say(found: Identifiability, model: Fit, plain: FitCache) -> None:
     """Readings made anew of one truth, fitted with priors 30 times as wide: what is left is the Cramer-Rao bound."""
     generator = np.random.default_rng(5)
-    truth, view, weights = model.fitted.x, model.scale.view, model.scale.weights
-    problem = plain.space.problem(model.setting)
-    clean = view.at(problem, [model.setting.lane(truth)])[0]
-    wide = dataclasses.replace(model.setting, prior_sd=model.setting.prior_sd * WIDER)
+    truth, view, weights = model.x, plain.view, model.likelihood
+    clean = view.at(plain.space.problem(model.spec), [model.spec.lane(truth)])[0]
+    wide = dataclasses.replace(model.spec, precision=model.spec.precision / WIDER**2)
     away = []
     for _ in range(DRAWS):
-        readings = view.readings
-        anew = dataclasses.replace(readings, value=clean + readings.sd * generator.standard_normal(clean.size))
-        refit = fit(View(plain.space, anew), wide, weights, truth)
+        data = view.data
+        anew = dataclasses.replace(data, value=clean + data.sd * generator.standard_normal(clean.size))
+        refit = descend(View(plain.space, anew), wide, weights, truth, steps=15)
         assert refit.converged
         away.append(refit.x - truth)
     own = asked(plain)
@@ -127,14 +135,13 @@ def test_capacity_and_storage_are_determined_only_together(plain_cell: MadeCell)
     """Eq. 8 multiplies the capacity of eq. 1: no reading can distinguish the two factors."""
     case, assumed = asking_for(plain_cell.case, ["storage_months", "R_0"])
     assert assumed == ("storage_months", "R_0")
-    investigation = investigated(case)
-    scale, setting = investigation.first_scale, investigation.space.setting(())
-    x = np.zeros(investigation.space.layout.size)
-    rows, jacobian = whitened_errors_and_jacobian(
-        scale.view, investigation.space.problem(setting), setting, scale.weights, x
-    )
-    as_stated = Fit(x, setting.free, np.ones(len(setting.free)), rows, jacobian, 0.0, 0)
-    found = identifiability(investigation, Trial(setting, {}, as_stated, scale), assumed=assumed)
+    cache = models_of(case)
+    spec, stated = cache.spec((), "none"), np.zeros(cache.space.layout.size)
+    errors, jacobian = linearised(cache.view, cache.space.problem(spec), spec, stated)
+    linear = Linearisation.of(cache.view.data, cache.space.coarse.channels, stated[list(spec.free)], errors, jacobian)
+    weights = Likelihood({"voltage_V": ChannelWeight(cache.noise["voltage_V"].sd, 1.0, errors.size)})
+    as_stated = Fit(spec, (), stated, errors, weights, linear, 0.0, 0.0)
+    found = identifiability(cache, as_stated, assumed=assumed)
     assert np.isinf(found.sd_of_data[[found.place("capacity_Ah"), found.place("storage_months")]]).all()
     assert np.isfinite(found.sd_of_data[found.place("rc_resistance_scale")])
     words = [words for _, words in found.sloppy()]
@@ -164,32 +171,32 @@ class Curved(View):
         return np.stack([-first, first - 3.0 * second], axis=1)
 
 
-def test_profile_agrees_with_the_quadratic_or_shows_that_it_is_wrong(plain: Investigation, model: Trial) -> None:
+def test_profile_agrees_with_the_quadratic_or_shows_that_it_is_wrong(plain: FitCache, model: Fit) -> None:
     nothing, number = np.zeros(2), np.arange(2)
     chain = ((("voltage_V", 0), slice(0, 2)),)
-    readings = Readings(
-        nothing, 0 * number, number, 0 * number, nothing, nothing + 1.0, nothing, nothing + 1.0, chain, np.zeros((2, 0))
-    )
-    view, weights = Curved(plain.space, readings), Weights(readings, NONE)
-    scale = dataclasses.replace(model.scale, view=view, weights=weights)
+    data = FitData(nothing, 0 * number, number, 0 * number, nothing, nothing + 1.0, chain)
+    view, weights = Curved(plain.space, data), Likelihood({"voltage_V": ChannelWeight(1.0, 1.0, 2)})
+    toys = copy.copy(plain)
+    toys.view = view
     size = plain.space.layout.size
-    toy = Trial(model.setting, {}, fit(view, model.setting, weights, np.zeros(size)), scale)
+    toy = calibrate(view, model.spec, np.zeros(size), plain.tolerances, weights, fixed=True)
     first, second, third, *_ = names_of(plain)
-    curved = profile_likelihood(plain, toy, first)
-    x = np.linspace(-3.0, 3.0, 9) * toy.fitted.sd()[0]
+    curved = profile_likelihood(toys, toy, first)
+    x = np.linspace(-3.0, 3.0, 9) * np.sqrt(toy.covariance[0, 0])
     s = np.sinh(2.0 * x)
     expected = s**2 + (s - 3.0 * (0.3 * s)) ** 2 + (0.3 * s) ** 2 + x**2  # at the best second unknown, 3 s / 10
     np.testing.assert_allclose(curved.rise, expected, rtol=1e-3, atol=1e-6)
     assert curved.is_not_quadratic
-    straight = profile_likelihood(plain, toy, third)
+    straight = profile_likelihood(toys, toy, third)
     np.testing.assert_allclose(straight.rise, straight.quadratic, atol=1e-6)
     assert not straight.is_not_quadratic
-    assert deeper(toy, curved) is None
+    assert deeper(toys, toy, curved) is None
     # A calibration that has not converged is detected, and started again.
-    short = dataclasses.replace(toy, fitted=dataclasses.replace(toy.fitted, x=np.full(size, 0.5)))
-    again = deeper(short, profile_likelihood(plain, short, second))
+    x = np.full(size, 0.5)
+    short = dataclasses.replace(toy, x=x, objective=descend(view, model.spec, weights, x, steps=0).objective)
+    again = deeper(toys, short, profile_likelihood(toys, short, second))
     assert again is not None
-    np.testing.assert_allclose(again.fitted.x[: plain.space.layout.base], 0.0, atol=1e-3)
+    np.testing.assert_allclose(again.free, 0.0, atol=1e-3)
 
 
 def test_a_model_error_widens_the_bounds(tmp_path: Path) -> None:
@@ -202,14 +209,12 @@ def test_a_missing_effect_widens_them_too(tmp_path: Path) -> None:
 
 
 def _held_to_the_truth(case: Case) -> None:
-    investigation = investigated(case)
-    settled, misfit = calibrated(investigation)
+    cache = models_of(case)
+    fit, misfit = calibrated(cache)
     assert misfit > 1.5
-    assert settled.scale.error.of_channel("voltage_V") > 0.0
-    found = identifiability(investigation, settled, misfit)
-    scale = settled.scale.with_error(NONE)
-    as_noise = fit(scale.view, settled.setting, scale.weights, settled.fitted.x)
-    without = identifiability(investigation, dataclasses.replace(settled, fitted=as_noise, scale=scale), misfit)
+    assert fit.likelihood.channels["voltage_V"].inflation > 2.0
+    found = identifiability(cache, fit, misfit)
+    without = identifiability(cache, as_noise(cache, fit), misfit)
     i = found.place("capacity_Ah")
     assert found.sd[i] > 2.0 * without.sd[i]
     assert abs(found.values[i] - TRUE["capacity_Ah"]) < 3.0 * found.sd[i]

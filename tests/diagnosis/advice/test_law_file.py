@@ -12,8 +12,8 @@ import pytest
 
 from jaxmodel.case.build import load_effect_class
 from jaxmodel.diagnosis.advice.law_file import law_file
-from jaxmodel.diagnosis.fitting.candidates import Candidate, laws
-from jaxmodel.diagnosis.fitting.laws import no_laws
+from jaxmodel.fit.candidates import Candidate, laws
+from jaxmodel.fit.laws import no_laws
 from jaxmodel.model.electrothermal import Model
 from jaxmodel.model.ports import Effect
 from jaxmodel.model.profile import Profile

@@ -19,23 +19,20 @@ from jaxmodel.diagnosis.advice.next_experiment import (
     in_words,
     propose,
 )
-from jaxmodel.diagnosis.evidence.trial import Trial
-from jaxmodel.diagnosis.fitting import by_vectors
-from jaxmodel.diagnosis.fitting.model import ModelSpace
-from jaxmodel.diagnosis.investigation import Investigation
-from tests.diagnosis.made_cases import NOISE_V, SOC_SD, TRUE, case_of, made_cell, run_of
+from jaxmodel.fit import kernels
+from jaxmodel.fit.cache import FitCache
+from jaxmodel.fit.estimate import Fit
+from tests.diagnosis.made_cases import NOISE_V, SOC_SD, TRUE, cache_of, case_of, made_cell, run_of
 from tests.independent import simulate
 
 HIDDEN = {"capacity_temperature": {"a": 0.0006}}
 RIVALS = ("capacity_temperature", "entropic_ocv")
 
 
-def rivals_of(case: Case) -> tuple[Investigation, list[Trial]]:
+def rivals_of(case: Case) -> tuple[FitCache, list[Fit]]:
     """Both effects fitted beside the base model, and nothing else to choose from."""
-    without = [label for label, one in ModelSpace(case).candidates.items() if one.name not in RIVALS]
-    investigation = Investigation(case, without=without)
-    gains = {gain.label: gain for gain in investigation.base_gains}
-    return investigation, [investigation.trial((label,), investigation.base, gains[label]) for label in RIVALS]
+    cache = cache_of(case, *RIVALS)
+    return cache, [cache.fit([label]) for label in RIVALS]
 
 
 def with_run_done(case: Case, what: str) -> Case:
@@ -56,18 +53,18 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
 
 
 @pytest.fixture(scope="module")
-def undecided(case: Case) -> tuple[list[Trial], tuple[Proposal, ...]]:
-    investigation, rivals = rivals_of(case)
-    before = by_vectors._kernel.cache_info()
-    proposals = propose(investigation, rivals)
-    after = by_vectors._kernel.cache_info()
+def undecided(case: Case) -> tuple[list[Fit], tuple[Proposal, ...]]:
+    cache, rivals = rivals_of(case)
+    before = kernels._kernel.cache_info()
+    proposals = propose(cache, rivals)
+    after = kernels._kernel.cache_info()
     assert after.hits > before.hits
     assert after.misses == before.misses, "runs of the bank are run by the programs of the case"
     return rivals, proposals
 
 
-def evidence_gap(rivals: list[Trial]) -> float:
-    return rivals[0].log_evidence - rivals[1].log_evidence
+def evidence_gap(rivals: list[Fit]) -> float:
+    return rivals[0].log_evidence() - rivals[1].log_evidence(rivals[0].likelihood)
 
 
 def test_the_data_do_not_decide(undecided) -> None:

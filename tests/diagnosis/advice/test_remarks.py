@@ -23,12 +23,15 @@ from jaxmodel.diagnosis.advice.remarks import (
     strained,
     unusual,
 )
-from jaxmodel.diagnosis.fitting.candidates import make_candidate
-from jaxmodel.diagnosis.fitting.fit import Fit
-from jaxmodel.diagnosis.noise.contract import noise_of_case
-from jaxmodel.diagnosis.noise.instrument import NoiseModel
 from jaxmodel.diagnosis.result import ChannelError, Rung
 from jaxmodel.effects import CATALOGUE
+from jaxmodel.fit.candidates import make_candidate
+from jaxmodel.fit.estimate import Fit
+from jaxmodel.fit.likelihood import ChannelWeight, Likelihood
+from jaxmodel.fit.linearisation import Gram, Linearisation
+from jaxmodel.fit.noise.contract import noise_of_case
+from jaxmodel.fit.noise.instrument import NoiseModel
+from jaxmodel.fit.space import ModelSpec
 from tests.diagnosis.made_cases import case_of, run_of
 
 
@@ -68,13 +71,18 @@ def test_noise_that_is_contradicted_or_not_stated_is_remarked_on() -> None:
 
 
 def fitted(promise: float, slope: float) -> Fit:
-    return Fit(np.zeros(2), (0, 1), np.ones(2), np.zeros(3), np.full((3, 2), slope), promise, 5)
+    """A model of two unknowns, the second of them a curve with a narrow prior, and of three readings."""
+    spec = ModelSpec((), {}, (0, 1), np.array([1.0, 100.0]), np.zeros(0), np.zeros((0, 0)), False)
+    gram = Gram(np.full((2, 2), 3.0 * slope**2), np.zeros(2), 0.0, 3)
+    weights = Likelihood({"voltage_V": ChannelWeight(1.0, 1.0, 3)})
+    linear = Linearisation(np.zeros(2), {0: {"voltage_V": gram}}, {0: 0})
+    return Fit(spec, (), np.zeros(2), np.zeros(3), weights, linear, 300.0, promise)
 
 
 def test_a_fit_that_did_not_converge_or_has_no_sensitivity_is_remarked_on() -> None:
     assert not_converged(fitted(0.01, 1.0)) == ()
     (said,) = not_converged(fitted(30.0, 1.0))
-    assert "promises 30 of chi-square" in said
+    assert "promises 30 of 300" in said
     assert nothing_moves(fitted(0.0, 1.0)) == ()
     assert nothing_moves(fitted(0.0, 1e-5))[0].startswith("No unknown moves any reading")
 

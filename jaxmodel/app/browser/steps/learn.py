@@ -10,7 +10,6 @@ from jaxmodel.app.browser.html import button, h
 GROUPS = {
     "Effects": "physics that the base model leaves out",
     "Sensors": "a fault of an instrument",
-    "Your tables": "a table or curve of the case that is off",
     "Single runs": "something that differs in one run alone",
 }
 _SHOWN = 4  # candidates of a group before "more"

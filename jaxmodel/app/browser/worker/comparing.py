@@ -101,20 +101,18 @@ def next_experiment(place: Place, progress: Progress) -> None:
         FitError: no candidate is left to decide on.
     """
     investigation = place.investigation(progress)
-    model = investigation.model
-    candidates = investigation.space.candidates
-    likely = [
-        gain for gain in investigation.linear(model).gains() if candidates[gain.label].group in ("effect", "sensor")
-    ]
-    chosen = [gain for gain in likely if gain.label not in model.labels][:_MOST_RIVALS]
+    cache, present = investigation.cache, investigation.added
+    candidates = cache.space.candidates
+    likely = [one for one in cache.scores(present).gains() if candidates[one.label].group in ("effect", "sensor")]
+    chosen = likely[:_MOST_RIVALS]
     if not chosen:
         raise FitError("Every candidate is in the model; remove one to ask for an experiment that tests it.")
-    rivals = [model]
+    rivals = [cache.fit(present)]
     for gain in chosen:
         progress(f"refitting with {gain.label.replace('_', ' ')}")
-        rivals.append(investigation.trial((*model.labels, gain.label), model, gain))  # type: ignore[arg-type]
+        rivals.append(cache.fit((*present, gain.label)))
     progress("searching for an experiment that decides")
-    found = best_of_each(propose(investigation, rivals))
+    found = best_of_each(propose(cache, rivals))
     names = ["the present model", *(f"the same with {title_of(candidates[gain.label]).lower()}" for gain in chosen)]
     listed = [{"what": one.what, "sigma": one.sigma, "repeats": one.repeats} for one in found]
     place.show(proposals={"rivals": names, "found": listed})

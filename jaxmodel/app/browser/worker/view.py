@@ -106,7 +106,7 @@ def model_view(investigation: Investigation, previews: pd.DataFrame, maps: list[
 def _residuals(investigation: Investigation, base: Rung) -> dict[str, Any]:
     """Return, by channel, in which unit residuals are drawn, and noise and tolerance in it."""
     found = {}
-    for name, noise in investigation.noise.items():
+    for name, noise in investigation.cache.noise.items():
         sizes = [error.worst for error in base.by_run[name].values()]
         factor, unit = readable(sizes, channel_words(name)["difference"])
         tolerance = investigation.case.tolerance.get(name)
@@ -122,7 +122,7 @@ def _residuals(investigation: Investigation, base: Rung) -> dict[str, Any]:
 
 
 def _addition(investigation: Investigation, label: str) -> dict[str, str]:
-    candidate = investigation.space.candidates[label]
+    candidate = investigation.cache.space.candidates[label]
     group = GROUPS.get(candidate.group, "Laws")
     return {"name": label, "title": title_of(candidate), "physics": physics_of(candidate), "group": group}
 
@@ -193,7 +193,7 @@ def _candidates(investigation: Investigation, previews: pd.DataFrame) -> list[di
     }
     found = []
     for row in investigation.candidates().to_dict("records"):
-        name, candidate = str(row["name"]), investigation.space.candidates[str(row["name"])]
+        name, candidate = str(row["name"]), investigation.cache.space.candidates[str(row["name"])]
         if name not in names:
             continue
         own = 1 + names.index(name)

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from jaxmodel.base.units import difference_unit, split_unit
-from jaxmodel.diagnosis.fitting.candidates import Candidate
 from jaxmodel.diagnosis.wording import amount, join
+from jaxmodel.fit.candidates import Candidate
 
-GROUPS = {"effect": "Effects", "sensor": "Sensors", "curve": "Your tables", "run": "Single runs"}
+GROUPS = {"effect": "Effects", "sensor": "Sensors", "run": "Single runs"}
 # Odds beyond which no number is named.
 _CERTAIN = 1e6
 # A candidate is said to help a channel if it takes away this share of its error.

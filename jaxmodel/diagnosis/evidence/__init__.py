@@ -1,1 +1,0 @@
-"""Evidence for an addition: expected gains, fits, and cross-validation."""

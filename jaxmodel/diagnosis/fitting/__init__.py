@@ -1,1 +1,0 @@
-"""One compiled program for all models of a case: unknowns, readings, candidates, and the fit."""

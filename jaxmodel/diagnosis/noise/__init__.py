@@ -1,1 +1,0 @@
-"""Sensor noise, noise caused by measured inputs, and the model error."""

@@ -1,0 +1,1 @@
+"""Calibration of any model of a case: unknowns, curves, weights, and how candidates would change the predictions."""

@@ -1,0 +1,260 @@
+"""All calibrated models of one case: each is fitted once, and its numbers do not depend on what was fitted before."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+import numpy as np
+
+from jaxmodel.base.errors import FitError
+from jaxmodel.base.units import unit_of
+from jaxmodel.case.measurements import KINDS
+from jaxmodel.case.records import Case
+from jaxmodel.effects.curves import CURVES, OF_NO_TABLE
+from jaxmodel.fit.data import collect
+from jaxmodel.fit.estimate import AMPLITUDES, STEPS, Fit, calibrate
+from jaxmodel.fit.gauss_newton import descend, errors_at
+from jaxmodel.fit.lanes import at_once
+from jaxmodel.fit.likelihood import Likelihood, from_tolerances
+from jaxmodel.fit.noise.contract import noise_of_case
+from jaxmodel.fit.preparation import prepared
+from jaxmodel.fit.scores import Scores
+from jaxmodel.fit.screen import SEED, Screen, screen
+from jaxmodel.fit.settings import SETTINGS, Settings
+from jaxmodel.fit.space import Labels, ModelSpace, ModelSpec, View
+from jaxmodel.fit.starts import best_along
+
+Progress = Callable[[str], None]
+# Which curves a model has: none, corrections of tables, those of relations without a table too, or of these only those
+# that imitate none of its additions.
+Curves = Literal["none", "base", "all", "beside"]
+# Random points from which the first fit may start, where the stated model stands still. Assumed.
+_RANDOM_STARTS = 15
+
+
+class FitCache:
+    """One case, its fitted readings, and every model of it that was calibrated.
+
+    Attributes:
+        case: as it is fitted: bad readings left out, inputs alike in all runs.
+        preparation: what was left out, in sentences.
+        noise: of every output.
+        space: of all models.
+        view: the fitted readings.
+        fit_runs: numbers of the fitted runs.
+        settings: the constants.
+    """
+
+    def __init__(
+        self,
+        case: Case,
+        *,
+        without: Sequence[str] = (),
+        settings: Settings = SETTINGS,
+        progress: Progress | None = None,
+    ) -> None:
+        """Prepare the readings and lay out all candidates.
+
+        Args:
+            case: with at least one fit run.
+            without: names of effects that are ruled out.
+            settings: the constants.
+            progress: called with a description of each step.
+
+        Raises:
+            FitError: nothing is uncertain, no run may be used to calibrate, or there are no readings.
+            EffectError: a name that is no candidate of this case.
+        """
+        self.settings, self._progress = settings, progress
+        self.case, self.preparation = prepared(case)
+        self.noise = noise_of_case(self.case)
+        self.space = ModelSpace(self.case, without, settings)
+        self.fit_runs = [number for number, run in enumerate(self.case.runs) if run.split == "fit"]
+        if not any(name in self.case.runs[number].measured.outputs for name in self.noise for number in self.fit_runs):
+            raise FitError(f"{self.case.label}: {_why_no_readings(self.case)}.")
+        outputs = KINDS[self.case.kind].outputs
+        self.view = View(self.space, collect(self.space.fitted, self.noise, outputs, self.fit_runs, settings))
+        self._fits: dict[tuple[Labels, Curves, Labels], Fit] = {}
+        self._scores: dict[Labels, tuple[Scores, Scores]] = {}
+
+    def report(self, what: str) -> None:
+        """Report what is being done, if a progress function was given."""
+        if self._progress is not None:
+            self._progress(what)
+
+    @functools.cached_property
+    def tolerances(self) -> dict[str, float]:
+        """Return the tolerance of each channel, stated or assumed, in its unit."""
+        stated = self.case.tolerance
+        return {name: stated[name].rms if name in stated else self.assumed_tolerance(name) for name in self.noise}
+
+    def assumed_tolerance(self, channel: str) -> float:
+        """Return the assumed tolerance of a channel, in its unit."""
+        if unit_of(channel) == "degC":
+            return self.settings.assumed_temperature_K
+        runs = [run.measured.outputs[channel] for run in self.case.runs if channel in run.measured.outputs]
+        highest, lowest = np.nanmax([np.nanmax(one) for one in runs]), np.nanmin([np.nanmin(one) for one in runs])
+        share = self.settings.assumed_voltage if unit_of(channel) == "V" else self.settings.assumed_share
+        return share * float(highest - lowest)
+
+    # Models
+
+    def spec(self, labels: Sequence[str], curves: Curves = "base") -> ModelSpec:
+        """Return the model with some additions, and the curves that belong to it."""
+        return self.space.spec((*self.curves_of(labels, curves), *labels))
+
+    def curves_of(self, labels: Sequence[str], curves: Curves = "base", beside: Sequence[str] = ()) -> Labels:
+        """Return the curves of a model with some additions; `beside` are more effects that no curve may imitate."""
+        if curves == "none":
+            return ()
+        present, named = {*labels, *self.case.effects}, {*labels, *beside}
+        return tuple(
+            name
+            for name, one in CURVES.items()
+            if name in self.space.candidates
+            and set(one.needs) <= present
+            and (name not in OF_NO_TABLE or curves == "all" or (curves == "beside" and not named & set(one.imitates)))
+        )
+
+    def fit(self, labels: Sequence[str], curves: Curves = "base", beside: Sequence[str] = ()) -> Fit:
+        """Return a model calibrated under its own weights; computed once.
+
+        It starts where the model without its last addition is, in the order of their scores over the base model, so
+        that it does not depend on the order in which a person or a search added them.
+        """
+        key = (self.space.key(labels), curves, self.space.key(beside))
+        if key not in self._fits:
+            self._fits[key] = self._calibrated(*key)
+        return self._fits[key]
+
+    @property
+    def base(self) -> Fit:
+        """Return the base model: the calibrated model of the case with the curves of its tables."""
+        return self.fit(())
+
+    @property
+    def calibrated(self) -> Fit:
+        """Return the model of the case with its stated numbers calibrated, and nothing else."""
+        return self.fit((), "none")
+
+    def under(self, labels: Sequence[str], likelihood: Likelihood) -> Fit:
+        """Return a model calibrated under given weights, from where it is under its own."""
+        own = self.fit(labels)
+        return calibrate(self.view, own.spec, own.x, self.tolerances, likelihood, rounds=2, fixed=True)
+
+    def _calibrated(self, labels: Labels, curves: Curves, beside: Labels) -> Fit:
+        if curves in ("all", "beside"):
+            before = self.fit(labels)
+            spec = self.space.spec(
+                (*self.curves_of(labels, curves, beside), *labels),
+                {**before.spec.amplitudes, **dict.fromkeys(OF_NO_TABLE, 1.0)},
+            )
+            return calibrate(self.view, spec, before.x, self.tolerances, before.likelihood)
+        spec = self._flexible(self.spec(labels, curves))
+        if not labels:
+            start = self._first_start(spec) if curves == "none" else self.calibrated.x
+            return calibrate(self.view, spec, start, self.tolerances)
+        last = max(labels, key=self._rank)
+        before = self.fit([label for label in labels if label != last], curves)
+        return calibrate(self.view, spec, self._best_start(spec, before, last), self.tolerances)
+
+    def _flexible(self, spec: ModelSpec) -> ModelSpec:
+        """Return a model with its curves as free as they may be, where its calibration begins.
+
+        The evidence then takes what is not needed. From stiff curves it may not find the way: the error that they leave
+        keeps the weight of a reading small, and so the evidence for freer ones.
+        """
+        largest = {label: self.space.candidates[label].largest for label in spec.amplitudes}
+        return self.space.spec(
+            spec.labels, {label: max(a for a in AMPLITUDES if a <= most) for label, most in largest.items()}
+        )
+
+    def _rank(self, label: str) -> int:
+        """Return the place of a candidate in the order of scores over the base model."""
+        return self._ranks.get(label, len(self._ranks))
+
+    @functools.cached_property
+    def _ranks(self) -> dict[str, int]:
+        return {gain.label: number for number, gain in enumerate(self.scores(()).gains())}
+
+    def _first_start(self, spec: ModelSpec) -> np.ndarray:
+        """Return the stated values, or the best of a few random ones: a motor that stalls gives no direction."""
+        stated = np.zeros((1 + _RANDOM_STARTS, self.space.layout.size))
+        free = list(spec.free)
+        stated[1:, free] = np.random.default_rng(SEED).normal(size=(_RANDOM_STARTS, len(free)))
+        weights = from_tolerances(self.view.data, self.tolerances)
+        root = weights.roots(self.view.data)
+        errors = errors_at(self.view, self.space.problem(spec), spec, stated)
+        objective = np.sum((root[:, None] * errors) ** 2, axis=0) + np.sum(stated**2, axis=1)
+        best = int(np.argmin(objective))
+        return stated[best if objective[best] < 0.5 * objective[0] else 0]
+
+    def _best_start(self, spec: ModelSpec, before: Fit, label: str) -> np.ndarray:
+        """Return where a model with one more addition begins: the best of a few starts, after some steps each.
+
+        The weights are those of the tolerances. Under those of the model before, a channel with a large error would
+        count for nothing, and the addition that explains it would stay unused.
+        """
+        candidate, place = self.space.candidates[label], list(self.space.layout.of[label])
+        free, scored, starts = list(before.spec.free), self.fit(before.added).spec.free, []
+        for scores in (self.scores(before.added), self.scores_by_tolerance(before.added)):
+            gain = next((one for one in scores.gains() if one.label == label), None)
+            if gain is not None:
+                starts.append(before.x.copy())
+                # Scores are of the model with its curves: of their steps, a model without curves takes its own.
+                step = dict(zip(scored, gain.base_step, strict=False))
+                starts[-1][free] += [step.get(number, 0.0) for number in free]
+                starts[-1][place] = gain.start
+        if not candidate.is_vector:
+            starts.append(before.x.copy())
+            starts[-1][place] = candidate.probes[len(candidate.probes) // 2] if candidate.probes else 0.0
+        if not starts:
+            starts.append(before.x.copy())
+        weights = from_tolerances(self.view.data, self.tolerances)
+        points = at_once(lambda x: descend(self.view, spec, weights, x, steps=STEPS, flat=0.5), starts)
+        best = min(points, key=lambda one: one.objective)
+        if candidate.reach:
+            best = best_along(self.view, spec, weights, candidate, best)
+        return best.x
+
+    # Scores
+
+    def scores(self, labels: Sequence[str]) -> Scores:
+        """Return the expected gains of all candidates over a model, under its own weights; computed once."""
+        return self._scores_of(self.space.key(labels))[0]
+
+    def scores_by_tolerance(self, labels: Sequence[str]) -> Scores:
+        """Return the same with errors of a tolerance as weights.
+
+        Under its own weights a model counts a channel that it misses for nothing, and what would explain it too.
+        """
+        return self._scores_of(self.space.key(labels))[1]
+
+    def _scores_of(self, key: Labels) -> tuple[Scores, Scores]:
+        if key not in self._scores:
+            fit = self.fit(key)
+            screened = screen(self.view, fit.spec, fit.x)
+            weights = from_tolerances(self.view.data, self.tolerances)
+            self._scores[key] = (self._scored(fit, screened), self._scored(fit, screened, weights))
+        return self._scores[key]
+
+    def scores_at(self, fit: Fit, groups: Sequence[str]) -> Scores:
+        """Return the expected gains of the candidates of some groups over a model."""
+        return self._scored(fit, screen(self.view, fit.spec, fit.x, groups))
+
+    def _scored(self, fit: Fit, screened: Screen, likelihood: Likelihood | None = None) -> Scores:
+        is_common = np.array([self.space.layout.runs[place] < 0 for place in fit.spec.free])
+        return Scores(screened, self.view.data, fit, self.space.candidates, is_common, likelihood)
+
+
+def _why_no_readings(case: Case) -> str:
+    """Return why there are no readings to calibrate with, and what to do."""
+    read = {name for run in case.runs if run.split == "fit" for name in run.measured.outputs}
+    if not read:
+        return 'no fit run has a reading; set split = "fit" for at least one run with a measured column'
+    return (
+        f"{' and '.join(sorted(read))} never change in the fit runs and have no stated noise, so they carry no "
+        "information; state the noise under [sensors], or measure a quantity that changes"
+    )

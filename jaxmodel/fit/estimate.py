@@ -1,0 +1,187 @@
+"""Calibration of a model: unknowns, the amplitudes of its curves, and the weights of its errors, in turn."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Mapping
+
+import numpy as np
+
+from jaxmodel.fit.gauss_newton import FLAT, descend
+from jaxmodel.fit.likelihood import Likelihood, from_errors, from_tolerances
+from jaxmodel.fit.linearisation import Linearisation, log_evidence
+from jaxmodel.fit.space import ModelSpec, View
+
+# Amplitudes tried for a curve, in units of its usual size; the smallest is none. Assumed.
+NONE = 1e-3
+AMPLITUDES = (NONE, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
+# Sd of the logarithm of an amplitude above its usual size; below it any is as likely. Assumed.
+RARER = 1.0
+# Log evidence that a change of an amplitude must gain, and rounds of the search over all curves. Assumed.
+_GAIN, _PASSES = 0.1, 4
+# Steps before the weights are known, of each round after it, and most rounds. Assumed.
+FIRST_STEPS, STEPS, ROUNDS = 10, 6, 8
+# A change of the logarithm of a weight that asks for another round. Assumed.
+_MOVED = 0.02
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Fit:
+    """A calibrated model.
+
+    Attributes:
+        spec: the model, with the amplitudes of its curves.
+        added: its additions to the model of the case, without curves.
+        x: (unknowns,) calibrated coordinates.
+        errors: (n,) measured minus predicted.
+        likelihood: the weights of its errors.
+        linear: the model linearised there.
+        objective: Q.
+        promise: what a Newton step would still gain of it.
+    """
+
+    spec: ModelSpec
+    added: tuple[str, ...]
+    x: np.ndarray
+    errors: np.ndarray
+    likelihood: Likelihood
+    linear: Linearisation
+    objective: float
+    promise: float
+
+    @property
+    def converged(self) -> bool:
+        """Return True at a minimum."""
+        return self.promise < 2.0 * max(1.0, 0.01 * self.objective)
+
+    @property
+    def free(self) -> np.ndarray:
+        """Return the free coordinates, (k,)."""
+        return self.x[list(self.spec.free)]
+
+    @property
+    def pulls(self) -> np.ndarray:
+        """Return the distance of each free unknown from its prior mean, in prior sd, (k,)."""
+        return self.free * np.sqrt(self.spec.precision)
+
+    @functools.cached_property
+    def gram(self):
+        """Return the Gram factors of all readings under the model's own weights."""
+        return self.linear.under(self.likelihood)
+
+    @functools.cached_property
+    def covariance(self) -> np.ndarray:
+        """Return the covariance of the free unknowns' coordinates, (k, k): the tempered posterior."""
+        return np.linalg.inv(self.gram.square + np.diag(self.spec.precision))
+
+    @functools.cached_property
+    def sd(self) -> np.ndarray:
+        """Return the sd of the free unknowns' coordinates, (k,): the larger of posterior and sandwich over runs.
+
+        The sandwich C (sum g g') C uses how much the slopes g of single runs differ from one another.
+        """
+        slopes: dict[int, np.ndarray] = {}
+        for number, gram in self.linear.block_grams(self.likelihood).items():
+            run = self.linear.runs[number]
+            slopes[run] = slopes.get(run, 0.0) + gram.aim - gram.square @ self.free
+        posterior = np.diag(self.covariance)
+        if len(slopes) < 2:
+            return np.sqrt(posterior)
+        of_runs = np.stack(list(slopes.values()))
+        moved = (of_runs - of_runs.mean(axis=0)) @ self.covariance
+        count = len(of_runs)
+        sandwich = np.minimum(np.sum(moved**2, axis=0) * count / (count - 1.0), 1.0 / self.spec.precision)
+        return np.sqrt(np.maximum(posterior, sandwich))
+
+    def log_evidence(self, likelihood: Likelihood | None = None, shares: np.ndarray | None = None) -> float:
+        """Return the log evidence under some weights, its own by default, with the amplitudes as they are."""
+        gram = self.linear.under(likelihood or self.likelihood, shares)
+        return log_evidence(gram, self.spec.precision)
+
+    def mean_squares(self, view: View) -> dict[str, float]:
+        """Return the mean square error of each channel."""
+        return {
+            name: float(np.mean(np.concatenate([self.errors[rows] for rows in slices]) ** 2))
+            for name, slices in view.data.by_channel.items()
+        }
+
+
+def calibrate(
+    view: View,
+    spec: ModelSpec,
+    start: np.ndarray,
+    tolerances: Mapping[str, float],
+    likelihood: Likelihood | None = None,
+    *,
+    rounds: int = ROUNDS,
+    fixed: bool = False,
+) -> Fit:
+    """Calibrate a model from one start.
+
+    Args:
+        view: the readings.
+        spec: the model; its amplitudes are where the search for them begins.
+        start: (unknowns,) initial coordinates.
+        tolerances: by channel, in its unit: errors of this size are the first weights.
+        likelihood: the first weights, in place of those.
+        rounds: at most so many times weights and amplitudes are estimated again.
+        fixed: the weights stay as given.
+    """
+    weights = likelihood or from_tolerances(view.data, tolerances)
+    channels = view.space.coarse.channels
+    point = descend(view, spec, weights, start, steps=FIRST_STEPS if likelihood is None else STEPS, flat=1.0)
+    linear = Linearisation.of(view.data, channels, point.x[list(spec.free)], point.errors, point.jacobian)
+    for number in range(rounds):
+        before, amplitudes = weights, spec.amplitudes
+        if not fixed:
+            weights = from_errors(view.data, point.errors, degrees_of_freedom(linear, weights, spec))
+        spec = best_amplitudes(view, spec, linear, weights)
+        point = descend(view, spec, weights, point, steps=STEPS, flat=FLAT if number else 0.1)
+        linear = Linearisation.of(view.data, channels, point.x[list(spec.free)], point.errors, point.jacobian)
+        if weights.distance(before) < _MOVED and spec.amplitudes == amplitudes and number:
+            break
+    added = tuple(label for label in spec.labels if view.space.candidates[label].group != "curve")
+    return Fit(spec, added, point.x, point.errors, weights, linear, point.objective, point.promise)
+
+
+def degrees_of_freedom(linear: Linearisation, likelihood: Likelihood, spec: ModelSpec) -> dict[str, float]:
+    """Return how many of each channel's independent readings the unknowns used: the trace of its hat matrix."""
+    whole = linear.under(likelihood)
+    inverse = np.linalg.inv(whole.square + np.diag(spec.precision))
+    return {
+        name: float(np.sum(inverse * gram.square)) * likelihood.channels[name].root ** 2
+        for name, gram in linear.by_channel.items()
+    }
+
+
+def best_amplitudes(view: View, spec: ModelSpec, linear: Linearisation, likelihood: Likelihood) -> ModelSpec:
+    """Return the model with the amplitudes of its curves that have the most evidence, one after the other."""
+    space = view.space
+    curves = [label for label in spec.labels if space.candidates[label].is_vector]
+    if not curves:
+        return spec
+    gram = linear.under(likelihood)
+
+    def score(one: ModelSpec) -> float:
+        rarer = sum((max(0.0, float(np.log(a))) / RARER) ** 2 for a in one.amplitudes.values())
+        return log_evidence(gram, one.precision) - 0.5 * rarer
+
+    best = score(spec)
+    for _ in range(_PASSES):
+        begin = best
+        for label in curves:
+            grid = [a for a in AMPLITUDES if a <= space.candidates[label].largest]
+            place = int(np.argmin(np.abs(np.log(grid) - np.log(spec.amplitudes[label]))))
+            for step in (1, -1):
+                at = place + step
+                while 0 <= at < len(grid):
+                    other = space.spec(spec.labels, {**spec.amplitudes, label: grid[at]})
+                    reached = score(other)
+                    if reached <= best + _GAIN:
+                        break
+                    best, spec, place = reached, other, at
+                    at += step
+        if best - begin < 10.0 * _GAIN:
+            break
+    return spec

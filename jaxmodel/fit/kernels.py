@@ -1,0 +1,164 @@
+"""Predictions of a case as vector instructions of the processor: one kernel for runs and lanes of any number."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import importlib.metadata
+import platform
+import threading
+import warnings
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from jaxmodel.base.errors import Remark
+from jaxmodel.fit.problem import Lane, OneRun, Problem
+from jaxmodel.lanes import ROWS, STEPS, Kernel, NotNative, Pool
+from jaxmodel.model.simulation import Needed, read_track
+
+
+def predicted(problem: Problem, lanes: Sequence[Lane], pool: Pool) -> list[np.ndarray]:
+    """Return the readings of each run, shape (channels, rows, lanes).
+
+    Args:
+        problem: a case.
+        lanes: arrays on the host.
+        pool: of threads.
+
+    Raises:
+        NotNative: an effect has an operation without vector instructions.
+    """
+    # Sensors with a state of their own cost as much as the run: lanes that have none go without.
+    switches = np.stack([lane.switches for lane in lanes])
+    dynamic = _have_dynamic_sensors(problem, switches)
+    if dynamic.any() and not dynamic.all():
+        parts = [
+            predicted(problem, [lane for lane, chosen in zip(lanes, which, strict=True) if chosen], pool)
+            for which in (dynamic, ~dynamic)
+        ]
+        order = np.argsort(np.concatenate([np.flatnonzero(dynamic), np.flatnonzero(~dynamic)]))
+        return [np.concatenate(both, axis=-1)[..., order] for both in zip(*parts, strict=True)]
+    runs = problem.by_run
+    kernel = kernel_of(problem, runs[0], lanes[0])
+    numbers = problem.unknowns.numbers(np.stack([lane.x for lane in lanes]))
+    own: dict[str, Any] = {
+        "numbers": numbers,
+        "mixed": problem.unknowns.mixed(numbers),
+        "switches": switches,
+        "laws": np.stack([lane.laws for lane in lanes]),
+    }
+    jobs = [pool.start(kernel, (*run.shared, dynamic[0]), own, len(lanes), 1, run.sizes) for run in runs]
+    return [np.stack(job.raw()) for job in jobs]
+
+
+def _have_dynamic_sensors(problem: Problem, switches: np.ndarray) -> np.ndarray:
+    """Return, for switches of lanes (lanes, switches), whether each has a sensor with a state."""
+    dynamic = [effect for effect in problem.models.effects if effect.has_state]
+    if any(effect.switch is None for effect in dynamic):
+        return np.ones(len(switches), dtype=bool)
+    places = [problem.switched.index(effect.label) for effect in dynamic]
+    return np.any(switches[:, places] != 0.0, axis=1)
+
+
+def kernel_of(problem: Problem, run: OneRun, lane: Lane) -> Kernel:
+    """Return the kernel of a problem, the same for all that differ only in numbers and in lengths of runs.
+
+    Raises:
+        NotNative: there is none.
+    """
+    leaves, tree = jax.tree.flatten(_shapes(problem, run, lane))
+    statics = eqx.partition(dataclasses.replace(problem, shapes=()), eqx.is_array)[1]
+    rest, rest_tree = jax.tree.flatten(statics)
+    key = (tree, rest_tree, tuple(rest), tuple((leaf.shape, leaf.dtype) for leaf in leaves))
+    with _compiling:
+        kernel = _kernel(_Given(key, problem, are_of_project(map(type, problem.models.effects))))
+    if isinstance(kernel, NotNative):
+        raise kernel
+    return kernel
+
+
+_compiling = threading.Lock()
+
+
+@dataclasses.dataclass(frozen=True)
+class _Given:
+    """A problem, known by what its kernel depends on."""
+
+    key: Any
+    problem: Problem = dataclasses.field(compare=False)
+    of_project: bool = dataclasses.field(compare=False)
+
+
+@functools.lru_cache(maxsize=64)
+def _kernel(given: _Given) -> Kernel | NotNative:
+    problem, (tree, _, _, leaves) = given.problem, given.key
+    shared, own = jax.tree.unflatten(tree, [jax.ShapeDtypeStruct(*leaf) for leaf in leaves])
+
+    def one_lane(shared: Any, own: dict[str, Any]) -> list[jax.Array]:
+        model, track, of_run, dynamic = shared
+        at = problem.model_at(model, of_run, own["numbers"], own["mixed"], own["switches"], own["laws"])
+        readings = read_track(at, track, track.duration_s, Needed(None, dynamic))
+        return [readings[name] for name in problem.channels]
+
+    try:
+        return Kernel(one_lane, shared, own, sizes=(STEPS, ROWS), known_as=_name_of(given))
+    except NotNative as reason:
+        warnings.warn(
+            f"The fits run through XLA, which takes longer: {reason} has no vector instructions yet.",
+            Remark,
+            stacklevel=2,
+        )
+        return reason
+
+
+def _name_of(given: _Given) -> str:
+    """Return what identifies a kernel in other processes; "" with an effect of the user, whose source may change."""
+    text = repr(given.key)
+    return "" if not given.of_project or " at 0x" in text else f"{made_from()} {text}"
+
+
+def are_of_project(classes: Iterable[type]) -> bool:
+    """Return whether all classes are of this project."""
+    return all(one.__module__.partition(".")[0] == "jaxmodel" for one in classes)
+
+
+@functools.cache
+def made_from() -> str:
+    """Return a digest of what a kernel is made from beside its arguments: our source, JAX, the processor."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parents[1].rglob("*.py")):
+        digest.update(path.read_bytes())
+    versions = [importlib.metadata.version(package) for package in ("jax", "jaxlib", "equinox", "numpy")]
+    processor = [platform.machine(), np.show_config(mode="dicts")["SIMD Extensions"]]  # type: ignore[index, call-overload]
+    digest.update(repr((versions, processor)).encode())
+    return digest.hexdigest()
+
+
+def _shapes(problem: Problem, run: OneRun, lane: Lane) -> Any:
+    """Return the shapes of the kernel's arguments, with the lengths that stand for those of a run."""
+    model, track, of_run = run.shared
+    shape = jax.ShapeDtypeStruct
+
+    def like(leaf: Any) -> Any:
+        return shape(np.shape(leaf), np.asarray(leaf).dtype)
+
+    lengths = (
+        shape((STEPS,), np.dtype(float)),
+        {name: shape((STEPS + 1,), values.dtype) for name, values in track.inputs.items()},
+        shape((ROWS - 1,), track.last_step.dtype),
+    )
+    long = eqx.tree_at(lambda t: (t.duration_s, t.inputs, t.last_step), track, lengths)
+    own: dict[str, Any] = {
+        "numbers": shape((of_run.shape[0],), np.dtype(float)),
+        "mixed": [shape((mix.shape[0],), np.dtype(float)) for mix in problem.unknowns.mixes],
+        "switches": shape(np.shape(lane.switches), np.dtype(float)),
+        "laws": shape(np.shape(lane.laws), np.dtype(float)),
+    }
+    shared = (*jax.tree.map(like, (model,)), long, like(of_run), shape((), np.dtype(bool)))
+    return shared, own

@@ -1,0 +1,157 @@
+"""The vector of unknowns of a case: those of the base model, then those of all candidates."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import jax
+import numpy as np
+from jaxtyping import Array
+
+from jaxmodel.base.errors import FitError
+from jaxmodel.case.known import Known
+from jaxmodel.case.records import Case
+from jaxmodel.fit.candidates import Candidate
+from jaxmodel.fit.coordinates import Coordinate, known_coordinate
+from jaxmodel.model.declaration import ParameterInfo, describe
+from jaxmodel.model.parameters import info
+
+# Sd of the initial cell temperature from the first reading, or from the ambient temperature if none is read (K,
+# assumed).
+FIRST_READING_K, AMBIENT_K = 0.5, 0.5
+# Sd of a cell's initial hysteresis, which may be anything between the branches, relative to the loop.
+HYSTERESIS = 0.5
+
+
+@dataclasses.dataclass(frozen=True)
+class Layout:
+    """The order of the vector of unknowns.
+
+    Attributes:
+        coordinates: one for each unknown.
+        runs: for each unknown its run, or -1 for all runs.
+        fixed_in: for each unknown the runs that state an exact value of their own.
+        base: number of unknowns of the base model; those of candidates follow.
+        of: indices of each candidate's unknowns, by label.
+        vectors: unknowns that form one vector of the model: (name, first, one past the last, mix).
+    """
+
+    coordinates: tuple[Coordinate, ...]
+    runs: tuple[int, ...]
+    fixed_in: tuple[tuple[int, ...], ...]
+    base: int
+    of: dict[str, tuple[int, ...]]
+    vectors: tuple[tuple[str, int, int, np.ndarray], ...]
+
+    @property
+    def size(self) -> int:
+        """Return the number of unknowns."""
+        return len(self.coordinates)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the unknowns."""
+        return tuple(coordinate.name for coordinate in self.coordinates)
+
+    @property
+    def targets(self) -> tuple[tuple[str, tuple[int, ...]], ...]:
+        """Return the parameters of the model and the indices of their unknowns, without vectors."""
+        inside = {place for _, first, last, _ in self.vectors for place in range(first, last)}
+        found: dict[str, list[int]] = {}
+        for place, name in enumerate(self.names):
+            if place not in inside:
+                found.setdefault(name, []).append(place)
+        return tuple((name, tuple(places)) for name, places in found.items())
+
+    def places_of(self, labels: Sequence[str]) -> list[int]:
+        """Return the indices of the base model's unknowns and of some candidates'."""
+        return [*range(self.base), *(place for label in labels for place in self.of[label])]
+
+    def of_runs(self, count: int) -> Array:
+        """Return which unknowns apply to which runs, shape (runs, unknowns)."""
+        places = list(zip(self.runs, self.fixed_in, strict=True))
+        return jax.device_put(
+            np.array([[(own < 0 and i not in fixed) or own == i for own, fixed in places] for i in range(count)])
+        )
+
+
+def make_layout(case: Case, candidates: Sequence[Candidate]) -> Layout:
+    """Lay out the unknowns: parameters of the case, of runs, initial states, then those of candidates.
+
+    Raises:
+        FitError: the case declares nothing uncertain.
+    """
+    coordinates, runs, fixed_in = [], [], []
+
+    def add(name: str, known: Known, about: ParameterInfo, run: int = -1, fixed: tuple[int, ...] = ()) -> None:
+        assert known.sd is not None
+        coordinate = known_coordinate(name, known.value, known.sd, about, run)
+        if name == "initial_soc" and "ocv" in case.tables:
+            top = max(float(case.tables["ocv"].soc[-1]), known.value)
+            if known.value + 4.0 * known.sd > top:
+                coordinate = dataclasses.replace(coordinate, ceiling=top)
+        coordinates.append(coordinate)
+        runs.append(run)
+        fixed_in.append(fixed)
+
+    for name, known in case.parameters.items():
+        if known.sd is not None:
+            fixed = tuple(i for i, r in enumerate(case.runs) if name in r.overrides and r.overrides[name].sd is None)
+            add(name, known, info(name), -1, fixed)
+    for name, sds in case.effect_sd.items():
+        table, column = describe(case.catalogue[name]), case.effects[name].get("column", "")
+        for field, sd in sds.items():
+            label = f"{name}:{column}" if column else name
+            add(f"{label}.{field}", Known(float(case.effects[name][field]), sd), table[field])
+    for number, run in enumerate(case.runs):
+        own = dict(run.overrides) | ({"initial_soc": run.initial_soc} if case.kind != "motor" else {})
+        for name, known in own.items():
+            if known.sd is not None:
+                add(name, known, info(name), number)
+    if not coordinates:
+        raise FitError(
+            f"{case.label}: nothing to calibrate; give at least one parameter an uncertainty, "
+            f"as in capacity_Ah = {{ value = 5.2, sd = 0.15 }}."
+        )
+    for number, run in enumerate(case.runs):
+        for name, known in _starts(case, number).items():
+            if name not in run.overrides:
+                add(name, known, info(name), number)
+    base = len(coordinates)
+    of: dict[str, tuple[int, ...]] = {}
+    vectors: dict[str, tuple[str, int, int, np.ndarray]] = {}
+    for candidate in candidates:
+        vector = f"{candidate.effect.label}.values"
+        if candidate.is_vector and vector in vectors:
+            _, first, _, _ = vectors[vector]
+        else:
+            first = len(coordinates)
+            coordinates.extend(candidate.unknowns)
+            runs.extend([candidate.run] * len(candidate.unknowns))
+            fixed_in.extend([()] * len(candidate.unknowns))
+            if candidate.is_vector:
+                vectors[vector] = (vector, first, len(coordinates), candidate.mix)
+        first += candidate.offset
+        of[candidate.label] = tuple(range(first, first + len(candidate.coordinates)))
+    return Layout(tuple(coordinates), tuple(runs), tuple(fixed_in), base, of, tuple(vectors.values()))
+
+
+def _starts(case: Case, number: int) -> dict[str, Known]:
+    """Return the initial states that are always uncertain: temperature and hysteresis of a cell.
+
+    The temperature is the stated one, else the first reading, else the ambient temperature.
+    """
+    if case.kind == "motor":
+        return {}
+    run = case.runs[number]
+    ambient = float(run.measured.inputs["ambient_degC"][0])
+    stated = run.initial_cell_temperature
+    if stated is not None:
+        rise = Known(stated.value - ambient, stated.sd)
+    else:
+        read = run.measured.outputs.get("cell_temperature_degC", np.zeros(0))
+        first = read[:1][np.isfinite(read[:1])]
+        rise = Known(float(first[0]) - ambient, FIRST_READING_K) if first.size else Known(0.0, AMBIENT_K)
+    found = {"initial_hysteresis": Known(0.0, HYSTERESIS)}
+    return found | ({"initial_temperature_rise_K": rise} if rise.sd is not None else {})

@@ -1,0 +1,142 @@
+"""A model linearised at a point: all that is asked of it near there is algebra on a few small matrices.
+
+For each time block and channel the Gram factors J'J, J'y and y'y of the predictions' derivatives J and of the target
+y = e + J x are kept. Weights are one number for each channel, so that evidence, readings left out, bags and intervals
+under any weights and prior sd need no simulation.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from jaxmodel.fit.data import FitData
+from jaxmodel.fit.likelihood import Likelihood
+
+# Time blocks of a run (design).
+PIECES = 16
+
+
+@dataclasses.dataclass(frozen=True)
+class Gram:
+    """The Gram factors of one channel in one block: J'J (k, k), J'y (k,), y'y and the number of readings."""
+
+    square: np.ndarray
+    aim: np.ndarray
+    power: float
+    count: int
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Linearisation:
+    """A model linearised at x.
+
+    Attributes:
+        x: (k,) free coordinates at which it is linearised.
+        blocks: by number of the block, then by channel.
+        runs: by number of the block, that of its run.
+    """
+
+    x: np.ndarray
+    blocks: Mapping[int, Mapping[str, Gram]]
+    runs: Mapping[int, int]
+
+    @classmethod
+    def of(cls, data: FitData, names: Sequence[str], x: np.ndarray, errors: np.ndarray, jacobian: np.ndarray):
+        """Linearise: errors (n,) and the derivatives of the predictions (n, k) at free coordinates x (k,)."""
+        target = errors + jacobian @ x
+        block = data.blocks(PIECES)
+        found: dict[int, dict[str, Gram]] = {}
+        for number in np.unique(block):
+            rows = np.flatnonzero(block == number)
+            for channel in np.unique(data.channel[rows]):
+                mine = rows[data.channel[rows] == channel]
+                part, aim = jacobian[mine], target[mine]
+                gram = Gram(part.T @ part, part.T @ aim, float(aim @ aim), mine.size)
+                found.setdefault(int(number), {})[names[channel]] = gram
+        return cls(x, found, {number: number // PIECES for number in found})
+
+    @functools.cached_property
+    def by_channel(self) -> dict[str, Gram]:
+        """Return the factors of each channel, over all blocks."""
+        return {name: self._sum(name, np.ones(len(self.blocks))) for name in self.names}
+
+    @functools.cached_property
+    def names(self) -> list[str]:
+        """Return the channels."""
+        return list(dict.fromkeys(name for block in self.blocks.values() for name in block))
+
+    def _sum(self, name: str, shares: np.ndarray) -> Gram:
+        parts = [
+            (share, block[name]) for share, block in zip(shares, self.blocks.values(), strict=True) if name in block
+        ]
+        return Gram(
+            np.sum([share * one.square for share, one in parts], axis=0),
+            np.sum([share * one.aim for share, one in parts], axis=0),
+            float(sum(share * one.power for share, one in parts)),
+            int(sum(one.count for _, one in parts)),
+        )
+
+    def under(self, likelihood: Likelihood, shares: np.ndarray | None = None) -> Gram:
+        """Return the factors of all readings under some weights.
+
+        Args:
+            likelihood: the weight of each channel.
+            shares: of each block, how often it counts; once if not given.
+        """
+        grams = self.by_channel if shares is None else {name: self._sum(name, shares) for name in self.names}
+        squared = {name: likelihood.channels[name].root ** 2 for name in grams}
+        return Gram(
+            np.sum([squared[name] * one.square for name, one in grams.items()], axis=0),
+            np.sum([squared[name] * one.aim for name, one in grams.items()], axis=0),
+            float(sum(squared[name] * one.power for name, one in grams.items())),
+            sum(one.count for one in grams.values()),
+        )
+
+    def block_grams(self, likelihood: Likelihood) -> dict[int, Gram]:
+        """Return the factors of each block under some weights."""
+        found = {}
+        for number, block in self.blocks.items():
+            squared = {name: likelihood.channels[name].root ** 2 for name in block}
+            found[number] = Gram(
+                np.sum([squared[name] * one.square for name, one in block.items()], axis=0),
+                np.sum([squared[name] * one.aim for name, one in block.items()], axis=0),
+                float(sum(squared[name] * one.power for name, one in block.items())),
+                sum(one.count for one in block.values()),
+            )
+        return found
+
+    def left_out(self, likelihood: Likelihood, precision: np.ndarray) -> dict[str, float]:
+        """Return, by channel, the mean square error of blocks that were left out one by one."""
+        whole = self.under(likelihood)
+        squares, counts = dict.fromkeys(self.names, 0.0), dict.fromkeys(self.names, 0)
+        for number, gram in self.block_grams(likelihood).items():
+            x = solved(whole.square - gram.square, whole.aim - gram.aim, precision)
+            for name, one in self.blocks[number].items():
+                squares[name] += max(one.power - 2.0 * float(x @ one.aim) + float(x @ one.square @ x), 0.0)
+                counts[name] += one.count
+        return {name: squares[name] / counts[name] for name in self.names}
+
+
+def solved(square: np.ndarray, aim: np.ndarray, precision: np.ndarray) -> np.ndarray:
+    """Return the best coordinates (k,): (J'J + L)^-1 J'y, L the precision (k,) of the priors."""
+    return np.asarray(cho_solve(_factor(square, precision), aim))
+
+
+def _factor(square: np.ndarray, precision: np.ndarray):
+    return cho_factor(square + np.diag(precision), lower=True)
+
+
+def log_evidence(gram: Gram, precision: np.ndarray) -> float:
+    """Return the log evidence of a linear model with priors N(0, 1 / precision), without what all models share.
+
+    -(|y - J x|^2 + x'L x) / 2 - log det(J'J + L) / 2 + log det L / 2 at the best x.
+    """
+    factor = _factor(gram.square, precision)
+    x = cho_solve(factor, gram.aim)
+    least = gram.power - float(x @ gram.aim)
+    return -0.5 * least - float(np.sum(np.log(np.diag(factor[0])))) + 0.5 * float(np.sum(np.log(precision)))

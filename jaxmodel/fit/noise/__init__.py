@@ -1,0 +1,1 @@
+"""The noise of sensors: stated, or from the scatter of the readings."""

@@ -1,0 +1,120 @@
+"""The numbers of a model do not depend on what was fitted before it, and what cannot be calibrated is said."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from jaxmodel.base.errors import EffectError, FitError
+from jaxmodel.case.build import case_model, run_profile
+from jaxmodel.case.known import Known
+from jaxmodel.case.records import Tolerance
+from jaxmodel.effects.curves import CURVES, OF_NO_TABLE
+from jaxmodel.fit.cache import FitCache
+from jaxmodel.model.simulation import simulate
+from tests.diagnosis.made_cases import SMALL_KEPT, cache_of, case_of, run_of, small_cell
+
+HEATING = {"self_heating": {"C_th": 60.0, "hA": 0.1}}
+BOTH = ("self_heating", "ocv_hysteresis")
+
+
+@pytest.fixture(scope="module")
+def warm() -> FitCache:
+    return cache_of(small_cell(HEATING, seed=1), *SMALL_KEPT)
+
+
+def test_a_model_is_fitted_once(warm: FitCache):
+    assert warm.fit(BOTH) is warm.fit(BOTH[::-1])
+    assert warm.base is warm.fit(())
+    assert warm.scores(BOTH) is warm.scores(BOTH[::-1])
+
+
+def test_numbers_do_not_depend_on_what_was_fitted_before(warm: FitCache):
+    """Here the larger model first and all on the way to it later; there the smaller ones, in another order."""
+    large = warm.fit(BOTH)
+    other = cache_of(small_cell(HEATING, seed=1), *SMALL_KEPT)
+    for labels in (("arrhenius_resistance",), ("ocv_hysteresis",), ("self_heating",), BOTH):
+        other.fit(labels)
+    np.testing.assert_array_equal(other.fit(BOTH).x, large.x)
+    assert other.fit(BOTH).likelihood == large.likelihood
+    np.testing.assert_array_equal(other.fit(("ocv_hysteresis",)).x, warm.fit(("ocv_hysteresis",)).x)
+
+
+def test_what_is_hidden_is_found(warm: FitCache):
+    fit = warm.fit(("self_heating",))
+    layout = warm.space.layout
+    numbers = [layout.coordinates[place].number(fit.x[place]) for place in layout.of["self_heating"]]
+    assert numbers == pytest.approx([60.0, 0.1], rel=0.15)
+    before, after = warm.base.mean_squares(warm.view), fit.mean_squares(warm.view)
+    assert after["cell_temperature_degC"] < 0.05 * before["cell_temperature_degC"]
+    assert fit.added == ("self_heating",)
+    assert max(warm.scores(()).gains(), key=lambda one: one.log_evidence).label == "self_heating"
+
+
+def test_curves_belong_to_a_model(warm: FitCache):
+    assert warm.calibrated.spec.labels == ()
+    assert warm.curves_of((), "none") == ()
+    assert warm.curves_of(()) == ("ocv_curve", "series_resistance_curve")
+
+
+def test_effects_are_calibrated_without_curves_too(warm: FitCache):
+    """As `identify` does: the scores that start the fit are those of the model with its curves."""
+    fit = warm.fit(("self_heating",), "none")
+    assert fit.spec.labels == ("self_heating",)
+    assert fit.converged
+    assert fit.mean_squares(warm.view) == pytest.approx(warm.fit(("self_heating",)).mean_squares(warm.view), rel=0.05)
+
+
+def test_curves_of_no_table_and_of_heat_come_where_they_belong():
+    cache = FitCache(small_cell())
+    assert not set(cache.curves_of(())) & set(OF_NO_TABLE)
+    assert set(OF_NO_TABLE) & set(cache.curves_of((), "all")) == {n for n in OF_NO_TABLE if "cell" in CURVES[n].kinds}
+    heat = {name for name, cls in CURVES.items() if "self_heating" in cls.needs}
+    assert heat
+    assert not heat & set(cache.curves_of(()))
+    assert heat <= set(cache.curves_of(("self_heating",)))
+
+
+def test_other_weights_leave_the_model_as_it_is(warm: FitCache):
+    own = warm.fit(("self_heating",))
+    under = warm.under(("self_heating",), warm.base.likelihood)
+    assert under.likelihood is warm.base.likelihood
+    assert warm.fit(("self_heating",)) is own
+
+
+def test_tolerances_are_stated_or_assumed(warm: FitCache):
+    settings = warm.settings
+    assert warm.tolerances["cell_temperature_degC"] == settings.assumed_temperature_K
+    voltages = np.concatenate([run.measured.outputs["voltage_V"] for run in warm.case.runs])
+    assert warm.tolerances["voltage_V"] == pytest.approx(settings.assumed_voltage * np.ptp(voltages))
+    stated = dataclasses.replace(small_cell(), tolerance={"voltage_V": Tolerance(0.004, 0.02)})
+    assert cache_of(stated, "self_heating").tolerances["voltage_V"] == 0.004
+
+
+def test_a_motor_stated_to_stall_is_calibrated_from_another_start() -> None:
+    """At the stated friction no torque starts the motor, and no unknown moves the readings."""
+    voltage = np.repeat([0.0, 1.0, 0.6, 1.2, 0.8], 20)
+    inputs = {"voltage_V": voltage, "load_torque_Nm": 0.0 * voltage, "ambient_degC": 20.0 + 0.0 * voltage}
+    run = run_of(1, inputs, {"speed_rad_s": 0.0 * voltage}, step_s=0.1)
+    truth = case_of("motor", {"R_0": Known(1.2), "k_tau": Known(0.038), "tau_0": Known(0.01)}, [run])
+    speed = np.asarray(simulate(case_model(truth), run_profile(run)).readings["speed_rad_s"])
+    speed = speed + 0.05 * np.random.default_rng(2).standard_normal(speed.size)
+    run = run_of(1, inputs, {"speed_rad_s": speed}, step_s=0.1)
+    known = {"R_0": Known(1.0, 0.3), "k_tau": Known(0.04, 0.004), "tau_0": Known(0.06, 0.03)}
+    cache = cache_of(case_of("motor", known, [run], {"speed_rad_s": 0.05}), "viscous_friction")
+    fit = cache.calibrated
+    stalled = cache.space.predicted(fit.spec, np.zeros(fit.x.size))[run.name]["speed_rad_s"]
+    assert np.max(np.abs(stalled)) < 1e-3
+    assert fit.converged
+    assert np.sqrt(fit.mean_squares(cache.view)["speed_rad_s"]) < 0.075
+
+
+def test_what_cannot_be_calibrated_is_said():
+    case = small_cell()
+    checks = tuple(dataclasses.replace(run, split="check") for run in case.runs)
+    with pytest.raises(FitError, match='set split = "fit" for at least one run'):
+        FitCache(dataclasses.replace(case, runs=checks))
+    with pytest.raises(EffectError, match="'self_heatin' is not a candidate of this case"):
+        FitCache(case, without=["self_heatin"])
