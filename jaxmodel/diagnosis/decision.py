@@ -130,7 +130,7 @@ def _ratio(one: ChannelEvidence) -> float:
 
 
 def _fails_held_out(one: ChannelEvidence, settings: Settings) -> bool:
-    """Return True if the error on check runs is far above that on fit runs, and above a stated tolerance."""
-    if one.stated_tolerance and one.check <= one.tolerance:
+    """Return True if the error on check runs is far above that on fit runs, and above the tolerance."""
+    if one.check <= one.tolerance:
         return False
     return _ratio(one) > settings.held_out_factor

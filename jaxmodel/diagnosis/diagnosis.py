@@ -15,6 +15,7 @@ from jaxmodel.diagnosis.advice.law_file import law_file
 from jaxmodel.diagnosis.advice.next_experiment import best_of_each, propose
 from jaxmodel.diagnosis.decision import ChannelEvidence, Evidence, decide
 from jaxmodel.diagnosis.findings import all_curves, curve_found, law_found, run_found, unknown_sentence
+from jaxmodel.diagnosis.held_out import confirmed, foretold_sd, worse
 from jaxmodel.diagnosis.residuals.statements import statements
 from jaxmodel.diagnosis.residuals.table import ChannelResiduals
 from jaxmodel.diagnosis.result import (
@@ -44,8 +45,6 @@ SOMETHING_ELSE = "something_else"
 UNTESTED, UNTESTED_WITH_ERROR_LEFT = 0.01, 0.05
 # A model more probable than this is a rival; an experiment is proposed for at most so many.
 RIVAL, MOST_RIVALS = 0.05, 3
-# Share of a tolerance by which an error on held-out runs may rise before what came in stays (design).
-WORSE = 0.1
 # An error that exceeds the noise by less than this is noise.
 ABOVE_NOISE = 1.1
 
@@ -132,6 +131,7 @@ def conclude(search: Search, found: Found, wanted: Sequence[str] = (), ordered: 
     """Return the diagnosis of a finished search."""
     cache = search.cache
     cache.report("comparing models")
+    found = confirmed(search, found, wanted)
     labels = found.final.added
     last_fit = cache.fit(labels, "all")
     adjusted = with_adjusted_starts(cache, last_fit)
@@ -139,10 +139,12 @@ def conclude(search: Search, found: Found, wanted: Sequence[str] = (), ordered: 
     steps = [path for path in found.path if path and path != labels]
     ladder += [rung(cache, f"with {' + '.join(path)}", cache.fit(path), compared=True) for path in steps]
     final = rung(cache, f"with {' + '.join(labels) or 'corrected tables'}", last_fit, adjusted)
-    stays = not wanted and _predicts_worse(cache, ladder[0], final)
+    stays = not wanted and bool(worse(cache, ladder[0].errors, final.errors))
     if stays:
         final = dataclasses.replace(ladder[0], name="as stated")
     curves_differ = any(amplitude > 2e-3 for amplitude in last_fit.spec.amplitudes.values())
+    if not stays:
+        final = final.with_foretold(foretold_sd(cache, last_fit, adjusted.x))
     if labels or curves_differ or stays:
         ladder.append(final)
     last = ladder[-1]
@@ -250,18 +252,6 @@ def conclude(search: Search, found: Found, wanted: Sequence[str] = (), ordered: 
         law_source=_law_source(cache, laws),
         corrections=all_curves(cache, last_fit) if last is final and not stays else (),
         ordered=tuple(ordered),
-    )
-
-
-def _predicts_worse(cache: FitCache, stated: Rung, final: Rung) -> bool:
-    """Return True if a channel of the held-out runs is predicted worse than by what came in, and none better."""
-    changes = {
-        name: (one.check - stated.errors[name].check) / max(cache.tolerances[name], 1e-12)
-        for name, one in final.errors.items()
-        if np.isfinite(one.check)
-    }
-    return any(change > WORSE for change in changes.values()) and not any(
-        change < -WORSE for change in changes.values()
     )
 
 

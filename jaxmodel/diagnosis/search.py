@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -55,6 +55,7 @@ class Test:
         plausible: its numbers lie within a few times their usual range, with the right sign.
         material: it reduces the error of a channel by enough.
         worse: channels whose pooled error is larger with it.
+        held_out: what speaks against it on held-out runs; "" if nothing does.
     """
 
     label: str
@@ -65,6 +66,7 @@ class Test:
     plausible: bool
     material: bool
     worse: tuple[str, ...]
+    held_out: str = ""
 
     @property
     def significant(self) -> bool:
@@ -78,6 +80,8 @@ class Test:
 
     def why_not(self) -> str:
         """Return why a significant addition is not named; "" if it is."""
+        if self.held_out:
+            return self.held_out
         if self.share < STABLE:
             return f"it is needed in only {100.0 * self.share:.0f} % of resampled data"
         if self.size_sd < LEAST_SD:
@@ -152,10 +156,15 @@ class Search:
             if model != path[-1]:
                 path.append(model)
                 each(model)
-        final = cache.fit(model)
+        return self.found(model, path, refused, start)
+
+    def found(
+        self, model: Sequence[str], path: Sequence[tuple[str, ...]], refused: Mapping[str, Test], keep: Sequence[str]
+    ) -> Found:
+        """Return the result of a search that ends at a model, with the tests of its additions."""
         tests = {label: self.final_test(model, label) for label in model}
         refused = {label: one for label, one in refused.items() if label not in model}
-        return Found(final, tuple(path), tests, refused, self._rivals(model, start))
+        return Found(self.cache.fit(model), tuple(path), tests, refused, self._rivals(tuple(model), keep))
 
     # What may enter
 

@@ -126,7 +126,7 @@ class _Factor(Curve):
     kinds: ClassVar[tuple[str, ...]] = CELL
     over: ClassVar[str] = "soc"
     typical: ClassVar[float] = 0.15
-    largest: ClassVar[float] = 0.3
+    largest: ClassVar[float] = 0.75
     usual_knots: ClassVar[tuple[float, ...]] = MEDIUM
 
 

@@ -14,7 +14,7 @@ from jaxmodel.case.measurements import KINDS
 from jaxmodel.case.records import Case
 from jaxmodel.effects.curves import CURVES, OF_NO_TABLE
 from jaxmodel.fit.data import collect
-from jaxmodel.fit.estimate import AMPLITUDES, STEPS, Fit, calibrate
+from jaxmodel.fit.estimate import AMPLITUDES, SPREADS, STEPS, Fit, calibrate
 from jaxmodel.fit.gauss_newton import descend, errors_at
 from jaxmodel.fit.lanes import at_once
 from jaxmodel.fit.likelihood import Likelihood, from_tolerances
@@ -30,6 +30,8 @@ Progress = Callable[[str], None]
 # Which curves a model has: none, corrections of tables, those of relations without a table too, or of these only those
 # that imitate none of its additions.
 Curves = Literal["none", "base", "all", "beside"]
+# Log evidence by which a fit from another start must be better. Assumed.
+LEAST_BETTER = 0.5
 # Random points from which the first fit may start, where the stated model stands still. Assumed.
 _RANDOM_STARTS = 15
 
@@ -150,17 +152,36 @@ class FitCache:
             spec = self.space.spec(
                 (*self.curves_of(labels, curves, beside), *labels),
                 {**before.spec.amplitudes, **dict.fromkeys(OF_NO_TABLE, 1.0)},
+                before.spec.spreads,
             )
-            return calibrate(self.view, spec, before.x, self.tolerances, before.likelihood)
-        spec = self._flexible(self.spec(labels, curves))
+            stated = np.zeros_like(before.x)
+            effects = [place for label in labels for place in self.space.layout.of[label]]
+            stated[effects] = before.x[effects]
+            return self._best_of([(spec, before.x, before.likelihood), (self._flexible(spec, 1.0), stated, None)])
+        spec = self._flexible(self.spec(labels, curves), 1.0)
+        if not labels and curves == "none":
+            return calibrate(self.view, spec, self._first_start(spec), self.tolerances)
         if not labels:
-            start = self._first_start(spec) if curves == "none" else self.calibrated.x
-            return calibrate(self.view, spec, start, self.tolerances)
+            held = self._flexible(spec, SPREADS[0])
+            return self._best_of([(spec, self.calibrated.x, None), (held, self._first_start(held), None)])
         last = max(labels, key=self._rank)
         before = self.fit([label for label in labels if label != last], curves)
         return calibrate(self.view, spec, self._best_start(spec, before, last), self.tolerances)
 
-    def _flexible(self, spec: ModelSpec) -> ModelSpec:
+    def _best_of(self, starts: Sequence[tuple[ModelSpec, np.ndarray, Likelihood | None]]) -> Fit:
+        """Return the model with the most evidence of those calibrated from some starts, under the weights of any two.
+
+        A knee of the open-circuit voltage has several places where it fits.
+        """
+        fits = at_once(lambda one: calibrate(self.view, one[0], one[1], self.tolerances, one[2]), starts)
+        best = fits[0]
+        for other in fits[1:]:
+            gained = [other.log_evidence(one.likelihood) - best.log_evidence(one.likelihood) for one in (best, other)]
+            if sum(gained) > 2.0 * LEAST_BETTER:
+                best = other
+        return best
+
+    def _flexible(self, spec: ModelSpec, spread: float) -> ModelSpec:
         """Return a model with its curves as free as they may be, where its calibration begins.
 
         The evidence then takes what is not needed. From stiff curves it may not find the way: the error that they leave
@@ -168,7 +189,9 @@ class FitCache:
         """
         largest = {label: self.space.candidates[label].largest for label in spec.amplitudes}
         return self.space.spec(
-            spec.labels, {label: max(a for a in AMPLITUDES if a <= most) for label, most in largest.items()}
+            spec.labels,
+            {label: max(a for a in AMPLITUDES if a <= most) for label, most in largest.items()},
+            dict.fromkeys(spec.spreads, spread),
         )
 
     def _rank(self, label: str) -> int:

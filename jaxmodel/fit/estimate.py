@@ -16,6 +16,8 @@ from jaxmodel.fit.space import ModelSpec, View
 # Amplitudes tried for a curve, in units of its usual size; the smallest is none. Assumed.
 NONE = 1e-3
 AMPLITUDES = (NONE, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
+# Prior sd tried for a stated charge, in units of its stated sd; the smallest holds it. Assumed.
+SPREADS = (0.1, 0.2, 0.5, 1.0)
 # Sd of the logarithm of an amplitude above its usual size; below it any is as likely. Assumed.
 RARER = 1.0
 # Log evidence that a change of an amplitude must gain, and rounds of the search over all curves. Assumed.
@@ -158,8 +160,9 @@ def degrees_of_freedom(linear: Linearisation, likelihood: Likelihood, spec: Mode
 def best_amplitudes(view: View, spec: ModelSpec, linear: Linearisation, likelihood: Likelihood) -> ModelSpec:
     """Return the model with the amplitudes of its curves that have the most evidence, one after the other."""
     space = view.space
-    curves = [label for label in spec.labels if space.candidates[label].is_vector]
-    if not curves:
+    grids = {label: [a for a in AMPLITUDES if a <= space.candidates[label].largest] for label in spec.amplitudes}
+    grids |= {name: list(SPREADS) for name in spec.spreads}
+    if not grids:
         return spec
     gram = linear.under(likelihood)
 
@@ -167,16 +170,20 @@ def best_amplitudes(view: View, spec: ModelSpec, linear: Linearisation, likeliho
         rarer = sum((max(0.0, float(np.log(a))) / RARER) ** 2 for a in one.amplitudes.values())
         return log_evidence(gram, one.precision) - 0.5 * rarer
 
+    def changed(one: ModelSpec, name: str, size: float) -> ModelSpec:
+        if name in one.spreads:
+            return space.spec(one.labels, one.amplitudes, {**one.spreads, name: size})
+        return space.spec(one.labels, {**one.amplitudes, name: size}, one.spreads)
+
     best = score(spec)
     for _ in range(_PASSES):
         begin = best
-        for label in curves:
-            grid = [a for a in AMPLITUDES if a <= space.candidates[label].largest]
-            place = int(np.argmin(np.abs(np.log(grid) - np.log(spec.amplitudes[label]))))
+        for name, grid in grids.items():
+            place = int(np.argmin(np.abs(np.log(grid) - np.log((spec.amplitudes | spec.spreads)[name]))))
             for step in (1, -1):
                 at = place + step
                 while 0 <= at < len(grid):
-                    other = space.spec(spec.labels, {**spec.amplitudes, label: grid[at]})
+                    other = changed(spec, name, grid[at])
                     reached = score(other)
                     if reached <= best + _GAIN:
                         break

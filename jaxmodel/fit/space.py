@@ -23,6 +23,10 @@ from jaxmodel.model.pieces import run_in_pieces
 from jaxmodel.model.ports import Effect
 
 Labels = tuple[str, ...]
+# Stated numbers of which the stated sd is the most that they may be off: how far they are is for the evidence to say.
+# Free, they take up what a resistance misses at another current; held, they spoil a cell whose stated capacity is not
+# that of the day.
+CHARGES = ("capacity_Ah", "initial_soc")
 # Steps of all fit runs above which a model has a program of its own.
 _WORTH_A_PROGRAM = 30_000
 # Typical size of a law at a port, as a share of the usual value there.
@@ -37,6 +41,7 @@ class ModelSpec:
     Attributes:
         labels: of its additions.
         amplitudes: prior sd of its curves and laws, in units of their usual size.
+        spreads: prior sd of the charges of `CHARGES`, in units of the stated sd.
         free: places of the free unknowns.
         precision: (k,) 1 / sd^2 of the priors of the free unknowns' coordinates; 1 except for curves and laws.
         switches: of the effects with a switch.
@@ -46,6 +51,7 @@ class ModelSpec:
 
     labels: Labels
     amplitudes: dict[str, float]
+    spreads: dict[str, float]
     free: tuple[int, ...]
     precision: np.ndarray
     switches: np.ndarray
@@ -129,6 +135,13 @@ class ModelSpace:
         return self._own[id(whole), effects]
 
     @functools.cached_property
+    def charges(self) -> dict[str, list[int]]:
+        """Return the places of the unknowns of `CHARGES`, of those that are uncertain."""
+        named = [(one.name, place) for place, one in enumerate(self.layout.coordinates[: self.layout.base])]
+        found = {name: [place for own, place in named if own == name] for name in CHARGES}
+        return {name: places for name, places in found.items() if places}
+
+    @functools.cached_property
     def is_large(self) -> bool:
         """Return whether a model is worth a program of its own."""
         return sum(count * steps for count, _, steps in self.coarse.shapes) > _WORTH_A_PROGRAM
@@ -137,13 +150,20 @@ class ModelSpace:
         """Return the problem in which every candidate can be switched on beside a model."""
         return self.fine if spec.is_fine else self.coarse
 
-    def spec(self, labels: Sequence[str], amplitudes: Mapping[str, float] | None = None) -> ModelSpec:
+    def spec(
+        self,
+        labels: Sequence[str],
+        amplitudes: Mapping[str, float] | None = None,
+        spreads: Mapping[str, float] | None = None,
+    ) -> ModelSpec:
         """Return the model with some additions to the base model.
 
         Args:
             labels: of candidates.
             amplitudes: prior sd of curves and laws, in units of their usual size; 1 if not given.
+            spreads: prior sd of the charges of `CHARGES`, in units of the stated sd; 1 if not given.
         """
+        spread = {name: (spreads or {}).get(name, 1.0) for name in self.charges}
         key = self.key(labels)
         given = {label: (amplitudes or {}).get(label, 1.0) for label in key if self.candidates[label].is_vector}
         switches, settings = np.zeros(len(self.coarse.switched)), no_laws(self.case.kind)
@@ -157,7 +177,9 @@ class ModelSpace:
         free, precision = self._free(key), np.ones(self.layout.size)
         for label, amplitude in given.items():
             precision[list(self.layout.of[label])] = amplitude**-2.0
-        return ModelSpec(key, given, free, precision[list(free)], switches, settings, fine)
+        for name, places in self.charges.items():
+            precision[places] = spread[name] ** -2.0
+        return ModelSpec(key, given, spread, free, precision[list(free)], switches, settings, fine)
 
     def _free(self, key: Labels) -> tuple[int, ...]:
         """Return the unknowns of a model that fitted readings depend on: not those of check runs."""

@@ -81,7 +81,7 @@ def given(small_view: View) -> Given:
     errors = measured - base @ x
     candidates = {label: unit(label) for label in ("strong", "weak", "inside", "alias")}
     candidates |= {"one run": unit("one run", "run", run=1), "curve": curve("curve", 4)}
-    spec = ModelSpec((), {}, (0, 1, 2), PRIOR_SD**-2.0, np.zeros(0), np.zeros((0, 0)), False)
+    spec = ModelSpec((), {}, {}, (0, 1, 2), PRIOR_SD**-2.0, np.zeros(0), np.zeros((0, 0)), False)
     directions = tuple(
         Direction(label, () if candidates[label].is_vector else (1.0,), columns) for label, columns in ways.items()
     )

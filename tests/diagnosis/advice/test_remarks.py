@@ -72,7 +72,7 @@ def test_noise_that_is_contradicted_or_not_stated_is_remarked_on() -> None:
 
 def fitted(promise: float, slope: float) -> Fit:
     """A model of two unknowns, the second of them a curve with a narrow prior, and of three readings."""
-    spec = ModelSpec((), {}, (0, 1), np.array([1.0, 100.0]), np.zeros(0), np.zeros((0, 0)), False)
+    spec = ModelSpec((), {}, {}, (0, 1), np.array([1.0, 100.0]), np.zeros(0), np.zeros((0, 0)), False)
     gram = Gram(np.full((2, 2), 3.0 * slope**2), np.zeros(2), 0.0, 3)
     weights = Likelihood({"voltage_V": ChannelWeight(1.0, 1.0, 3)})
     linear = Linearisation(np.zeros(2), {0: {"voltage_V": gram}}, {0: 0})

@@ -1,0 +1,107 @@
+"""What held-out runs say of a model: additions that predict them worse leave it, and how wide its prediction is.
+
+Nothing is fitted to held-out runs. They can only take away: a name that they contradict is not given.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from jaxmodel.diagnosis.result import ChannelError
+from jaxmodel.diagnosis.rungs import rung
+from jaxmodel.diagnosis.search import Found, Search
+from jaxmodel.diagnosis.wording import amount
+from jaxmodel.fit.cache import FitCache
+from jaxmodel.fit.data import collect
+from jaxmodel.fit.estimate import Fit
+from jaxmodel.fit.gauss_newton import linearised
+from jaxmodel.fit.space import View
+
+# Share of a tolerance by which an error on held-out runs may rise (design).
+WORSE = 0.1
+
+
+def worse(cache: FitCache, before: Mapping[str, ChannelError], after: Mapping[str, ChannelError]) -> tuple[str, ...]:
+    """Return the channels of held-out runs that are predicted worse, if no other is predicted better.
+
+    Args:
+        cache: of the case.
+        before: errors of a model, by channel.
+        after: those of another.
+    """
+    changes = {
+        name: (one.check - before[name].check) / max(cache.tolerances[name], 1e-12)
+        for name, one in after.items()
+        if np.isfinite(one.check)
+    }
+    if any(change < -WORSE for change in changes.values()):
+        return ()
+    return tuple(name for name, change in changes.items() if change > WORSE)
+
+
+def confirmed(search: Search, found: Found, keep: Sequence[str] = ()) -> Found:
+    """Return what a search found without the additions that predict held-out runs worse than the model without them.
+
+    Args:
+        search: that found it.
+        found: its result.
+        keep: additions that stay.
+    """
+    cache, model, contradicted = search.cache, found.final.added, {}
+    if all(run.split != "check" for run in cache.case.runs):
+        return found
+    while others := [label for label in model if label not in keep]:
+        own = rung(cache, "", cache.fit(model, "all"), compared=True).errors
+        lost = {}
+        for label in others:
+            rest = [one for one in model if one != label]
+            lacking = rung(cache, "", cache.fit(rest, "all"), compared=True).errors
+            if channels := worse(cache, lacking, own):
+                rise = max((own[name].check - lacking[name].check) / cache.tolerances[name] for name in channels)
+                lost[label] = rise, _raises(channels, lacking, own)
+        if not lost:
+            break
+        label = max(lost, key=lambda one: lost[one][0])
+        cache.report(f"dropping {label}")
+        contradicted[label] = dataclasses.replace(found.tests[label], held_out=lost[label][1])
+        model = tuple(one for one in model if one != label)
+    if not contradicted:
+        return found
+    return search.found(model, (*found.path, model), found.refused | contradicted, keep)
+
+
+def _raises(channels: Sequence[str], before: Mapping[str, ChannelError], after: Mapping[str, ChannelError]) -> str:
+    """Say which errors on check runs rise, from what to what."""
+    parts = []
+    for name in channels:
+        (low, high), unit = amount(name, [before[name].check, after[name].check])
+        parts.append(f"{name} from {low} to {high} {unit}".rstrip())
+    return f"on check runs it raises the error of {' and of '.join(parts)}"
+
+
+def foretold_sd(cache: FitCache, fit: Fit, x: np.ndarray) -> dict[str, float]:
+    """Return, by channel, how uncertain a model's prediction of the check runs is: RMS over readings of its sd.
+
+    sqrt(J C J'), J the derivatives of the predictions by the unknowns and C their covariance, scaled to the sd that the
+    runs show.
+
+    Args:
+        cache: of the case.
+        fit: the model.
+        x: (unknowns,) its coordinates, starts of check runs adjusted.
+    """
+    space, checks = cache.space, [number for number, run in enumerate(cache.case.runs) if run.split == "check"]
+    data = collect(space.fitted, cache.noise, space.coarse.channels, checks, cache.settings)
+    if not data.count:
+        return {}
+    _, jacobian = linearised(View(space, data), space.problem(fit.spec), fit.spec, x)
+    scale = fit.sd / np.sqrt(np.diag(fit.covariance))
+    moved = jacobian * scale
+    variance = np.sum((moved @ fit.covariance) * moved, axis=1)
+    return {
+        name: float(np.sqrt(np.mean(np.concatenate([variance[rows] for rows in slices]))))
+        for name, slices in data.by_channel.items()
+    }
