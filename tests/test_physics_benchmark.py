@@ -88,6 +88,7 @@ def test_draws_keep_to_what_is_stated():
         assert recipe.thermometer == ("cell_temperature_degC" in recipe.noise)
         assert recipe.heat == "lumped" or not recipe.thermometer
         assert (recipe.hysteresis == "silicon") <= SETS[recipe.parameter_set].composite
+        assert recipe.hysteresis == "none" or not SETS[recipe.parameter_set].half_cell
         assert {plan.split for plan in recipe.plans} == {"fit", "check"}
         assert recipe.thermometer or not recipe.fault.startswith("temperature")
 

@@ -19,7 +19,7 @@ from jaxmodel.base.atomic_files import write_whole
 from jaxmodel.base.errors import UserError
 
 WORK = ROOT / ".physics-cases"
-SIMULATION_S = 1800.0  # a simulation that takes longer failed; assumed, a cell takes half a minute to two
+SIMULATION_S = 1800.0  # a simulation that takes longer failed; assumed, a cell takes 5 to 50 s
 ATTEMPTS = 10
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 

@@ -248,7 +248,7 @@ class Reality:
         if loop == "silicon":
             options["open-circuit potential"] = (("single", law), "single")
         elif loop == "positive":
-            options["open-circuit potential"] = law if self._set.half_cell else ("single", law)
+            options["open-circuit potential"] = ("single", law)
         elif loop == "negative":
             options["open-circuit potential"] = (law, "single")
         return options
