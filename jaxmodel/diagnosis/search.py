@@ -35,6 +35,8 @@ LEAST_SD, FURTHEST = 2.0, 3.0
 FURTHEST_SD = 2.0
 # Errors up to so many times the noise, with so many readings for each independent one, are those of a sensor. Assumed.
 ABOVE_NOISE, WHITE = 1.15, 1.5
+# A shift of one run removes at least this share of the noise, as a root mean square over the run. Assumed.
+SEEN = 0.3
 # Pooled error of a channel that a name may add: a twentieth is within what weights and noise do. Assumed.
 NO_WORSE = 0.05
 # Product over channels of the shares of the mean square error that are left, below which one channel pays for another.
@@ -417,7 +419,7 @@ class Search:
         entropy curve and curves of friction and torque too, as far as these are not the addition itself.
         """
         test, cache = self.test(model, label), self.cache
-        if self.is_noise(cache.fit(model)) or not _alike(cache, label):
+        if self.is_noise(cache.fit(model)) or cache.space.candidates[label].group == "law":
             return test
         rest = [one for one in model if one != label]
         richer, before = cache.fit(model, "beside"), cache.fit(rest, "beside", (label,))
@@ -436,8 +438,9 @@ class Search:
         worse, material = self._errors(richer, before)
         if self.is_noise(richer):
             # The errors are those of the sensors, so that evidence needs no check, and what is significant is all that
-            # there was to explain.
-            share, material = 1.0, True
+            # there was to explain. A shift of one run must be seen in that run: of a model that is not quite the cell,
+            # some run is always a little off.
+            share, material = 1.0, candidate.run < 0 or self._shifts(richer, before, candidate.run)
         else:
             share = self._share_of_bags(richer, before) if gained > odds else 0.0
         return Test(
@@ -495,6 +498,16 @@ class Search:
         # One channel may pay for another: where a cell warms in the model too, its resistances change.
         together = np.prod([max(after[name], 1e-300) / max(earlier[name], 1e-300) for name in after])
         return (tuple(dict.fromkeys(worse)) if together > PAID_FOR else ()), material
+
+    def _shifts(self, richer: Fit, before: Fit, run: int) -> bool:
+        """Return True if the error of a channel in one run falls by enough to be seen beside its noise."""
+        data = self.cache.view.data
+        for (_, number), rows in data.chains:
+            if number == run:
+                removed = np.mean(before.errors[rows] ** 2) - np.mean(richer.errors[rows] ** 2)
+                if removed > (SEEN * data.sd[rows][0]) ** 2:
+                    return True
+        return False
 
     def _is_material(self, name: str, before: float, after: float) -> bool:
         """Return True if a channel's mean square error falls by enough.

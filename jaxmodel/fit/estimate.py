@@ -8,9 +8,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from jaxmodel.fit.gauss_newton import FLAT, descend
+from jaxmodel.fit.gauss_newton import FLAT, Point, descend
 from jaxmodel.fit.likelihood import Likelihood, from_errors, from_tolerances
-from jaxmodel.fit.linearisation import Linearisation, log_evidence
+from jaxmodel.fit.linearisation import Linearisation, log_evidence, solved
 from jaxmodel.fit.space import ModelSpec, View
 
 # Amplitudes tried for a curve, in units of its usual size; the smallest is none. Assumed.
@@ -24,6 +24,8 @@ RARER = 1.0
 _GAIN, _PASSES = 0.1, 4
 # Steps before the weights are known, of each round after it, and most rounds. Assumed.
 FIRST_STEPS, STEPS, ROUNDS = 10, 6, 8
+# Passes over weights and amplitudes between two linearisations. Assumed.
+PASSES = 3
 # A change of the logarithm of a weight that asks for another round. Assumed.
 _MOVED = 0.02
 
@@ -135,16 +137,47 @@ def calibrate(
     point = descend(view, spec, weights, start, steps=FIRST_STEPS if likelihood is None else STEPS, flat=1.0)
     linear = Linearisation.of(view.data, channels, point.x[list(spec.free)], point.errors, point.jacobian)
     for number in range(rounds):
-        before, amplitudes = weights, spec.amplitudes
-        if not fixed:
-            weights = from_errors(view.data, point.errors, degrees_of_freedom(linear, weights, spec))
-        spec = best_amplitudes(view, spec, linear, weights)
+        before = (weights, spec)
+        weights, spec = _settled(view, spec, weights, linear, point, 1 if fixed else PASSES, fixed=fixed)
         point = descend(view, spec, weights, point, steps=STEPS, flat=FLAT if number else 0.1)
         linear = Linearisation.of(view.data, channels, point.x[list(spec.free)], point.errors, point.jacobian)
-        if weights.distance(before) < _MOVED and spec.amplitudes == amplitudes and number:
+        if number and _alike(before, (weights, spec)):
             break
     added = tuple(label for label in spec.labels if view.space.candidates[label].group != "curve")
     return Fit(spec, added, point.x, point.errors, weights, linear, point.objective, point.promise)
+
+
+def _settled(
+    view: View,
+    spec: ModelSpec,
+    weights: Likelihood,
+    linear: Linearisation,
+    point: Point,
+    passes: int,
+    *,
+    fixed: bool,
+) -> tuple[Likelihood, ModelSpec]:
+    """Return weights and amplitudes for a model that is linear from a point on, each under the other.
+
+    They ask for one another, and for the errors that they leave. Where the model is linear all of it is algebra: no
+    simulation need follow each change.
+    """
+    errors = point.errors
+    for _ in range(passes):
+        before = (weights, spec)
+        if not fixed:
+            weights = from_errors(view.data, errors, degrees_of_freedom(linear, weights, spec))
+        spec = best_amplitudes(view, spec, linear, weights)
+        if _alike(before, (weights, spec)):
+            break
+        gram = linear.under(weights)
+        errors = point.errors - point.jacobian @ (solved(gram.square, gram.aim, spec.precision) - linear.x)
+    return weights, spec
+
+
+def _alike(before: tuple[Likelihood, ModelSpec], after: tuple[Likelihood, ModelSpec]) -> bool:
+    (old, one), (new, other) = before, after
+    return new.distance(old) < _MOVED and one.amplitudes == other.amplitudes and one.spreads == other.spreads
 
 
 def degrees_of_freedom(linear: Linearisation, likelihood: Likelihood, spec: ModelSpec) -> dict[str, float]:
