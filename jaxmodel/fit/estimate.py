@@ -177,7 +177,8 @@ def _settled(
 
 def _alike(before: tuple[Likelihood, ModelSpec], after: tuple[Likelihood, ModelSpec]) -> bool:
     (old, one), (new, other) = before, after
-    return new.distance(old) < _MOVED and one.amplitudes == other.amplitudes and one.spreads == other.spreads
+    moved = bool(new.distance(old) >= _MOVED)
+    return not moved and (one.amplitudes, one.spreads) == (other.amplitudes, other.spreads)
 
 
 def degrees_of_freedom(linear: Linearisation, likelihood: Likelihood, spec: ModelSpec) -> dict[str, float]:
