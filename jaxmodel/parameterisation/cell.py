@@ -21,6 +21,7 @@ from jaxmodel.parameterisation.relaxation import relaxations, time_constants
 from jaxmodel.parameterisation.resistance import first_sample, step_resistances
 from jaxmodel.parameterisation.result import Extraction, Parameterisation, absent
 from jaxmodel.parameterisation.rows import Rows, rows_of
+from jaxmodel.parameterisation.search import ENERGIES, PRIORS
 from jaxmodel.parameterisation.tables import pooled_sd, table_extractions, tables_of
 from jaxmodel.parameterisation.thermal import Thermal, fit_thermal, thermal_extractions
 
@@ -29,13 +30,15 @@ MERGED_K = 6.0  # temperatures closer than this share a point of the tables
 LEAST_SPAN_K = 4.0  # of all fit runs, for an activation energy to be sought
 WARM_K = 10.0  # a cell that warms by more above its warmest run gets a point there
 FIRST_TAU_S = (4.0, 120.0)  # of the pairs: usual of cells of 2 to 5 A h. Assumed.
-FIRST_ENERGY = {"E_0": 20e3, "E_S": 30e3, "E_L": 30e3}  # J/mol. Assumed.
+FIRST_ENERGY = {name: PRIORS[name][0] for name in ENERGIES}  # J/mol
+LEAST_SPAN = 0.05  # of the state of charge, over which curves have points
 LEAST_HYSTERESIS_V = 0.005
 FIRST_PACE = 40.0
 LEAST_ROWS = 30
 LEAST_FADE = 1e-3
 FADE_SD, OWN_FADE_SD = 0.02, 0.003  # of the capacity from run to run, and of runs that define it. Assumed.
 EXACT = 1e-6
+MOVED_SOC = 0.01  # of a start, from which that is said
 MOST_SHARE_SD = 0.7  # relative sd of C_th or hA from which the data do not give them
 
 
@@ -59,7 +62,7 @@ def parameterise_cell(case: Case, progress: Callable[[str], None] | None = None)
     gaps = hysteresis_gap(slow, 2.0 * ohm)
     fit = _joint(drawn, runs, 2.0 * ohm, gaps, tell)
     tell("heating and cooling")
-    thermal = fit_thermal(runs, fit)
+    thermal = fit_thermal(runs, fit, Q)
     if thermal is not None and max(thermal.C_th_sd / thermal.C_th, thermal.hA_sd / thermal.hA) > MOST_SHARE_SD:
         thermal = None
     varied = any(name.startswith("E_") for name in fit.shape_sd)
@@ -126,7 +129,8 @@ def grid_of(runs: Sequence[Rows], starts: dict[str, Start], capacity_Ah: float) 
             for rows in runs
         ]
     )
-    low, high = float(soc.min()), float(max(soc.max(), low_high(soc)))
+    low = float(np.clip(soc.min(), 0.0, 1.0 - LEAST_SPAN))
+    high = float(np.clip(soc.max(), low + LEAST_SPAN, 1.0))
     levels: list[list[float]] = []
     for middle in sorted(float(np.median(rows.ambient_degC)) for rows in runs):
         if levels and middle - np.mean(levels[-1]) < MERGED_K:
@@ -141,20 +145,27 @@ def grid_of(runs: Sequence[Rows], starts: dict[str, Start], capacity_Ah: float) 
     return Grid(low + (high - low) * FINE, low + (high - low) * COARSE, np.round(degC, 1), free)
 
 
-def low_high(soc: np.ndarray) -> float:
-    """Return the highest state of charge of a grid: at least a little above its lowest."""
-    return float(soc.min()) + 0.05
+def _counted_start(rows: Rows, capacity_Ah: float) -> float:
+    """Return the state of charge at which a run starts: as stated, or counted back from full or empty.
+
+    Where the count of the charge leaves 0 to 1, the stated start is wrong: the run is then full at its fullest, or
+    empty at its emptiest. Where it passes more than the capacity, the end that it leaves further decides.
+    """
+    stated = rows.run.initial_soc.value
+    soc = stated - rows.drawn_Ah / capacity_Ah
+    above, below = max(float(soc.max()) - 1.0, 0.0), max(-float(soc.min()), 0.0)
+    return stated - above if above > below else stated + below
 
 
 def _joint(drawn: Extraction, runs: Sequence[Rows], ohm: float, gaps: Sequence[Extraction], tell) -> JointFit:
     hysteresis = bool(gaps) and float(np.median([gap.value for gap in gaps])) > LEAST_HYSTERESIS_V
     starts = {}
     for rows in runs:
-        stated = rows.run.initial_soc
+        start, stated = _counted_start(rows, drawn.value), rows.run.initial_soc
         h = _initial_h(rows.run) if hysteresis else 0.0
         # Without a run that defines the capacity, that of a run is not told from a shift of its charge.
         fade_sd = EXACT if not drawn.found else OWN_FADE_SD if rows.name in drawn.runs else FADE_SD
-        starts[rows.name] = Start(stated.value, stated.sd, h, fade_sd=fade_sd)
+        starts[rows.name] = Start(start, stated.sd, h, fade_sd=fade_sd)
     grid = grid_of(runs, starts, drawn.value)
     span = float(np.ptp(np.concatenate([np.percentile(rows.degC, [2, 98]) for rows in runs])))
     energies = FIRST_ENERGY if span > LEAST_SPAN_K else {}
@@ -297,7 +308,7 @@ def _run(run: Run, fit: JointFit, typical_Ah: float, heating: bool, hysteresis: 
     if run.name in fit.grid.runs:
         at = fit.layout["soc"].start + fit.grid.runs.index(run.name)
         sd = float(np.sqrt(fit.solution.covariance[at, at]))
-        changes["initial_soc"] = Known(float(np.clip(fit.starts[run.name].soc, 0.0, 1.1)), max(sd, 1e-4))
+        changes["initial_soc"] = Known(float(np.clip(fit.starts[run.name].soc, 0.0, 1.0)), max(sd, 1e-4))
         own = fit.capacity_Ah * (1.0 + fit.starts[run.name].fade)
         if "capacity_Ah" not in run.overrides and abs(own / typical_Ah - 1.0) > LEAST_FADE:
             changes["overrides"] = run.overrides | {"capacity_Ah": Known(own)}
@@ -311,6 +322,13 @@ def _run(run: Run, fit: JointFit, typical_Ah: float, heating: bool, hysteresis: 
 
 def _remarks(fit: JointFit, runs: Sequence[Rows]) -> tuple[str, ...]:
     said = []
+    for rows in runs:
+        stated, now = rows.run.initial_soc.value, _counted_start(rows, fit.capacity_Ah)
+        if abs(now - stated) > MOVED_SOC:
+            said.append(
+                f"From the stated start {stated:.3g}, the charge of {rows.name} counts beyond full or empty; its start "
+                f"is taken as {now:.3g}, counted back from there. Check initial_soc and capacity_Ah."
+            )
     for rows in runs:
         left = float(np.sqrt(np.mean(fit.residuals[rows.name] ** 2)))
         said.append(f"The joint refit leaves {1e3 * left:.3g} mV of {rows.name}.")

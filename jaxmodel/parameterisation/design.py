@@ -28,6 +28,12 @@ SIZE = 100.0  # of a resistance, in typical ones: hardly acts
 LEAST_LEVEL = 0.05  # of the typical resistance: below it a resistance may leave its law as if it were that
 HYSTERESIS_V = 0.1
 EXACT = 1e-6
+# How far curves may bend, as sd beside readings that count as `smoothing.READINGS` readings of `VOLT`. All assumed.
+OCV_V = 0.01  # second difference of U from knot to knot
+SHIFT_V = 0.003  # difference of dU from knot to knot, and a third of its size
+OHM = 0.3  # difference of a resistance from knot to knot, as a share of the typical resistance
+LAW = 0.1  # from one temperature to the next, how far a resistance leaves its Arrhenius law, as a share of it
+OWN = 0.03  # how far a run's initial state of charge and capacity leave what is stated, as a share of their sd
 
 
 def colder(degC: np.ndarray | float) -> np.ndarray:
@@ -168,33 +174,11 @@ class Columns:
         return matrix
 
 
-@dataclasses.dataclass(frozen=True)
-class Smoothness:
-    """How far curves may bend, as sd beside readings that count as `smoothing.READINGS` readings of `VOLT`.
-
-    All are searched; the values here are where the search starts.
-
-    Attributes:
-        ocv: second difference of U from knot to knot [V].
-        shift: difference of dU from knot to knot, and a third of its size [V].
-        ohm: difference of a resistance from knot to knot, as a share of the typical resistance.
-        law: from one temperature to the next, how far a resistance leaves its Arrhenius law, as a share of it.
-        own: how far a run's initial state of charge and capacity leave what is stated, as a share of their sd.
-    """
-
-    ocv: float = 0.01
-    shift: float = 0.003
-    ohm: float = 0.3
-    law: float = 0.1
-    own: float = 0.03
-
-
 def penalties_of(
     grid: Grid,
     shape: Shape,
     starts: Sequence[Start],
     ohm: float,
-    smooth: Smoothness,
     level: dict[str, np.ndarray] | None,
 ) -> list[Penalty]:
     """Return the penalties of all values.
@@ -204,26 +188,25 @@ def penalties_of(
         shape: for the values that are there.
         starts: of the runs of `grid.runs`.
         ohm: typical resistance.
-        smooth: the sd of the penalties.
         level: each resistance over SOC at 25 degC; None: the typical one.
     """
     layout, many = grid.layout(shape), grid.degC.size > 1
-    found = [Penalty(layout["U"], roughness(grid.fine.size, 2) / smooth.ocv**2)]
+    found = [Penalty(layout["U"], roughness(grid.fine.size, 2) / OCV_V**2)]
     over_soc = np.kron(np.eye(grid.degC.size), roughness(grid.coarse.size, 1))
     across = np.kron(roughness(grid.degC.size, 1), np.eye(grid.coarse.size))
     both = np.eye(over_soc.shape[0])
     if many:
-        found.append(Penalty(layout["dU"], (over_soc + both / 9.0) / smooth.shift**2))
+        found.append(Penalty(layout["dU"], (over_soc + both / 9.0) / SHIFT_V**2))
     for name in RESISTANCES:
-        total = over_soc / (smooth.ohm * ohm) ** 2 + both / (SIZE * ohm) ** 2
+        total = over_soc / (OHM * ohm) ** 2 + both / (SIZE * ohm) ** 2
         if many:
             mean = ohm * np.ones(grid.coarse.size) if level is None else np.maximum(level[name], LEAST_LEVEL * ohm)
-            each = np.tile(1.0 / (smooth.law * mean), grid.degC.size)
+            each = np.tile(1.0 / (LAW * mean), grid.degC.size)
             total = total + each[:, None] * across * each
         found.append(Penalty(layout[name], total))
     if shape.g is not None:
         found.append(Penalty(layout["M"], np.eye(1) / HYSTERESIS_V**2))
     sd = [(start.sd or EXACT, start.fade_sd) for start in starts]
     for name, each in (("soc", [one for one, _ in sd]), ("fade", [one for _, one in sd])):
-        found.append(Penalty(layout[name], np.diag([1.0 / (smooth.own * one) ** 2 for one in each])))
+        found.append(Penalty(layout[name], np.diag([1.0 / (OWN * one) ** 2 for one in each])))
     return found

@@ -1,7 +1,7 @@
 """One joint refit of all curves of a cell to all its fit runs: variable projection around linear least squares.
 
-The linear part (`jaxmodel.parameterisation.design`) is solved for given time constants, activation energies and
-smoothness. These are searched for the least error at readings that were left out (`jaxmodel.parameterisation.search`);
+The linear part (`jaxmodel.parameterisation.design`) is solved for given time constants and activation energies.
+These are searched for the least error at readings that were left out (`jaxmodel.parameterisation.search`);
 no run that is not fitted takes part. Readings far from the fit count less (Huber). Initial states of charge and
 capacities of runs move as far as that search finds useful.
 """
@@ -18,7 +18,6 @@ from jaxmodel.parameterisation.design import (
     Columns,
     Grid,
     Shape,
-    Smoothness,
     Start,
     colder,
     penalties_of,
@@ -41,7 +40,6 @@ STEP_SHARE = 0.1  # of the largest current: a change between two readings that i
 SOON_S, LONGEST_SOON_S = 15.0, 1.0  # after a step is judged apart; the longest time that a reading stands for there
 SOON_CHARGE = 0.02  # least share of the charge that flows so soon, for a run to tell of seconds
 ALTERNATIONS = 3  # of values, and weights with initial states of charge
-ROUNDS = 2  # of: weights, then the search
 SOC_STEP = 0.005  # of the slope of the open-circuit voltage
 
 
@@ -52,7 +50,6 @@ class JointFit:
     Attributes:
         grid: the points of the curves.
         shape: time constants and energies.
-        smoothness: of the curves.
         solution: the values and their covariance.
         capacity_Ah: that the state of charge is counted with.
         starts: by run, with the fitted state of charge.
@@ -64,7 +61,6 @@ class JointFit:
 
     grid: Grid
     shape: Shape
-    smoothness: Smoothness
     solution: Solution
     capacity_Ah: float
     starts: dict[str, Start]
@@ -116,6 +112,7 @@ class _Problem:
     stated: dict[str, Start]
     ohm: float
     most: int
+    searched: Sequence[str] = ()
     starts: dict[str, Start] = dataclasses.field(init=False)
     kept: dict[str, np.ndarray] = dataclasses.field(init=False)
     shares: dict[str, np.ndarray] = dataclasses.field(init=False)
@@ -165,16 +162,16 @@ class _Problem:
         levels = [int(np.argmin(np.abs(self.grid.degC - np.median(rows.ambient_degC)))) for rows in self.runs]
         accompanied = [rows.name for rows, at in zip(self.runs, levels, strict=True) if levels.count(at) > 1]
         return Parts(
-            self.grid, columns, targets, self.weights, judged, stated, self.ohm, self.level, accompanied=accompanied
+            self.grid, columns, targets, self.weights, judged, stated, self.ohm, self.level, self.searched, accompanied
         )
 
-    def solved(self, shape: Shape, smoothness: Smoothness) -> tuple[Solution, float, dict[str, np.ndarray]]:
+    def solved(self, shape: Shape) -> tuple[Solution, float, dict[str, np.ndarray]]:
         """Return the solution, the inflation, and the residuals; set weights, starts and levels for the next time."""
         columns, layout = self.columns(), self.grid.layout(shape)
         designs = {name: one.matrix(shape) for name, one in columns.items()}
         targets = {rows.name: self.target(rows, columns[rows.name].moves) for rows in self.runs}
         stated, weights = [self.stated[name] for name in self.grid.runs], self.weights
-        penalties = penalties_of(self.grid, shape, stated, self.ohm, smoothness, self.level)
+        penalties = penalties_of(self.grid, shape, stated, self.ohm, self.level)
         positive = np.zeros(layout["fade"].stop, dtype=bool)
         for name in (*RESISTANCES, "M"):
             positive[layout[name]] = True
@@ -282,20 +279,18 @@ def fit_joint(
         ohm: typical resistance of the cell.
         progress: called with what is done next.
     """
-    small = _Problem(runs, grid, capacity_Ah, starts, ohm, SEARCHED_ROWS)
-    shape, smoothness, spread = first, Smoothness(), {}
-    for number in range(ROUNDS):
-        if progress:
-            progress(f"joint refit, round {number + 1} of {ROUNDS}")
-        for _ in range(ALTERNATIONS):
-            small.solved(shape, smoothness)
-        shape, smoothness, spread = search(small.parts(small.columns()), shape, smoothness, searched)
+    small = _Problem(runs, grid, capacity_Ah, starts, ohm, SEARCHED_ROWS, searched)
+    if progress:
+        progress("joint refit")
+    for _ in range(ALTERNATIONS):
+        small.solved(first)
+    shape, spread = search(small.parts(small.columns()), first)
     full = _Problem(runs, grid, capacity_Ah, starts, ohm, FITTED_ROWS)
     full.starts, full.level, full.slope = dict(small.starts), small.level, small.slope
     for _ in range(ALTERNATIONS - 1):
-        full.solved(shape, smoothness)
-    solution, inflation, left = full.solved(shape, smoothness)
-    return JointFit(grid, shape, smoothness, solution, capacity_Ah, full.starts, left, full.kept, inflation, spread)
+        full.solved(shape)
+    solution, inflation, left = full.solved(shape)
+    return JointFit(grid, shape, solution, capacity_Ah, full.starts, left, full.kept, inflation, spread)
 
 
 def _weights(left: dict[str, np.ndarray], shares: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

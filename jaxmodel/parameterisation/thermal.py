@@ -27,6 +27,9 @@ LONGEST_S = 60.0  # a reading counts as the time it stands for, up to this
 OFFSET_K = 0.5  # sd of the error of the ambient temperature of a run
 SHARE_SD = 0.05  # one node is not the cell: least relative sd. Assumed.
 TAU_S = (60.0, 20_000.0)
+# Heat capacity of a cell for each A h, J/K: 18650s of 3 A h 15 to 17, a 26650 of LiFePO4 30, a pouch of 33 A h 30 to
+# 40; the limits are assumed.
+OF_CAPACITY = (15.0, 60.0)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -42,7 +45,7 @@ class Thermal:
     runs: tuple[str, ...]
 
 
-def fit_thermal(runs: Sequence[Rows], fit: JointFit) -> Thermal | None:
+def fit_thermal(runs: Sequence[Rows], fit: JointFit, capacity_Ah: float) -> Thermal | None:
     """Return the thermal node of the runs with a thermometer; None where none of them warms by `LEAST_RISE_K`."""
     parts = []
     for rows in runs:
@@ -61,7 +64,18 @@ def fit_thermal(runs: Sequence[Rows], fit: JointFit) -> Thermal | None:
     heated = [one for one, rise in zip(parts, _Lines(parts, tau).rises_K, strict=True) if rise >= LEAST_RISE_K]
     if heated and len(heated) < len(parts):
         parts, tau = heated, _time_constant(heated)
-    return _result(parts, tau)
+    return bounded(_result(parts, tau), capacity_Ah)
+
+
+def bounded(found: Thermal, capacity_Ah: float) -> Thermal:
+    """Return the node with a heat capacity that cells have, and its time constant; the sd covers what was found."""
+    low, high = (capacity_Ah * one for one in OF_CAPACITY)
+    C_th = min(max(found.C_th, low), high)
+    if C_th == found.C_th:
+        return found
+    hA = found.hA * C_th / found.C_th
+    C_th_sd, hA_sd = math.hypot(found.C_th_sd, C_th - found.C_th), math.hypot(found.hA_sd, hA - found.hA)
+    return dataclasses.replace(found, C_th=C_th, hA=hA, C_th_sd=C_th_sd, hA_sd=hA_sd)
 
 
 def _time_constant(parts) -> float:

@@ -6,11 +6,12 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from jaxmodel import Known, read_case, simulate_case
 from jaxmodel.base.errors import FitError, MeasurementError
-from jaxmodel.parameterisation import Parameterisation, parameterise
+from jaxmodel.parameterisation import Parameterisation, parameterise, thermal
 from tests.parameterisation import made
 
 SIGMAS = 4.0
@@ -105,6 +106,27 @@ def test_heat_capacity_and_transfer_are_recovered(heated: Parameterisation) -> N
     for name, truth in (("C_th", 60.0), ("hA", 0.2)):
         assert abs(heated[name].value - truth) < SIGMAS * heated[name].sd
     assert set(heated.case.effects["self_heating"]) == {"C_th", "hA"}
+
+
+def test_a_start_that_cannot_be_is_counted_back_and_no_table_leaves_0_to_1(tmp_path: Path) -> None:
+    frames = made.measured({"slow": made.slow(1.0), "pulses": made.pulses(25.0)})
+    found = parameterise(made.raw_cell(frames, starts={"slow": 0.6}))  # a discharge of the whole capacity from SOC 1
+    assert any("slow" in remark and "counted back" in remark for remark in found.remarks)
+    again = read_case(found.write(tmp_path / "out", pictures=False))
+    # What defines the capacity is a start from full, which is not stated: the run ends empty by the stated capacity.
+    drawn_Ah = float(np.sum(frames["slow"]["current_A"])) * 120.0 / 3600.0
+    assert abs(again.runs[0].initial_soc.value - drawn_Ah / found["capacity_Ah"].value) < 0.01
+    for table in again.tables.values():
+        assert table.soc[0] >= 0.0
+        assert table.soc[-1] <= 1.0
+
+
+@pytest.mark.parametrize(("read", "C_th"), [(300.0, 120.0), (10.0, 30.0), (60.0, 60.0)])
+def test_heat_capacity_is_one_that_cells_have(read: float, C_th: float) -> None:
+    found = thermal.bounded(thermal.Thermal(read, 0.5, 1.0, 0.01, 0.1, pd.DataFrame(), ("run",)), made.CAPACITY_AH)
+    assert found.C_th == pytest.approx(C_th)
+    assert found.C_th / found.hA == pytest.approx(read / 0.5)  # the time constant, which readings show best, stays
+    assert abs(found.C_th - read) <= found.C_th_sd
 
 
 def test_one_temperature_gives_no_activation_energy() -> None:
