@@ -10,7 +10,19 @@ import pandas as pd
 import pytest
 
 from benchmarks.real.cases import CASES, build, find_data
-from benchmarks.real.harmless import every_second, noise_doubled, runs_reversed, soc_sd_changed, write_changed
+from benchmarks.real.harmless import (
+    AS_IT_IS,
+    CHANGES,
+    TOLERANCE,
+    counts,
+    every_second,
+    interpolated,
+    noise_scaled,
+    runs_reversed,
+    soc_sd_changed,
+    tolerance_stated,
+    write_changed,
+)
 from benchmarks.real.least_squares import relaxed
 from benchmarks.real.one import diagnose_apart
 from benchmarks.real.reference import reference
@@ -211,19 +223,64 @@ def test_every_second_row_leaves_the_charge_and_half_the_readings():
     assert len(thinner) < len(rows)
 
 
+def test_a_finer_log_has_the_same_charge_and_readings_and_none_across_a_step():
+    rows = pd.DataFrame(
+        {
+            "time_s": [0.0, 30.0, 31.0, 32.0],
+            "current_A": [0.0, 0.0, 6.0, 6.0],
+            "voltage_V": [4.0, 4.1, 3.8, np.nan],
+            "cell_temperature_degC": [20.0, 21.0, 22.0, 22.5],
+        }
+    )
+    finer = interpolated(rows, ["current_A", "ambient_degC"])
+    np.testing.assert_allclose(finer.time_s, [*np.linspace(0, 30, 6), *np.linspace(30.2, 32, 10)])
+    assert np.sum(np.diff(finer.time_s) * finer.current_A.to_numpy()[1:]) == pytest.approx(12.0)
+    pd.testing.assert_frame_equal(finer[::5].reset_index(drop=True), rows)
+    np.testing.assert_allclose(finer.voltage_V[:6], np.linspace(4.0, 4.1, 6))
+    assert finer.cell_temperature_degC[6:10].isna().all()
+    np.testing.assert_allclose(finer.cell_temperature_degC[10:], np.linspace(22.0, 22.5, 6))
+
+
+def test_every_harmless_change_gives_a_case_that_can_be_read(made_cell: Case, tmp_path: Path):
+    folder = made_cell.path.parent
+    written = {change: write_changed(folder, change, tmp_path / str(place)) for place, change in enumerate(CHANGES)}
+    assert all(one is not None and read_case(one).kind == "cell" for one in written.values())
+
+
+def test_the_tolerance_that_is_assumed_is_stated_and_a_stated_one_is_only_written_otherwise(made_cell: Case):
+    text = (made_cell.path.parent / "case.toml").read_text(encoding="utf-8")
+    readings = {"voltage_V": pd.Series([3.0, np.nan, 4.0]), "cell_temperature_degC": pd.Series([20.0, 30.0])}
+    assert 'kind = "cell"' in text
+    stated = tolerance_stated(text, readings)
+    assert "[tolerance]\nvoltage_V = 0.01\ncell_temperature_degC = 1\n" in stated
+    again = tolerance_stated(stated, readings)
+    assert "[tolerance]\nvoltage_V = { rms = 0.01 }\ncell_temperature_degC = { rms = 1 }\n" in again
+    assert again.split("[sensors]")[1] == text.split("[sensors]")[1]
+
+
+def test_only_names_are_judged_and_what_is_possible_is_counted_apart():
+    row = {
+        "case": "one",
+        "named": {AS_IT_IS: ["a"], "noise sd x 2": ["a"], "noise sd / 2": ["a", "b"], TOLERANCE: {"failed": "it fell"}},
+        "possible": {AS_IT_IS: ["b"], "noise sd x 2": [], "noise sd / 2": [], TOLERANCE: []},
+    }
+    assert counts([row]) == {"changes": 3, "change_a_name": 2, "move_what_is_possible": 1}
+
+
 def test_changes_of_the_toml_change_what_they_are_called(made_cell: Case, tmp_path: Path):
     folder = made_cell.path.parent
     changed = {
-        name: read_case(write_changed(folder, name, tmp_path / name) or folder)
-        for name in ("noise sd x 2", "runs reversed", "sd on initial_soc")
+        name: read_case(write_changed(folder, name, tmp_path / name.replace("/", "over")) or folder)
+        for name in ("noise sd x 2", "noise sd / 2", "runs reversed", "sd on initial_soc")
     }
-    assert changed["noise sd x 2"].sensors == {name: 2.0 * sd for name, sd in made_cell.sensors.items()}
+    for name, factor in (("noise sd x 2", 2.0), ("noise sd / 2", 0.5)):
+        assert changed[name].sensors == {column: factor * sd for column, sd in made_cell.sensors.items()}
     assert [run.name for run in changed["runs reversed"].runs] == [run.name for run in reversed(made_cell.runs)]
     assert {run.initial_soc.sd for run in changed["sd on initial_soc"].runs} == {None}
     text = (folder / "case.toml").read_text(encoding="utf-8")
     assert soc_sd_changed(soc_sd_changed(text)) == text
     assert runs_reversed(runs_reversed(text)).split() == text.split()
-    assert noise_doubled(text).split("[sensors]")[0] == text.split("[sensors]")[0]
+    assert noise_scaled(text, 2.0).split("[sensors]")[0] == text.split("[sensors]")[0]
 
 
 # The table

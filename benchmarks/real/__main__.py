@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from benchmarks.real.cases import CASES, WORK, build, find_data
-from benchmarks.real.harmless import judge_harmless
+from benchmarks.real.harmless import counts, judge_harmless
 from benchmarks.real.one import diagnose_apart
 from benchmarks.real.reference import reference
 from benchmarks.real.table import Row, print_rows, print_summary, summary
@@ -53,7 +53,7 @@ def main(
             rows.append(Row(case.name, failed, failed))
     if harmless:
         found = judge_harmless(folders.values(), WORK / "harmless", limit_s)
-        _write(out / "harmless.json", {"machine": machine(), "cases": found})
+        _write(out / "harmless.json", {"machine": machine(), "summary": counts(found), "cases": found})
         return
     for name, folder in folders.items():
         say(f"{name} ...")
