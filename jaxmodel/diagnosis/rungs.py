@@ -62,7 +62,9 @@ def with_adjusted_starts(cache: FitCache, fit: Fit) -> AdjustedStarts:
     # What the model is off in the fitted runs it is off here too, and that is no fault of the start.
     # And that lasts longer than these readings, which together count as one.
     count = max(rows.stop - rows.start for slices in data.by_channel.values() for rows in slices)
-    weights = Likelihood({name: ChannelWeight(one.sd, count, 1) for name, one in fit.likelihood.channels.items()})
+    weights = Likelihood(
+        {name: ChannelWeight(one.sd, float(count), 1) for name, one in fit.likelihood.channels.items()}
+    )
     spec = dataclasses.replace(fit.spec, free=tuple(own), precision=np.ones(len(own)))
     x = descend(view, spec, weights, fit.x, steps=_STEPS).x
     pulls = {
