@@ -192,7 +192,6 @@ class Search:
         group = {label: one.group for label, one in cache.space.candidates.items()}
         of_weights = (cache.scores(model), cache.scores_by_tolerance(model))
         ranked = [[one for one in scores.gains() if self.may_enter(model, one.label)] for scores in of_weights]
-        gains = ranked[0]
         effects: list[Gain] = []
         for one_ranking in ranked:
             effects += [one for one in one_ranking if group[one.label] in ("effect", "sensor")][
@@ -201,7 +200,14 @@ class Search:
         for of_channel in of_weights[0].gains_by_channel():
             leading = [one for one in of_channel if self.may_enter(model, one.label) and group[one.label] == "effect"]
             effects += [one for one in leading[: settings.leading_effects] if one.log_evidence > 0.0]
-        runs = [one for one in gains if group[one.label] == "run"][: settings.refitted_runs]
+        # Of shifts the best of each kind: at a constant current a voltage that reads too low hides a contact.
+        runs: list[Gain] = []
+        for one_ranking in ranked:
+            of_kind: dict[str, Gain] = {}
+            for one in one_ranking:
+                if group[one.label] == "run":
+                    of_kind.setdefault(cache.space.candidates[one.label].effect.label, one)
+            runs += list(of_kind.values())[: settings.refitted_runs]
         # Where a model leaves noise alone, a score is what a refit gains. Where it leaves more, a score only ranks: it
         # is bounded by half the number of independent errors.
         quiet = self.is_noise(cache.fit(model))

@@ -12,7 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jaxmodel.effects.sensors import ANY, SensorEffect
+from jaxmodel.effects.sensors import ANY, CurrentGain, SensorEffect
 from jaxmodel.model.declaration import Scalar, parameter
 from jaxmodel.model.ports import CellContext, Effect, MotorContext
 from jaxmodel.model.sensors import Signal
@@ -103,6 +103,14 @@ class VoltageShift(SensorEffect):
         return value + self.c
 
 
+class GainShift(CurrentGain):
+    """The scale of the current sensor of this run is off: another sensor or range than in other runs."""
+
+    name: ClassVar[str] = "gain_shift"
+    rare: ClassVar[bool] = False
+    kinds: ClassVar[tuple[str, ...]] = ("cell",)
+
+
 class TemperatureShift(SensorEffect):
     """A thermometer reads c too high in this run."""
 
@@ -144,5 +152,13 @@ class AmbientShift(SensorEffect):
 
 SHIFTS: dict[str, type[Effect]] = {
     cls.name: cls
-    for cls in (ContactResistance, HeatTransferShift, FrictionShift, VoltageShift, TemperatureShift, AmbientShift)
+    for cls in (
+        ContactResistance,
+        HeatTransferShift,
+        FrictionShift,
+        VoltageShift,
+        GainShift,
+        TemperatureShift,
+        AmbientShift,
+    )
 }

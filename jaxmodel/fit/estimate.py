@@ -195,9 +195,10 @@ def best_amplitudes(view: View, spec: ModelSpec, linear: Linearisation, likeliho
     """Return the model with the amplitudes of its curves that have the most evidence, one after the other."""
     space = view.space
     grids = {label: [a for a in AMPLITUDES if a <= space.candidates[label].largest] for label in spec.amplitudes}
-    grids |= {name: list(SPREADS) for name in spec.spreads}
     if not grids:
         return spec
+    # Without curves nothing else could take the part of a charge: what is stated of it holds.
+    grids |= {name: list(SPREADS) for name in spec.spreads}
     gram = linear.under(likelihood)
 
     def score(one: ModelSpec) -> float:

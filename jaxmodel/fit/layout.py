@@ -20,6 +20,8 @@ from jaxmodel.model.parameters import info
 # Sd of the initial cell temperature from the first reading, or from the ambient temperature if none is read (K,
 # assumed).
 FIRST_READING_K, AMBIENT_K = 0.5, 0.5
+# Two thermometers differ by no more than this (K, assumed); a cell that seems warmer than its surroundings is.
+THERMOMETERS_DIFFER_K = 2.0
 # Sd of a cell's initial hysteresis, which may be anything between the branches, relative to the loop.
 HYSTERESIS = 0.5
 
@@ -140,7 +142,9 @@ def make_layout(case: Case, candidates: Sequence[Candidate]) -> Layout:
 def _starts(case: Case, number: int) -> dict[str, Known]:
     """Return the initial states that are always uncertain: temperature and hysteresis of a cell.
 
-    The temperature is the stated one, else the first reading, else the ambient temperature.
+    The temperature is the stated one, else the ambient temperature if the first reading differs from it by no more than
+    two thermometers may: were it that reading, a thermometer that is off would have a prior on its side in every run.
+    Else it is the first reading, and that of a check run, whose thermometer is not on trial.
     """
     if case.kind == "motor":
         return {}
@@ -152,6 +156,8 @@ def _starts(case: Case, number: int) -> dict[str, Known]:
     else:
         read = run.measured.outputs.get("cell_temperature_degC", np.zeros(0))
         first = read[:1][np.isfinite(read[:1])]
-        rise = Known(float(first[0]) - ambient, FIRST_READING_K) if first.size else Known(0.0, AMBIENT_K)
+        off = float(first[0]) - ambient if first.size else 0.0
+        at_rest = run.split == "fit" and abs(off) <= THERMOMETERS_DIFFER_K
+        rise = Known(0.0, AMBIENT_K) if at_rest else Known(off, FIRST_READING_K)
     found = {"initial_hysteresis": Known(0.0, HYSTERESIS)}
     return found | ({"initial_temperature_rise_K": rise} if rise.sd is not None else {})

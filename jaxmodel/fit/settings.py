@@ -49,7 +49,10 @@ class Settings:
         3, "effects and sensor faults refitted in each round: the best scores, under each of two sets of weights"
     )
     leading_effects: int = _constant(1, "effects refitted besides for their score in each single channel")
-    refitted_runs: int = _constant(1, "shifts of single runs refitted in each round")
+    refitted_runs: int = _constant(
+        2,
+        "kinds of shifts refitted in each round, of each the best run, under each of two sets of weights",
+    )
     refitted_laws: int = _constant(2, "unknown laws refitted at the end of the search")
     most_rounds: int = _constant(10, "largest number of rounds")
     least_odds: float = _constant(

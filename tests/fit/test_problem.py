@@ -137,9 +137,27 @@ def test_unknowns_are_what_the_case_its_runs_and_the_effects_leave_open(made: tu
     assert layout.places_of(["arrhenius_resistance"]) == [*range(first), first + 3]
     own = layout.coordinates[3]
     assert (own.number(0.0), own.slope(0.0)) == pytest.approx((1.8, 0.1))
-    # A cell's temperature is that of its thermometer's first reading.
+    # The thermometer reads 1 K more than the other: the cell may have been at rest.
     rise = layout.coordinates[layout.names.index("initial_temperature_rise_K")]
-    assert rise.number(0.0) == pytest.approx(1.0)
+    assert rise.number(0.0) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("read_K", "split", "expected_K"), [(1.9, "fit", 0.0), (2.1, "fit", 2.1), (-2.1, "fit", -2.1), (1.9, "check", 1.9)]
+)
+def test_a_cell_starts_at_the_ambient_temperature_or_was_warm(
+    case: Case, read_K: float, split: str, expected_K: float
+) -> None:
+    run = case.runs[0]
+    count = run.measured.time_s.size
+    outputs = run.measured.outputs | {
+        "cell_temperature_degC": run.measured.inputs["ambient_degC"][0] + np.full(count, read_K)
+    }
+    measured = dataclasses.replace(run.measured, outputs=outputs)
+    runs = (dataclasses.replace(run, measured=measured, split=split, initial_cell_temperature=None), *case.runs[1:])
+    layout = make_layout(dataclasses.replace(case, runs=runs), [])
+    places = [p for p, name in enumerate(layout.names) if name == "initial_temperature_rise_K" and layout.runs[p] == 0]
+    assert layout.coordinates[places[0]].number(0.0) == pytest.approx(expected_K)
 
 
 @pytest.mark.parametrize("number", [0, 1, 2])
