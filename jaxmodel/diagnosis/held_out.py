@@ -24,26 +24,30 @@ from jaxmodel.fit.space import View
 WORSE = 0.1
 
 
-def worse(cache: FitCache, before: Mapping[str, ChannelError], after: Mapping[str, ChannelError]) -> tuple[str, ...]:
+def worse(
+    cache: FitCache, before: Mapping[str, ChannelError], after: Mapping[str, ChannelError], beyond: float = 0.0
+) -> tuple[str, ...]:
     """Return the channels of held-out runs that are predicted worse, if no other is predicted better.
 
     Args:
         cache: of the case.
         before: errors of a model, by channel.
         after: those of another.
+        beyond: only errors above so many tolerances count as worse.
     """
-    changes = {
-        name: (one.check - before[name].check) / max(cache.tolerances[name], 1e-12)
-        for name, one in after.items()
-        if np.isfinite(one.check)
-    }
+    tolerance = {name: max(cache.tolerances[name], 1e-12) for name in after}
+    changes = {name: (one.check - before[name].check) / tolerance[name] for name, one in after.items()}
     if any(change < -WORSE for change in changes.values()):
         return ()
-    return tuple(name for name, change in changes.items() if change > WORSE)
+    return tuple(
+        name for name, change in changes.items() if change > WORSE and after[name].check > beyond * tolerance[name]
+    )
 
 
 def confirmed(search: Search, found: Found, keep: Sequence[str] = ()) -> Found:
-    """Return what a search found without the additions that predict held-out runs worse than the model without them.
+    """Return what a search found without the additions that held-out runs contradict.
+
+    They are predicted worse with it than without it, and not within the tolerance.
 
     Args:
         search: that found it.
@@ -59,7 +63,7 @@ def confirmed(search: Search, found: Found, keep: Sequence[str] = ()) -> Found:
         for label in others:
             rest = [one for one in model if one != label]
             lacking = rung(cache, "", cache.fit(rest, "all"), compared=True).errors
-            if channels := worse(cache, lacking, own):
+            if channels := worse(cache, lacking, own, beyond=1.0):
                 rise = max((own[name].check - lacking[name].check) / cache.tolerances[name] for name in channels)
                 lost[label] = rise, _raises(channels, lacking, own)
         if not lost:

@@ -177,6 +177,11 @@ class CurveFound:
         name = self.port.replace("_", " ")
         factor = f" per {self.multiplier}" if self.multiplier else ""
         if not self.unit:
+            if abs(self.value[worst]) > np.log(2.0):
+                times = np.exp(self.value[worst])
+                ends = [np.exp(self.value[worst] + k * self.sd[worst]) for k in (-1.0, 1.0)]
+                said = "what the table says" if self.stated else "that of the model"
+                return f"{name} is {times:.2g} times ({ends[0]:.2g} to {ends[1]:.2g}) {said} at {place}"
             percent = 100.0 * (np.exp(self.value[worst]) - 1.0)
             return f"{name} is off by {percent:+.0f} % at {place} (sd {100.0 * self.sd[worst]:.0f} %)"
         scale, unit = (1e3, f"m{self.unit}") if self.unit.startswith("V") else (1.0, self.unit)

@@ -17,6 +17,9 @@ DIFFERENCE_STEP = 1e-4
 DAMPING = (0.0, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e4)
 # No unknown moves further in one step, in prior sd. Assumed.
 LONGEST_STEP = 30.0
+# Derivatives are kept, with what a step taught of them, while steps gain at least this share of what they foretell,
+# for so many steps: to compute them takes ten times as long as a step. Assumed.
+KEPT, LEARNT = 0.5, 2
 # A fit has converged if a Newton step would gain less than this of Q: a tenth of an sd.
 FLAT = 0.01
 
@@ -108,29 +111,50 @@ def descend(
         return np.sum((root[:, None] * errors) ** 2, axis=0) + np.sum(places[:, free] ** 2 * precision, axis=1)
 
     x = (start.x if isinstance(start, Point) else start).copy()
-    known = (start.errors, start.jacobian) if isinstance(start, Point) else None
-    for _ in range(steps + 1):
-        errors, jacobian = known or linearised(view, problem, spec, x)
-        known = None
+    known = (start.errors, start.jacobian) if isinstance(start, Point) else linearised(view, problem, spec, x)
+    (errors, jacobian), since, left = known, 0, steps
+    while True:
         objective = float(objectives(x[None], errors[:, None])[0])
         white = root[:, None] * jacobian
         slope = white.T @ (root * errors) - precision * x[free]
         square = white.T @ white + np.diag(precision)
-        moves = _moves(square, slope)
+        moves = np.clip(_moves(square, slope), -LONGEST_STEP, LONGEST_STEP)
+        least = flat * max(1.0, 0.01 * objective)
         promise = float(slope @ moves[0])
-        point = Point(x, errors, jacobian, objective, promise)
-        if _ == steps or promise < flat * max(1.0, 0.01 * objective):
-            break
-        places = np.repeat(x[None], len(DAMPING), axis=0)
-        places[:, free] += np.clip(moves, -LONGEST_STEP, LONGEST_STEP)
-        reached = objectives(places, errors_at(view, problem, spec, places))
-        best = int(np.argmin(reached))
-        if not reached[best] < objective - 1e-12 * abs(objective):
-            break
-        if objective - reached[best] < 0.1 * flat * max(1.0, 0.01 * objective):
-            break
+        moved = None
+        if promise >= least and left > 0:
+            places = np.repeat(x[None], len(DAMPING), axis=0)
+            places[:, free] += moves
+            tried = errors_at(view, problem, spec, places)
+            reached = objectives(places, tried)
+            best = int(np.argmin(reached))
+            if objective - reached[best] > max(0.1 * least, 1e-12 * abs(objective)):
+                moved = moves[best]
+        if moved is None:
+            if not since:
+                return Point(x, errors, jacobian, objective, promise)
+            errors, jacobian = linearised(view, problem, spec, x)
+            since, left = 0, left - 1
+            continue
+        foretold = float(2.0 * slope @ moved - moved @ square @ moved)
         x = places[best]
-    return point
+        if since == LEARNT or objective - reached[best] < KEPT * foretold:
+            errors, jacobian, since, left = *linearised(view, problem, spec, x), 0, left - 1
+        else:
+            jacobian = jacobian + _learnt(tried[:, best] - errors + jacobian @ moved, moved, precision)
+            errors, since = tried[:, best], since + 1
+
+
+def _learnt(missed: np.ndarray, moved: np.ndarray, precision: np.ndarray) -> np.ndarray:
+    """Return what a step teaches of the derivatives of the predictions (n, k): Broyden's update.
+
+    Args:
+        missed: (n,) errors after the step, minus those that the derivatives foretold.
+        moved: (k,) the step.
+        precision: (k,) in whose metric the least change is sought.
+    """
+    along = precision * moved
+    return -np.outer(missed, along / float(moved @ along))
 
 
 def _moves(square: np.ndarray, slope: np.ndarray) -> np.ndarray:

@@ -53,6 +53,9 @@ class Settings:
         2,
         "kinds of shifts refitted in each round, of each the best run, under each of two sets of weights",
     )
+    refitted_beside: int = _constant(
+        2, "candidates refitted in a round beside curves of what no table states, where none entered without them"
+    )
     refitted_laws: int = _constant(2, "unknown laws refitted at the end of the search")
     most_rounds: int = _constant(10, "largest number of rounds")
     least_odds: float = _constant(
