@@ -19,7 +19,7 @@ What counts as told:
   `clock_shift`. No run has a clock of its own among the candidates, so that the one of all logs counts if it is of the
   right sign and within a factor of 3; a shift `clock_shift@run` would count too. Held against steps of current only.
 - A current sensor 5 % high in one log of three or more. In one log alone 5 % more current is the same as 5 % more
-  capacity and 5 % less resistance. So what is asked is the run: a `current_gain` of that run tells it; any shift of
+  capacity and 5 % less resistance. So what is asked is the run: a `gain_shift` of that run tells it; any shift of
   that run, a start of that run that was moved, or a `current_gain` of all logs make it possible. With 5 % in all logs
   nothing could be told: capacity and resistances follow.
 
@@ -153,7 +153,7 @@ def _clock(case: str, run: str, late_s: float = LATE_S) -> Planting:
 
 
 def _current(case: str, run: str) -> Planting:
-    told = (Telling((f"current_gain:{CURRENT}@{run}",), "g"),)
+    told = (Telling((f"gain_shift:{CURRENT}@{run}",), "g"),)
     partly = (Telling((f"current_gain:{CURRENT}",)), *_of_run(run))
     return Planting(case, "high current", faults.high_current, HIGH_SHARE, "", CURRENT, (run,), told, partly)
 

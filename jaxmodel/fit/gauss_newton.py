@@ -121,25 +121,22 @@ def descend(
         moves = np.clip(_moves(square, slope), -LONGEST_STEP, LONGEST_STEP)
         least = flat * max(1.0, 0.01 * objective)
         promise = float(slope @ moves[0])
-        moved = None
-        if promise >= least and left > 0:
-            places = np.repeat(x[None], len(DAMPING), axis=0)
-            places[:, free] += moves
-            tried = errors_at(view, problem, spec, places)
-            reached = objectives(places, tried)
-            best = int(np.argmin(reached))
-            if objective - reached[best] > max(0.1 * least, 1e-12 * abs(objective)):
-                moved = moves[best]
-        if moved is None:
+        places = np.repeat(x[None], len(DAMPING), axis=0)
+        places[:, free] += moves
+        tried = errors_at(view, problem, spec, places) if promise >= least and left > 0 else None
+        reached = np.array([objective]) if tried is None else objectives(places, tried)
+        best = int(np.argmin(reached))
+        gained = objective - float(reached[best])
+        if tried is None or gained <= max(0.1 * least, 1e-12 * abs(objective)):
             if not since:
                 return Point(x, errors, jacobian, objective, promise)
             errors, jacobian = linearised(view, problem, spec, x)
             since, left = 0, left - 1
             continue
-        foretold = float(2.0 * slope @ moved - moved @ square @ moved)
-        x = places[best]
-        if since == LEARNT or objective - reached[best] < KEPT * foretold:
-            errors, jacobian, since, left = *linearised(view, problem, spec, x), 0, left - 1
+        x, moved = places[best], moves[best]
+        if since == LEARNT or gained < KEPT * float(2.0 * slope @ moved - moved @ square @ moved):
+            errors, jacobian = linearised(view, problem, spec, x)
+            since, left = 0, left - 1
         else:
             jacobian = jacobian + _learnt(tried[:, best] - errors + jacobian @ moved, moved, precision)
             errors, since = tried[:, best], since + 1
