@@ -17,7 +17,7 @@ import numpy as np
 from jaxmodel.fit.cache import FitCache
 from jaxmodel.fit.candidates import Candidate
 from jaxmodel.fit.coordinates import REACH_OF_ALL
-from jaxmodel.fit.estimate import NONE, RARER, Fit, best_amplitudes
+from jaxmodel.fit.estimate import NONE, Fit, best_amplitudes, rarer
 from jaxmodel.fit.lanes import at_once
 from jaxmodel.fit.likelihood import Likelihood
 from jaxmodel.fit.linearisation import log_evidence, solved
@@ -380,9 +380,8 @@ class Search:
             loose: unknowns whose stated values are not held to.
         """
         spec = best_amplitudes(self.cache.view, fit.spec, fit.linear, likelihood)
-        rarer = sum((max(0.0, float(np.log(a))) / RARER) ** 2 for a in spec.amplitudes.values())
         precision = np.where(np.isin(spec.free, list(loose)), spec.precision / REACH_OF_ALL**2, spec.precision)
-        return log_evidence(fit.linear.under(likelihood), precision) - 0.5 * rarer
+        return log_evidence(fit.linear.under(likelihood), precision) - rarer(spec)
 
     def gain(self, richer: Fit, before: Fit) -> float:
         """Return the log evidence that a richer model gains over another, under the richer one's weights.

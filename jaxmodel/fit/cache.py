@@ -14,7 +14,7 @@ from jaxmodel.case.measurements import KINDS
 from jaxmodel.case.records import Case
 from jaxmodel.effects.curves import CURVES, OF_NO_TABLE
 from jaxmodel.fit.data import collect
-from jaxmodel.fit.estimate import AMPLITUDES, SPREADS, STEPS, Fit, calibrate
+from jaxmodel.fit.estimate import AMPLITUDES, NONE, SPREADS, STEPS, Fit, calibrate, rarer
 from jaxmodel.fit.gauss_newton import descend, errors_at
 from jaxmodel.fit.lanes import at_once
 from jaxmodel.fit.likelihood import Likelihood, from_tolerances
@@ -163,7 +163,14 @@ class FitCache:
             return calibrate(self.view, spec, self._first_start(spec), self.tolerances)
         if not labels:
             held = self._flexible(spec, SPREADS[0])
-            return self._best_of([(spec, self.calibrated.x, None), (held, self._first_start(held), None)])
+            exact = self.space.spec(spec.labels, dict.fromkeys(spec.amplitudes, NONE))
+            return self._best_of(
+                [
+                    (exact, self.calibrated.x, self.calibrated.likelihood),
+                    (spec, self.calibrated.x, None),
+                    (held, self._first_start(held), None),
+                ]
+            )
         last = max(labels, key=self._rank)
         before = self.fit([label for label in labels if label != last], curves)
         return calibrate(self.view, spec, self._best_start(spec, before, last), self.tolerances)
@@ -171,12 +178,18 @@ class FitCache:
     def _best_of(self, starts: Sequence[tuple[ModelSpec, np.ndarray, Likelihood | None]]) -> Fit:
         """Return the model with the most evidence of those calibrated from some starts, under the weights of any two.
 
-        A knee of the open-circuit voltage has several places where it fits.
+        A knee of the open-circuit voltage has several places where it fits, and curves take up what a charge is off.
         """
         fits = at_once(lambda one: calibrate(self.view, one[0], one[1], self.tolerances, one[2]), starts)
         best = fits[0]
         for other in fits[1:]:
-            gained = [other.log_evidence(one.likelihood) - best.log_evidence(one.likelihood) for one in (best, other)]
+            gained = [
+                other.log_evidence(one.likelihood)
+                - rarer(other.spec)
+                - best.log_evidence(one.likelihood)
+                + rarer(best.spec)
+                for one in (best, other)
+            ]
             if sum(gained) > 2.0 * LEAST_BETTER:
                 best = other
         return best

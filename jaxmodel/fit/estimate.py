@@ -16,8 +16,9 @@ from jaxmodel.fit.space import ModelSpec, View
 # Amplitudes tried for a curve, in units of its usual size; the smallest is none. Assumed.
 NONE = 1e-3
 AMPLITUDES = (NONE, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
-# Prior sd tried for a stated charge, in units of its stated sd; the smallest holds it. Assumed.
-SPREADS = (0.1, 0.2, 0.5, 1.0)
+# Prior sd tried for a stated charge, in units of its stated sd: the smallest holds it, and of a wrong one the stated sd
+# is too small. Assumed.
+SPREADS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 # Sd of the logarithm of an amplitude above its usual size; below it any is as likely. Assumed.
 RARER = 1.0
 # Log evidence that a change of an amplitude must gain, and rounds of the search over all curves. Assumed.
@@ -66,8 +67,9 @@ class Fit:
 
     @property
     def pulls(self) -> np.ndarray:
-        """Return the distance of each free unknown from its prior mean, in prior sd, (k,)."""
-        return self.free * np.sqrt(self.spec.precision)
+        """Return the distance of each free unknown from its prior mean in sd, of a charge in its stated sd, (k,)."""
+        is_charge = np.isin(self.spec.free, self.spec.charges)
+        return self.free * np.where(is_charge, 1.0, np.sqrt(self.spec.precision))
 
     @functools.cached_property
     def gram(self):
@@ -191,6 +193,12 @@ def degrees_of_freedom(linear: Linearisation, likelihood: Likelihood, spec: Mode
     }
 
 
+def rarer(spec: ModelSpec) -> float:
+    """Return the log odds against amplitudes and spreads above their usual size."""
+    sizes = (*spec.amplitudes.values(), *spec.spreads.values())
+    return 0.5 * sum((max(0.0, float(np.log(a))) / RARER) ** 2 for a in sizes)
+
+
 def best_amplitudes(view: View, spec: ModelSpec, linear: Linearisation, likelihood: Likelihood) -> ModelSpec:
     """Return the model with the amplitudes of its curves that have the most evidence, one after the other."""
     space = view.space
@@ -202,8 +210,7 @@ def best_amplitudes(view: View, spec: ModelSpec, linear: Linearisation, likeliho
     gram = linear.under(likelihood)
 
     def score(one: ModelSpec) -> float:
-        rarer = sum((max(0.0, float(np.log(a))) / RARER) ** 2 for a in one.amplitudes.values())
-        return log_evidence(gram, one.precision) - 0.5 * rarer
+        return log_evidence(gram, one.precision) - rarer(one)
 
     def changed(one: ModelSpec, name: str, size: float) -> ModelSpec:
         if name in one.spreads:

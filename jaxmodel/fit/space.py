@@ -23,7 +23,7 @@ from jaxmodel.model.pieces import run_in_pieces
 from jaxmodel.model.ports import Effect
 
 Labels = tuple[str, ...]
-# Stated numbers of which the stated sd is the most that they may be off: how far they are is for the evidence to say.
+# Stated numbers of which the evidence is to say how far they are from what is stated.
 # Free, they take up what a resistance misses at another current; held, they spoil a cell whose stated capacity is not
 # that of the day.
 CHARGES = ("capacity_Ah", "initial_soc")
@@ -47,6 +47,7 @@ class ModelSpec:
         switches: of the effects with a switch.
         laws: settings of the laws.
         is_fine: it needs the finer steps of effects that make the armature equations nonlinear.
+        charges: places of the unknowns of `CHARGES`.
     """
 
     labels: Labels
@@ -57,6 +58,7 @@ class ModelSpec:
     switches: np.ndarray
     laws: np.ndarray
     is_fine: bool
+    charges: tuple[int, ...] = ()
 
     def lane(self, x: np.ndarray) -> Lane:
         """Return the lane of the model at coordinates x."""
@@ -179,7 +181,8 @@ class ModelSpace:
             precision[list(self.layout.of[label])] = amplitude**-2.0
         for name, places in self.charges.items():
             precision[places] = spread[name] ** -2.0
-        return ModelSpec(key, given, spread, free, precision[list(free)], switches, settings, fine)
+        charges = tuple(place for places in self.charges.values() for place in places)
+        return ModelSpec(key, given, spread, free, precision[list(free)], switches, settings, fine, charges)
 
     def _free(self, key: Labels) -> tuple[int, ...]:
         """Return the unknowns of a model that fitted readings depend on: not those of check runs."""
