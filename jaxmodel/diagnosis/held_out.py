@@ -27,7 +27,9 @@ WORSE = 0.1
 def worse(
     cache: FitCache, before: Mapping[str, ChannelError], after: Mapping[str, ChannelError], beyond: float = 0.0
 ) -> tuple[str, ...]:
-    """Return the channels of held-out runs that are predicted worse, if no other is predicted better.
+    """Return the channels of held-out runs that are predicted worse, if no other makes up for it.
+
+    Changes of RMS errors count in tolerances.
 
     Args:
         cache: of the case.
@@ -37,7 +39,7 @@ def worse(
     """
     tolerance = {name: max(cache.tolerances[name], 1e-12) for name in after}
     changes = {name: (one.check - before[name].check) / tolerance[name] for name, one in after.items()}
-    if any(change < -WORSE for change in changes.values()):
+    if not sum(change for change in changes.values() if np.isfinite(change)) > WORSE:
         return ()
     return tuple(
         name for name, change in changes.items() if change > WORSE and after[name].check > beyond * tolerance[name]

@@ -16,9 +16,8 @@ from jaxmodel.fit.space import ModelSpec, View
 # Amplitudes tried for a curve, in units of its usual size; the smallest is none. Assumed.
 NONE = 1e-3
 AMPLITUDES = (NONE, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
-# Prior sd tried for a stated charge, in units of its stated sd: the smallest holds it, and of a wrong one the stated sd
-# is too small. Assumed.
-SPREADS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
+# Prior sd tried for a stated charge, in units of its stated sd; the smallest holds it. Assumed.
+SPREADS = (0.1, 0.2, 0.5, 1.0)
 # Sd of the logarithm of an amplitude above its usual size; below it any is as likely. Assumed.
 RARER = 1.0
 # Log evidence that a change of an amplitude must gain, and rounds of the search over all curves. Assumed.
