@@ -14,10 +14,11 @@ from typing import Annotated, Any
 
 import typer
 
+from benchmarks.apart import plain
 from benchmarks.physics.cells import WORK, Cell, cell
 from benchmarks.physics.draw import COUNT, SEED, VERSION
 from benchmarks.physics.judge import Row, summary
-from benchmarks.physics.one import CODE_OF_ANSWERS, CODE_OF_REFERENCES, apart, code, contents, known, plain
+from benchmarks.physics.one import CODE_OF_ANSWERS, CODE_OF_REFERENCES, apart, code, contents, known
 from benchmarks.physics.sets import LEFT_OUT, SETS
 from benchmarks.physics.table import print_rows, print_summary
 from benchmarks.report import machine

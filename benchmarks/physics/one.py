@@ -7,17 +7,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import os
-import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
+from benchmarks.apart import ROOT, plain, run_apart
 from jaxmodel.base.atomic_files import write_whole
 
-ROOT = Path(__file__).parents[2]
 # What an answer depends on beside the case, and the reference.
 CODE_OF_ANSWERS, CODE_OF_REFERENCES = ("jaxmodel",), ("benchmarks/real", "jaxmodel/case")
 
@@ -80,34 +77,12 @@ def apart(folder: Path, out: Path, of: str, limit_s: float, *, refer: bool = Fal
     """
     out.parent.mkdir(parents=True, exist_ok=True)
     out.unlink(missing_ok=True)
-    command = [sys.executable, "-m", "benchmarks.physics.one", str(folder.resolve()), str(out.resolve())]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    began = time.perf_counter()
-    try:
-        done = subprocess.run(
-            [*command, *(("--reference",) if refer else ())],
-            cwd=ROOT,
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=limit_s,
-        )
-        complaint = (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]
-    except subprocess.TimeoutExpired:
-        complaint = f"not done after {limit_s:.0f} s"
-    said: dict[str, Any] = json.loads(out.read_text(encoding="utf-8")) if out.exists() else {"failed": complaint}
-    said |= {"seconds": round(time.perf_counter() - began, 1), "of": of}
-    write_whole(out, json.dumps(said, indent=1) + "\n")
-    return said
-
-
-def plain(what: Any) -> Any:
-    """Return it with null for numbers that do not exist: JSON has no NaN."""
-    if isinstance(what, dict):
-        return {name: plain(value) for name, value in what.items()}
-    if isinstance(what, list | tuple):
-        return [plain(value) for value in what]
-    return None if isinstance(what, float) and not math.isfinite(what) else what
+    words = [str(folder.resolve()), str(out.resolve()), *(("--reference",) if refer else ())]
+    said = run_apart("benchmarks.physics.one", words, limit_s, os.environ | {"PYTHONPATH": str(ROOT)})
+    found: dict[str, Any] = json.loads(out.read_text(encoding="utf-8")) if out.exists() else {"failed": said.complaint}
+    found |= {"seconds": round(said.seconds, 1), "of": of}
+    write_whole(out, json.dumps(found, indent=1) + "\n")
+    return found
 
 
 def main(folder: Path, out: Path, refer: bool) -> None:

@@ -9,16 +9,14 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import math
 import os
-import subprocess
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.real.one import KEPT_PROGRAMS, ROOT
+from benchmarks.apart import ROOT, plain, run_apart
+from benchmarks.real.one import KEPT_PROGRAMS
 
 
 def diagnosed(folder: Path, labels: Sequence[str]) -> dict[str, Any]:
@@ -102,34 +100,14 @@ def diagnose_cached(folder: Path, labels: Sequence[str], limit_s: float, answers
         if kept["fingerprint"] == mark and "failed" not in kept:
             return kept
     environment = {name: value for name, value in os.environ.items() if name not in KEPT_PROGRAMS}
-    command = [sys.executable, "-m", "benchmarks.planted.one", str(folder.resolve()), *labels]
-    began = time.perf_counter()
+    said = run_apart("benchmarks.planted.one", [str(folder.resolve()), *labels], limit_s, environment)
     found: dict[str, Any] = {"fingerprint": mark}
-    try:
-        done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=limit_s)
-    except subprocess.TimeoutExpired:
-        found["failed"] = f"not done after {limit_s:.0f} s"
-    else:
-        if done.returncode:
-            found["failed"] = (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]
-        else:
-            found |= json.loads(done.stdout.strip().splitlines()[-1])
-    found["seconds"] = time.perf_counter() - began
+    found |= {"failed": said.complaint} if said.failed else json.loads(said.output.strip().splitlines()[-1])
+    found["seconds"] = said.seconds
     answers.parent.mkdir(parents=True, exist_ok=True)
     answers.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     return found
 
 
-def finite(what: Any) -> Any:
-    """Return it with null for numbers that do not exist, and plain numbers: JSON has neither NaN nor NumPy."""
-    if isinstance(what, dict):
-        return {name: finite(value) for name, value in what.items()}
-    if isinstance(what, list | tuple):
-        return [finite(value) for value in what]
-    if hasattr(what, "item"):
-        what = what.item()
-    return None if isinstance(what, float) and not math.isfinite(what) else what
-
-
 if __name__ == "__main__":
-    print(json.dumps(finite(diagnosed(Path(sys.argv[1]), sys.argv[2:]))))
+    print(json.dumps(plain(diagnosed(Path(sys.argv[1]), sys.argv[2:]))))

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from benchmarks.apart import plain
 from benchmarks.real.cases import CASES, WORK, build, find_data
 from benchmarks.real.harmless import counts, judge_harmless
 from benchmarks.real.one import diagnose_apart
@@ -72,16 +72,7 @@ def main(
 
 def _write(path: Path, what: dict[str, Any]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(_plain(what), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def _plain(what: Any) -> Any:
-    """Return it with null for numbers that do not exist: JSON has no NaN."""
-    if isinstance(what, dict):
-        return {name: _plain(value) for name, value in what.items()}
-    if isinstance(what, list | tuple):
-        return [_plain(value) for value in what]
-    return None if isinstance(what, float) and not math.isfinite(what) else what
+    path.write_text(json.dumps(plain(what), indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

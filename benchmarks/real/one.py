@@ -8,13 +8,12 @@ from __future__ import annotations
 import json
 import os
 import resource
-import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).parents[2]
+from benchmarks.apart import run_apart
+
 KEPT_PROGRAMS = ("JAX_COMPILATION_CACHE_DIR", "JAXMODEL_CACHE")
 
 
@@ -29,17 +28,11 @@ def said_of(folder: Path) -> dict[str, Any]:
 def diagnose_apart(folder: Path, limit_s: float) -> dict[str, Any]:
     """Return the answer on a case from a process of its own, with `seconds` and `peak_MiB`; or `failed`, why not."""
     environment = {name: value for name, value in os.environ.items() if name not in KEPT_PROGRAMS}
-    command = [sys.executable, "-m", "benchmarks.real.one", str(folder.resolve())]
-    began = time.perf_counter()
-    try:
-        done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=limit_s)
-    except subprocess.TimeoutExpired:
-        return {"failed": f"not done after {limit_s:.0f} s", "seconds": limit_s}
-    seconds = time.perf_counter() - began
-    if done.returncode:
-        last = (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]
-        return {"failed": last, "seconds": seconds}
-    return json.loads(done.stdout.strip().splitlines()[-1]) | {"seconds": seconds}
+    said = run_apart("benchmarks.real.one", [str(folder.resolve())], limit_s, environment)
+    seconds = min(said.seconds, limit_s)
+    if said.failed:
+        return {"failed": said.complaint, "seconds": seconds}
+    return json.loads(said.output.strip().splitlines()[-1]) | {"seconds": seconds}
 
 
 def main(folder: Path) -> None:

@@ -50,7 +50,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
                 "noise_floor": number(diagnosis.noise[channel].sd),
                 "before": _split(before[channel]),
                 "after": _split(after[channel]),
-                "check_foretold_sd": number(after[channel].foretold_sd),
+                "check_prediction_sd": number(after[channel].prediction_sd),
                 "check_as_stated": {
                     "before": number(before[channel].stated),
                     "after": number(after[channel].stated),

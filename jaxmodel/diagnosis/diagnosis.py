@@ -15,7 +15,7 @@ from jaxmodel.diagnosis.advice.law_file import law_file
 from jaxmodel.diagnosis.advice.next_experiment import best_of_each, propose
 from jaxmodel.diagnosis.decision import ChannelEvidence, Evidence, decide
 from jaxmodel.diagnosis.findings import all_curves, curve_found, law_found, run_found, unknown_sentence
-from jaxmodel.diagnosis.held_out import confirmed, foretold_sd, worse
+from jaxmodel.diagnosis.held_out import confirmed, prediction_sd, worse
 from jaxmodel.diagnosis.residuals.statements import statements
 from jaxmodel.diagnosis.residuals.table import ChannelResiduals
 from jaxmodel.diagnosis.result import (
@@ -36,7 +36,7 @@ from jaxmodel.diagnosis.tolerances import fit_for_purpose, tolerances
 from jaxmodel.effects.curves import CURVES
 from jaxmodel.fit.cache import FitCache, Progress
 from jaxmodel.fit.candidates import is_distinguishable
-from jaxmodel.fit.estimate import Fit
+from jaxmodel.fit.estimate import NONE, Fit
 from jaxmodel.fit.lanes import one_thread_of_blas
 from jaxmodel.fit.space import Labels
 
@@ -142,9 +142,9 @@ def conclude(search: Search, found: Found, wanted: Sequence[str] = (), ordered: 
     stays = not wanted and bool(worse(cache, ladder[0].errors, final.errors))
     if stays:
         final = dataclasses.replace(ladder[0], name="as stated")
-    curves_differ = any(amplitude > 2e-3 for amplitude in last_fit.spec.amplitudes.values())
-    if not stays:
-        final = final.with_foretold(foretold_sd(cache, last_fit, adjusted.x))
+    else:
+        final = final.with_prediction_sd(prediction_sd(cache, last_fit, adjusted.x))
+    curves_differ = any(amplitude > NONE for amplitude in last_fit.spec.amplitudes.values())
     if labels or curves_differ or stays:
         ladder.append(final)
     last = ladder[-1]

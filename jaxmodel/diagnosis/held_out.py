@@ -26,30 +26,33 @@ WORSE = 0.1
 
 def worse(
     cache: FitCache, before: Mapping[str, ChannelError], after: Mapping[str, ChannelError], beyond: float = 0.0
-) -> tuple[str, ...]:
+) -> dict[str, float]:
     """Return the channels of held-out runs that are predicted worse, if no other makes up for it.
-
-    Changes of RMS errors count in tolerances.
 
     Args:
         cache: of the case.
         before: errors of a model, by channel.
         after: those of another.
         beyond: only errors above so many tolerances count as worse.
+
+    Returns:
+        By channel the rise of its RMS error, in tolerances.
     """
     tolerance = {name: max(cache.tolerances[name], 1e-12) for name in after}
     changes = {name: (one.check - before[name].check) / tolerance[name] for name, one in after.items()}
     if not sum(change for change in changes.values() if np.isfinite(change)) > WORSE:
-        return ()
-    return tuple(
-        name for name, change in changes.items() if change > WORSE and after[name].check > beyond * tolerance[name]
-    )
+        return {}
+    return {
+        name: change
+        for name, change in changes.items()
+        if change > WORSE and after[name].check > beyond * tolerance[name]
+    }
 
 
 def confirmed(search: Search, found: Found, keep: Sequence[str] = ()) -> Found:
     """Return what a search found without the additions that held-out runs contradict.
 
-    They are predicted worse with it than without it, and not within the tolerance.
+    Held-out runs are predicted worse with such an addition than without it, and not within the tolerance.
 
     Args:
         search: that found it.
@@ -61,22 +64,21 @@ def confirmed(search: Search, found: Found, keep: Sequence[str] = ()) -> Found:
         return found
     while others := [label for label in model if label not in keep]:
         own = rung(cache, "", cache.fit(model, "all"), compared=True).errors
-        lost = {}
+        if not any(one.check > cache.tolerances[name] for name, one in own.items()):
+            break  # within the tolerance nothing is contradicted
+        rises, said = {}, {}
         for label in others:
             rest = [one for one in model if one != label]
             lacking = rung(cache, "", cache.fit(rest, "all"), compared=True).errors
             if channels := worse(cache, lacking, own, beyond=1.0):
-                rise = max((own[name].check - lacking[name].check) / cache.tolerances[name] for name in channels)
-                lost[label] = rise, _raises(channels, lacking, own)
-        if not lost:
+                rises[label], said[label] = max(channels.values()), _raises(list(channels), lacking, own)
+        if not rises:
             break
-        label = max(lost, key=lambda one: lost[one][0])
+        label = max(rises, key=rises.__getitem__)
         cache.report(f"dropping {label}")
-        contradicted[label] = dataclasses.replace(found.tests[label], held_out=lost[label][1])
+        contradicted[label] = dataclasses.replace(found.tests[label], held_out=said[label])
         model = tuple(one for one in model if one != label)
-    if not contradicted:
-        return found
-    return search.found(model, (*found.path, model), found.refused | contradicted, keep)
+    return search.found(model, (*found.path, model), found.refused | contradicted) if contradicted else found
 
 
 def _raises(channels: Sequence[str], before: Mapping[str, ChannelError], after: Mapping[str, ChannelError]) -> str:
@@ -88,8 +90,8 @@ def _raises(channels: Sequence[str], before: Mapping[str, ChannelError], after: 
     return f"on check runs it raises the error of {' and of '.join(parts)}"
 
 
-def foretold_sd(cache: FitCache, fit: Fit, x: np.ndarray) -> dict[str, float]:
-    """Return, by channel, how uncertain a model's prediction of the check runs is: RMS over readings of its sd.
+def prediction_sd(cache: FitCache, fit: Fit, x: np.ndarray) -> dict[str, float]:
+    """Return, by channel, the sd of a model's prediction of the check runs, as RMS over their readings.
 
     sqrt(J C J'), J the derivatives of the predictions by the unknowns and C their covariance, scaled to the sd that the
     runs show.

@@ -38,14 +38,14 @@ class ChannelError:
         check: on check runs, their start adjusted on their first readings.
         stated: on check runs, their start exactly as stated.
         worst: largest error on check runs.
-        foretold_sd: how uncertain the model itself says that its prediction of check runs is, 1 sd; NaN if not asked.
+        prediction_sd: sd of the prediction of check runs, by the model itself; NaN if not asked.
     """
 
     fit: float
     check: float
     stated: float = float("nan")
     worst: float = float("nan")
-    foretold_sd: float = float("nan")
+    prediction_sd: float = float("nan")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,10 +100,10 @@ class Rung:
     readings: int
     by_run: dict[str, dict[str, RunError]] = dataclasses.field(default_factory=dict)
 
-    def with_foretold(self, sd: Mapping[str, float]) -> Rung:
-        """Return the model with the sd that it foretells of its prediction of check runs, by channel."""
+    def with_prediction_sd(self, sd: Mapping[str, float]) -> Rung:
+        """Return the model with the sd of its prediction of check runs, by channel."""
         errors = {
-            name: dataclasses.replace(one, foretold_sd=sd.get(name, one.foretold_sd))
+            name: dataclasses.replace(one, prediction_sd=sd.get(name, one.prediction_sd))
             for name, one in self.errors.items()
         }
         return dataclasses.replace(self, errors=errors)

@@ -59,8 +59,8 @@ def with_adjusted_starts(cache: FitCache, fit: Fit) -> AdjustedStarts:
     if not data.count:
         return AdjustedStarts(fit.x, {})
     view = View(cache.space, data)
-    # What the model is off in the fitted runs it is off here too, and that is no fault of the start.
-    # And that lasts longer than these readings, which together count as one.
+    # What the model is off in the fitted runs it is off here too, and that is no fault of the start. It lasts longer
+    # than these readings, which together count as one.
     count = max(rows.stop - rows.start for slices in data.by_channel.values() for rows in slices)
     weights = Likelihood(
         {name: ChannelWeight(one.sd, float(count), 1) for name, one in fit.likelihood.channels.items()}

@@ -159,15 +159,13 @@ class Search:
             if model != path[-1]:
                 path.append(model)
                 each(model)
-        return self.found(model, path, refused, start)
+        return self.found(model, path, refused)
 
-    def found(
-        self, model: Sequence[str], path: Sequence[tuple[str, ...]], refused: Mapping[str, Test], keep: Sequence[str]
-    ) -> Found:
+    def found(self, model: Sequence[str], path: Sequence[tuple[str, ...]], refused: Mapping[str, Test]) -> Found:
         """Return the result of a search that ends at a model, with the tests of its additions."""
         tests = {label: self.final_test(model, label) for label in model}
         refused = {label: one for label, one in refused.items() if label not in model}
-        return Found(self.cache.fit(model), tuple(path), tests, refused, self._rivals(tuple(model), keep))
+        return Found(self.cache.fit(model), tuple(path), tests, refused, self._rivals(tuple(model)))
 
     # What may enter
 
@@ -295,17 +293,13 @@ class Search:
         cache = self.cache
         while others := [label for label in model if label not in keep]:
             tests = {label: self.test(model, label) for label in others}
-            lost = {label: one.gain - one.odds for label, one in tests.items()}
-            for label in sorted(lost, key=lost.__getitem__):
-                if lost[label] > 0.0 or not self.final_test(model, label).significant:
-                    least = label
-                    break
-            else:
+            weak = [label for label, one in tests.items() if not one.significant]
+            weak.sort(key=lambda label: tests[label].gain - tests[label].odds)
+            needless = next((label for label in weak if not self.final_test(model, label).significant), None)
+            if needless is None:
                 break
-            if lost[least] > 0.0:
-                break
-            cache.report(f"dropping {least}")
-            model = tuple(label for label in model if label != least)
+            cache.report(f"dropping {needless}")
+            model = tuple(label for label in model if label != needless)
         return model
 
     def _exchanged(self, model: tuple[str, ...], keep: Sequence[str]) -> tuple[str, ...]:
@@ -352,7 +346,7 @@ class Search:
                 return True
         return False
 
-    def _rivals(self, model: tuple[str, ...], keep: Sequence[str]) -> dict[str, tuple[tuple[str, ...], ...]]:
+    def _rivals(self, model: tuple[str, ...]) -> dict[str, tuple[tuple[str, ...], ...]]:
         """Return, for each addition, the models with something else in its place that the data do not rule out."""
         cache, found = self.cache, {}
         for label in [one for one in model if _alike(cache, one)]:

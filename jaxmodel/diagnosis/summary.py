@@ -79,11 +79,10 @@ def error_sentence(diagnosis: Diagnosis, channel: str) -> str:
     held_out = np.isfinite(diagnosis.base.errors[channel].check)
     where = "on check runs" if held_out else "on fit runs (there are no check runs)"
     values = f"{before}{unit}" if diagnosis.final is diagnosis.base else f"{before}{unit} before, {after}{unit} after"
-    foretold = diagnosis.final.errors[channel].foretold_sd
-    known = ""
-    if np.isfinite(foretold):
-        (sd,), own = amount(channel, [foretold])
-        known = f"; the model itself expects {sd} {own}".rstrip()
+    predicted, known = diagnosis.final.errors[channel].prediction_sd, ""
+    if np.isfinite(predicted):
+        (sd,), own = amount(channel, [predicted])
+        known = f"; sd of the prediction {sd} {own}".rstrip()
     return f"RMS error of {quantity} {where}: {values}; noise {floor}{unit}{known}."
 
 

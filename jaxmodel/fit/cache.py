@@ -148,57 +148,57 @@ class FitCache:
 
     def _calibrated(self, labels: Labels, curves: Curves, beside: Labels) -> Fit:
         if curves in ("all", "beside"):
-            before = self.fit(labels)
-            spec = self.space.spec(
-                (*self.curves_of(labels, curves, beside), *labels),
-                {**before.spec.amplitudes, **dict.fromkeys(OF_NO_TABLE, 1.0)},
-                before.spec.spreads,
-            )
-            stated = np.zeros_like(before.x)
-            effects = [place for label in labels for place in self.space.layout.of[label]]
-            stated[effects] = before.x[effects]
-            return self._best_of([(spec, before.x, before.likelihood), (self._flexible(spec, 1.0), stated, None)])
+            return self._with_more_curves(labels, self.curves_of(labels, curves, beside))
         spec = self._flexible(self.spec(labels, curves), 1.0)
-        if not labels and curves == "none":
+        if labels:
+            last = max(labels, key=self._rank)
+            before = self.fit([label for label in labels if label != last], curves)
+            return calibrate(self.view, spec, self._best_start(spec, before, last), self.tolerances)
+        if curves == "none":
             return calibrate(self.view, spec, self._first_start(spec), self.tolerances)
-        if not labels:
-            held = self._flexible(spec, SPREADS[0])
-            exact = self.space.spec(spec.labels, dict.fromkeys(spec.amplitudes, NONE))
-            return self._best_of(
-                [
-                    (exact, self.calibrated.x, self.calibrated.likelihood),
-                    (spec, self.calibrated.x, None),
-                    (held, self._first_start(held), None),
-                ]
-            )
-        last = max(labels, key=self._rank)
-        before = self.fit([label for label in labels if label != last], curves)
-        return calibrate(self.view, spec, self._best_start(spec, before, last), self.tolerances)
+        exact = self.space.spec(spec.labels, dict.fromkeys(spec.amplitudes, NONE))
+        held = self._flexible(spec, SPREADS[0])
+        return self._best_of(
+            [
+                (exact, self.calibrated.x, self.calibrated.likelihood),
+                (spec, self.calibrated.x, None),
+                (held, self._first_start(held), None),
+            ]
+        )
+
+    def _with_more_curves(self, labels: Labels, curves: Labels) -> Fit:
+        """Return a model with curves of no table too, from where it is without them and from the stated numbers."""
+        before = self.fit(labels)
+        amplitudes = {**before.spec.amplitudes, **dict.fromkeys(OF_NO_TABLE, 1.0)}
+        spec = self.space.spec((*curves, *labels), amplitudes, before.spec.spreads)
+        stated = np.zeros_like(before.x)
+        effects = [place for label in labels for place in self.space.layout.of[label]]
+        stated[effects] = before.x[effects]
+        return self._best_of([(spec, before.x, before.likelihood), (self._flexible(spec, 1.0), stated, None)])
 
     def _best_of(self, starts: Sequence[tuple[ModelSpec, np.ndarray, Likelihood | None]]) -> Fit:
         """Return the model with the most evidence of those calibrated from some starts, under the weights of any two.
 
         A knee of the open-circuit voltage has several places where it fits, and curves take up what a charge is off.
         """
+
+        def evidence(fit: Fit, weights: Likelihood) -> float:
+            return fit.log_evidence(weights) - rarer(fit.spec)
+
         fits = at_once(lambda one: calibrate(self.view, one[0], one[1], self.tolerances, one[2]), starts)
         best = fits[0]
         for other in fits[1:]:
-            gained = [
-                other.log_evidence(one.likelihood)
-                - rarer(other.spec)
-                - best.log_evidence(one.likelihood)
-                + rarer(best.spec)
-                for one in (best, other)
-            ]
-            if sum(gained) > 2.0 * LEAST_BETTER:
+            weights = (best.likelihood, other.likelihood)
+            if sum(evidence(other, one) - evidence(best, one) for one in weights) > 2.0 * LEAST_BETTER:
                 best = other
         return best
 
     def _flexible(self, spec: ModelSpec, spread: float) -> ModelSpec:
         """Return a model with its curves as free as they may be, where its calibration begins.
 
-        The evidence then takes what is not needed. From stiff curves it may not find the way: the error that they leave
-        keeps the weight of a reading small, and so the evidence for freer ones.
+        `spread` is that of its charges. The evidence then takes what is not needed. From stiff curves it may
+        not find the way: the error that they leave keeps the weight of a reading small, and so the evidence for
+        freer ones.
         """
         largest = {label: self.space.candidates[label].largest for label in spec.amplitudes}
         return self.space.spec(

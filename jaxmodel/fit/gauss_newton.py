@@ -17,7 +17,7 @@ DIFFERENCE_STEP = 1e-4
 DAMPING = (0.0, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e4)
 # No unknown moves further in one step, in prior sd. Assumed.
 LONGEST_STEP = 30.0
-# Derivatives are kept, with what a step taught of them, while steps gain at least this share of what they foretell,
+# Derivatives are kept, with what a step taught of them, while steps gain at least this share of what they predict,
 # for so many steps: to compute them takes ten times as long as a step. Assumed.
 KEPT, LEARNT = 0.5, 2
 # A fit has converged if a Newton step would gain less than this of Q: a tenth of an sd.
@@ -146,7 +146,7 @@ def _learnt(missed: np.ndarray, moved: np.ndarray, precision: np.ndarray) -> np.
     """Return what a step teaches of the derivatives of the predictions (n, k): Broyden's update.
 
     Args:
-        missed: (n,) errors after the step, minus those that the derivatives foretold.
+        missed: (n,) errors after the step, minus those that the derivatives predicted.
         moved: (k,) the step.
         precision: (k,) in whose metric the least change is sought.
     """

@@ -50,8 +50,7 @@ class Settings:
     )
     leading_effects: int = _constant(1, "effects refitted besides for their score in each single channel")
     refitted_runs: int = _constant(
-        2,
-        "kinds of shifts refitted in each round, of each the best run, under each of two sets of weights",
+        2, "kinds of shifts refitted in each round, of each the best run, under each of two sets of weights"
     )
     refitted_beside: int = _constant(
         2, "candidates refitted in a round beside curves of what no table states, where none entered without them"

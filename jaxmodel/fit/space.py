@@ -43,7 +43,7 @@ class ModelSpec:
         amplitudes: prior sd of its curves and laws, in units of their usual size.
         spreads: prior sd of the charges of `CHARGES`, in units of the stated sd.
         free: places of the free unknowns.
-        precision: (k,) 1 / sd^2 of the priors of the free unknowns' coordinates; 1 except for curves and laws.
+        precision: (k,) 1 / sd^2 of the priors of the free unknowns' coordinates; 1 except for charges, curves and laws.
         switches: of the effects with a switch.
         laws: settings of the laws.
         is_fine: it needs the finer steps of effects that make the armature equations nonlinear.
