@@ -13,8 +13,9 @@ from jaxmodel.fit.likelihood import Likelihood, from_errors, from_tolerances
 from jaxmodel.fit.linearisation import Linearisation, log_evidence, solved
 from jaxmodel.fit.space import ModelSpec, View
 
-# Amplitudes tried for a curve, in units of its usual size; the smallest is none. Assumed.
-NONE = 1e-3
+# Amplitudes tried for a curve, in units of its usual size; the smallest is none: it moves no prediction by what a
+# reading shows. Assumed.
+NONE = 1e-4
 AMPLITUDES = (NONE, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 # Prior sd tried for a stated charge, in units of its stated sd; the smallest holds it. Assumed.
 SPREADS = (0.1, 0.2, 0.5, 1.0)

@@ -253,7 +253,7 @@ def test_simulate_takes_what_diagnose_wrote(run: Run, diagnosed: Path, tmp_path:
             for run in extended.runs
             if run.split == "fit"
         ]
-        assert np.sqrt(np.mean(np.concatenate(residuals) ** 2)) == pytest.approx(error["after"]["fit"], rel=5e-3)
+        assert np.sqrt(np.mean(np.concatenate(residuals) ** 2)) == pytest.approx(error["after"]["fit"], rel=1e-3)
 
 
 def test_sweep_and_sensitivity_take_what_diagnose_wrote(run: Run, diagnosed: Path, tmp_path: Path) -> None:

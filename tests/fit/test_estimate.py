@@ -55,7 +55,7 @@ def with_wrong_table(case: Case) -> Case:
 def test_amplitudes_go_to_nothing_where_tables_are_exact(exact: FitCache):
     assert exact.base.spec.amplitudes == dict.fromkeys(TABLES, NONE)
     for name, error in exact.calibrated.mean_squares(exact.view).items():
-        assert exact.base.mean_squares(exact.view)[name] == pytest.approx(error, rel=5e-3)
+        assert exact.base.mean_squares(exact.view)[name] == pytest.approx(error, rel=1e-3)
     for name in SMALL_NOISE:
         assert exact.base.likelihood.channels[name].sd == pytest.approx(SMALL_NOISE[name], rel=0.1)
         assert exact.base.likelihood.channels[name].inflation == pytest.approx(1.0, abs=0.3)
