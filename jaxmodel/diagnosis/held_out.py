@@ -38,21 +38,32 @@ def worse(
     Returns:
         By channel the rise of its RMS error, in tolerances.
     """
-    tolerance = {name: max(cache.tolerances[name], 1e-12) for name in after}
-    changes = {name: (one.check - before[name].check) / tolerance[name] for name, one in after.items()}
-    if not sum(change for change in changes.values() if np.isfinite(change)) > WORSE:
+    changes = _changes(cache, before, after)
+    if not sum(changes.values()) > WORSE:
         return {}
     return {
         name: change
         for name, change in changes.items()
-        if change > WORSE and after[name].check > beyond * tolerance[name]
+        if change > WORSE and after[name].check > beyond * cache.tolerances[name]
+    }
+
+
+def _changes(
+    cache: FitCache, before: Mapping[str, ChannelError], after: Mapping[str, ChannelError]
+) -> dict[str, float]:
+    """Return by how much the RMS error of each channel of held-out runs is larger after than before, in tolerances."""
+    return {
+        name: (one.check - before[name].check) / max(cache.tolerances[name], 1e-12)
+        for name, one in after.items()
+        if np.isfinite(one.check)
     }
 
 
 def confirmed(search: Search, found: Found, keep: Sequence[str] = ()) -> Found:
     """Return what a search found without the additions that held-out runs contradict.
 
-    Held-out runs are predicted worse with such an addition than without it, and not within the tolerance.
+    Held-out runs are predicted worse with such an addition than without it, and not within the tolerance. An unknown
+    law has no physics to speak for it: it leaves if they are not predicted better.
 
     Args:
         search: that found it.
@@ -64,14 +75,18 @@ def confirmed(search: Search, found: Found, keep: Sequence[str] = ()) -> Found:
         return found
     while others := [label for label in model if label not in keep]:
         own = rung(cache, "", cache.fit(model, "all"), compared=True).errors
-        if not any(one.check > cache.tolerances[name] for name, one in own.items()):
-            break  # within the tolerance nothing is contradicted
+        beyond = any(one.check > cache.tolerances[name] for name, one in own.items())
         rises, said = {}, {}
         for label in others:
+            is_law = cache.space.candidates[label].group == "law"
+            if not beyond and not is_law:
+                continue  # within the tolerance no effect is contradicted
             rest = [one for one in model if one != label]
             lacking = rung(cache, "", cache.fit(rest, "all"), compared=True).errors
             if channels := worse(cache, lacking, own, beyond=1.0):
                 rises[label], said[label] = max(channels.values()), _raises(list(channels), lacking, own)
+            elif is_law and sum(_changes(cache, lacking, own).values()) > -WORSE:
+                rises[label], said[label] = 0.0, "no check run is predicted better with it"
         if not rises:
             break
         label = max(rises, key=rises.__getitem__)
