@@ -43,6 +43,9 @@ NO_WORSE = 0.05
 # Assumed.
 PAID_FOR = 0.5
 
+# A candidate is not refitted where another may enter that leaves less than this share of Q at its first point. Assumed.
+FAR_LESS = 0.5
+
 
 @dataclasses.dataclass(frozen=True)
 class Test:
@@ -79,6 +82,11 @@ class Test:
     def named(self) -> bool:
         """Return True if it is needed, stable, material, of a possible size, and makes no channel worse."""
         return self.significant and not self.why_not()
+
+    @property
+    def enters(self) -> bool:
+        """Return True if it may enter a model, apart from its evidence."""
+        return self.plausible and self.material
 
     def why_not(self) -> str:
         """Return why a significant addition is not named; "" if it is."""
@@ -138,12 +146,20 @@ class Search:
         path = [(), *([model] if model else [])]
         refused: dict[str, Test] = {}
         if seek:
-            model = self._with_kinetics(model)
+            has_kinetics = False
             for _ in range(cache.settings.most_rounds):
+                if not has_kinetics and cache.is_within_tolerance(cache.fit(model)):
+                    model, has_kinetics = self._with_kinetics(model), True
                 entered, refused = self._entering(model)
                 entered = entered or self._entering_beside(model)
-                if entered is None:
+                if entered is None and has_kinetics:
                     break
+                if entered is None:
+                    before, has_kinetics = model, True
+                    model = self._with_kinetics(before)
+                    if model == before:
+                        break
+                    continue
                 cache.report(f"adding {entered}")
                 model = cache.space.key((*model, entered))
                 model = self._needed(model, (*start, entered))
@@ -239,32 +255,46 @@ class Search:
         return sorted(likely, key=lambda label: -gains[label])[: cache.settings.refitted_effects]
 
     def _with_kinetics(self, model: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the model with charge transfer and diffusion if they have any evidence."""
+        """Return the model with charge transfer and diffusion if they have evidence.
+
+        Of a model that is far off, what is missed most comes first: kinetics would bend to it.
+        """
         cache = self.cache
         for label in KINETICS:
             if label not in cache.space.candidates or label in model or cache.case.kind != "cell":
                 continue
             cache.report(f"calibrating with {label}")
-            richer = cache.fit((*model, label))
-            if self.gain(richer, cache.fit(model)) > 0.0:
-                model = richer.added
+            if self.test((*model, label), label).significant:
+                model = cache.space.key((*model, label))
         return model
 
     def _entering(self, model: tuple[str, ...]) -> tuple[str | None, dict[str, Test]]:
-        """Return the candidate that gains most and may be added, and the tests of all that were refitted."""
+        """Return the candidate that gains most and may be added, and the tests of those that were refitted.
+
+        They are refitted in the order of what they leave at their first points, under weights that are the same for
+        all. The rest is left out once one may be added that leaves far less than they do.
+        """
         cache = self.cache
         gains, before = self.promising(model), cache.fit(model)
+        cache.report(f"trying {len(gains)} candidates")
+        labels = [gain.label for gain in gains]
+        left = dict(
+            zip(labels, at_once(lambda label: cache.first_point((*model, label)).objective, labels), strict=True)
+        )
+        labels.sort(key=left.__getitem__)
         found: list[tuple[float, Test]] = []
-        for place in range(0, len(gains), 2):
-            some = gains[place : place + 2]
-            cache.report(f"refitting with {', '.join(one.label for one in some)}")
-            fits = at_once(lambda gain: cache.fit((*model, gain.label)), some)
-            for gain, richer in zip(some, fits, strict=True):
+        for place in range(0, len(labels), 2):
+            some = labels[place : place + 2]
+            if any(over > 0.0 and test.enters and left[test.label] < FAR_LESS * left[some[0]] for over, test in found):
+                break
+            cache.report(f"refitting with {', '.join(some)}")
+            fits = at_once(lambda label: cache.fit((*model, label)), some)
+            for label, richer in zip(some, fits, strict=True):
                 gained = self.gain(richer, before)
-                test = self._test(richer, before, gain.label, gained)
+                test = self._test(richer, before, label, gained)
                 found.append((gained - test.odds, test))  # of one model: all odds are held against the same data
         found.sort(key=lambda one: -one[0])
-        best = next((test for over, test in found if over > 0.0 and test.plausible and test.material), None)
+        best = next((test for over, test in found if over > 0.0 and test.enters), None)
         return (best.label if best else None), {test.label: test for _, test in found if test.significant}
 
     def _entering_beside(self, model: tuple[str, ...]) -> str | None:

@@ -15,7 +15,7 @@ from jaxmodel.case.records import Case
 from jaxmodel.effects.curves import CURVES, OF_NO_TABLE
 from jaxmodel.fit.data import collect
 from jaxmodel.fit.estimate import AMPLITUDES, NONE, SPREADS, STEPS, Fit, calibrate, rarer
-from jaxmodel.fit.gauss_newton import descend, errors_at
+from jaxmodel.fit.gauss_newton import Point, descend, errors_at
 from jaxmodel.fit.lanes import at_once
 from jaxmodel.fit.likelihood import Likelihood, from_tolerances
 from jaxmodel.fit.noise.contract import noise_of_case
@@ -79,6 +79,7 @@ class FitCache:
         outputs = KINDS[self.case.kind].outputs
         self.view = View(self.space, collect(self.space.fitted, self.noise, outputs, self.fit_runs, settings))
         self._fits: dict[tuple[Labels, Curves, Labels], Fit] = {}
+        self._points: dict[tuple[Labels, Curves], Point] = {}
         self._scores: dict[Labels, tuple[Scores, Scores]] = {}
 
     def report(self, what: str) -> None:
@@ -153,7 +154,7 @@ class FitCache:
         if labels:
             last = max(labels, key=self._rank)
             before = self.fit([label for label in labels if label != last], curves)
-            return calibrate(self.view, spec, self._best_start(spec, before, last), self.tolerances)
+            return self._from(before, labels, curves, last)
         if curves == "none":
             return calibrate(self.view, spec, self._first_start(spec), self.tolerances)
         exact = self.space.spec(spec.labels, dict.fromkeys(spec.amplitudes, NONE))
@@ -165,6 +166,36 @@ class FitCache:
                 (held, self._first_start(held), None),
             ]
         )
+
+    def is_within_tolerance(self, fit: Fit) -> bool:
+        """Return True if a model is within tolerance on every channel."""
+        return all(square <= self.tolerances[name] ** 2 for name, square in fit.mean_squares(self.view).items())
+
+    def _from(self, before: Fit, labels: Labels, curves: Curves, label: str) -> Fit:
+        """Return a model with one more addition, from its first point.
+
+        A model that is within tolerance goes on under its weights and with its amplitudes. From one that is not, curves
+        begin as free as they may be.
+        """
+        start = self.first_point(labels, curves)
+        if self.is_within_tolerance(before):
+            return calibrate(self.view, self._near(before, labels, curves), start, self.tolerances, before.likelihood)
+        return calibrate(self.view, self._flexible(self.spec(labels, curves), 1.0), start.x, self.tolerances)
+
+    def _near(self, before: Fit, labels: Labels, curves: Curves) -> ModelSpec:
+        return self.space.spec(self.spec(labels, curves).labels, before.spec.amplitudes, before.spec.spreads)
+
+    def first_point(self, labels: Sequence[str], curves: Curves = "base") -> Point:
+        """Return the best of a few starts of a model with additions, after some steps each; computed once.
+
+        The weights are those of the model without the last addition if that is within tolerance, else those of the
+        tolerances: a channel with a large error would count for nothing, and the addition that explains it would stay
+        unused. Points of models that differ in the last addition can be compared.
+        """
+        key = self.space.key(labels)
+        if (key, curves) not in self._points:
+            self._points[key, curves] = self._best_start(key, curves)
+        return self._points[key, curves]
 
     def _with_more_curves(self, labels: Labels, curves: Labels) -> Fit:
         """Return a model with curves of no table too, from where it is without them and from the stated numbers."""
@@ -207,9 +238,13 @@ class FitCache:
             dict.fromkeys(spec.spreads, spread),
         )
 
-    def _rank(self, label: str) -> int:
-        """Return the place of a candidate in the order of scores over the base model."""
-        return self._ranks.get(label, len(self._ranks))
+    def _rank(self, label: str) -> tuple[int, int]:
+        """Return the place of a candidate: effects, faults of sensors and shifts of runs, each by scores over the base.
+
+        What is tried on top of a model mostly comes after what is in it, so that few other models need be fitted.
+        """
+        order = ("effect", "sensor", "run", "law").index(self.space.candidates[label].group)
+        return order, self._ranks.get(label, len(self._ranks))
 
     @functools.cached_property
     def _ranks(self) -> dict[str, int]:
@@ -227,15 +262,26 @@ class FitCache:
         best = int(np.argmin(objective))
         return stated[best if objective[best] < 0.5 * objective[0] else 0]
 
-    def _best_start(self, spec: ModelSpec, before: Fit, label: str) -> np.ndarray:
-        """Return where a model with one more addition begins: the best of a few starts, after some steps each.
+    def _best_start(self, labels: Labels, curves: Curves) -> Point:
+        last = max(labels, key=self._rank)
+        before = self.fit([label for label in labels if label != last], curves)
+        candidate, of_weights = self.space.candidates[last], [self.scores(before.added)]
+        if self.is_within_tolerance(before):
+            spec, weights = self._near(before, labels, curves), before.likelihood
+        else:
+            of_weights.append(self.scores_by_tolerance(before.added))
+            spec = self._flexible(self.spec(labels, curves), 1.0)
+            weights = from_tolerances(self.view.data, self.tolerances)
+        starts = self._starts(before, last, of_weights)
+        points = at_once(lambda x: descend(self.view, spec, weights, x, steps=STEPS, flat=0.5), starts)
+        best = min(points, key=lambda one: one.objective)
+        return best_along(self.view, spec, weights, candidate, best) if candidate.reach else best
 
-        The weights are those of the tolerances. Under those of the model before, a channel with a large error would
-        count for nothing, and the addition that explains it would stay unused.
-        """
+    def _starts(self, before: Fit, label: str, of_weights: Sequence[Scores]) -> list[np.ndarray]:
+        """Return where a model with one more addition may begin: where scores expect it, and in its usual range."""
         candidate, place = self.space.candidates[label], list(self.space.layout.of[label])
         free, scored, starts = list(before.spec.free), self.fit(before.added).spec.free, []
-        for scores in (self.scores(before.added), self.scores_by_tolerance(before.added)):
+        for scores in of_weights:
             gain = next((one for one in scores.gains() if one.label == label), None)
             if gain is not None:
                 starts.append(before.x.copy())
@@ -248,12 +294,7 @@ class FitCache:
             starts[-1][place] = candidate.probes[len(candidate.probes) // 2] if candidate.probes else 0.0
         if not starts:
             starts.append(before.x.copy())
-        weights = from_tolerances(self.view.data, self.tolerances)
-        points = at_once(lambda x: descend(self.view, spec, weights, x, steps=STEPS, flat=0.5), starts)
-        best = min(points, key=lambda one: one.objective)
-        if candidate.reach:
-            best = best_along(self.view, spec, weights, candidate, best)
-        return best.x
+        return starts
 
     # Scores
 

@@ -23,8 +23,13 @@ SPREADS = (0.1, 0.2, 0.5, 1.0)
 RARER = 1.0
 # Log evidence that a change of an amplitude must gain, and rounds of the search over all curves. Assumed.
 _GAIN, _PASSES = 0.1, 4
-# Steps before the weights are known, of each round after it, and most rounds. Assumed.
-FIRST_STEPS, STEPS, ROUNDS = 10, 6, 8
+# Steps before the weights are known, of each round after it, and most rounds. Weights move with every step: more steps
+# under one set of them would lead to what is not asked. Assumed.
+FIRST_STEPS, STEPS, ROUNDS = 10, 2, 12
+# Rounds after which weights go half way to what errors ask for: the two can chase each other. Assumed.
+DAMPED = 2
+# What a Newton step may still gain of Q after the last round. Assumed: a third of an sd.
+NEAR = 0.1
 # Passes over weights and amplitudes between two linearisations. Assumed.
 PASSES = 3
 # A change of the logarithm of a weight that asks for another round. Assumed.
@@ -116,7 +121,7 @@ class Fit:
 def calibrate(
     view: View,
     spec: ModelSpec,
-    start: np.ndarray,
+    start: np.ndarray | Point,
     tolerances: Mapping[str, float],
     likelihood: Likelihood | None = None,
     *,
@@ -141,9 +146,12 @@ def calibrate(
     for number in range(rounds):
         before = (weights, spec)
         weights, spec = _settled(view, spec, weights, linear, point, 1 if fixed else PASSES, fixed=fixed)
+        if number >= DAMPED:
+            weights = weights.towards(before[0])
         point = descend(view, spec, weights, point, steps=STEPS, flat=FLAT if number else 0.1)
         linear = Linearisation.of(view.data, channels, point.x[list(spec.free)], point.errors, point.jacobian)
-        if number and _alike(before, (weights, spec)):
+        near = point.promise < NEAR * max(1.0, 0.01 * point.objective)
+        if number and near and _alike(before, (weights, spec)):
             break
     added = tuple(label for label in spec.labels if view.space.candidates[label].group != "curve")
     return Fit(spec, added, point.x, point.errors, weights, linear, point.objective, point.promise)

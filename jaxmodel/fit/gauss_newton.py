@@ -14,6 +14,7 @@ from jaxmodel.fit.space import ModelSpec, View
 # tangents; a longer step adds curvature, a shorter one rounding errors at kinks.
 DIFFERENCE_STEP = 1e-4
 # Marquardt's damping, in units of the diagonal of the normal equations; all are tried in one batch of lanes. Assumed.
+LEAST_DAMPING = 1e-12
 DAMPING = (0.0, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e4)
 # No unknown moves further in one step, in prior sd. Assumed.
 LONGEST_STEP = 30.0
@@ -157,7 +158,6 @@ def _learnt(missed: np.ndarray, moved: np.ndarray, precision: np.ndarray) -> np.
 def _moves(square: np.ndarray, slope: np.ndarray) -> np.ndarray:
     """Return the step for each damping, (dampings, k)."""
     scale = 1.0 / np.sqrt(np.diag(square))
-    values, vectors = np.linalg.eigh(square * scale[:, None] * scale)
-    along = vectors.T @ (scale * slope)
-    floor = 1e-12 * values.max(initial=0.0)
-    return np.stack([scale * (vectors @ (along / (np.maximum(values, floor) + damping))) for damping in DAMPING])
+    alike = square * scale[:, None] * scale
+    damped = alike + np.maximum(DAMPING, LEAST_DAMPING)[:, None, None] * np.eye(slope.size)
+    return scale * np.linalg.solve(damped, (scale * slope)[:, None])[..., 0]

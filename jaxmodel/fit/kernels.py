@@ -11,7 +11,7 @@ import threading
 import warnings
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -20,6 +20,7 @@ import numpy as np
 from jaxmodel.base.errors import Remark
 from jaxmodel.fit.problem import Lane, OneRun, Problem
 from jaxmodel.lanes import ROWS, STEPS, Kernel, NotNative, Pool
+from jaxmodel.lanes.kernel import Shared
 from jaxmodel.model.simulation import Needed, read_track
 
 
@@ -44,17 +45,36 @@ def predicted(problem: Problem, lanes: Sequence[Lane], pool: Pool) -> list[np.nd
         ]
         order = np.argsort(np.concatenate([np.flatnonzero(dynamic), np.flatnonzero(~dynamic)]))
         return [np.concatenate(both, axis=-1)[..., order] for both in zip(*parts, strict=True)]
-    runs = problem.by_run
-    kernel = kernel_of(problem, runs[0], lanes[0])
+    ready = _ready(problem, lanes[0], bool(dynamic[0]))
     numbers = problem.unknowns.numbers(np.stack([lane.x for lane in lanes]))
-    own: dict[str, Any] = {
+    values: dict[str, Any] = {
         "numbers": numbers,
         "mixed": problem.unknowns.mixed(numbers),
         "switches": switches,
         "laws": np.stack([lane.laws for lane in lanes]),
     }
-    jobs = [pool.start(kernel, (*run.shared, dynamic[0]), own, len(lanes), 1, run.sizes) for run in runs]
+    own = ready.kernel.own(values, len(lanes))
+    jobs = [
+        pool.start(ready.kernel, shared, own, len(lanes), 1, run.sizes)
+        for run, shared in zip(problem.by_run, ready.shared, strict=True)
+    ]
     return [np.stack(job.raw()) for job in jobs]
+
+
+class _Ready(NamedTuple):
+    """The kernel of a problem, and what all lanes share of each run."""
+
+    kernel: Kernel
+    shared: list[Shared]
+
+
+def _ready(problem: Problem, lane: Lane, dynamic: bool) -> _Ready:
+    """Return what each call with a problem needs, made once."""
+    if dynamic not in problem.ready:
+        kernel = kernel_of(problem, problem.by_run[0], lane)
+        shared = [kernel.shared((*run.shared, np.array(dynamic))) for run in problem.by_run]
+        problem.ready[dynamic] = _Ready(kernel, shared)
+    return problem.ready[dynamic]
 
 
 def _have_dynamic_sensors(problem: Problem, switches: np.ndarray) -> np.ndarray:

@@ -65,6 +65,19 @@ class Likelihood:
                 root[rows] = self.channels[name].root
         return root
 
+    def towards(self, other: Likelihood) -> Likelihood:
+        """Return the weights half way to others, in their logarithms."""
+        return Likelihood(
+            {
+                name: ChannelWeight(
+                    float(np.sqrt(one.sd * other.channels[name].sd)),
+                    float(np.sqrt(one.inflation * other.channels[name].inflation)),
+                    one.count,
+                )
+                for name, one in self.channels.items()
+            }
+        )
+
     def distance(self, other: Likelihood) -> float:
         """Return the largest change of a logarithm of a weight."""
         return max(

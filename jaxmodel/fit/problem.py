@@ -254,6 +254,11 @@ class Problem(eqx.Module):
             found.append(OneRun(number, (steps, rows), (model, track, of_run[number])))
         return found
 
+    @functools.cached_property
+    def ready(self) -> dict[bool, Any]:
+        """What calls of its kernel with and without dynamic sensors need; see `fit.kernels`."""
+        return {}
+
     def _length(self, runs: np.ndarray | slice | int) -> tuple[int, int]:
         """Return the rows and steps of the longest of some runs, rounded up."""
         return rounded_length(np.atleast_2d(np.asarray(self.tracks.last_step)[runs]))

@@ -27,6 +27,12 @@ class Shared(NamedTuple):
     addresses: list[int]
 
 
+class Own(NamedTuple):
+    """Arrays with the lanes along the last axis, so many as fill the packets."""
+
+    arrays: list[np.ndarray]
+
+
 class Kernel(Written):
     """A compiled function (shared, own) -> results of one lane, run for many; with derivatives of the results.
 
@@ -41,9 +47,18 @@ class Kernel(Written):
         arrays = self.as_given(values)
         return Shared(arrays, [x.ctypes.data for x in arrays])
 
-    def arguments(self, shared: Shared, own: Any, results: list[np.ndarray]) -> Any:
-        """Return what `run` reads and writes; `own` has the lanes along the last axis, a multiple of a packet."""
-        arrays = [*self.own_as_given(own), *results]
+    def filled(self, count: int) -> int:
+        """Return the lanes of the packets that so many lanes fill."""
+        return -(-count // self.lanes) * self.lanes
+
+    def own(self, values: Any, count: int) -> Own:
+        """Return values with the lanes along their first axis, ready to be read by any number of calls."""
+        moved = jax.tree.map(lambda x: _filled(np.asarray(x), self.filled(count)), values)
+        return Own(self.own_as_given(moved))
+
+    def arguments(self, shared: Shared, own: Own, results: list[np.ndarray]) -> Any:
+        """Return what `run` reads and writes."""
+        arrays = [*own.arrays, *results]
         addresses = [*shared.addresses, *(x.ctypes.data for x in arrays)]
         return (shared, arrays), (ctypes.c_void_p * len(addresses))(*addresses)
 
@@ -69,3 +84,9 @@ class Kernel(Written):
     def results_of_call(self, count: int) -> list[jax.ShapeDtypeStruct]:
         """Return the shapes of what `run` writes for so many lanes, in order."""
         return [jax.ShapeDtypeStruct((*leaf.shape, count), leaf.dtype) for leaf in self.module.results]
+
+
+def _filled(x: np.ndarray, count: int) -> np.ndarray:
+    """Return lanes along the last axis, the last one repeated up to so many."""
+    moved = np.moveaxis(x, 0, -1)
+    return np.concatenate([moved, np.repeat(moved[..., -1:], count - x.shape[0], axis=-1)], axis=-1)

@@ -7,10 +7,9 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from typing import Any
 
-import jax
 import numpy as np
 
-from jaxmodel.lanes.kernel import Kernel, Shared
+from jaxmodel.lanes.kernel import Kernel, Own, Shared
 
 
 class Job:
@@ -53,17 +52,16 @@ class Pool:
         Args:
             kernel: of one lane.
             shared: by all lanes: values, or what `Kernel.shared` has made of them.
-            own: arrays with the lanes along their first axis.
+            own: arrays with the lanes along their first axis, or what `Kernel.own` has made of them.
             count: of lanes.
             packets: that a thread runs at once.
             sizes: the lengths that the kernel leaves open.
         """
-        width = kernel.lanes
-        whole = -(-count // width) * width
-        filled = jax.tree.map(lambda x: _filled(np.asarray(x), whole), own)
+        width, whole = kernel.lanes, kernel.filled(count)
         results = kernel.buffers(whole, sizes)
-        ready = shared if isinstance(shared, Shared) else kernel.shared(shared)
-        arguments = kernel.arguments(ready, filled, results)
+        of_all = shared if isinstance(shared, Shared) else kernel.shared(shared)
+        of_each = own if isinstance(own, Own) else kernel.own(own, count)
+        arguments = kernel.arguments(of_all, of_each, results)
 
         def part(first: int, last: int) -> int:
             kernel.run(arguments, first, last, whole, self._workspace(kernel.workspace_size(sizes)), sizes)
@@ -79,9 +77,3 @@ class Pool:
         if getattr(self._own, "memory", np.empty(0)).size < size:
             self._own.memory = np.empty(size)
         return self._own.memory
-
-
-def _filled(x: np.ndarray, count: int) -> np.ndarray:
-    """Return lanes along the last axis, the last one repeated up to so many."""
-    moved = np.moveaxis(x, 0, -1)
-    return np.concatenate([moved, np.repeat(moved[..., -1:], count - x.shape[0], axis=-1)], axis=-1)
