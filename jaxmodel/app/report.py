@@ -30,7 +30,7 @@ from jaxmodel.diagnosis.wording import (
     verdict_sentence,
     with_sd,
 )
-from jaxmodel.fit.screen import SEED
+from jaxmodel.fit.settings import SEED
 
 
 def write_report(diagnosis: Diagnosis, folder: str | Path) -> dict[str, bytes]:

@@ -22,7 +22,7 @@ from jaxmodel.fit.lanes import at_once
 from jaxmodel.fit.likelihood import Likelihood
 from jaxmodel.fit.linearisation import log_evidence, solved
 from jaxmodel.fit.scores import Gain
-from jaxmodel.fit.screen import SEED
+from jaxmodel.fit.settings import SEED
 
 # Every cell has charge transfer and diffusion: they enter before anything else, if they help at all.
 KINETICS = ("charge_transfer", "slow_diffusion")
@@ -290,9 +290,8 @@ class Search:
             cache.report(f"refitting with {', '.join(some)}")
             fits = at_once(lambda label: cache.fit((*model, label)), some)
             for label, richer in zip(some, fits, strict=True):
-                gained = self.gain(richer, before)
-                test = self._test(richer, before, label, gained)
-                found.append((gained - test.odds, test))  # of one model: all odds are held against the same data
+                test = self._test(richer, before, label)
+                found.append((test.gain - test.odds, test))  # of one model: all odds are held against the same data
         found.sort(key=lambda one: -one[0])
         best = next((test for over, test in found if over > 0.0 and test.enters), None)
         return (best.label if best else None), {test.label: test for _, test in found if test.significant}
@@ -383,9 +382,9 @@ class Search:
             lacking = tuple(one for one in model if one != label)
             gains = [one for one in cache.scores(lacking).gains() if self.may_enter(lacking, one.label)]
             near = [one.label for one in gains if one.label not in model and _alike(cache, one.label)][:2]
-            needed = self.lost(model, label)
-            others = [cache.fit((*lacking, one)) for one in near if needed < 50.0]
             own = cache.fit(model)
+            unsure = self.gain(own, cache.fit(lacking)) < 50.0
+            others = [cache.fit((*lacking, one)) for one in near if unsure]
             found[label] = tuple(
                 one.added
                 for one in others
@@ -432,12 +431,6 @@ class Search:
             for weights in (one.likelihood, other.likelihood)
         )
 
-    def lost(self, model: Sequence[str], label: str) -> float:
-        """Return the log evidence that a model loses without one of its additions, all else fitted again."""
-        cache = self.cache
-        richer = cache.fit(model)
-        return self.gain(richer, cache.fit([one for one in model if one != label]))
-
     def curves(self, fit: Fit) -> dict[str, Test]:
         """Hold each curve of a model against the model with nothing in its place, to first order."""
         cache, weights, found = self.cache, fit.likelihood, {}
@@ -452,11 +445,7 @@ class Search:
             x = solved(gram.square, gram.aim, without.precision)
             material = False
             for name, one in fit.linear.by_channel.items():
-                left = (one.power - 2.0 * float(x @ one.aim) + float(x @ one.square @ x)) / one.count
-                own = (
-                    one.power - 2.0 * float(fit.free @ one.aim) + float(fit.free @ one.square @ fit.free)
-                ) / one.count
-                material |= self._is_material(name, left, own)
+                material |= self._is_material(name, one.misfit(x) / one.count, one.misfit(fit.free) / one.count)
             candidate = cache.space.candidates[label]
             size = self._size_sd(fit, candidate)
             found[label] = Test(label, gained, odds, 1.0, size, True, material, ())
@@ -484,9 +473,8 @@ class Search:
         richer, before = cache.fit((*rest, label), "beside"), cache.fit(rest, "beside", (label,))
         return self._test(richer, before, label)
 
-    def _test(self, richer: Fit, before: Fit, label: str, gained: float | None = None) -> Test:
-        candidate = self.cache.space.candidates[label]
-        gained = self.gain(richer, before) if gained is None else gained
+    def _test(self, richer: Fit, before: Fit, label: str) -> Test:
+        candidate, gained = self.cache.space.candidates[label], self.gain(richer, before)
         # For the first addition the odds are even: with less evidence the data do not decide.
         odds = self.odds_of(candidate) - (0.0 if before.added else self.cache.settings.least_odds)
         if not self.is_noise(richer):

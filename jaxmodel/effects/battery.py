@@ -6,14 +6,13 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from jaxmodel.model.cell import ZERO_DEGC_IN_K, cycle_resistance
+from jaxmodel.model.cell import GAS_CONSTANT, REFERENCE_DEGC, ZERO_DEGC_IN_K, arrhenius, cycle_resistance
 from jaxmodel.model.declaration import Scalar, parameter
 from jaxmodel.model.flow import Flow, State, integral, relaxation
 from jaxmodel.model.ports import CellContext, Effect
 
-GAS_CONSTANT = 8.314  # J/(mol K)
 FARADAY = 96485.0  # C/mol
-REFERENCE_DEGC = 20.0
+KINETICS_DEGC = 25.0  # at which an exchange current is stated
 
 CELL = ("cell", "robot")
 CHANGEOVER = 0.01  # share of the one-hour current over which a resistance of one direction sets in
@@ -31,8 +30,7 @@ class ArrheniusResistance(Effect):
     )
 
     def _factor(self, context: CellContext) -> Scalar:
-        kelvin = context.temperature_degC + ZERO_DEGC_IN_K
-        return jnp.exp(self.E_a / GAS_CONSTANT * (1.0 / kelvin - 1.0 / (REFERENCE_DEGC + ZERO_DEGC_IN_K)))
+        return arrhenius(self.E_a, context.temperature_degC)
 
     def series_resistance(self, value: Scalar, context: CellContext) -> Scalar:
         """Scale R_ints + R_cyc."""
@@ -247,7 +245,7 @@ class ChargeTransfer(Effect):
     def overpotential(self, value: Scalar, context: CellContext) -> Scalar:
         """Lose the activation overpotential."""
         kelvin = context.temperature_degC + ZERO_DEGC_IN_K
-        slower = jnp.exp(self.E_i / GAS_CONSTANT * (1.0 / kelvin - 1.0 / 298.15))
+        slower = arrhenius(self.E_i, context.temperature_degC, KINETICS_DEGC)
         # Divided by i_0 first: without the effect that is infinite, and its product would have no derivative.
         ratio = context.current_A / (2.0 * self.i_0) * slower
         return value + 2.0 * GAS_CONSTANT * kelvin / FARADAY * jnp.arcsinh(ratio)
@@ -368,9 +366,7 @@ class ArrheniusPolarisation(Effect):
 
     def rc_resistance(self, value: Scalar, context: CellContext) -> Scalar:
         """Scale R_TS and R_TL."""
-        kelvin = context.temperature_degC + ZERO_DEGC_IN_K
-        colder = 1.0 / kelvin - 1.0 / (REFERENCE_DEGC + ZERO_DEGC_IN_K)
-        return value * jnp.exp(self.E_rc / GAS_CONSTANT * colder)
+        return value * arrhenius(self.E_rc, context.temperature_degC)
 
 
 class CapacityFade(Effect):
@@ -556,8 +552,7 @@ class ArrheniusLongPolarisation(Effect):
 
     def long_rc_resistance(self, value: Scalar, context: CellContext) -> Scalar:
         """Scale R_TL."""
-        kelvin = context.temperature_degC + ZERO_DEGC_IN_K
-        return value * jnp.exp(self.E_l / GAS_CONSTANT * (1.0 / kelvin - 1.0 / (REFERENCE_DEGC + ZERO_DEGC_IN_K)))
+        return value * arrhenius(self.E_l, context.temperature_degC)
 
 
 class HeatDetails(Effect):

@@ -15,15 +15,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmodel.base.errors import EffectError
-from jaxmodel.model.cell import ZERO_DEGC_IN_K
+from jaxmodel.model.cell import REFERENCE_DEGC, ZERO_DEGC_IN_K, arrhenius
 from jaxmodel.model.curves import between_knots
 from jaxmodel.model.declaration import Scalar
 from jaxmodel.model.ports import CellContext, Effect, MotorContext
 
 CELL = ("cell", "robot")
 MOTOR = ("motor", "robot")
-REFERENCE_DEGC = 20.0
-GAS_CONSTANT = 8.314  # J/(mol K)
 RISE_K = 10.0  # rise of temperature for which the growth of heat transfer is given
 # Shares of the range that the fitted runs cover. An open-circuit voltage bends most near empty and near full: there
 # knots are a thousandth apart.
@@ -241,9 +239,7 @@ class _Energy(Curve):
     usual_knots: ClassVar[tuple[float, ...]] = ONE
 
     def _factor(self, context: CellContext) -> Scalar:
-        kelvin = context.temperature_degC + ZERO_DEGC_IN_K
-        colder = 1.0 / kelvin - 1.0 / (REFERENCE_DEGC + ZERO_DEGC_IN_K)
-        return jnp.exp(self.values[0] / GAS_CONSTANT * colder)
+        return arrhenius(self.values[0], context.temperature_degC)
 
 
 class SeriesEnergy(_Energy):

@@ -21,8 +21,8 @@ from jaxmodel.fit.likelihood import Likelihood, from_tolerances
 from jaxmodel.fit.noise.contract import noise_of_case
 from jaxmodel.fit.preparation import prepared
 from jaxmodel.fit.scores import Scores
-from jaxmodel.fit.screen import SEED, Screen, screen
-from jaxmodel.fit.settings import SETTINGS, Settings
+from jaxmodel.fit.screen import Screen, screen
+from jaxmodel.fit.settings import SEED, SETTINGS, Settings
 from jaxmodel.fit.space import Labels, ModelSpace, ModelSpec, View
 from jaxmodel.fit.starts import best_along
 
@@ -141,11 +141,6 @@ class FitCache:
     def calibrated(self) -> Fit:
         """Return the model of the case with its stated numbers calibrated, and nothing else."""
         return self.fit((), "none")
-
-    def under(self, labels: Sequence[str], likelihood: Likelihood) -> Fit:
-        """Return a model calibrated under given weights, from where it is under its own."""
-        own = self.fit(labels)
-        return calibrate(self.view, own.spec, own.x, self.tolerances, likelihood, rounds=2, fixed=True)
 
     def _calibrated(self, labels: Labels, curves: Curves, beside: Labels) -> Fit:
         if curves in ("all", "beside"):

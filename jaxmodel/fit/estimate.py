@@ -105,10 +105,9 @@ class Fit:
         sandwich = np.minimum(np.sum(moved**2, axis=0) * count / (count - 1.0), 1.0 / self.spec.precision)
         return np.sqrt(np.maximum(posterior, sandwich))
 
-    def log_evidence(self, likelihood: Likelihood | None = None, shares: np.ndarray | None = None) -> float:
+    def log_evidence(self, likelihood: Likelihood | None = None) -> float:
         """Return the log evidence under some weights, its own by default, with the amplitudes as they are."""
-        gram = self.linear.under(likelihood or self.likelihood, shares)
-        return log_evidence(gram, self.spec.precision)
+        return log_evidence(self.linear.under(likelihood or self.likelihood), self.spec.precision)
 
     def mean_squares(self, view: View) -> dict[str, float]:
         """Return the mean square error of each channel."""

@@ -30,6 +30,10 @@ class Gram:
     power: float
     count: int
 
+    def misfit(self, x: np.ndarray) -> float:
+        """Return |y - J x|^2 at coordinates x (k,)."""
+        return self.power - 2.0 * float(x @ self.aim) + float(x @ self.square @ x)
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Linearisation:
@@ -117,7 +121,7 @@ class Linearisation:
         for number, gram in self.block_grams(likelihood).items():
             x = solved(whole.square - gram.square, whole.aim - gram.aim, precision)
             for name, one in self.blocks[number].items():
-                squares[name] += max(one.power - 2.0 * float(x @ one.aim) + float(x @ one.square @ x), 0.0)
+                squares[name] += max(one.misfit(x), 0.0)
                 counts[name] += one.count
         return {name: squares[name] / counts[name] for name in self.names}
 

@@ -21,7 +21,8 @@ from jaxmodel.fit.data import FitData
 from jaxmodel.fit.estimate import Fit
 from jaxmodel.fit.likelihood import Likelihood
 from jaxmodel.fit.linearisation import Gram, log_evidence, solved
-from jaxmodel.fit.screen import SEED, Direction, Screen
+from jaxmodel.fit.screen import Direction, Screen
+from jaxmodel.fit.settings import SEED
 
 # A direction of which less than this remains after projection is within the error of finite differences.
 ABSORBED = 3e-3

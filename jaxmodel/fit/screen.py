@@ -18,8 +18,6 @@ from jaxmodel.fit.lanes import LANES
 from jaxmodel.fit.problem import Lane
 from jaxmodel.fit.space import ModelSpec, View
 
-# Seed of all random numbers: a case always gives the same result.
-SEED = 0
 SWITCH_STEP = 1e-3
 # Step of a curve's knot, in sd of its usual size.
 KNOT_STEP = 1e-3

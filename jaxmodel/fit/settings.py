@@ -8,6 +8,9 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+# Seed of all random numbers: a case always gives the same result.
+SEED = 0
+
 
 def _constant(value: Any, meaning: str, source: str = "assumed") -> Any:
     return dataclasses.field(default=value, metadata={"meaning": meaning, "source": source})

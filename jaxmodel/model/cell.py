@@ -13,7 +13,8 @@ from jaxmodel.model.ports import CellContext, Effect, fold
 
 ZERO_DEGC_IN_K = 273.15
 STORAGE_GAS_CONSTANT = 8.3143  # J/(mol K), as eq. 8 prints it
-ENTROPY_REFERENCE_DEGC = 20.0  # at which an open-circuit voltage is that of its table
+GAS_CONSTANT = 8.314  # J/(mol K)
+REFERENCE_DEGC = 20.0  # at which tables hold: of the open-circuit voltage, and of resistances with an activation energy
 
 
 _ELEMENTS = ("series_resistance_ohm", "R_TS", "C_TS", "R_TL", "C_TL", "heat_transfer")
@@ -26,6 +27,12 @@ class Cell(eqx.Module):
     context: CellContext
     effects: tuple[Effect, ...]
     open_circuit_voltage_V: Scalar
+
+
+def arrhenius(energy: Scalar, celsius: Scalar, reference: float = REFERENCE_DEGC) -> Scalar:
+    """Return exp(E/R (1/T - 1/T_ref)), by which what is activated with E [J/mol] is slower than at the reference."""
+    colder = 1.0 / (celsius + ZERO_DEGC_IN_K) - 1.0 / (reference + ZERO_DEGC_IN_K)
+    return jnp.exp(energy / GAS_CONSTANT * colder)
 
 
 def initial_soc(temperature_difference_K: Scalar) -> Scalar:
@@ -87,7 +94,7 @@ def evaluate(
 
     open_circuit = curves.ocv(soc, temperature) + p.ocv_offset_V
     if curves.dU_dT is not None:
-        open_circuit = open_circuit + curves.dU_dT(soc, temperature) * (temperature - ENTROPY_REFERENCE_DEGC)
+        open_circuit = open_circuit + curves.dU_dT(soc, temperature) * (temperature - REFERENCE_DEGC)
     voltage = fold(effects, "open_circuit_voltage", open_circuit, context)
     elements = (
         fold(effects, "series_resistance", series, context),

@@ -77,13 +77,6 @@ def test_curves_of_no_table_and_of_heat_come_where_they_belong():
     assert heat <= set(cache.curves_of(("self_heating",)))
 
 
-def test_other_weights_leave_the_model_as_it_is(warm: FitCache):
-    own = warm.fit(("self_heating",))
-    under = warm.under(("self_heating",), warm.base.likelihood)
-    assert under.likelihood is warm.base.likelihood
-    assert warm.fit(("self_heating",)) is own
-
-
 def test_tolerances_are_stated_or_assumed(warm: FitCache):
     settings = warm.settings
     assert warm.tolerances["cell_temperature_degC"] == settings.assumed_temperature_K
