@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from jaxmodel.diagnosis.result import ChannelError
-from jaxmodel.diagnosis.rungs import rung
-from jaxmodel.diagnosis.search import Found, Search
+from jaxmodel.diagnosis.rungs import evaluated_rows, rung
+from jaxmodel.diagnosis.search import ABOVE_NOISE, Found, Search
 from jaxmodel.diagnosis.wording import amount
 from jaxmodel.fit.cache import FitCache
 from jaxmodel.fit.data import collect
@@ -20,6 +20,9 @@ from jaxmodel.fit.estimate import Fit
 from jaxmodel.fit.gauss_newton import linearised
 from jaxmodel.fit.space import View
 
+# Chi-square of a change of predictions from which held-out readings show whether it is true: 2 of 100 that are true do
+# not lower it.
+CHANGED = 16.0
 # Share of a tolerance by which an error on held-out runs may rise (design).
 WORSE = 0.1
 
@@ -62,8 +65,9 @@ def _changes(
 def confirmed(search: Search, found: Found, keep: Sequence[str] = ()) -> Found:
     """Return what a search found without the additions that held-out runs contradict.
 
-    Held-out runs are predicted worse with such an addition than without it, and not within the tolerance. An unknown
-    law has no physics to speak for it: it leaves if they are not predicted better.
+    Held-out runs are predicted worse with such an addition than without it, and not within the tolerance. Where a model
+    leaves noise alone, less is enough: what it changes there must be seen there. An unknown law has no physics to speak
+    for it: it leaves if they are not predicted better.
 
     Args:
         search: that found it.
@@ -74,26 +78,61 @@ def confirmed(search: Search, found: Found, keep: Sequence[str] = ()) -> Found:
     if all(run.split != "check" for run in cache.case.runs):
         return found
     while others := [label for label in model if label not in keep]:
-        own = rung(cache, "", cache.fit(model, "all"), compared=True).errors
-        beyond = any(one.check > cache.tolerances[name] for name, one in own.items())
-        rises, said = {}, {}
-        for label in others:
-            is_law = cache.space.candidates[label].group == "law"
-            if not beyond and not is_law:
-                continue  # within the tolerance no effect is contradicted
-            rest = [one for one in model if one != label]
-            lacking = rung(cache, "", cache.fit(rest, "all"), compared=True).errors
-            if channels := worse(cache, lacking, own, beyond=1.0):
-                rises[label], said[label] = max(channels.values()), _raises(list(channels), lacking, own)
-            elif is_law and sum(_changes(cache, lacking, own).values()) > -WORSE:
-                rises[label], said[label] = 0.0, "no check run is predicted better with it"
-        if not rises:
+        against = _unseen(search, model, others) or _worse(search, model, others)
+        if not against:
             break
-        label = max(rises, key=rises.__getitem__)
+        label = max(against, key=lambda one: against[one][0])
         cache.report(f"dropping {label}")
-        contradicted[label] = dataclasses.replace(found.tests[label], held_out=said[label])
+        contradicted[label] = dataclasses.replace(found.tests[label], held_out=against[label][1])
         model = tuple(one for one in model if one != label)
     return search.found(model, (*found.path, model), found.refused | contradicted) if contradicted else found
+
+
+def _worse(search: Search, model: Sequence[str], others: Sequence[str]) -> dict[str, tuple[float, str]]:
+    """Return the additions with which held-out runs are predicted worse beyond the tolerance: by how much, in words."""
+    cache, against = search.cache, {}
+    own = rung(cache, "", cache.fit(model, "all"), compared=True).errors
+    beyond = any(one.check > cache.tolerances[name] for name, one in own.items())
+    for label in others:
+        is_law = cache.space.candidates[label].group == "law"
+        if not beyond and not is_law:
+            continue  # within the tolerance no effect is contradicted
+        rest = [one for one in model if one != label]
+        lacking = rung(cache, "", cache.fit(rest, "all"), compared=True).errors
+        if channels := worse(cache, lacking, own, beyond=1.0):
+            against[label] = max(channels.values()), _raises(list(channels), lacking, own)
+        elif is_law and sum(_changes(cache, lacking, own).values()) > -WORSE:
+            against[label] = 0.0, "no check run is predicted better with it"
+    return against
+
+
+def _unseen(search: Search, model: Sequence[str], others: Sequence[str]) -> dict[str, tuple[float, str]]:
+    """Return the additions that change predictions of held-out runs and make none better, where all runs leave noise alone.
+
+    With chi-square of the held-out readings and K that of the change d of their predictions, an addition that is true
+    lowers chi-square by K, within 2 sqrt(K): it is contradicted if it does not, and K exceeds `CHANGED`.
+    """
+    cache, fit, against = search.cache, search.cache.fit(model), {}
+    if not search.is_noise(fit):
+        return {}
+    own = rung(cache, "", fit)
+    if any(one.check > ABOVE_NOISE * cache.noise[name].sd for name, one in own.errors.items()):
+        return {}  # held-out runs miss something else
+    for label in others:
+        lacking = rung(cache, "", cache.fit([one for one in model if one != label]))
+        gained, change = 0.0, 0.0
+        for name, weight in fit.likelihood.channels.items():
+            for run in cache.case.runs:
+                if run.split != "check" or name not in run.measured.outputs:
+                    continue
+                rows = evaluated_rows(run, cache.settings)
+                with_it, without = (one.predictions[run.name][name][rows] for one in (own, lacking))
+                read = run.measured.outputs[name][rows]
+                gained += weight.root**2 * float(np.nansum((read - without) ** 2 - (read - with_it) ** 2))
+                change += weight.root**2 * float(np.sum((with_it - without)[np.isfinite(read)] ** 2))
+        if change > CHANGED and gained < 0.0:
+            against[label] = change, "it changes what is predicted of check runs, and predicts none of them better"
+    return against
 
 
 def _raises(channels: Sequence[str], before: Mapping[str, ChannelError], after: Mapping[str, ChannelError]) -> str:

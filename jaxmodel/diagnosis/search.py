@@ -42,7 +42,12 @@ NO_WORSE = 0.05
 # Product over channels of the shares of the mean square error that are left, below which one channel pays for another.
 # Assumed.
 PAID_FOR = 0.5
-
+# A candidate is refitted if its expected gain is at least this share of the odds that it must exceed. Assumed.
+LIKELY = 0.3
+# Share of a mean square error by which an addition reduces what is missed. Assumed.
+REDUCED = 0.1
+# Log evidence of all curves together from which tables are not exact: 20 to 1.
+INEXACT = 3.0
 # A candidate is not refitted where another may enter that leaves less than this share of Q at its first point. Assumed.
 FAR_LESS = 0.5
 
@@ -60,6 +65,7 @@ class Test:
         plausible: its numbers lie within a few times their usual range, with the right sign.
         material: it reduces the error of a channel by enough.
         worse: channels whose pooled error is larger with it.
+        unseen: what it acts through and no channel shows; "" if one does, or tables are exact.
         held_out: what speaks against it on held-out runs; "" if nothing does.
     """
 
@@ -71,6 +77,7 @@ class Test:
     plausible: bool
     material: bool
     worse: tuple[str, ...]
+    unseen: str = ""
     held_out: str = ""
 
     @property
@@ -86,12 +93,14 @@ class Test:
     @property
     def enters(self) -> bool:
         """Return True if it may enter a model, apart from its evidence."""
-        return self.plausible and self.material
+        return self.plausible and self.material and not self.unseen
 
     def why_not(self) -> str:
         """Return why a significant addition is not named; "" if it is."""
         if self.held_out:
             return self.held_out
+        if self.unseen:
+            return f"it acts through {self.unseen}, which no channel shows"
         if self.share < STABLE:
             return f"it is needed in only {100.0 * self.share:.0f} % of resampled data"
         if self.size_sd < LEAST_SD:
@@ -151,7 +160,8 @@ class Search:
                 if not has_kinetics and cache.is_within_tolerance(cache.fit(model)):
                     model, has_kinetics = self._with_kinetics(model), True
                 entered, refused = self._entering(model)
-                entered = entered or self._entering_beside(model)
+                if entered is None or not self._reduces_what_is_missed(model, entered):
+                    entered = self._entering_beside(model) or entered
                 if entered is None and has_kinetics:
                     break
                 if entered is None:
@@ -231,7 +241,7 @@ class Search:
         effects = [*(by_label[label] for label in simpler if label in by_label), *effects]
         together: dict[str, Gain] = {}
         for one in (*effects, *runs):
-            least = 0.3 * self.odds_of(cache.space.candidates[one.label]) if quiet else -1.0
+            least = LIKELY * self.odds_of(cache.space.candidates[one.label]) if quiet else -1.0
             if one.log_evidence > least or one.label in simpler:
                 together.setdefault(one.label, one)
         return list(together.values())
@@ -278,10 +288,10 @@ class Search:
         gains, before = self.promising(model), cache.fit(model)
         cache.report(f"trying {len(gains)} candidates")
         labels = [gain.label for gain in gains]
-        left = dict(
-            zip(labels, at_once(lambda label: cache.first_point((*model, label)).objective, labels), strict=True)
-        )
+        reached = at_once(lambda label: cache.first_point((*model, label), label)[1], labels)
+        left = dict(zip(labels, reached, strict=True))
         labels.sort(key=left.__getitem__)
+        labels = self._worth_a_refit(model, labels, left)
         found: list[tuple[float, Test]] = []
         for place in range(0, len(labels), 2):
             some = labels[place : place + 2]
@@ -296,14 +306,38 @@ class Search:
         best = next((test for over, test in found if over > 0.0 and test.enters), None)
         return (best.label if best else None), {test.label: test for _, test in found if test.significant}
 
+    def _worth_a_refit(self, model: tuple[str, ...], labels: Sequence[str], left: Mapping[str, float]) -> list[str]:
+        """Return the candidates that could be significant, by what they leave of Q at their first points.
+
+        Where few readings are independent Q is small whatever is missing, and all are refitted.
+        """
+        cache, before, simpler = self.cache, self.cache.fit(model), self._simpler(model)
+        odds = {label: self.odds_of(cache.space.candidates[label]) for label in labels}
+        if not cache.is_within_tolerance(before):
+            return list(labels)
+        return [
+            label
+            for label in labels
+            if label in simpler
+            or before.objective < 6.0 * odds[label]
+            or before.objective - left[label] > 2.0 * LIKELY * odds[label]
+        ]
+
+    def _reduces_what_is_missed(self, model: tuple[str, ...], label: str) -> bool:
+        """Return True if an addition reduces the error of a channel beyond its tolerance, or there is none."""
+        cache = self.cache
+        before, after = (cache.fit(one).mean_squares(cache.view) for one in (model, (*model, label)))
+        missed = [name for name, square in before.items() if square > cache.tolerances[name] ** 2]
+        return not missed or any(after[name] < (1.0 - REDUCED) * before[name] for name in missed)
+
     def _entering_beside(self, model: tuple[str, ...]) -> str | None:
         """Return a candidate that is named beside curves of what no table states, where errors of a model are left.
 
         What is slow or small shows only when these have taken what they explain: the lag of a thermometer once the
-        entropy has bent the temperature.
+        entropy has bent the temperature. What warms a cell may show only then too.
         """
         cache = self.cache
-        if not model or self.is_noise(cache.fit(model)):
+        if self.is_noise(cache.fit(model)) or (not model and cache.is_within_tolerance(cache.fit(model))):
             return None
         gains = cache.scores_at(cache.fit(model, "beside"), ("effect", "sensor", "run")).gains()
         likely = [
@@ -464,7 +498,7 @@ class Search:
         entropy curve and curves of friction and torque too, as far as these are not the addition itself.
         """
         cache = self.cache
-        if self.is_noise(cache.fit(model)) or cache.space.candidates[label].group == "law":
+        if self.is_exact(cache.fit(model)) or cache.space.candidates[label].group == "law":
             return self.test(model, label)
         return self._beside([one for one in model if one != label], label)
 
@@ -477,16 +511,19 @@ class Search:
         candidate, gained = self.cache.space.candidates[label], self.gain(richer, before)
         # For the first addition the odds are even: with less evidence the data do not decide.
         odds = self.odds_of(candidate) - (0.0 if before.added else self.cache.settings.least_odds)
-        if not self.is_noise(richer):
+        exact = self.is_exact(richer)
+        if not exact:
             odds += self.cache.settings.odds_beside_model_error
         worse, material = self._errors(richer, before)
-        if self.is_noise(richer):
-            # The errors are those of the sensors, so that evidence needs no check, and what is significant is all that
-            # there was to explain. A shift of one run must be seen in that run: of a model that is not quite the cell,
-            # some run is always a little off.
-            share, material = 1.0, candidate.run < 0 or self._shifts(richer, before, candidate.run)
-        else:
-            share = self._share_of_bags(richer, before) if gained > odds else 0.0
+        if self.is_noise(richer) and candidate.run >= 0:
+            # A shift of one run must be seen in that run: of a model that is not quite the cell, some run is always a
+            # little off.
+            material = self._shifts(richer, before, candidate.run)
+        elif exact:
+            material = True  # what is significant is all that there was to explain
+        share = 1.0 if exact else self._share_of_bags(richer, before) if gained > odds else 0.0
+        shown_by = candidate.effect.shown_by
+        unseen = "" if exact or not shown_by or shown_by in self.cache.view.data.by_channel else shown_by
         return Test(
             label,
             gained,
@@ -496,7 +533,16 @@ class Search:
             self._plausible(richer, candidate),
             material,
             worse,
+            unseen,
         )
+
+    def is_exact(self, fit: Fit) -> bool:
+        """Return True if a model leaves the noise of the sensors and no curve has evidence: evidence needs no check."""
+        if not self.is_noise(fit):
+            return False
+        stiff = self.cache.space.spec(fit.spec.labels, dict.fromkeys(fit.spec.amplitudes, NONE), fit.spec.spreads)
+        gram = fit.linear.under(fit.likelihood)
+        return log_evidence(gram, fit.spec.precision) - log_evidence(gram, stiff.precision) < INEXACT
 
     def is_noise(self, fit: Fit) -> bool:
         """Return True if a model leaves the noise of the sensors and nothing else."""

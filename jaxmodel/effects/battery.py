@@ -130,6 +130,7 @@ class SelfHeating(Effect):
     """The cell warms by its own losses: C_th dT/dt = heat - hA (T - T_amb), T(0) = ambient + the run's initial rise."""
 
     name: ClassVar[str] = "self_heating"
+    shown_by: ClassVar[str] = "cell_temperature_degC"
     kinds: ClassVar[tuple[str, ...]] = CELL
     equation: ClassVar[str] = "C_th dT/dt = heat - hA (T - T_amb)"
     C_th: Scalar = parameter(
@@ -421,6 +422,7 @@ class ContactHeating(Effect):
 
     name: ClassVar[str] = "contact_heating"
     rare: ClassVar[bool] = True
+    shown_by: ClassVar[str] = "contact_temperature_degC"
     kinds: ClassVar[tuple[str, ...]] = CELL
     equation: ClassVar[str] = "R_ints + R_cyc -> R_ints + R_cyc + k y; tau_c dy/dt = i^2 - y"
     k: Scalar = parameter(
@@ -493,6 +495,7 @@ class CoreTemperature(Effect):
 
     name: ClassVar[str] = "core_temperature"
     rare: ClassVar[bool] = True
+    shown_by: ClassVar[str] = "cell_temperature_degC"
     kinds: ClassVar[tuple[str, ...]] = CELL
     equation: ClassVar[str] = "T -> T + x inside the cell, T at its surface; tau_i dx/dt = R_i heat - x"
     R_i: Scalar = parameter(

@@ -15,7 +15,7 @@ from jaxmodel.case.records import Case
 from jaxmodel.effects.curves import CURVES, OF_NO_TABLE
 from jaxmodel.fit.data import collect
 from jaxmodel.fit.estimate import AMPLITUDES, NONE, SPREADS, STEPS, Fit, calibrate, rarer
-from jaxmodel.fit.gauss_newton import Point, descend, errors_at
+from jaxmodel.fit.gauss_newton import descend, errors_at
 from jaxmodel.fit.lanes import at_once
 from jaxmodel.fit.likelihood import Likelihood, from_tolerances
 from jaxmodel.fit.noise.contract import noise_of_case
@@ -79,7 +79,7 @@ class FitCache:
         outputs = KINDS[self.case.kind].outputs
         self.view = View(self.space, collect(self.space.fitted, self.noise, outputs, self.fit_runs, settings))
         self._fits: dict[tuple[Labels, Curves, Labels], Fit] = {}
-        self._points: dict[tuple[Labels, Curves], Point] = {}
+        self._points: dict[tuple[Labels, str, Curves], tuple[np.ndarray, float]] = {}
         self._scores: dict[Labels, tuple[Scores, Scores]] = {}
 
     def report(self, what: str) -> None:
@@ -172,25 +172,33 @@ class FitCache:
         A model that is within tolerance goes on under its weights and with its amplitudes. From one that is not, curves
         begin as free as they may be.
         """
-        start = self.first_point(labels, curves)
+        x, _ = self.first_point(labels, label, curves)
         if self.is_within_tolerance(before):
-            return calibrate(self.view, self._near(before, labels, curves), start, self.tolerances, before.likelihood)
-        return calibrate(self.view, self._flexible(self.spec(labels, curves), 1.0), start.x, self.tolerances)
+            return calibrate(self.view, self._near(before, labels, curves), x, self.tolerances, before.likelihood)
+        return calibrate(self.view, self._flexible(self.spec(labels, curves), 1.0), x, self.tolerances)
 
     def _near(self, before: Fit, labels: Labels, curves: Curves) -> ModelSpec:
         return self.space.spec(self.spec(labels, curves).labels, before.spec.amplitudes, before.spec.spreads)
 
-    def first_point(self, labels: Sequence[str], curves: Curves = "base") -> Point:
-        """Return the best of a few starts of a model with additions, after some steps each; computed once.
+    def first_point(self, labels: Sequence[str], last: str, curves: Curves = "base") -> tuple[np.ndarray, float]:
+        """Return where a model with one more addition begins, and Q there: the best of a few starts, after some steps.
 
-        The weights are those of the model without the last addition if that is within tolerance, else those of the
+        The weights are those of the model without the addition if that is within tolerance, else those of the
         tolerances: a channel with a large error would count for nothing, and the addition that explains it would stay
-        unused. Points of models that differ in the last addition can be compared.
+        unused. Q of models that differ in the addition can be compared.
+
+        Args:
+            labels: the additions of the model.
+            last: the one that the model before lacks.
+            curves: of both.
+
+        Returns:
+            Coordinates (unknowns,), and Q.
         """
         key = self.space.key(labels)
-        if (key, curves) not in self._points:
-            self._points[key, curves] = self._best_start(key, curves)
-        return self._points[key, curves]
+        if (key, last, curves) not in self._points:
+            self._points[key, last, curves] = self._best_start(key, last, curves)
+        return self._points[key, last, curves]
 
     def _with_more_curves(self, labels: Labels, curves: Labels) -> Fit:
         """Return a model with curves of no table too, from where it is without them and from the stated numbers."""
@@ -243,7 +251,7 @@ class FitCache:
 
     @functools.cached_property
     def _ranks(self) -> dict[str, int]:
-        return {gain.label: number for number, gain in enumerate(self.scores(()).gains())}
+        return {gain.label: number for number, gain in enumerate(self.scores_by_tolerance(()).gains())}
 
     def _first_start(self, spec: ModelSpec) -> np.ndarray:
         """Return the stated values, or the best of a few random ones: a motor that stalls gives no direction."""
@@ -257,8 +265,7 @@ class FitCache:
         best = int(np.argmin(objective))
         return stated[best if objective[best] < 0.5 * objective[0] else 0]
 
-    def _best_start(self, labels: Labels, curves: Curves) -> Point:
-        last = max(labels, key=self._rank)
+    def _best_start(self, labels: Labels, last: str, curves: Curves) -> tuple[np.ndarray, float]:
         before = self.fit([label for label in labels if label != last], curves)
         candidate, of_weights = self.space.candidates[last], [self.scores(before.added)]
         if self.is_within_tolerance(before):
@@ -270,7 +277,9 @@ class FitCache:
         starts = self._starts(before, last, of_weights)
         points = at_once(lambda x: descend(self.view, spec, weights, x, steps=STEPS, flat=0.5), starts)
         best = min(points, key=lambda one: one.objective)
-        return best_along(self.view, spec, weights, candidate, best) if candidate.reach else best
+        if candidate.reach:
+            best = best_along(self.view, spec, weights, candidate, best)
+        return best.x, best.objective
 
     def _starts(self, before: Fit, label: str, of_weights: Sequence[Scores]) -> list[np.ndarray]:
         """Return where a model with one more addition may begin: where scores expect it, and in its usual range."""
@@ -313,8 +322,13 @@ class FitCache:
         return self._scores[key]
 
     def scores_at(self, fit: Fit, groups: Sequence[str]) -> Scores:
-        """Return the expected gains of the candidates of some groups over a model."""
-        return self._scored(fit, screen(self.view, fit.spec, fit.x, groups))
+        """Return the expected gains of the candidates of some groups over a model.
+
+        Its own weights hold if it is within tolerance, else those of the tolerances.
+        """
+        own = self.is_within_tolerance(fit)
+        weights = None if own else from_tolerances(self.view.data, self.tolerances)
+        return self._scored(fit, screen(self.view, fit.spec, fit.x, groups), weights)
 
     def _scored(self, fit: Fit, screened: Screen, likelihood: Likelihood | None = None) -> Scores:
         is_common = np.array([self.space.layout.runs[place] < 0 for place in fit.spec.free])

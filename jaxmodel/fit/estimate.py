@@ -120,7 +120,7 @@ class Fit:
 def calibrate(
     view: View,
     spec: ModelSpec,
-    start: np.ndarray | Point,
+    start: np.ndarray,
     tolerances: Mapping[str, float],
     likelihood: Likelihood | None = None,
     *,

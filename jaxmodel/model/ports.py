@@ -109,7 +109,9 @@ class Effect(eqx.Module):
     effect on all outputs). `is_candidate` is False for what a case may state and no diagnosis looks for.
     `distinguished_by` is the parameter that must differ between runs to distinguish the effect from a calibration.
     `rare` marks an effect that is seldom the cause: a diagnosis asks for more evidence. `needs` are names of effects
-    without which a diagnosis does not try this one, where they are candidates of the case. `has_state` marks sensor
+    without which a diagnosis does not try this one, where they are candidates of the case. `shown_by` is the quantity
+    through which it acts if no input sets that: without a reading of it a diagnosis names the effect only where all
+    tables are exact. `has_state` marks sensor
     effects with internal state or delay. `switch` serves to test many effects at once: at 0 the effect is absent,
     exactly; at 1 it is present; the derivative at 0 is the direction in which it moves the model. None, the default,
     means 1.
@@ -125,6 +127,7 @@ class Effect(eqx.Module):
     distinguished_by: ClassVar[str] = ""
     rare: ClassVar[bool] = False
     needs: ClassVar[tuple[str, ...]] = ()
+    shown_by: ClassVar[str] = ""
 
     column: str = eqx.field(static=True, default="")
     switch: Scalar | None = None
