@@ -47,6 +47,8 @@ UNTESTED, UNTESTED_WITH_ERROR_LEFT = 0.01, 0.05
 RIVAL, MOST_RIVALS = 0.05, 3
 # An error that exceeds the noise by less than this is noise.
 ABOVE_NOISE = 1.1
+# Share of its usual size from which the correction of a formula stands for something unknown (design).
+USUAL_SHARE = 1.0 / 3.0
 
 
 @one_thread_of_blas
@@ -161,7 +163,7 @@ def conclude(search: Search, found: Found, wanted: Sequence[str] = (), ordered: 
         for label, test in tests.items()
         if CURVES[label].table and test.significant and test.material and test.size_sd >= 2.0
     )
-    unstated = [one for one in (*curves, *laws) if not one.stated]
+    unstated = [*(one for one in curves if not one.stated and _is_usual(one)), *laws]
     extrapolated = remarks.extrapolated(cache.case)
     channels = {name: _channel_evidence(cache, name, ladder[1], last) for name in cache.noise}
     explained = bool(named) and all(_small(one) for one in channels.values())
@@ -301,6 +303,11 @@ def _removes(cache: FitCache, labels: Sequence[str], label: str) -> dict[str, Re
         channel: Removed(lacking.errors[channel].fit - one.fit, lacking.errors[channel].check - one.check)
         for channel, one in after.errors.items()
     }
+
+
+def _is_usual(curve: CurveFound) -> bool:
+    """Return True if a correction is of a usual size: less is within what a formula and a fit do."""
+    return float(np.max(np.abs(curve.value))) >= USUAL_SHARE * CURVES[curve.label].typical
 
 
 def _channel_evidence(cache: FitCache, name: str, base: Rung, last: Rung) -> ChannelEvidence:

@@ -107,7 +107,7 @@ def _worse(search: Search, model: Sequence[str], others: Sequence[str]) -> dict[
 
 
 def _unseen(search: Search, model: Sequence[str], others: Sequence[str]) -> dict[str, tuple[float, str]]:
-    """Return the additions that change predictions of held-out runs and make none better, where all runs leave noise alone.
+    """Return the additions that change predictions of held-out runs and make none better, where runs leave noise alone.
 
     With chi-square of the held-out readings and K that of the change d of their predictions, an addition that is true
     lowers chi-square by K, within 2 sqrt(K): it is contradicted if it does not, and K exceeds `CHANGED`.
