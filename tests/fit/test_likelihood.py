@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 from jaxmodel.fit.data import FitData
-from jaxmodel.fit.likelihood import ChannelWeight, autocorrelation_time, from_errors, from_tolerances
+from jaxmodel.fit.likelihood import ChannelWeight, Likelihood, autocorrelation_time, from_errors, from_tolerances
 
 ROWS, RUNS, NOISE = 2000, 4, 0.002
 
@@ -135,3 +135,12 @@ def test_a_fit_begins_with_errors_of_a_tolerance():
     channels = dict(weights.channels)
     channels["soc"] = dataclasses.replace(channels["soc"], sd=0.1)
     assert weights.distance(dataclasses.replace(weights, channels=channels)) == pytest.approx(np.log(2.0))
+
+
+def test_weights_half_way_are_half_way_in_their_logarithms():
+    one = Likelihood({"voltage_V": ChannelWeight(0.001, 1.0, 100)})
+    other = Likelihood({"voltage_V": ChannelWeight(0.004, 9.0, 100)})
+    between = one.towards(other)
+    channel = between.channels["voltage_V"]
+    assert (channel.sd, channel.inflation, channel.count) == (pytest.approx(0.002), pytest.approx(3.0), 100)
+    assert between.distance(one) == pytest.approx(between.distance(other)) == pytest.approx(one.distance(other) / 2.0)

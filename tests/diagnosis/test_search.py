@@ -1,0 +1,109 @@
+"""What a search asks of a name beyond its evidence: exact tables, a channel that shows it, held-out runs that agree."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jaxmodel.case.records import Case
+from jaxmodel.diagnosis import held_out
+from jaxmodel.diagnosis import search as of_search
+from jaxmodel.diagnosis.held_out import _unseen, confirmed
+from jaxmodel.diagnosis.investigation import Investigation
+from jaxmodel.diagnosis.search import Search
+from jaxmodel.fit.cache import FitCache
+from tests.diagnosis.made_cases import SMALL_KEPT, all_but, cache_of, made_cell, small_cell
+
+SIGNIFICANT = of_search.Test("self_heating", 50.0, 8.0, 1.0, 9.0, True, True, ())
+
+
+def without_thermometer(case: Case) -> Case:
+    def of(run):
+        outputs = {"voltage_V": run.measured.outputs["voltage_V"]}
+        return dataclasses.replace(run, measured=dataclasses.replace(run.measured, outputs=outputs))
+
+    return dataclasses.replace(case, runs=tuple(of(run) for run in case.runs), sensors={"voltage_V": 0.002})
+
+
+def with_a_wrong_table(case: Case) -> Case:
+    """The cell reads 8 mV more than its table above half charge, and 8 mV less below."""
+    runs = []
+    for run in case.runs:
+        current = run.measured.inputs["current_A"]
+        drawn = np.cumsum(current) * 10.0 / 3600.0 / 2.03
+        off = 0.008 * np.tanh(10.0 * (run.initial_soc.value - drawn - 0.7))
+        outputs = run.measured.outputs | {"voltage_V": run.measured.outputs["voltage_V"] + off}
+        runs.append(dataclasses.replace(run, measured=dataclasses.replace(run.measured, outputs=outputs)))
+    return dataclasses.replace(case, runs=tuple(runs))
+
+
+def test_a_model_is_exact_where_noise_is_left_and_no_table_is_corrected(plain_small: Investigation):
+    plain = Search(plain_small.cache)
+    assert plain.is_noise(plain.cache.base)
+    assert plain.is_exact(plain.cache.base)
+    wrong = Search(cache_of(with_a_wrong_table(small_cell()), *SMALL_KEPT))
+    assert wrong.is_noise(wrong.cache.base), "the curve of the table takes what it is off"
+    assert not wrong.is_exact(wrong.cache.base)
+
+
+def test_what_no_channel_shows_is_no_name():
+    assert SIGNIFICANT.named
+    assert SIGNIFICANT.enters
+    unseen = dataclasses.replace(SIGNIFICANT, unseen="cell_temperature_degC")
+    assert not unseen.named
+    assert not unseen.enters
+    assert unseen.why_not() == "it acts through cell_temperature_degC, which no channel shows"
+
+
+@pytest.mark.parametrize("thermometer", [True, False])
+def test_a_cell_that_warms_is_seen_by_its_thermometer_where_tables_are_wrong(thermometer: bool):
+    case = with_a_wrong_table(small_cell({"self_heating": {"C_th": 60.0, "hA": 0.1}}, seed=1))
+    search = Search(cache_of(case if thermometer else without_thermometer(case), *SMALL_KEPT))
+    test = search.test(("self_heating",), "self_heating")
+    assert test.unseen == ("" if thermometer else "cell_temperature_degC")
+
+
+def test_what_is_far_off_enters_first_and_alone_is_refitted():
+    case = small_cell({"self_heating": {"C_th": 60.0, "hA": 0.02}}, seed=1)
+    cache = cache_of(case, *SMALL_KEPT)
+    assert not cache.is_within_tolerance(cache.base)
+    said: list[str] = []
+    cache._progress = said.append
+    found = Search(cache).run()
+    assert found.final.added == ("self_heating",)
+    first = said.index("adding self_heating")
+    refitted = ", ".join(text for text in said[:first] if text.startswith("refitting"))
+    assert "self_heating" in refitted
+    assert len(refitted.split(",")) <= 2, "what leaves more than twice as much is not refitted"
+
+
+def held_to(search: Search, M_V: float) -> list[str]:
+    """What held-out runs contradict in a model with a hysteresis of that size."""
+    cache, labels = search.cache, ("ocv_hysteresis",)
+    fit, (place, pace) = cache.fit(labels), cache.space.layout.of["ocv_hysteresis"]
+    coordinate, x = cache.space.layout.coordinates[place], fit.x.copy()
+    x[pace] = 0.0
+    x[place] = (np.log(M_V) - coordinate.centre) / coordinate.spread
+    cache._fits[cache.space.key(labels), "base", ()] = dataclasses.replace(fit, x=x)
+    found = list(_unseen(search, labels, labels))
+    cache._fits[cache.space.key(labels), "base", ()] = fit
+    return found
+
+
+def test_held_out_runs_speak_against_what_they_do_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(held_out, "ABOVE_NOISE", 1.5)  # the start of the check run is off by more than its noise
+    case = made_cell(tmp_path / "plain", {}).case
+    search = Search(FitCache(case, without=all_but(case, "ocv_hysteresis", "ocv_curve")))
+    assert held_to(search, 0.003) == ["ocv_hysteresis"]
+    assert held_to(search, 0.00001) == [], "what changes nothing is not seen"
+
+
+def test_held_out_runs_speak_for_what_they_show(tmp_path: Path):
+    case = made_cell(tmp_path / "hysteresis", {"ocv_hysteresis": {"M_V": 0.02, "g": 30.0}}).case
+    search = Search(FitCache(case, without=all_but(case, "ocv_hysteresis", "ocv_curve")))
+    found = search.run()
+    assert found.final.added == ("ocv_hysteresis",)
+    assert confirmed(search, found).final.added == ("ocv_hysteresis",)
