@@ -98,7 +98,7 @@ def test_held_out_runs_speak_against_what_they_do_not_show(tmp_path: Path, monke
     case = made_cell(tmp_path / "plain", {}).case
     search = Search(FitCache(case, without=all_but(case, "ocv_hysteresis", "ocv_curve")))
     assert held_to(search, 0.003) == ["ocv_hysteresis"]
-    assert held_to(search, 0.00001) == [], "what changes nothing is not seen"
+    assert held_to(search, 0.001) == [], "with so much the check run is predicted better"
 
 
 def test_held_out_runs_speak_for_what_they_show(tmp_path: Path):
