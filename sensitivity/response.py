@@ -18,13 +18,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmodel.base.errors import ParameterError, nearest
+from jaxmodel.lanes.influence import influential
 from jaxmodel.model.curves import CURVE_NAMES, Curve
 from jaxmodel.model.declaration import ParameterInfo, Scalar
 from jaxmodel.model.electrothermal import Model, initial_state, read
 from jaxmodel.model.names import parameter_table, value, with_values
 from jaxmodel.model.profile import Profile
 from jaxmodel.model.simulation import Cutoff, Track, run_track, track
-from jaxmodel.sensitivity.influence import influential
 from jaxmodel.sensitivity.metrics import VALID_SHARE, choose_metrics
 from jaxmodel.sweeps.lane import Keep, Outcome, SteppedProfile, lay_out, run_lane
 from jaxmodel.sweeps.metrics import Metric

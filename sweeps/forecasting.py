@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 
+from jaxmodel.sweeps.idle import warn_of_idle
 from jaxmodel.sweeps.plan import COPIES
 from jaxmodel.sweeps.runner import Runner
 from jaxmodel.sweeps.study import Study
@@ -51,7 +52,11 @@ def forecast(study: Study, memory: float | int | str | None = None) -> Forecast:
 
     Raises:
         SweepError: the memory does not suffice.
+
+    Warns:
+        Remark: no result can depend on an axis.
     """
+    warn_of_idle(study)
     began = time.perf_counter()
     runner = Runner(study)
     chunks = runner.chunks(memory, whole=False)

@@ -495,7 +495,7 @@ class CoreTemperature(Effect):
 
     name: ClassVar[str] = "core_temperature"
     rare: ClassVar[bool] = True
-    shown_by: ClassVar[str] = "cell_temperature_degC"
+    shown_by: ClassVar[str] = "core_temperature_degC"
     kinds: ClassVar[tuple[str, ...]] = CELL
     equation: ClassVar[str] = "T -> T + x inside the cell, T at its surface; tau_i dx/dt = R_i heat - x"
     R_i: Scalar = parameter(
