@@ -11,12 +11,21 @@ from jaxmodel.data.importing.findings import Decision, Finding
 from jaxmodel.data.importing.logs import Log
 from jaxmodel.data.importing.sign import evidence
 
-# Highest voltage at rest and the voltage from which a rested cell is full, by chemistry that the range tells (assumed).
-_LFP_MOST_V = 3.85
-_LFP_SPREAD_V = 0.25  # between the quartiles of its voltage
-# A rested cell within so much [V] of the highest voltage of the files is full; sd of its SOC for that.
+# Highest voltage at rest of LFP, the range of its middle and the width between the quartiles of its charge (assumed).
+_LFP_MOST_V, _LFP_MIDDLE_V, _LFP_SPREAD_V = 3.85, (2.8, 3.5), 0.25
+# Layered oxides are charged to 4.2 V (4.20 +- 0.05 V: Samsung, specification of the INR18650-30Q); a full one rests at
+# 4.1 V or more, and at 4.18 V where the files show none (assumed).
+_LAYERED_FULL_V, _LAYERED_RESTS_V = 4.1, 4.18
+# Under the load of a charge that ends, a cell of LFP is full from so much on (charged to 3.6 V: A123, data sheet of the
+# ANR26650M1), one of LTO, which never shows more than the second number, from the third (2.7 V: Toshiba, SCiB).
+_LFP_CHARGED_V, _LTO_MOST_V, _LTO_CHARGED_V = 3.5, 2.9, 2.6
+# A charge whose current falls to this share of its own largest, within so much [V] of its end, ends at a full cell.
+_TAPERED, _TAPER_V, _TAPER_S = 0.35, 0.015, 300.0
+# A rested cell within so much [V] of the voltage of a full one is full; sd of its SOC for that.
 _FULL_V, _FULL_SD = 0.06, 0.02
 _NEARLY_FULL_V = 0.2
+# sd of the SOC that a log states by itself, and by how much more it may differ from the count (assumed).
+_LOGGED_SD, _DISAGREES = 0.05, 0.05
 _CHARGED_ABOVE_V = 0.15  # a charge that ends so far above every rest was not followed by one
 _FULL_LOADED_V, _FULL_LOADED_SD = 0.1, 0.04
 _LFP_FULL_V, _LFP_FULL_SD = 3.38, 0.02
@@ -46,13 +55,13 @@ class Count:
     Attributes:
         run: which.
         out_Ah: charge taken out since the first row [A h].
-        full: rows at which the cell is full: at rest near the highest voltage, or at the end of a charge.
+        full: rows at which the cell is full: at rest at the voltage of a full cell, or at the end of a charge.
         empty: rows at which the cut-off is reached under load.
         resting: rows without load.
         ambient_degC: of the run; None where nothing tells.
         rate_A: typical current of the run [A].
-        below_full_V: how far below the highest rested voltage of the files it rests at its first row; NaN for a start
-            under load, and for a flat chemistry.
+        below_full_V: how far below the voltage of a full cell it rests at its first row; NaN for a start under load,
+            and where the chemistry does not tell.
     """
 
     run: Log
@@ -84,28 +93,92 @@ def counts(runs: Sequence[Log], ambient_degC: Sequence[float | None]) -> list[Co
     rested = [_quantile(run.columns["voltage_V"][_resting(run, floor)], 0.995) for run, _ in usable]
     tops = [_quantile(run.columns["voltage_V"], 0.99) for run, _ in usable]
     high = max((value for value in rested if np.isfinite(value)), default=float(np.median(tops)))
-    volts = [run.columns["voltage_V"] for run, _ in usable]
-    spread = [_quantile(one, 0.75) - _quantile(one, 0.25) for one in volts]
-    flat = 3.2 < high < _LFP_MOST_V and float(np.median(spread)) < _LFP_SPREAD_V
-    # A cycler that goes from charge to discharge without a rest shows no full cell at rest.
-    charged_V = [float(run.columns["voltage_V"][end]) for run, _ in usable for end in _charged(run)]
-    if charged_V and not flat and max(charged_V) > high + _CHARGED_ABOVE_V:
-        high = max(charged_V)
+    ends_V = [float(run.columns["voltage_V"][end]) for run, _ in usable for end in _charged(run)]
     lows = sorted(_quantile(run.columns["voltage_V"], 0.0) for run, _ in usable)
     low = float(np.median(lows[: max(len(lows) // 2, 1)]))
-    return [_count(run, warmth, high, low, floor, flat) for run, warmth in usable]
+    full = _full_of([run for run, _ in usable], high, max(ends_V, default=-np.inf), low)
+    return [_count(run, warmth, full, low, floor) for run, warmth in usable]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Full:
+    """How a full cell of these files shows: NaN where nothing does.
+
+    Attributes:
+        flat: whether the open-circuit voltage is, as that of LFP.
+        high: the highest voltage at rest, or that of a full cell where it is known.
+        rests_V: least voltage at rest of a full cell.
+        charged_V: least voltage at which a charge ends there.
+    """
+
+    flat: bool
+    high: float
+    rests_V: float
+    charged_V: float
+
+
+def _full_of(runs: Sequence[Log], high: float, charged_V: float, low: float) -> _Full:
+    """Return how a full cell shows, by the chemistry that the voltages tell: the highest of the files is no reason."""
+    if high < _LTO_MOST_V:
+        return _Full(True, high, np.nan, _LTO_CHARGED_V)
+    middle, spread = _middle(runs)
+    if 3.2 < high < _LFP_MOST_V and _LFP_MIDDLE_V[0] < middle < _LFP_MIDDLE_V[1] and spread < _LFP_SPREAD_V:
+        # Layered oxides have such voltages too when nearly empty; a plateau that ends at a cut-off, or at a charge, tells.
+        known = low <= _MOST_EMPTY_LFP_V or charged_V >= _LFP_CHARGED_V
+        return _Full(True, high, _LFP_FULL_V if known else np.nan, _LFP_CHARGED_V)
+    # A cycler that goes from charge to discharge without a rest shows no full cell at rest.
+    if charged_V > max(high + _CHARGED_ABOVE_V, _LAYERED_FULL_V):
+        high = charged_V
+    high = high if high >= _LAYERED_FULL_V else _LAYERED_RESTS_V
+    return _Full(False, high, high - _FULL_V, max(high - 0.01, _LAYERED_FULL_V))
+
+
+def _middle(runs: Sequence[Log]) -> tuple[float, float]:
+    """Return median and width between the quartiles of the voltage, by the charge that is moved at it."""
+    volts, charges = [], []
+    for run in runs:
+        there = np.isfinite(run.columns["voltage_V"])
+        moved = np.abs(np.nan_to_num(run.columns["current_A"])) * np.diff(run.time_s, prepend=run.time_s[0])
+        volts.append(run.columns["voltage_V"][there])
+        charges.append(moved[there])
+    volt, charge = np.concatenate(volts), np.concatenate(charges)
+    if not charge.sum() > 0.0:
+        return float(np.median(volt)) if volt.size else np.nan, 0.0
+    order = np.argsort(volt)
+    share = np.cumsum(charge[order]) / charge.sum()
+    first, half, last = (float(volt[order][np.searchsorted(share, at)]) for at in (0.25, 0.5, 0.75))
+    return half, last - first
+
+
+def _charges(run: Log) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first and the last rows of the charges of a run."""
+    charging = np.concatenate([[False], np.nan_to_num(run.columns["current_A"]) < 0.0, [False]])
+    turns = np.flatnonzero(charging[1:] != charging[:-1])
+    return turns[::2], turns[1::2] - 1
 
 
 def _charged(run: Log) -> np.ndarray:
     """Return the last rows of charges that put back at least half of all the charge that the run moves."""
-    current = np.nan_to_num(run.columns["current_A"])
-    out = np.cumsum(current * np.diff(run.time_s, prepend=run.time_s[0]))
-    charging = np.concatenate([[False], current < 0.0, [False]])
-    turns = np.flatnonzero(charging[1:] != charging[:-1])
-    begins, ends = turns[::2], turns[1::2] - 1
+    out = np.cumsum(np.nan_to_num(run.columns["current_A"]) * np.diff(run.time_s, prepend=run.time_s[0]))
+    begins, ends = _charges(run)
     put_back = out[np.maximum(begins - 1, 0)] - out[ends]
     ends = ends[put_back >= 0.5 * float(np.ptp(out))] if ends.size else ends
     return ends[np.isfinite(run.columns["voltage_V"][ends])]
+
+
+def _tapered(run: Log) -> np.ndarray:
+    """Return the last rows of charges that end at constant voltage, the current fallen to a small share."""
+    current, voltage = run.columns["current_A"], run.columns["voltage_V"]
+    found = []
+    for begin, end in zip(*_charges(run), strict=True):
+        part, volts = np.abs(current[begin : end + 1]), voltage[begin : end + 1]
+        held = np.abs(volts - voltage[end]) < _TAPER_V
+        # From its last row not held, it is held to the end.
+        first = int(np.flatnonzero(~held)[-1]) + 1 if (~held).any() else 0
+        falls = part[-1] <= _TAPERED * part.max() and part[-1] <= 1.01 * part[first:].min()
+        if falls and run.time_s[end] - run.time_s[begin + first] >= _TAPER_S:
+            found.append(end)
+    return np.array(found, dtype=int)
 
 
 def _resting(run: Log, floor: float) -> np.ndarray:
@@ -118,42 +191,38 @@ def _quantile(values: np.ndarray, share: float) -> float:
     return float(np.quantile(there, share)) if there.size else np.nan
 
 
-def _count(run: Log, ambient_degC: float | None, high: float, low: float, floor: float, flat: bool) -> Count:
+def _count(run: Log, ambient_degC: float | None, of_full: _Full, low: float, floor: float) -> Count:
     """Return the charge of a run.
 
     Args:
         run: current positive on discharge.
         ambient_degC: of it.
-        high: voltage of a full cell.
+        of_full: how a full cell shows.
         low: the cut-off.
         floor: current below which every run rests [A].
-        flat: whether the open-circuit voltage is, as that of LFP.
     """
     current, voltage = np.nan_to_num(run.columns["current_A"]), run.columns["voltage_V"]
     interval = np.diff(run.time_s, prepend=run.time_s[0]) / 3600.0
     out = np.cumsum(current * interval)
     largest = float(np.max(np.abs(current))) or 1.0
-    resting = _resting(run, floor)
+    resting, high, flat = _resting(run, floor), of_full.high, of_full.flat
     with np.errstate(invalid="ignore"):
-        if flat:
-            near_full = voltage >= min(_LFP_FULL_V, high - 0.02)
-        else:
-            near_full = voltage >= high - _FULL_V
-        full = near_full & resting
-        # The end of a charge at constant voltage: the current has fallen to a small share.
-        tapered = (current < 0.0) & (np.abs(current) < 0.12 * largest) & (voltage >= high - 0.01)
-        most = _MOST_EMPTY_LFP_V if flat else _MOST_EMPTY_V if high > _LFP_MOST_V else np.inf
+        full = resting & (voltage >= of_full.rests_V)
+        most = _MOST_EMPTY_LFP_V if flat else _MOST_EMPTY_V
         empty = (voltage <= min(low + _EMPTY_V, most)) & (current > 0.1 * largest)
-    ends = _charged(run)
-    tapered[ends[voltage[ends] >= high - 0.01]] = True
-    if not resting[0] and np.isfinite(voltage[0]) and current[0] > 0.0:  # the first row is under load already
+        ends = _charged(run)
+        full[ends[voltage[ends] >= of_full.charged_V]] = True
+    full[_tapered(run)] = True
+    if not resting[0] and not flat and np.isfinite(voltage[0]) and current[0] > 0.0:  # under load already
         seen = evidence(run)
         drop = current[0] * seen.resistance_ohm if seen.steps >= 3 and seen.resistance_ohm > 0.0 else 0.0
         full[0] |= bool(voltage[0] + drop >= high - (_FULL_LOADED_V if drop else 1.5 * _FULL_LOADED_V))
+    elif not resting[0] and current[0] > 0.0:
+        full[0] |= bool(voltage[0] >= of_full.rests_V)
     loaded = np.abs(current) > 0.05 * largest
     rate = float(np.median(np.abs(current[loaded]))) if loaded.any() else 0.0
     below = high - float(voltage[0]) if resting[0] and not flat else np.nan
-    return Count(run, out, full | tapered, empty, resting, ambient_degC, rate, below)
+    return Count(run, out, full, empty, resting, ambient_degC, rate, below)
 
 
 def capacity_of(
