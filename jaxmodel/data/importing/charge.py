@@ -36,6 +36,9 @@ _MOST_EMPTY_V, _MOST_EMPTY_LFP_V = 3.3, 2.9
 # A current below this share of the run's largest, or of that of all runs, is a rest.
 _REST, _FLOOR = 0.02, 0.0025
 _RESTED_S = 600.0
+# A run that is loaded for a shorter time [h], or whose resting voltage changes by less [V], tells no capacity (assumed).
+_PULSE_H, _PULSE_V = 0.1, 0.1
+_LEAST_SHARE = 0.2  # of the SOC, from which what a log states of it tells the capacity
 _SLOW = 1.0 / 15.0  # of the capacity per hour: such a current hardly moves the voltage
 
 
@@ -237,7 +240,7 @@ def capacity_of(
     """
     if stated_Ah is not None:
         return Stated(stated_Ah, 0.02 * stated_Ah, "stated"), True
-    discharges = [pair for count in found for pair in _full_discharges(count)]
+    discharges = [pair for count in found for pair in full_discharges(count)]
     if discharges:
         one, best = max(discharges, key=lambda pair: pair[1])
         # What a fast discharge leaves in the cell is not known.
@@ -247,14 +250,55 @@ def capacity_of(
         return Stated(best, sd, f"{which} from full to the cut-off, in {one.run.name}"), True
     if of_preset is not None:
         return of_preset, False
-    moved = max((float(np.ptp(count.out_Ah)) for count in found), default=0.0)
-    if moved <= 0.0:
-        return Stated(5.2, 5.0, "unknown: no charge was moved; the paper's cell"), False
-    why = "assumed: 1.25 times the charge that the longest run moves; no discharge goes from full to the cut-off"
-    return Stated(1.25 * moved, 0.3 * moved, why), False
+    if (logged := _by_logged_soc(found)) is not None:
+        return logged, True
+    return _guess(found), False
 
 
-def _full_discharges(count: Count) -> list[tuple[Count, float]]:
+def _by_logged_soc(found: Sequence[Count]) -> Stated | None:
+    """Return the capacity by the SOC that a log states and the charge that it moves meanwhile."""
+    parts = []
+    for count in found:
+        soc = count.run.columns.get("soc")
+        there = np.flatnonzero(np.isfinite(soc)) if soc is not None else np.empty(0, dtype=int)
+        if soc is None or not there.size:
+            continue
+        low, high = there[np.argmin(soc[there])], there[np.argmax(soc[there])]
+        share, moved = float(soc[high] - soc[low]), float(count.out_Ah[low] - count.out_Ah[high])
+        if share > _LEAST_SHARE and moved > 0.0:
+            parts.append((share, moved / share, count.run.name))
+    if not parts:
+        return None
+    share, capacity, name = max(parts)
+    return Stated(capacity, capacity * _LOGGED_SD * 2.0**0.5 / share, f"by the log's own state of charge, in {name}")
+
+
+def _guess(found: Sequence[Count]) -> Stated:
+    """Return a capacity that the files do not tell, with an sd that says so: half of it or more."""
+    moved, one = max(((float(np.ptp(count.out_Ah)), count) for count in found), key=lambda pair: pair[0], default=(0, None))
+    if one is None or moved <= 0.0:
+        return Stated(5.2, 5.2, "no charge was moved; that of the paper's cell is assumed")
+    quiet = one.run.columns["voltage_V"][one.resting & np.isfinite(one.run.columns["voltage_V"])]
+    swing = 0.0 if np.isnan(one.below_full_V) or not quiet.size else float(np.ptp(quiet[[0, -1]]))
+    pulse = moved < _PULSE_H * one.rate_A or (quiet.size > 1 and swing and swing < _PULSE_V)
+    if not pulse:
+        why = "assumed: 1.25 times the charge that the longest run moves; no discharge goes from full to the cut-off"
+        return Stated(1.25 * moved, 0.625 * moved, why)
+    why = f"a pulse of {_in_words(moved)} does not tell the capacity"
+    if swing > 1e-3:  # layered oxides lose about 1 V per unit of SOC
+        return Stated(moved / swing, moved / swing, f"{why}; assumed by how its resting voltage changes")
+    return Stated(one.rate_A, one.rate_A, f"{why}; the charge of its current in one hour is assumed")
+
+
+def _in_words(charge_Ah: float) -> str:
+    """Return a charge in the unit in which it is said."""
+    for size, unit in ((1.0, "A h"), (1e-3, "mA h"), (1e-6, "µA h")):
+        if charge_Ah >= size:
+            return f"{charge_Ah / size:.3g} {unit}"
+    return f"{charge_Ah:.3g} A h"
+
+
+def full_discharges(count: Count) -> list[tuple[Count, float]]:
     """Return the charge between a full cell and the cut-off that follows, for each such pair."""
     result = []
     full, empty = np.flatnonzero(count.full), np.flatnonzero(count.empty)
@@ -291,7 +335,10 @@ def rest_curve(
         moving = np.where(count.resting, 0, np.arange(current.size))
         since = time_s - time_s[np.maximum.accumulate(moving)]
         quiet = np.isfinite(voltage) & slow & ((since > _RESTED_S) | (np.nan_to_num(current) > 0.01 * capacity_Ah))
+        # Before the full charge from which a start is counted back, an error of that count is in each point.
+        full = np.flatnonzero(count.full)
         rows = np.flatnonzero(quiet)
+        rows = rows[rows >= full[0]] if full.size else rows
         rows = rows[np.linspace(0, rows.size - 1, min(rows.size, 2000)).astype(int)] if rows.size else rows
         socs.append(start.value - count.out_Ah[rows] / capacity_Ah)
         volts.append(voltage[rows])
@@ -321,48 +368,100 @@ def starts_of(found: Sequence[Count], capacity: Stated, known: bool) -> list[Sta
     curve = rest_curve(found, counted, capacity.value)
     result = []
     for count, start in zip(found, counted, strict=True):
-        # A run that only reaches the cut-off knows its end less well than a rested voltage knows its start.
-        read = None if curve is None or (start is not None and (start.sd or 0.0) <= 0.03) else _read(count, *curve)
+        logged = _logged(count)
+        # A run that only reaches the cut-off knows its end less well than a rested voltage knows its start; one that
+        # reaches a full charge knows that better.
+        sure = start is not None and (count.full.any() or (start.sd or 0.0) <= 0.03)
+        read = None if curve is None or sure else read_from_rest(count, *curve)
         options = [one for one in (start, read) if one is not None]
-        unknown = Stated(
-            0.5, 0.3, "unknown: no full charge, no cut-off and no rested voltage tells it; state --initial-soc"
-        )
-        result.append(min([*options, unknown], key=lambda one: one.sd or 0.0))
+        best = logged or min([*options, _UNKNOWN], key=lambda one: one.sd or 0.0)
+        result.append(best)
+    return result
+
+
+_UNKNOWN = Stated(
+    0.5,
+    0.3,
+    "unknown: no full charge, no cut-off, no voltage of a full cell and no rested voltage tells it; "
+    "state --initial-soc",
+)
+
+
+def _logged(count: Count) -> Stated | None:
+    """Return the SOC that a log states of its first row; None where it states none, or always the same."""
+    soc = count.run.columns.get("soc")
+    there = np.flatnonzero(np.isfinite(soc)) if soc is not None else np.empty(0, dtype=int)
+    if soc is None or not there.size or not 0.0 <= soc[there[0]] <= 1.0:
+        return None
+    still = float(np.ptp(soc[there])) == 0.0 and float(np.ptp(count.out_Ah)) > 0.0
+    if still and soc[there[0]] in (0.0, 1.0):  # a column that nobody filled in
+        return None
+    return Stated(_within(float(soc[there[0]])), _LOGGED_SD, "the log states it")
+
+
+def against_the_log(found: Sequence[Count], starts: Sequence[Stated], capacity: Stated, known: bool) -> list[Finding]:
+    """Return where the SOC that a log states and the one that its charge and voltage give are apart.
+
+    Args:
+        found: the charge of each run.
+        starts: of each, as `starts_of` returns them.
+        capacity: of the cell [A h].
+        known: whether the capacity comes from a full discharge or from the user.
+    """
+    result = []
+    for count, start in zip(found, starts, strict=True):
+        other = _counted(count, capacity.value, known)
+        if start.why != "the log states it" or other is None:
+            continue
+        apart = abs(start.value - other.value)
+        if apart > 2.0 * float(np.hypot(start.sd or 0.0, other.sd or 0.0)) + _DISAGREES:
+            name = count.run.name
+            sentence = (
+                f"{name}: the log states a state of charge of {start.value:.0%} at its first row, and it is "
+                f"{other.value:.0%} ({other.why}); that of the log is taken. State the right one with --initial-soc."
+            )
+            result.append(Finding("initial SOC", name, sentence, "warning", "soc", numbers={"apart": apart}))
     return result
 
 
 def _counted(count: Count, capacity_Ah: float, known: bool) -> Stated | None:
-    full = np.flatnonzero(count.full)
+    """Return the start by the voltage of a full cell, or counted back from the nearest full or empty row."""
+    full, empty = np.flatnonzero(count.full), np.flatnonzero(count.empty)
     if full.size and abs(count.out_Ah[full[0]]) < 0.005 * capacity_Ah:
         loaded = not count.resting[0]
-        why = "full: it begins near the highest voltage of the files" + (", under load" if loaded else "")
+        why = "full: it begins at the voltage of a full cell" + (", under load" if loaded else "")
         return Stated(1.0, _FULL_LOADED_SD if loaded else _FULL_SD, why)
     if count.below_full_V < _NEARLY_FULL_V:
         # Near full, layered oxides lose about 1 V per unit of SOC; so much a rest after the charge takes by itself.
         start = 1.0 - max(count.below_full_V - 0.5 * _FULL_V, 0.0)
         return Stated(_within(start), 0.05, "nearly full: by the voltage at which it rests, at 1 V per unit of SOC")
+    passed = np.cumsum(np.abs(np.diff(count.out_Ah, prepend=0.0))) / capacity_Ah
+    options = []
     if full.size:
         first = int(full[0])
         start = 1.0 + float(count.out_Ah[first]) / capacity_Ah
-        sd = _FULL_SD + (0.05 if not known else 0.01) + 0.02 * abs(1.0 - start)
-        return Stated(_within(start), sd, "counted back from the full charge within the run")
-    empty = np.flatnonzero(count.empty)
+        sd = _FULL_SD + (0.05 if not known else 0.01) + 0.02 * float(passed[first])
+        options.append(Stated(_within(start), sd, "counted back from the full charge within the run"))
     if empty.size and known:
-        start = float(count.out_Ah[empty[-1]]) / capacity_Ah
-        # The faster and the colder, the more is left in the cell at the cut-off.
-        cold = 0.0 if count.ambient_degC is None else max(20.0 - count.ambient_degC, 0.0)
-        sd = 0.04 + 0.05 * count.rate_A / capacity_Ah + 0.01 * cold
-        return Stated(_within(start + 0.3 * sd), sd, "counted back from the cut-off within the run")
-    return None
+        last = int(empty[-1] if not full.size else empty[empty < full[0]][-1] if (empty < full[0]).any() else -1)
+        if last >= 0:
+            start = float(count.out_Ah[last]) / capacity_Ah
+            # The faster and the colder, the more is left in the cell at the cut-off.
+            cold = 0.0 if count.ambient_degC is None else max(20.0 - count.ambient_degC, 0.0)
+            sd = 0.04 + 0.05 * count.rate_A / capacity_Ah + 0.01 * cold
+            options.append(Stated(_within(start + 0.3 * sd), sd, "counted back from the cut-off within the run"))
+    return min(options, key=lambda one: one.sd or 0.0, default=None)
 
 
-def _read(count: Count, soc: np.ndarray, volt: np.ndarray) -> Stated | None:
+def read_from_rest(count: Count, soc: np.ndarray, volt: np.ndarray) -> Stated | None:
     """Return the SOC at which a cell rests at the first voltage of a run; the flatter the curve, the larger its sd."""
     voltage = count.run.columns["voltage_V"]
     there = np.flatnonzero(np.isfinite(voltage))
     if not there.size or not count.resting[there[0]]:
         return None
     first = float(voltage[there[0]])
+    if soc[0] < 0.1 and 0.0 < first < volt[0]:  # below the lowest rest of an empty cell
+        return Stated(_within(float(soc[0])), 0.03, "it begins below the voltage at which the empty cell rests")
     if not volt[0] - 0.05 <= first <= volt[-1] + 0.05:
         return None
     low, high = (float(np.interp(first + step, volt, soc)) for step in (-0.015, 0.015))
