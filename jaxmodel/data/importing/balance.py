@@ -1,4 +1,4 @@
-"""Charge that does not balance: full discharges and charges of one cell whose currents or clocks contradict each other."""
+"""Charge that does not balance: full discharges and charges of one cell that contradict each other."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmodel.data.importing.charge import Count, Stated, full_discharges, read_from_rest, rest_curve
+from jaxmodel.data.importing.charge import EMPTY, Count, Stated, full_discharges, read_from_rest, rest_curve
 from jaxmodel.data.importing.findings import Finding
 
 # By how much two full discharges may differ: at rates within a factor of three, and at any (cells of much energy give
@@ -100,9 +100,9 @@ def starts(
     curve = rest_curve(found, first, capacity.value)
     result, said, most = list(first), [], 0.0
     for number, (count, start) in enumerate(zip(found, first, strict=True)):
-        if curve is None or not start.why.startswith("counted back from the full"):
+        if not start.why.startswith("counted back from the full"):
             continue
-        read = read_from_rest(count, *curve)
+        read = EMPTY if count.begins_empty else None if curve is None else read_from_rest(count, *curve)
         if read is None:
             continue
         apart = abs(start.value - read.value)
@@ -111,15 +111,14 @@ def starts(
         full = int(np.flatnonzero(count.full)[0])
         into = float(-count.out_Ah[full])
         should = (1.0 - read.value) * capacity.value
-        said.append(
-            f"{count.run.name}: from {read.value:.0%} (by its resting voltage) to full {into:.3g} A h go in, and from "
-            f"full to there {should:.3g} A h come out"
-        )
+        begin = "empty" if count.begins_empty else f"{read.value:.0%} (by its resting voltage)"
+        out = capacity.value if count.begins_empty else should
+        said.append(f"{count.run.name}: from {begin} to full {into:.3g} A h go in, and {out:.3g} A h come out again")
         most = max(most, abs(should - into))
         result[number] = dataclasses.replace(start, sd=max(start.sd or 0.0, apart))
     if not said:
         return result, capacity, []
-    more = f" (and {len(said) - 1} more runs alike)" if len(said) > 1 else ""
+    more = f" (and {len(said) - 1} more alike)" if len(said) > 1 else ""
     sentence = (
         f"{said[0]}{more}: the sensor reads one direction wrongly, or rows are missing. The start is counted back from "
         "the full charge."

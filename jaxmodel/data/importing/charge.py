@@ -32,11 +32,12 @@ _LFP_FULL_V, _LFP_FULL_SD = 3.38, 0.02
 # The voltage under load within so much [V] of the lowest of the files is the cut-off, if it is no higher than makers of
 # such cells state: 2.5 to 3.2 V of layered oxides, 2.0 to 2.8 V of LFP.
 _EMPTY_V = 0.15
+_EMPTY_RESTS_V = 0.4  # above the cut-off, an empty cell rests (assumed)
 _MOST_EMPTY_V, _MOST_EMPTY_LFP_V = 3.3, 2.9
 # A current below this share of the run's largest, or of that of all runs, is a rest.
 _REST, _FLOOR = 0.02, 0.0025
 _RESTED_S = 600.0
-# A run that is loaded for a shorter time [h], or whose resting voltage changes by less [V], tells no capacity (assumed).
+# A run that is loaded for less [h], or whose resting voltage changes by less [V], tells no capacity (assumed).
 _PULSE_H, _PULSE_V = 0.1, 0.1
 _LEAST_SHARE = 0.2  # of the SOC, from which what a log states of it tells the capacity
 _SLOW = 1.0 / 15.0  # of the capacity per hour: such a current hardly moves the voltage
@@ -65,6 +66,7 @@ class Count:
         rate_A: typical current of the run [A].
         below_full_V: how far below the voltage of a full cell it rests at its first row; NaN for a start under load,
             and where the chemistry does not tell.
+        begins_empty: whether it rests at its first row at the voltage of an empty cell.
     """
 
     run: Log
@@ -75,6 +77,7 @@ class Count:
     ambient_degC: float | None
     rate_A: float
     below_full_V: float
+    begins_empty: bool
 
 
 def counts(runs: Sequence[Log], ambient_degC: Sequence[float | None]) -> list[Count]:
@@ -126,7 +129,7 @@ def _full_of(runs: Sequence[Log], high: float, charged_V: float, low: float) -> 
         return _Full(True, high, np.nan, _LTO_CHARGED_V)
     middle, spread = _middle(runs)
     if 3.2 < high < _LFP_MOST_V and _LFP_MIDDLE_V[0] < middle < _LFP_MIDDLE_V[1] and spread < _LFP_SPREAD_V:
-        # Layered oxides have such voltages too when nearly empty; a plateau that ends at a cut-off, or at a charge, tells.
+        # Nearly empty layered oxides have such voltages too; a plateau that ends at a cut-off or at a charge tells.
         known = low <= _MOST_EMPTY_LFP_V or charged_V >= _LFP_CHARGED_V
         return _Full(True, high, _LFP_FULL_V if known else np.nan, _LFP_CHARGED_V)
     # A cycler that goes from charge to discharge without a rest shows no full cell at rest.
@@ -225,7 +228,8 @@ def _count(run: Log, ambient_degC: float | None, of_full: _Full, low: float, flo
     loaded = np.abs(current) > 0.05 * largest
     rate = float(np.median(np.abs(current[loaded]))) if loaded.any() else 0.0
     below = high - float(voltage[0]) if resting[0] and not flat else np.nan
-    return Count(run, out, full, empty, resting, ambient_degC, rate, below)
+    begins_empty = bool(resting[0] and voltage[0] <= min(low + _EMPTY_RESTS_V, most))
+    return Count(run, out, full, empty, resting, ambient_degC, rate, below, begins_empty)
 
 
 def capacity_of(
@@ -275,7 +279,9 @@ def _by_logged_soc(found: Sequence[Count]) -> Stated | None:
 
 def _guess(found: Sequence[Count]) -> Stated:
     """Return a capacity that the files do not tell, with an sd that says so: half of it or more."""
-    moved, one = max(((float(np.ptp(count.out_Ah)), count) for count in found), key=lambda pair: pair[0], default=(0, None))
+    moved, one = max(
+        ((float(np.ptp(count.out_Ah)), count) for count in found), key=lambda pair: pair[0], default=(0, None)
+    )
     if one is None or moved <= 0.0:
         return Stated(5.2, 5.2, "no charge was moved; that of the paper's cell is assumed")
     quiet = one.run.columns["voltage_V"][one.resting & np.isfinite(one.run.columns["voltage_V"])]
@@ -373,7 +379,8 @@ def starts_of(found: Sequence[Count], capacity: Stated, known: bool) -> list[Sta
         # reaches a full charge knows that better.
         sure = start is not None and (count.full.any() or (start.sd or 0.0) <= 0.03)
         read = None if curve is None or sure else read_from_rest(count, *curve)
-        options = [one for one in (start, read) if one is not None]
+        empty = EMPTY if count.begins_empty and not sure else None
+        options = [one for one in (start, read, empty) if one is not None]
         best = logged or min([*options, _UNKNOWN], key=lambda one: one.sd or 0.0)
         result.append(best)
     return result
@@ -385,6 +392,9 @@ _UNKNOWN = Stated(
     "unknown: no full charge, no cut-off, no voltage of a full cell and no rested voltage tells it; "
     "state --initial-soc",
 )
+
+
+EMPTY = Stated(0.03, 0.04, "empty: it rests at the voltage of an empty cell, near the cut-off of the files")
 
 
 def _logged(count: Count) -> Stated | None:
@@ -481,8 +491,11 @@ def told(run: Log, start: Stated) -> Log:
     value = f"{start.value:g}" if start.sd is None else f"{start.value:g} ± {start.sd:.2g}"
     run = run.also(Decision("initial_soc", run.name, value, start.why, source))
     if start.why.startswith("unknown"):
+        rests = not np.any(np.nan_to_num(run.columns.get("current_A", np.ones(1))))
+        what = "no current flows in it, and its" if rests else "its"
         sentence = (
-            f"{run.name}: its state of charge at the start is unknown; {value} is written. State it with --initial-soc."
+            f"{run.name}: {what} state of charge at the start is unknown; {value} is written. "
+            "State it with --initial-soc."
         )
         run = run.also(Finding("initial SOC", run.name, sentence, "warning", "soc"))
     return run

@@ -19,7 +19,7 @@ from jaxmodel.data.importing.clock import with_clock
 from jaxmodel.data.importing.conditions import Condition, condition_of, specimens, splits_of
 from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
 from jaxmodel.data.importing.imported import Imported, ImportedRun
-from jaxmodel.data.importing.joining import joined
+from jaxmodel.data.importing.joining import copies, joined
 from jaxmodel.data.importing.listing import Listed, read_listing
 from jaxmodel.data.importing.loading import NotALog, load
 from jaxmodel.data.importing.logs import Log
@@ -73,6 +73,7 @@ def import_case(
     paths = [Path(files)] if isinstance(files, str | Path) else [Path(file) for file in files]
     logs, listed, general = _read(paths, kind, options, ask, tell)
     tell("clocks and signs")
+    general += copies(logs)
     logs, clockless = _with_clocks(logs, options, ask)
     general += clockless
     logs = joined(logs)

@@ -115,10 +115,17 @@ def _units_to_match(names: Sequence[str], units: Mapping[str, str], options: Opt
 
 def _may_be_a_log(chosen: Mapping[str, Role], names: Sequence[str]) -> bool:
     """Return whether some column is known to be of a log, or the file names none: only then looks are asked."""
-    known = {"time_s", "step_time", "stamp", "current_A", "voltage_V", "pack_current_A", "pack_voltage_V", "speed_rad_s"}
-    return bool(chosen.keys() & known) or all(
-        name.startswith("column ") for name in names
-    )
+    known = {
+        "time_s",
+        "step_time",
+        "stamp",
+        "current_A",
+        "voltage_V",
+        "pack_current_A",
+        "pack_voltage_V",
+        "speed_rad_s",
+    }
+    return bool(chosen.keys() & known) or all(name.startswith("column ") for name in names)
 
 
 def _is_something_else(name: str, units: Mapping[str, str]) -> bool:

@@ -63,7 +63,9 @@ MARKS = {
 # Words of names that tell a clock, and of such that are none though they rise (a word ends at an underscore).
 _WORD = r"(?i)(?<![a-zµ])(?:{})(?![a-z])"
 _CLOCK = re.compile(
-    _WORD.format("ms|msecs?|milli(?:s|sec|seconds?)?|us|µs|usecs?|micro(?:s|sec|seconds?)|ticks?|uptime|time|seconds|secs?")
+    _WORD.format(
+        "ms|msecs?|milli(?:s|sec|seconds?)?|us|µs|usecs?|micro(?:s|sec|seconds?)|ticks?|uptime|time|seconds|secs?"
+    )
 )
 _NO_CLOCK = re.compile(
     _WORD.format(

@@ -182,7 +182,7 @@ def blocks(log: Log) -> list[tuple[slice, float]]:
 
 
 def _with_blocks(log: Log) -> Log:
-    """Return a log of magnitudes with the sign of each block by its voltage; as it is, if all blocks are of one sort."""
+    """Return a log of magnitudes with the sign of each block by its voltage; as it is if all are of one sort."""
     current = log.columns["current_A"]
     if not _of_one_sign(current):
         return log
@@ -297,8 +297,8 @@ def _against(log: Log, own: Evidence, odds: float) -> Finding:
 
 def _unlike_others(log: Log, odds: float) -> Finding:
     sentence = (
-        f"{log.name}: its current has the other sign than in the other files, by its own voltage, and was turned alone; "
-        "look at it, or state --sign for all."
+        f"{log.name}: its current has the other sign than in the other files, by its own voltage, and was turned "
+        "alone; look at it, or state --sign for all."
     )
     return Finding("sign", log.name, sentence, "warning", "current_A", numbers={"odds": odds})
 
