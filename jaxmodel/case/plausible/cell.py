@@ -48,6 +48,8 @@ _OF_CELLS = (0.01, 4.0)
 _STARTS = np.linspace(0.0, 1.0, 26)
 # Beyond empty and full by so much, a cell's voltage runs away by so many open-circuit voltages per unit of SOC.
 _BEYOND, _RUNS_AWAY = 0.1, 2.0
+# A capacity whose sd is so large a share of it is a guess (an import writes such a one where the files tell none).
+_GUESSED = 0.45
 # No cell gives more than so many capacities in one run, however badly the capacity is known.
 _MOST_MOVED = 10.0
 
@@ -154,6 +156,8 @@ def wrong_cell(case: Case) -> Iterator[Finding]:
     """Yield the quantity of a cell or pack that must be mended for its voltage to be that of a cell."""
     if case.kind == "motor":
         return
+    if _capacity_is_a_guess(case):  # what nobody measured is not held against the readings
+        return
     loops = [loop for run in case.runs if (loop := loop_of(case, run)) is not None]
     if not loops:
         yield from _by_charge_alone(case)
@@ -170,6 +174,11 @@ def wrong_cell(case: Case) -> Iterator[Finding]:
             return
     if finding := _verdict(case, loops, mends, before, after, LIKELY):
         yield dataclasses.replace(finding, certain=False)
+
+
+def _capacity_is_a_guess(case: Case) -> bool:
+    stated = case.parameters.get("capacity_Ah")
+    return stated is not None and (stated.sd or 0.0) >= _GUESSED * stated.value
 
 
 def _verdict(

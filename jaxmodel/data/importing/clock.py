@@ -45,7 +45,7 @@ def with_clock(log: Log, seconds_per_row: float | None) -> Log | None:
     log = _without_timeless_rows(log, where)
     if log.rows < 2:
         raise MeasurementError(f"{where} has fewer than two rows with a time; a run needs at least two.")
-    log = _restarts(log, where)
+    log = _sorted(_restarts(log, where), where)
     log = _late_rows(log, where)
     return _against_stamps(_repeated_rows(log, where), where)
 
@@ -74,7 +74,7 @@ def _restarts(log: Log, where: str) -> Log:
     """Return a log with the rows at which its clock begins anew: new runs, or steps put one after the other."""
     steps = np.diff(log.time_s)
     back = np.flatnonzero(steps < 0.0) + 1
-    if not back.size:
+    if not back.size or back.size > 0.5 * steps.size:  # rows that run backwards begin nothing anew
         return log
     begins = np.isclose(log.time_s[back], log.time_s[0], atol=max(1.0, 0.02 * float(np.nanmax(log.time_s))))
     # A single row that is late goes back as well, and the next one is where it should be.
@@ -138,6 +138,22 @@ def _voltage_goes_on(log: Log, restarts: np.ndarray) -> bool:
 def _runs_of(log: Log) -> list[slice]:
     edges = [0, *log.restarts, log.rows]
     return [slice(begin, end) for begin, end in itertools.pairwise(edges)]
+
+
+def _sorted(log: Log, where: str) -> Log:
+    """Return a log in the order of its clock where more than single rows are out of it and no two parts overlap."""
+    steps = np.diff(log.time_s)
+    back = int(np.sum(steps < 0.0))
+    if log.restarts or not back:
+        return log
+    late = log.time_s < np.maximum.accumulate(log.time_s)
+    ahead = log.time_s > np.minimum.accumulate(log.time_s[::-1])[::-1]
+    if min(late.mean(), ahead.mean()) <= _ISOLATED:
+        return log
+    order = np.argsort(log.time_s, kind="stable")
+    what = "run backwards in time" if back == steps.size else f"are out of order in time in {back} places"
+    sentence = f"{where}: its rows {what}; they are put in the order of the clock."
+    return log.take(order).also(Finding("out of order", where, sentence, "warning", numbers={"places": float(back)}))
 
 
 def _late_rows(log: Log, where: str) -> Log:

@@ -12,14 +12,14 @@ import numpy as np
 from jaxmodel.base.errors import MeasurementError, nearest
 from jaxmodel.case.measurements import KINDS, file_label
 from jaxmodel.case.presets import located, read_preset, why_not
-from jaxmodel.data.importing import charge
+from jaxmodel.data.importing import balance, charge
 from jaxmodel.data.importing.ambient import fill, with_ambient
 from jaxmodel.data.importing.checks import odd_things
 from jaxmodel.data.importing.clock import with_clock
 from jaxmodel.data.importing.conditions import Condition, condition_of, specimens, splits_of
 from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
 from jaxmodel.data.importing.imported import Imported, ImportedRun
-from jaxmodel.data.importing.joining import joined
+from jaxmodel.data.importing.joining import copies, joined
 from jaxmodel.data.importing.listing import Listed, read_listing
 from jaxmodel.data.importing.loading import NotALog, load
 from jaxmodel.data.importing.logs import Log
@@ -73,6 +73,7 @@ def import_case(
     paths = [Path(files)] if isinstance(files, str | Path) else [Path(file) for file in files]
     logs, listed, general = _read(paths, kind, options, ask, tell)
     tell("clocks and signs")
+    general += copies(logs)
     logs, clockless = _with_clocks(logs, options, ask)
     general += clockless
     logs = joined(logs)
@@ -292,14 +293,18 @@ def _assembled(
             run, ambient = with_ambient(run, stated, None)
         warmed.append((run, ambient))
     conditions = [condition_of(run, ambient) for run, ambient in warmed]
+    general = [*general]
     capacity, full = None, False
     starts: list[charge.Stated | None] = [None] * len(warmed)
     if kind == "cell":
         counts = charge.counts([run for run, _ in warmed], [one.ambient_degC for one in conditions])
         capacity, full = charge.capacity_of(counts, options.capacity_Ah, _of_preset(options.preset))
-        known = {
-            count.run.name: start for count, start in zip(counts, charge.starts_of(counts, capacity, full), strict=True)
-        }
+        first = charge.starts_of(counts, capacity, full)
+        general += charge.against_the_log(counts, first, capacity, full)
+        capacity, apart = balance.capacities(counts, capacity)
+        first, capacity, unbalanced = balance.starts(counts, first, capacity)
+        general += [*apart, *unbalanced]
+        known = {count.run.name: start for count, start in zip(counts, first, strict=True)}
         starts = [known.get(run.name) for run, _ in warmed]
     if kind == "robot":
         starts = [_ROBOT_SOC] * len(warmed)
@@ -345,7 +350,7 @@ def _about_capacity(capacity: charge.Stated | None, full: bool, options: Options
     source = "user" if options.capacity_Ah is not None else "file" if full else "assumed"
     about: list[Finding | Decision] = [Decision("capacity_Ah", "", value, capacity.why, source)]
     if not full and _of_preset(options.preset) is None:
-        sentence = f"The capacity is not known: {capacity.why}; {value} is written. State it with --capacity."
+        sentence = f"The capacity is not known, {capacity.why}: state --capacity ({value} is written)."
         about.append(Finding("capacity", "", sentence, "warning"))
     return about
 

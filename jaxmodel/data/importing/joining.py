@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jaxmodel.case.measurements import file_label
 from jaxmodel.data.importing.findings import Decision, Finding
 from jaxmodel.data.importing.logs import Log
 
@@ -15,6 +16,7 @@ _SHIFTS = 121
 # A shift is told where it lowers the error of the warming by this share.
 _GAIN = 0.1
 _POINTS = 2000
+_FEWEST_ROWS = 10  # of two logs that are the same
 
 
 def joined(logs: Sequence[Log]) -> list[Log]:
@@ -33,6 +35,29 @@ def joined(logs: Sequence[Log]) -> list[Log]:
             continue
         result[place] = join(result[place], other)
     return result
+
+
+def copies(logs: Sequence[Log]) -> list[Finding]:
+    """Return which logs hold, row by row, the readings of one before."""
+    found = []
+    for number, log in enumerate(logs):
+        twin = next((one for one in logs[:number] if _same(one, log)), None)
+        if twin is not None:
+            one, other = file_label(twin.source), file_label(log.source)
+            sentence = (
+                f"{other} holds the same readings as {one}, row by row: one log under two names. Leave one out, or a "
+                "check run may be one of those that are fitted."
+            )
+            found.append(Finding("same log", other, sentence, "warning", numbers={"rows": float(log.rows)}))
+    return found
+
+
+def _same(one: Log, other: Log) -> bool:
+    if one.rows != other.rows or one.rows < _FEWEST_ROWS or one.columns.keys() != other.columns.keys():
+        return False
+    pairs = [(values, other.columns[name]) for name, values in one.columns.items()]
+    changes = any(np.nanmax(a) > np.nanmin(a) for a, _ in pairs if np.isfinite(a).any())
+    return changes and all(np.allclose(a, b, 1e-6, 1e-9, equal_nan=True) for a, b in pairs)
 
 
 def _partner(other: Log, electrical: Sequence[Log]) -> int | None:

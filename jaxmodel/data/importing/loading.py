@@ -16,7 +16,7 @@ from jaxmodel.data.importing.formulas import computed, wanted
 from jaxmodel.data.importing.logs import Log
 from jaxmodel.data.importing.options import Kind, Options
 from jaxmodel.data.importing.roles import MARKS, Role, looks_like, required, roles_of, target_unit
-from jaxmodel.data.importing.times import Times, parse_times
+from jaxmodel.data.importing.times import Times, counted_in, parse_times, unit_in_words
 from jaxmodel.data.tables import RawTable, read_table
 from jaxmodel.data.tables.names import matches
 from jaxmodel.data.tables.raw_table import to_numbers, units_in
@@ -81,7 +81,7 @@ def load(path: Path, kind: Kind, options: Options, ask: Ask | None = None, elsew
     chosen = roles_of(seen, to_match, kind, options.columns)
     if (lacking := _lacking(chosen, kind, options)) and _may_be_a_log(chosen, seen):
         named = {role.column for role in chosen.values()}
-        free = [name for name in table.frame if name not in named and not _without_sense(str(name), units)]
+        free = [name for name in table.frame if name not in named and not _is_something_else(str(name), units)]
         chosen |= looks_like(pd.DataFrame(table.frame[free]).head(_SAMPLE_ROWS), kind, lacking)
     if not any(target in chosen for target in _readings(kind)):
         raise NotALog(
@@ -92,7 +92,8 @@ def load(path: Path, kind: Kind, options: Options, ask: Ask | None = None, elsew
         for target in _lacking(chosen, kind, options):
             if target not in elsewhere and target not in options.columns:
                 chosen |= _asked(target, table, chosen, ask)
-    return _log(table, chosen, units, seen).also(*kept)
+    units, told = _with_units_of_time(table, chosen, units, kind, ask)
+    return _log(table, chosen, units, seen).also(*kept, *told)
 
 
 def _asked(target: str, table: RawTable, chosen: Mapping[str, Role], ask: Ask) -> dict[str, Role]:
@@ -114,14 +115,22 @@ def _units_to_match(names: Sequence[str], units: Mapping[str, str], options: Opt
 
 def _may_be_a_log(chosen: Mapping[str, Role], names: Sequence[str]) -> bool:
     """Return whether some column is known to be of a log, or the file names none: only then looks are asked."""
-    return bool(chosen.keys() & {"time_s", "step_time", "stamp", "current_A", "voltage_V"}) or all(
-        name.startswith("column ") for name in names
-    )
+    known = {
+        "time_s",
+        "step_time",
+        "stamp",
+        "current_A",
+        "voltage_V",
+        "pack_current_A",
+        "pack_voltage_V",
+        "speed_rad_s",
+    }
+    return bool(chosen.keys() & known) or all(name.startswith("column ") for name in names)
 
 
-def _without_sense(name: str, units: Mapping[str, str]) -> bool:
-    """Return whether a column has a unit or a name that says it is something else."""
-    return name in units
+def _is_something_else(name: str, units: Mapping[str, str]) -> bool:
+    """Return whether a column has a unit that says it is something else; one of time may be of a clock."""
+    return name in units and conversion(units[name], "s") is None
 
 
 def _readings(kind: Kind) -> tuple[str, ...]:
@@ -234,6 +243,48 @@ def _clocked(
         if role.why == "looks like it":
             found += [one for one in _about(role, "", where) if isinstance(one, Finding)]
     return Log("", table.source, np.empty(0) if elapsed is None else elapsed, {}, {}, stamp, None, of_step)
+
+
+def _with_units_of_time(
+    table: RawTable, chosen: Mapping[str, Role], units: Mapping[str, str], kind: Kind, ask: Ask | None
+) -> tuple[dict[str, str], list[Finding]]:
+    """Return units with those of clocks of whole numbers that state none, by name, size and steps, and what is said.
+
+    Raises:
+        MeasurementError: one may be seconds or something else, and nobody is there to ask.
+    """
+    units, found = dict(units), []
+    for name in dict.fromkeys(chosen[target].column for target in ("time_s", "stamp", "step_time") if target in chosen):
+        column = pd.Series(table.frame[name])
+        if name in units or column.dtype.kind not in "iuf":
+            continue
+        if named := unit_in_words(name):
+            units[name] = named
+        elif counted := counted_in(column.to_numpy(dtype=float), kind != "cell"):
+            units[name] = counted.unit if counted.sure else _asked_unit(table.label, name, column, counted.why, ask)
+            if counted.sure:
+                sentence = (
+                    f"{table.label}: column '{name}' states no unit; it is taken as {counted.unit} ({counted.why}). "
+                    f'Correct it with --unit "{name}=s" if it is another.'
+                )
+                found.append(Finding("unit assumed", table.label, sentence, "warning", "time_s"))
+    return units, found
+
+
+def _asked_unit(where: str, name: str, column: pd.Series, why: str, ask: Ask | None) -> str:
+    span = float(column.max() - column.min())
+    lasts = " or ".join(f"{_duration(span * by)} if in {unit}" for unit, by in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)))
+    sentence = f"{where}: column '{name}' states no unit ({why}), and the log lasts {lasts}"
+    if ask is None:
+        raise MeasurementError(f'{sentence}; state --unit "{name}=ms", "{name}=s" or "{name}=us".')
+    return ask(Question(f"{sentence}. What is it?", f'--unit "{name}=UNIT"', ("ms", "s", "us"), "ms"))
+
+
+def _duration(seconds: float) -> str:
+    for size, name in ((86_400.0, "days"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= 2.0 * size:
+            return f"{seconds / size:.2g} {name}"
+    return f"{seconds:.2g} s"
 
 
 def _unit_of_time(role: Role, times: Times, where: str) -> list[Finding]:

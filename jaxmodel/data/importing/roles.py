@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -59,6 +60,20 @@ MARKS = {
     "cycle": "cycle",
     "discharged_Ah": "discharged_charge",
 }
+# Words of names that tell a clock, and of such that are none though they rise (a word ends at an underscore).
+_WORD = r"(?i)(?<![a-zµ])(?:{})(?![a-z])"
+_CLOCK = re.compile(
+    _WORD.format(
+        "ms|msecs?|milli(?:s|sec|seconds?)?|us|µs|usecs?|micro(?:s|sec|seconds?)|ticks?|uptime|time|seconds|secs?"
+    )
+)
+_NO_CLOCK = re.compile(
+    _WORD.format(
+        "t?temp(?:erature)?s?|degc?|celsius|[mkµu]?a_?h|[mkµu]?w_?h|amp_?hours?|watt_?hours?|charged?|capacity|energy|soc|"
+        "soh|dod|q|dist(?:ance)?|odo(?:meter)?|trip|km|tacho(?:meter)?|position|angle|count(?:er|s)?|cnt|index|idx|id|no|"
+        "nr|number|row|record|point|cycles?|steps?|samples?|volts?(?:age)?|current|amps?|power|watts?|speed|rpm"
+    )
+)
 _UNSURE = 100  # ranks of `matches` from here on are of names that only contain a word of the quantity
 _COMMANDED = 200
 
@@ -141,10 +156,8 @@ def looks_like(frame: pd.DataFrame, kind: str, missing: Sequence[str]) -> dict[s
     numbers = {str(name): frame[name].to_numpy(dtype=float) for name in frame if frame[name].dtype.kind in "iuf"}
     numbers = {name: values for name, values in numbers.items() if np.isfinite(values).sum() > 4}
     if "time_s" in missing:
-        # Whole numbers under a name count something: rows, tests, cycles.
-        nameless = all(name.startswith("column ") for name in numbers)
-        rising = [n for n, v in numbers.items() if _rises(v) and (nameless or np.any(v != np.round(v)))]
-        rising.sort(key=lambda name: bool(np.all(np.diff(numbers[name]) == 1.0)))
+        rising = [name for name, values in numbers.items() if _rises(values) and _may_be_a_clock(name, values)]
+        rising.sort(key=lambda name: (not _CLOCK.search(name), bool(np.all(np.diff(numbers[name]) == 1.0))))
         if rising:
             found["time_s"] = Role("time_s", rising[0], "looks like it", tuple(rising[1:]))
             del numbers[rising[0]]
@@ -156,6 +169,18 @@ def looks_like(frame: pd.DataFrame, kind: str, missing: Sequence[str]) -> dict[s
             found[target] = Role(target, fitting[0], "looks like it", tuple(fitting[1:]))
             del numbers[fitting[0]]
     return found
+
+
+def _may_be_a_clock(name: str, values: np.ndarray) -> bool:
+    """Return whether a rising column can be a clock: its name is of nothing else, and it counts more than rows."""
+    if name.startswith("column ") or _CLOCK.search(name):
+        return True
+    if _NO_CLOCK.search(name) or any(match.quantity not in ("time", "step_time", "stamp") for match in matches(name)):
+        return False
+    # Whole numbers that rise by one count rows, tests, cycles; a clock rises by more, and evenly.
+    steps = np.diff(values[np.isfinite(values)])
+    even = bool(np.mean(steps == np.median(steps)) > 0.9 and np.median(steps) > 1.0)
+    return even or bool(np.any(values != np.round(values)))
 
 
 def _rises(values: np.ndarray) -> bool:

@@ -14,6 +14,9 @@ from jaxmodel.data.importing.options import Options
 # A current below this share of the largest one is a rest.
 _REST = 0.01
 _FEWEST_ROWS = 10
+# A gap lasts so many times as long as the median of so many intervals on each side, and so long at least [s].
+_GAP, _AROUND, _LEAST_GAP_S = 100.0, 5, 30.0
+_LOADS = ("current_A", "pack_current_A", "motor_current_A", "duty")
 
 
 def split(log: Log, options: Options) -> list[Log]:
@@ -24,7 +27,8 @@ def split(log: Log, options: Options) -> list[Log]:
         options: `split_at`, `rest_minutes`.
     """
     where = file_label(log.source)
-    begins = sorted({0, *log.restarts, *_asked(log, options)})
+    gaps = [] if options.split_at == "files" else _after_gaps(log)
+    begins = sorted({0, *log.restarts, *_asked(log, options), *gaps})
     pieces = [log.take(slice(a, b)) for a, b in zip(begins, [*begins[1:], log.rows], strict=True)]
     long = [piece for piece in pieces if piece.rows >= min(_FEWEST_ROWS, log.rows)]
     found: list[Finding | Decision] = []
@@ -32,8 +36,10 @@ def split(log: Log, options: Options) -> list[Log]:
         rows = sum(piece.rows for piece in pieces) - sum(piece.rows for piece in long)
         sentence = f"{where}: {short} parts of fewer than {_FEWEST_ROWS} rows ({rows} rows in all) are left out."
         found.append(Finding("short parts", where, sentence, "warning", numbers={"rows": float(rows)}))
+    if gaps:
+        found.append(_about_gaps(log, gaps, where))
     if len(long) > 1:
-        found.append(Decision("runs", where, f"{len(long)} runs", _why(log, options), "file"))
+        found.append(Decision("runs", where, f"{len(long)} runs", _why(log, options, gaps), "file"))
     digits = len(str(len(long)))
     named = [
         piece.take(slice(None), log.name if len(long) == 1 else f"{log.name}-{number:0{digits}d}")
@@ -55,8 +61,44 @@ def _from_zero(piece: Log) -> Log:
     return piece if start == 0.0 else dataclasses.replace(piece, time_s=piece.time_s - start)
 
 
-def _why(log: Log, options: Options) -> str:
-    return {"rests": "at rests", "steps": "at cycles or steps"}.get(options.split_at, "where its clock begins anew")
+def _why(log: Log, options: Options, gaps: list[int]) -> str:
+    begins = "where its clock begins anew" if log.restarts or not gaps else ""
+    begins = {"rests": "at rests", "steps": "at cycles or steps"}.get(options.split_at, begins)
+    return " and ".join([*([begins] if begins else []), *(["after gaps under load"] if gaps else [])])
+
+
+def _after_gaps(log: Log) -> list[int]:
+    """Return the rows that follow gaps with load on both sides, a hundred times as long as the rows around them.
+
+    What flowed meanwhile is not known. A log that is thinned has long intervals side by side, and no gap.
+    """
+    load = next((log.columns[name] for name in _LOADS if name in log.columns), None)
+    if load is None or log.rows < 2 * _AROUND:
+        return []
+    apart = np.diff(log.time_s)
+    size = np.abs(np.nan_to_num(load))
+    loaded = size > _REST * float(size.max())
+    found = []
+    for row in np.flatnonzero((apart > _LEAST_GAP_S) & loaded[:-1] & loaded[1:]).tolist():
+        before, after = apart[max(row - _AROUND, 0) : row], apart[row + 1 : row + 1 + _AROUND]
+        usual = max((float(np.median(part)) for part in (before, after) if part.size), default=np.inf)
+        if apart[row] >= _GAP * usual and row + 1 not in log.restarts:
+            found.append(row + 1)
+    return found
+
+
+def _about_gaps(log: Log, gaps: list[int], where: str) -> Finding:
+    apart = np.diff(log.time_s)
+    longest = max(gaps, key=lambda row: apart[row - 1])
+    many = len(gaps) > 1
+    sentence = (
+        f"{where}: {len(gaps)} {'gaps' if many else 'gap'} in time with load on both sides, "
+        f"{'the longest ' if many else ''}of {apart[longest - 1]:.5g} s from {log.time_s[longest - 1]:.6g} s (rows "
+        f"are usually {np.median(apart):.3g} s apart); {'each' if many else 'it'} ends a run, and no charge is counted "
+        "over it. --split-at files keeps one run."
+    )
+    places = tuple((float(log.time_s[row - 1]), float(log.time_s[row])) for row in gaps[:50])
+    return Finding("gap", where, sentence, "warning", "time_s", places, {"gaps": float(len(gaps))})
 
 
 def _asked(log: Log, options: Options) -> list[int]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -17,6 +18,15 @@ from jaxmodel.data.importing.logs import Log
 _STEP, _NEAR_S = 0.1, 120.0
 # Evidence in favour of one sign over the other, as a ratio of votes, from which it counts as settled.
 _SETTLED, _CERTAIN = 3.0, 20.0
+_FEWEST_STEPS = 3
+# Below this share of the largest current a cell rests, and below this one a number has no sign (an offset).
+_REST, _NO_SIGN = 0.02, 0.01
+# A block of load whose voltage moves by so much [V] tells its direction.
+_CLEAR_V = 4e-3
+# A state column counts where it names the direction in so large a share of the loaded rows.
+_TOLD_BY_STATE = 0.5
+_ABOUT = "sign of the current"
+_VALUES = {True: "positive on discharge", False: "positive on charge in the files, reversed"}
 # Share of the product of voltage and speed or current that is negative on the whole, from which signs are doubted.
 _OPPOSITE = 0.3
 
@@ -35,6 +45,11 @@ class Evidence(NamedTuple):
     agreeing: int
     resistance_ohm: float
     trend: float
+
+    @property
+    def strength(self) -> float:
+        """Return how much the readings speak for one of the two signs, at least 1."""
+        return max(self.odds, 1.0 / self.odds)
 
     @property
     def odds(self) -> float:
@@ -57,15 +72,18 @@ class Evidence(NamedTuple):
         return " and ".join(said) or "no step of the current shows in the voltage"
 
 
+_NOTHING = Evidence(0, 0, np.nan, 0.0)
+
+
 def evidence(log: Log) -> Evidence:
     """Return what a log of a cell says about the sign of its current."""
     current, voltage = log.columns["current_A"], log.columns.get("voltage_V")
     if voltage is None:
-        return Evidence(0, 0, np.nan, 0.0)
+        return _NOTHING
     there = np.isfinite(current) & np.isfinite(voltage)
     time_s, current, voltage = log.time_s[there], current[there], voltage[there]
     if current.size < 3:
-        return Evidence(0, 0, np.nan, 0.0)
+        return _NOTHING
     largest = float(np.quantile(np.abs(current[:: max(current.size // 1_000_000, 1)]), 0.99)) or float(
         np.abs(current).max()
     )
@@ -101,23 +119,106 @@ def pooled(parts: Sequence[Evidence]) -> Evidence:
 
 
 def with_state(log: Log) -> Log:
-    """Return a log whose unsigned current has the sign of its state column: positive on discharge."""
+    """Return a log whose current has the sign of its state column: positive on discharge."""
     current, state = log.columns.get("current_A"), log.marks.get("state")
-    if current is None or state is None or np.nanmin(current) < -0.01 * np.nanmax(np.abs(current)):
+    if current is None or state is None:
         return log
-    if not (np.any(state > 0.0) and np.any((state > 0.0) & (current > 0.0))):
+    loaded = np.nan_to_num(np.abs(current)) > _REST * _largest(current)
+    charge, discharge = loaded & (state > 0.0), loaded & (state < 0.0)
+    if not (charge.any() or discharge.any()) or np.mean((charge | discharge)[loaded]) < _TOLD_BY_STATE:
         return log
-    signed = np.where(state > 0.0, -current, current)
-    why = "the current has no sign in the file, and its state column tells charge from discharge"
-    decision = Decision("sign of the current", log.name, "positive on discharge, by state", why, "file")
+    if _of_one_sign(current):
+        size = np.abs(current)
+        # Where the state tells no direction, as in a step of constant voltage, the file's own number stays.
+        signed = np.where(charge, -size, np.where(discharge, size, current))
+        value, why = "positive on discharge, by state", "the current has no sign in the file, and its state column has"
+    else:
+        against = int(np.sum(current[discharge] < 0.0) + np.sum(current[charge] > 0.0))
+        reverse = 2 * against > int(np.sum(charge | discharge))
+        signed = -current if reverse else current
+        value, why = _VALUES[not reverse], "its state column tells charge from discharge"
+    decision = Decision(_ABOUT, log.name, value, why, "file")
     return dataclasses.replace(log, columns=log.columns | {"current_A": signed}).also(decision)
+
+
+def _largest(current: np.ndarray) -> float:
+    return float(np.nanmax(np.abs(current))) if np.isfinite(current).any() else 0.0
+
+
+def _of_one_sign(current: np.ndarray) -> bool:
+    """Return whether a current never changes its sign: a discharge, a charge, or magnitudes of both."""
+    there, noise = current[np.isfinite(current)], _NO_SIGN * _largest(current)
+    return bool(there.size and (there.min() >= -noise or there.max() <= noise))
+
+
+def blocks(log: Log) -> list[tuple[slice, float]]:
+    """Return the blocks of load between rests or steps, each with what its voltage says in V.
+
+    Where a block discharges, the voltage falls at its begin, on its way, and rises at its end: the sum is positive; in
+    a charge it is negative.
+    """
+    current, voltage = log.columns["current_A"], log.columns.get("voltage_V")
+    if voltage is None:
+        return []
+    there = np.flatnonzero(np.isfinite(current) & np.isfinite(voltage))
+    size, volts, time_s = np.abs(current[there]), voltage[there], log.time_s[there]
+    loaded = size > _REST * _largest(current)
+    changes = np.diff(loaded.astype(np.int8)) != 0
+    for key in ("step", "cycle"):
+        if key in log.marks:
+            changes |= np.diff(np.nan_to_num(log.marks[key][there])) != 0.0
+    edges = [0, *(np.flatnonzero(changes) + 1).tolist(), there.size]
+    result = []
+    for begin, end in itertools.pairwise(edges):
+        if begin == end or not loaded[begin]:
+            continue
+        said = float(volts[begin] - volts[end - 1])
+        if begin and not loaded[begin - 1] and time_s[begin] - time_s[begin - 1] <= _NEAR_S:
+            said += float(volts[begin - 1] - volts[begin])
+        if end < there.size and not loaded[end] and time_s[end] - time_s[end - 1] <= _NEAR_S:
+            said += float(volts[end] - volts[end - 1])
+        result.append((slice(int(there[begin]), int(there[end - 1]) + 1), said))
+    return result
+
+
+def _with_blocks(log: Log) -> Log:
+    """Return a log of magnitudes with the sign of each block by its voltage; as it is if all are of one sort."""
+    current = log.columns["current_A"]
+    if not _of_one_sign(current):
+        return log
+    found = blocks(log)
+    discharges = [said for _, said in found if said > _CLEAR_V]
+    charges = [said for _, said in found if said < -_CLEAR_V]
+    if not discharges or not charges:
+        return log
+    signed, last, unclear = np.abs(current), 1.0, 0
+    for rows, said in found:
+        clear = abs(said) > _CLEAR_V
+        unclear += not clear
+        last = float(np.sign(said)) if clear else last
+        signed[rows] *= last
+    value = "magnitudes in the file; charge made negative, block by block"
+    why = (
+        f"{len(discharges)} {'block' if len(discharges) == 1 else 'blocks'} of discharge and {len(charges)} of charge "
+        "between rests, by the way in which the voltage moves"
+    )
+    why += f"; {unclear} too small to tell, taken as the block before" if unclear else ""
+    log = dataclasses.replace(log, columns=log.columns | {"current_A": signed})
+    return log.also(Decision(_ABOUT, log.name, value, why, "physics"))
+
+
+def _settled(log: Log) -> bool:
+    return any(decision.about == _ABOUT for decision in log.decisions)
 
 
 def settle(logs: Sequence[Log], stated: str | None, accept: bool) -> list[Log]:
     """Return logs of a cell whose current is positive on discharge.
 
+    Each file that can decides for itself: by a column of states, as magnitudes whose blocks charge and discharge, or by
+    its steps and its charge. The others follow all of them together.
+
     Args:
-        logs: of one cell, all written by the same bench.
+        logs: of one cell.
         stated: "discharge-positive" or "charge-positive", if the user states it.
         accept: whether the sign of the file is kept where nothing settles it.
 
@@ -125,38 +226,63 @@ def settle(logs: Sequence[Log], stated: str | None, accept: bool) -> list[Log]:
         MeasurementError: the readings do not tell, and the user does not.
     """
     logs = [with_state(log) for log in logs]
-    found = [evidence(log) if "current_A" in log.columns else Evidence(0, 0, np.nan, 0.0) for log in logs]
-    all_of_them = pooled(found)
-    fixed = [d.why for log in logs for d in log.decisions if d.about == "convention" and d.value == "charge"]
-    odds, why = all_of_them.odds, all_of_them.sentence()
-    if stated is not None:
-        discharge, source, said = stated == "discharge-positive", "user", "stated"
-    elif max(odds, 1.0 / odds) >= _SETTLED:
-        discharge, source, said = odds >= 1.0, "physics", f"{_surely(odds)}: {why}"
-    elif fixed:
-        discharge, source, said = False, "file", fixed[0]
-    elif accept or not any(np.any(log.columns.get("current_A", np.zeros(1)) != 0.0) for log in logs):
-        discharge, source, said = True, "assumed", "the readings do not tell"
-    else:
-        raise MeasurementError(
-            f"{', '.join(file_label(log.source) for log in logs[:3])}: the sign of the current is not settled: {why}; "
-            "state --sign discharge-positive or --sign charge-positive."
-        )
-    value = "positive on discharge" if discharge else "positive on charge in the files, reversed"
+    if stated is None:
+        logs = [log if _settled(log) or "current_A" not in log.columns else _with_blocks(log) for log in logs]
+    free = [log for log in logs if not _settled(log)]
+    found = {id(log): evidence(log) if "current_A" in log.columns else _NOTHING for log in free}
+    # What one-signed files say of themselves says nothing of the bench: it may log magnitudes.
+    signed = [log for log in free if "current_A" in log.columns and not _of_one_sign(log.columns["current_A"])]
+    all_of_them = pooled([found[id(log)] for log in signed or free])
+    fixed = [d.why for log in free for d in log.decisions if d.about == "convention" and d.value == "charge"]
     result = []
-    for log, own in zip(logs, found, strict=True):
-        log = log.also(Decision("sign of the current", log.name, value, said, source))
-        if not discharge and "current_A" in log.columns:
-            log = dataclasses.replace(log, columns=log.columns | {"current_A": -log.columns["current_A"]})
+    for log in logs:
+        if _settled(log):
+            result.append(log)
+            continue
+        own = found[id(log)]
+        discharge, source, why = _decided(log, own, all_of_them, fixed, stated, accept)
+        own_current = log.columns.get("current_A", np.empty(0))
+        if not discharge and own_current.size:
+            log = dataclasses.replace(log, columns=log.columns | {"current_A": -own_current})
+        charge_alone = not discharge and stated is None and bool(np.nanmin(own_current) >= 0.0)
+        value = "a charge, positive in the file, reversed" if charge_alone else _VALUES[discharge]
+        log = log.also(Decision(_ABOUT, log.name, value, why, source))
         against = own.odds if discharge else 1.0 / own.odds
+        others = all_of_them.odds if discharge else 1.0 / all_of_them.odds
         if against < 1.0 / _SETTLED:
             log = log.also(_against(log, own, against))
+        elif stated is None and others < 1.0 / _SETTLED and not _of_one_sign(log.columns["current_A"]):
+            log = log.also(_unlike_others(log, others))
         result.append(log)
     return result
 
 
-def _surely(odds: float) -> str:
-    return "certain" if max(odds, 1.0 / odds) >= _CERTAIN else "likely"
+def _decided(
+    log: Log, own: Evidence, together: Evidence, fixed: Sequence[str], stated: str | None, accept: bool
+) -> tuple[bool, Literal["user", "physics", "file", "assumed"], str]:
+    """Return whether the current of a file is positive on discharge, who says so, and why."""
+    if stated is not None:
+        return stated == "discharge-positive", "user", "stated"
+    if "current_A" not in log.columns or not np.any(np.nan_to_num(log.columns["current_A"])):
+        return True, "assumed", "no current flows in it"
+    first = [(own, "")] if own.strength >= _CERTAIN else []
+    for found, where in [*first, (together, "" if together == own else "in all files together, "), (own, "")]:
+        if found.strength >= _SETTLED:
+            return found.odds >= 1.0, "physics", f"{_surely(found)}: {where}{found.sentence()}"
+    if fixed:
+        return False, "file", fixed[0]
+    if accept:
+        return True, "assumed", "the readings do not tell"
+    raise MeasurementError(
+        f"{file_label(log.source)}: the sign of the current is not settled: {own.sentence()}; "
+        "state --sign discharge-positive or --sign charge-positive."
+    )
+
+
+def _surely(found: Evidence) -> str:
+    """Return "certain" where steps of the current show it, nearly all of them in one way."""
+    steps = max(found.agreeing, found.steps - found.agreeing) >= max(_FEWEST_STEPS, 0.9 * found.steps)
+    return "certain" if steps and found.strength >= _CERTAIN else "likely"
 
 
 def _against(log: Log, own: Evidence, odds: float) -> Finding:
@@ -165,6 +291,14 @@ def _against(log: Log, own: Evidence, odds: float) -> Finding:
         f"of {own.steps:,} "
         "steps against positive on discharge); look at it, and import it apart with --sign if its bench "
         "writes otherwise."
+    )
+    return Finding("sign", log.name, sentence, "warning", "current_A", numbers={"odds": odds})
+
+
+def _unlike_others(log: Log, odds: float) -> Finding:
+    sentence = (
+        f"{log.name}: its current has the other sign than in the other files, by its own voltage, and was turned "
+        "alone; look at it, or state --sign for all."
     )
     return Finding("sign", log.name, sentence, "warning", "current_A", numbers={"odds": odds})
 

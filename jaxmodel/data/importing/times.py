@@ -19,6 +19,21 @@ _SAMPLE = 200
 _EPOCH = (3.2e8, 4.1e9)
 _SERIAL = (29_000.0, 73_500.0)
 _SERIAL_EPOCH_DAYS = 25_569.0
+# Words of a name that tell the unit of whole numbers.
+_IN_NAMES = {
+    "ms": ("ms", "msec", "msecs", "milli", "millis", "millisec", "milliseconds", "millisecond"),
+    "µs": ("us", "µs", "usec", "usecs", "micro", "micros", "microsec", "microseconds", "microsecond"),
+    "ns": ("ns", "nsec", "nano", "nanos", "nanoseconds", "nanosecond"),
+    "min": ("minutes", "minute"),
+    "h": ("hours", "hour"),
+}
+# Whole numbers that rise by so much per row are no seconds, unless by whole minutes, which a tester of cells may log.
+_COUNTED = 1000.0
+# From so much per row on they are µs, and from the first number of these pairs on they may be (assumed): a cell is
+# read each 0.1 s to 1000 s, a motor or robot each 0.1 ms to some seconds.
+_MICROS_OF_CELLS, _MICROS_OF_MOTORS = (1e5, 1e6), (5e3, 1e5)
+# Whole numbers that rise by so much per row may be seconds or ms: of a cell and of what moves (assumed).
+_DOUBTFUL_OF_CELLS, _DOUBTFUL_OF_MOTORS = 100.0, 10.0
 
 
 class Times(NamedTuple):
@@ -28,6 +43,50 @@ class Times(NamedTuple):
     absolute: bool
     form: str
     known_unit: bool = True
+
+
+class Counted(NamedTuple):
+    """What whole numbers without a unit count, and why; `sure` is false where only a person can tell."""
+
+    unit: str
+    why: str
+    sure: bool
+
+
+def unit_in_words(name: str) -> str:
+    """Return the unit of time that a word of a column's name tells ('ms_today', 'millis'); '' for none."""
+    words = set(re.split(r"[\W_\d]+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower()))
+    return next((unit for unit, known in _IN_NAMES.items() if words.intersection(known)), "")
+
+
+def counted_in(values: np.ndarray, moves: bool) -> Counted | None:
+    """Return the unit of a clock of whole numbers by its size and by what it steps; None where it may be seconds.
+
+    Args:
+        values: of a column that states no unit.
+        moves: whether it is the clock of a motor or robot, which is read more often than a cell.
+    """
+    there = values[np.isfinite(values)]
+    steps = np.diff(there)
+    steps = steps[steps > 0.0]
+    if steps.size < 3 or np.any(there != np.round(there)) or _EPOCH[0] * 1e3 < float(np.median(there)):
+        return None
+    step = float(np.median(steps))
+    if _EPOCH[0] < float(np.median(there)) < _EPOCH[1] and (step < _COUNTED or step % 60.0 == 0.0):
+        return None  # seconds since 1970
+    minutes = step % 60.0 == 0.0 and float(np.mean(steps == step)) > 0.9
+    said = f"whole numbers up to {there.max():.12g} that rise by {step:.6g} per row"
+    if step >= _COUNTED and float(np.max(np.abs(there))) > _COUNTED:
+        doubtful, surely = _MICROS_OF_MOTORS if moves else _MICROS_OF_CELLS
+        unit = "µs" if step >= surely else "ms"
+        in_seconds = not moves and minutes and step <= 7200.0
+        return Counted(unit, said, not in_seconds and not doubtful <= step < surely)
+    least = _DOUBTFUL_OF_MOTORS if moves else _DOUBTFUL_OF_CELLS
+    # Seconds begin at 0 and go by whole minutes; an uptime or the time of day begins anywhere.
+    days = float(np.ptp(there)) > 86_400.0
+    if step < least or (minutes and not moves) or not (days or there[0] > _COUNTED):
+        return None
+    return Counted("ms", said, False)
 
 
 def parse_times(column: pd.Series, unit: str) -> Times | None:
@@ -59,10 +118,12 @@ def _of_numbers(values: np.ndarray, unit: str) -> Times:
         seconds = values if change.factor == 1.0 else values * change.factor
         absolute = _EPOCH[0] < middle * change.factor < _EPOCH[1] and change.factor <= 1.0
         return Times(seconds, absolute, f"numbers in {unit}")
+    # A counter of µs passes through the numbers of seconds since 1970; its unit is known before this is asked.
     for factor, name in ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns")):
         if _EPOCH[0] < middle * factor < _EPOCH[1]:
             return Times(values * factor, True, f"{name} since 1970")
-    if _SERIAL[0] < middle < _SERIAL[1] and there.size and float(np.ptp(there)) < 2000.0:
+    parts_of_days = bool(np.any(there != np.round(there)))
+    if _SERIAL[0] < middle < _SERIAL[1] and parts_of_days and float(np.ptp(there)) < 2000.0:
         return Times((values - _SERIAL_EPOCH_DAYS) * 86_400.0, True, "dates of a spreadsheet")
     return Times(values, False, "numbers without a unit, taken as seconds", known_unit=False)
 
