@@ -13,6 +13,7 @@ from jaxmodel.case.records import Case
 from jaxmodel.diagnosis.advice import remarks as remarks
 from jaxmodel.diagnosis.advice.law_file import law_file
 from jaxmodel.diagnosis.advice.next_experiment import best_of_each, propose
+from jaxmodel.diagnosis.comparison import Test
 from jaxmodel.diagnosis.decision import ChannelEvidence, Evidence, decide
 from jaxmodel.diagnosis.findings import all_curves, curve_found, law_found, run_found, unknown_sentence
 from jaxmodel.diagnosis.held_out import confirmed, prediction_sd, worse
@@ -31,7 +32,7 @@ from jaxmodel.diagnosis.result import (
     Sensor,
 )
 from jaxmodel.diagnosis.rungs import AdjustedStarts, errors_by_run, nominal, residuals_of, rung, with_adjusted_starts
-from jaxmodel.diagnosis.search import Found, Search, Test
+from jaxmodel.diagnosis.search import Found, Search
 from jaxmodel.diagnosis.tolerances import fit_for_purpose, tolerances
 from jaxmodel.effects.curves import CURVES
 from jaxmodel.fit.cache import FitCache, Progress

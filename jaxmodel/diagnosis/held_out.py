@@ -10,9 +10,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from jaxmodel.diagnosis.comparison import ABOVE_NOISE
 from jaxmodel.diagnosis.result import ChannelError
 from jaxmodel.diagnosis.rungs import evaluated_rows, rung
-from jaxmodel.diagnosis.search import ABOVE_NOISE, Found, Search
+from jaxmodel.diagnosis.search import Found, Search
 from jaxmodel.diagnosis.wording import amount
 from jaxmodel.fit.cache import FitCache
 from jaxmodel.fit.data import collect

@@ -8,7 +8,8 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from jaxmodel.case.build import load_effect_class
-from jaxmodel.diagnosis.search import Search, is_rare
+from jaxmodel.diagnosis.comparison import is_rare
+from jaxmodel.diagnosis.search import Search
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.effects.curves import CURVES
 from jaxmodel.effects.shifts import SHIFTS

@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 
 from jaxmodel.case.records import Case
-from jaxmodel.diagnosis import held_out
-from jaxmodel.diagnosis import search as of_search
+from jaxmodel.diagnosis import comparison, held_out
 from jaxmodel.diagnosis.held_out import _unseen, confirmed
 from jaxmodel.diagnosis.investigation import Investigation
 from jaxmodel.diagnosis.search import Search
 from jaxmodel.fit.cache import FitCache
 from tests.diagnosis.made_cases import SMALL_KEPT, all_but, cache_of, made_cell, small_cell
 
-SIGNIFICANT = of_search.Test("self_heating", 50.0, 8.0, 1.0, 9.0, True, True, ())
+SIGNIFICANT = comparison.Test("self_heating", 50.0, 8.0, 1.0, 9.0, True, True, ())
 
 
 def without_thermometer(case: Case) -> Case:
