@@ -71,7 +71,7 @@ def load(
 
     form = {name: getattr(options, name) for name in ("sheet", "encoding", "delimiter", "decimal")}
     table, kept = computed(read_table(path, columns=keep, **form), options)
-    seen = [*map(str, table.frame), *table.left_out]
+    seen = [*(str(name) for name in table.frame if name != table.key), *table.left_out]
     units = dict(table.units) | {name: unit for name, unit in options.units.items() if name in table.frame}
     to_match = _units_to_match(seen, units_in(seen) | dict(table.units), options)
     chosen = roles_of(seen, to_match, kind, options.columns)
@@ -79,7 +79,7 @@ def load(
         table, kept = computed(read_table(path, **form), options)
     if (lacking := _lacking(chosen, kind, options)) and _may_be_a_log(chosen, seen):
         named = {role.column for role in chosen.values()}
-        free = [name for name in table.frame if name not in named]
+        free = [name for name in table.frame if name not in named and name != table.key]
         chosen |= looks_like(pd.DataFrame(table.frame[free]).head(_SAMPLE_ROWS), units, kind, lacking)
     if not any(target in chosen for target in _readings(kind)):
         header = _header(chosen, seen)
@@ -207,9 +207,7 @@ def _log(
     found += [Finding("not read", where, f"{where}: {loss}", "warning") for loss in table.losses]
     if left := [column for column, target in header.items() if not target]:
         some = ", ".join(left[:20]) + (f" and {len(left) - 20} more" if len(left) > 20 else "")
-        found.append(
-            Finding("columns left out", where, f"{where}: not imported, as no column of the case holds it: {some}.")
-        )
+        found.append(Decision("not imported", where, some, "no column of the case holds it", "file"))
     if table.current_positive_on == "charge":
         found.append(Decision("convention", where, "charge", table.remarks[-1].rstrip("."), "file"))
     return log.also(*found)
