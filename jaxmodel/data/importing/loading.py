@@ -116,8 +116,9 @@ def _asked(target: str, table: RawTable, chosen: Mapping[str, Role], ask: Ask) -
 
 
 def _units_to_match(names: Sequence[str], units: Mapping[str, str], options: Options) -> dict[str, str]:
-    """Return units by which names are matched: a stated one that fits nothing is left to be refused by its column."""
-    stated = {name: unit for name, unit in options.units.items() if name in names and matches(name, unit)}
+    """Return units by which names are matched: a stated one that its name contradicts is left to be refused."""
+    known = {name: unit for name, unit in options.units.items() if name in names}
+    stated = {name: unit for name, unit in known.items() if matches(name, unit) or not matches(name)}
     return {**units, **stated}
 
 
@@ -247,6 +248,8 @@ def _clocked(
             continue
         unit = units.get(role.column, "")
         if unit and table.frame[role.column].dtype.kind in "iuf" and not conversion(unit, "s"):
+            if chosen.keys() & {"time_s", "stamp", "step_time"} != {target}:
+                continue
             raise MeasurementError(
                 f"{where}: column '{role.column}' is in '{unit}', which is no unit of time; state it with "
                 f'--unit "{role.column}=s", or name another with --column {target}="NAME".'

@@ -18,7 +18,8 @@ from jaxmodel.data.tables.raw_table import RawTable, to_numbers, unique_names, u
 _DEEPEST = 8
 # A number takes some 100 bytes as an object of Python.
 _MOST_BYTES = 1 << 29
-_KEY = "run"
+# What the column of the keys is called: the first that no column is called already.
+_KEYS = ("run", "table", "key of the run")
 _NAMES = ("columns", "names", "fields", "header", "headers", "labels")
 # Rows of FRC SysId, which have no names. Its docs/data-collection.md: other mechanisms than a drivetrain have four.
 _SYSID = ("time (s)", "voltage (V)", "position (rev)", "velocity (rev/s)")
@@ -40,11 +41,12 @@ def read_json(path: Path, key: str | None = None) -> RawTable:
     label = file_label(path)
     content = _content(path, label)
     units: dict[str, str] = {}
-    tables = dict(_tables(content, "", units, 0))
-    if not tables:
+    found = list(_tables(content, (), units))
+    if not found:
         raise MeasurementError(
             f"{label} holds no table: neither a list of rows nor columns of equal length; export it as CSV."
         )
+    tables = dict(zip(_labels([parts for parts, _ in found]), (table for _, table in found), strict=True))
     if key is not None and key not in tables:
         raise MeasurementError(f"{label} has no table '{key}'.{nearest(key, tables) or f' It has {_some(tables)}.'}")
     if isinstance(content, Mapping) and content.get("sysid") is True:
@@ -61,11 +63,23 @@ def read_json(path: Path, key: str | None = None) -> RawTable:
     if left := [f"'{k}'" for k in tables if k not in chosen]:
         remarks.append(f"Not read: {_some(left)}.")
     frame = pd.concat([_typed(table) for table in chosen.values()], ignore_index=True)
-    several = len(chosen) > 1 and _KEY not in frame
-    if several:
-        frame[_KEY] = np.repeat(list(chosen), [len(table) for table in chosen.values()])
+    of_keys = next((name for name in _KEYS if name not in frame), "") if len(chosen) > 1 else ""
+    if of_keys:
+        frame[of_keys] = np.repeat(list(chosen), [len(table) for table in chosen.values()])
     stated = units_in(header) | {name: unit for name, unit in units.items() if name in frame}
-    return RawTable(frame, stated, path, "JSON", tuple(remarks), key=_KEY if several else "")
+    return RawTable(frame, stated, path, "JSON", tuple(remarks), key=of_keys)
+
+
+def _labels(paths: Sequence[tuple[str, ...]]) -> list[str]:
+    """Return what tells paths apart, each once: without the parts with which all begin or end."""
+    first, shortest = paths[0], min(map(len, paths))
+    same = [len({path[n] for path in paths}) == 1 for n in range(shortest)]
+    begin = same.index(False) if False in same else shortest
+    same = [len({path[-1 - n] for path in paths}) == 1 for n in range(shortest - begin)]
+    end = same.index(False) if False in same else shortest - begin
+    if len(paths) == 1:
+        return [".".join(first)]
+    return unique_names(".".join(path[begin : len(path) - end]) or ".".join(path) for path in paths)
 
 
 def _some(names: Mapping[str, Any] | Sequence[str]) -> str:
@@ -94,12 +108,14 @@ def _content(path: Path, label: str) -> Any:
         raise MeasurementError(f"{label} cannot be read as JSON ({error}); export it again.") from None
 
 
-def _tables(value: Any, key: str, units: dict[str, str], depth: int) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield every table of a value by its key, and put units that it states by name of the column into `units`."""
-    if depth > _DEEPEST:
+def _tables(
+    value: Any, path: tuple[str, ...], units: dict[str, str]
+) -> Iterator[tuple[tuple[str, ...], pd.DataFrame]]:  # fmt: skip
+    """Yield every table of a value by its keys, and put units that it states by name of the column into `units`."""
+    if len(path) > _DEEPEST:
         return
     if (table := _table(value, units)) is not None:
-        yield key, table
+        yield path, table
         return
     inner: list[tuple[str, Any]] = []
     if isinstance(value, Mapping):
@@ -108,7 +124,7 @@ def _tables(value: Any, key: str, units: dict[str, str], depth: int) -> Iterator
         inner = [(_name_of(item) or str(number), item) for number, item in enumerate(value, start=1)]
     for name, item in inner:
         if isinstance(item, Mapping | list):
-            yield from _tables(item, f"{key}.{name}" if key else name, units, depth + 1)
+            yield from _tables(item, (*path, name), units)
 
 
 def _table(value: Any, units: dict[str, str]) -> pd.DataFrame | None:

@@ -37,7 +37,7 @@ class Match(NamedTuple):
 _BRACKETS = re.compile(r"[(\[{]\s*([^()\[\]{}]*?)\s*[)\]}]")
 _TIME_FORM = re.compile(r"(d+[. ])?h+:m+(in)?:s+(\.m?s+|\.f+)?", re.IGNORECASE)
 _DIGITS = re.compile(r"\d+$")
-_SLASH = re.compile(r"^(?P<name>.+?)\s*/\s*(?P<unit>[^/\s]+(/s2?|/min)?)$")
+_SLASH = re.compile(r"^(?P<name>.+?)\s*/\s*(?P<unit>[^/\s()\[\]{}]+(/s2?|/min)?)$")
 _ENDING = re.compile(r"^(?P<name>.+?)[_\s](?P<unit>m_s2|rad_s|deg_s|m_s|[^\s_]+)$")
 # A word at the end of a name that is a unit: of one letter only after an underscore, so that 'Ch A' is no current.
 _LETTERS = frozenset("sAVCKFWhd%")
@@ -49,6 +49,9 @@ _SEPARATORS = re.compile(r"[\W_]+")
 def parse_name(column: str) -> Name:
     """Return the words and the unit of a column's name: 'Voltage(V)', 'I/mA', 'Test Time / s', 'current_mA'."""
     text = " ".join(column.split()).strip("# \"'")
+    # A column may be called by its unit alone: 'Nm'. 'V' is a name of a voltage first.
+    if spelled(text) and not text.isdigit() and _words(text) not in _whole_names():
+        return Name(_words(text), text)
     brackets = list(_BRACKETS.finditer(text))
     for states_unit in (_is_unit, _looks_like_unit):
         for found in brackets:
@@ -70,7 +73,13 @@ def _is_unit(text: str) -> bool:
 def _looks_like_unit(text: str) -> bool:
     """Return whether a text in brackets can be a unit that nobody knows, and not a remark: 'Current (motor)'."""
     short = bool(text) and len(text) <= 14 and " " not in text and not text.isdigit()
-    return short and not _tokens(_words(text)) & _vocabulary()
+    words = _words(text)
+    return short and words not in _vocabulary() and not {one for one in _tokens(words) if len(one) > 2} & _vocabulary()
+
+
+@functools.cache
+def _whole_names() -> frozenset[str]:
+    return frozenset(name for quantity in QUANTITIES.values() for name in quantity.names)
 
 
 @functools.cache
@@ -80,7 +89,7 @@ def _vocabulary() -> frozenset[str]:
     for quantity in QUANTITIES.values():
         known += [*quantity.words, *quantity.also, *quantity.without]
         known += [word for name in quantity.names for word in name.split()]
-    return frozenset(word for word in known if len(word) > 2)
+    return frozenset(known)
 
 
 def _words(text: str) -> str:
@@ -115,8 +124,8 @@ def is_set(column: str) -> bool:
 def are_units(fields: Sequence[str], above: Sequence[str]) -> bool:
     """Return whether a line states the units of the names in the line above it, and names nothing itself.
 
-    A word is a unit alone or in brackets; 'Time(s)' is a name. Units that nobody knows do not count: the line above must
-    name more than this one then.
+    A word is a unit alone or in brackets; 'Time(s)' is a name. Where some are units that nobody knows, the words of the
+    line above must name more than those of this one; where all are, most of them must.
 
     Args:
         fields: of the line.
@@ -126,7 +135,8 @@ def are_units(fields: Sequence[str], above: Sequence[str]) -> bool:
     units = sum(_is_field_of_unit(field) for field in filled)
     if 2 * sum(bool(field.strip()) for field in above) <= len(filled):  # a title is no line of names
         return False
-    return units == len(filled) or (units > 0 and _named(filled) < _named(above))
+    here, there = _named(filled), _named(above)
+    return units == len(filled) or (units > 0 and here < there) or (here == 0 and 2 * there > len(filled))
 
 
 def _named(fields: Sequence[str]) -> int:
