@@ -13,7 +13,7 @@ from jaxmodel.data.importing.logs import Log
 # 'p25degC', 'n20degC', '-10 degC', 'Cell25degC', 'minus5degC', '25°C'. A letter is a sign where no word ends in it:
 # between words, or where upper and lower case meet. A dash after a letter or digit only separates.
 _SIGN = (
-    r"(?:(?P<word>minus|negative|neg|plus)[ _-]{0,3}|(?:(?P<mark>−|(?<![A-Za-z0-9])[pnm+-])"
+    r"(?:(?P<word>minus|negative|neg|plus)[ _-]{0,3}|(?:(?P<mark>\u2212|(?<![A-Za-z0-9])[pnm+-])"
     r"|(?P<letter>(?-i:(?<=[a-z])[PNM]|(?<=[A-Z])[pnm])))_?)?"
 )
 _NUMBER = r"(?<![\d.])(?P<number>\d{1,3}([.p]\d+)?)"
@@ -92,8 +92,8 @@ def temperature_in(name: str, first: float | None, turns: bool = False) -> float
         for found in pattern.finditer(name) if not (turns and pattern is _BARE) else ():
             value = float(found["number"].lower().replace("p", "."))
             signs = found.groupdict()
-            sign = signs.get("sign") or signs.get("word") or signs.get("mark") or signs.get("letter") or ""
-            value = -value if sign[:1].lower() in ("n", "m", "-", "−") and sign else value
+            sign = next((signs[name] for name in ("sign", "word", "mark", "letter") if signs.get(name)), "+")
+            value = value if sign[0].lower() in "p+" else -value
             if first is None and pattern is _LETTER:
                 continue
             if (first is None or abs(first - value) <= within) and _COLDEST <= value <= _WARMEST:

@@ -59,8 +59,10 @@ def load(
         MeasurementError: the file cannot be read, or a unit does not fit.
     """
     chosen: dict[str, Role] = {}
+    in_order: list[str] = []
 
     def keep(names: Sequence[str]) -> Sequence[str]:
+        in_order[:] = names
         chosen.update(roles_of(names, _units_to_match(names, units_in(names), options), kind, options.columns))
         lacking = _lacking(chosen, kind, options)
         if wanted(options, names):
@@ -71,7 +73,7 @@ def load(
 
     form = {name: getattr(options, name) for name in ("sheet", "encoding", "delimiter", "decimal")}
     table, kept = computed(read_table(path, columns=keep, **form), options)
-    seen = [*(str(name) for name in table.frame if name != table.key), *table.left_out]
+    seen = list(dict.fromkeys([*in_order, *(str(name) for name in table.frame if name != table.key)]))
     units = dict(table.units) | {name: unit for name, unit in options.units.items() if name in table.frame}
     to_match = _units_to_match(seen, units_in(seen) | dict(table.units), options)
     chosen = roles_of(seen, to_match, kind, options.columns)

@@ -32,11 +32,13 @@ def split(log: Log, options: Options) -> list[Log]:
     pieces = [log.take(slice(a, b)) for a, b in zip(begins, [*begins[1:], log.rows], strict=True)]
     long = [piece for piece in pieces if piece.rows >= min(_FEWEST_ROWS, log.rows)]
     if not long:
-        part = {"steps": "step", "rests": "part between rests"}.get(options.split_at, "part between restarts of its clock")
+        part = {"steps": "step", "rests": "part between rests"}.get(
+            options.split_at, "part between restarts of its clock"
+        )
         sizes = sorted({piece.rows for piece in pieces})
         rows = f"{sizes[0]} rows" if len(sizes) == 1 else f"at most {sizes[-1]} rows"
         raise MeasurementError(
-            f"{where}: each {part} has {rows}, and a run needs {_FEWEST_ROWS}; import it as one run, without --split-at."
+            f"{where}: each {part} has {rows}, and a run needs {_FEWEST_ROWS}; import it without --split-at."
         )
     found: list[Finding | Decision] = []
     if short := len(pieces) - len(long):

@@ -21,6 +21,7 @@ _MOST_BYTES = 1 << 29
 # What the column of the keys is called: the first that no column is called already.
 _KEYS = ("run", "table", "key of the run")
 _NAMES = ("columns", "names", "fields", "header", "headers", "labels")
+_OWN_NAMES = ("name", "label", "id", "title", "test")
 # Rows of FRC SysId, which have no names. Its docs/data-collection.md: other mechanisms than a drivetrain have four.
 _SYSID = ("time (s)", "voltage (V)", "position (rev)", "velocity (rev/s)")
 
@@ -56,9 +57,11 @@ def read_json(path: Path, key: str | None = None) -> RawTable:
     # Those of the columns that most rows have.
     rows: Counter[tuple[str, ...]] = Counter()
     for table in tables.values():
-        rows[tuple(table)] += len(table)
-    header = tuple(tables[key]) if key is not None else rows.most_common(1)[0][0]
-    chosen = {k: table for k, table in tables.items() if (k == key if key is not None else tuple(table) == header)}
+        rows[tuple(map(str, table))] += len(table)
+    header = tuple(map(str, tables[key])) if key is not None else rows.most_common(1)[0][0]
+    chosen = {
+        k: table for k, table in tables.items() if (k == key if key is not None else tuple(map(str, table)) == header)
+    }
     remarks = [] if list(chosen) == [""] else [f"Read {_some(chosen)}."]
     if left := [f"'{k}'" for k in tables if k not in chosen]:
         remarks.append(f"Not read: {_some(left)}.")
@@ -214,7 +217,7 @@ def _name_of(item: Any) -> str:
     """Return what an item of a list calls itself."""
     if not isinstance(item, Mapping):
         return ""
-    return next((str(item[key]) for key in ("name", "label", "id", "title", "test") if _is_scalar(item.get(key, {}))), "")
+    return next((str(item[key]) for key in _OWN_NAMES if _is_scalar(item.get(key, {}))), "")
 
 
 def _typed(table: pd.DataFrame) -> pd.DataFrame:

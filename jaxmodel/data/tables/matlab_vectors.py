@@ -80,8 +80,9 @@ def _has_table(value: Any, depth: int = 0) -> bool:
         return any(bytes(kind).decode(errors="replace") in _TABLES for kind in value["s2"].ravel())
     if isinstance(value, Mapping):
         return any(_has_table(item, depth + 1) for item in value.values())
-    inside = value if isinstance(value, list) else value.ravel() if getattr(value, "dtype", None) == object else ()
-    return any(_has_table(item, depth + 1) for item in inside)
+    if isinstance(value, np.ndarray) and value.dtype.kind == "O":
+        return any(_has_table(item, depth + 1) for item in value.ravel())
+    return isinstance(value, list) and any(_has_table(item, depth + 1) for item in value)
 
 
 def _vectors(value: Any, path: str, name: str, depth: int = 0) -> Iterator[_Vector]:
@@ -122,7 +123,7 @@ def _columns(table: pd.DataFrame, path: str) -> Iterator[_Vector]:
     stated = table.attrs.get("VariableUnits") or table.attrs.get("varUnits") or ()
     units = dict(zip(table, stated, strict=True)) if len(stated) == len(table.columns) else {}
     if table.index.dtype.kind in "mM":
-        table = table.rename_axis(table.index.name or "Time").reset_index()
+        table = table.rename_axis(str(table.index.name or "Time")).reset_index()
     for key, column in table.items():
         name, unit = str(key), str(units.get(key, ""))
         if column.dtype.kind in "iufb":

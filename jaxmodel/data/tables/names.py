@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import functools
 import re
-from typing import NamedTuple
-
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from jaxmodel.data.tables.quantities import ELSEWHERE, NOT_MEASURED, QUANTITIES, WANTED, Quantity
 from jaxmodel.data.tables.units import conversion, is_unit, spelled

@@ -1,9 +1,11 @@
-"""Names, units and forms of files as people bring them: what the words say is believed, and what is lacking is asked for."""
+"""Names, units and forms of files as people bring them: words are believed, and what is lacking is asked for."""
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import shutil
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -197,12 +199,11 @@ def test_a_clock_in_a_unit_of_time_is_found_though_it_counts_in_whole_numbers(tm
     np.testing.assert_allclose(run.time_s, cell_log().time_s)
 
 
-@pytest.mark.parametrize("name", ["Force", "speed", "current command", "thrust2", "Axis 1", "cmd"])
+@pytest.mark.parametrize("name", ["Force", "speed", "command", "thrust2", "Axis 1", "cmd"])
 def test_a_name_that_says_another_quantity_is_no_current_by_its_looks(tmp_path: Path, name: str):
     path = under(tmp_path, f"time_s,{name},voltage_V", cell_log()[["time_s", "current_A", "voltage_V"]])
     said = saying("cell", path, ambient=20.0)
-    assert "no column is current_A" in said or "'current command'" in said
-    assert name in said
+    assert f"no column is current_A, which a cell needs; the columns are time_s (time_s), {name}, voltage_V" in said
 
 
 # What is lacking
@@ -307,9 +308,7 @@ def test_the_temperature_in_the_name_of_a_folder(tmp_path: Path, folder: str, de
 
 def test_a_matlab_table_is_read_or_said_to_be_one(shared: Path):
     path = shared / "wild" / "21-matlab-table" / "cell_25degC.mat"
-    try:
-        import matio  # noqa: F401
-    except ImportError:
+    if importlib.util.find_spec("matio") is None:
         said = saying("cell", path)
         assert "holds a MATLAB table" in said
         assert "jaxmodel[matlab], or save it with writetable or table2struct(T, ToScalar=true)" in said
@@ -321,16 +320,21 @@ def test_a_matlab_table_is_read_or_said_to_be_one(shared: Path):
 
 @pytest.mark.parametrize("version", ["v7", "v7.3"])
 def test_tables_in_structures_and_timetables_of_matlab(tmp_path: Path, version: str):
-    matio = pytest.importorskip("matio")
+    with warnings.catch_warnings():  # theirs, on how they use pandas
+        warnings.simplefilter("ignore")
+        matio = pytest.importorskip("matio")
+        tables_of_matlab(tmp_path / "log.mat", matio.save_to_mat, version)
+
+
+def tables_of_matlab(path: Path, save: Any, version: str) -> None:
     log = cell_log()
     table = pd.DataFrame({"t.all (s)": log.time_s, "I": log.current_A, "U": log.voltage_V, "note": "rest"})
-    path = tmp_path / "log.mat"
-    matio.save_to_mat(str(path), {"cell": {"log": table, "serial": np.array([7.0])}}, version=version)
+    save(str(path), {"cell": {"log": table, "serial": np.array([7.0])}}, version=version)
     read = read_table(path)
     assert list(read.frame) == ["t.all (s)", "I", "U"]
     np.testing.assert_allclose(read.frame["U"], log.voltage_V)
     times = table[["I", "U"]].set_index(pd.to_timedelta(log.time_s, unit="s"))
-    matio.save_to_mat(str(path), {"run": times}, version=version)
+    save(str(path), {"run": times}, version=version)
     run = import_case(path, "cell", ambient=20.0).runs[0].log
     np.testing.assert_allclose(run.time_s, log.time_s)
     np.testing.assert_allclose(run.columns["current_A"], log.current_A)
