@@ -54,23 +54,29 @@ def read_json(path: Path, key: str | None = None) -> RawTable:
         nameless = [f"column {number}" for number in range(1, len(_SYSID) + 1)]
         names = dict(zip(nameless, _SYSID, strict=True))
         tables = {k: t.rename(columns=names) if list(t) == nameless else t for k, t in tables.items()}
-    # Those of the columns that most rows have.
+    headers = {name: tuple(map(str, table)) for name, table in tables.items()}
     rows: Counter[tuple[str, ...]] = Counter()
-    for table in tables.values():
-        rows[tuple(map(str, table))] += len(table)
-    header = tuple(map(str, tables[key])) if key is not None else rows.most_common(1)[0][0]
+    for name, table in tables.items():
+        rows[headers[name]] += len(table)
+    header = headers[key] if key is not None else rows.most_common(1)[0][0]
     chosen = {
-        k: table for k, table in tables.items() if (k == key if key is not None else tuple(map(str, table)) == header)
+        name: table for name, table in tables.items() if name == key or (not key and _goes_with(headers[name], header))
     }
     remarks = [] if list(chosen) == [""] else [f"Read {_some(chosen)}."]
-    if left := [f"'{k}'" for k in tables if k not in chosen]:
-        remarks.append(f"Not read: {_some(left)}.")
+    left = [] if key else [f"'{name}'" for name in tables if name not in chosen]
+    losses = [f"{_some(left)} has other columns and was not read (--sheet)."] if left else []
     frame = pd.concat([_typed(table) for table in chosen.values()], ignore_index=True)
     of_keys = next((name for name in _KEYS if name not in frame), "") if len(chosen) > 1 else ""
     if of_keys:
         frame[of_keys] = np.repeat(list(chosen), [len(table) for table in chosen.values()])
-    stated = units_in(header) | {name: unit for name, unit in units.items() if name in frame}
-    return RawTable(frame, stated, path, "JSON", tuple(remarks), key=of_keys)
+    stated = units_in(map(str, frame)) | {name: unit for name, unit in units.items() if name in frame}
+    return RawTable(frame, stated, path, "JSON", tuple(remarks), losses=tuple(losses), key=of_keys)
+
+
+def _goes_with(header: Sequence[str], main: Sequence[str]) -> bool:
+    """Return whether a table is of the same bench as the main one: by two names, or as many columns without names."""
+    nameless = all(name.startswith("column ") for name in main)
+    return header == main or (not nameless and len({*header} & {*main}) > 1)
 
 
 def _labels(paths: Sequence[tuple[str, ...]]) -> list[str]:

@@ -419,6 +419,17 @@ def test_tables_of_json_under_keys_are_runs(tmp_path: Path, form: str):
     assert "has no table 'hot'" in saying("cell", path, ambient=20.0, sheet="hot")
 
 
+def test_tables_of_json_need_not_have_all_columns(tmp_path: Path):
+    path = tmp_path / "bench.json"
+    warmed = LOG.assign(temperature_degC=25.0).to_dict("list")
+    path.write_text(json.dumps({"a": RECORDS, "b": warmed, "table": [[1, 2], [3, 4]]}))
+    imported = import_case(path, "cell", ambient=20.0)
+    assert [run.log.name for run in imported.runs] == ["bench-a", "bench-b"]
+    assert "cell_temperature_degC" not in imported.runs[0].log.columns
+    assert set(imported.runs[1].log.columns["cell_temperature_degC"]) == {25.0}
+    assert "'table' has other columns and was not read" in imported.summary()
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
