@@ -73,7 +73,9 @@ def import_(
     ] = None,
     cells_in_series: Annotated[int, typer.Option(help="Of a module, to divide its voltage by.")] = 1,
     parallel_cells: Annotated[int, typer.Option(help="Of a module, to divide its current by.")] = 1,
-    sheet: Annotated[str | None, typer.Option(help="Of a spreadsheet; a MATLAB variable.", show_default=False)] = None,
+    sheet: Annotated[
+        str | None, typer.Option(help="Of a spreadsheet; a MATLAB variable; a key of JSON.", show_default=False)
+    ] = None,
     encoding: Annotated[str | None, typer.Option(help="Of text, as cp1252.", show_default=False)] = None,
     delimiter: Annotated[str | None, typer.Option(help="Of text.", show_default=False)] = None,
     decimal: Annotated[str | None, typer.Option(metavar=".|,", help="Of text.", show_default=False)] = None,

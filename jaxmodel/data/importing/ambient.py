@@ -10,11 +10,17 @@ import numpy as np
 from jaxmodel.data.importing.findings import Decision, Finding
 from jaxmodel.data.importing.logs import Log
 
-# 'p25degC', 'n20degC', '-10 degC', '25°C'; without "deg" also a rate, so it must agree with the thermometer.
-_DEGREES = re.compile(
-    r"(?<![A-Za-z0-9])(?P<sign>[pnmPNM+-]?)_?(?P<number>\d{1,3}([.p]\d+)?)\s?_?(deg_?C|°C|degC|celsius|grad)",
-    re.IGNORECASE,
+# 'p25degC', 'n20degC', '-10 degC', 'Cell25degC', 'minus5degC', '25°C'. A letter is a sign where no word ends in it:
+# between words, or where upper and lower case meet. A dash after a letter or digit only separates.
+_SIGN = (
+    r"(?:(?P<word>minus|negative|neg|plus)[ _-]{0,3}|(?:(?P<mark>\u2212|(?<![A-Za-z0-9])[pnm+-])"
+    r"|(?P<letter>(?-i:(?<=[a-z])[PNM]|(?<=[A-Z])[pnm])))_?)?"
 )
+_NUMBER = r"(?<![\d.])(?P<number>\d{1,3}([.p]\d+)?)"
+_DEGREES = re.compile(_SIGN + _NUMBER + r"[\s_-]{0,2}(deg(rees?)?_?\s?C|°\s?C|℃|celsius|grad)", re.IGNORECASE)
+# Without "C" it may be an angle; without "deg" also a rate, so it must agree with the thermometer.
+_BARE = re.compile(_SIGN + _NUMBER + r"[\s_-]{0,2}(deg(rees?)?|°)(?![A-Za-z])", re.IGNORECASE)
+_TURNING = ("speed_rad_s", "position_rad", "incline_deg", "duty")
 _LETTER = re.compile(r"(?<![A-Za-z0-9.])(?P<sign>[nm-]?)(?P<number>\d{1,2})_?C(?![A-Za-z0-9])")
 _AGREE_K, _AGREE_OF_LETTER_K = 15.0, 8.0
 THERMOMETERS = ("cell_temperature_degC", "case_temperature_degC", "winding_temperature_degC")
@@ -38,12 +44,13 @@ def with_ambient(run: Log, stated: float | None, listed: float | None) -> tuple[
     if listed is not None:
         return run.also(Decision("ambient_degC", run.name, f"{listed:g}", "a list of files states it", "file")), listed
     first = first_reading(run)
-    named = temperature_in(run.name if run.name.startswith(run.source.stem) else run.source.stem, first)
+    turns = any(name in run.columns for name in _TURNING)
+    named, what = _named(run, first, turns)
     if named is not None:
-        run = run.also(Decision("ambient_degC", run.name, f"{named:g}", "the name of the file states it", "file"))
+        run = run.also(Decision("ambient_degC", run.name, f"{named:g}", f"the name of the {what} states it", "file"))
         if first is not None and abs(first - named) > 5.0:
             sentence = (
-                f"{run.name}: the name of the file states {named:g} degC, and the thermometer begins at "
+                f"{run.name}: the name of the {what} states {named:g} degC, and the thermometer begins at "
                 f"{first:.1f} degC; "
                 "it may have begun warm."
             )
@@ -61,18 +68,32 @@ def with_ambient(run: Log, stated: float | None, listed: float | None) -> tuple[
     return run.also(Decision("ambient_degC", run.name, f"{value:g}", why, "assumed"), found), value
 
 
-def temperature_in(name: str, first: float | None) -> float | None:
+def _named(run: Log, first: float | None, turns: bool) -> tuple[float | None, str]:
+    """Return the temperature that the names of a run's file and of its two folders state, and which of them does."""
+    stem = run.source.stem
+    names = [("file", run.name if run.name.startswith(stem) else stem)]
+    names += [("folder", folder.name) for folder in run.source.resolve().parents[:2]]
+    for what, name in names:
+        if (value := temperature_in(name, first, turns)) is not None:
+            return value, what
+    return None, ""
+
+
+def temperature_in(name: str, first: float | None, turns: bool = False) -> float | None:
     """Return the temperature that a name states [degC], None if it states none or another than the thermometer's.
 
     Args:
-        name: of a file.
+        name: of a file or folder.
         first: the first reading of a thermometer [degC], if there is one.
+        turns: whether its log is of something that turns, so that degrees alone may be an angle.
     """
-    name = name.replace("__", "_").replace("_", " _ ")
-    for pattern, within in ((_DEGREES, _AGREE_K), (_LETTER, _AGREE_OF_LETTER_K)):
-        for found in pattern.finditer(name.replace(" _ ", "_ ")):
-            value = float(found["number"].replace("p", "."))
-            value = -value if found["sign"].lower() in ("n", "m", "-") else value
+    name = re.sub("_+", "_ ", name)
+    for pattern, within in ((_DEGREES, _AGREE_K), (_BARE, _AGREE_K), (_LETTER, _AGREE_OF_LETTER_K)):
+        for found in pattern.finditer(name) if not (turns and pattern is _BARE) else ():
+            value = float(found["number"].lower().replace("p", "."))
+            signs = found.groupdict()
+            sign = next((signs[name] for name in ("sign", "word", "mark", "letter") if signs.get(name)), "+")
+            value = value if sign[0].lower() in "p+" else -value
             if first is None and pattern is _LETTER:
                 continue
             if (first is None or abs(first - value) <= within) and _COLDEST <= value <= _WARMEST:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import dataclasses
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ import pandas as pd
 
 from jaxmodel.base.errors import MeasurementError
 from jaxmodel.data.importing.findings import Decision, Finding
+from jaxmodel.data.importing.logs import columns_of
 from jaxmodel.data.importing.options import Options
 from jaxmodel.data.importing.roles import target_unit
 from jaxmodel.data.tables import RawTable
@@ -58,7 +59,7 @@ def computed(table: RawTable, options: Options) -> tuple[RawTable, list[Finding 
         why = f"{len(frame):,} of {len(table.frame):,} rows"
         found.append(Decision("rows", table.label, options.rows, why, "user"))
     for target, text in options.columns.items():
-        if text in frame or not _SIGNS.search(text):
+        if text in frame or not _SIGNS.search(text) or not _is_formula(text):
             continue
         values = _value(frame, text, f"column {target}")
         if values is not None:
@@ -73,7 +74,8 @@ def _value(frame: pd.DataFrame, text: str, option: str) -> pd.Series | None:
     Raises:
         MeasurementError: it is no formula.
     """
-    _refuse_no_formula(text, option)
+    if not _is_formula(text):
+        raise MeasurementError(f"{option}: '{text:.80}' is no formula of columns; {_HELP}")
     try:
         value: Any = frame.eval(text, engine="python", local_dict={}, global_dict={})
     except pd.errors.UndefinedVariableError:
@@ -85,8 +87,26 @@ def _value(frame: pd.DataFrame, text: str, option: str) -> pd.Series | None:
     return pd.Series(value)
 
 
-def _refuse_no_formula(text: str, option: str) -> None:
-    """Raise MeasurementError for what is no formula, or is one that would take for ever."""
+def unmatched(target: str, text: str, header: Mapping[str, str]) -> str:
+    """Return why the files do not have what a user names as a column of the case, in one sentence.
+
+    Args:
+        target: the column of the case.
+        text: a name or a formula.
+        header: the columns of the files, and what became of each.
+    """
+    what = f"no file has a column '{text:.80}' with readings for {target}"
+    if not _SIGNS.search(text):
+        help_ = "check the name."
+    elif _is_formula(text):
+        what, help_ = f"{what}, or the columns of that formula", "check the names."
+    else:
+        what, help_ = f"'{text:.80}' is no column of the files and is no formula of columns", _HELP
+    return f"column {target}: {what}; {columns_of(header)}; {help_}"
+
+
+def _is_formula(text: str) -> bool:
+    """Return whether a text is a formula, and none that would take for ever."""
     plain = re.sub(r"`[^`]*`", "column", text)  # names that hold blanks
     try:
         parts = list(ast.walk(ast.parse(plain.strip(), mode="eval"))) if len(plain) <= _LONGEST else []
@@ -100,8 +120,7 @@ def _refuse_no_formula(text: str, option: str) -> None:
             power = part.right.operand if isinstance(part.right, ast.UnaryOp) else part.right
             number = power.value if isinstance(power, ast.Constant) else None
             allowed &= isinstance(number, int | float) and abs(number) <= _HIGHEST_POWER
-    if not allowed:
-        raise MeasurementError(f"{option}: '{text}' is no formula of columns; {_HELP}")
+    return allowed
 
 
 _HELP = "write it with names of columns, as duty * supply_V, and with names that hold blanks in `backticks`."

@@ -18,13 +18,15 @@ from jaxmodel.data.importing.checks import odd_things
 from jaxmodel.data.importing.clock import with_clock
 from jaxmodel.data.importing.conditions import Condition, condition_of, specimens, splits_of
 from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
+from jaxmodel.data.importing.formulas import unmatched
 from jaxmodel.data.importing.imported import Imported, ImportedRun
 from jaxmodel.data.importing.joining import copies, joined
 from jaxmodel.data.importing.listing import Listed, read_listing
 from jaxmodel.data.importing.loading import NotALog, load
-from jaxmodel.data.importing.logs import Log
+from jaxmodel.data.importing.logs import Log, columns_of
 from jaxmodel.data.importing.motor_constants import constants_of
 from jaxmodel.data.importing.options import Kind, Options, checked
+from jaxmodel.data.importing.roles import MARKS
 from jaxmodel.data.importing.runs import split
 from jaxmodel.data.importing.sign import motor_signs, settle
 from jaxmodel.data.importing.speed import with_speed
@@ -77,6 +79,7 @@ def import_case(
     logs, clockless = _with_clocks(logs, options, ask)
     general += clockless
     logs = joined(logs)
+    _refuse_no_voltage(logs, kind, options)
     logs = _signed(logs, kind, options, ask)
     runs = [run for log in logs for run in split(_scaled(log, kind, options), options)]
     runs = [_complete(with_speed(run), kind, options, listed.get(run.source.name)) for run in runs]
@@ -110,7 +113,7 @@ def _read(
         tell(f"reading {path.name}")
         stated = listed[path.name].inputs if path.name in listed else {}
         try:
-            logs.append(load(path, kind, options, ask, stated))
+            logs += load(path, kind, options, ask, stated)
         except NotALog as error:
             if len(readings) == 1:
                 raise
@@ -118,17 +121,11 @@ def _read(
     if not logs:
         reason = next((one.sentence for one in found if isinstance(one, Finding)), "")
         raise MeasurementError(reason.removesuffix(" It is left out.") or "No file holds readings; name the logs.")
+    header = {column: target for log in logs for column, target in log.header.items()}
     for target, column in options.columns.items():
         stated = any(d.about == target and d.source == "user" for log in logs for d in log.decisions)
-        if (
-            column
-            and not stated
-            and target not in ("time_s", "stamp", "step_time", "state", "step", "cycle", "discharged_Ah")
-        ):
-            raise MeasurementError(
-                f"column: no file has a column '{column}' with readings for {target}, or the columns of that formula; "
-                "check the names."
-            )
+        if column and (column not in header or not (stated or target in MARKS)):
+            raise MeasurementError(unmatched(target, column, header))
     return logs, listed, found
 
 
@@ -163,6 +160,18 @@ def _clocked(log: Log, options: Options, ask: Ask | None) -> Log:
     timed = with_clock(log, _number(ask(question), question))
     assert timed is not None
     return timed
+
+
+def _refuse_no_voltage(logs: list[Log], kind: Kind, options: Options) -> None:
+    """Raise MeasurementError for a cell without a voltage whose user has not said that it has none."""
+    said = options.sign or options.accept_unsettled_sign or options.columns.get("voltage_V") == ""
+    with_current = [log for log in logs if "current_A" in log.columns]
+    if kind == "cell" and with_current and not said and not any("voltage_V" in log.columns for log in with_current):
+        log = with_current[0]
+        raise MeasurementError(
+            f"{file_label(log.source)}: no column is voltage_V; {columns_of(log.header)}; name it with "
+            '--column voltage_V="NAME".'
+        )
 
 
 def _signed(logs: list[Log], kind: Kind, options: Options, ask: Ask | None) -> list[Log]:
@@ -239,8 +248,8 @@ def _complete(run: Log, kind: Kind, options: Options, listed: Listed | None) -> 
         if not any(name in run.columns for name in group):
             names = " or ".join(group)
             raise MeasurementError(
-                f"{file_label(run.source)}: no column is {names}, which a {kind} needs; name it with --column "
-                f'{group[0]}="NAME", or state --constant {group[0]}=VALUE for all of it.'
+                f"{file_label(run.source)}: no column is {names}, which a {kind} needs; {columns_of(run.header)}; "
+                f'name it with --column {group[0]}="NAME", or state --constant {group[0]}=VALUE for all of it.'
             )
         present = [name for name in group if name in run.columns]
         for name in present[1:]:
@@ -252,7 +261,7 @@ def _complete(run: Log, kind: Kind, options: Options, listed: Listed | None) -> 
     if not any(name in run.columns and name not in drives for name in vocabulary.outputs):
         raise MeasurementError(
             f"{file_label(run.source)} has no reading that a {kind} predicts "
-            f"({', '.join(vocabulary.outputs)}); name one with "
+            f"({', '.join(vocabulary.outputs)}); {columns_of(run.header)}; name one with "
             "--column, as --column " + f'{vocabulary.outputs[0]}="NAME".'
         )
     for name in vocabulary.optional_inputs:

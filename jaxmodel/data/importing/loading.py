@@ -12,8 +12,8 @@ import pandas as pd
 from jaxmodel.base.errors import MeasurementError
 from jaxmodel.base.units import LARGEST
 from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
-from jaxmodel.data.importing.formulas import computed, wanted
-from jaxmodel.data.importing.logs import Log
+from jaxmodel.data.importing.formulas import computed, unmatched, wanted
+from jaxmodel.data.importing.logs import Log, columns_of
 from jaxmodel.data.importing.options import Kind, Options
 from jaxmodel.data.importing.roles import MARKS, Role, looks_like, required, roles_of, target_unit
 from jaxmodel.data.importing.times import Times, counted_in, parse_times, unit_in_words
@@ -28,6 +28,7 @@ _SENSED = ("voltage_V", "pack_voltage_V", "speed_rad_s", "cell_temperature_degC"
 _WHY = {
     "named": "by its name",
     "like it in name": "by a word in its name",
+    "only one in its unit": "the only column in its unit",
     "stated": "stated",
     "looks like it": "by its readings",
 }
@@ -41,8 +42,10 @@ class NotALog(MeasurementError):
     """A file that holds no readings of this kind of case, such as a list of files."""
 
 
-def load(path: Path, kind: Kind, options: Options, ask: Ask | None = None, elsewhere: Collection[str] = ()) -> Log:
-    """Read a file in the columns and units of a case.
+def load(
+    path: Path, kind: Kind, options: Options, ask: Ask | None = None, elsewhere: Collection[str] = ()
+) -> list[Log]:  # fmt: skip
+    """Read a file in the columns and units of a case: a log for each of its tables.
 
     Args:
         path: the file.
@@ -52,12 +55,14 @@ def load(path: Path, kind: Kind, options: Options, ask: Ask | None = None, elsew
         elsewhere: columns of the case that a list of files states.
 
     Raises:
-        NotALog: none of its columns is one of the case.
+        NotALog: none of its columns is one of the case; the sentence lists them.
         MeasurementError: the file cannot be read, or a unit does not fit.
     """
     chosen: dict[str, Role] = {}
+    in_order: list[str] = []
 
     def keep(names: Sequence[str]) -> Sequence[str]:
+        in_order[:] = names
         chosen.update(roles_of(names, _units_to_match(names, units_in(names), options), kind, options.columns))
         lacking = _lacking(chosen, kind, options)
         if wanted(options, names):
@@ -66,34 +71,40 @@ def load(path: Path, kind: Kind, options: Options, ask: Ask | None = None, elsew
             return names  # what no name tells is looked for in the readings
         return list(dict.fromkeys(role.column for role in chosen.values()))
 
-    table = read_table(
-        path,
-        columns=keep,
-        sheet=options.sheet,
-        encoding=options.encoding,
-        delimiter=options.delimiter,
-        decimal=options.decimal,
-    )
-    table, kept = computed(table, options)
-    seen = [*map(str, table.frame), *table.left_out]
+    form = {name: getattr(options, name) for name in ("sheet", "encoding", "delimiter", "decimal")}
+    table, kept = computed(read_table(path, columns=keep, **form), options)
+    seen = list(dict.fromkeys([*in_order, *(str(name) for name in table.frame if name != table.key)]))
     units = dict(table.units) | {name: unit for name, unit in options.units.items() if name in table.frame}
     to_match = _units_to_match(seen, units_in(seen) | dict(table.units), options)
     chosen = roles_of(seen, to_match, kind, options.columns)
+    if any(role.column in table.left_out for role in chosen.values()):  # units below the names speak for others
+        table, kept = computed(read_table(path, **form), options)
     if (lacking := _lacking(chosen, kind, options)) and _may_be_a_log(chosen, seen):
         named = {role.column for role in chosen.values()}
-        free = [name for name in table.frame if name not in named and not _is_something_else(str(name), units)]
-        chosen |= looks_like(pd.DataFrame(table.frame[free]).head(_SAMPLE_ROWS), kind, lacking)
+        free = [name for name in table.frame if name not in named and name != table.key]
+        chosen |= looks_like(pd.DataFrame(table.frame[free]).head(_SAMPLE_ROWS), units, kind, lacking)
     if not any(target in chosen for target in _readings(kind)):
+        header = _header(chosen, seen)
+        wrong = next((one for one in options.columns.items() if one[1] and one[1] not in header), None)
         raise NotALog(
-            f"{table.label} has no reading of a {kind} among its columns ({', '.join(seen[:8])}); "
-            "name one with --column."
+            unmatched(*wrong, header)
+            if wrong
+            else f"{table.label} has no reading of a {kind}; {columns_of(header)}; name one with --column."
         )
     if ask is not None:
         for target in _lacking(chosen, kind, options):
             if target not in elsewhere and target not in options.columns:
                 chosen |= _asked(target, table, chosen, ask)
     units, told = _with_units_of_time(table, chosen, units, kind, ask)
-    return _log(table, chosen, units, seen).also(*kept, *told)
+    header = _header(chosen, seen)
+    logs = [_log(part, name, kind, chosen, units, header) for name, part in table.tables()]
+    return [log.also(*kept, *told) if place == 0 else log for place, log in enumerate(logs)]
+
+
+def _header(chosen: Mapping[str, Role], seen: Sequence[str]) -> dict[str, str]:
+    """Return what became of each column of a file."""
+    became = {role.column: target for target, role in chosen.items()}
+    return {name: became.get(name, "") for name in seen}
 
 
 def _asked(target: str, table: RawTable, chosen: Mapping[str, Role], ask: Ask) -> dict[str, Role]:
@@ -108,8 +119,9 @@ def _asked(target: str, table: RawTable, chosen: Mapping[str, Role], ask: Ask) -
 
 
 def _units_to_match(names: Sequence[str], units: Mapping[str, str], options: Options) -> dict[str, str]:
-    """Return units by which names are matched: a stated one that fits nothing is left to be refused by its column."""
-    stated = {name: unit for name, unit in options.units.items() if name in names and matches(name, unit)}
+    """Return units by which names are matched: a stated one that its name contradicts is left to be refused."""
+    known = {name: unit for name, unit in options.units.items() if name in names}
+    stated = {name: unit for name, unit in known.items() if matches(name, unit) or not matches(name)}
     return {**units, **stated}
 
 
@@ -128,14 +140,14 @@ def _may_be_a_log(chosen: Mapping[str, Role], names: Sequence[str]) -> bool:
     return bool(chosen.keys() & known) or all(name.startswith("column ") for name in names)
 
 
-def _is_something_else(name: str, units: Mapping[str, str]) -> bool:
-    """Return whether a column has a unit that says it is something else; one of time may be of a clock."""
-    return name in units and conversion(units[name], "s") is None
-
-
 def _readings(kind: Kind) -> tuple[str, ...]:
     groups = required(kind)
     return (*(name for group in groups for name in group), *_SENSED)
+
+
+def _needed(kind: Kind) -> tuple[str, ...]:
+    """Return the columns of a case that no import leaves out silently for a unit that nobody knows."""
+    return tuple(name for name in _readings(kind) if not name.endswith("_degC"))
 
 
 def _lacking(chosen: Mapping[str, Role], kind: Kind, options: Options) -> list[str]:
@@ -147,22 +159,37 @@ def _lacking(chosen: Mapping[str, Role], kind: Kind, options: Options) -> list[s
     return lacking + [group[0] for group in wanted if not given.intersection(group)]
 
 
-def _log(table: RawTable, chosen: Mapping[str, Role], units: Mapping[str, str], seen: Sequence[str]) -> Log:
-    where, name = table.label, table.source.stem
+def _log(
+    table: RawTable,
+    name: str,
+    kind: Kind,
+    chosen: Mapping[str, Role],
+    units: Mapping[str, str],
+    header: Mapping[str, str],
+) -> Log:
+    where = table.label
     found: list[Finding | Decision] = []
     log = _clocked(table, chosen, units, found)
     columns: dict[str, np.ndarray] = {}
     for target, role in chosen.items():
         if target in MARKS:
             continue
-        values = _converted(table, role, units.get(role.column, ""), target_unit(target), where, found)
+        unit = units.get(role.column, "")
+        if unit and role.why != "stated" and target not in _needed(kind) and not conversion(unit, target_unit(target)):
+            sentence = (
+                f"{where}: column '{role.column}' could be {target}, and '{unit}' is no unit of it; it is left out. "
+                f'State it with --unit "{role.column}={target_unit(target) or 1}".'
+            )
+            found.append(Finding("unit unknown", where, sentence, "warning", target))
+            continue
+        values = _converted(table, role, unit, target_unit(target), where, found)
         if not np.isfinite(values).any():
             found.append(
                 Finding("empty column", where, f"{where}: column '{role.column}' is empty and left out.", column=target)
             )
             continue
         columns[target] = values
-        found += _about(role, units.get(role.column, ""), where)
+        found += _about(role, unit, where)
         if role.column in table.repeated:
             sentence = (
                 f"{where}: several columns are called '{role.column}'; the first is taken as {target}. The next is "
@@ -170,8 +197,9 @@ def _log(table: RawTable, chosen: Mapping[str, Role], units: Mapping[str, str], 
             )
             found.append(Finding("repeated name", where, sentence, "warning", target))
     discharged = None
-    if role := chosen.get("discharged_Ah"):
-        discharged = _converted(table, role, units.get(role.column, ""), "A h", where, [])
+    role = chosen.get("discharged_Ah")
+    if role and conversion(unit := units.get(role.column, "A h"), "A h"):
+        discharged = _converted(table, role, unit, "A h", where, [])
     log = Log(
         name,
         table.source,
@@ -185,15 +213,13 @@ def _log(table: RawTable, chosen: Mapping[str, Role], units: Mapping[str, str], 
         log.stamp_s,
         discharged,
         log.time_is_of_step,
+        header=header,
     )
     found += [Decision("reading", where, remark, table.format, "file") for remark in table.remarks]
     found += [Finding("not read", where, f"{where}: {loss}", "warning") for loss in table.losses]
-    used = {role.column for role in chosen.values()}
-    if left := [name for name in seen if name not in used]:
+    if left := [column for column, target in header.items() if not target]:
         some = ", ".join(left[:20]) + (f" and {len(left) - 20} more" if len(left) > 20 else "")
-        found.append(
-            Finding("columns left out", where, f"{where}: not imported, as no column of the case holds it: {some}.")
-        )
+        found.append(Decision("not imported", where, some, "no column of the case holds it", "file"))
     if table.current_positive_on == "charge":
         found.append(Decision("convention", where, "charge", table.remarks[-1].rstrip("."), "file"))
     return log.also(*found)
@@ -231,7 +257,15 @@ def _clocked(
         role = chosen.get(target)
         if role is None or (target == "step_time" and elapsed is not None):
             continue
-        times = parse_times(pd.Series(table.frame[role.column]), units.get(role.column, ""))
+        unit = units.get(role.column, "")
+        if unit and table.frame[role.column].dtype.kind in "iuf" and not conversion(unit, "s"):
+            if chosen.keys() & {"time_s", "stamp", "step_time"} != {target}:
+                continue
+            raise MeasurementError(
+                f"{where}: column '{role.column}' is in '{unit}', which is no unit of time; state it with "
+                f'--unit "{role.column}=s", or name another with --column {target}="NAME".'
+            )
+        times = parse_times(pd.Series(table.frame[role.column]), unit)
         if times is None:
             continue
         found.append(Decision("clock", where, f"column '{role.column}'", times.form, "file"))

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from jaxmodel.data.importing.findings import Decision, Finding
+
+_MOST_COLUMNS = 40  # that a sentence lists
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -27,6 +30,7 @@ class Log:
         restarts: rows at which a new run begins because the clock does.
         findings: what was found so far.
         decisions: what was settled so far.
+        header: by column of the file, the column of the case that it became, '' for none.
     """
 
     name: str
@@ -40,6 +44,7 @@ class Log:
     restarts: tuple[int, ...] = ()
     findings: tuple[Finding, ...] = ()
     decisions: tuple[Decision, ...] = ()
+    header: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
     @property
     def rows(self) -> int:
@@ -70,6 +75,13 @@ class Log:
     def to_dataframe(self) -> pd.DataFrame:
         """Return time and columns, without a copy of the arrays."""
         return pd.DataFrame({"time_s": self.time_s, **self.columns}, copy=False)
+
+
+def columns_of(header: Mapping[str, str]) -> str:
+    """Return the columns of a file with what was recognised in each, as part of a sentence."""
+    named = [f"{column} ({target})" if target else column for column, target in header.items()]
+    more = f" and {len(named) - _MOST_COLUMNS} more" if len(named) > _MOST_COLUMNS else ""
+    return f"the columns are {', '.join(named[:_MOST_COLUMNS])}{more}"
 
 
 def spans(flags: np.ndarray, time_s: np.ndarray, most: int = 50) -> tuple[tuple[float, float], ...]:

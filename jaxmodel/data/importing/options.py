@@ -39,7 +39,7 @@ class Options:
         cells_in_series: by which a voltage is divided, for a module that is modelled as one cell.
         parallel_cells: by which a current is divided, for the same.
         accept_unsettled_sign: keep the sign of the file where physics cannot settle it.
-        sheet: of spreadsheets; of MATLAB files the variable.
+        sheet: of spreadsheets; of MATLAB files the variable, of JSON the key.
         encoding: of text.
         delimiter: of text.
         decimal: of text.

@@ -12,7 +12,8 @@ import pandas as pd
 from jaxmodel.base.errors import MeasurementError, nearest
 from jaxmodel.base.units import unit_of
 from jaxmodel.case.measurements import KINDS
-from jaxmodel.data.tables.names import matches
+from jaxmodel.data.tables.names import is_set, matches, says_another
+from jaxmodel.data.tables.units import conversion, spelled
 
 # By kind and column of the case, the quantities that it may be.
 ROLES: dict[str, dict[str, str]] = {
@@ -74,6 +75,9 @@ _NO_CLOCK = re.compile(
         "nr|number|row|record|point|cycles?|steps?|samples?|volts?(?:age)?|current|amps?|power|watts?|speed|rpm"
     )
 )
+# Units that stand for one quantity of a bench: the only column in V is the voltage. Of temperatures there are several,
+# and a frequency is no speed.
+_TELLING = ("A", "V", "rad/s", "N m")
 _UNSURE = 100  # ranks of `matches` from here on are of names that only contain a word of the quantity
 _COMMANDED = 200
 
@@ -85,7 +89,7 @@ class Role:
     Attributes:
         target: the column of the case, or a key of `MARKS`.
         column: its name in the file.
-        why: "named", "like it in name", "stated" or "looks like it".
+        why: "named", "like it in name", "only one in its unit", "stated" or "looks like it".
         others: further columns of the file that could be it as well.
         commanded: the name says that it is set, and not measured.
     """
@@ -98,7 +102,9 @@ class Role:
 
 
 def roles_of(names: Sequence[str], units: Mapping[str, str], kind: str, stated: Mapping[str, str]) -> dict[str, Role]:
-    """Return the columns of a file by what they become.
+    """Return the columns of a file by what they become: by their names, else as the only one in a telling unit.
+
+    A name whose unit nobody knows comes last; the unit is then asked for.
 
     Args:
         names: of the file's columns.
@@ -123,14 +129,26 @@ def roles_of(names: Sequence[str], units: Mapping[str, str], kind: str, stated: 
     taken = {role.column for role in found.values()}
     open_targets = [target for target in targets if target not in found and stated.get(target) != ""]
     ranked: dict[str, list[tuple[int, int, str]]] = {target: [] for target in open_targets}
+    unknown: dict[str, list[tuple[int, int, str]]] = {target: [] for target in open_targets}
     by_quantity = {quantity: target for target, quantity in targets.items() if target in ranked}
     for position, name in enumerate(names):
         if name in taken:
             continue
         for match in matches(name, units.get(name, "")):
             if match.quantity in by_quantity:
-                ranked[by_quantity[match.quantity]].append((match.rank, position, name))
-    # The surest names first, so that a column goes to what it fits best.
+                some = unknown if match.unit_unknown else ranked
+                some[by_quantity[match.quantity]].append((match.rank, position, name))
+    _take(ranked, found, taken)
+    _take_by_unit(names, units, kind, open_targets, found, taken)
+    _take(unknown, found, taken)
+    for target, role in found.items():
+        others = [name for _, _, name in sorted(ranked.get(target, [])) if name not in taken]
+        found[target] = dataclasses.replace(role, others=tuple(dict.fromkeys(others)))
+    return found
+
+
+def _take(ranked: Mapping[str, Sequence[tuple[int, int, str]]], found: dict[str, Role], taken: set[str]) -> None:
+    """Give columns to what their names mean, the surest names first, so that a column goes to what it fits best."""
     order = sorted((rank, target, position, name) for target, some in ranked.items() for rank, position, name in some)
     for rank, target, _, name in order:
         if target in found or name in taken:
@@ -138,29 +156,66 @@ def roles_of(names: Sequence[str], units: Mapping[str, str], kind: str, stated: 
         taken.add(name)
         why = "named" if rank < _UNSURE else "like it in name"
         found[target] = Role(target, name, why, commanded=rank >= _COMMANDED)
-    for target, role in found.items():
-        others = [name for _, _, name in sorted(ranked.get(target, [])) if name not in taken]
-        found[target] = dataclasses.replace(role, others=tuple(dict.fromkeys(others)))
-    return found
 
 
-def looks_like(frame: pd.DataFrame, kind: str, missing: Sequence[str]) -> dict[str, Role]:
+def _take_by_unit(
+    names: Sequence[str],
+    units: Mapping[str, str],
+    kind: str,
+    targets: Sequence[str],
+    found: dict[str, Role],
+    taken: set[str],
+) -> None:
+    """Give a column to what only it has the unit of, if its name does not say another quantity."""
+    quantities = {target: (target_unit(target), quantity) for target, quantity in ROLES[kind].items()}
+    for target in targets:
+        unit, quantity = quantities.get(target, ("", ""))
+        if target in found or unit not in _TELLING or sum(other == unit for other, _ in quantities.values()) > 1:
+            continue
+        # To a cell its pack is itself; of a motor or robot it is another thing.
+        same = [quantity, f"pack_{quantity}", f"motor_{quantity}"] if kind == "cell" else [quantity]
+        fits = [
+            name
+            for name in names
+            if name not in taken
+            and (of := units.get(name))
+            and spelled(of) != "hertz"
+            and conversion(of, unit)
+            and not says_another(name, same, of)
+        ]
+        measured = [name for name in fits if not is_set(name)] or fits
+        if len(measured) == 1:
+            found[target] = Role(target, measured[0], "only one in its unit", commanded=is_set(measured[0]))
+            taken.add(measured[0])
+
+
+def looks_like(
+    frame: pd.DataFrame, units: Mapping[str, str], kind: str, missing: Sequence[str]
+) -> dict[str, Role]:  # fmt: skip
     """Return what columns look like, for those columns of a case that no name tells; only a cell's and the time.
+
+    A name that says another quantity is believed, and so is a unit.
 
     Args:
         frame: the first rows of the columns that no name tells.
+        units: by column, as the file states them.
         kind: of the case.
         missing: columns of the case, or `time_s`, that are sought.
     """
     found: dict[str, Role] = {}
-    numbers = {str(name): frame[name].to_numpy(dtype=float) for name in frame if frame[name].dtype.kind in "iuf"}
+    silent = [str(name) for name in frame if not says_another(str(name)) and not is_set(str(name))]
+    numbers = {name: frame[name].to_numpy(dtype=float) for name in silent if frame[name].dtype.kind in "iuf"}
     numbers = {name: values for name, values in numbers.items() if np.isfinite(values).sum() > 4}
+    timed = {name: name in units and conversion(units[name], "s") is not None for name in numbers}
+    numbers = {name: values for name, values in numbers.items() if timed[name] or name not in units}
     if "time_s" in missing:
-        rising = [name for name, values in numbers.items() if _rises(values) and _may_be_a_clock(name, values)]
+        rising = [n for n, v in numbers.items() if _rises(v) and (timed[n] or _may_be_a_clock(n, v))]
+        rising = [name for name in rising if timed[name]] or rising
         rising.sort(key=lambda name: (not _CLOCK.search(name), bool(np.all(np.diff(numbers[name]) == 1.0))))
         if rising:
             found["time_s"] = Role("time_s", rising[0], "looks like it", tuple(rising[1:]))
             del numbers[rising[0]]
+    numbers = {name: values for name, values in numbers.items() if not timed[name]}
     if kind != "cell":
         return found
     for target, test in (("voltage_V", _is_voltage), ("current_A", _is_current), ("cell_temperature_degC", _is_warmth)):

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 
+from jaxmodel.base.errors import MeasurementError
 from jaxmodel.case.measurements import file_label
 from jaxmodel.data.importing.findings import Decision, Finding
 from jaxmodel.data.importing.logs import Log
@@ -25,12 +26,24 @@ def split(log: Log, options: Options) -> list[Log]:
     Args:
         log: with a clock.
         options: `split_at`, `rest_minutes`.
+
+    Raises:
+        MeasurementError: every part is shorter than a run.
     """
     where = file_label(log.source)
     gaps = [] if options.split_at == "files" else _after_gaps(log)
     begins = sorted({0, *log.restarts, *_asked(log, options), *gaps})
     pieces = [log.take(slice(a, b)) for a, b in zip(begins, [*begins[1:], log.rows], strict=True)]
     long = [piece for piece in pieces if piece.rows >= min(_FEWEST_ROWS, log.rows)]
+    if not long:
+        part = {"steps": "step", "rests": "part between rests"}.get(
+            options.split_at, "part between restarts of its clock"
+        )
+        sizes = sorted({piece.rows for piece in pieces})
+        rows = f"{sizes[0]} rows" if len(sizes) == 1 else f"at most {sizes[-1]} rows"
+        raise MeasurementError(
+            f"{where}: each {part} has {rows}, and a run needs {_FEWEST_ROWS}; import it without --split-at."
+        )
     found: list[Finding | Decision] = []
     if short := len(pieces) - len(long):
         rows = sum(piece.rows for piece in pieces) - sum(piece.rows for piece in long)

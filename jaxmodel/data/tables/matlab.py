@@ -18,7 +18,7 @@ from jaxmodel.data.tables.raw_table import RawTable, unique_names, units_in
 
 
 def read_matlab(path: Path, variable: str | None = None) -> RawTable:
-    """Read a MATLAB file; one of v7.3 needs the extra `matlab` (pymatreader).
+    """Read a MATLAB file; one of v7.3, or with a table, needs the extra `matlab` (mat-io).
 
     Args:
         path: the file.
@@ -28,7 +28,7 @@ def read_matlab(path: Path, variable: str | None = None) -> RawTable:
         MeasurementError: the file is damaged, or holds no vectors of equal length.
     """
     label = file_label(path)
-    found = _found(path, label)
+    found, ends, stated = _found(path, label)
     if variable:
         found = {name: values for name, values in found.items() if name == variable or name.startswith(f"{variable}.")}
     lengths = Counter(values.size for values in found.values() if values.size > 1)
@@ -38,19 +38,23 @@ def read_matlab(path: Path, variable: str | None = None) -> RawTable:
     # As many columns as possible; among equal counts, the longest.
     length = max(lengths, key=lambda size: (lengths[size] > 1, lengths[size] * min(size, 1000), size))
     chosen = {name: values for name, values in found.items() if values.size == length}
-    ends = [name.rsplit(".", 1)[-1] for name in chosen]
-    names = unique_names(ends if len(set(ends)) == len(ends) else list(chosen))
+    short = [ends[name] for name in chosen]
+    names = unique_names(short if len(set(short)) == len(short) else list(chosen))
     frame = pd.DataFrame(dict(zip(names, chosen.values(), strict=True)))
     left = [f"{name} ({values.size})" for name, values in found.items() if values.size != length and values.size > 1]
     remarks = [f"Vectors of {length:,} values: {', '.join(chosen)}."]
     if left:
         more = f" and {len(left) - 8} more" if len(left) > 8 else ""
         remarks.append(f"Not read, being of other lengths: {', '.join(left[:8])}{more}.")
-    return RawTable(frame, units_in(names), path, "MATLAB", tuple(remarks))
+    units = {name: stated[key] for name, key in zip(names, chosen, strict=True) if stated[key]}
+    return RawTable(frame, units_in(names) | units, path, "MATLAB", tuple(remarks))
 
 
-def _found(path: Path, label: str) -> dict[str, np.ndarray]:
-    """Return the vectors of a file, read in a process of its own; `matlab_vectors` says why."""
+def _found(path: Path, label: str) -> tuple[dict[str, np.ndarray], dict[str, str], dict[str, str]]:
+    """Return the vectors of a file by their paths, the names alone, and the units that tables state.
+
+    They are read in a process of its own; `matlab_vectors` says why.
+    """
     program = Path(__file__).with_name("matlab_vectors.py")
     with tempfile.TemporaryDirectory() as room:
         out = Path(room) / "vectors.npz"
@@ -60,5 +64,6 @@ def _found(path: Path, label: str) -> dict[str, np.ndarray]:
         if done.returncode:
             raise MeasurementError(f"{label} cannot be read as a MATLAB file (it is damaged); save it again.")
         with np.load(out) as arrays:
-            names = json.loads(arrays["names"].tobytes())
-            return {name: arrays[f"arr_{number}"] for number, name in enumerate(names)}
+            known = json.loads(arrays["names"].tobytes())
+            vectors = {key: arrays[f"arr_{number}"] for number, (key, _, _) in enumerate(known)}
+        return vectors, {key: name for key, name, _ in known}, {key: unit for key, _, unit in known}

@@ -38,7 +38,14 @@ def _names(text: str) -> tuple[str, ...]:
 
 # Words of what is wanted rather than measured.
 NOT_MEASURED = _of("command commanded set drive input applied nominal supply control")
-_TARGET = _of("setpoint reference ref goal target limit max min maximum minimum desired soll error range cutoff")
+WANTED = _of("setpoint reference ref goal target limit max min maximum minimum desired soll error range cutoff")
+# Words of what no column of a case holds: such a column is never taken for one by its unit or its readings.
+ELSEWHERE = _of(
+    "force thrust lift drag axis axes cmd power energy work capacity charge resistance impedance ocv frequency freq "
+    "pressure altitude height humidity weight mass strain stress flow distance latitude longitude lat lon gps heading "
+    "roll yaw gyro accelerometer magnetometer vibration noise efficiency cost rssi gain offset index count counter "
+    "number flag fault id kraft leistung energie kapazität druck gewicht 功率 能量 容量 力"
+)
 _COUNTED = _of("capacity energy charge power density resistance slope dv di dt dq std sigma integral")
 _AMBIENT = _of("ambient amb chamber room environment environmental air oven umgebung surroundings lab klima outside")
 _WINDING = _of("winding coil copper wicklung phase")
@@ -57,7 +64,7 @@ QUANTITIES: dict[str, Quantity] = {
         ),
         _of("time zeit"),
         without=_of("step stamp date day clock unix utc real system absolute dpt charge discharge rest relative")
-        | _TARGET,
+        | WANTED,
         with_unit=_of("test"),
     ),
     "step_time": Quantity(
@@ -84,7 +91,7 @@ QUANTITIES: dict[str, Quantity] = {
             "stromstärke, courant, corriente, i cell, i batt, i bat, i battery, current ampere, 电流, 电流值, curr"
         ),
         _of("current amps strom 电流 curr"),
-        without=_TARGET | _COUNTED | _of("range index motor step left right phase"),
+        without=WANTED | _COUNTED | _of("range index motor step left right phase"),
     ),
     "voltage": Quantity(
         "V",
@@ -95,7 +102,7 @@ QUANTITIES: dict[str, Quantity] = {
             "voltage volt, 电压, 电压值, ewe v"
         ),
         _of("voltage volts spannung 电压 ewe ecell"),
-        without=_TARGET | _COUNTED | _of("group aux open ocv"),
+        without=WANTED | _COUNTED | _of("group aux open ocv"),
     ),
     "state": Quantity(
         None,
@@ -135,7 +142,7 @@ QUANTITIES: dict[str, Quantity] = {
             "cell temp 1, aux temperature, 温度, 辅温, celltemp, can, temperature t1 celsius"
         ),
         _HEAT | _of("t"),
-        without=_AMBIENT | _TARGET | _GEARED,
+        without=_AMBIENT | WANTED | _GEARED,
     ),
     "ambient_temperature": Quantity(
         "degC",
@@ -147,7 +154,7 @@ QUANTITIES: dict[str, Quantity] = {
         ),
         _AMBIENT,
         also=_HEAT | _of("t"),
-        without=_TARGET | _of("above"),
+        without=WANTED | _of("above"),
     ),
     "winding_temperature": Quantity(
         "degC",
@@ -172,7 +179,7 @@ QUANTITIES: dict[str, Quantity] = {
             "motor voltage, voltage, terminal voltage, armature voltage, u, v, volts, u motor, v motor, motorspannung"
         ),
         _of("voltage volts spannung"),
-        without=_TARGET | _of("battery pack cell deck"),
+        without=WANTED | _of("battery pack cell deck"),
     ),
     "motor_current": Quantity(
         "A",
@@ -180,7 +187,7 @@ QUANTITIES: dict[str, Quantity] = {
             "motor current, current, armature current, i, amps, i motor, motorstrom, phase current, winding current"
         ),
         _of("current amps strom"),
-        without=_TARGET | _COUNTED | _of("battery pack"),
+        without=WANTED | _COUNTED | _of("battery pack"),
     ),
     "speed": Quantity(
         "rad/s",
@@ -190,13 +197,13 @@ QUANTITIES: dict[str, Quantity] = {
             "drehzahl, rotor speed, speed measured, measured speed, encoder speed, w, vel"
         ),
         _of("speed velocity rpm omega drehzahl"),
-        without=_TARGET | _of("wheel"),
+        without=WANTED | _of("wheel"),
     ),
     "angle": Quantity(
         "rad",
         _names("position, angle, motor position, motor angle, shaft angle, encoder, encoder position, theta, winkel"),
         _of("position angle encoder winkel"),
-        without=_TARGET,
+        without=WANTED,
     ),
     "load_torque": Quantity(
         "N m",
@@ -204,7 +211,7 @@ QUANTITIES: dict[str, Quantity] = {
             "load torque, torque, brake torque, shaft torque, measured torque, drehmoment, moment, load, m, torque load"
         ),
         _of("torque drehmoment"),
-        without=_TARGET | _of("enable constant motor"),
+        without=WANTED | _of("enable constant motor"),
     ),
     "duty": Quantity(
         "",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Literal, cast
 
@@ -30,6 +30,7 @@ class RawTable:
         current_positive_on: what the format fixes for the sign of the current; None where it fixes nothing.
         left_out: columns of the file that were not read.
         repeated: names that several columns have; the second is called 'name 2'.
+        key: the column whose texts tell several tables of one file apart; '' for one table.
     """
 
     frame: pd.DataFrame
@@ -42,11 +43,20 @@ class RawTable:
     left_out: tuple[str, ...] = ()
     losses: tuple[str, ...] = ()
     repeated: tuple[str, ...] = ()
+    key: str = ""
 
     @property
     def label(self) -> str:
         """Return how messages name the file."""
         return file_label(self.source)
+
+    def tables(self) -> Iterator[tuple[str, RawTable]]:
+        """Yield the tables of the file by the names of the runs that they become: of the file, and of its key."""
+        if not self.key:
+            yield self.source.stem, self
+            return
+        for key, frame in self.frame.groupby(self.key, sort=False):
+            yield f"{self.source.stem}-{key}", dataclasses.replace(self, frame=frame.reset_index(drop=True))
 
     def to_dataframe(self) -> pd.DataFrame:
         """Return the columns as they are named in the file."""

@@ -10,10 +10,13 @@ import tempfile
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
+import pandas as pd
+
 from jaxmodel.base.errors import MeasurementError
 from jaxmodel.case.measurements import file_label
 from jaxmodel.data.tables.columnar import read_columnar
 from jaxmodel.data.tables.delimited import Keep, read_delimited
+from jaxmodel.data.tables.json_tables import read_json
 from jaxmodel.data.tables.loggers import PACKAGES, read_logger
 from jaxmodel.data.tables.matlab import read_matlab
 from jaxmodel.data.tables.raw_table import RawTable
@@ -22,7 +25,8 @@ from jaxmodel.data.tables.spreadsheets import read_spreadsheet
 SPREADSHEETS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 COLUMNAR = (".parquet", ".pq", ".feather", ".arrow")
 TEXT = (".csv", ".tsv", ".txt", ".mpt", ".asc", ".log", ".lvm", ".bdf", "")
-SUFFIXES = (*TEXT, *SPREADSHEETS, *COLUMNAR, ".mat", *PACKAGES, ".gz")
+JSON = (".json", ".jsonl", ".ndjson")
+SUFFIXES = (*TEXT, *SPREADSHEETS, *COLUMNAR, *JSON, ".mat", *PACKAGES, ".gz")
 """The endings of files that `read_table` knows; a file of another is taken as text."""
 
 # The fixed names of the Battery Data Format: labels, and names for machines. Its current is positive on charge.
@@ -52,10 +56,11 @@ def read_table(
     """Read the table of a bench's file of any format; nothing is renamed or converted.
 
     Args:
-        path: CSV, TSV or text of a cycler, a spreadsheet, Parquet, Feather, MATLAB, or a format of `loggers`.
+        path: CSV, TSV or text of a cycler, a spreadsheet, Parquet, Feather, JSON, MATLAB, or a format of
+            `loggers`.
         columns: names of those to read, or a function that chooses them from all names; by default all.
         rows: the most rows to read.
-        sheet: of a spreadsheet; of a MATLAB file the variable.
+        sheet: of a spreadsheet; of a MATLAB file the variable, of JSON the key.
         encoding: of text; by default found.
         delimiter: of text; by default found.
         decimal: of text, '.' or ','; by default found.
@@ -86,6 +91,8 @@ def read_table(
         table = read_columnar(path, keep, rows)
     elif suffix == ".mat":
         table = read_matlab(path, sheet)
+    elif suffix in JSON:
+        table = read_json(path, sheet)
     elif suffix in PACKAGES:
         table = read_logger(path)
     else:
@@ -153,10 +160,11 @@ def _selected(table: RawTable, keep: Keep | None, rows: int | None) -> RawTable:
     frame = table.frame if rows is None else table.frame.iloc[:rows]
     if keep is None or table.left_out:
         return dataclasses.replace(table, frame=frame)
-    names = [str(name) for name in frame]
+    names = [str(name) for name in frame if name != table.key]
     wanted = list(keep(names))
     left_out = tuple(name for name in names if name not in wanted)
-    return dataclasses.replace(table, frame=frame[wanted], left_out=left_out)
+    frame = pd.DataFrame(frame[[*wanted, *([table.key] if table.key else [])]])
+    return dataclasses.replace(table, frame=frame, left_out=left_out)
 
 
 def _as_known(table: RawTable) -> RawTable:

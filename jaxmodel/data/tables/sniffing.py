@@ -11,7 +11,7 @@ from pathlib import Path
 
 from jaxmodel.base.errors import MeasurementError
 from jaxmodel.case.measurements import file_label
-from jaxmodel.data.tables.units import spelled
+from jaxmodel.data.tables.names import are_units
 
 _SAMPLE_BYTES = 4 << 20
 _ENOUGH_LINES = 400
@@ -252,28 +252,26 @@ def _header(
     lines: Sequence[str], start: int, count: int, delimiter: str
 ) -> tuple[int | None, tuple[str, ...], bool]:  # fmt: skip
     """Return the line of the names, the units of a line below it, and whether headers are indented."""
-    units: tuple[str, ...] = ()
-    for number in range(start - 1, max(start - 6, -1), -1):
-        line = lines[number].strip("\r\n")
-        if not line.strip(" \t#%"):
-            continue
-        fields = split(line.lstrip("#%! ") if delimiter != "\t" else line.lstrip("#%!"), delimiter)
-        named = [field for field in fields if field]
-        near = count - 1 <= len(fields) <= count + 1 or (len(fields) <= count and len(named) >= max(2, count // 2))
-        if not near or not named:
-            return None, (), False
-        if not units and all(_is_unit(field) for field in named) and number > 0:
-            units = tuple((fields + [""] * count)[:count])
-            continue
-        if sum(_is_number(field) for field in named) > len(named) // 2:
-            return None, (), False
-        return number, units, _is_indented(lines, number, delimiter)
-    return None, (), False
+    above = [number for number in range(start - 1, max(start - 6, -1), -1) if lines[number].strip(" \t#%\r\n")]
+    words = [_words_of(lines[number], count, delimiter) for number in above[:2]]
+    if not words or not words[0]:
+        return None, (), False
+    if len(words) == 2 and are_units(words[0], words[1]):
+        units = tuple((words[0] + [""] * count)[:count])
+        return above[1], units, _is_indented(lines, above[1], delimiter)
+    alone = tuple((words[0] + [""] * count)[:count]) if are_units(words[0], words[0]) else ()
+    return above[0], alone, _is_indented(lines, above[0], delimiter)
 
 
-def _is_unit(field: str) -> bool:
-    inner = field.strip("[](){}<> ")
-    return spelled(inner) is not None or inner in ("", "h:min:s.ms") or (field != inner and len(inner) < 12)
+def _words_of(line: str, count: int, delimiter: str) -> list[str]:
+    """Return the fields of a line if it can be the header of rows of so many fields; empty if it cannot."""
+    line = line.strip("\r\n")
+    fields = split(line.lstrip("#%! ") if delimiter != "\t" else line.lstrip("#%!"), delimiter)
+    named = [field for field in fields if field]
+    near = count - 1 <= len(fields) <= count + 1 or (len(fields) <= count and len(named) >= max(2, count // 2))
+    if not near or not named or sum(_is_number(field) for field in named) > len(named) // 2:
+        return []
+    return fields
 
 
 def _is_indented(lines: Sequence[str], header: int, delimiter: str) -> bool:

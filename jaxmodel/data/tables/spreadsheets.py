@@ -12,8 +12,8 @@ import pandas as pd
 
 from jaxmodel.base.errors import MeasurementError, nearest
 from jaxmodel.case.measurements import file_label
+from jaxmodel.data.tables.names import are_units
 from jaxmodel.data.tables.raw_table import RawTable, repeated_names, to_numbers, unique_names, units_in
-from jaxmodel.data.tables.units import spelled
 
 _SEARCHED_ROWS = 2000
 # Of all parts of a spreadsheet, which is a ZIP archive, unpacked; a million rows of ten columns take half of it.
@@ -87,7 +87,7 @@ def _table(rows: list[list[Any]]) -> tuple[pd.DataFrame, dict[str, str], int, tu
     header, units = start - 1, {}
     while header >= 0 and not any(cell != "" for cell in rows[header]):
         header -= 1
-    if header > 0 and all(cell == "" or (isinstance(cell, str) and spelled(cell)) for cell in rows[header]):
+    if header > 0 and are_units([str(cell) for cell in rows[header]], [str(cell) for cell in rows[header - 1]]):
         units, header = dict(enumerate(rows[header])), header - 1
     width = max(len(row) for row in rows[start:])
     named = [str(cell) for cell in rows[header]] if header >= 0 else []

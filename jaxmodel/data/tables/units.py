@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 from typing import Any, NamedTuple
 
 # Spellings of cyclers and benches by pint's. A letter that pint takes for another unit (C is coulomb, h is hour, F is
@@ -28,13 +29,15 @@ SPELLINGS = {
     "f": "degF", "°f": "degF", "degf": "degF", "fahrenheit": "degF", "℉": "degF", "k": "kelvin", "kelvin": "kelvin",
     "ohm": "ohm", "ohms": "ohm", "ω": "ohm", "mohm": "milliohm", "mω": "milliohm",
     "rpm": "rpm", "1/min": "rpm", "r/min": "rpm", "min-1": "rpm", "rev/min": "rpm", "u/min": "rpm",
-    "rps": "revolution/second", "rad/s": "radian/second", "rad_s": "radian/second", "rads": "radian/second",
+    "rps": "revolution/second", "rev/s": "revolution/second", "rot/s": "revolution/second", "rev": "revolution",
+    "krpm": "kilorpm", "tr/min": "rpm", "rad/s": "radian/second", "rad_s": "radian/second", "rads": "radian/second",
     "deg/s": "degree/second", "deg_s": "degree/second", "°/s": "degree/second", "hz": "hertz",
     "nm": "newton*meter", "n m": "newton*meter", "n.m": "newton*meter", "n*m": "newton*meter", "n-m": "newton*meter",
     "n·m": "newton*meter", "mnm": "millinewton*meter", "mn m": "millinewton*meter", "mn.m": "millinewton*meter",
     "ncm": "newton*centimeter", "n cm": "newton*centimeter", "kgcm": "kilogram_force*centimeter",
     "kg cm": "kilogram_force*centimeter", "lbf in": "pound_force*inch", "in-lb": "pound_force*inch",
     "oz-in": "ounce_force*inch", "ozin": "ounce_force*inch",
+    "n.mm": "newton*millimeter", "n*mm": "newton*millimeter", "n mm": "newton*millimeter", "nmm": "newton*millimeter",
     "m/s": "meter/second", "m_s": "meter/second", "m/s2": "meter/second**2", "m_s2": "meter/second**2",
     "m/s²": "meter/second**2", "m/s^2": "meter/second**2", "g": "gram", "kg": "kilogram", "n": "newton",
     "m": "meter", "mm": "millimeter", "cm": "centimeter", "deg": "degree", "°": "degree", "rad": "radian",
@@ -59,6 +62,10 @@ _TARGETS = {
 }
 
 
+# Between the units of a compound one, and powers of them.
+_BETWEEN = re.compile(r"[\s./*·⋅^-]+|[\d²³]+")
+
+
 class Conversion(NamedTuple):
     """A change of unit: value times factor, plus offset."""
 
@@ -70,6 +77,12 @@ def spelled(unit: str) -> str | None:
     """Return pint's spelling of a unit of this list, None if it is not in it."""
     text = " ".join(unit.replace("μ", "µ").replace("Ω", "ω").split()).strip("[](){}")
     return _MEGA.get(text) or SPELLINGS.get(text.lower())
+
+
+def is_unit(text: str) -> bool:
+    """Return whether a text is a unit of this list, or is composed of such ('rad.s', 'N m/A')."""
+    parts = [part for part in _BETWEEN.split(text.strip("[](){}<> ")) if part]
+    return spelled(text) is not None or (len(parts) > 1 and all(spelled(part) for part in parts))
 
 
 @functools.cache

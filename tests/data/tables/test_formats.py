@@ -116,7 +116,7 @@ def test_a_structure_of_a_matlab_file(tmp_path: Path):
 
 
 def test_matlab_7_3(tmp_path: Path):
-    pytest.importorskip("pymatreader")
+    pytest.importorskip("matio")
     h5py = pytest.importorskip("h5py")
     path = tmp_path / "log.mat"
     with h5py.File(path, "w", userblock_size=512) as file:
