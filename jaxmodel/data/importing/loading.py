@@ -217,7 +217,9 @@ def _log(
     )
     found += [Decision("reading", where, remark, table.format, "file") for remark in table.remarks]
     found += [Finding("not read", where, f"{where}: {loss}", "warning") for loss in table.losses]
-    if left := [column for column, target in header.items() if not target]:
+    texts = " ".join(role.column for role in chosen.values() if role.why == "stated")  # names, and formulas of names
+    used = {name for name in header if re.search(rf"(?<!\w){re.escape(name)}(?!\w)", texts)}
+    if left := [column for column, target in header.items() if not target and column not in used]:
         some = ", ".join(left[:20]) + (f" and {len(left) - 20} more" if len(left) > 20 else "")
         found.append(Decision("not imported", where, some, "no column of the case holds it", "file"))
     if table.current_positive_on == "charge":

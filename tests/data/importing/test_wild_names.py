@@ -446,3 +446,17 @@ def test_json_without_a_table_gets_one_sentence(tmp_path: Path, text: str, says:
     with pytest.raises(MeasurementError, match=says) as caught:
         read_table(path)
     assert "\n" not in str(caught.value)
+
+
+def test_what_a_formula_uses_is_imported(tmp_path: Path):
+    rows = "\n".join(f"{k},{11.1 + k % 2},{127},{300 + k},{5}" for k in range(40))
+    (tmp_path / "log.csv").write_text(f"time_s,battery_V,pwm,speed_rpm,humidity\n{rows}\n")
+    found = import_case(
+        [tmp_path / "log.csv"],
+        kind="motor",
+        columns={"voltage_V": "battery_V * pwm / 255"},
+        constants={"load_torque_Nm": 0.0},
+        ambient=22.0,
+    )
+    left = [one.value for one in found.decisions if one.about == "not imported"]
+    assert left == ["humidity"]
