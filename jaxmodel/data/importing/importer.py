@@ -25,6 +25,7 @@ from jaxmodel.data.importing.loading import NotALog, load
 from jaxmodel.data.importing.logs import Log
 from jaxmodel.data.importing.motor_constants import constants_of
 from jaxmodel.data.importing.options import Kind, Options, checked
+from jaxmodel.data.importing.outliers import without_outliers
 from jaxmodel.data.importing.runs import split
 from jaxmodel.data.importing.sign import motor_signs, settle
 from jaxmodel.data.importing.speed import with_speed
@@ -80,7 +81,7 @@ def import_case(
     runs = [run for log in logs for run in split(_scaled(log, kind, options), options)]
     runs = [_complete(with_speed(run), kind, options, listed.get(run.source.name)) for run in runs]
     tell(f"checking {len(runs)} runs")
-    runs = [run.also(*odd_things(run, kind)) for run in runs]
+    runs = [run.also(*odd_things(run, kind)) for run in without_outliers(runs, kind)]
     imported = _assembled(runs, kind, options, ask, listed, general)
     if out is not None:
         tell(f"writing {len(runs)} runs")

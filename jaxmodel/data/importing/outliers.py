@@ -1,0 +1,61 @@
+"""Single readings far from both neighbours, in every channel of the runs: named, and left out."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from jaxmodel.case.measurements import KINDS
+from jaxmodel.case.outliers import is_frequent, outlying, share_said
+from jaxmodel.data.importing.findings import Finding
+from jaxmodel.data.importing.logs import Log, spans
+
+
+def without_outliers(runs: Sequence[Log], kind: str) -> list[Log]:
+    """Return complete runs with outliers as missing readings, and what was found; see `case.outliers`."""
+    left = list(runs)
+    channels = ("ambient_degC", *KINDS[kind].outputs)
+    for name in channels:
+        flags = {n: _outliers(run, kind, name) for n, run in enumerate(runs) if _is_reading(run, kind, name)}
+        count = sum(int(rows.sum()) for rows in flags.values())
+        if not count:
+            continue
+        share = count / sum(int(np.isfinite(runs[n].columns[name]).sum()) for n in flags)
+        kept = is_frequent(count, share)
+        for number, rows in flags.items():
+            if rows.any():
+                left[number] = _told(left[number], name, rows, count, share, kept)
+    return left
+
+
+def _is_reading(run: Log, kind: str, name: str) -> bool:
+    return name in run.columns and name not in _drives(run, kind)
+
+
+def _drives(run: Log, kind: str) -> list[str]:
+    """Return the inputs that load the hardware."""
+    vocabulary = KINDS[kind]
+    chosen = [next((name for name in group if name in run.columns), "") for group in vocabulary.alternatives]
+    names = [*vocabulary.required_inputs, *chosen, *vocabulary.optional_inputs]
+    return [name for name in names if name in run.columns and name != "ambient_degC"]
+
+
+def _outliers(run: Log, kind: str, name: str) -> np.ndarray:
+    inputs = {drive: run.columns[drive] for drive in _drives(run, kind)}
+    return outlying(run.time_s, inputs, name, run.columns[name])
+
+
+def _told(run: Log, name: str, rows: np.ndarray, count: int, share: float, kept: bool) -> Log:
+    values, own, first = run.columns[name], int(rows.sum()), int(rows.argmax())
+    done = f"kept, as {share:.1%} of all are too many for outliers: look at the sensor"
+    if not kept:
+        done = f"left out as {'an outlier' if own == 1 else 'outliers'}{share_said(count, share)}"
+        run = dataclasses.replace(run, columns=run.columns | {name: np.where(rows, np.nan, values)})
+    sentence = (
+        f"{run.name}: {own} single {'reading' if own == 1 else 'readings'} of {name} far from both neighbours, first "
+        f"{values[first]:.5g} at {run.time_s[first]:.6g} s; {done}."
+    )
+    numbers = {"readings": float(own), "share": share}
+    return run.also(Finding("spike", run.name, sentence, "warning", name, spans(rows, run.time_s), numbers))
