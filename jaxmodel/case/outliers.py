@@ -33,6 +33,8 @@ NOTED_SHARE = 0.005
 MOST_OF_CHANNEL = 0.05
 # Rows before and after in which a change of an input may cause what a reading does.
 _BESIDE = 2
+# An outlier is so many times as far away as the rows on its quieter side are from each other.
+_SUDDEN = 3.0
 # Quantities of something that is stored, rotation or heat: they do not come back within a row while an input stays
 # where it went. A current and a voltage may: a motor's inrush.
 _STORED = ("rad/s", "degC")
@@ -117,7 +119,8 @@ def outlying(
         return found
     loads = [given for name, given in inputs.items() if not name.endswith("degC")]
     low, high = np.quantile(read, (0.01, 0.99))
-    jumps = np.flatnonzero(np.abs(np.diff(read)) > FAR * scale) + 1
+    step = np.pad(np.abs(np.diff(read)), 1, constant_values=np.inf)
+    jumps = np.flatnonzero(step[1:-1] > FAR * scale) + 1
     for length in range(1, MOST_ROWS + 1):
         first = jumps[jumps + length < read.size]
         rows = first[:, None] + np.arange(length)
@@ -126,7 +129,10 @@ def outlying(
         back = np.abs(read[first + length] - read[first - 1]) < 0.5 * nearest
         one_way = np.all(away > FAR * scale, axis=1) | np.all(away < -FAR * scale, axis=1)
         together = ~np.any(pause[first[:, None] + np.arange(length + 1)], axis=1)
-        first, furthest = (each[back & one_way & together] for each in (first, furthest))
+        # The top of a smooth curve without noise is as far from its neighbours as these are from theirs.
+        beside = np.minimum(step[first - 1], step[first + length + 1])
+        sudden = nearest > _SUDDEN * np.where(np.isfinite(beside), beside, 0.0)
+        first, furthest = (each[back & one_way & together & sudden] for each in (first, furthest))
         moved = _moved(loads, there[first - 1], there[first + length], unit_of(channel) in _STORED)
         explained = (moved > _ANY_CHANGE) | (furthest <= _AMPLIFIED * moved * (high - low))
         found[there[first[~explained, None] + np.arange(length)]] = True
