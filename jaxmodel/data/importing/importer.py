@@ -14,9 +14,10 @@ from jaxmodel.case.measurements import KINDS, file_label
 from jaxmodel.case.presets import located, read_preset, why_not
 from jaxmodel.data.importing import charge
 from jaxmodel.data.importing.ambient import fill, with_ambient
+from jaxmodel.data.importing.check_runs import splits_of
 from jaxmodel.data.importing.checks import odd_things
 from jaxmodel.data.importing.clock import with_clock
-from jaxmodel.data.importing.conditions import Condition, condition_of, specimens, splits_of
+from jaxmodel.data.importing.conditions import Condition, condition_of, specimens
 from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
 from jaxmodel.data.importing.imported import Imported, ImportedRun
 from jaxmodel.data.importing.joining import joined
