@@ -81,7 +81,7 @@ def _proposals(conditions: Sequence[Condition]) -> Iterator[_Proposal]:
     warmth, loads = _by_warmth(conditions), list(_by_load(conditions))
     yield from _between("ambient temperature [degC]", warmth)
     for profile, levels in loads:
-        yield from _between(f"load of {profile}", levels)
+        yield from _between(profile, levels)
     ways = {way: [n for n, one in enumerate(conditions) if one.direction == way] for way in ("reverse", "forward")}
     if all(ways.values()):
         way = min(ways, key=lambda one: len(ways[one]))
@@ -99,7 +99,7 @@ def _proposals(conditions: Sequence[Condition]) -> Iterator[_Proposal]:
         yield _one_of_two("ambient temperature [degC]", warmth, cost)
     for profile, levels in loads:
         if len(levels) == 2:
-            yield _one_of_two(f"load of {profile}", levels, f"the fit has one load of {profile} only")
+            yield _one_of_two(profile, levels, f"the fit has one {profile} only")
     charges = [n for n, one in enumerate(conditions) if one.direction == "charge"]
     yield _Proposal(charges, "all charges", "what differs between charge and discharge is not fitted")
 
@@ -119,9 +119,14 @@ def _of_a_cell(conditions: Sequence[Condition]) -> bool:
 
 
 def _between(what: str, levels: dict[float, list[int]]) -> Iterator[_Proposal]:
-    """Yield the levels between the lowest and the highest, those of fewest runs first."""
+    """Yield the levels between the lowest and the highest, those of fewest runs first; one run of a level of most."""
+    count = sum(map(len, levels.values()))
     for level in sorted(sorted(levels)[1:-1], key=lambda level: len(levels[level])):
-        yield _Proposal(levels[level], f"all of {what} {level:.3g}, which lies between others")
+        held = levels[level]
+        if 2 * len(held) > count:
+            yield _Proposal([held[len(held) // 2]], f"one of {what} about {level:.3g}, which lies between others")
+        else:
+            yield _Proposal(held, f"all of {what} {level:.3g}, which lies between others")
 
 
 def _one_of_two(what: str, levels: dict[float, list[int]], cost: str) -> _Proposal:
@@ -144,11 +149,12 @@ def _by_warmth(conditions: Sequence[Condition]) -> dict[float, list[int]]:
 
 
 def _by_load(conditions: Sequence[Condition]) -> Iterator[tuple[str, dict[float, list[int]]]]:
-    """Yield the numbers of the runs by load, of each profile that has one load."""
+    """Yield the numbers of the runs by load, of each profile that has one load, with its unit."""
     for profile in _OF_ONE_LOAD:
         numbers = [number for number, condition in enumerate(conditions) if condition.profile == profile]
         rates = [conditions[number].rate for number in numbers]
-        yield profile, _clusters(numbers, rates, lambda a, b: b > _SAME_RATE * max(a, 1e-12))
+        unit = f" [{conditions[numbers[0]].unit}]" if numbers else ""
+        yield f"{profile}{unit}", _clusters(numbers, rates, lambda a, b: b > _SAME_RATE * max(a, 1e-12))
 
 
 def _clusters(
