@@ -25,7 +25,7 @@ from jaxmodel.model.ports import Effect
 from jaxmodel.model.profile import Profile
 
 FIDELITIES = ("formula", "lut")
-# Share of a run's largest voltage below which the first row is not under load. Assumed.
+# Share of a voltage below which it is off, and below which a back-emf is that of a motor that stands. Assumed.
 _IS_ON = 0.02
 
 
@@ -170,7 +170,7 @@ def first_current(run: Run, known: Mapping[str, float]) -> float:
     """Return the current [A] with which a motor's run begins: 0 unless its voltage is on in the first row.
 
     The winding's own time constant is some milliseconds, so that a run that begins under load begins with the current
-    of its first row: as read, else in equilibrium, i = (V - k_tau w) / R_0 (eq. 11 with di/dt = 0).
+    of its first row: as read, else, if it turns, in equilibrium, i = (V - k_tau w) / R_0 (eq. 11 with di/dt = 0).
 
     Args:
         run: of a motor.
@@ -185,7 +185,9 @@ def first_current(run: Run, known: Mapping[str, float]) -> float:
     turning = run.measured.outputs.get("speed_rad_s")
     if turning is not None and np.isfinite(turning[0]):
         speed = float(turning[0])
-    return float((voltage[0] - k * speed) / R)
+    # A motor that stands has been switched on just now.
+    turns = abs(k * speed) > _IS_ON * abs(voltage[0])
+    return float((voltage[0] - k * speed) / R) if turns else 0.0
 
 
 def preset_model(name: str, kind: Kind) -> Model:

@@ -39,7 +39,7 @@ def write_case(case: Case, path: Path, comments: list[str] | None = None) -> Non
     """
     files = [run.source or path.parent / f"{_file_name(run.name)}.csv" for run in case.runs]
     document = toml.document(with_schema(_content(case, path, files)))
-    _read_back(case, document, file_label(path))
+    _read_back(document, file_label(path))
     for run, file in zip(case.runs, files, strict=True):
         if run.source is None:
             _write_csv(run, file)
@@ -67,18 +67,17 @@ def _content(case: Case, path: Path, files: list[Path]) -> dict[str, Any]:
     return content
 
 
-def _read_back(case: Case, document: str, where: str) -> None:
+def _read_back(document: str, where: str) -> None:
     """Refuse to write what `read_case` would refuse.
 
     Raises:
-        MeasurementError: a value or table is none that a case may have, or does not go with the readings.
+        MeasurementError: a value or table is none that a case may have.
     """
     try:
         entry = parse_case(document, where)
         scalars(entry.parameters.__pydantic_extra__ or {}, f"{where}: [parameters]")
         for run in entry.runs:
             scalars(run.__pydantic_extra__ or {}, f"{where}, the run of {run.file}")
-        plausible.check(case if why_not(case.preset, case.kind) else with_preset(case))
     except UserError as error:
         raise MeasurementError(f"{where} is not written, because it could not be read again: {error}") from error
 
@@ -92,6 +91,7 @@ def write_folder(case: Case, folder: Path) -> Path:
     toml_file = folder / "case.toml"
     if any(file.resolve().parent == folder.resolve() for file in case.files):
         raise MeasurementError(f"{folder}: the case was read from this folder; give another one.")
+    plausible.check(case if why_not(case.preset, case.kind) else with_preset(case))  # as `read_case` does
     folder.mkdir(parents=True, exist_ok=True)
     toml_file.unlink(missing_ok=True)  # until its runs are written, the folder is no case
     write_case(dataclasses.replace(case, runs=tuple(dataclasses.replace(r, source=None) for r in case.runs)), toml_file)
