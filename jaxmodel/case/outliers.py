@@ -40,14 +40,20 @@ _SUDDEN = 3.0
 _STORED = ("rad/s", "degC")
 # Range of so many noisy readings of an input that was held, in sd of its noise.
 _NOISE_RANGE = 6.0
+# Steps of an input from which it is known how far another reading follows, and the share of that which is no answer.
+_FEWEST_STEPS, _UNFOLLOWED = 2, 0.3
 # A change of an input by this share of its largest value explains any reading; a smaller one explains a reading that is
 # away by so many times the same share of the channel's range. Assumed.
 _ANY_CHANGE, _AMPLIFIED = 0.1, 10.0
 
 
 def without_outliers(case: Case) -> tuple[Case, tuple[str, ...]]:
-    """Return a case with outliers of its outputs as missing readings, and a sentence for each channel with some."""
-    remarks, runs = [], {run.name: run for run in case.runs}
+    """Return a case with outliers of its outputs as missing readings, and of its inputs as their neighbours.
+
+    There is a sentence for each channel with some.
+    """
+    case, told = _without_unfollowed(case)
+    remarks, runs = list(told), {run.name: run for run in case.runs}
     channels = dict.fromkeys(name for run in case.runs for name in run.measured.outputs)
     for channel in channels:
         with_it = [run for run in case.runs if channel in run.measured.outputs]
@@ -77,6 +83,61 @@ def without_outliers(case: Case) -> tuple[Case, tuple[str, ...]]:
         for name, rows in found.items():
             runs[name] = without_readings(runs[name], channel, rows)
     return dataclasses.replace(case, runs=tuple(runs.values())), tuple(remarks)
+
+
+def _without_unfollowed(case: Case) -> tuple[Case, tuple[str, ...]]:
+    """Return a case with outliers of its inputs taken as their neighbours, and a sentence for each input with some."""
+    remarks, runs = [], []
+    for run in case.runs:
+        for name, values in run.measured.inputs.items():
+            rows = unfollowed(run.measured.time_s, name, values, run.measured.outputs)
+            if not rows.any():
+                continue
+            row, count = int(np.argmax(rows)), int(rows.sum())
+            remarks.append(
+                f"{count} reading{'s' * (count > 1)} of the input {name} of {run.file} taken as the neighbouring ones, "
+                f"because no reading followed: {values[row]:.4g} at {run.measured.time_s[row]:g} s"
+                f"{' and others' * (count > 1)}."
+            )
+            time_s = run.measured.time_s
+            held = np.interp(time_s, time_s[~rows], values[~rows])
+            run = run.driven_by(run.measured.inputs | {name: held})
+        runs.append(run)
+    return dataclasses.replace(case, runs=tuple(runs)), tuple(remarks)
+
+
+def unfollowed(time_s: Values, name: str, values: Values, outputs: Mapping[str, Values]) -> Rows:
+    """Return which readings of an input are outliers: they are far off, and what follows its steps did not, (rows,).
+
+    A voltage follows a current, and a current a voltage. Where the run has too few steps to tell how far, none is one.
+
+    Args:
+        time_s: of the rows.
+        name: of the input.
+        values: its readings.
+        outputs: readings by column.
+    """
+    found = np.zeros(values.size, dtype=bool)
+    asked = {"A": "V", "V": "A"}.get(unit_of(name))
+    follows = next((read for column, read in outputs.items() if asked and unit_of(column) == asked), None)
+    if follows is None or not (suspect := outlying(time_s, {}, name, values)).any():
+        return found
+    steady = ~np.convolve(suspect, np.ones(3), "same").astype(bool)
+    largest = float(np.abs(values[~suspect]).max(initial=0.0))
+    step, answer = np.diff(values), np.diff(follows)
+    plain = steady[1:] & steady[:-1] & np.isfinite(answer) & (np.abs(step) > _ANY_CHANGE * largest)
+    if plain.sum() < _FEWEST_STEPS:
+        return found
+    slope = float(np.median(answer[plain] / step[plain]))
+    edges = np.flatnonzero(np.diff(suspect.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    for first, end in edges.tolist():
+        # The row after counts too: the two may be read one after the other.
+        read = follows[first : min(end + 1, values.size)] - follows[first - 1]
+        asked_for = abs(slope * float(np.median(values[first:end]) - values[first - 1]))
+        noise = FAR * robust_sd(off_the_neighbours(follows))
+        if np.isfinite(read).all() and max(noise, float(np.abs(read).max())) < _UNFOLLOWED * asked_for:
+            found[first:end] = True
+    return found
 
 
 def is_frequent(count: int, share: float) -> bool:

@@ -8,13 +8,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from jaxmodel.case.measurements import KINDS
-from jaxmodel.case.outliers import is_frequent, outlying, share_said
+from jaxmodel.case.outliers import is_frequent, outlying, share_said, unfollowed
+from jaxmodel.data.importing.ambient import fill
 from jaxmodel.data.importing.findings import Finding
 from jaxmodel.data.importing.logs import Log, spans
 
 
 def without_outliers(runs: Sequence[Log], kind: str) -> list[Log]:
     """Return complete runs with outliers as missing readings, and what was found; see `case.outliers`."""
+    runs = [_held(run, kind) for run in runs]
     left = list(runs)
     channels = ("ambient_degC", *KINDS[kind].outputs)
     for name in channels:
@@ -40,6 +42,24 @@ def _drives(run: Log, kind: str) -> list[str]:
     chosen = [next((name for name in group if name in run.columns), "") for group in vocabulary.alternatives]
     names = [*vocabulary.required_inputs, *chosen, *vocabulary.optional_inputs]
     return [name for name in names if name in run.columns and name != "ambient_degC"]
+
+
+def _held(run: Log, kind: str) -> Log:
+    """Return a run whose inputs have the neighbouring readings where nothing followed theirs."""
+    for name in _drives(run, kind):
+        outputs = {channel: run.columns[channel] for channel in KINDS[kind].outputs if _is_reading(run, kind, channel)}
+        rows = unfollowed(run.time_s, name, run.columns[name], outputs)
+        if rows.any():
+            count, first = int(rows.sum()), int(rows.argmax())
+            sentence = (
+                f"{run.name}: {count} single {'reading' if count == 1 else 'readings'} of {name} far from both "
+                f"neighbours, first {run.columns[name][first]:.5g} at {run.time_s[first]:.6g} s, which no reading "
+                "followed; left out as outliers."
+            )
+            found = Finding("spike", run.name, sentence, "warning", name, spans(rows, run.time_s))
+            missing = np.where(rows, np.nan, run.columns[name])
+            run = fill(dataclasses.replace(run, columns=run.columns | {name: missing}).also(found), name)
+    return run
 
 
 def _outliers(run: Log, kind: str, name: str) -> np.ndarray:

@@ -64,6 +64,19 @@ def test_a_spike_of_a_cell_is_left_out_under_load_and_at_rest(tmp_path: Path, co
     assert np.nanmin(read) > value + 1.0
 
 
+def test_a_spike_of_a_cells_current_is_left_out_where_the_voltage_did_not_follow(tmp_path: Path) -> None:
+    log = cell_log()
+    one = imported(tmp_path, {"log": spoilt(log, "current_A", [30, 300], 65.5)}, "cell", sign="discharge-positive")
+    np.testing.assert_allclose(one.runs[0].log.columns["current_A"], log.current_A)
+    (spike,) = [finding for finding in one.findings if finding.what == "spike"]
+    assert "2 single readings of current_A" in spike.sentence
+    pulsed = spoilt(log, "current_A", [30, 300], 65.5)
+    pulsed["voltage_V"] -= 0.03 * (pulsed.current_A - log.current_A)
+    true = imported(tmp_path, {"log": pulsed}, "cell", sign="discharge-positive")
+    assert true.runs[0].log.columns["current_A"][30] == 65.5, "the voltage followed"
+    assert np.isfinite(true.runs[0].log.columns["voltage_V"]).all()
+
+
 def test_the_inrush_of_a_current_is_no_spike(tmp_path: Path) -> None:
     frame = motor_run("step", 24.0, rows=200)
     current = np.where(np.arange(200) > 0, 1.0, 0.0) + 0.01 * np.random.default_rng(1).standard_normal(200)
