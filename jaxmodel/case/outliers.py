@@ -28,9 +28,10 @@ from jaxmodel.case.signals import (
 # most so many rows. White noise has none in 1e20 readings.
 FAR = 10.0
 MOST_ROWS = 3
-# A larger share of a channel's readings is said; above the second they are no single events, and kept. Assumed.
+# A larger share of a channel's rows is said; above the second, of one run, they are no single events, and kept: a
+# converter whose bit flips back and forth. Assumed.
 NOTED_SHARE = 0.005
-MOST_OF_CHANNEL = 0.05
+MOST_OF_RUN = 0.05
 # Rows before and after in which a change of an input may cause what a reading does.
 _BESIDE = 2
 # An outlier is so many times as far away as the rows on its quieter side are from each other.
@@ -58,31 +59,33 @@ def without_outliers(case: Case) -> tuple[Case, tuple[str, ...]]:
     for channel in channels:
         with_it = [run for run in case.runs if channel in run.measured.outputs]
         found = {run.name: outliers(run, channel, case.sensors.get(channel, 0.0)) for run in with_it}
+        kept = {run: found.pop(run.name) for run in with_it if is_frequent(found[run.name])}
+        if kept:
+            run, rows = next(iter(kept.items()))
+            remarks.append(
+                f"{sum(int(rows.sum()) for rows in kept.values())} readings of {channel} in "
+                f"{', '.join(run.name for run in kept)} are far from the neighbouring readings, with no input that "
+                f"explains them: {_first(run, channel, rows)} and others. That is {rows.mean():.1%} of its rows, too "
+                "many for outliers, so they are kept; look at the sensor."
+            )
         count = sum(int(rows.sum()) for rows in found.values())
         if not count:
             continue
-        first = next(run for run in with_it if found[run.name].any())
-        row = int(np.argmax(found[first.name]))
-        where = (
-            f"{first.measured.outputs[channel][row]:.4g} at {first.measured.time_s[row]:g} s of "
-            f"{first.file}{' and others' * (count > 1)}"
-        )
-        share = count / sum(int(np.isfinite(run.measured.outputs[channel]).sum()) for run in with_it)
-        if is_frequent(count, share):
-            remarks.append(
-                f"{count} readings of {channel} are far from the neighbouring readings, with no input that explains "
-                f"them: {where}. That is {share:.1%} of all, too many for outliers, so they are kept; look at the "
-                "sensor."
-            )
-            continue
+        first = next(run for run in with_it if run.name in found and found[run.name].any())
+        share = count / sum(rows.size for rows in found.values())
         remarks.append(
             f"{count} reading{'s' * (count > 1)} of {channel} excluded as outlier{'s' * (count > 1)}, far from the "
-            f"neighbouring readings although no input changed with {'them' if count > 1 else 'it'}: {where}"
-            f"{share_said(count, share)}."
+            f"neighbouring readings although no input changed with {'them' if count > 1 else 'it'}: "
+            f"{_first(first, channel, found[first.name])}{' and others' * (count > 1)}{share_said(count, share)}."
         )
         for name, rows in found.items():
             runs[name] = without_readings(runs[name], channel, rows)
     return dataclasses.replace(case, runs=tuple(runs.values())), tuple(remarks)
+
+
+def _first(run: Run, channel: str, rows: Rows) -> str:
+    row = int(np.argmax(rows))
+    return f"{run.measured.outputs[channel][row]:.4g} at {run.measured.time_s[row]:g} s of {run.file}"
 
 
 def _without_unfollowed(case: Case) -> tuple[Case, tuple[str, ...]]:
@@ -140,9 +143,9 @@ def unfollowed(time_s: Values, name: str, values: Values, outputs: Mapping[str, 
     return found
 
 
-def is_frequent(count: int, share: float) -> bool:
-    """Return whether readings of a channel that look like outliers are too many to be single events."""
-    return count > 1 and share > MOST_OF_CHANNEL
+def is_frequent(rows: Rows) -> bool:
+    """Return whether readings of a run that look like outliers are too many to be single events."""
+    return bool(rows.sum() > 1 and rows.mean() > MOST_OF_RUN)
 
 
 def share_said(count: int, share: float) -> str:

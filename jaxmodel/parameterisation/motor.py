@@ -67,9 +67,8 @@ def parameterise_motor(case: Case, progress: Callable[[str], None] | None = None
         raise FitError(f'{case.label}: there is no fit run; parameters are extracted from runs with split = "fit".')
     found, error = _extracted(case, progress)
     if "clock_shift" not in case.effects and (late_s := dead_time(fitted)):
-        effects, effect_sd = dict(case.effects), dict(case.effect_sd)
-        effects["clock_shift"], effect_sd["clock_shift"] = {"d": late_s}, {"d": late_s}
-        shifted = dataclasses.replace(case, effects=effects, effect_sd=effect_sd)
+        effects = case.effects | {"clock_shift": dict[str, float | str](d=late_s)}
+        shifted = dataclasses.replace(case, effects=effects, effect_sd=case.effect_sd | {"clock_shift": {"d": late_s}})
         other, less = _extracted(shifted, progress, late_s)
         if less < LATE_GAINED * error:
             return other

@@ -85,5 +85,5 @@ def test_exclusions_are_reported_and_frequent_events_are_kept():
     rows = np.flatnonzero(np.isin(np.arange(ROWS) % 100, [30, 40, 50, 60, 70, 80]))
     most = case_of("cell", {}, [spoilt(clean, rows, 0.0)], {"voltage_V": SD})
     kept, (remark,) = without_outliers(most)
-    assert "6.0% of all, too many for outliers, so they are kept" in remark
+    assert "6.0% of its rows, too many for outliers, so they are kept" in remark
     assert np.isfinite(kept.runs[0].measured.outputs["voltage_V"]).all()

@@ -21,14 +21,12 @@ def without_outliers(runs: Sequence[Log], kind: str) -> list[Log]:
     channels = ("ambient_degC", *KINDS[kind].outputs)
     for name in channels:
         flags = {n: _outliers(run, kind, name) for n, run in enumerate(runs) if _is_reading(run, kind, name)}
-        count = sum(int(rows.sum()) for rows in flags.values())
-        if not count:
-            continue
-        share = count / sum(int(np.isfinite(runs[n].columns[name]).sum()) for n in flags)
-        kept = is_frequent(count, share)
+        left_out = [rows for rows in flags.values() if not is_frequent(rows)]
+        count = sum(int(rows.sum()) for rows in left_out)
+        said = share_said(count, count / max(sum(rows.size for rows in left_out), 1))
         for number, rows in flags.items():
             if rows.any():
-                left[number] = _told(left[number], name, rows, count, share, kept)
+                left[number] = _told(left[number], name, rows, said)
     return left
 
 
@@ -67,15 +65,16 @@ def _outliers(run: Log, kind: str, name: str) -> np.ndarray:
     return outlying(run.time_s, inputs, name, run.columns[name])
 
 
-def _told(run: Log, name: str, rows: np.ndarray, count: int, share: float, kept: bool) -> Log:
+def _told(run: Log, name: str, rows: np.ndarray, said: str) -> Log:
+    """Return a run without its outliers of a channel, or with all where they are too many; `said` is their share."""
     values, own, first = run.columns[name], int(rows.sum()), int(rows.argmax())
-    done = f"kept, as {share:.1%} of all are too many for outliers: look at the sensor"
-    if not kept:
-        done = f"left out as {'an outlier' if own == 1 else 'outliers'}{share_said(count, share)}"
+    done = f"kept, as {rows.mean():.1%} of all are too many for outliers: look at the sensor"
+    if not is_frequent(rows):
+        done = f"left out as {'an outlier' if own == 1 else 'outliers'}{said}"
         run = dataclasses.replace(run, columns=run.columns | {name: np.where(rows, np.nan, values)})
     sentence = (
         f"{run.name}: {own} single {'reading' if own == 1 else 'readings'} of {name} far from both neighbours, first "
         f"{values[first]:.5g} at {run.time_s[first]:.6g} s; {done}."
     )
-    numbers = {"readings": float(own), "share": share}
+    numbers = {"readings": float(own)}
     return run.also(Finding("spike", run.name, sentence, "warning", name, spans(rows, run.time_s), numbers))
