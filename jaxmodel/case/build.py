@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from jaxmodel.base.errors import EffectError, ParameterError, instead
 from jaxmodel.case.measurements import KINDS
 from jaxmodel.case.presets import Kind, read_preset, why_not
@@ -18,11 +20,13 @@ from jaxmodel.effects import CATALOGUE, own_effects
 from jaxmodel.model.curves import CURVE_NAMES, CellCurves, Curve, Table, look_up_curves
 from jaxmodel.model.declaration import describe
 from jaxmodel.model.electrothermal import Model
-from jaxmodel.model.parameters import Parameters
+from jaxmodel.model.parameters import Parameters, info
 from jaxmodel.model.ports import Effect
 from jaxmodel.model.profile import Profile
 
 FIDELITIES = ("formula", "lut")
+# Share of a voltage below which it is off, and below which a back-emf is that of a motor that stands. Assumed.
+_IS_ON = 0.02
 
 
 def make_effect(
@@ -135,6 +139,8 @@ def case_model(
         if run.initial_cell_temperature is not None:
             ambient = float(run.measured.inputs["ambient_degC"][0])
             known["initial_temperature_rise_K"] = run.initial_cell_temperature.value - ambient
+        if case.kind == "motor" and (current := first_current(run, known)):
+            known.setdefault("initial_current_A", current)
     curves = CellCurves()
     if fidelity == "lut":
         curves = look_up_curves(curves)
@@ -158,6 +164,30 @@ def case_model(
                 f"{instead(effect.column, columns)}"
             )
     return Model(kind=case.kind, parameters=Parameters(**known), curves=CellCurves(**chosen), effects=effects)
+
+
+def first_current(run: Run, known: Mapping[str, float]) -> float:
+    """Return the current [A] with which a motor's run begins: 0 unless its voltage is on in the first row.
+
+    The winding's own time constant is some milliseconds, so that a run that begins under load begins with the current
+    of its first row: as read, else, if it turns, in equilibrium, i = (V - k_tau w) / R_0 (eq. 11 with di/dt = 0).
+
+    Args:
+        run: of a motor.
+        known: values of its parameters by name.
+    """
+    voltage, read = run.measured.inputs.get("voltage_V"), run.measured.outputs.get("current_A")
+    if voltage is None or abs(voltage[0]) <= _IS_ON * np.abs(voltage).max():
+        return 0.0
+    if read is not None and np.isfinite(read[0]):
+        return float(read[0])
+    R, k, speed = (known.get(name, info(name).default) for name in ("R_0", "k_tau", "initial_speed_rad_s"))
+    turning = run.measured.outputs.get("speed_rad_s")
+    if turning is not None and np.isfinite(turning[0]):
+        speed = float(turning[0])
+    # A motor that stands has been switched on just now.
+    turns = abs(k * speed) > _IS_ON * abs(voltage[0])
+    return float((voltage[0] - k * speed) / R) if turns else 0.0
 
 
 def preset_model(name: str, kind: Kind) -> Model:

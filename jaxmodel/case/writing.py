@@ -11,9 +11,14 @@ from typing import Any
 
 from jaxmodel.base import toml
 from jaxmodel.base.atomic_files import write_whole
-from jaxmodel.base.errors import MeasurementError
+from jaxmodel.base.errors import MeasurementError, UserError
 from jaxmodel.base.schema import with_schema
-from jaxmodel.case.known import Known, Table, Tolerance
+from jaxmodel.case import plausible
+from jaxmodel.case.build import with_preset
+from jaxmodel.case.forms import parse_case
+from jaxmodel.case.known import Known, Table, Tolerance, scalars
+from jaxmodel.case.measurements import file_label
+from jaxmodel.case.presets import why_not
 from jaxmodel.case.records import Case, Run
 
 _VALUE_KEYS = {"ocv": "voltage_V", "R_ints": "ohm", "R_TS": "ohm", "R_TL": "ohm", "C_TS": "farad", "C_TL": "farad"}
@@ -28,8 +33,22 @@ def write_case(case: Case, path: Path, comments: list[str] | None = None) -> Non
         case: from files or DataFrames; for a run without a file, a CSV is written next to the TOML file.
         path: the new file.
         comments: lines at the top.
+
+    Raises:
+        MeasurementError: `read_case` would refuse it; nothing is written.
     """
-    files = [run.source or _write_csv(run, path.parent / f"{_file_name(run.name)}.csv") for run in case.runs]
+    files = [run.source or path.parent / f"{_file_name(run.name)}.csv" for run in case.runs]
+    document = toml.document(with_schema(_content(case, path, files)))
+    _read_back(document, file_label(path))
+    for run, file in zip(case.runs, files, strict=True):
+        if run.source is None:
+            _write_csv(run, file)
+    head = "".join(f"# {line}\n" for line in comments or [])
+    write_whole(path, head + document)
+
+
+def _content(case: Case, path: Path, files: list[Path]) -> dict[str, Any]:
+    """Return what the TOML file of a case holds, with the CSV of each run."""
     content: dict[str, Any] = {"title": case.title, "kind": case.kind}
     content["preset"] = preset_entry(case.preset, path)
     content["parameters"] = {name: _known(known) for name, known in case.parameters.items()}
@@ -45,30 +64,44 @@ def write_case(case: Case, path: Path, comments: list[str] | None = None) -> Non
         | {name: _known(known) for name, known in run.overrides.items()}
         for run, file in zip(case.runs, files, strict=True)
     ]
-    head = "".join(f"# {line}\n" for line in comments or [])
-    write_whole(path, head + toml.document(with_schema(content)))
+    return content
+
+
+def _read_back(document: str, where: str) -> None:
+    """Refuse to write what `read_case` would refuse.
+
+    Raises:
+        MeasurementError: a value or table is none that a case may have.
+    """
+    try:
+        entry = parse_case(document, where)
+        scalars(entry.parameters.__pydantic_extra__ or {}, f"{where}: [parameters]")
+        for run in entry.runs:
+            scalars(run.__pydantic_extra__ or {}, f"{where}, the run of {run.file}")
+    except UserError as error:
+        raise MeasurementError(f"{where} is not written, because it could not be read again: {error}") from error
 
 
 def write_folder(case: Case, folder: Path) -> Path:
     """Write a case as a folder: `case.toml` and a CSV for each run; return the TOML file.
 
     Raises:
-        MeasurementError: the folder is the one that the case was read from.
+        MeasurementError: the folder is the one that the case was read from, or `read_case` would refuse the case.
     """
     toml_file = folder / "case.toml"
     if any(file.resolve().parent == folder.resolve() for file in case.files):
         raise MeasurementError(f"{folder}: the case was read from this folder; give another one.")
+    plausible.check(case if why_not(case.preset, case.kind) else with_preset(case))  # as `read_case` does
     folder.mkdir(parents=True, exist_ok=True)
     toml_file.unlink(missing_ok=True)  # until its runs are written, the folder is no case
     write_case(dataclasses.replace(case, runs=tuple(dataclasses.replace(r, source=None) for r in case.runs)), toml_file)
     return toml_file
 
 
-def _write_csv(run: Run, file: Path) -> Path:
+def _write_csv(run: Run, file: Path) -> None:
     table = run.to_dataframe()
     table = table.drop(columns=[] if run.ambient_degC is None else "ambient_degC")
     write_whole(file, table.to_csv(index=False))
-    return file
 
 
 def _file_name(name: str) -> str:

@@ -15,6 +15,7 @@ from scipy.linalg import block_diag
 from jaxmodel.case.build import case_model
 from jaxmodel.case.records import Case
 from jaxmodel.effects.curves import CURVES
+from jaxmodel.effects.sensors import ClockShift
 from jaxmodel.effects.shifts import SHIFTS
 from jaxmodel.effects.specimen import scale_of, usual_range
 from jaxmodel.fit.coordinates import Coordinate, effect_coordinate
@@ -37,6 +38,8 @@ _LEAST_SPAN = 0.02
 _FAINT_MODE = 1e-3
 # A cell that warms rises at least so far (K) in the range of a curve over the rise. Assumed.
 _LEAST_RISE_K = 5.0
+# Least width of a usual range, as a share of its larger end; ratio of neighbouring shifts of a clock. Assumed.
+_LEAST_WIDTH, _NEXT_SHIFT = 1e-6, 2.0
 # Correlation length of a law, as a share of its span. Assumed.
 _LAW_CORRELATION = 0.25
 
@@ -146,22 +149,27 @@ class Candidate:
         return suggested
 
 
-def make_candidate(effect: Effect, usual: Mapping[str, tuple[float, float]] | None = None) -> Candidate:
+def make_candidate(
+    effect: Effect,
+    usual: Mapping[str, tuple[float, float]] | None = None,
+    grids: Mapping[str, tuple[float, ...]] | None = None,
+) -> Candidate:
     """Return the candidate for an effect, from its parameter table.
 
     Args:
         effect: of the catalogue, or the user's own.
         usual: usual ranges for this specimen, in place of the table's.
+        grids: values to be tried for this specimen, in place of the table's.
     """
     table = describe(effect)
-    usual = usual or {}
+    usual, grids = usual or {}, grids or {}
     coordinates = tuple(
         effect_coordinate(f"{effect.label}.{name}", info, usual.get(name)) for name, info in table.items()
     )
     choices = []
     for coordinate, (name, info) in zip(coordinates, table.items(), strict=True):
-        grid = info.shape_grid
-        if grid and name in usual and info.typical and info.typical[0] > 0.0:
+        grid = grids.get(name, info.shape_grid)
+        if name not in grids and grid and name in usual and info.typical and info.typical[0] > 0.0:
             grid = tuple(value * usual[name][0] / info.typical[0] for value in grid)
         if grid:
             choices.append([coordinate.at(number) for number in grid])
@@ -199,13 +207,16 @@ def _effects(case: Case) -> Iterator[Candidate]:
     for name, cls in case.catalogue.items():
         if case.kind not in cls.kinds or name in present or not cls.is_candidate or not is_distinguishable(case, cls):
             continue
+        usual, grids = specimen_ranges(case, cls), _grids(case, cls)
+        if has_collapsed(usual):
+            continue
         if not cls.is_sensor:
-            yield make_candidate(cls(), specimen_ranges(case, cls))
+            yield make_candidate(cls(), usual, grids)
             continue
         for column in [column for column in columns if column.endswith(cls.reads)] if cls.reads else [""]:
             if f"{name}:{column}" in present:
                 continue
-            fault = make_candidate(cls(column=column), specimen_ranges(case, cls))
+            fault = make_candidate(cls(column=column), usual, grids)
             # A small error of the input decides whether a rotor at rest starts to turn in the model.
             sticks = case.kind != "cell" and column in case.runs[0].measured.inputs
             yield dataclasses.replace(fault, reach=_ACROSS_STANDSTILL) if sticks else fault
@@ -223,7 +234,29 @@ def is_distinguishable(case: Case, cls: type[Effect]) -> bool:
 def specimen_ranges(case: Case, cls: type[Effect]) -> dict[str, tuple[float, float]]:
     """Return the usual ranges of those parameters of an effect that scale with the specimen."""
     numbers = _numbers(case)
-    return {name: usual_range(info, numbers) for name, info in describe(cls).items() if info.scales and info.typical}
+    ranges = {name: usual_range(info, numbers) for name, info in describe(cls).items() if info.scales and info.typical}
+    return ranges | {name: (-max(grid), max(grid)) for name, grid in _grids(case, cls).items()}
+
+
+def has_collapsed(usual: Mapping[str, tuple[float, float]]) -> bool:
+    """Return whether a range has no width: scaled to a very small or large specimen, both ends are at one bound."""
+    return any(not high - low > _LEAST_WIDTH * max(abs(low), abs(high)) for low, high in usual.values())
+
+
+def _grids(case: Case, cls: type[Effect]) -> dict[str, tuple[float, ...]]:
+    """Return the shifts of a clock that are tried for a motor or robot [s]: from a row to the length of a run.
+
+    The table's are for cells, of which seconds matter. A motor's dead time may be a few rows, and a run shorter than
+    the table's shifts.
+    """
+    runs = [run.measured.time_s for run in case.runs if run.split == "fit"]
+    if not issubclass(cls, ClockShift) or case.kind == "cell" or not runs:
+        return {}
+    longest = min(max(float(time_s[-1] - time_s[0]) for time_s in runs), max(describe(cls)["d"].shape_grid))
+    row = min(*(float(np.median(np.diff(time_s))) for time_s in runs), 0.5 * longest)
+    count = 1 + math.ceil(math.log(longest / row) / math.log(_NEXT_SHIFT))
+    later = np.geomspace(row, longest, count).tolist()
+    return {"d": (*(-d for d in reversed(later)), *later)}
 
 
 def _curves(case: Case, ranges: Mapping[str, tuple[float, float]]) -> Iterator[Candidate]:
@@ -306,7 +339,10 @@ def _of_runs(case: Case) -> Iterator[Candidate]:
         else:
             effects = [cls(**absent)]
         for effect in effects:
-            shift = make_candidate(effect, specimen_ranges(case, cls))
+            usual = specimen_ranges(case, cls)
+            if has_collapsed(usual):
+                continue
+            shift = make_candidate(effect, usual)
             for number in fit_runs:
                 yield dataclasses.replace(
                     shift,

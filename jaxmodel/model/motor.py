@@ -42,11 +42,11 @@ class Motor(eqx.Module):
 
 
 def initial_state(parameters: Parameters) -> State:
-    """Return the motor's states at the start of a run: no current, at its initial speed and temperature rises."""
+    """Return the motor's states at the start of a run: its initial current, speed and temperature rises."""
     return {
         "x_winding_K": parameters.initial_winding_rise_K,
         "x_case_K": parameters.initial_case_rise_K,
-        "motor_current_A": jnp.zeros(()),
+        "motor_current_A": parameters.initial_current_A,
         "speed_rad_s": parameters.initial_speed_rad_s,
     }
 

@@ -200,6 +200,15 @@ class Parameters(eqx.Module):
         upper=5e3,
         source="the paper starts at rest",
     )
+    initial_current_A: Scalar = parameter(
+        0.0,
+        unit="A",
+        meaning="current of a motor driven by its voltage at the start of a run; a case has that of the first row",
+        equation="11",
+        lower=-1e4,
+        upper=1e4,
+        source="the paper starts at rest",
+    )
     initial_winding_rise_K: Scalar = parameter(
         0.0,
         unit="K",

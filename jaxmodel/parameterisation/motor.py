@@ -20,7 +20,7 @@ from jaxmodel.model.parameters import info
 from jaxmodel.parameterisation.motor_electrical import electrical
 from jaxmodel.parameterisation.motor_friction import Mechanics, mechanics
 from jaxmodel.parameterisation.motor_refine import refine, refined_case
-from jaxmodel.parameterisation.motor_rows import MotorRows, motor_rows
+from jaxmodel.parameterisation.motor_rows import MotorRows, dead_time, motor_rows
 from jaxmodel.parameterisation.motor_thermal import motor_thermal
 from jaxmodel.parameterisation.noise import sensor_noise
 from jaxmodel.parameterisation.result import Extraction, Parameterisation, absent
@@ -45,9 +45,11 @@ PLACES = {
     "windage c": ("windage", "c"),
     "gear loss e": ("gear_loss", "e"),
 }
-PLACES |= {"torque of constant sign": ("torque_offset", "c")}
+LATE = "dead time of the readings"
+PLACES |= {"torque of constant sign": ("torque_offset", "c"), LATE: ("clock_shift", "d")}
 PLACES |= {name: ("", name) for name in ("R_0", "k_tau", "tau_0", "J", "L_a")}
 GAINED = 0.98  # of the error
+LATE_GAINED = 0.8  # of the error: what a dead time must leave at most. Assumed.
 UNKNOWN_SHARE = 0.5  # relative sd of a thermal resistance that neither case nor data tell. Assumed.
 LAG_ROWS = 4.0  # first value of the lag, in rows
 LAGGING = "lag L_a / R_0 between voltage and torque: inductance, or a filter of drive or sensor"
@@ -60,11 +62,33 @@ def parameterise_motor(case: Case, progress: Callable[[str], None] | None = None
     Raises:
         FitError: the fit runs have neither a speed nor a current beside a voltage.
     """
-    tell = progress or (lambda stage: None)
     fitted = [run for run in case.runs if run.split == "fit"]
     if not fitted:
         raise FitError(f'{case.label}: there is no fit run; parameters are extracted from runs with split = "fit".')
-    runs = [motor_rows(run) for run in fitted]
+    found, error = _extracted(case, progress)
+    if "clock_shift" not in case.effects and (late_s := dead_time(fitted)):
+        effects = case.effects | {"clock_shift": dict[str, float | str](d=late_s)}
+        shifted = dataclasses.replace(case, effects=effects, effect_sd=case.effect_sd | {"clock_shift": {"d": late_s}})
+        other, less = _extracted(shifted, progress, late_s)
+        if less < LATE_GAINED * error:
+            return other
+    return found
+
+
+def _extracted(
+    case: Case, progress: Callable[[str], None] | None, found_late_s: float = 0.0
+) -> tuple[Parameterisation, float]:
+    """Return first parameters of a motor, and the relative error of its forward model.
+
+    Args:
+        case: of a motor, with `clock_shift` where its readings come late.
+        progress: is told each stage.
+        found_late_s: the shift, where it is a first value from the readings.
+    """
+    tell = progress or (lambda stage: None)
+    fitted = [run for run in case.runs if run.split == "fit"]
+    late_s = float(case.effects.get("clock_shift", {}).get("d", 0.0))
+    runs = [motor_rows(run, late_s) for run in fitted]
     if not any(
         rows.speed_rad_s is not None or (rows.voltage_V is not None and rows.current_A is not None) for rows in runs
     ):
@@ -75,6 +99,9 @@ def parameterise_motor(case: Case, progress: Callable[[str], None] | None = None
     exact = {name: known for name, known in case.parameters.items() if known.sd is None}
     tell("winding and torque constant")
     found, volts = electrical(runs, _stated(case, "psi_R"), _stated(case, "T_0"))
+    if found_late_s:
+        names = tuple(rows.name for rows in runs)
+        found.append(Extraction(LATE, found_late_s, found_late_s, "s", names, "speed and voltage", "least squares"))
     found = [one for one in found if one.name not in exact]
     numbers = {one.name: one.value for one in found}
 
@@ -113,12 +140,12 @@ def parameterise_motor(case: Case, progress: Callable[[str], None] | None = None
     points = {"electrical": volts, "friction": turning.points if turning else pd.DataFrame(), "thermal": warmed}
     points = {name: table for name, table in points.items() if len(table)}
     tell("output error of the forward model")
-    said, found = _refined(_case(case, found, turning, noise), found, any(rows.follows for rows in runs))
-    return Parameterisation(said, tuple(found), points, _remarks(turning))
+    said, found, error = _refined(_case(case, found, turning, noise), found, any(rows.follows for rows in runs))
+    return Parameterisation(said, tuple(found), points, _remarks(turning)), error
 
 
-def _refined(case: Case, found: list[Extraction], follows: bool) -> tuple[Case, list[Extraction]]:
-    """Return the case and the extractions after the fit of the forward model to current and speed.
+def _refined(case: Case, found: list[Extraction], follows: bool) -> tuple[Case, list[Extraction], float]:
+    """Return the case, the extractions and the error after the fit of the forward model to current and speed.
 
     Derivatives of a coarse log hide a friction that grows with speed, and show no lag between voltage and torque. The
     forward model is fitted with each of them too, and keeps one while it lowers the error to `GAINED`.
@@ -131,7 +158,7 @@ def _refined(case: Case, found: list[Extraction], follows: bool) -> tuple[Case, 
     names = _places(case, found)
     better = refine(case, names)
     if better is None:
-        return case, found
+        return case, found, math.inf
     further = [one for one in (_growing_friction(case, found), _lag(case, found) if follows else None) if one]
     while further:
         tried = []
@@ -157,7 +184,7 @@ def _refined(case: Case, found: list[Extraction], follows: bool) -> tuple[Case, 
             sd = max(better.sd[one.name], 1e-3 * abs(better.values[one.name]))
             one = dataclasses.replace(one, value=sign * better.values[one.name], sd=sd, method=method)
         said.append(one)
-    return refined_case(case, names, better), said
+    return refined_case(case, names, better), said, better.after
 
 
 def _unseen_heat(case: Case) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -11,6 +12,9 @@ from jaxmodel.case.records import Run
 
 FOLLOWED_S = 0.2  # a longer step between rows does not show the acceleration of a small motor
 STILL_SHARE = 0.01  # of the largest speed: below it the motor stands
+# Longest dead time as a share of the shortest run, how many are tried, and the largest share of the mean square error
+# that one leaves. Assumed.
+_MOST_DEAD, _MOST_SHIFTS, _FAR_BETTER = 0.5, 100, 0.5
 SMOOTHED_ROWS = 9  # of the Savitzky-Golay filter of second order that gives the acceleration
 
 
@@ -66,9 +70,10 @@ class MotorRows:
         return np.where(np.isfinite(self.winding_degC), self.winding_degC, otherwise)
 
 
-def motor_rows(run: Run) -> MotorRows:
-    """Return the arrays of a run."""
-    inputs, outputs, time_s = run.measured.inputs, run.measured.outputs, run.measured.time_s
+def motor_rows(run: Run, late_s: float = 0.0) -> MotorRows:
+    """Return the arrays of a run, whose readings come late by so many seconds."""
+    inputs, time_s = run.measured.inputs, run.measured.time_s
+    outputs = {name: _earlier(time_s, values, late_s) for name, values in run.measured.outputs.items()}
     current = outputs.get("current_A", inputs.get("current_A"))
     speed = outputs.get("speed_rad_s")
     rate, follows = np.zeros(time_s.size), False
@@ -89,6 +94,53 @@ def motor_rows(run: Run) -> MotorRows:
         rate,
         follows,
     )
+
+
+def _earlier(time_s: np.ndarray, values: np.ndarray, late_s: float) -> np.ndarray:
+    """Return readings of a later time at each row; NaN where the run had ended by then, or not begun."""
+    if not late_s:
+        return values
+    return np.interp(time_s + late_s, time_s, values, left=np.nan, right=np.nan)
+
+
+def dead_time(runs: Sequence[Run]) -> float:
+    """Return by how many seconds the speed of some runs comes after their voltage; 0 where it hardly does.
+
+    Each shift of whole rows, to half of a run, is tried in V = k w + B sgn(w) + C dw/dt by least squares over all rows:
+    a motor that neither turns nor speeds up under a voltage fits none of these terms. The shift must be longer than
+    half of the local parabola of dw/dt, and leave a far smaller error.
+    """
+    driven = [one for run in runs if (one := motor_rows(run)).voltage_V is not None and one.follows]
+    if not driven:
+        return 0.0
+    step = float(np.median(np.concatenate([np.diff(one.time_s) for one in driven])))
+    most = max(int(_MOST_DEAD * min(one.time_s[-1] - one.time_s[0] for one in driven) / step), 1)
+
+    def best_of(rows: np.ndarray) -> int:
+        return min(set(rows.astype(int).tolist()), key=lambda late: _error_of(driven, late * step))
+
+    about = best_of(np.geomspace(1.0, most, _MOST_SHIFTS).round())
+    late = best_of(np.linspace(0.9 * about, 1.1 * about, _MOST_SHIFTS).round())
+    far_better = _error_of(driven, late * step) < _FAR_BETTER * _error_of(driven, 0.0)
+    return late * step if late > SMOOTHED_ROWS // 2 and far_better else 0.0
+
+
+def _error_of(runs: Sequence[MotorRows], late_s: float) -> float:
+    """Return the mean square voltage that the motor's equation leaves with a speed that comes late [V^2]."""
+    blocks, targets = [], []
+    for rows in runs:
+        assert rows.speed_rad_s is not None
+        assert rows.voltage_V is not None
+        speed, rate = (_earlier(rows.time_s, values, late_s) for values in (rows.speed_rad_s, rows.rate))
+        there = np.isfinite(speed) & np.isfinite(rate)
+        still = STILL_SHARE * np.nanmax(np.abs(rows.speed_rad_s))
+        sign = np.where(np.abs(speed) > still, np.sign(speed), 0.0)
+        blocks.append(np.column_stack([speed, sign, rate])[there])
+        targets.append(rows.voltage_V[there])
+    matrix, volts = np.vstack(blocks), np.concatenate(targets)
+    size = np.sqrt(np.mean(matrix**2, axis=0)) + 1e-30
+    left = volts - matrix / size @ np.linalg.lstsq(matrix / size, volts, rcond=None)[0]
+    return float(np.mean(left**2))
 
 
 def _rate(time_s: np.ndarray, speed: np.ndarray) -> np.ndarray:

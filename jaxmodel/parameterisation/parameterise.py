@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from threadpoolctl import threadpool_limits
 
+from jaxmodel.case.outliers import without_outliers
 from jaxmodel.case.records import Case
 from jaxmodel.parameterisation.cell import parameterise_cell
 from jaxmodel.parameterisation.motor import parameterise_motor
@@ -34,5 +35,10 @@ def parameterise(case: Case, *, progress: Callable[[str], None] | None = None) -
         FitError: the fit runs lack readings without which nothing can be extracted.
     """
     kinds = {"cell": parameterise_cell, "motor": parameterise_motor, "robot": parameterise_robot}
-    found = kinds[case.kind](case, progress)
-    return dataclasses.replace(found, case=rounded(found.case))
+    usable, remarks = without_outliers(case)
+    found = kinds[case.kind](usable, progress)
+    read = {run.name: run.measured for run in case.runs}
+    # The case that is handed on holds what was read: what follows tells of outliers itself.
+    runs = tuple(dataclasses.replace(run, measured=read[run.name]) for run in found.case.runs)
+    better = rounded(dataclasses.replace(found.case, runs=runs))
+    return dataclasses.replace(found, case=better, remarks=(*remarks, *found.remarks))

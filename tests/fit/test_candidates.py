@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -218,3 +219,43 @@ def test_a_curve_covers_what_the_fitted_runs_covered(curves: dict[str, Candidate
 
 def test_a_curve_is_of_a_stated_table_or_not(curves: dict[str, Candidate]) -> None:
     assert not any(one.stated for one in curves.values()), "the case states no table"
+
+
+@pytest.mark.parametrize("capacity_Ah", [1e-6, 3e-3, 0.04, 5.0, 280.0, 5e3])
+def test_an_effect_whose_range_has_collapsed_is_no_candidate(capacity_Ah: float) -> None:
+    """From a coin cell to a truck's pack each coordinate has a width, and each probe is a number."""
+    current = np.full(20, 0.1 * capacity_Ah)
+    runs = [run_of(n, {"current_A": current, "ambient_degC": 0.0 * current}, {"voltage_V": current}) for n in (1, 2)]
+    case = case_of("cell", {"capacity_Ah": Known(capacity_Ah)}, runs)
+    found = {one.label: one for one in candidates(case, RANGES)}
+    for one in found.values():
+        assert all(0.0 < coordinate.spread < math.inf for coordinate in one.coordinates)
+        assert np.all(np.isfinite(np.array(one.probes)))
+        if not one.is_vector and one.probes:
+            assert np.all(np.isfinite(one.at(np.array(one.probes[0]), 2.0)))
+    assert ("contact_heating" in found) == (capacity_Ah > 1e-2), "its range for a coin cell is beyond its bounds"
+
+
+@pytest.mark.parametrize(("R_0", "k_tau"), [(1e-4, 1e-4), (20.0, 2e-3), (0.05, 3.0), (1e3, 500.0)])
+def test_motors_of_any_size_have_candidates_with_a_width(R_0: float, k_tau: float) -> None:
+    volts = np.full(20, 12.0)
+    inputs = {"voltage_V": volts, "load_torque_Nm": 0.0 * volts, "ambient_degC": 0.0 * volts}
+    runs = [run_of(n, inputs, {"speed_rad_s": volts}) for n in (1, 2)]
+    case = case_of("motor", {"R_0": Known(R_0), "k_tau": Known(k_tau)}, runs)
+    for one in candidates(case, RANGES):
+        assert all(0.0 < coordinate.spread < math.inf for coordinate in one.coordinates)
+        assert np.all(np.isfinite(np.array(one.probes)))
+
+
+def test_shifts_of_a_motors_clock_are_tried_from_a_row_to_the_length_of_the_run() -> None:
+    volts = np.full(800, 12.0)
+    inputs = {"voltage_V": volts, "load_torque_Nm": 0.0 * volts, "ambient_degC": 0.0 * volts}
+    case = case_of("motor", {}, [run_of(1, inputs, {"speed_rad_s": volts}, step_s=0.004)])
+    clock = next(one for one in candidates(case, RANGES) if one.label == "clock_shift")
+    tried = sorted({abs(clock.coordinates[0].number(probe[0])) for probe in clock.probes})
+    assert tried[0] == pytest.approx(0.004)
+    assert tried[-1] == pytest.approx(3.196)
+    assert all(later <= 2.01 * earlier for earlier, later in itertools.pairwise(tried))
+    cell = case_of("cell", {}, [run_of(1, {"current_A": volts, "ambient_degC": volts}, {"voltage_V": volts})])
+    of_cell = next(one for one in candidates(cell, RANGES) if one.label == "clock_shift")
+    assert max(abs(of_cell.coordinates[0].number(probe[0])) for probe in of_cell.probes) == 20.0

@@ -9,7 +9,6 @@ import numpy as np
 from jaxmodel.base.units import unit_of
 from jaxmodel.data.importing.findings import Finding
 from jaxmodel.data.importing.logs import Log, spans
-from jaxmodel.data.importing.sign import evidence
 
 # A gap lasts so many times as long as rows usually are apart, and so long at least [s].
 _GAP, _GAP_S = 20.0, 30.0
@@ -42,10 +41,8 @@ def odd_things(run: Log, kind: str) -> Iterator[Finding]:
             continue
         if name == "ambient_degC" and np.ptp(values[np.isfinite(values)]) == 0.0:
             continue
-        if kind == "cell" or name != "voltage_V":
-            yield from _impossible(run, name, values)
         if kind == "cell" or name != "voltage_V":  # a motor's is what drives it
-            yield from _spikes(run, name, _without_drop(run, name, values))
+            yield from _impossible(run, name, values)
         yield from _resolution(run, name, values)
         yield from _saturation(run, name, values)
     yield from _stuck(run, current)
@@ -109,37 +106,6 @@ def _impossible(run: Log, name: str, values: np.ndarray) -> Iterator[Finding]:
             f"{values[row]:.5g} at {run.time_s[row]:.6g} s; the readings are kept."
         )
         yield Finding("impossible reading", run.name, sentence, "warning", name, spans(outside, run.time_s))
-
-
-def _without_drop(run: Log, name: str, values: np.ndarray) -> np.ndarray:
-    """Return a cell's voltage without what its current makes at once; other readings as they are."""
-    if name != "voltage_V" or "current_A" not in run.columns:
-        return values
-    resistance = evidence(run).resistance_ohm
-    return values + resistance * run.columns["current_A"] if np.isfinite(resistance) else values
-
-
-def _spikes(run: Log, name: str, values: np.ndarray) -> Iterator[Finding]:
-    """Yield single temperatures and voltages far from both neighbours: a loose thermocouple, a bad frame."""
-    if unit_of(name) not in ("degC", "V") or values.size < 20:
-        return
-    with np.errstate(invalid="ignore"):
-        changes = np.diff(values)
-        if not np.isfinite(changes).any():
-            return
-        before, after, usual = changes[:-1], changes[1:], float(np.nanmedian(np.abs(changes)))
-        floor = 5.0 if unit_of(name) == "degC" else 0.5
-        spike = (np.minimum(np.abs(before), np.abs(after)) > max(50.0 * usual, floor)) & (before * after < 0.0)
-    if not spike.any():
-        return
-    flags = np.concatenate([[False], spike, [False]])
-    count, row = int(flags.sum()), int(flags.argmax())
-    sentence = (
-        f"{run.name}: {count} single {'reading' if count == 1 else 'readings'} of {name} far from both "
-        "neighbours, first "
-        f"{values[row]:.5g} at {run.time_s[row]:.6g} s; kept, the diagnosis excludes outliers."
-    )
-    yield Finding("spike", run.name, sentence, "warning", name, spans(flags, run.time_s), {"readings": float(count)})
 
 
 def _thinned(values: np.ndarray) -> np.ndarray:

@@ -14,9 +14,10 @@ from jaxmodel.case.measurements import KINDS, file_label
 from jaxmodel.case.presets import located, read_preset, why_not
 from jaxmodel.data.importing import balance, charge
 from jaxmodel.data.importing.ambient import fill, with_ambient
+from jaxmodel.data.importing.check_runs import splits_of
 from jaxmodel.data.importing.checks import odd_things
 from jaxmodel.data.importing.clock import with_clock
-from jaxmodel.data.importing.conditions import Condition, condition_of, specimens, splits_of
+from jaxmodel.data.importing.conditions import Condition, condition_of, specimens
 from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
 from jaxmodel.data.importing.formulas import unmatched
 from jaxmodel.data.importing.imported import Imported, ImportedRun
@@ -26,6 +27,7 @@ from jaxmodel.data.importing.loading import NotALog, load
 from jaxmodel.data.importing.logs import Log, columns_of
 from jaxmodel.data.importing.motor_constants import constants_of
 from jaxmodel.data.importing.options import Kind, Options, checked
+from jaxmodel.data.importing.outliers import without_outliers
 from jaxmodel.data.importing.roles import MARKS
 from jaxmodel.data.importing.runs import split
 from jaxmodel.data.importing.sign import motor_signs, settle
@@ -84,7 +86,7 @@ def import_case(
     runs = [run for log in logs for run in split(_scaled(log, kind, options), options)]
     runs = [_complete(with_speed(run), kind, options, listed.get(run.source.name)) for run in runs]
     tell(f"checking {len(runs)} runs")
-    runs = [run.also(*odd_things(run, kind)) for run in runs]
+    runs = [run.also(*odd_things(run, kind)) for run in without_outliers(runs, kind)]
     imported = _assembled(runs, kind, options, ask, listed, general)
     if out is not None:
         tell(f"writing {len(runs)} runs")

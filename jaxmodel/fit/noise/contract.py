@@ -6,8 +6,8 @@ import numpy as np
 
 from jaxmodel.case.measurements import KINDS
 from jaxmodel.case.records import Case
+from jaxmodel.case.signals import after_pauses
 from jaxmodel.fit.noise.instrument import NoiseModel, break_at_jumps, channel_noise, local_noise
-from jaxmodel.fit.preparation.signals import after_pauses
 
 # Rows of the windows in which noise is estimated; short, to exclude slow signals.
 _WINDOW = 12

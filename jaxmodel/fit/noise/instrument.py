@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import fminbound
 from scipy.special import chdtr, chdtri
 
-from jaxmodel.fit.preparation.signals import MAD_OF_NORMAL, detect_quantum
+from jaxmodel.case.signals import MAD_OF_NORMAL, detect_quantum
 from jaxmodel.fit.settings import SETTINGS, Settings
 
 Floats = NDArray[np.floating]

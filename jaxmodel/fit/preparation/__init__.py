@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from jaxmodel.case.outliers import without_outliers
 from jaxmodel.case.plausible import doubts
 from jaxmodel.case.records import Case
 from jaxmodel.fit.preparation.held_inputs import with_held_inputs
 from jaxmodel.fit.preparation.inputs import check_sign_of_current, with_like_inputs
-from jaxmodel.fit.preparation.outliers import without_outliers
 from jaxmodel.fit.preparation.saturated import without_saturated
 from jaxmodel.fit.preparation.stuck import without_stuck
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxmodel.base.units import unit_of
 from jaxmodel.case.records import Case, Run
-from jaxmodel.fit.preparation.signals import detect_quantum, without_readings
+from jaxmodel.case.signals import detect_quantum, without_readings
 from jaxmodel.fit.preparation.stuck import Stretch, stretches
 
 # Smallest number of rows of one stretch at the limit, of stretches, and of rows in total.

@@ -17,7 +17,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from jaxmodel.base.units import unit_of
 from jaxmodel.case.records import Case, Run
-from jaxmodel.fit.preparation.signals import (
+from jaxmodel.case.signals import (
     Rows,
     Values,
     calm,

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from jaxmodel.fit.preparation.outliers import outliers, without_outliers
+from jaxmodel.case.outliers import outliers, without_outliers
 from tests.diagnosis.made_cases import case_of, run_of
 
 ROWS = 2000
@@ -77,6 +77,13 @@ def test_exclusions_are_reported_and_frequent_events_are_kept():
     assert np.isfinite(case.runs[0].measured.outputs["voltage_V"]).all(), "the case given is as it was"
 
     often = case_of("cell", {}, [spoilt(clean, np.arange(60, ROWS, 100), 0.0)], {"voltage_V": SD})
-    kept, remark = without_outliers(often)
-    assert remark == ()
+    cleaned, (remark,) = without_outliers(often)
+    assert "20 readings of voltage_V excluded" in remark
+    assert "1.0% of its readings, so look at the sensor" in remark
+    assert np.isnan(cleaned.runs[0].measured.outputs["voltage_V"]).sum() == 20
+
+    rows = np.flatnonzero(np.isin(np.arange(ROWS) % 100, [30, 40, 50, 60, 70, 80]))
+    most = case_of("cell", {}, [spoilt(clean, rows, 0.0)], {"voltage_V": SD})
+    kept, (remark,) = without_outliers(most)
+    assert "6.0% of its rows, too many for outliers, so they are kept" in remark
     assert np.isfinite(kept.runs[0].measured.outputs["voltage_V"]).all()

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxmodel.fit.preparation.signals import after_pauses
+from jaxmodel.case.signals import after_pauses
 
 
 def test_a_pause_is_not_where_the_logger_slows_down():
