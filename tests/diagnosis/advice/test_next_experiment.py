@@ -85,7 +85,7 @@ def test_proposals_are_feasible_and_in_order(case: Case, undecided) -> None:
 
 def test_the_proposed_run_decides_and_a_poor_one_does_not(case: Case, undecided) -> None:
     rivals, proposals = undecided
-    runs = [one for one in proposals if not one.what.startswith("a measurement")]
+    runs = [one for one in proposals if not one.what.startswith("a separate measurement")]
     gaps = {}
     for proposal in (runs[0], runs[-1]):
         _, after = rivals_of(with_run_done(case, proposal.what))
