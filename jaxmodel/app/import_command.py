@@ -80,6 +80,7 @@ def import_(
     delimiter: Annotated[str | None, typer.Option(help="Of text.", show_default=False)] = None,
     decimal: Annotated[str | None, typer.Option(metavar=".|,", help="Of text.", show_default=False)] = None,
     answer_only: Annotated[bool, typer.Option("--answer-only", help="Write the case, no pictures.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Write over a case that was edited since.")] = False,
 ) -> None:
     """Import raw logs of a cycler or bench as a case: columns, units, signs, clocks and runs are found and checked."""
     from jaxmodel.app.commands.import_files import import_files
@@ -107,5 +108,6 @@ def import_(
         encoding=encoding,
         delimiter=delimiter,
         decimal=decimal,
+        force=force,
         answer_only=answer_only,
     )

@@ -75,3 +75,18 @@ def test_measurements_are_not_written_over(run: Run, log: Path):
     result = run("import", log, "--kind", "cell", "--out", log.parent)
     assert result.exit_code == 2
     assert "give another one" in result.stderr
+
+
+def test_a_case_that_was_edited_since_is_not_written_over(run: Run, log: Path, tmp_path: Path):
+    case = tmp_path / "case"
+    words = ("import", str(log), "--kind", "cell", "--ambient", "23", "--out", str(case), "--answer-only")
+    assert run(*words).exit_code == 0
+    assert run(*words).exit_code == 0, "as it was written it may be written again"
+    edited = (case / "case.toml").read_text() + "\n# mine\n"
+    (case / "case.toml").write_text(edited)
+    refused = run(*words)
+    assert refused.exit_code == 2
+    assert "its case.toml was edited since it was imported; give another folder" in refused.stderr
+    assert (case / "case.toml").read_text() == edited
+    assert run(*words, "--force").exit_code == 0
+    assert "# mine" not in (case / "case.toml").read_text()

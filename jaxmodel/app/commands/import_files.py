@@ -26,6 +26,7 @@ def import_files(
     *,
     pairs: Mapping[str, Sequence[str]],
     answer_only: bool = False,
+    force: bool = False,
     **decisions: Any,
 ) -> Imported:
     """Import files, print what was found and decided, and write the case, with a picture of each run.
@@ -36,6 +37,7 @@ def import_files(
         out: folder of the case.
         pairs: options of the form NAME=VALUE by their names: `column`, `unit`, `constant`.
         answer_only: leaves out the pictures.
+        force: writes over a case that was edited since it was imported.
         decisions: other fields of `jaxmodel.data.importing.Options`.
 
     Raises:
@@ -58,7 +60,7 @@ def import_files(
         progress("checking the case")
         _check(imported)
         progress(f"writing {len(imported.runs)} runs")
-        imported.write(out, pictures=not answer_only)
+        imported.write(out, pictures=not answer_only, force=force)
     _print(imported)
     pictures = "" if answer_only else ", a picture of each run"
     terminal.say(f"case.toml, {len(imported.runs)} CSV files{pictures} and import.json are in {out}.")

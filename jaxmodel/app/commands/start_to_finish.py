@@ -45,7 +45,7 @@ def start_to_finish(files: Sequence[Path], kind: str, out: Path, *, again: bool 
     try:
         if given is None:
             logs = files_of(files, case)
-            importing = partial(import_files, files, kind, case, **decisions)
+            importing = partial(import_files, files, kind, case, force=again, **decisions)
             stages.do("import", logs, {"kind": kind, **decisions}, case / "case.toml", importing)
         stages.do(
             "parameterise", _files_of(case), {}, better / "case.toml", lambda: parameterise_case(case, better, [])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import hashlib
 import html
 import json
 import re
@@ -200,16 +201,21 @@ class Imported:
         """Pictures: `imported.plot("run")`."""
         return ImportPlots(self)
 
-    def write(self, folder: str | Path, *, pictures: bool = False) -> Path:
+    def write(self, folder: str | Path, *, pictures: bool = False, force: bool = False) -> Path:
         """Write the case: case.toml, a CSV for each run, import.json, and a picture of each run if asked for.
+
+        Args:
+            folder: of the case.
+            pictures: draw one of each run.
+            force: write over a case.toml that was edited since it was imported.
 
         Returns:
             The TOML file.
 
         Raises:
-            MeasurementError: the folder holds the files that were imported.
+            MeasurementError: the folder holds the files that were imported, or a case that was edited since.
         """
-        return _write(self, Path(folder), pictures)
+        return _write(self, Path(folder), pictures, force)
 
     def __repr__(self) -> str:
         warnings = sum(finding.weight == "warning" for finding in self.findings)
@@ -242,21 +248,41 @@ def file_name(name: str) -> str:
     return re.sub(r"[^\w.+-]+", "_", name).strip(".") or "run"
 
 
-def _write(imported: Imported, folder: Path, pictures: bool) -> Path:
+def _write(imported: Imported, folder: Path, pictures: bool, force: bool) -> Path:
     sources = {run.log.source.resolve() for run in imported.runs}
     if any(source.parent == folder.resolve() for source in sources):
         raise MeasurementError(f"{folder}: the files that were imported are in this folder; give another one.")
     folder.mkdir(parents=True, exist_ok=True)
     names, file = _names(imported), folder / "case.toml"
+    if not force and _was_edited(file):
+        raise MeasurementError(
+            f"{folder}: its case.toml was edited since it was imported; give another folder, or write over it with "
+            "--force (of start: --again)."
+        )
     file.unlink(missing_ok=True)  # until its runs are written, the folder is no case
     for run, name in zip(imported.runs, names, strict=True):
         write_numbers({"time_s": run.log.time_s, **run.log.columns}, folder / f"{name}.csv")
-    write_whole(folder / "import.json", json.dumps(with_schema(to_dict(imported)), indent=1, ensure_ascii=False) + "\n")
-    write_whole(file, _head(imported) + toml.document(with_schema(_content(imported, names, folder))))
+    text = _head(imported) + toml.document(with_schema(_content(imported, names, folder)))
+    said = to_dict(imported) | {"case_sha256": _digest(text.encode())}
+    write_whole(folder / "import.json", json.dumps(with_schema(said), indent=1, ensure_ascii=False) + "\n")
+    write_whole(file, text)
     if pictures:
         for run, name in zip(imported.runs, names, strict=True):
             write_whole(folder / f"{name}.png", imported.plot.png(run.log.name))
     return file
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content.replace(b"\r\n", b"\n")).hexdigest()
+
+
+def _was_edited(file: Path) -> bool:
+    """Return whether a case is not as its import wrote it; False where no import says how that was."""
+    try:
+        said = json.loads((file.parent / "import.json").read_text(encoding="utf-8"))
+        return said["case_sha256"] != _digest(file.read_bytes())
+    except (OSError, ValueError, TypeError, KeyError):
+        return False
 
 
 def _names(imported: Imported) -> list[str]:
