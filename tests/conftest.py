@@ -6,7 +6,7 @@ import gc
 import os
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import hypothesis
 import pytest
@@ -42,6 +42,14 @@ hypothesis.settings.register_profile("repeatable", derandomize=True, deadline=No
 hypothesis.settings.load_profile("repeatable")
 
 
+class Wild(Protocol):
+    """Finds the logs of a folder of `shared/wild`."""
+
+    def __call__(self, folder: str, pattern: str = "*.csv") -> list[Path]:
+        """Return the logs of a folder whose names are of a pattern; the test is skipped where there are none."""
+        ...
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the option for all tests."""
     parser.addoption("--all", action="store_true", help="run the slow tests too, which tests/slow.txt lists")
@@ -63,6 +71,19 @@ def shared() -> Path:
     if not folder.is_dir():
         pytest.skip("the reference runs are not beside this copy of the repository")
     return folder
+
+
+@pytest.fixture(scope="session")
+def wild(shared: Path) -> Wild:
+    """What finds logs of the kinds that failed, where they lie beside the repository."""
+
+    def files(folder: str, pattern: str = "*.csv") -> list[Path]:
+        found = sorted((shared / "wild" / folder).glob(pattern))
+        if not found:
+            pytest.skip("these logs are not beside this copy of the repository")
+        return found
+
+    return files
 
 
 @pytest.fixture(scope="session")

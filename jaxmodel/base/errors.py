@@ -53,8 +53,13 @@ def instead(name: str, known: Iterable[str]) -> str:
     known = list(dict.fromkeys(known))
     if hint := nearest(name, known):
         return hint
-    more = f" and {len(known) - _MOST_NAMES} more" if len(known) > _MOST_NAMES else ""
-    return f" Use one of {', '.join(known[:_MOST_NAMES])}{more}." if known else " Remove it."
+    return f" Use one of {listed(known, _MOST_NAMES)}." if known else " Remove it."
+
+
+def listed(names: Iterable[str], most: int) -> str:
+    """Return names for a sentence, at most so many: 'a, b and 3 more'."""
+    names = list(names)
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -131,13 +131,12 @@ def unfollowed(time_s: Values, name: str, values: Values, outputs: Mapping[str, 
     plain = steady[1:] & steady[:-1] & np.isfinite(answer) & (np.abs(step) > _ANY_CHANGE * largest)
     if plain.sum() < _FEWEST_STEPS:
         return found
-    slope = float(np.median(answer[plain] / step[plain]))
+    slope, noise = float(np.median(answer[plain] / step[plain])), FAR * robust_sd(off_the_neighbours(follows))
     edges = np.flatnonzero(np.diff(suspect.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
     for first, end in edges.tolist():
         # The row after counts too: the two may be read one after the other.
         read = follows[first : min(end + 1, values.size)] - follows[first - 1]
         asked_for = abs(slope * float(np.median(values[first:end]) - values[first - 1]))
-        noise = FAR * robust_sd(off_the_neighbours(follows))
         if np.isfinite(read).all() and max(noise, float(np.abs(read).max())) < _UNFOLLOWED * asked_for:
             found[first:end] = True
     return found

@@ -79,7 +79,7 @@ def confirmed(search: Search, found: Found, keep: Sequence[str] = ()) -> Found:
     if all(run.split != "check" for run in cache.case.runs):
         return found
     while others := [label for label in model if label not in keep]:
-        against = _unseen(search, model, others) or _worse(search, model, others)
+        against = _in_vain(search, model, others) or _raising(search, model, others)
         if not against:
             break
         label = max(against, key=lambda one: against[one][0])
@@ -89,7 +89,7 @@ def confirmed(search: Search, found: Found, keep: Sequence[str] = ()) -> Found:
     return search.found(model, (*found.path, model), found.refused | contradicted) if contradicted else found
 
 
-def _worse(search: Search, model: Sequence[str], others: Sequence[str]) -> dict[str, tuple[float, str]]:
+def _raising(search: Search, model: Sequence[str], others: Sequence[str]) -> dict[str, tuple[float, str]]:
     """Return the additions with which held-out runs are predicted worse beyond the tolerance: by how much, in words."""
     cache, against = search.cache, {}
     own = rung(cache, "", cache.fit(model, "all"), compared=True).errors
@@ -107,7 +107,7 @@ def _worse(search: Search, model: Sequence[str], others: Sequence[str]) -> dict[
     return against
 
 
-def _unseen(search: Search, model: Sequence[str], others: Sequence[str]) -> dict[str, tuple[float, str]]:
+def _in_vain(search: Search, model: Sequence[str], others: Sequence[str]) -> dict[str, tuple[float, str]]:
     """Return the additions that change predictions of held-out runs and make none better, where runs leave noise alone.
 
     With chi-square of the held-out readings and K that of the change d of their predictions, an addition that is true

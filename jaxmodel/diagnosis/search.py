@@ -25,6 +25,8 @@ KINETICS = ("charge_transfer", "slow_diffusion")
 CLOCK = "time_s"
 # A candidate is refitted if its expected gain is at least this share of the odds that it must exceed. Assumed.
 LIKELY = 0.3
+# Q of a model, in odds of a candidate, from which what is left of it tells of the gain. Assumed.
+TELLING = 6.0
 # Share of a mean square error by which an addition reduces what is missed. Assumed.
 REDUCED = 0.1
 # A candidate is not refitted where another may enter that leaves less than this share of Q at its first point. Assumed.
@@ -113,8 +115,8 @@ class Search(Comparison):
         candidates = self.cache.space.candidates
         return all(name in model or name not in candidates for name in candidates[label].effect.needs)
 
-    def promising(self, model: Sequence[str]) -> list[Gain]:
-        """Return the candidates that are worth a refit, the best scores first."""
+    def _promising(self, model: Sequence[str], simpler: Sequence[str]) -> list[str]:
+        """Return the candidates that are worth a try, the best scores first; `simpler` are always among them."""
         cache, settings = self.cache, self.cache.settings
         group = {label: one.group for label, one in cache.space.candidates.items()}
         of_weights = (cache.scores(model), cache.scores_by_tolerance(model))
@@ -139,14 +141,13 @@ class Search(Comparison):
         # is bounded by half the number of independent errors.
         quiet = self.is_noise(cache.fit(model))
         by_label = {one.label: one for ranking in ranked for one in ranking}
-        simpler = self._simpler(model)
         effects = [*(by_label[label] for label in simpler if label in by_label), *effects]
-        together: dict[str, Gain] = {}
-        for one in (*effects, *runs):
-            least = LIKELY * self.odds_of(cache.space.candidates[one.label]) if quiet else -1.0
-            if one.log_evidence > least or one.label in simpler:
-                together.setdefault(one.label, one)
-        return list(together.values())
+        least = {
+            one.label: LIKELY * self.odds_of(cache.space.candidates[one.label]) if quiet else -1.0
+            for one in effects + runs
+        }
+        likely = [one.label for one in (*effects, *runs) if one.log_evidence > least[one.label] or one.label in simpler]
+        return list(dict.fromkeys(likely))
 
     def _simpler(self, model: Sequence[str]) -> list[str]:
         """Return the effects that do the work of all curves with one number, the best first."""
@@ -187,13 +188,14 @@ class Search(Comparison):
         all. The rest is left out once one may be added that leaves far less than they do.
         """
         cache = self.cache
-        gains, before = self.promising(model), cache.fit(model)
-        cache.report(f"trying {len(gains)} candidates")
-        labels = [gain.label for gain in gains]
+        before, simpler = cache.fit(model), self._simpler(model)
+        labels = self._promising(model, simpler)
+        cache.report(f"trying {len(labels)} candidates")
         reached = at_once(lambda label: cache.first_point((*model, label), label)[1], labels)
         left = dict(zip(labels, reached, strict=True))
         labels.sort(key=left.__getitem__)
-        labels = self._worth_a_refit(model, labels, left)
+        if cache.is_within_tolerance(before):
+            labels = [one for one in labels if one in simpler or self._may_be_significant(before, one, left[one])]
         found: list[tuple[float, Test]] = []
         for place in range(0, len(labels), 2):
             some = labels[place : place + 2]
@@ -208,22 +210,13 @@ class Search(Comparison):
         best = next((test for over, test in found if over > 0.0 and test.enters), None)
         return (best.label if best else None), {test.label: test for _, test in found if test.significant}
 
-    def _worth_a_refit(self, model: tuple[str, ...], labels: Sequence[str], left: Mapping[str, float]) -> list[str]:
-        """Return the candidates that could be significant, by what they leave of Q at their first points.
+    def _may_be_significant(self, before: Fit, label: str, left: float) -> bool:
+        """Return True if a candidate that leaves so much of Q at its first point may be significant after a refit.
 
-        Where few readings are independent Q is small whatever is missing, and all are refitted.
+        Where few readings are independent Q is small whatever is missing, and nothing is told by it.
         """
-        cache, before, simpler = self.cache, self.cache.fit(model), self._simpler(model)
-        odds = {label: self.odds_of(cache.space.candidates[label]) for label in labels}
-        if not cache.is_within_tolerance(before):
-            return list(labels)
-        return [
-            label
-            for label in labels
-            if label in simpler
-            or before.objective < 6.0 * odds[label]
-            or before.objective - left[label] > 2.0 * LIKELY * odds[label]
-        ]
+        odds = self.odds_of(self.cache.space.candidates[label])
+        return before.objective < TELLING * odds or before.objective - left > 2.0 * LIKELY * odds
 
     def _reduces_what_is_missed(self, model: tuple[str, ...], label: str) -> bool:
         """Return True if an addition reduces the error of a channel beyond its tolerance, or there is none."""

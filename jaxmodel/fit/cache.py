@@ -93,6 +93,11 @@ class FitCache:
         stated = self.case.tolerance
         return {name: stated[name].rms if name in stated else self.assumed_tolerance(name) for name in self.noise}
 
+    @functools.cached_property
+    def weights_of_tolerances(self) -> Likelihood:
+        """Return the weights with which a fit begins whose errors are not known: those of errors of a tolerance."""
+        return from_tolerances(self.view.data, self.tolerances)
+
     def assumed_tolerance(self, channel: str) -> float:
         """Return the assumed tolerance of a channel, in its unit."""
         if unit_of(channel) == "degC":
@@ -173,12 +178,15 @@ class FitCache:
         begin as free as they may be.
         """
         x, _ = self.first_point(labels, label, curves)
-        if self.is_within_tolerance(before):
-            return calibrate(self.view, self._near(before, labels, curves), x, self.tolerances, before.likelihood)
-        return calibrate(self.view, self._flexible(self.spec(labels, curves), 1.0), x, self.tolerances)
+        spec, weights = self._beginning(before, labels, curves)
+        return calibrate(self.view, spec, x, self.tolerances, weights)
 
-    def _near(self, before: Fit, labels: Labels, curves: Curves) -> ModelSpec:
-        return self.space.spec(self.spec(labels, curves).labels, before.spec.amplitudes, before.spec.spreads)
+    def _beginning(self, before: Fit, labels: Labels, curves: Curves) -> tuple[ModelSpec, Likelihood | None]:
+        """Return a model with one more addition before it is calibrated, and its weights; None for the tolerances."""
+        spec = self.spec(labels, curves)
+        if not self.is_within_tolerance(before):
+            return self._flexible(spec, 1.0), None
+        return self.space.spec(spec.labels, before.spec.amplitudes, before.spec.spreads), before.likelihood
 
     def first_point(self, labels: Sequence[str], last: str, curves: Curves = "base") -> tuple[np.ndarray, float]:
         """Return where a model with one more addition begins, and Q there: the best of a few starts, after some steps.
@@ -258,8 +266,7 @@ class FitCache:
         stated = np.zeros((1 + _RANDOM_STARTS, self.space.layout.size))
         free = list(spec.free)
         stated[1:, free] = np.random.default_rng(SEED).normal(size=(_RANDOM_STARTS, len(free)))
-        weights = from_tolerances(self.view.data, self.tolerances)
-        root = weights.roots(self.view.data)
+        root = self.weights_of_tolerances.roots(self.view.data)
         errors = errors_at(self.view, self.space.problem(spec), spec, stated)
         objective = np.sum((root[:, None] * errors) ** 2, axis=0) + np.sum(stated**2, axis=1)
         best = int(np.argmin(objective))
@@ -268,12 +275,10 @@ class FitCache:
     def _best_start(self, labels: Labels, last: str, curves: Curves) -> tuple[np.ndarray, float]:
         before = self.fit([label for label in labels if label != last], curves)
         candidate, of_weights = self.space.candidates[last], [self.scores(before.added)]
-        if self.is_within_tolerance(before):
-            spec, weights = self._near(before, labels, curves), before.likelihood
-        else:
+        spec, own = self._beginning(before, labels, curves)
+        if own is None:
             of_weights.append(self.scores_by_tolerance(before.added))
-            spec = self._flexible(self.spec(labels, curves), 1.0)
-            weights = from_tolerances(self.view.data, self.tolerances)
+        weights = own or self.weights_of_tolerances
         starts = self._starts(before, last, of_weights)
         points = at_once(lambda x: descend(self.view, spec, weights, x, steps=STEPS, flat=0.5), starts)
         best = min(points, key=lambda one: one.objective)
@@ -317,8 +322,10 @@ class FitCache:
         if key not in self._scores:
             fit = self.fit(key)
             screened = screen(self.view, fit.spec, fit.x)
-            weights = from_tolerances(self.view.data, self.tolerances)
-            self._scores[key] = (self._scored(fit, screened), self._scored(fit, screened, weights))
+            self._scores[key] = (
+                self._scored(fit, screened),
+                self._scored(fit, screened, self.weights_of_tolerances),
+            )
         return self._scores[key]
 
     def scores_at(self, fit: Fit, groups: Sequence[str]) -> Scores:
@@ -326,8 +333,7 @@ class FitCache:
 
         Its own weights hold if it is within tolerance, else those of the tolerances.
         """
-        own = self.is_within_tolerance(fit)
-        weights = None if own else from_tolerances(self.view.data, self.tolerances)
+        weights = None if self.is_within_tolerance(fit) else self.weights_of_tolerances
         return self._scored(fit, screen(self.view, fit.spec, fit.x, groups), weights)
 
     def _scored(self, fit: Fit, screened: Screen, likelihood: Likelihood | None = None) -> Scores:

@@ -13,9 +13,9 @@ from jaxmodel.fit.space import ModelSpec, View
 # Step of finite differences, in prior sd. For five cells, motors and robots, derivatives are within 2e-5 of exact
 # tangents; a longer step adds curvature, a shorter one rounding errors at kinks.
 DIFFERENCE_STEP = 1e-4
-# Marquardt's damping, in units of the diagonal of the normal equations; all are tried in one batch of lanes. Assumed.
-LEAST_DAMPING = 1e-12
-DAMPING = (0.0, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e4)
+# Marquardt's damping, in units of the diagonal of the normal equations; all are tried in one batch of lanes. The first
+# gives Newton's step, but for directions that nothing determines. Assumed.
+DAMPING = (1e-12, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e4)
 # No unknown moves further in one step, in prior sd. Assumed.
 LONGEST_STEP = 30.0
 # Derivatives are kept, with what a step taught of them, while steps gain at least this share of what they predict,
@@ -159,5 +159,5 @@ def _moves(square: np.ndarray, slope: np.ndarray) -> np.ndarray:
     """Return the step for each damping, (dampings, k)."""
     scale = 1.0 / np.sqrt(np.diag(square))
     alike = square * scale[:, None] * scale
-    damped = alike + np.maximum(DAMPING, LEAST_DAMPING)[:, None, None] * np.eye(slope.size)
+    damped = alike + np.array(DAMPING)[:, None, None] * np.eye(slope.size)
     return scale * np.linalg.solve(damped, (scale * slope)[:, None])[..., 0]

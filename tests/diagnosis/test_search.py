@@ -10,7 +10,7 @@ import pytest
 
 from jaxmodel.case.records import Case
 from jaxmodel.diagnosis import comparison, held_out
-from jaxmodel.diagnosis.held_out import _unseen, confirmed
+from jaxmodel.diagnosis.held_out import _in_vain, confirmed
 from jaxmodel.diagnosis.investigation import Investigation
 from jaxmodel.diagnosis.search import Search
 from jaxmodel.fit.cache import FitCache
@@ -87,7 +87,7 @@ def held_to(search: Search, M_V: float) -> list[str]:
     x[pace] = 0.0
     x[place] = (np.log(M_V) - coordinate.centre) / coordinate.spread
     cache._fits[cache.space.key(labels), "base", ()] = dataclasses.replace(fit, x=x)
-    found = list(_unseen(search, labels, labels))
+    found = list(_in_vain(search, labels, labels))
     cache._fits[cache.space.key(labels), "base", ()] = fit
     return found
 

@@ -17,6 +17,7 @@ from jaxmodel.case.records import Case
 from jaxmodel.case.simulation import simulate_case
 from jaxmodel.data.importing import import_case
 from jaxmodel.parameterisation import parameterise
+from tests.conftest import Wild
 
 MOTOR = {"k_tau": 0.06, "R_0": 0.8, "J": 4e-4, "tau_0": 0.02, "L_a": 1e-4}
 LATE_S = 0.12
@@ -111,38 +112,31 @@ def test_nothing_is_written_that_could_not_be_read(tmp_path: Path) -> None:
         assert not list((tmp_path / "wrong").iterdir())
 
 
-def wild(shared: Path, folder: str) -> list[Path]:
-    files = sorted((shared / "wild" / folder).glob("*.csv"))
-    if not files:
-        pytest.skip("this input is not beside this copy of the repository")
-    return files
-
-
-def test_a_speed_that_comes_a_third_of_a_second_late(shared: Path) -> None:
-    files = wild(shared, "16-dead-time-of-a-motor")
+def test_a_speed_that_comes_a_third_of_a_second_late(wild: Wild) -> None:
+    files = wild("16-dead-time-of-a-motor")
     found = parameterise(import_case(files, "motor", ambient=25.0, constants={"load_torque_Nm": 0.0}).case)
     assert found["dead time of the readings"].value == pytest.approx(0.33, abs=0.003)
     errors = found.errors
     assert errors.loc[errors["split"] == "check", "rms"].max() < 0.125
 
 
-def test_points_of_a_loaded_motor(shared: Path) -> None:
-    files = wild(shared, "18-motor-run-begins-under-load")
+def test_points_of_a_loaded_motor(wild: Wild) -> None:
+    files = wild("18-motor-run-begins-under-load")
     columns = {"voltage_V": "voltage_V", "step": "voltage_V"}
     one = import_case(files, "motor", ambient=25.0, seconds_per_row=10.0, columns=columns, split_at="steps")
     errors = parameterise(one.case).errors.set_index("reading")
     assert errors.loc["current_A", "rms"].max() < 0.009
 
 
-def test_spikes_of_a_motor_move_no_parameter(shared: Path) -> None:
-    files = wild(shared, "28-spikes-of-a-motor")
+def test_spikes_of_a_motor_move_no_parameter(wild: Wild) -> None:
+    files = wild("28-spikes-of-a-motor")
     one = import_case(files, "motor", ambient=25.0, constants={"load_torque_Nm": 0.0}, check=("*reverse",))
     found = parameterise(one.case)
     assert found["k_tau"].value == pytest.approx(0.12, rel=0.01)
     assert found.errors["rms"].max() < 0.16
 
 
-def test_a_charge_that_does_not_balance_is_written_and_read(shared: Path, tmp_path: Path) -> None:
-    files = wild(shared, "12-parameterise-writes-what-nobody-reads")
+def test_a_charge_that_does_not_balance_is_written_and_read(wild: Wild, tmp_path: Path) -> None:
+    files = wild("12-parameterise-writes-what-nobody-reads")
     found = parameterise(import_case(files, "cell").case)
     assert read_case(found.write(tmp_path / "case", pictures=False)).kind == "cell"

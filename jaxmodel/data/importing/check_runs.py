@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from jaxmodel.base.errors import MeasurementError, nearest
+from jaxmodel.base.errors import MeasurementError, listed, nearest
 from jaxmodel.data.importing.conditions import Condition
 from jaxmodel.data.importing.findings import Decision, Finding
 from jaxmodel.data.importing.logs import Log
@@ -20,6 +20,7 @@ from jaxmodel.data.importing.logs import Log
 # Ambient temperatures within so much [K] are one condition, and loads within this factor. Assumed.
 _SAME_K, _SAME_RATE = 4.0, 1.25
 _OF_ONE_LOAD = ("constant current", "constant voltage", "pulses")
+_LISTED = 6  # runs that a decision names
 _CELL_WAYS = ("discharge", "charge")
 
 
@@ -49,7 +50,7 @@ def splits_of(
     if stated is not None:
         check = _named(names, stated)
         splits = ["check" if name in check else "fit" for name in names]
-        return splits, [Decision("check runs", "", _some(sorted(check)) or "none", "stated", "user")]
+        return splits, [Decision("check runs", "", listed(sorted(check), _LISTED) or "none", "stated", "user")]
     if len(runs) < 2:
         sentence = "There is one run only, so none is held out; --split-at rests, or a further file, gives a check run."
         return ["fit"] * len(runs), [Finding("no check run", "", sentence, "warning")]
@@ -65,7 +66,7 @@ def splits_of(
     cost = f"; {chosen.cost}" if chosen.cost else ""
     why = f"{chosen.why}{cost}; hold out another with --check"
     found: list[Finding | Decision] = [
-        Decision("check runs", "", _some([names[n] for n in chosen.held]), why, "assumed")
+        Decision("check runs", "", listed([names[n] for n in chosen.held], _LISTED), why, "assumed")
     ]
     if len(set(_kinds(conditions))) == 1:
         sentence = (
@@ -168,10 +169,6 @@ def _clusters(
             groups.append([])
         groups[-1].append(place)
     return {float(np.median([values[n] for n in group])): sorted(numbers[n] for n in group) for group in groups}
-
-
-def _some(names: Sequence[str]) -> str:
-    return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
 
 
 def _named(names: Sequence[str], stated: Sequence[str]) -> set[str]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from jaxmodel.base.errors import MeasurementError
+from jaxmodel.base.errors import MeasurementError, listed
 from jaxmodel.base.units import LARGEST
 from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
 from jaxmodel.data.importing.formulas import computed, unmatched, wanted
@@ -220,8 +220,7 @@ def _log(
     texts = " ".join(role.column for role in chosen.values() if role.why == "stated")  # names, and formulas of names
     used = {name for name in header if re.search(rf"(?<!\w){re.escape(name)}(?!\w)", texts)}
     if left := [column for column, target in header.items() if not target and column not in used]:
-        some = ", ".join(left[:20]) + (f" and {len(left) - 20} more" if len(left) > 20 else "")
-        found.append(Decision("not imported", where, some, "no column of the case holds it", "file"))
+        found.append(Decision("not imported", where, listed(left, 20), "no column of the case holds it", "file"))
     if table.current_positive_on == "charge":
         found.append(Decision("convention", where, "charge", table.remarks[-1].rstrip("."), "file"))
     return log.also(*found)

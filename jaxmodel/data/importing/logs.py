@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from jaxmodel.base.errors import listed
 from jaxmodel.data.importing.findings import Decision, Finding
 
 _MOST_COLUMNS = 40  # that a sentence lists
@@ -80,8 +81,7 @@ class Log:
 def columns_of(header: Mapping[str, str]) -> str:
     """Return the columns of a file with what was recognised in each, as part of a sentence."""
     named = [f"{column} ({target})" if target else column for column, target in header.items()]
-    more = f" and {len(named) - _MOST_COLUMNS} more" if len(named) > _MOST_COLUMNS else ""
-    return f"the columns are {', '.join(named[:_MOST_COLUMNS])}{more}"
+    return f"the columns are {listed(named, _MOST_COLUMNS)}"
 
 
 def spans(flags: np.ndarray, time_s: np.ndarray, most: int = 50) -> tuple[tuple[float, float], ...]:

@@ -120,8 +120,8 @@ def pooled(parts: Sequence[Evidence]) -> Evidence:
 
 def with_state(log: Log) -> Log:
     """Return a log whose current has the sign of its state column: positive on discharge."""
-    current, state = log.columns.get("current_A"), log.marks.get("state")
-    if current is None or state is None:
+    current, state = log.columns["current_A"], log.marks.get("state")
+    if state is None:
         return log
     loaded = np.nan_to_num(np.abs(current)) > _REST * _largest(current)
     charge, discharge = loaded & (state > 0.0), loaded & (state < 0.0)
@@ -218,7 +218,7 @@ def settle(logs: Sequence[Log], stated: str | None, accept: bool) -> list[Log]:
     its steps and its charge. The others follow all of them together.
 
     Args:
-        logs: of one cell.
+        logs: of one cell, each with a current.
         stated: "discharge-positive" or "charge-positive", if the user states it.
         accept: whether the sign of the file is kept where nothing settles it.
 
@@ -227,11 +227,11 @@ def settle(logs: Sequence[Log], stated: str | None, accept: bool) -> list[Log]:
     """
     logs = [with_state(log) for log in logs]
     if stated is None:
-        logs = [log if _settled(log) or "current_A" not in log.columns else _with_blocks(log) for log in logs]
+        logs = [log if _settled(log) else _with_blocks(log) for log in logs]
     free = [log for log in logs if not _settled(log)]
-    found = {id(log): evidence(log) if "current_A" in log.columns else _NOTHING for log in free}
+    found = {id(log): evidence(log) for log in free}
     # What one-signed files say of themselves says nothing of the bench: it may log magnitudes.
-    signed = [log for log in free if "current_A" in log.columns and not _of_one_sign(log.columns["current_A"])]
+    signed = [log for log in free if not _of_one_sign(log.columns["current_A"])]
     all_of_them = pooled([found[id(log)] for log in signed or free])
     fixed = [d.why for log in free for d in log.decisions if d.about == "convention" and d.value == "charge"]
     result = []
@@ -241,17 +241,17 @@ def settle(logs: Sequence[Log], stated: str | None, accept: bool) -> list[Log]:
             continue
         own = found[id(log)]
         discharge, source, why = _decided(log, own, all_of_them, fixed, stated, accept)
-        own_current = log.columns.get("current_A", np.empty(0))
-        if not discharge and own_current.size:
-            log = dataclasses.replace(log, columns=log.columns | {"current_A": -own_current})
-        charge_alone = not discharge and stated is None and bool(np.nanmin(own_current) >= 0.0)
+        current = log.columns["current_A"]
+        if not discharge:
+            log = dataclasses.replace(log, columns=log.columns | {"current_A": -current})
+        charge_alone = not discharge and stated is None and bool(np.nanmin(current) >= 0.0)
         value = "a charge, positive in the file, reversed" if charge_alone else _VALUES[discharge]
         log = log.also(Decision(_ABOUT, log.name, value, why, source))
         against = own.odds if discharge else 1.0 / own.odds
         others = all_of_them.odds if discharge else 1.0 / all_of_them.odds
         if against < 1.0 / _SETTLED:
             log = log.also(_against(log, own, against))
-        elif stated is None and others < 1.0 / _SETTLED and not _of_one_sign(log.columns["current_A"]):
+        elif stated is None and others < 1.0 / _SETTLED and not _of_one_sign(current):
             log = log.also(_unlike_others(log, others))
         result.append(log)
     return result
@@ -263,7 +263,7 @@ def _decided(
     """Return whether the current of a file is positive on discharge, who says so, and why."""
     if stated is not None:
         return stated == "discharge-positive", "user", "stated"
-    if "current_A" not in log.columns or not np.any(np.nan_to_num(log.columns["current_A"])):
+    if not np.any(np.nan_to_num(log.columns["current_A"])):
         return True, "assumed", "no current flows in it"
     first = [(own, "")] if own.strength >= _CERTAIN else []
     for found, where in [*first, (together, "" if together == own else "in all files together, "), (own, "")]:

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jaxmodel.base.errors import MeasurementError, nearest
+from jaxmodel.base.errors import MeasurementError, listed, nearest
 from jaxmodel.case.measurements import file_label
 from jaxmodel.data.tables.raw_table import RawTable, to_numbers, unique_names, units_in
 
 _DEEPEST = 8
+_NAMED = 8  # keys that a sentence names
 # A number takes some 100 bytes as an object of Python.
 _MOST_BYTES = 1 << 29
 # What the column of the keys is called: the first that no column is called already.
@@ -49,7 +50,9 @@ def read_json(path: Path, key: str | None = None) -> RawTable:
         )
     tables = dict(zip(_labels([parts for parts, _ in found]), (table for _, table in found), strict=True))
     if key is not None and key not in tables:
-        raise MeasurementError(f"{label} has no table '{key}'.{nearest(key, tables) or f' It has {_some(tables)}.'}")
+        raise MeasurementError(
+            f"{label} has no table '{key}'.{nearest(key, tables) or f' It has {listed(tables, _NAMED)}.'}"
+        )
     if isinstance(content, Mapping) and content.get("sysid") is True:
         nameless = [f"column {number}" for number in range(1, len(_SYSID) + 1)]
         names = dict(zip(nameless, _SYSID, strict=True))
@@ -62,9 +65,9 @@ def read_json(path: Path, key: str | None = None) -> RawTable:
     chosen = {
         name: table for name, table in tables.items() if name == key or (not key and _goes_with(headers[name], header))
     }
-    remarks = [] if list(chosen) == [""] else [f"Read {_some(chosen)}."]
+    remarks = [] if list(chosen) == [""] else [f"Read {listed(chosen, _NAMED)}."]
     left = [] if key else [f"'{name}'" for name in tables if name not in chosen]
-    losses = [f"{_some(left)} has other columns and was not read (--sheet)."] if left else []
+    losses = [f"{listed(left, _NAMED)} has other columns and was not read (--sheet)."] if left else []
     frame = pd.concat([_typed(table) for table in chosen.values()], ignore_index=True)
     of_keys = next((name for name in _KEYS if name not in frame), "") if len(chosen) > 1 else ""
     if of_keys:
@@ -89,11 +92,6 @@ def _labels(paths: Sequence[tuple[str, ...]]) -> list[str]:
     if len(paths) == 1:
         return [".".join(first)]
     return unique_names(".".join(path[begin : len(path) - end]) or ".".join(path) for path in paths)
-
-
-def _some(names: Mapping[str, Any] | Sequence[str]) -> str:
-    listed = list(names)
-    return ", ".join(listed[:8]) + (f" and {len(listed) - 8} more" if len(listed) > 8 else "")
 
 
 def _content(path: Path, label: str) -> Any:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from jaxmodel.base.errors import MeasurementError
+from jaxmodel.base.errors import MeasurementError, listed
 from jaxmodel.case.measurements import file_label
 from jaxmodel.data.tables.raw_table import RawTable, unique_names, units_in
 
@@ -44,8 +44,7 @@ def read_matlab(path: Path, variable: str | None = None) -> RawTable:
     left = [f"{name} ({values.size})" for name, values in found.items() if values.size != length and values.size > 1]
     remarks = [f"Vectors of {length:,} values: {', '.join(chosen)}."]
     if left:
-        more = f" and {len(left) - 8} more" if len(left) > 8 else ""
-        remarks.append(f"Not read, being of other lengths: {', '.join(left[:8])}{more}.")
+        remarks.append(f"Not read, being of other lengths: {listed(left, 8)}.")
     units = {name: stated[key] for name, key in zip(names, chosen, strict=True) if stated[key]}
     return RawTable(frame, units_in(names) | units, path, "MATLAB", tuple(remarks))
 

@@ -11,13 +11,7 @@ import pytest
 
 from jaxmodel.base.errors import MeasurementError
 from jaxmodel.data.importing import Imported, import_case
-
-
-def wild(shared: Path, name: str, pattern: str = "*.csv") -> list[Path]:
-    files = sorted((shared / "wild" / name).glob(pattern))
-    if not files:
-        pytest.skip("these logs are not there")
-    return files
+from tests.conftest import Wild
 
 
 def cell(
@@ -47,14 +41,14 @@ FULL = [(60.0, 0.0), (3400.0, 2.0), (600.0, 0.0)]  # 94 % of 2 A h
 # Clocks
 
 
-def test_the_clock_of_a_scooter_is_its_milliseconds(shared: Path):
-    (file,) = wild(shared, "06-clock-in-whole-milliseconds")
+def test_the_clock_of_a_scooter_is_its_milliseconds(wild: Wild):
+    (file,) = wild("06-clock-in-whole-milliseconds")
     one = import_case(file, "cell", ambient=22.0, cells_in_series=10, parallel_cells=3, capacity_Ah=3.0)
     assert one.runs[0].log.time_s[-1] == pytest.approx(599.5)
 
 
-def test_millis_of_a_motor_are_milliseconds(shared: Path):
-    (file,) = wild(shared, "29-millis-as-seconds")
+def test_millis_of_a_motor_are_milliseconds(wild: Wild):
+    (file,) = wild("29-millis-as-seconds")
     columns = {"voltage_V": "motorCommand / 255 * batteryVoltage / 1000"}
     one = import_case(file, "motor", ambient=22.0, columns=columns, constants={"load_torque_Nm": 0.0})
     assert one.runs[0].log.time_s[-1] == pytest.approx(86.9)
@@ -91,15 +85,15 @@ def test_a_thermometer_is_no_clock(tmp_path: Path):
 # Sign
 
 
-def test_each_file_of_a_tester_without_signs_decides_alone(shared: Path):
-    files = wild(shared, "03-current-without-a-sign", "*charge.csv")
+def test_each_file_of_a_tester_without_signs_decides_alone(wild: Wild):
+    files = wild("03-current-without-a-sign", "*charge.csv")
     by_name = {run.log.name: run.log.columns["current_A"] for run in import_case(files, "cell", ambient=22.0).runs}
     assert by_name["charge"].min() == pytest.approx(-0.6)
     assert by_name["discharge"].max() == pytest.approx(0.6)
 
 
-def test_each_block_of_a_log_without_signs_decides(shared: Path):
-    one = import_case(wild(shared, "03-current-without-a-sign", "both.csv"), "cell", ambient=22.0)
+def test_each_block_of_a_log_without_signs_decides(wild: Wild):
+    one = import_case(wild("03-current-without-a-sign", "both.csv"), "cell", ambient=22.0)
     current = one.runs[0].log.columns["current_A"]
     assert (current.max(), current.min()) == (1.5, -1.2)
 
@@ -141,17 +135,15 @@ def test_a_column_of_states_tells(tmp_path: Path, words: tuple[str, str, str], s
 # Start of charge
 
 
-def test_the_highest_voltage_of_the_files_is_no_full_cell(shared: Path):
-    one = import_case(
-        wild(shared, "08-full-is-the-highest-voltage-seen", "from*"), "cell", ambient=22.0, capacity_Ah=3.0
-    )
+def test_the_highest_voltage_of_the_files_is_no_full_cell(wild: Wild):
+    one = import_case(wild("08-full-is-the-highest-voltage-seen", "from*"), "cell", ambient=22.0, capacity_Ah=3.0)
     assert one.runs[0].start is not None
     assert (one.runs[0].start.value, one.runs[0].start.sd) == (0.5, 0.3)
     assert sentences(one, "initial SOC")
 
 
-def test_the_plateau_of_lfp_tells_nothing(shared: Path):
-    files = wild(shared, "08-full-is-the-highest-voltage-seen", "lfp*")
+def test_the_plateau_of_lfp_tells_nothing(wild: Wild):
+    files = wild("08-full-is-the-highest-voltage-seen", "lfp*")
     for run in import_case(files, "cell", ambient=22.0, capacity_Ah=150.0, sign="discharge-positive").runs:
         assert run.start is not None
         assert (run.start.value, run.start.sd) == (0.5, 0.3)
@@ -192,16 +184,16 @@ def test_the_state_of_charge_of_the_log_is_used_and_held_against_the_voltage(tmp
 # Charge that does not balance
 
 
-def test_two_capacities_are_one_finding(shared: Path):
-    one = import_case(wild(shared, "23-two-capacities"), "cell", ambient=22.0)
+def test_two_capacities_are_one_finding(wild: Wild):
+    one = import_case(wild("23-two-capacities"), "cell", ambient=22.0)
     (said,) = sentences(one, "charge balance")
     assert said.startswith("3 discharges from full to the cut-off give 4.5, 4, 3.89 A h: the current of slow")
     assert one.capacity is not None
     assert abs(one.capacity.value - 3.9) <= (one.capacity.sd or 0.0) + 0.02
 
 
-def test_less_in_than_out_is_one_finding_and_the_start_is_counted_back(shared: Path):
-    one = import_case(wild(shared, "12-parameterise-writes-what-nobody-reads"), "cell")
+def test_less_in_than_out_is_one_finding_and_the_start_is_counted_back(wild: Wild):
+    one = import_case(wild("12-parameterise-writes-what-nobody-reads"), "cell")
     (said,) = sentences(one, "charge balance")
     assert "from empty to full 2.03 A h go in, and 2.6 A h come out" in said
     for run in one.runs:
@@ -233,8 +225,8 @@ def test_what_goes_in_is_held_against_what_comes_out(tmp_path: Path):
 # Gaps, order, copies, pulses
 
 
-def test_a_gap_under_load_ends_a_run(shared: Path):
-    one = import_case(wild(shared, "10-current-held-over-gaps"), "cell", ambient=22.0)
+def test_a_gap_under_load_ends_a_run(wild: Wild):
+    one = import_case(wild("10-current-held-over-gaps"), "cell", ambient=22.0)
     assert [run.log.rows for run in one.runs] == [31] * 6
     assert one.capacity is not None
     assert "pulse of 625 mA h" in one.capacity.why
@@ -252,8 +244,8 @@ def test_no_charge_is_counted_over_a_gap_and_a_thinned_log_has_none(tmp_path: Pa
     assert len(imported(tmp_path, log=thinned, options={"capacity_Ah": 2.0}).runs) == 1
 
 
-def test_a_pulse_does_not_tell_the_capacity(shared: Path, tmp_path: Path):
-    one = import_case(wild(shared, "11-pulse-without-capacity"), "cell", ambient=22.0, out=tmp_path / "case")
+def test_a_pulse_does_not_tell_the_capacity(wild: Wild, tmp_path: Path):
+    one = import_case(wild("11-pulse-without-capacity"), "cell", ambient=22.0, out=tmp_path / "case")
     (said,) = sentences(one, "capacity")
     assert "a pulse of 25 mA h does not tell the capacity" in said
     assert "--capacity" in said

@@ -22,6 +22,7 @@ from jaxmodel.data.importing.roles import roles_of
 from jaxmodel.data.tables import read_table
 from jaxmodel.data.tables.names import are_units, matches, parse_name
 from jaxmodel.data.tables.raw_table import units_in
+from tests.conftest import Wild
 from tests.data.importing.benches import cell_log, motor_log
 
 
@@ -49,8 +50,8 @@ def saying(kind: Any, path: Path, **options: Any) -> str:
 # Lines of names and of units
 
 
-def test_names_that_all_end_in_a_bracket_are_names(shared: Path):
-    imported = import_case(shared / "wild" / "01-names-all-in-brackets" / "log.csv", "cell", ambient=22.0)
+def test_names_that_all_end_in_a_bracket_are_names(wild: Wild):
+    imported = import_case(wild("01-names-all-in-brackets")[0], "cell", ambient=22.0)
     said = columns_of(imported)
     assert said["current_A"] == "column 'Current(A)' in A"
     assert said["voltage_V"] == "column 'Voltage(V)' in V"
@@ -71,8 +72,8 @@ def test_a_title_above_the_names_changes_nothing(tmp_path: Path, above: str):
     np.testing.assert_allclose(run.time_s, log.time_s, atol=1e-3)
 
 
-def test_an_unknown_unit_in_a_line_of_units_is_asked_for_by_its_column(shared: Path):
-    path = shared / "wild" / "02-units-line-with-an-unknown-unit" / "dyno.csv"
+def test_an_unknown_unit_in_a_line_of_units_is_asked_for_by_its_column(wild: Wild):
+    (path,) = wild("02-units-line-with-an-unknown-unit", "dyno.csv")
     options: dict[str, Any] = {"ambient": 22.0, "seconds_per_row": 5.0}
     said = saying("motor", path, **options)
     assert "column 'Output Speed' is in 'rad.s'" in said
@@ -151,8 +152,8 @@ def test_a_known_unit_of_another_quantity_speaks_against_a_name():
 # Roles by units
 
 
-def test_the_only_column_in_volts_is_the_voltage(shared: Path):
-    path = shared / "wild" / "04-voltage-known-by-its-unit-only" / "flight.csv"
+def test_the_only_column_in_volts_is_the_voltage(wild: Wild):
+    (path,) = wild("04-voltage-known-by-its-unit-only", "flight.csv")
     imported = import_case(path, "cell", ambient=22.0, cells_in_series=3)
     assert columns_of(imported)["voltage_V"] == "column 'VFAS(V)' in V"
     assert imported.runs[0].log.columns["voltage_V"][0] == pytest.approx(4.1)
@@ -241,9 +242,9 @@ def test_columns_that_are_not_imported_are_printed(tmp_path: Path):
     assert f"decided: not imported ({tmp_path.name}/log.csv): humidity - no column of the case holds it" in said
 
 
-def test_steps_shorter_than_a_run_are_said_as_such(shared: Path):
+def test_steps_shorter_than_a_run_are_said_as_such(wild: Wild):
     options: dict[str, Any] = {"ambient": 22.0, "seconds_per_row": 5.0, "columns": {"step": "set_speed"}}
-    path = shared / "wild" / "25-steps-of-nine-points" / "points.csv"
+    (path,) = wild("25-steps-of-nine-points", "points.csv")
     assert "each step has 9 rows, and a run needs 10" in saying("motor", path, split_at="steps", **options)
     assert len(import_case(path, "motor", **options).runs) == 1
 
@@ -260,8 +261,8 @@ def test_parts_shorter_than_a_run_are_said_as_such(tmp_path: Path):
 
 
 @pytest.mark.parametrize(("name", "degC"), [("hppcCell25degC", 25.0), ("cell_minus5degC", -5.0)])
-def test_the_temperature_in_the_name_of_a_file(shared: Path, name: str, degC: float):
-    path = shared / "wild" / "19-temperature-in-a-name" / f"{name}.csv"
+def test_the_temperature_in_the_name_of_a_file(wild: Wild, name: str, degC: float):
+    (path,) = wild("19-temperature-in-a-name", f"{name}.csv")
     assert import_case(path, "cell").runs[0].ambient_degC == degC
 
 
@@ -306,8 +307,8 @@ def test_the_temperature_in_the_name_of_a_folder(tmp_path: Path, folder: str, de
 # MATLAB tables
 
 
-def test_a_matlab_table_is_read_or_said_to_be_one(shared: Path):
-    path = shared / "wild" / "21-matlab-table" / "cell_25degC.mat"
+def test_a_matlab_table_is_read_or_said_to_be_one(wild: Wild):
+    (path,) = wild("21-matlab-table", "cell_25degC.mat")
     if importlib.util.find_spec("matio") is None:
         said = saying("cell", path)
         assert "holds a MATLAB table" in said
@@ -349,8 +350,8 @@ def test_a_structure_needs_no_package(tmp_path: Path):
 # JSON
 
 
-def test_lists_of_rows_of_json_are_runs_by_their_keys(shared: Path):
-    path = shared / "wild" / "26-json" / "sysid.json"
+def test_lists_of_rows_of_json_are_runs_by_their_keys(wild: Wild):
+    (path,) = wild("26-json", "sysid.json")
     imported = import_case(path, "motor", ambient=22.0, constants={"load_torque_Nm": 0.0})
     assert [run.log.name for run in imported.runs] == [
         "sysid-slow-forward",

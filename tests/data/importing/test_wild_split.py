@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from jaxmodel.data.importing import Imported, import_case
+from tests.conftest import Wild
 from tests.data.importing.benches import cell_log
 
 AT_REST, ON_A_RAMP = 12, 200
@@ -125,21 +126,14 @@ def test_of_two_temperatures_what_it_costs_is_said(tmp_path: Path) -> None:
     assert "change with temperature is not fitted" in why
 
 
-def wild(shared: Path, folder: str) -> list[Path]:
-    files = sorted((shared / "wild" / folder).glob("*.csv"))
-    if not files:
-        pytest.skip("this input is not beside this copy of the repository")
-    return files
-
-
-def test_the_only_ramps_stay_to_be_fitted(shared: Path) -> None:
-    files = wild(shared, "15-split-takes-the-only-ramps")
+def test_the_only_ramps_stay_to_be_fitted(wild: Wild) -> None:
+    files = wild("15-split-takes-the-only-ramps")
     one = import_case(files, "motor", ambient=25.0, constants={"load_torque_Nm": 0.0})
     assert held(one) == {"dynamic_reverse", "quasistatic_reverse"}
 
 
-def test_spikes_at_the_start_of_each_test_are_left_out(shared: Path) -> None:
-    files = wild(shared, "28-spikes-of-a-motor")
+def test_spikes_at_the_start_of_each_test_are_left_out(wild: Wild) -> None:
+    files = wild("28-spikes-of-a-motor")
     one = import_case(files, "motor", ambient=25.0, constants={"load_torque_Nm": 0.0}, check=("*reverse",))
     for run in one.runs:
         assert list(np.flatnonzero(np.isnan(run.log.columns["speed_rad_s"]))) == [3, 7]

@@ -75,7 +75,7 @@ def import_files(place: Place, progress: Progress, files: Sequence[str], kind: s
     imported.check()
     progress(f"writing {len(imported.runs)} runs")
     shutil.rmtree(place.folder / CASE, ignore_errors=True)
-    path = imported.write(place.folder / CASE, force=True)
+    path = imported.write(place.folder / CASE)
     names = [Path(file).name for file in files]
     source = {"how": "files", "name": imported.title, "files": names, "paths": list(files), "kind": kind}
     place.opened(path, source | {"options": dict(options)}, import_view(imported))
