@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bisect
 import dataclasses
+import functools
 import warnings
 from collections.abc import Mapping
 from typing import Any
@@ -41,7 +42,7 @@ def idle(study: Study) -> dict[str, str]:
     on = {effect.name for effect in model.effects}
     off = [cls for name, cls in CATALOGUE.items() if name not in on and model.kind in cls.kinds and not cls.is_sensor]
 
-    def with_first(count: int) -> set[str]:
+    def with_first(count: int) -> frozenset[str]:
         effects = (*model.effects, *(cls() for cls in off[:count]))
         return _influential(study, dataclasses.replace(model, effects=effects), own)
 
@@ -55,16 +56,27 @@ def idle(study: Study) -> dict[str, str]:
     return needed
 
 
-def _influential(study: Study, model: Model, own: Mapping[str, Any]) -> set[str]:
+def _influential(study: Study, model: Model, own: Mapping[str, Any]) -> frozenset[str]:
     prepared: Prepared = study.prepared
-    keep = Keep(prepared.metrics, tuple(study.store))
-    stepped = lay_out(model, prepared.profile, prepared.stored_rows)
+    shared = (model, lay_out(model, prepared.profile, prepared.stored_rows), prepared.cutoff)
+    leaves, structure = jax.tree.flatten((shared, dict(own)))
+    shapes = tuple((np.shape(x), np.asarray(x).dtype) for x in leaves)
+    return _influential_in(Keep(prepared.metrics, tuple(study.store)), structure, shapes)
+
+
+@functools.lru_cache(maxsize=128)
+def _influential_in(
+    keep: Keep, structure: Any, shapes: tuple[tuple[tuple[int, ...], np.dtype], ...]
+) -> frozenset[str]:  # fmt: skip
+    """Return the names of a lane's own values that its results depend on, the same for all like sweeps."""
+    shared, own = jax.tree.unflatten(structure, [np.zeros(*shape) for shape in shapes])
+    model, stepped, cutoff = jax.tree.map(jnp.asarray, shared)
 
     def results(given: dict[str, jax.Array]) -> list[jax.Array]:
-        outcome = run_lane(keep, model, stepped, prepared.cutoff, given)
+        outcome = run_lane(keep, model, stepped, cutoff, given)
         return jax.tree.leaves((outcome.values, outcome.columns))
 
-    return influential(results, {name: jnp.asarray(value) for name, value in own.items()})
+    return frozenset(influential(results, own))
 
 
 def warn_of_idle(study: Study) -> None:
