@@ -127,7 +127,7 @@ def _kernel(given: _Given) -> Kernel | NotNative:
         return [readings[name] for name in problem.channels]
 
     try:
-        return Kernel(one_lane, shared, own, sizes=(STEPS, ROWS), known_as=_name_of(given))
+        return Kernel(one_lane, shared, own, sizes=(STEPS, ROWS), known_as=_name_of(given), alike=True)
     except NotNative as reason:
         warnings.warn(
             f"The fits run through XLA, which takes longer: {reason} has no vector instructions yet.",

@@ -8,6 +8,7 @@ from typing import Any
 
 from jax.extend.core import Jaxpr, Literal
 
+from jaxmodel.lanes.jaxprs import length_of
 from jaxmodel.lanes.switch import SWITCHED
 
 # Fewer equations are computed whether they count or not: a jump takes as long.
@@ -46,7 +47,7 @@ def behind_switches(jaxpr: Jaxpr, needed: Sequence[bool]) -> dict[int, list[int]
                 inside.add(earlier)
                 asked += [atom for atom in jaxpr.eqns[earlier].invars if not isinstance(atom, Literal)]
         alone = sorted(inside - taken)
-        if len(alone) >= LEAST:
+        if sum(length_of(jaxpr.eqns[one]) for one in alone) >= LEAST:
             found[number] = alone
             taken |= inside
     return found

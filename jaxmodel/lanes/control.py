@@ -11,21 +11,22 @@ from typing import Any
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr
 
-from jaxmodel.lanes.directions import Directions, Target
+from jaxmodel.lanes.directions import Target
 from jaxmodel.lanes.elements import ELEMENTS
 from jaxmodel.lanes.emitter import Value, constant
-from jaxmodel.lanes.jaxprs import opened, parts_of_scan
+from jaxmodel.lanes.jaxprs import length, opened, parts_of_scan
 from jaxmodel.lanes.layout import Layout, flattened, reshaped
 from jaxmodel.lanes.loop import Loop
 from jaxmodel.lanes.memory import Room
 from jaxmodel.lanes.operands import MOST_IN_REGISTERS, Array, Memory, NotNative, Operand, Series, array_of
+from jaxmodel.lanes.segments import OnSegments
 from jaxmodel.lanes.tangents import Form, Stored, Tangent, form_of, joined, of_node
 
 # Operations of a branch that are worth a jump: a packet whose lanes all take another branch then skips them.
 LONG_BRANCH = 16
 
 
-class Control(Directions):
+class Control(OnSegments):
     """The part of a lowering that handles loops and branches."""
 
     def inside(self, program: ClosedJaxpr | Jaxpr, given: list[Operand]) -> list[Operand]:
@@ -213,7 +214,7 @@ class Control(Directions):
             return self._branched(branches, index, given[1:], [v.aval for v in equation.outvars])
         avals = [v.aval for v in equation.outvars]
         of_numbers = all(math.prod(aval.shape) <= MOST_IN_REGISTERS for aval in avals)
-        if of_numbers and not self.directions and max(_length(opened(b)[0]) for b in branches) > LONG_BRANCH:
+        if of_numbers and not self.directions and max(length(opened(b)[0]) for b in branches) > LONG_BRANCH:
             return self._where_taken(branches, index, given[1:], avals)
         results = [self.inside(b, given[1:]) for b in branches]
         chosen = results[-1]
@@ -309,14 +310,6 @@ class Control(Directions):
         for index in np.ndindex(yes.shape):
             result[index] = ELEMENTS["select_n"](self, [holds, no[index], yes[index]], {}, yes[index].dtype)
         return result
-
-
-def _length(jaxpr: Any) -> int:
-    """Return how many operations a function has, those of the functions that it calls too."""
-    return sum(
-        1 if (inner := equation.params.get("jaxpr")) is None else _length(getattr(inner, "jaxpr", inner))
-        for equation in jaxpr.eqns
-    )
 
 
 def _merged(state: list[Any], numbers: list[Value]) -> list[Any]:

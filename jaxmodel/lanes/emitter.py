@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import itertools
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -71,6 +72,30 @@ def constant(value, dtype=None) -> Value:
     return Value(str(int(value)), dtype)
 
 
+class _Loop:
+    """A loop that is being written.
+
+    Attributes:
+        number: of names before it; later names belong to its rounds.
+        mark: the line that stands for what is computed before it.
+        lines: that.
+        found: what was computed there, by the numbers that it was computed of.
+    """
+
+    def __init__(self, number: int) -> None:
+        self.number, self.mark = number, f"  ; before {number}"
+        self.lines: list[str] = []
+        self.found: dict[tuple[str, ...], Any] = {}
+
+
+def _number_of(value: Value) -> float:
+    """Return when a number was named: 0 if it is known when the kernel is compiled, inf if nothing tells."""
+    if value.is_constant:
+        return 0.0
+    digits = value.text.removeprefix("%v")
+    return float(digits) if digits.isdigit() else float("inf")
+
+
 class Emitter:
     """The instructions of one function, in order; `lanes` numbers are in a vector.
 
@@ -95,6 +120,9 @@ class Emitter:
         self._functions: dict[str, str] = {}
         self._number = itertools.count()
         self._known: list[dict[Any, Any]] = [{}]
+        self._loops: list[_Loop] = []
+        self._aside = False
+        self._before: dict[str, _Loop] = {}
 
     def name(self, stem: str = "v") -> str:
         """Return a fresh name."""
@@ -135,6 +163,48 @@ class Emitter:
     def end_scope(self) -> None:
         """End them."""
         self._known.pop()
+
+    def begin_loop(self) -> None:
+        """Begin a loop, with a place before it for what its rounds share."""
+        if not self._aside:
+            loop = _Loop(next(self._number))
+            self._loops.append(loop)
+            self._before[loop.mark] = loop
+            self.lines.append(loop.mark)
+
+    def end_loop(self) -> None:
+        """End it."""
+        if not self._aside:
+            self._loops.pop()
+
+    def before_loop(self, values: Sequence[Value], compute: Callable[[], Any]) -> Any:
+        """Return what is computed of some numbers, once before the outermost loop whose rounds share them.
+
+        Returns:
+            None where no loop does.
+        """
+        numbers = [_number_of(value) for value in values]
+        loop = next((one for one in self._loops if all(number < one.number for number in numbers)), None)
+        if loop is None:
+            return None
+        key = tuple(value.text for value in values)
+        if key not in loop.found:
+            rest = self.lines, self._known, self._loops
+            self.lines, self._known, self._loops = loop.lines, [{}], []
+            loop.found[key] = compute()
+            self.lines, self._known, self._loops = rest
+        return loop.found[key]
+
+    @contextlib.contextmanager
+    def outside_loops(self) -> Iterator[None]:
+        """Write instructions that are taken back: they put nothing before a loop."""
+        loops, self._loops = self._loops, []
+        yield
+        self._loops = loops
+
+    def text(self) -> str:
+        """Return all instructions, one a line."""
+        return "\n".join("\n".join(self._before[line].lines) if line in self._before else line for line in self.lines)
 
     def jump(self, block: str) -> None:
         """Go to a block."""
@@ -264,6 +334,19 @@ class Emitter:
         self.start_block(after)
         return tuple(self.either(old, before, new, last) for old, new in zip(usual, found, strict=True))
 
+    def instead(self, condition: Value, usual: Value, compute: Callable[[], Value]) -> Value:
+        """Return a wide number, one that is computed in its place if a condition holds in some lane."""
+        before, unusual, after = self.block, self.name("rare"), self.name("after")
+        self.branch(self.any_lane(condition), unusual, after)
+        self.start_block(unusual)
+        self.begin_scope()
+        found = compute()
+        self.end_scope()
+        last = self.block
+        self.jump(after)
+        self.start_block(after)
+        return self.either(usual, before, found, last)
+
     def seldom(self, condition: Value, usual: Value, compute: Callable[[], Value]) -> Value:
         """Return a number, another where a condition holds; what computes that one is a function of its own.
 
@@ -272,8 +355,10 @@ class Emitter:
         """
 
         def called() -> tuple[Value, ...]:
-            place, block = len(self.lines), self.block
+            place, block, aside = len(self.lines), self.block, self._aside
+            self._aside = True
             found = self.widen(compute())
+            self._aside = aside
             body, self.lines[place:], self.block = self.lines[place:], [], block
             kind = self.type_of(found.dtype, True)
             text, given = outlined(body, block, found.text, kind, self._types)

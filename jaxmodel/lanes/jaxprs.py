@@ -21,3 +21,14 @@ def parts_of_scan(params: Mapping[str, Any], arguments: int) -> tuple[int, int]:
         return params["num_consts"], params["num_carry"]
     fixed, carried, _ = (list(part) for part in params["ft_in"].update(range(arguments)).unpack())  # from JAX 0.11 on
     return len(fixed), len(carried)
+
+
+def length_of(equation: Any) -> int:
+    """Return how many operations an equation has, those of the functions that it calls too."""
+    inner = equation.params.get("jaxpr")
+    return 1 if inner is None else length(getattr(inner, "jaxpr", inner))
+
+
+def length(jaxpr: Any) -> int:
+    """Return how many operations a function has, those of the functions that it calls too."""
+    return sum(map(length_of, jaxpr.eqns))

@@ -119,6 +119,8 @@ class LongArrays(Rooms):
         def row_of(x: Operand, shape: tuple[int, ...], index: str) -> Array:
             if isinstance(x, Rows):
                 return x.at(index)
+            if isinstance(x, Memory) and x.shape[0] == 1:  # the same for each row
+                return self.loaded(dataclasses.replace(x, shape=x.shape[1:]))
             if isinstance(x, Series | Memory):
                 return array_of(self.series(x).at(index)).reshape((1,) * max(len(shape) - 1, 0))
             return x if x.ndim == 0 else x[0]

@@ -34,6 +34,7 @@ class Loop:
             some = e.emit(f"icmp sgt i64 {count}, 0", np.dtype(bool), False)
         else:
             some = Value("true" if self.length else "false", np.dtype(bool))
+        e.begin_loop()
         e.branch(some, self._head, self._done)
         e.start_block(self._head)
         self._place = len(e.lines)
@@ -45,6 +46,7 @@ class Loop:
             return
         e = self.e
         e.end_scope()
+        e.end_loop()
         count = e.count(self.length)
         following = e.emit(f"add nuw nsw i64 {self.index}, 1", np.dtype("i8"), False)
         ends = e.emit(f"icmp eq i64 {following.text}, {count}", np.dtype(bool), False)

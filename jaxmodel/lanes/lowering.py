@@ -23,6 +23,7 @@ from jaxmodel.lanes.elements import convert, element
 from jaxmodel.lanes.emitter import Emitter, Value, constant
 from jaxmodel.lanes.jaxprs import opened
 from jaxmodel.lanes.operands import Array, Memory, NotNative, Operand, Rows, Series, array_of, constants
+from jaxmodel.lanes.piecewise import PIECEWISE
 
 # More take LLVM longer than XLA needs for the same function: short arrays of which each element is written out. A robot
 # with all effects has 80,000, for which LLVM takes 15 s and XLA 46 s.
@@ -32,9 +33,12 @@ MOST_INSTRUCTIONS = 200_000
 class Lowering(Control):
     """Writes the equations of a jaxpr to an emitter."""
 
-    def __init__(self, emitter: Emitter, workspace: str, directions: int = 0) -> None:
-        """Begin a lowering into working memory, with derivatives in so many directions."""
-        self.e = emitter
+    def __init__(self, emitter: Emitter, workspace: str, directions: int = 0, alike: bool = False) -> None:
+        """Begin a lowering into working memory, with derivatives in so many directions.
+
+        `alike` where lanes mostly lie in the same segments of tables.
+        """
+        self.e, self._alike = emitter, alike
         self.directions = directions
         self.room: list[int] = []
         self._workspace = workspace
@@ -109,6 +113,10 @@ class Lowering(Control):
     def _equation(self, equation: Any, given: list[Operand]) -> list[Operand]:
         name, params = equation.primitive.name, equation.params
         out: Any = equation.outvars[0].aval if equation.outvars else None
+        if self._alike and not self.directions and params.get("name") == PIECEWISE and len(equation.outvars) == 1:
+            found = self.on_segments(*given[:3])
+            if found is not None:
+                return [found]
         if name in _INNER:
             inner = next(params[key] for key in _INNER[name] if key in params)
             return self.inside(inner, given)

@@ -131,7 +131,8 @@ class Rooms:
         """Return what a computation finds; its instructions are taken back."""
         lines, block, rooms = len(self.e.lines), self.e.block, len(self.room)
         self.e.begin_scope()
-        found = compute()
+        with self.e.outside_loops():
+            found = compute()
         self.e.end_scope()
         del self.e.lines[lines:], self.room[rooms:]
         self.e.block = block

@@ -95,6 +95,7 @@ class Written:
         sizes: Sequence[int] = (),
         known_as: str = "",
         by: str = "",
+        alike: bool = False,
     ) -> None:
         """Compile a function.
 
@@ -110,6 +111,7 @@ class Written:
                 Its results are a list then.
             by: names a vector in `own`, by whose numbers the results are differentiated. The kernel then gives a pair:
                 the results, and their derivatives, with the vector's axis before the results' own.
+            alike: the lanes of a packet differ little, so that they mostly lie in the same segments of tables.
 
         Raises:
             NotNative: it has an operation that has no vector instructions here.
@@ -119,7 +121,7 @@ class Written:
         module = _kept(kept_as)
         self._tree: Any = None if module is None else jax.tree.structure([0] * len(module.results))
         if module is None:
-            module = self._made(function, shared, own, lanes or self.LANES, by)
+            module = self._made(function, shared, own, lanes or self.LANES, by, alike)
             if kept_as:
                 keep(kept_as, module.packed())
         self.module, self.lanes = module, module.lanes
@@ -136,7 +138,7 @@ class Written:
         """
         raise NotImplementedError
 
-    def _made(self, function: Callable, shared: Any, own: Any, lanes: int | None, by: str) -> Module:
+    def _made(self, function: Callable, shared: Any, own: Any, lanes: int | None, by: str, alike: bool) -> Module:
         given: tuple[Any, ...] = (shared, own, own[by]) if by else (shared, own)
         traced, shapes = jax.make_jaxpr(_pushed(function, by) if by else function, return_shape=True)(*given)
         jaxpr = traced.jaxpr
@@ -154,7 +156,7 @@ class Written:
             consts=[np.asarray(c) for c in traced.consts],
         )
         try:
-            return _written(module, jaxpr, self._sizes, self.HAS_LIBRARY)
+            return _written(module, jaxpr, self._sizes, self.HAS_LIBRARY, alike)
         except _UNFORESEEN as error:
             raise NotNative(f"a step of the function ({type(error).__name__}: {error})") from error
 
@@ -208,14 +210,14 @@ def _pushed(function: Callable, by: str) -> Callable:
     return push
 
 
-def _written(module: Module, jaxpr: Any, sizes: Sequence[int], has_library: bool) -> Module:
+def _written(module: Module, jaxpr: Any, sizes: Sequence[int], has_library: bool, alike: bool) -> Module:
     """Return the module with its text: a loop over packets."""
     moved = jaxpr.invars[len(module.shared) + len(module.own) :]
     directions = [seeds(v.aval.shape[0], v.aval.dtype) for v in moved]
     e = Emitter(module.lanes, {size: f"%size{k}" for k, size in enumerate(sizes)}, has_library)
     for k in range(len(sizes)):
         e.lines.append(f"  %at{k} = getelementptr i64, ptr %sizes, i64 {k}\n  %size{k} = load i64, ptr %at{k}")
-    lowering = Lowering(e, "%work", sum(map(len, directions)))
+    lowering = Lowering(e, "%work", sum(map(len, directions)), alike)
     pointers = [
         e.load(e.address("%arguments", str(k), np.dtype("i8"), False), np.dtype("i8"), False)
         for k in range(len(module.shared) + len(module.consts) + len(module.own) + len(module.results))
@@ -236,7 +238,7 @@ def _written(module: Module, jaxpr: Any, sizes: Sequence[int], has_library: bool
     e.lines.append(f"  br i1 %ends, label %{done}, label %{head}")
     e.lines.insert(place, f"  {packet} = phi i64 [ %first, %{before} ], [ %next, %{last} ]")
     e.start_block(done)
-    body = "\n".join(e.lines)
+    body = e.text()
     declared = "\n".join(e.declarations.values())
     text = (
         f"define void @{NAME}(i64 %first, i64 %last, i64 %count, ptr %sizes, ptr %arguments, "

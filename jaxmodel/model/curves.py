@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxmodel.lanes.piecewise import piecewise_linear
 from jaxmodel.model.declaration import Scalar
 
 # Eqs. 3-6 and 10 turn negative or explode just below this state of charge (C_TS at 0.005, C_TL at 0.011):
@@ -98,11 +99,11 @@ class Table(Curve):
 
     def __call__(self, soc: Scalar, temperature_degC: Scalar) -> Scalar:
         """Return the interpolated value at one state of charge and temperature."""
+        if self.values.shape[0] == 1:
+            return interpolate(soc, self.soc, self.values[0])
         if self.values.size > MOST_SUMMED:
             return _looked_up(soc, temperature_degC, self)
-        rows = jax.vmap(lambda row: interpolate(soc, self.soc, row))(self.values)
-        if rows.shape[0] == 1:
-            return rows[0]
+        rows = jnp.stack([interpolate(soc, self.soc, row) for row in self.values])
         return interpolate(temperature_degC, self.temperature_degC, rows)
 
     def inside(self, soc: Scalar, temperature_degC: Scalar) -> Array:
@@ -116,9 +117,6 @@ class Table(Curve):
 def _looked_up(soc: Scalar, temperature_degC: Scalar, table: Table) -> Scalar:
     """Return the value of a large table from the four around it; the same as the sum over all segments."""
     low, share = _segment(soc, table.soc)
-    if table.values.shape[0] == 1:
-        row = table.values[0]
-        return row[low] + share * (row[low + 1] - row[low])
     below, part = _segment(temperature_degC, table.temperature_degC)
     values, width = table.values.ravel(), table.values.shape[1]
     first = below * width + low
@@ -139,10 +137,11 @@ def _held(x: Scalar, knots: Float[Array, " knots"]) -> Scalar:
     return jnp.where(x < knots[0], knots[0], jnp.where(x > knots[-1], knots[-1], x))
 
 
+@piecewise_linear
 def interpolate(x: Scalar, knots: Float[Array, " knots"], values: Float[Array, " knots"]) -> Scalar:
     """Return the piecewise linear value at x, held at the ends.
 
-    A sum over the segments, without a gather.
+    Of a small table a sum over the segments, without a gather.
 
     Args:
         x: where, in the unit of the knots.
@@ -151,6 +150,9 @@ def interpolate(x: Scalar, knots: Float[Array, " knots"], values: Float[Array, "
     """
     if knots.shape[0] == 1:
         return values[0]
+    if knots.shape[0] > MOST_SUMMED:
+        low, share = _segment(x, knots)
+        return values[low] + share * (values[low + 1] - values[low])
     share = (_held(x, knots) - knots[:-1]) / jnp.diff(knots)
     inner = jnp.concatenate([share[:1], jnp.maximum(share[1:], 0.0)])
     covered = jnp.concatenate([jnp.minimum(inner[:-1], 1.0), inner[-1:]])
@@ -168,8 +170,12 @@ def between_knots(x: Scalar, knots: tuple[float, ...], values: Float[Array, " kn
     fall = np.concatenate([1.0 / np.diff(at), [0.0]])
     up = np.where(rise > 0.0, 1.0 - rise * at, 1.0)
     down = np.where(fall > 0.0, 1.0 + fall * at, 1.0)
-    terms = jnp.clip(jnp.minimum(up + rise * x, down - fall * x), 0.0, 1.0) * values
-    return jnp.sum(terms)
+    return _between(x, at, values, rise, fall, up, down)
+
+
+@piecewise_linear
+def _between(x, knots, values, rise, fall, up, down):
+    return jnp.sum(jnp.clip(jnp.minimum(up + rise * x, down - fall * x), 0.0, 1.0) * values)
 
 
 class CellCurves(eqx.Module):

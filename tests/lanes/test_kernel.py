@@ -133,6 +133,17 @@ def sought(shared, x):
     }
 
 
+def read_at_every_step(shared, x):
+    """A table of more points than are kept in registers, at what a scan has kept of each step."""
+
+    def advance(carry, given):
+        carry = carry + given * x["rate"]
+        return carry, carry
+
+    kept = lax.scan(advance, x["rate"], shared["spans"])[1]
+    return jax.vmap(lambda at: interpolate(at, shared["knots"], shared["values"]))(kept)
+
+
 def own(**arrays: np.ndarray) -> dict[str, np.ndarray]:
     return arrays
 
@@ -166,6 +177,11 @@ FUNCTIONS: dict[str, tuple[Callable, object, dict[str, np.ndarray]]] = {
     "small tables": (
         in_tables,
         {"spans": RNG.uniform(0.0, 0.01, 600)},
+        own(rate=RNG.uniform(0.1, 1.0, LANES)),
+    ),
+    "a long table at every step": (
+        read_at_every_step,
+        {"spans": RNG.uniform(0.0, 0.01, 600), "knots": np.linspace(0.0, 3.0, 170), "values": RNG.normal(size=170)},
         own(rate=RNG.uniform(0.1, 1.0, LANES)),
     ),
     "places outside": (
