@@ -89,11 +89,11 @@ STUDIES = {
     "cell, tables, some not finite": fields_of(
         "cell", (), {"scale.current_A": (-1.0, 25.0), "cycles": (0.0, 500.0), "initial_soc": (0.0, 1.0)},
         profile={"duration_s": 5200, "step_s": 400, "ambient_degC": 20.0, "current_A": 4.0}, fidelity="lut",
-        metrics=OF_STATES,
+        metrics=OF_STATES, cutoff={},
     ),
     "cell, formulas, some not finite": fields_of(
         "cell", ("self_heating",), {"current_A": (-1.0, 100.0), "cycles": (0.0, 500.0), "initial_soc": (0.0, 1.0)},
-        profile={"duration_s": 5200, "step_s": 400, "ambient_degC": 20.0}, metrics=OF_STATES,
+        profile={"duration_s": 5200, "step_s": 400, "ambient_degC": 20.0}, metrics=OF_STATES, cutoff={},
     ),
     "motor, all effects": fields_of(
         "motor", OF_MOTOR, {"voltage_V": (-12.0, 12.0), "load_torque_Nm": (-0.1, 0.3), "R_0": (0.05, 0.3)},
