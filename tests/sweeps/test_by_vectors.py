@@ -146,8 +146,8 @@ def test_vector_instructions_give_what_xla_gives(what: str) -> None:
         assert difference.max() <= 10.0 * moved.max()
     ended = set(np.unique(by_xla["status"]))
     expected = {Status.COMPLETE}
-    expected |= {Status.REACHED_CUTOFF} if "cutoff" in fields else set()
-    expected |= {Status.NOT_FINITE} if "not finite" in what else set()
+    expected |= {Status.REACHED_CUTOFF} if fields.get("cutoff") else set()
+    expected |= {Status.NOT_FINITE, Status.IMPOSSIBLE} if "not finite" in what else set()
     assert ended == expected
 
 
