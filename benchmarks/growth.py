@@ -23,6 +23,7 @@ def study_of(lanes: int) -> Study:
         profile={"duration_s": 1800, "step_s": 30, "ambient_degC": 20.0},
         axes={"current_A": np.linspace(0.5, 5.0, lanes // 1000), "cycles": np.linspace(0.0, 400.0, 1000)},
         metrics=["final_soc", "min_voltage_V"],
+        cutoff={},
     )
 
 

@@ -15,6 +15,7 @@ from jaxmodel.sensitivity.metrics import choose_metrics, has_derivative
 from jaxmodel.sensitivity.propagation import propagate
 from jaxmodel.sensitivity.uncertain import stated_sd
 from jaxmodel.sweeps.metrics import Metric
+from jaxmodel.sweeps.plausible import warn_of_odd_values
 from jaxmodel.sweeps.prepare import Prepared
 from jaxmodel.sweeps.study import Study
 
@@ -119,6 +120,7 @@ def uncertainty(
 
 def _asked(study: Study) -> tuple[Prepared, tuple[Metric, ...], list[str] | None]:
     """Return what a study means, its metrics that have a derivative, and the columns that it stores; None for all."""
+    warn_of_odd_values(study)
     prepared = study.prepared
     named = [metric for metric in prepared.metrics if has_derivative(metric)] if study.metrics else None
     return prepared, choose_metrics(named, prepared.model.kind), study.store or None

@@ -13,6 +13,7 @@ import xarray as xr
 
 from jaxmodel.base.errors import Remark, SweepError
 from jaxmodel.sweeps.idle import warn_of_idle
+from jaxmodel.sweeps.plausible import warn_of_odd_values
 from jaxmodel.sweeps.results import InMemory
 from jaxmodel.sweeps.room import refuse_what_cannot_be_kept
 from jaxmodel.sweeps.runner import Runner
@@ -59,9 +60,10 @@ def run(
             suffice, or the lanes cannot be computed in the study's precision; what is done stays.
 
     Warns:
-        Remark: a lane has an operation without vector instructions, and the sweep runs through XLA; or no result can
-            depend on an axis.
+        Remark: a lane has an operation without vector instructions, and the sweep runs through XLA; no result can
+            depend on an axis; or a number looks like one in another unit.
     """
+    warn_of_odd_values(study)
     warn_of_idle(study)
     if not resume:
         refuse_what_cannot_be_kept(study, out)

@@ -7,6 +7,7 @@ import time
 
 from jaxmodel.sweeps.idle import warn_of_idle
 from jaxmodel.sweeps.plan import COPIES
+from jaxmodel.sweeps.plausible import warn_of_odd_values
 from jaxmodel.sweeps.runner import Runner
 from jaxmodel.sweeps.study import Study
 
@@ -54,8 +55,9 @@ def forecast(study: Study, memory: float | int | str | None = None) -> Forecast:
         SweepError: the memory does not suffice.
 
     Warns:
-        Remark: no result can depend on an axis.
+        Remark: no result can depend on an axis; or a number looks like one in another unit.
     """
+    warn_of_odd_values(study)
     warn_of_idle(study)
     began = time.perf_counter()
     runner = Runner(study)

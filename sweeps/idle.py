@@ -17,9 +17,20 @@ from jaxmodel.base.errors import Remark
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.lanes.influence import influential
 from jaxmodel.model.electrothermal import Model
+from jaxmodel.model.parameters import TABLE
+from jaxmodel.model.profile import Profile
 from jaxmodel.sweeps.lane import Keep, lay_out, run_lane
-from jaxmodel.sweeps.prepare import Prepared
+from jaxmodel.sweeps.metrics import metrics_of, metrics_on_request
 from jaxmodel.sweeps.study import Study
+
+# An input in place of another through which more numbers of the model act, by kind; and inputs of each kind through
+# which all of its numbers act.
+_INSTEAD = {"motor": ("current_A", "voltage_V"), "robot": ("load_torque_Nm", "incline_deg")}
+_ALL_ACT = {
+    "cell": ("ambient_degC", "current_A"),
+    "motor": ("ambient_degC", "voltage_V", "load_torque_Nm"),
+    "robot": ("ambient_degC", "duty", "incline_deg"),
+}
 
 
 def idle(study: Study) -> dict[str, str]:
@@ -31,37 +42,73 @@ def idle(study: Study) -> dict[str, str]:
         study: to be run.
 
     Returns:
-        By the name of an axis, of a range or of a scale: an effect of the catalogue with which results would depend
-        on it; "" where none of this kind does it.
+        By the name of an axis, of a range or of a scale: what makes results depend on it, as "turn on self_heating";
+        "" where nothing of this kind and no other kind does it.
     """
     own = {name: values[0] for name, values in study.lanes(np.zeros(1, dtype=int)).items()}
     model = study.prepared.model
-    found = set(own) - _influential(study, model, own)
-    if not found:
-        return {}
+    keep = Keep(study.prepared.metrics, tuple(study.store))
+    found = sorted(set(own) - _influential(study, keep, model, study.prepared.profile, own))
+    return {name: _what_lets_act(study, name, own) for name in found}
+
+
+def _what_lets_act(study: Study, name: str, own: Mapping[str, Any]) -> str:
+    """Return in words what would make results depend on a name: a metric, an input, an effect or another kind."""
+    model, profile = study.prepared.model, study.prepared.profile
+    keep = Keep(study.prepared.metrics, tuple(study.store))
+    every = metrics_of(model.kind) | metrics_on_request(model.kind)
+    every.pop("time_to_cutoff_s", None)
+    if name in _influential(study, Keep(tuple(every.values())), model, profile, own):
+        metrics = [m for m in every.values() if name in _influential(study, Keep((m,)), model, profile, own)]
+        return f"add {metrics[0].name} to the metrics"
+    one, other = _INSTEAD.get(model.kind, ("", ""))
+    if one in profile.inputs:
+        inputs = {other if column == one else column: values for column, values in profile.inputs.items()}
+        changed = Profile(profile.time_s, inputs)
+        if name in _influential(study, keep, model, changed, {n: v for n, v in own.items() if n != one}):
+            return f"state {other} instead of {one}"
+    if effect := _effect(study, name, own):
+        return f"turn on {effect}"
+    if kinds := [kind for kind in _ALL_ACT if kind != model.kind and _acts_in(kind, name)]:
+        return "set kind = " + " or ".join(f'"{kind}"' for kind in kinds)
+    return ""
+
+
+def _effect(study: Study, name: str, own: Mapping[str, Any]) -> str:
+    """Return the first effect of the catalogue with which results depend on a name; "" if there is none."""
+    model, profile = study.prepared.model, study.prepared.profile
+    keep = Keep(study.prepared.metrics, tuple(study.store))
     on = {effect.name for effect in model.effects}
-    off = [cls for name, cls in CATALOGUE.items() if name not in on and model.kind in cls.kinds and not cls.is_sensor]
+    off = [cls for n, cls in CATALOGUE.items() if n not in on and model.kind in cls.kinds and not cls.is_sensor]
 
     def with_first(count: int) -> frozenset[str]:
         effects = (*model.effects, *(cls() for cls in off[:count]))
-        return _influential(study, dataclasses.replace(model, effects=effects), own)
+        return _influential(study, keep, dataclasses.replace(model, effects=effects), profile, own)
 
-    with_all = with_first(len(off)) & found
-    needed = {}
-    for name in sorted(found):
-        needed[name] = ""
-        if name in with_all:
-            first = bisect.bisect_left(range(len(off)), 1, key=lambda n, name=name: name in with_first(n + 1))
-            needed[name] = off[first].name
-    return needed
+    if name not in with_first(len(off)):
+        return ""
+    return off[bisect.bisect_left(range(len(off)), 1, key=lambda n: name in with_first(n + 1))].name
 
 
-def _influential(study: Study, model: Model, own: Mapping[str, Any]) -> frozenset[str]:
-    prepared: Prepared = study.prepared
-    shared = (model, lay_out(model, prepared.profile, prepared.stored_rows), prepared.cutoff)
+@functools.cache
+def _acts_in(kind: str, name: str) -> bool:
+    """Return whether a parameter acts on any metric of a kind."""
+    if name not in TABLE:
+        return False
+    model, metrics = Model(kind), tuple(m for n, m in metrics_of(kind).items() if n != "time_to_cutoff_s")
+    profile = Profile(np.arange(3.0), {column: np.zeros(3) for column in _ALL_ACT[kind]})
+    return name in _influential(None, Keep(metrics), model, profile, {name: TABLE[name].default})
+
+
+def _influential(
+    study: Study | None, keep: Keep, model: Model, profile: Profile, own: Mapping[str, Any]
+) -> frozenset[str]:  # fmt: skip
+    """Return the names of a lane's own values that what is kept of it depends on."""
+    rows = np.arange(profile.time_s.size) if study is None else study.prepared.stored_rows
+    shared = (model, lay_out(model, profile, rows), None if study is None else study.prepared.cutoff)
     leaves, structure = jax.tree.flatten((shared, dict(own)))
     shapes = tuple((np.shape(x), np.asarray(x).dtype) for x in leaves)
-    return _influential_in(Keep(prepared.metrics, tuple(study.store)), structure, shapes)
+    return _influential_in(keep, structure, shapes)
 
 
 @functools.lru_cache(maxsize=128)
@@ -86,8 +133,8 @@ def warn_of_idle(study: Study) -> None:
         Remark: for each.
     """
     kind = study.prepared.model.kind
-    for name, effect in idle(study).items():
+    for name, act in idle(study).items():
         where = f"axes.{name}" if name in study.axes else f"sample.ranges.{name}"
-        advice = f"turn on {effect}, or remove it" if effect else "remove it"
+        advice = f"{act}, or remove it" if act else "remove it"
         sentence = f"{where}: no metric and no stored column of this {kind} depends on it; {advice}."
         warnings.warn(sentence, Remark, stacklevel=3)

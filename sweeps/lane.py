@@ -14,6 +14,7 @@ from jaxtyping import Array
 from jaxmodel.model.electrothermal import Model, initial_state, read, step, valid
 from jaxmodel.model.flow import State, with_rests
 from jaxmodel.model.names import with_values
+from jaxmodel.model.possible import possible
 from jaxmodel.model.profile import Profile
 from jaxmodel.model.robot import Inputs
 from jaxmodel.model.simulation import Cutoff, Status, track
@@ -116,14 +117,15 @@ def run_lane(
 
     def arrived(carry: Any, held_over: Inputs, before: Moment, taken: Array, ends_row: Array) -> tuple[Any, Moment]:
         """Count the step that led to a state; return whether the run goes on from there, and its moment."""
-        state, running, elapsed, carried = carry
+        state, running, can_be, elapsed, carried = carry
         after = moment(state, held_over)
         report = Step(before, after, taken, ends_row)
         updated = tuple(metric.update(c, report) for metric, c in zip(keep.metrics, carried, strict=True))
         if cutoff is not None:
             updated = jax.tree.map(lambda new, old: jnp.where(running, new, old), updated, carried)
             running &= ~(ends_row & _below(model, after, cutoff))
-        return (state, running, add(elapsed, taken), updated), after
+        can_be &= possible(after.columns)
+        return (state, running, can_be, add(elapsed, taken), updated), after
 
     # A step is counted at the start of the next one: what both evaluate at that state, under inputs that are the same,
     # is then evaluated once. The first round has no step to count.
@@ -131,18 +133,21 @@ def run_lane(
         (held_over, ends_row), (changing, duration), begun = given
         *now, before, taken = carry
         counted, after = arrived(tuple(now), inputs_of(held_over), before, taken, ends_row)
-        state, running, elapsed, carried = jax.tree.map(
+        state, running, can_be, elapsed, carried = jax.tree.map(
             lambda new, old: jnp.where(begun, new, old), counted, tuple(now)
         )
         inputs = inputs_of(changing)
         taken = duration if cutoff is None else jnp.where(running, duration, 0.0)
         before, state = moment(state, inputs), step(model, state, inputs, taken)
-        return (state, running, elapsed, carried, before, taken), {name: after.columns[name] for name in keep.columns}
+        return (state, running, can_be, elapsed, carried, before, taken), {
+            name: after.columns[name] for name in keep.columns
+        }
 
     carried = tuple(metric.init(first) for metric in keep.metrics)
     if jnp.zeros(()).dtype == jnp.float32:
         start = with_rests(start)
-    begin = (start, jnp.asarray(True), nothing(), carried, first, jnp.zeros(()))
+    can_be = jnp.asarray(possible(first.columns))
+    begin = (start, jnp.asarray(True), can_be, nothing(), carried, first, jnp.zeros(()))
     over, last_over = _one_later(stepped.first, stepped.later), {n: values[-1] for n, values in stepped.later.items()}
     ends_row, last_ends = _one_later(jnp.asarray(False), stepped.ends_row), stepped.ends_row[-1]
     begun = jnp.arange(stepped.duration_s.shape[0]) > 0
@@ -150,7 +155,7 @@ def run_lane(
         advance_one, begin, ((over, ends_row), (stepped.later, stepped.duration_s), begun)
     )
     counted, last = arrived(tuple(now), inputs_of(last_over), before, taken, last_ends)
-    state, running, (elapsed, *_), carried = counted
+    state, running, can_be, (elapsed, *_), carried = counted
     # A number that is not finite stays so: the last state and its readings show whether any was.
     finite = jnp.all(jnp.stack([jnp.isfinite(value) for value in (*state.values(), *last.columns.values())]))
     # All lanes may share `elapsed`. Made a lane's own, a division by it is one: by a shared number it may also be
@@ -162,6 +167,7 @@ def run_lane(
         finite &= ~jnp.any(jnp.isinf(value))
     values = {name: jnp.where(finite, value, jnp.nan) for name, value in values.items()}
     ended = jnp.where(running, Status.COMPLETE, Status.REACHED_CUTOFF)
+    ended = jnp.where(can_be, ended, Status.IMPOSSIBLE)
     return Outcome(
         values=values,
         columns={n: jnp.append(values, last.columns[n])[stepped.stored] for n, values in kept.items()},

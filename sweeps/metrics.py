@@ -139,6 +139,26 @@ class FittedGradient(Metric):
 
 
 @dataclasses.dataclass(frozen=True)
+class Way(Metric):
+    """The way over ground, by the trapezium rule within each step; forwards and backwards both count."""
+
+    asks_powers: ClassVar[bool] = True
+
+    def init(self, first: Moment) -> Carry:
+        """Start at zero."""
+        return nothing()
+
+    def update(self, carry: Carry, step: Step) -> Carry:
+        """Add the way of the step."""
+        before, after = (jnp.abs(moment.powers["ground_speed_m_s"]) for moment in (step.before, step.after))
+        return add(carry, 0.5 * (before + after) * step.duration_s)
+
+    def finish(self, carry: Carry, end: End) -> Scalar:
+        """Return the way."""
+        return carry[0]
+
+
+@dataclasses.dataclass(frozen=True)
 class Ratio(Metric):
     """The time integral of some powers over that of others, by the trapezium rule within each step.
 
@@ -269,6 +289,10 @@ _SHIPPED = (
     Integral("delivered_energy_Wh", "W h", "energy delivered by the pack", _ROBOT, _PACK, 3600.0),
     RowValue("min_voltage_V", "V", "lowest terminal voltage of the cell", _CELL, "voltage_V", "least"),
     RowValue("min_pack_voltage_V", "V", "lowest terminal voltage of the pack", _ROBOT, "pack_voltage_V", "least"),
+    Way("distance_m", "m", "way that the robot drives, forwards and backwards", _ROBOT),
+    Ratio(
+        "energy_per_metre_J", "J/m", "energy of the pack per metre of way", _ROBOT, ("pack_W",), ("ground_speed_m_s",)
+    ),
     Integral("mean_speed_rad_s", "rad/s", "speed of the motor, mean over time", _DRIVE, ("speed_rad_s",), mean=True),
     *(
         metric
@@ -293,9 +317,6 @@ _CAUSES = {
 _ON_REQUEST = (
     FittedGradient(
         "soc_gradient_fitted", "1/s", "slope of the straight line through the state of charge", _BATTERY, "soc"
-    ),
-    Ratio(
-        "energy_per_metre_J", "J/m", "energy of the pack per metre of way", _ROBOT, ("pack_W",), ("ground_speed_m_s",)
     ),
     Ratio(
         "efficiency",

@@ -12,7 +12,7 @@ from jaxmodel.base.units import unit_of
 from jaxmodel.case.build import case_model
 from jaxmodel.case.forms import parse_case
 from jaxmodel.case.measurements import KINDS, file_label, read_utf8
-from jaxmodel.case.presets import located, why_not
+from jaxmodel.case.presets import located, read_preset, why_not
 from jaxmodel.case.reading import read_case
 from jaxmodel.case.records import Case
 from jaxmodel.effects import own_effects
@@ -84,7 +84,7 @@ def prepare(study: StudyForm) -> Prepared:
             if info[name].whole and study.sample and name in study.sample.ranges:
                 raise SweepError(f"{where}: {name} takes whole numbers; put it on an axis instead.")
 
-    cutoff = study.cutoff.model_dump(exclude_none=True) or case.cutoff
+    cutoff = _cutoff(study, case)
     for name in study.store:
         outputs = KINDS[model.kind].outputs
         if name not in outputs:
@@ -123,6 +123,15 @@ def _case(study: StudyForm) -> Case:
         if _is_of_sensor(name, case.catalogue):
             raise SweepError(f"effects.{name}: a sweep has true values, not a sensor's readings; remove this effect.")
     return dataclasses.replace(case, effects=case.effects | study.effects)
+
+
+def _cutoff(study: StudyForm, case: Case) -> dict[str, float]:
+    """Return where lanes end: as the study says, else as its case does, else as the cells of its preset do."""
+    if study.cutoff is not None:
+        return study.cutoff.model_dump(exclude_none=True)
+    if study.case is not None or case.kind == "motor":
+        return case.cutoff
+    return read_preset(case.preset).cutoff
 
 
 def _initial_soc_of_case(study: StudyForm) -> dict[str, Any]:

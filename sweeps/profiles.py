@@ -11,6 +11,7 @@ import numpy as np
 from jaxmodel.base.errors import SweepError, instead
 from jaxmodel.base.units import LARGEST
 from jaxmodel.case.measurements import KINDS, file_label, read_measurements
+from jaxmodel.case.plausible.ranges import mend_into
 from jaxmodel.case.run_csv import read_header
 from jaxmodel.model.electrothermal import Model
 from jaxmodel.model.profile import MOST_ROWS, Profile, constant
@@ -40,7 +41,9 @@ def check_input(name: str, kind: str, values: Sequence[float] | np.ndarray, wher
     lower, upper = _INPUT_BOUNDS.get(name, (-LARGEST, LARGEST))
     for value in values:
         if not lower <= value <= upper:
-            raise SweepError(f"{where}: {value:g} is outside {lower:g} to {upper:g}; correct the value or its unit.")
+            mend = mend_into(name, float(value), lower, upper)
+            todo = "correct the value or its unit" if mend is None else mend.sentence()
+            raise SweepError(f"{where}: {value:g} is outside {lower:g} to {upper:g}; {todo}.")
 
 
 def build_profile(form: ProfileForm, folder: Path, model: Model, varied: dict[str, float]) -> Profile:

@@ -56,7 +56,7 @@ class Study(StudyForm):
         metrics: names of shipped metrics, or instances of `jaxmodel.sweeps.Metric`; by default all that the kind has.
         store: columns that are stored over time too, at every `store_every`-th row.
         store_every: a number of rows.
-        cutoff: where a run ends before its profile does; the case's where there is one.
+        cutoff: where a run ends before its profile does; {} for nowhere, None for that of the case or the preset.
         own_effects: effect classes of your own, known to this study beside the catalogue.
         folder: where relative paths start; of a study file, its folder.
 

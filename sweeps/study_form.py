@@ -42,7 +42,7 @@ class StudyFields(TypedDict, total=False):
     metrics: Sequence[str | Metric]
     store: Sequence[str]
     store_every: int
-    cutoff: CutoffEntry | Mapping[str, float]
+    cutoff: CutoffEntry | Mapping[str, float] | None
     own_effects: Iterable[type[Effect]]
     folder: Path
 
@@ -66,7 +66,7 @@ class StudyForm(Form):
     metrics: list[str | Metric] = Field(default_factory=list)
     store: list[str] = Field(default_factory=list)
     store_every: int = Field(default=1, ge=1)
-    cutoff: CutoffEntry = CutoffEntry()
+    cutoff: CutoffEntry | None = None
     own_effects: list[type[Effect]] = Field(default_factory=list, exclude=True, repr=False)
     folder: Path = Field(default=Path(), exclude=True, repr=False)
 

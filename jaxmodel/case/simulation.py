@@ -14,6 +14,7 @@ from jaxmodel.case.measurements import KINDS
 from jaxmodel.case.plotting import SimulationPlots
 from jaxmodel.case.records import Case, Run
 from jaxmodel.model.pieces import run_in_pieces
+from jaxmodel.model.possible import LIMITS, possible
 from jaxmodel.model.simulation import Cutoff, Status
 
 
@@ -41,6 +42,15 @@ class SimulatedRun:
             said.append(f"{self.run.name} reached its cut-off at {self.end_s:g} s; the rows after it are empty.")
         if self.status == Status.NOT_FINITE:
             said.append(f"{self.run.name} produced numbers that are not finite; check its parameters and inputs.")
+        if self.status == Status.IMPOSSIBLE:
+            beyond = [
+                name
+                for name in LIMITS
+                if name in self.table and not np.all(possible({name: self.table[name].dropna()}))
+            ]
+            far = ", ".join(f"{name} up to {self.table[name].abs().max():.3g}" for name in beyond)
+            where = f" ({far})" if far else ""
+            said.append(f"{self.run.name} goes where nothing can be{where}; check its parameters and inputs.")
         invalid = np.flatnonzero(~self.table["valid"].to_numpy(dtype=bool))
         if invalid.size:
             first = float(self.table["time_s"].iloc[invalid[0]])

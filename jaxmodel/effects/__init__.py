@@ -15,6 +15,7 @@ from collections.abc import Iterable
 
 from jaxmodel.base.errors import EffectError
 from jaxmodel.effects import battery, drive, sensors
+from jaxmodel.effects.order import refuse_what_comes_later
 from jaxmodel.effects.sensors import SensorEffect
 from jaxmodel.effects.specimen import scale_of
 from jaxmodel.model.declaration import describe
@@ -35,7 +36,8 @@ def own_effects(classes: Iterable[type[Effect]]) -> dict[str, type[Effect]]:
     """Return the user's own effects by name, after a check that they are complete.
 
     Raises:
-        EffectError: a class lacks a declaration, or has the name of another effect.
+        EffectError: a class lacks a declaration, has the name of another effect, or reads at a port what the model
+            does not know there yet.
     """
     found: dict[str, type[Effect]] = {}
     for cls in classes:
@@ -45,6 +47,7 @@ def own_effects(classes: Iterable[type[Effect]]) -> dict[str, type[Effect]]:
             raise EffectError(f"{cls.__name__} has no {missing}; docs/your_own_effect.md shows a complete one.")
         if cls.name in CATALOGUE or cls.name in found:
             raise EffectError(f"{cls.__name__}: an effect called '{cls.name}' exists already; give it another name.")
+        refuse_what_comes_later(cls)
         found[cls.name] = cls
     return found
 

@@ -17,6 +17,7 @@ from jaxtyping import Array
 
 from jaxmodel.model.electrothermal import Model, Readings, initial_state, read, step, valid
 from jaxmodel.model.flow import State
+from jaxmodel.model.possible import possible
 from jaxmodel.model.profile import Profile
 from jaxmodel.model.robot import Inputs
 from jaxmodel.model.scan import ROUND, states_after
@@ -86,6 +87,7 @@ def run_in_pieces(
     delayed = tuple(dict.fromkeys(effect.column for effect in sensors_of(model) if effect.has_state))
     readings: dict[str, np.ndarray] = {}
     is_valid, is_finite, end, ended = np.ones(rows, dtype=bool), True, rows - 1, False
+    is_possible = np.ones(rows, dtype=bool)
     within: list[tuple[_Steps, _Seen]] = []
     for steps, count in _pieces(steps_of or model, profile, size):
         held = np.append(row_before, steps.row)
@@ -98,6 +100,7 @@ def run_in_pieces(
             readings.setdefault(name, np.full(rows, np.nan))[held[at]] = values[at]
         is_valid[held[at]] = seen.valid[at]
         is_finite &= bool(np.all(seen.finite[at]))
+        is_possible[held[at]] = possible({name: values[at] for name, values in seen.readings.items()})
         row_before = int(steps.row[-1])
         if delayed:
             within.append((steps, seen))
@@ -111,7 +114,9 @@ def run_in_pieces(
             readings[name] = _read_by_sensors(model, name, readings[name], within)
         readings[name][end + 1 :] = np.nan
     is_valid[end + 1 :] = True
-    status = Status.NOT_FINITE if not is_finite else Status.REACHED_CUTOFF if ended else Status.COMPLETE
+    status = Status.REACHED_CUTOFF if ended else Status.COMPLETE
+    status = status if is_possible[: end + 1].all() else Status.IMPOSSIBLE
+    status = status if is_finite else Status.NOT_FINITE
     return Course(readings, is_valid, status, end)
 
 

@@ -24,7 +24,8 @@ class CellContext(eqx.Module):
     """The quantities available to an effect on a port of the cell: for one cell, SI, temperatures in degC.
 
     Ports are evaluated in order: temperature, usable charge, open-circuit voltage and resistances, then quantities that
-    depend on the current. Quantities of later ports are zero in the context.
+    depend on the current. Quantities of later ports are zero in the context; an effect of a user that reads one there
+    is refused (`jaxmodel.effects.order`).
     """
 
     parameters: Parameters

@@ -15,6 +15,7 @@ from jaxmodel.model.declaration import Scalar
 from jaxmodel.model.electrothermal import Model, Readings, initial_state, read, step, valid
 from jaxmodel.model.flow import State
 from jaxmodel.model.ports import touches
+from jaxmodel.model.possible import possible
 from jaxmodel.model.profile import (
     BENDING_STEP_SHARE,
     GROWTH,
@@ -32,11 +33,16 @@ from jaxmodel.model.sensors import distort, has_dynamic_sensors
 
 
 class Status(enum.IntEnum):
-    """How a run, or one lane of a batch, ended."""
+    """How a run, or one lane of a batch, ended.
+
+    A run is `IMPOSSIBLE` that went where nothing can be (`jaxmodel.model.possible`): a winding above the melting point
+    of copper, say. Its numbers are kept, because they show how far it went.
+    """
 
     COMPLETE = 0
     REACHED_CUTOFF = 1
     NOT_FINITE = 2
+    IMPOSSIBLE = 3
 
 
 def _as_array(value) -> Array:
@@ -229,7 +235,9 @@ def _run_true(
     finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(v)) for v in (*row_states.values(), *readings.values())]))
     completed = jnp.sum(running[track.last_step])
     ended = completed < time_s.shape[0] - 1
-    status = jnp.where(finite, jnp.where(ended, Status.REACHED_CUTOFF, Status.COMPLETE), Status.NOT_FINITE)
+    status = jnp.where(ended, Status.REACHED_CUTOFF, Status.COMPLETE)
+    status = jnp.where(jnp.all(possible(readings)), status, Status.IMPOSSIBLE)
+    status = jnp.where(finite, status, Status.NOT_FINITE)
     truth = Trajectory(
         time_s=time_s,
         readings=readings,

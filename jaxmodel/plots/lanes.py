@@ -14,7 +14,16 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from jaxmodel.plots.style import PAGE_CM, SEQUENCE, new_figure, power_of_ten, styled
-from jaxmodel.plots.sweeps import axes_by_influence, chosen_axes, first_metric, held_at_middle, label_of, metrics_in
+from jaxmodel.plots.sweeps import (
+    axes_by_influence,
+    chosen_axes,
+    first_metric,
+    held_at_middle,
+    label_of,
+    metrics_in,
+    outside_range,
+    that_nothing_changes,
+)
 
 MOST_LINES = 1500
 MOST_METRICS = 4
@@ -127,8 +136,9 @@ def panels(
     if by is None:
         left = [axis for axis in axes_by_influence(dataset, metric) if axis not in over]
         by = left[:2] or chosen_axes(dataset, metric, [*over, None])[2:]
+    idle = that_nothing_changes(dataset, metric)
     dataset, held = held_at_middle(dataset, [*over, *by])
-    title = held if title is None else title
+    title = "; ".join(part for part in (held if title is None else title, idle) if part)
     picked = [
         np.unique(np.linspace(0, dataset.sizes[axis] - 1, min(most, dataset.sizes[axis])).astype(int))
         for axis, most in zip(by, MOST_PANELS, strict=False)
@@ -138,8 +148,7 @@ def panels(
     factor, power = power_of_ten(values.to_numpy())
     finite = values.to_numpy()[np.isfinite(values.to_numpy())] * factor
     norm = Normalize(finite.min(), finite.max()) if finite.size else Normalize(0.0, 1.0)
-    outside = dataset["valid_share"] < 1.0 if "valid_share" in dataset else xr.zeros_like(dataset[metric], dtype=bool)
-    outside = outside.transpose(*reversed(over), *by)
+    outside = outside_range(dataset, metric).transpose(*reversed(over), *by)
     figure = new_figure(PAGE_CM, 3.0 + 4.0 * rows.size)
     grid = figure.subplots(rows.size, picked[0].size, squeeze=False, sharex=True, sharey=True)
     x, y = (dataset[axis].to_numpy() for axis in over)

@@ -18,6 +18,7 @@ from matplotlib.patches import Rectangle
 
 from jaxmodel.base.errors import SweepError
 from jaxmodel.base.units import split_unit
+from jaxmodel.model.simulation import Status
 from jaxmodel.plots.style import (
     BLUE,
     ORANGE,
@@ -33,6 +34,7 @@ from jaxmodel.sweeps.results import NO_METRICS
 from jaxmodel.sweeps.study import LANE
 
 MOST_CURVES = 18  # as many as have room for their names at their ends
+_SAME = 1e-12  # share of a metric's size by which rounding changes it
 
 
 def label_of(dataset: xr.Dataset, name: str, power: str = "") -> str:
@@ -64,6 +66,28 @@ def axes_by_influence(dataset: xr.Dataset, name: str) -> list[str]:
         return float(means.max() - means.min())
 
     return sorted(axes, key=spread, reverse=True)
+
+
+def that_nothing_changes(dataset: xr.Dataset, name: str) -> str:
+    """Return in words along which axes a variable is the same in all lanes; "" where each axis changes it."""
+    values = dataset[name]
+    same = []
+    for axis in axes_by_influence(dataset, name):
+        extremes = values.max(axis), values.min(axis)
+        scale = float(abs(values).max())
+        if axis != LANE and bool(np.all((extremes[0] - extremes[1]).fillna(0.0) <= _SAME * scale)):
+            same.append(axis)
+    return f"{' and '.join(same)} {'change' if len(same) > 1 else 'changes'} nothing here" if same else ""
+
+
+def outside_range(dataset: xr.Dataset, name: str) -> xr.DataArray:
+    """Return where lanes left the range of the equations, or went where nothing can be."""
+    outside = xr.zeros_like(dataset[name], dtype=bool)
+    if "valid_share" in dataset:
+        outside = outside | (dataset["valid_share"] < 1.0)
+    if "status" in dataset:
+        outside = outside | (dataset["status"] == Status.IMPOSSIBLE)
+    return outside
 
 
 def held_at_middle(dataset: xr.Dataset, drawn: Sequence[str]) -> tuple[xr.Dataset, str]:
@@ -219,6 +243,7 @@ def heat_map(
     """
     metric = metric if metric is not None else first_metric(dataset)
     x, y = chosen_axes(dataset, metric, [x, y])
+    idle = that_nothing_changes(dataset, metric)
     dataset, held = held_at_middle(dataset, [x, y])
     table = dataset[metric].transpose(y, x).to_numpy()
     factor, power = power_of_ten(table)
@@ -230,11 +255,7 @@ def heat_map(
     mesh = axes.pcolormesh(
         np.arange(table.shape[1] + 1), np.arange(table.shape[0] + 1), table, cmap=SEQUENCE, norm=norm
     )
-    outside = (
-        dataset["valid_share"].transpose(y, x).to_numpy() < 1.0
-        if "valid_share" in dataset
-        else np.zeros(table.shape, bool)
-    )
+    outside = outside_range(dataset, metric).transpose(y, x).to_numpy()
     for row, column in np.argwhere(outside):
         axes.add_patch(Rectangle((column, row), 1, 1, fill=False, hatch="////", lw=0.0, edgecolor="#ffffff60"))
     if table.size <= 120:
@@ -246,12 +267,12 @@ def heat_map(
                 )
     _name_cells(axes.xaxis, dataset[x].to_numpy())
     _name_cells(axes.yaxis, dataset[y].to_numpy())
-    note = "\nhatched: for some of the time outside the range of the cell's equations" if outside.any() else ""
+    note = "\nhatched: for some of the time outside the range of the equations" if outside.any() else ""
     axes.set_xlabel(label_of(dataset, x) + note)
     axes.set_ylabel(label_of(dataset, y))
     axes.grid(visible=False)
     figure.colorbar(mesh, ax=axes, label=label_of(dataset, metric, power), pad=0.02)
-    _head(axes, held if title is None else title)
+    _head(axes, held if title is None else title, idle)
     return figure
 
 

@@ -301,3 +301,16 @@ def test_a_right_motor_is_never_refused(k_tau, supply, share, stall, ambient, ba
 )
 def test_real_and_development_cases_are_taken(path: Path) -> None:
     assert tomllib.loads((path / "case.toml").read_text())["kind"] == read_case(path).kind
+
+
+def test_a_capacity_that_nobody_stated_refuses_no_cell(right: dict[str, Case]):
+    """The paper's capacity stands in for it: what rests on that is a doubt, and says that none is stated."""
+    wrong = column(right["cell"], "current_A", lambda values: 1000.0 * values)
+    with pytest.raises(MeasurementError, match="it is in mA"):
+        check(wrong)
+    unstated = {name: known for name, known in wrong.parameters.items() if name != "capacity_Ah"}
+    wrong = dataclasses.replace(wrong, parameters=unstated)
+    check(wrong)
+    (doubt,) = doubts(wrong)
+    assert "because none is stated: state it" in doubt
+    assert "it is in mA" in doubt

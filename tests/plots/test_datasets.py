@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jaxmodel import sensitivity, sweeps
+from jaxmodel import Status, sensitivity, sweeps
 from jaxmodel.base.errors import SweepError
 from jaxmodel.plots.datasets import MOST_DRAWN, pictures_of, save_pictures, thinned
 from jaxmodel.plots.global_indices import bars
@@ -38,6 +38,25 @@ def study() -> sweeps.Study:
         profile={"duration_s": 40, "step_s": 10, "current_A": 2.0, "ambient_degC": 20.0},
         sample={"count": 8, "ranges": {"capacity_Ah": (2.0, 4.0), "current_A": (1.0, 2.0)}},
     )
+
+
+def test_a_map_says_which_axis_changes_nothing() -> None:
+    dataset = grid(a=2, b=3)
+    assert heat_map(dataset).axes[0].get_title(loc="right") == ""
+    still = dataset.assign(energy_Wh=dataset["energy_Wh"].isel(a=0) + 0.0 * dataset["energy_Wh"])
+    assert heat_map(still).axes[0].get_title(loc="right") == "a changes nothing here"
+    assert "a changes nothing here" not in str(panels(grid(a=2, b=2, c=2)).get_suptitle())
+    over_c = still.expand_dims(c=[1.0, 2.0])
+    assert panels(over_c).get_suptitle() == "c and a change nothing here"
+
+
+def test_lanes_that_are_impossible_are_hatched() -> None:
+    dataset = grid(a=2, b=3)
+    assert not heat_map(dataset).axes[0].patches
+    dataset["status"][1, 2] = Status.IMPOSSIBLE
+    (patch,) = heat_map(dataset).axes[0].patches
+    assert patch.get_hatch() == "////"
+    assert "hatched" in heat_map(dataset).axes[0].get_xlabel()
 
 
 def test_pictures_of_a_large_result_are_of_a_part_of_its_lanes(tmp_path: Path) -> None:

@@ -154,6 +154,7 @@ def study(**changes) -> Study:
         "parameters": {"storage_months": 0.0},
         "axes": {"ambient_degC": [10.0], "initial_soc": [0.6, 0.8, 0.9]},
         "sample": {"count": 4, "ranges": {"current_A": [1.0, 5.0], "cycles": [0.0, 100.0]}},
+        "cutoff": {},
     }
     return Study(**(fields | changes))
 

@@ -26,11 +26,15 @@ ROBOT: dict[str, Any] = {
 @pytest.mark.parametrize(
     ("study", "axes", "said"),
     [
-        (CELL, {"mass_kg": [5.0, 9.0], "cycles": [1, 100]}, {"mass_kg": ""}),
-        (CELL, {"k_tau": [0.03, 0.04]}, {"k_tau": ""}),
-        (CELL, {"initial_temperature_rise_K": [0.0, 5.0]}, {"initial_temperature_rise_K": "self_heating"}),
+        (CELL, {"mass_kg": [5.0, 9.0], "cycles": [1, 100]}, {"mass_kg": 'set kind = "robot"'}),
+        (CELL, {"k_tau": [0.03, 0.04]}, {"k_tau": 'set kind = "motor" or "robot"'}),
+        (CELL, {"initial_temperature_rise_K": [0.0, 5.0]}, {"initial_temperature_rise_K": "turn on self_heating"}),
         (CELL, {"scale.current_A": [0.5, 1.0], "initial.soc": [0.5, 1.0], "ambient_degC": [0.0, 20.0]}, {}),
-        (ROBOT, {"mass_kg": [5.0, 9.0], "R_0": [0.1, 0.2]}, {"mass_kg": ""}),
+        (
+            ROBOT,
+            {"mass_kg": [5.0, 9.0], "R_0": [0.1, 0.2], "gear_ratio": [100.0, 150.0]},
+            {"gear_ratio": "add distance_m to the metrics", "mass_kg": "state incline_deg instead of load_torque_Nm"},
+        ),
     ],
     ids=["of a robot", "of a motor", "of an effect", "inputs and starts", "beside a stated torque"],
 )

@@ -37,7 +37,7 @@ def robots() -> xr.Dataset:
             effects=EFFECTS,
             profile={"mission": mission, "ambient_degC": 20.0, "flipper_torque_Nm": 0.05, "flipper_duty": 0.2},
             axes={"scale.load_torque_Nm": [0.5, 1.0], "bridge_resistance.R_on": [0.0, 0.05]},
-            metrics=[*metrics_on_request("robot"), *MORE, balance("robot")],
+            metrics=[*metrics_on_request("robot"), "distance_m", "energy_per_metre_J", *MORE, balance("robot")],
             store=["soc"],
         )
     )  # fmt: skip
@@ -60,6 +60,7 @@ def test_shares_of_the_losses_add_up_and_follow_their_cause(robots):
 def test_energy_per_metre_is_energy_over_way(robots):
     """Way = mean speed x time x r / G; every lane drives forward only."""
     metres = robots["mean_speed_rad_s"] * 140.0 * 0.1 / 156.0
+    np.testing.assert_allclose(robots["distance_m"], metres, rtol=1e-9)
     np.testing.assert_allclose(robots["energy_per_metre_J"], 3600.0 * robots["delivered_energy_Wh"] / metres, rtol=1e-9)
 
 

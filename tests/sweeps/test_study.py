@@ -359,7 +359,11 @@ WRONG = {
     "missing input": ("ambient_degC =", "initial_soc = [1]\n#", "needs the input 'ambient_degC'"),
     "input twice": ("duty = 0.3", "duty = 0.3\nV_set = 3", "takes one, not both, of the inputs duty and V_set"),
     "unknown metric": (ROBOT, f'{ROBOT}\nmetrics = ["soc_gradiant"]', "a robot has no metric 'soc_gradiant'. Did"),
-    "time to no cut-off": (ROBOT, f'{ROBOT}\nmetrics = ["time_to_cutoff_s"]', "needs a [cutoff] with soc or voltage_V"),
+    "time to no cut-off": (
+        ROBOT,
+        f'{ROBOT}\ncutoff = {{}}\nmetrics = ["time_to_cutoff_s"]',
+        "needs a [cutoff] with soc or voltage_V",
+    ),
     "metric of another kind": (
         ROBOT,
         f'{ROBOT}\nmetrics = ["min_voltage_V"]',

@@ -107,6 +107,11 @@ def print_sweep(dataset: xr.Dataset) -> None:
     for status, what in (
         (Status.REACHED_CUTOFF, "reached their cut-off"),
         (Status.NOT_FINITE, "ran into numbers that are not finite"),
+        (
+            Status.IMPOSSIBLE,
+            "went where nothing can be (a winding above the melting point of copper, a cell that gives twice its "
+            "charge): their numbers are no result; check the values and units of the study",
+        ),
     ):
         if count := int((dataset["status"] == int(status)).sum()):
             terminal.say(f"{count:,} of {lanes:,} lanes {what}.")

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from jaxmodel.base.errors import MeasurementError
 from jaxmodel.case.plausible.cell import wrong_cell
 from jaxmodel.case.plausible.finding import Finding
-from jaxmodel.case.plausible.motor import wrong_motor
+from jaxmodel.case.plausible.motor import odd_load, wrong_motor
 from jaxmodel.case.plausible.ranges import fahrenheit, wrong_columns, wrong_tables
 from jaxmodel.case.records import Case
 
@@ -22,7 +22,8 @@ def findings(case: Case) -> Iterator[Finding]:
         yield from wrong_columns(case, run)
     yield from fahrenheit(case)
     yield from wrong_cell(case)
-    yield from wrong_motor(case)
+    wrong = tuple(wrong_motor(case))
+    yield from wrong or odd_load(case)
 
 
 def check(case: Case) -> None:

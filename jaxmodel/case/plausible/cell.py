@@ -166,14 +166,26 @@ def wrong_cell(case: Case) -> Iterator[Finding]:
     before = np.array([loop.error() for loop in loops])
     after = np.array([[loop.error(mend) for loop in loops] for mend in mends])
     if finding := _verdict(case, loops, mends, before, after, CERTAIN):
-        yield finding
+        yield _as_sure_as_the_capacity(case, finding)
         return
     for one in range(len(loops)):
         if finding := _verdict(case, loops[one:][:1], mends, before[one:][:1], after[:, one:][:, :1], CERTAIN_OF_ONE):
-            yield finding
+            yield _as_sure_as_the_capacity(case, finding)
             return
     if finding := _verdict(case, loops, mends, before, after, LIKELY):
         yield dataclasses.replace(finding, certain=False)
+
+
+def _as_sure_as_the_capacity(case: Case, finding: Finding) -> Finding:
+    """Return a finding that is uncertain where it rests on a capacity of a cell that nobody stated."""
+    reversed_sign = any(mend.factor == -1.0 for mend in finding.mends)
+    return finding if reversed_sign or not _capacity_of_the_paper(case) else dataclasses.replace(finding, certain=False)
+
+
+def _capacity_of_the_paper(case: Case) -> bool:
+    """Return whether no capacity of a cell is stated, so that the paper's stands in for it."""
+    stated = "capacity_Ah" in case.parameters or any("capacity_Ah" in run.overrides for run in case.runs)
+    return case.kind == "cell" and not stated
 
 
 def _capacity_is_a_guess(case: Case) -> bool:
@@ -209,6 +221,8 @@ def _finding(case: Case, loop: Loop, mends: list[Mend], before: float, after: fl
     first = mends[0]
     largest_A = float(loop.current_A[np.argmax(np.abs(loop.current_A))])
     capacity = f"capacity_Ah = {loop.capacity_Ah:g}"
+    if _capacity_of_the_paper(case):
+        capacity += " (the paper's, because none is stated: state it)"
     whole = "it" if first.name == "capacity_Ah" else capacity
     if first.name == "capacity_Ah":
         seen = capacity

@@ -14,6 +14,7 @@ import numpy as np
 
 from jaxmodel.case.plausible.cell import open_circuit
 from jaxmodel.case.plausible.finding import Finding, Mend, column, number, place
+from jaxmodel.case.plausible.load import Steady, load_of
 from jaxmodel.case.records import Case, Run
 
 MENDS = (
@@ -134,6 +135,28 @@ def wrong_motor(case: Case) -> Iterator[Finding]:
         if scores:
             yield _finding(case, run, drive, off, found, scores)
             return
+
+
+def odd_load(case: Case) -> Iterator[Finding]:
+    """Yield a load torque that the currents of all runs together contradict, of a motor alone."""
+    if case.kind != "motor":
+        return
+    drives = [(run, drive) for run in case.runs if (drive := drive_of(case, run)) is not None]
+    read = [
+        Steady(d.time_s, d.voltage_V, d.current, d.speed_rad_s, d.load_torque_Nm)
+        for _, d in drives
+        if d.voltage_V is not None
+        and d.current is not None
+        and d.speed_rad_s is not None
+        and d.load_torque_Nm is not None
+    ]
+    found = load_of(read)
+    if found is None or found.possible:
+        return
+    mends = () if found.mend is None else (found.mend,)
+    largest = max(float(np.nanmax(np.abs(run.load_torque_Nm))) for run in read)
+    where = place(case, drives[0][0], "load_torque_Nm")
+    yield Finding(where, f"{largest:.4g} (largest)", found.sentence(), mends, certain=False)
 
 
 def _finding(

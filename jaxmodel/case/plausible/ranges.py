@@ -102,6 +102,18 @@ RULES = (
         _scaled("pack_voltage_V", "V"),
     ),
 )
+RULE_OF = {rule.channel: rule for rule in RULES}
+
+
+def mend_into(channel: str, value: float, low: float, high: float) -> Mend | None:
+    """Return the mistake of unit that explains why a value of a column is outside its limits; None if none does."""
+    mends = RULE_OF[channel].mends if channel in RULE_OF else ()
+    return next((mend for mend in mends if low <= float(mend.apply(value)) <= high), None)
+
+
+# More hold few: those of stationary stores have 280 to 314 A h, some of the newest more (assumed) [A h]. What is beyond
+# may be, and is said.
+LARGEST_CELL_AH = 400.0
 # A single cell, or a pack that is taken for one, has no more [V]; mV of any chemistry are more.
 _MOST_OCV = 1000.0
 

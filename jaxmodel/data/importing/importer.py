@@ -25,6 +25,7 @@ from jaxmodel.data.importing.joining import copies, joined
 from jaxmodel.data.importing.listing import Listed, read_listing
 from jaxmodel.data.importing.loading import NotALog, load
 from jaxmodel.data.importing.logs import Log, columns_of
+from jaxmodel.data.importing.mistakes import SWAPPED, exchanged, odd_units
 from jaxmodel.data.importing.motor_constants import constants_of
 from jaxmodel.data.importing.options import Kind, Options, checked
 from jaxmodel.data.importing.outliers import without_outliers
@@ -82,6 +83,8 @@ def import_case(
     general += clockless
     logs = joined(logs)
     _refuse_no_voltage(logs, kind, options)
+    if kind == "cell":
+        logs = [log if (odd := exchanged(log)) is None else log.also(odd) for log in logs]
     logs = _signed(logs, kind, options, ask)
     runs = [run for log in logs for run in split(_scaled(log, kind, options), options)]
     runs = [_complete(with_speed(run), kind, options, listed.get(run.source.name)) for run in runs]
@@ -184,13 +187,13 @@ def _signed(logs: list[Log], kind: Kind, options: Options, ask: Ask | None) -> l
         with_current = [log for log in logs if "current_A" in log.columns]
         try:
             settled = settle(with_current, options.sign, options.accept_unsettled_sign) if with_current else []
-        except MeasurementError:
+        except MeasurementError as error:
+            said = next((sentence for log in with_current if (sentence := _if_exchanged(log))), "")
             if ask is None:
-                raise
+                raise MeasurementError(said or str(error)) from error
             choices = ("discharge-positive", "charge-positive")
-            question = Question(
-                "The readings do not settle the sign of the current. What is it?", "--sign", choices, choices[0]
-            )
+            open_one = f"{said} The readings do not settle the sign of the current. What is it?".strip()
+            question = Question(open_one, "--sign", choices, choices[0])
             settled = settle(with_current, ask(question), True)
         by_name = {id(before): after for before, after in zip(with_current, settled, strict=True)}
         logs = [by_name.get(id(log), log) for log in logs]
@@ -198,6 +201,11 @@ def _signed(logs: list[Log], kind: Kind, options: Options, ask: Ask | None) -> l
         logs = [_flipped(log, ("current_A", "pack_current_A", "motor_current_A")) for log in logs]
     logs = [_flipped(log, options.flip) for log in logs]
     return [motor_signs(log) for log in logs] if kind == "motor" else logs
+
+
+def _if_exchanged(log: Log) -> str:
+    """Return the sentence that current and voltage of a log may be exchanged; "" where they do not look so."""
+    return next((finding.sentence for finding in log.findings if finding.what == SWAPPED), "")
 
 
 def _flipped(log: Log, names: Sequence[str]) -> Log:
@@ -221,6 +229,8 @@ def _scaled(log: Log, kind: Kind, options: Options) -> Log:
             log = log.also(Decision(name, log.name, f"divided by {count} {how}", "stated", "user"))
     voltage = log.columns.get("voltage_V")
     if voltage is not None and (middle := float(np.nanmedian(voltage))) > 5.0:
+        if said := _if_exchanged(log):
+            raise MeasurementError(said)
         count = round(middle / 3.65) if middle < 1000.0 else 0
         todo = f"--cells-in-series {count}" if count else "--unit"
         raise MeasurementError(
@@ -333,6 +343,8 @@ def _assembled(
             ImportedRun(run if start is None else charge.told(run, start), part, label, ambient, start, condition)
         )
     general += _about_capacity(capacity, full, options)
+    warmth = [one.ambient_degC for one in done]
+    general += odd_units([one.log for one in done], warmth, capacity, full, options)
     constants = {} if kind != "motor" or options.preset else constants_of([run for run, _ in warmed])
     general += [Decision(n, "", f"{k.value:.4g} ± {k.sd:.2g}", k.why, "assumed") for n, k in constants.items()]
     return Imported(kind, tuple(done), options, capacity, full, constants, tuple(general))
