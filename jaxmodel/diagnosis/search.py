@@ -31,6 +31,8 @@ TELLING = 6.0
 REDUCED = 0.1
 # A candidate is not refitted where another may enter that leaves less than this share of Q at its first point. Assumed.
 FAR_LESS = 0.5
+# Effects that are tried with another beside them, where none alone has enough evidence. Assumed.
+MOST_TOGETHER = 2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,17 +79,18 @@ class Search(Comparison):
                 entered, refused = self._entering(model)
                 if entered is None or not self._reduces_what_is_missed(model, entered):
                     entered = self._entering_beside(model) or entered
-                if entered is None and has_kinetics:
-                    break
-                if entered is None:
+                if entered is None and not has_kinetics:
                     before, has_kinetics = model, True
                     model = self._with_kinetics(before)
-                    if model == before:
-                        break
-                    continue
-                cache.report(f"adding {entered}")
-                model = cache.space.key((*model, entered))
-                model = self._needed(model, (*start, entered))
+                    if model != before:
+                        continue
+                if entered is not None:
+                    cache.report(f"adding {entered}")
+                    model = self._needed(cache.space.key((*model, entered)), (*start, entered))
+                elif together := self._entering_together(model, refused):
+                    model = self._needed(together, start)
+                else:
+                    break
                 if model in path:
                     break
                 path.append(model)
@@ -105,7 +108,7 @@ class Search(Comparison):
     def found(self, model: Sequence[str], path: Sequence[tuple[str, ...]], refused: Mapping[str, Test]) -> Found:
         """Return the result of a search that ends at a model, with the tests of its additions."""
         tests = {label: self.final_test(model, label) for label in model}
-        refused = {label: one for label, one in refused.items() if label not in model}
+        refused = {label: one for label, one in refused.items() if one.significant and label not in model}
         return Found(self.cache.fit(model), tuple(path), tests, refused, self._rivals(tuple(model)))
 
     # What may enter
@@ -208,7 +211,7 @@ class Search(Comparison):
                 found.append((test.gain - test.odds, test))  # of one model: all odds are held against the same data
         found.sort(key=lambda one: -one[0])
         best = next((test for over, test in found if over > 0.0 and test.enters), None)
-        return (best.label if best else None), {test.label: test for _, test in found if test.significant}
+        return (best.label if best else None), {test.label: test for _, test in found}
 
     def _may_be_significant(self, before: Fit, label: str, left: float) -> bool:
         """Return True if a candidate that leaves so much of Q at its first point may be significant after a refit.
@@ -224,6 +227,38 @@ class Search(Comparison):
         before, after = (cache.fit(one).mean_squares(cache.view) for one in (model, (*model, label)))
         missed = [name for name, square in before.items() if square > cache.tolerances[name] ** 2]
         return not missed or any(after[name] < (1.0 - REDUCED) * before[name] for name in missed)
+
+    def _entering_together(self, model: tuple[str, ...], tests: Mapping[str, Test]) -> tuple[str, ...] | None:
+        """Return the model with two more effects that are needed only beside each other; None if there are none.
+
+        While much is missed few errors are independent, and what explains half of them has little evidence: cells of
+        some age have lost capacity and conduct worse. Once both are in, each is asked as in any model.
+
+        Args:
+            model: whose errors are beyond tolerance, and to which no single effect may be added.
+            tests: of those that were tried.
+        """
+        cache = self.cache
+        if cache.is_within_tolerance(cache.fit(model)):
+            return None
+        likely = [
+            test
+            for test in tests.values()
+            if test.gain > cache.settings.least_odds
+            and test.enters
+            and cache.space.candidates[test.label].group == "effect"
+            and self._reduces_what_is_missed(model, test.label)
+        ]
+        for first in sorted(likely, key=lambda one: one.odds - one.gain)[:MOST_TOGETHER]:
+            together = cache.space.key((*model, first.label))
+            second, _ = self._entering(together)
+            if second is None:
+                continue
+            both = cache.space.key((*together, second))
+            if self.test(both, first.label).significant:
+                cache.report(f"adding {first.label} and {second}")
+                return both
+        return None
 
     def _entering_beside(self, model: tuple[str, ...]) -> str | None:
         """Return a candidate that is named beside curves of what no table states, where errors of a model are left.
