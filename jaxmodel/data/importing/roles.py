@@ -101,7 +101,13 @@ class Role:
     commanded: bool = False
 
 
-def roles_of(names: Sequence[str], units: Mapping[str, str], kind: str, stated: Mapping[str, str]) -> dict[str, Role]:
+def roles_of(
+    names: Sequence[str],
+    units: Mapping[str, str],
+    kind: str,
+    stated: Mapping[str, str],
+    plain: Mapping[str, str] | None = None,
+) -> dict[str, Role]:
     """Return the columns of a file by what they become: by their names, else as the only one in a telling unit.
 
     A name whose unit nobody knows comes last; the unit is then asked for.
@@ -112,6 +118,7 @@ def roles_of(names: Sequence[str], units: Mapping[str, str], kind: str, stated: 
         kind: of the case.
         stated: by column of the case, the column of the files that the user names; '' for none. A name that this
             file does not have says nothing about it.
+        plain: by column of a known format, what it is called in plain words; '' for nothing of a case.
 
     Raises:
         MeasurementError: the user names a column of the case that there is not.
@@ -126,7 +133,9 @@ def roles_of(names: Sequence[str], units: Mapping[str, str], kind: str, stated: 
     for target, column in stated.items():
         if column in names:
             found[target] = Role(target, column, "stated")
+    plain = plain or {}
     taken = {role.column for role in found.values()}
+    names = [name for name in names if plain.get(name) != ""]
     open_targets = [target for target in targets if target not in found and stated.get(target) != ""]
     ranked: dict[str, list[tuple[int, int, str]]] = {target: [] for target in open_targets}
     unknown: dict[str, list[tuple[int, int, str]]] = {target: [] for target in open_targets}
@@ -134,7 +143,7 @@ def roles_of(names: Sequence[str], units: Mapping[str, str], kind: str, stated: 
     for position, name in enumerate(names):
         if name in taken:
             continue
-        for match in matches(name, units.get(name, "")):
+        for match in matches(plain.get(name, name), units.get(name, "")):
             if match.quantity in by_quantity:
                 some = unknown if match.unit_unknown else ranked
                 some[by_quantity[match.quantity]].append((match.rank, position, name))

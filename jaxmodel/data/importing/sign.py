@@ -233,7 +233,7 @@ def settle(logs: Sequence[Log], stated: str | None, accept: bool) -> list[Log]:
     # What one-signed files say of themselves says nothing of the bench: it may log magnitudes.
     signed = [log for log in free if not _of_one_sign(log.columns["current_A"])]
     all_of_them = pooled([found[id(log)] for log in signed or free])
-    fixed = [d.why for log in free for d in log.decisions if d.about == "convention" and d.value == "charge"]
+    fixed = [(d.value == "discharge", d.why) for log in free for d in log.decisions if d.about == "convention"]
     result = []
     for log in logs:
         if _settled(log):
@@ -258,7 +258,12 @@ def settle(logs: Sequence[Log], stated: str | None, accept: bool) -> list[Log]:
 
 
 def _decided(
-    log: Log, own: Evidence, together: Evidence, fixed: Sequence[str], stated: str | None, accept: bool
+    log: Log,
+    own: Evidence,
+    together: Evidence,
+    fixed: Sequence[tuple[bool, str]],
+    stated: str | None,
+    accept: bool,
 ) -> tuple[bool, Literal["user", "physics", "file", "assumed"], str]:
     """Return whether the current of a file is positive on discharge, who says so, and why."""
     if stated is not None:
@@ -270,7 +275,8 @@ def _decided(
         if found.strength >= _SETTLED:
             return found.odds >= 1.0, "physics", f"{_surely(found)}: {where}{found.sentence()}"
     if fixed:
-        return False, "file", fixed[0]
+        discharge, why = fixed[0]
+        return discharge, "file", why
     if accept:
         return True, "assumed", "the readings do not tell"
     raise MeasurementError(

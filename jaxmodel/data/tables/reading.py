@@ -17,10 +17,12 @@ from jaxmodel.case.measurements import file_label
 from jaxmodel.data.tables.columnar import read_columnar
 from jaxmodel.data.tables.delimited import Keep, read_delimited
 from jaxmodel.data.tables.json_tables import read_json
+from jaxmodel.data.tables.known_formats import known_format
 from jaxmodel.data.tables.loggers import PACKAGES, read_logger
 from jaxmodel.data.tables.matlab import read_matlab
 from jaxmodel.data.tables.raw_table import RawTable
 from jaxmodel.data.tables.spreadsheets import read_spreadsheet
+from jaxmodel.data.tables.unreadable import refuse_unreadable
 
 SPREADSHEETS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 COLUMNAR = (".parquet", ".pq", ".feather", ".arrow")
@@ -29,11 +31,6 @@ JSON = (".json", ".jsonl", ".ndjson")
 SUFFIXES = (*TEXT, *SPREADSHEETS, *COLUMNAR, *JSON, ".mat", *PACKAGES, ".gz")
 """The endings of files that `read_table` knows; a file of another is taken as text."""
 
-# The fixed names of the Battery Data Format: labels, and names for machines. Its current is positive on charge.
-_BATTERY_DATA_FORMAT = (
-    {"Test Time / s", "Current / A", "Voltage / V"},
-    {"test_time_second", "current_ampere", "voltage_volt"},
-)
 # By the ending of their files, makers whose current is positive on charge. Their own manuals.
 _POSITIVE_ON_CHARGE = {
     ".mpr": "BioLogic", ".mpt": "BioLogic", ".nda": "Neware", ".ndax": "Neware", ".res": "Arbin",
@@ -83,6 +80,7 @@ def read_table(
                 inside, columns=columns, rows=rows, sheet=sheet, encoding=encoding, delimiter=delimiter, decimal=decimal
             )
         return dataclasses.replace(table, source=path)
+    refuse_unreadable(path)
     keep = _keeper(columns, path)
     suffix = _suffix(path)
     if suffix in SPREADSHEETS:
@@ -169,11 +167,17 @@ def _selected(table: RawTable, keep: Keep | None, rows: int | None) -> RawTable:
 
 def _as_known(table: RawTable) -> RawTable:
     """Return a table with what its format fixes."""
-    names = {*map(str, table.frame), *table.left_out}
-    if any(fixed <= names for fixed in _BATTERY_DATA_FORMAT):
-        remark = "Battery Data Format: its current is positive on charge."
+    names = [name for name in (*map(str, table.frame), *table.left_out) if name != table.key]
+    if known := known_format(names):
+        columns = known.plain(names)
+        stated = {name: unit for name, (_, unit) in columns.items() if unit and name in table.frame}
         return dataclasses.replace(
-            table, format="Battery Data Format", remarks=(*table.remarks, remark), current_positive_on="charge"
+            table,
+            format=known.name,
+            units=dict(table.units) | stated,
+            remarks=(*table.remarks, known.remark),
+            current_positive_on=known.current_positive_on,
+            plain={name: plain for name, (plain, _) in columns.items()},
         )
     if maker := _POSITIVE_ON_CHARGE.get(table.source.suffix.lower()):
         remark = f"{maker}: its current is positive on charge."
