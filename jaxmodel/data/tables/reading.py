@@ -15,9 +15,11 @@ import pandas as pd
 from jaxmodel.base.errors import MeasurementError
 from jaxmodel.case.measurements import file_label
 from jaxmodel.data.tables.columnar import read_columnar
+from jaxmodel.data.tables.dataflash import is_dataflash, read_dataflash
 from jaxmodel.data.tables.delimited import Keep, read_delimited
 from jaxmodel.data.tables.json_tables import read_json
 from jaxmodel.data.tables.known_formats import known_format
+from jaxmodel.data.tables.labview import is_labview, read_labview
 from jaxmodel.data.tables.loggers import PACKAGES, read_logger
 from jaxmodel.data.tables.matlab import read_matlab
 from jaxmodel.data.tables.raw_table import RawTable
@@ -28,7 +30,7 @@ SPREADSHEETS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 COLUMNAR = (".parquet", ".pq", ".feather", ".arrow")
 TEXT = (".csv", ".tsv", ".txt", ".mpt", ".asc", ".log", ".lvm", ".bdf", "")
 JSON = (".json", ".jsonl", ".ndjson")
-SUFFIXES = (*TEXT, *SPREADSHEETS, *COLUMNAR, *JSON, ".mat", *PACKAGES, ".gz")
+SUFFIXES = (*TEXT, *SPREADSHEETS, *COLUMNAR, *JSON, ".mat", ".bin", *PACKAGES, ".gz")
 """The endings of files that `read_table` knows; a file of another is taken as text."""
 
 # By the ending of their files, makers whose current is positive on charge. Their own manuals.
@@ -93,6 +95,10 @@ def read_table(
         table = read_json(path, sheet)
     elif suffix in PACKAGES:
         table = read_logger(path)
+    elif is_dataflash(path):
+        table = read_dataflash(path, keep)
+    elif is_labview(path):
+        table = read_labview(path, encoding)
     else:
         table = read_delimited(path, keep=keep, rows=rows, encoding=encoding, delimiter=delimiter, decimal=decimal)
     if len(table.frame) == 0:
@@ -133,7 +139,7 @@ def _suffix(path: Path) -> str:
         start = stream.read(8)
     if suffix == ".dat":
         return suffix if start.startswith(b"MDF") else ".txt"
-    if suffix in TEXT or suffix not in SUFFIXES:
+    if suffix in (*TEXT, ".bin") or suffix not in SUFFIXES:
         return next((ending for mark, ending in _STARTS if start.startswith(mark)), ".txt")
     if suffix in SPREADSHEETS and re.match(rb"[\w#\"\xef]", start) and not start.startswith(b"PK"):
         return ".txt"  # text that a cycler's software has called .xls

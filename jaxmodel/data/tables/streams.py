@@ -1,0 +1,124 @@
+"""Streams of readings with clocks of their own, as robots log them, put into one table on the clock of one of them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from jaxmodel.base.errors import listed
+from jaxmodel.data.tables.delimited import Keep
+from jaxmodel.data.tables.names import matches
+from jaxmodel.data.tables.raw_table import units_in
+
+TIME = "Time (s)"
+# Quantities of which a log has few, by whose stream the others are read.
+_ELECTRICAL = frozenset(
+    ["current", "voltage", "pack_current", "pack_voltage", "motor_current", "motor_voltage", "duty"]
+)
+_MOST_NUMBERS = 50_000_000  # 400 MB
+_FEWEST_ROWS = 2
+_NAMED = 6  # streams that a sentence names
+
+Readings = tuple[np.ndarray, dict[str, np.ndarray]]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Stream:
+    """Readings that were logged together.
+
+    Attributes:
+        name: of the topic, message or group.
+        columns: the names of its columns, different from those of all other streams.
+        units: by column, as the file states them.
+        rows: how many readings it has, about.
+        load: returns its times [s], shape (rows,), and the readings by column, NaN where there is none.
+    """
+
+    name: str
+    columns: tuple[str, ...]
+    units: Mapping[str, str]
+    rows: int
+    load: Callable[[], Readings]
+
+    def quantities(self, columns: Sequence[str]) -> set[str]:
+        """Return the quantities that some of its columns may be by their names and units."""
+        return {match.quantity for name in columns for match in matches(name, self.units.get(name, ""))}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Joined:
+    """Streams on one clock: the table, units by column, what was done, and the columns that were not read."""
+
+    frame: pd.DataFrame
+    units: dict[str, str]
+    remarks: tuple[str, ...]
+    left_out: tuple[str, ...]
+
+
+def join_streams(streams: Sequence[Stream], keep: Keep | None, held: bool = False) -> Joined | None:
+    """Return streams as one table, None if no stream that is wanted has rows.
+
+    The clock is that of the stream which has most of current, voltage and duty, and of these the one with most rows.
+    Readings of the others are interpolated to it, and are missing outside of their own time.
+
+    Args:
+        streams: of one file.
+        keep: chooses from the names of all columns those to be read; by default all that may be of a bench.
+        held: whether a reading stands until the next one, as where only changes are logged.
+    """
+    streams = [stream for stream in streams if stream.rows >= _FEWEST_ROWS]
+    names = [TIME, *(name for stream in streams for name in stream.columns)]
+    wanted = set(names if keep is None else keep(names))
+    chosen = {stream.name: [name for name in stream.columns if name in wanted] for stream in streams}
+    of_bench = {stream.name: stream.quantities(chosen[stream.name]) for stream in streams}
+    used = [stream for stream in streams if chosen[stream.name]]
+    if not used:
+        return None
+    main = max(used, key=lambda one: (len(of_bench[one.name] & _ELECTRICAL), bool(of_bench[one.name]), one.rows))
+    if main.rows * sum(map(len, chosen.values())) > _MOST_NUMBERS or keep is None:
+        used = [stream for stream in used if of_bench[stream.name]] or [main]
+        chosen = {stream.name: _known(stream, chosen[stream.name]) for stream in used}
+    time_s, _ = _in_order(*main.load())
+    columns: dict[str, np.ndarray] = {TIME: time_s}
+    for stream in used:
+        own_s, readings = _in_order(*stream.load())
+        for name in chosen[stream.name]:
+            columns[name] = readings[name] if stream is main else _at(time_s, own_s, readings[name], held)
+    frame = pd.DataFrame(columns, copy=False)
+    stated = {name: unit for stream in used for name, unit in stream.units.items() if name in columns and unit}
+    others = [stream.name for stream in used if stream is not main]
+    how = "held from one reading to the next" if held else "interpolated to it"
+    remarks = [f"The clock is that of {main.name} ({time_s.size:,} readings)."]
+    if others:
+        remarks.append(f"Readings of {listed(others, _NAMED)} are {how}.")
+    left_out = tuple(name for name in names if name not in columns)
+    return Joined(frame, units_in(columns) | stated, tuple(remarks), left_out)
+
+
+def _known(stream: Stream, columns: Sequence[str]) -> list[str]:
+    """Return the columns of a stream that may be of a bench; all of them where none is known."""
+    return [name for name in columns if matches(name, stream.units.get(name, ""))] or list(columns)
+
+
+def _in_order(time_s: np.ndarray, readings: dict[str, np.ndarray]) -> Readings:
+    """Return readings by rising time, those without a time left out."""
+    there = np.isfinite(time_s)
+    if there.all() and np.all(np.diff(time_s) >= 0.0):
+        return time_s, readings
+    order = np.flatnonzero(there)[np.argsort(time_s[there], kind="stable")]
+    return time_s[order], {name: values[order] for name, values in readings.items()}
+
+
+def _at(time_s: np.ndarray, own_s: np.ndarray, values: np.ndarray, held: bool) -> np.ndarray:
+    """Return readings at other times: interpolated between them, or the last one before."""
+    there = np.isfinite(values)
+    own_s, values = own_s[there], values[there]
+    if not own_s.size:
+        return np.full(time_s.size, np.nan)
+    if not held:
+        return np.interp(time_s, own_s, values, np.nan, np.nan)
+    place = np.searchsorted(own_s, time_s, side="right") - 1
+    return np.where(place >= 0, values[np.maximum(place, 0)], np.nan)
