@@ -309,6 +309,25 @@ def _unlike_others(log: Log, odds: float) -> Finding:
     return Finding("sign", log.name, sentence, "warning", "current_A", numbers={"odds": odds})
 
 
+def with_convention(log: Log) -> Log:
+    """Return a robot's log whose pack current is positive on discharge where its format fixes it the other way.
+
+    A robot uses more charge than it recovers: a current that is positive on the whole was not written as the format has
+    it, and is kept.
+    """
+    name, current = "pack_current_A", log.columns.get("pack_current_A")
+    if current is None or not any(d.about == "convention" and d.value == "charge" for d in log.decisions):
+        return log
+    if float(np.nansum(current)) > 0.0:
+        sentence = (
+            f"{log.name}: its format has a current that is positive on charge, and {name} is positive on the whole, as "
+            f"of a robot that discharges; it is kept. Reverse it with --flip {name} if the robot was charged."
+        )
+        return log.also(Finding("sign", log.name, sentence, "warning", name))
+    log = dataclasses.replace(log, columns=log.columns | {name: -current})
+    return log.also(Decision(f"sign of {name}", log.name, "reversed", "its format has it positive on charge", "file"))
+
+
 def motor_signs(log: Log) -> Log:
     """Return a motor's log with what power says: a driven motor takes current of the sign of its voltage."""
     voltage, current, speed = (log.columns.get(name) for name in ("voltage_V", "current_A", "speed_rad_s"))

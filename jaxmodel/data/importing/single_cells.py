@@ -12,11 +12,11 @@ from jaxmodel.data.importing.findings import Decision, Finding
 from jaxmodel.data.importing.options import Kind, Options
 from jaxmodel.data.importing.roles import Role
 from jaxmodel.data.tables import RawTable
-from jaxmodel.data.tables.names import parse_name
+from jaxmodel.data.tables.names import is_set, parse_name
 from jaxmodel.data.tables.units import conversion, spelled
 
 # Words without their number: "cell 1", "cell voltage 1", "vcell1", "cell 01 volt".
-_CELL = re.compile(r"(v ?)?(cell|zelle|单体|电芯)s?( ?(v|volts?|voltages?|spannung|电压))?|v ?(c|cell)")
+_CELL = re.compile(r"(.* )?(v ?)?(cell|zelle|单体|电芯)s?( ?(v|volts?|voltages?|spannung|电压))?|v ?(c|cell)")
 _NUMBER = re.compile(r"\d+")
 _FEWEST = 2
 # A column without a reading within these is of a cell that the pack does not have [V].
@@ -38,7 +38,12 @@ def single_cells(names: Sequence[str], units: Mapping[str, str]) -> list[str]:
         unit = units.get(name, unit)
         number = _NUMBER.findall(words)
         bare = " ".join(_NUMBER.sub(" ", words).split())
-        if len(number) == 1 and _CELL.fullmatch(bare) and (not unit or conversion(unit, "V") is not None):
+        if (
+            len(number) == 1
+            and _CELL.fullmatch(bare)
+            and not is_set(name)
+            and (not unit or conversion(unit, "V") is not None)
+        ):
             groups.setdefault(bare, []).append(name)
     found = max(groups.values(), key=len, default=[])
     return found if len(found) >= _FEWEST else []

@@ -63,7 +63,7 @@ def read_dataflash(path: Path, keep: Keep | None = None) -> RawTable:
 
     Args:
         path: the file.
-        keep: chooses from the names of all columns ('BAT.Volt') those to be read; by default all of a bench.
+        keep: chooses from the names of all columns ('BAT.Volt') those to be read; by default all.
 
     Raises:
         MeasurementError: it is damaged, or holds no messages with readings.

@@ -14,10 +14,11 @@ from jaxmodel.data.tables.names import matches
 from jaxmodel.data.tables.raw_table import units_in
 
 TIME = "Time (s)"
-# Quantities of which a log has few, by whose stream the others are read.
-_ELECTRICAL = frozenset(
-    ["current", "voltage", "pack_current", "pack_voltage", "motor_current", "motor_voltage", "duty"]
-)
+# What a stream may have that makes its clock that of the others, by quantity.
+_ELECTRICAL = {
+    "current": "current", "pack_current": "current", "motor_current": "current", "voltage": "voltage",
+    "pack_voltage": "voltage", "motor_voltage": "voltage", "duty": "duty",
+}  # fmt: skip
 _MOST_NUMBERS = 50_000_000  # 400 MB
 _FEWEST_ROWS = 2
 _NAMED = 6  # streams that a sentence names
@@ -66,7 +67,8 @@ def join_streams(streams: Sequence[Stream], keep: Keep | None, held: bool = Fals
 
     Args:
         streams: of one file.
-        keep: chooses from the names of all columns those to be read; by default all that may be of a bench.
+        keep: chooses from the names of all columns those to be read; by default all. Where they are more than memory
+            holds, those that may be of a bench are read.
         held: whether a reading stands until the next one, as where only changes are logged.
     """
     streams = [stream for stream in streams if stream.rows >= _FEWEST_ROWS]
@@ -77,8 +79,9 @@ def join_streams(streams: Sequence[Stream], keep: Keep | None, held: bool = Fals
     used = [stream for stream in streams if chosen[stream.name]]
     if not used:
         return None
-    main = max(used, key=lambda one: (len(of_bench[one.name] & _ELECTRICAL), bool(of_bench[one.name]), one.rows))
-    if main.rows * sum(map(len, chosen.values())) > _MOST_NUMBERS or keep is None:
+    electrical = {name: {_ELECTRICAL[one] for one in found & _ELECTRICAL.keys()} for name, found in of_bench.items()}
+    main = max(used, key=lambda one: (len(electrical[one.name]), bool(of_bench[one.name]), one.rows))
+    if main.rows * sum(map(len, chosen.values())) > _MOST_NUMBERS:
         used = [stream for stream in used if of_bench[stream.name]] or [main]
         chosen = {stream.name: _known(stream, chosen[stream.name]) for stream in used}
     time_s, _ = _in_order(*main.load())
