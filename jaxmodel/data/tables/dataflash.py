@@ -30,6 +30,7 @@ _LETTERS = {
     "C": ("<u2", 0.01), "e": ("<i4", 0.01), "E": ("<u4", 0.01), "L": ("<i4", 1e-7), "g": ("<f2", 1.0),
 }  # fmt: skip
 _TEXTS = {"n": 4, "N": 16, "Z": 64, "a": 64}
+_ABOUT_THE_LOG = frozenset(["FMT", "UNIT", "MULT", "FMTU", "PARM"])
 # Columns that tell several sensors of one message apart.
 _INSTANCES = ("Instance", "Inst", "I")
 _CLOCKS = {"TimeUS": 1e-6, "TimeMS": 1e-3}
@@ -120,6 +121,8 @@ def _binary(content: bytes) -> tuple[list[Stream], int]:
     stated = _stated({kind: form.name for kind, form in formats.items()}, tables)
     streams = []
     for name, (form, rows) in tables.items():
+        if name in _ABOUT_THE_LOG:
+            continue
         units, factors = stated.get(name, (_UNITS.get(name, {}), {}))
         letters = {
             field: letter for field, letter in zip(form.fields, form.letters, strict=False) if letter in _LETTERS

@@ -150,4 +150,9 @@ def _plain(topics: dict[str, list[Any]], names: Sequence[str]) -> Iterator[tuple
     """Yield the plain names of columns of messages that are known; one without a plain name keeps its own."""
     for topic, connections in topics.items():
         for field, plain in _PLAIN.get(connections[0].msgtype, {}).items():
-            yield from ((name, plain) for name in names if f"{name}.".startswith(f"{topic}.{field}."))
+            yield from ((name, plain) for name in names if _is_of(name, f"{topic}.{field}"))
+
+
+def _is_of(name: str, field: str) -> bool:
+    """Return whether a column is of a field, with its unit or the name of a joint behind it."""
+    return name.startswith((f"{field}.", f"{field} (")) or name == field

@@ -12,6 +12,7 @@ from jaxmodel.base.errors import listed
 from jaxmodel.data.tables.delimited import Keep
 from jaxmodel.data.tables.names import matches
 from jaxmodel.data.tables.raw_table import units_in
+from jaxmodel.data.tables.units import is_unit
 
 TIME = "Time (s)"
 # What a stream may have that makes its clock that of the others, by quantity.
@@ -44,9 +45,19 @@ class Stream:
     rows: int
     load: Callable[[], Readings]
 
-    def quantities(self, columns: Sequence[str]) -> set[str]:
-        """Return the quantities that some of its columns may be by their names and units."""
-        return {match.quantity for name in columns for match in matches(name, self.units.get(name, ""))}
+    def with_units(self) -> Stream:
+        """Return the stream with its units in the names of its columns: 'BAT.Volt (V)'."""
+        named = {name: _with_unit(name, self.units.get(name, "")) for name in self.columns}
+
+        def load() -> Readings:
+            time_s, readings = self.load()
+            return time_s, {named[name]: values for name, values in readings.items()}
+
+        return Stream(self.name, tuple(named.values()), {}, self.rows, load)
+
+
+def _with_unit(name: str, unit: str) -> str:
+    return f"{name} ({unit})" if is_unit(unit) and "(" not in name else name
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -71,11 +82,11 @@ def join_streams(streams: Sequence[Stream], keep: Keep | None, held: bool = Fals
             holds, those that may be of a bench are read.
         held: whether a reading stands until the next one, as where only changes are logged.
     """
-    streams = [stream for stream in streams if stream.rows >= _FEWEST_ROWS]
+    streams = [stream.with_units() for stream in streams if stream.rows >= _FEWEST_ROWS]
     names = [TIME, *(name for stream in streams for name in stream.columns)]
     wanted = set(names if keep is None else keep(names))
     chosen = {stream.name: [name for name in stream.columns if name in wanted] for stream in streams}
-    of_bench = {stream.name: stream.quantities(chosen[stream.name]) for stream in streams}
+    of_bench = {stream.name: _quantities(chosen[stream.name]) for stream in streams}
     used = [stream for stream in streams if chosen[stream.name]]
     if not used:
         return None
@@ -83,27 +94,25 @@ def join_streams(streams: Sequence[Stream], keep: Keep | None, held: bool = Fals
     main = max(used, key=lambda one: (len(electrical[one.name]), bool(of_bench[one.name]), one.rows))
     if main.rows * sum(map(len, chosen.values())) > _MOST_NUMBERS:
         used = [stream for stream in used if of_bench[stream.name]] or [main]
-        chosen = {stream.name: _known(stream, chosen[stream.name]) for stream in used}
+        chosen = {stream.name: [name for name in chosen[stream.name] if matches(name)] for stream in used}
     time_s, _ = _in_order(*main.load())
     columns: dict[str, np.ndarray] = {TIME: time_s}
     for stream in used:
         own_s, readings = _in_order(*stream.load())
         for name in chosen[stream.name]:
             columns[name] = readings[name] if stream is main else _at(time_s, own_s, readings[name], held)
-    frame = pd.DataFrame(columns, copy=False)
-    stated = {name: unit for stream in used for name, unit in stream.units.items() if name in columns and unit}
     others = [stream.name for stream in used if stream is not main]
     how = "held from one reading to the next" if held else "interpolated to it"
     remarks = [f"The clock is that of {main.name} ({time_s.size:,} readings)."]
     if others:
         remarks.append(f"Readings of {listed(others, _NAMED)} are {how}.")
     left_out = tuple(name for name in names if name not in columns)
-    return Joined(frame, units_in(columns) | stated, tuple(remarks), left_out)
+    return Joined(pd.DataFrame(columns, copy=False), units_in(columns), tuple(remarks), left_out)
 
 
-def _known(stream: Stream, columns: Sequence[str]) -> list[str]:
-    """Return the columns of a stream that may be of a bench; all of them where none is known."""
-    return [name for name in columns if matches(name, stream.units.get(name, ""))] or list(columns)
+def _quantities(columns: Sequence[str]) -> set[str]:
+    """Return the quantities that columns may be by their names."""
+    return {match.quantity for name in columns for match in matches(name)}
 
 
 def _in_order(time_s: np.ndarray, readings: dict[str, np.ndarray]) -> Readings:

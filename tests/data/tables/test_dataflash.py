@@ -79,11 +79,13 @@ def test_a_log_of_ardupilot_is_a_case_of_its_battery(tmp_path: Path, form: str):
 def test_units_and_factors_are_those_that_the_log_states(tmp_path: Path):
     path = tmp_path / "flight.bin"
     path.write_bytes(flight())
-    table = read_table(path, columns=["BAT.Volt", "BAT.Curr", "BAT.CurrTot", "BAT2.Volt", "ESC2.RPM"])
-    assert {"BAT.CurrTot": "Ah", "BAT2.Volt": "V", "ESC2.RPM": "rpm"}.items() <= table.units.items()
-    np.testing.assert_allclose(table.frame["BAT.CurrTot"], LOG.time_s, rtol=1e-6)
-    np.testing.assert_allclose(table.frame["BAT2.Volt"], 12.0)
-    np.testing.assert_allclose(table.frame["ESC2.RPM"].dropna(), 4000.0)
+    table = read_table(
+        path, columns=["BAT.Volt (V)", "BAT.Curr (A)", "BAT.CurrTot (Ah)", "BAT2.Volt (V)", "ESC2.RPM (rpm)"]
+    )
+    assert table.units["BAT.CurrTot (Ah)"] == "Ah"
+    np.testing.assert_allclose(table.frame["BAT.CurrTot (Ah)"], LOG.time_s, rtol=1e-6)
+    np.testing.assert_allclose(table.frame["BAT2.Volt (V)"], 12.0)
+    np.testing.assert_allclose(table.frame["ESC2.RPM (rpm)"].dropna(), 4000.0)
 
 
 def test_bytes_that_are_no_message_are_left_out_and_counted(tmp_path: Path):

@@ -85,14 +85,14 @@ def test_topics_are_columns_on_the_clock_of_the_battery(tmp_path: Path, form: st
     table = read_table(bag(tmp_path, form))
     frame, time_s = table.frame, LOG.time_s.to_numpy()
     np.testing.assert_allclose(frame["Time (s)"], EPOCH_S + time_s)
-    np.testing.assert_allclose(frame["/battery_state.current"], -LOG.current_A, rtol=1e-6)
+    np.testing.assert_allclose(frame["/battery_state.current (A)"], -LOG.current_A, rtol=1e-6)
     inside = time_s >= 0.03
     np.testing.assert_allclose(
-        frame["/joint_states.velocity.left_motor"][inside], 3.0 * (time_s[inside] - 0.03), atol=1e-5
+        frame["/joint_states.velocity.left_motor (rad/s)"][inside], 3.0 * (time_s[inside] - 0.03), atol=1e-5
     )
-    thermometer = frame["/motor_temperature"].dropna()
+    thermometer = frame["/motor_temperature (degC)"].dropna()
     np.testing.assert_allclose(thermometer, 30.0 + time_s[: thermometer.size] / 100.0)
-    assert table.units["/joint_states.effort.left_motor"] == "N m"
+    assert table.units["/joint_states.effort.left_motor (N m)"] == "N m"
     assert table.current_positive_on == "charge"
 
 

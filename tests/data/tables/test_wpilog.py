@@ -59,12 +59,12 @@ def test_entries_are_columns_on_one_clock(tmp_path: Path):
     table = read_table(path)
     frame = table.frame
     np.testing.assert_allclose(frame["Time (s)"], TIME_S)
-    np.testing.assert_allclose(frame["NT:/SystemStats/BatteryVoltage"], VOLTAGE)
-    np.testing.assert_allclose(frame["NT:/PowerDistribution/TotalCurrent"], CURRENT, rtol=1e-6)
+    np.testing.assert_allclose(frame["NT:/SystemStats/BatteryVoltage (V)"], VOLTAGE)
+    np.testing.assert_allclose(frame["NT:/PowerDistribution/TotalCurrent (A)"], CURRENT, rtol=1e-6)
     np.testing.assert_allclose(frame["NT:/Drive/DutyCycle"], np.where(np.arange(ROWS) < 50, 0.25, 0.5))
-    np.testing.assert_allclose(frame["NT:/Drive/VelocityRadPerSec/1"], -10.0 * np.arange(ROWS))
-    assert table.units["NT:/PowerDistribution/TotalCurrent"] == "A"
-    assert table.units["NT:/Drive/VelocityRadPerSec/0"] == "rad/s"
+    np.testing.assert_allclose(frame["NT:/Drive/VelocityRadPerSec/1 (rad/s)"], -10.0 * np.arange(ROWS))
+    assert table.units["NT:/PowerDistribution/TotalCurrent (A)"] == "A"
+    assert table.units["NT:/Drive/VelocityRadPerSec/0 (rad/s)"] == "rad/s"
     assert not any(name.startswith(("messages", "NT:/Pose")) for name in frame)
 
 
