@@ -18,6 +18,7 @@ from jaxmodel.data.tables.columnar import read_columnar
 from jaxmodel.data.tables.dataflash import is_dataflash, read_dataflash
 from jaxmodel.data.tables.delimited import Keep, read_delimited
 from jaxmodel.data.tables.json_tables import read_json
+from jaxmodel.data.tables.keyed_tables import Sheets
 from jaxmodel.data.tables.known_formats import known_format
 from jaxmodel.data.tables.labview import is_labview, read_labview
 from jaxmodel.data.tables.loggers import PACKAGES, read_logger
@@ -50,7 +51,7 @@ def read_table(
     *,
     columns: Collection[str] | Keep | None = None,
     rows: int | None = None,
-    sheet: str | None = None,
+    sheet: Sheets = None,
     encoding: str | None = None,
     delimiter: str | None = None,
     decimal: str | None = None,
@@ -62,7 +63,8 @@ def read_table(
             `loggers`.
         columns: names of those to read, or a function that chooses them from all names; by default all.
         rows: the most rows to read.
-        sheet: of a spreadsheet; of a MATLAB file the variable, of JSON the key.
+        sheet: of a spreadsheet; of a MATLAB file the variable, of JSON the key. A pattern such as 'run*', or several
+            names, choose several tables, each with its name in the column `key` of the result.
         encoding: of text; by default found.
         delimiter: of text; by default found.
         decimal: of text, '.' or ','; by default found.
