@@ -17,6 +17,7 @@ from jaxmodel.data.importing.logs import Log, columns_of
 from jaxmodel.data.importing.options import Kind, Options
 from jaxmodel.data.importing.roles import MARKS, Role, looks_like, required, roles_of, target_unit
 from jaxmodel.data.importing.single_cells import OF_CELLS, single_cells, with_single_cells
+from jaxmodel.data.importing.spectra import OnlySpectra, of_spectra, without_spectra
 from jaxmodel.data.importing.times import Times, counted_in, date_and_time, parse_times, unit_in_words
 from jaxmodel.data.tables import RawTable, read_table
 from jaxmodel.data.tables.known_formats import known_format
@@ -76,16 +77,20 @@ def load(
             return names
         if lacking and any(target not in options.columns for target in lacking):
             return names  # what no name tells is looked for in the readings
-        return list(dict.fromkeys([*(role.column for role in chosen.values()), *single_cells(names, units)]))
+        return list(
+            dict.fromkeys([*(role.column for role in chosen.values()), *single_cells(names, units), *of_spectra(names)])
+        )
 
     form = {name: getattr(options, name) for name in ("sheet", "encoding", "delimiter", "decimal")}
     table, kept = computed(read_table(path, columns=keep, **form), options)
+    table, left_out = _without_spectra(table)
     seen = list(dict.fromkeys([*in_order, *(str(name) for name in table.frame if name != table.key)]))
     units = dict(table.units) | {name: unit for name, unit in options.units.items() if name in table.frame}
     to_match = _units_to_match(seen, units_in(seen) | dict(table.units), options)
     chosen = roles_of(seen, to_match, kind, options.columns, table.plain)
     if any(role.column in table.left_out for role in chosen.values()):  # units below the names speak for others
         table, kept = computed(read_table(path, **form), options)
+        table, left_out = _without_spectra(table)
     if (lacking := _lacking(chosen, kind, options)) and _may_be_a_log(chosen, seen):
         named = {role.column for role in chosen.values()}
         free = [name for name in table.frame if name not in {*named, *table.plain, table.key}]
@@ -107,7 +112,19 @@ def load(
     units, told = _with_units_of_time(table, chosen, units, kind, ask)
     header = _header(chosen, seen, units)
     logs = [_log(part, name, kind, chosen, units, header) for name, part in table.tables()]
-    return [log.also(*kept, *of_cells, *told) if place == 0 else log for place, log in enumerate(logs)]
+    return [log.also(*kept, *left_out, *of_cells, *told) if place == 0 else log for place, log in enumerate(logs)]
+
+
+def _without_spectra(table: RawTable) -> tuple[RawTable, list[Finding]]:
+    """Return a table without its rows of impedance spectra, and what was left out.
+
+    Raises:
+        NotALog: no other rows are left.
+    """
+    try:
+        return without_spectra(table)
+    except OnlySpectra as error:
+        raise NotALog(str(error)) from None
 
 
 def _header(chosen: Mapping[str, Role], seen: Sequence[str], units: Mapping[str, str]) -> dict[str, str]:
