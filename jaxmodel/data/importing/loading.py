@@ -217,6 +217,14 @@ def _log(
                 Finding("empty column", where, f"{where}: column '{role.column}' is empty and left out.", column=target)
             )
             continue
+        if target.endswith("_degC") and not np.any(
+            np.nan_to_num(pd.Series(table.frame[role.column]).to_numpy(dtype=float))
+        ):
+            sentence = (
+                f"{where}: column '{role.column}' is 0 throughout, as of a sensor that is not there; it is left out."
+            )
+            found.append(Finding("no sensor", where, sentence, "warning", target))
+            continue
         columns[target] = values
         found += _about(role, unit, where)
         if role.column in table.repeated:

@@ -78,6 +78,8 @@ _NO_CLOCK = re.compile(
 # Units that stand for one quantity of a bench: the only column in V is the voltage. Of temperatures there are several,
 # and a frequency is no speed.
 _TELLING = ("A", "V", "rad/s", "N m")
+# Units of an energy, which is no torque though it has its dimension.
+_ENERGY = re.compile(r"[WJwj]|cal")
 _UNSURE = 100  # ranks of `matches` from here on are of names that only contain a word of the quantity
 _COMMANDED = 200
 
@@ -190,6 +192,7 @@ def _take_by_unit(
             and (of := units.get(name))
             and spelled(of) != "hertz"
             and conversion(of, unit)
+            and not (unit == "N m" and _ENERGY.search(of))
             and not says_another(name, same, of)
         ]
         measured = [name for name in fits if not is_set(name)] or fits

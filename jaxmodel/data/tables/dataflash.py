@@ -18,6 +18,7 @@ from jaxmodel.case.measurements import file_label
 from jaxmodel.data.tables.delimited import Keep
 from jaxmodel.data.tables.raw_table import RawTable
 from jaxmodel.data.tables.streams import Readings, Stream, join_streams
+from jaxmodel.data.tables.units import is_unit
 
 _HEAD = b"\xa3\x95"
 _FMT = 128
@@ -123,7 +124,7 @@ def _binary(content: bytes) -> tuple[list[Stream], int]:
     for name, (form, rows) in tables.items():
         if name in _ABOUT_THE_LOG:
             continue
-        units, factors = stated.get(name, (_UNITS.get(name, {}), {}))
+        units, factors = stated.get(name, ({}, {}))
         letters = {
             field: letter for field, letter in zip(form.fields, form.letters, strict=False) if letter in _LETTERS
         }
@@ -185,7 +186,7 @@ def _text(content: str) -> tuple[list[Stream], int]:
         if any(field in _CLOCKS for field in formats[name]):
             columns = {field: _numbers([row[n] for row in table]) for n, field in enumerate(formats[name])}
             columns = {field: values for field, values in columns.items() if np.isfinite(values).any()}
-            streams += _streams(name, columns, dict.fromkeys(columns, 1.0), _UNITS.get(name, {}))
+            streams += _streams(name, columns, dict.fromkeys(columns, 1.0), {})
     return streams, 0
 
 
@@ -219,6 +220,9 @@ def _streams(
             time_s = values[clock][there].astype(float) * _CLOCKS[clock]
             return time_s, {names[field]: values[field][there].astype(float) * scales[field] for field in names}
 
-        stated = {names[field]: units[field] for field in fields if units.get(field)}
+        known = _UNITS.get(name, {})  # a log may say that it does not know a unit
+        stated = {
+            names[field]: units[field] if is_unit(units.get(field, "")) else known.get(field, "") for field in fields
+        }
         streams.append(Stream(which, tuple(names.values()), stated, int(there.sum()), load))
     return streams

@@ -102,19 +102,19 @@ FORMATS = (
         '--column voltage_V="duty_cycle * input_voltage".',
     ),
     KnownFormat(
-        "Betaflight blackbox",
+        "blackbox of Betaflight or INAV",
         _all("loopiteration"),
-        _all("vbatlatest (v)", "amperagelatest (a)", "vbatlatest", "amperagelatest"),
+        _all("vbatlatest (v)", "amperagelatest (a)", "vbatlatest", "amperagelatest", "vbat (v)", "vbat"),
         columns=_columns(
             time={r"time( \(us\))?": "us"},
-            battery_voltage={r"vbatlatest \(v\)": "V", "vbatlatest": "cV"},
-            battery_current={r"amperagelatest \(a\)": "A", "amperagelatest": "cA"},
+            battery_voltage={r"vbat(latest)? \(v\)": "V", "vbat(latest)?": "cV"},
+            battery_current={r"amperage(latest)? \(a\)": "A", "amperage(latest)?": "cA"},
             discharged={r"energycumulative( \(mah\))?": "mA h"},
             nothing={".*": ""},
         ),
         current_positive_on="discharge",
-        remark="Betaflight blackbox: its current is positive on discharge. The voltage and current of a table without "
-        "units are taken as 0.01 V and 0.01 A, as Betaflight 4 counts them.",
+        remark="blackbox of Betaflight or INAV: its current is positive on discharge. The voltage and current of a table "
+        "without units are taken as 0.01 V and 0.01 A, as Betaflight 4 counts them.",
     ),
     KnownFormat(
         "OpenTX or EdgeTX",

@@ -196,7 +196,9 @@ def _number(text: str, decimal: str) -> float:
 
 
 def _units(segment: _Segment, names: Sequence[str]) -> dict[str, str]:
-    """Return the units that the header states for its channels."""
+    """Return the units that the header states: the fields of a header stand over the columns behind the first one."""
     stated = [unit.strip() for unit in segment.header.get("Y_Unit_Label", [])]
+    places = [place for place, name in enumerate(segment.names) if name not in (*_X_NAMES, "", "Comment")]
     channels = [name for name in names if name != TIME]
-    return {name: unit for name, unit in zip(channels, stated, strict=False) if unit}
+    units = {name: stated[place - 1] for name, place in zip(channels, places, strict=False) if place <= len(stated)}
+    return {name: unit for name, unit in units.items() if unit}

@@ -133,3 +133,22 @@ def test_what_the_readings_do_not_tell_of_the_sign_the_format_does(tmp_path: Pat
     np.testing.assert_allclose(imported.runs[0].log.columns["current_A"], log.current_A)
     (sign,) = [one for one in imported.decisions if one.about == "sign of the current"]
     assert (sign.value, sign.source) == ("positive on discharge", "file")
+
+
+def test_a_thermometer_that_is_not_there_measures_nothing(tmp_path: Path):
+    """Controllers write 0 for a sensor that they do not have."""
+    path, log = tmp_path / "log.csv", pack()
+    path.write_text(radio(log.assign(temperature_degC=0.0)))
+    imported = import_case(path, "cell", ambient=25.0, cells_in_series=CELLS, capacity_Ah=3.0)
+    assert "cell_temperature_degC" not in imported.runs[0].log.columns
+    (found,) = [one for one in imported.findings if one.what == "no sensor"]
+    assert "column 'Tmp1(@C)' is 0 throughout" in found.sentence
+
+
+def test_an_energy_is_no_torque_and_a_gyroscopes_warmth_none_of_a_cell(tmp_path: Path):
+    path = tmp_path / "log.csv"
+    log = pack().rename(columns={"voltage_V": "pack voltage (V)", "current_A": "pack current (A)"})
+    log = log.drop(columns="temperature_degC").assign(**{"EnrgTot (W.s)": log.time_s, "IMU2 temp (degC)": 41.0})
+    log.to_csv(path, index=False)
+    imported = import_case(path, "robot", ambient=25.0, constants={"duty": 0.5, "incline_deg": 0.0})
+    assert not imported.runs[0].log.columns.keys() & {"load_torque_Nm", "cell_temperature_degC"}

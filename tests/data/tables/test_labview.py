@@ -25,15 +25,16 @@ def lvm(x_columns: str, separator: str = "\t", decimal: str = ".", segments: int
         return separator.join(str(field).replace(".", decimal) for field in fields)
 
     def segment(rows: Sequence[int]) -> list[str]:
-        x_names = {"Multi": ["Voltage", "X_Value", "Current"]}.get(x_columns, ["Voltage", "Current"])
+        between = [""] if x_columns == "Multi" else []
+        x_names = ["Voltage", *(["X_Value"] if x_columns == "Multi" else []), "Current"]
         lines = [
             line("Channels", 2, "", ""),
             line("Samples", len(rows), len(rows), ""),
             line("Date", "2024/07/22", "2024/07/22", ""),
-            *([line("Y_Unit_Label", "Volts", "Amps", "")] if units else []),
-            line("X_Dimension", "Time", "Time", ""),
-            line("X0", TIME_S[rows[0]], TIME_S[rows[0]], ""),
-            line("Delta_X", 0.25, 0.25, ""),
+            *([line("Y_Unit_Label", "Volts", *between, "Amps", "")] if units else []),
+            line("X_Dimension", "Time", *between, "Time", ""),
+            line("X0", TIME_S[rows[0]], *between, TIME_S[rows[0]], ""),
+            line("Delta_X", 0.25, *between, 0.25, ""),
             "***End_of_Header***" + separator,
             line("X_Value", *x_names, "Comment"),
         ]
