@@ -113,7 +113,7 @@ FORMATS = (
             nothing={".*": ""},
         ),
         current_positive_on="discharge",
-        remark="blackbox of Betaflight or INAV: its current is positive on discharge. The voltage and current of a table "
+        remark="blackbox of Betaflight or INAV: its current is positive on discharge. Voltage and current of a table "
         "without units are taken as 0.01 V and 0.01 A, as Betaflight 4 counts them.",
     ),
     KnownFormat(
