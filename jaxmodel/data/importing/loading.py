@@ -311,6 +311,7 @@ def _clocked(
         times = parse_times(pd.Series(table.frame[role.column]), unit)
         if times is None:
             continue
+        times = times._replace(seconds=np.where(np.abs(times.seconds) > LARGEST, np.nan, times.seconds))
         found.append(Decision("clock", where, f"column '{role.column}'", times.form, "file"))
         if times.absolute:
             stamp = times.seconds if stamp is None else stamp

@@ -65,16 +65,17 @@ def with_single_cells(
     """
     target = _TARGETS.get(kind, "")
     role = chosen.get(target)
-    cells = single_cells([str(name) for name in table.frame], table.units) if target else []
+    numbers = [str(name) for name in table.frame if table.frame[name].dtype.kind in "iuf"]
+    cells = single_cells(numbers, table.units) if target else []
     stated = target in options.columns or (role is not None and role.why == "stated")
     has_pack = kind == "robot" and role is not None and role.column not in cells
     if not cells or stated or has_pack or (kind == "cell" and options.cells_in_series > 1):
         return table, dict(chosen), []
-    frame = table.frame[cells].apply(lambda column: column.astype(float), raw=False)
-    values = np.stack([_volts(frame[name].to_numpy(), table.units.get(name, "")) for name in cells])
+    values = np.stack([_volts(table.frame[name].to_numpy(dtype=float), table.units.get(name, "")) for name in cells])
     inside = (values > _LOWEST_V) & (values < _HIGHEST_V)
     there = np.flatnonzero(inside.mean(axis=1) > 0.5)
-    if len(there) < _FEWEST:
+    whole = np.isfinite(values[there]).all(axis=0)
+    if len(there) < _FEWEST or not whole.any():
         return table, dict(chosen), []
     used = [cells[place] for place in there]
     volts = values[there]
@@ -84,11 +85,11 @@ def with_single_cells(
     table = dataclasses.replace(
         table, frame=table.frame.assign(**{name: made}), units={**table.units, name: "V"}
     )  # fmt: skip
-    spread = np.nanmax(volts, axis=0) - np.nanmin(volts, axis=0)
-    lowest = used[int(np.argmin(np.nanmean(volts, axis=1)))]
+    spread = np.ptp(volts[:, whole], axis=0)
+    lowest = used[int(np.argmin(np.mean(volts[:, whole], axis=1)))]
     sentence = (
         f"{table.label}: {target} is the {what} of the {len(used)} columns '{used[0]}' to '{used[-1]}'; they differ by "
-        f"{1e3 * float(np.nanmedian(spread)):.3g} mV (median), and '{lowest}' is the lowest."
+        f"{1e3 * float(np.median(spread)):.3g} mV (median), and '{lowest}' is the lowest."
     )
     if kind == "cell":
         sentence += f' One of them alone is --column {target}="{lowest}".'

@@ -34,6 +34,7 @@ _TEXTS = {"n": 4, "N": 16, "Z": 64, "a": 64}
 _ABOUT_THE_LOG = frozenset(["FMT", "UNIT", "MULT", "FMTU", "PARM"])
 # Columns that tell several sensors of one message apart.
 _INSTANCES = ("Instance", "Inst", "I")
+_MOST_SENSORS = 255
 _CLOCKS = {"TimeUS": 1e-6, "TimeMS": 1e-3}
 # Until a log states units of its own: those of the battery and of motor controllers, of all versions.
 _UNITS = {
@@ -209,6 +210,7 @@ def _streams(
         return []
     instance = next((field for field in _INSTANCES if field in values), None)
     numbers = np.unique(values[instance]) if instance else np.array([np.nan])
+    numbers = numbers[(numbers >= 0) & (numbers <= _MOST_SENSORS)] if instance else numbers
     fields = [field for field in values if field not in (clock, instance)]
     streams = []
     for number in numbers:

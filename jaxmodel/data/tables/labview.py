@@ -91,8 +91,10 @@ def _header(lines: Sequence[str]) -> dict[str, list[str]]:
 
 def _value(header: dict[str, list[str]], key: str) -> str:
     """Return the first field behind a key, '' if the header does not have it; a lone comma is a decimal mark."""
-    fields = header.get(key, [""])
-    return fields[0].strip() or ("," if key == "Decimal_Separator" and fields != [""] else "")
+    field = next(iter(header.get(key, [])), None)
+    if field is None:
+        return ""
+    return field.strip() or ("," if key == "Decimal_Separator" else "")
 
 
 def _segments(body: str, separator: str, label: str) -> list[_Segment]:
@@ -166,7 +168,7 @@ def _table(segment: _Segment, timeless: bool, decimal: str) -> pd.DataFrame:
             channels.append((unique[len(channels)], time_s, values))
     if not channels:
         return pd.DataFrame()
-    start, step = (_number(segment.header.get(key, [""])[0], decimal) for key in ("X0", "Delta_X"))
+    start, step = (_number(next(iter(segment.header.get(key, [])), ""), decimal) for key in ("X0", "Delta_X"))
     if channels[0][1] is None and step > 0.0:
         evenly = np.nan_to_num(start) + step * np.arange(len(segment.rows))
         channels = [(name, evenly, values) for name, _, values in channels]
@@ -200,5 +202,5 @@ def _units(segment: _Segment, names: Sequence[str]) -> dict[str, str]:
     stated = [unit.strip() for unit in segment.header.get("Y_Unit_Label", [])]
     places = [place for place, name in enumerate(segment.names) if name not in (*_X_NAMES, "", "Comment")]
     channels = [name for name in names if name != TIME]
-    units = {name: stated[place - 1] for name, place in zip(channels, places, strict=False) if place <= len(stated)}
+    units = {name: stated[place - 1] for name, place in zip(channels, places, strict=False) if 0 < place <= len(stated)}
     return {name: unit for name, unit in units.items() if unit}

@@ -68,7 +68,7 @@ def read_ros(path: Path, keep: Keep | None = None) -> RawTable:
     except MeasurementError:
         raise
     except Exception as error:  # a damaged file fails in as many ways as that package has lines
-        what = str(error).strip().splitlines()[0].rstrip(".") if str(error).strip() else type(error).__name__
+        what = str(error).strip().splitlines()[0].rstrip(".") if str(error).strip() else "it is damaged"
         raise MeasurementError(f"{label} cannot be read by rosbags ({what:.200}); {_OTHERWISE}.") from error
     if joined is None:
         raise MeasurementError(f"{label} holds no messages with numbers; give the bag that holds the readings.")
