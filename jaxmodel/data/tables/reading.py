@@ -23,6 +23,7 @@ from jaxmodel.data.tables.known_formats import known_format
 from jaxmodel.data.tables.labview import is_labview, read_labview
 from jaxmodel.data.tables.loggers import PACKAGES, read_logger
 from jaxmodel.data.tables.matlab import read_matlab
+from jaxmodel.data.tables.mcap_messages import is_of_ros, read_mcap
 from jaxmodel.data.tables.raw_table import RawTable
 from jaxmodel.data.tables.ros import SUFFIXES as ROS
 from jaxmodel.data.tables.ros import read_ros
@@ -100,6 +101,8 @@ def read_table(
         table = read_json(path, sheet)
     elif suffix in PACKAGES:
         table = read_logger(path)
+    elif suffix == ".mcap" and not is_of_ros(path):
+        table = read_mcap(path, keep)
     elif suffix in ROS:
         table = read_ros(path, keep)
     elif is_wpilog(path):

@@ -36,7 +36,7 @@ _PLAIN = {
     "sensor_msgs/msg/JointState": {"effort": "torque"},
 }  # fmt: skip
 # What a bench does not have, and takes long to read.
-_PICTURES = ("Image", "CompressedImage", "PointCloud", "PointCloud2", "LaserScan", "OccupancyGrid", "CameraInfo", "Log")
+PICTURES = ("Image", "CompressedImage", "PointCloud", "PointCloud2", "LaserScan", "OccupancyGrid", "CameraInfo", "Log")
 # Bookkeeping of messages.
 _NO_READINGS = frozenset(["header", "stamp", "seq", "covariance", "variance", "design_capacity", "layout"])
 _OF_NAMES = ("name", "names", "joint_names")
@@ -68,7 +68,8 @@ def read_ros(path: Path, keep: Keep | None = None) -> RawTable:
     except MeasurementError:
         raise
     except Exception as error:  # a damaged file fails in as many ways as that package has lines
-        what = str(error).strip().splitlines()[0].rstrip(".") if str(error).strip() else "it is damaged"
+        said = "" if isinstance(error, OSError) else str(error).strip()
+        what = said.splitlines()[0].rstrip(".") if said else "it is damaged"
         raise MeasurementError(f"{label} cannot be read by rosbags ({what:.200}); {_OTHERWISE}.") from error
     if joined is None:
         raise MeasurementError(f"{label} holds no messages with numbers; give the bag that holds the readings.")
@@ -92,7 +93,7 @@ def _topics(bag: Any) -> dict[str, list[Any]]:
     """Return the connections of each topic that may hold readings; all of one type."""
     topics: dict[str, list[Any]] = {}
     for connection in bag.connections:
-        if not connection.msgtype.endswith(tuple(f"/{name}" for name in _PICTURES)):
+        if not connection.msgtype.endswith(tuple(f"/{name}" for name in PICTURES)):
             of_topic = topics.setdefault(connection.topic, [])
             if not of_topic or of_topic[0].msgtype == connection.msgtype:
                 of_topic.append(connection)

@@ -16,6 +16,7 @@ from tests.data.importing.benches import cell_log
 
 LOG = cell_log().assign(time_s=lambda log: log.time_s / 10.0)
 EPOCH_S = 1_720_000_000
+MCAP_OF_ROS = b"\x89MCAP0\r\n\x01" + (12).to_bytes(8, "little") + (4).to_bytes(4, "little") + b"ros2"
 
 
 def messages(store: Any, write: Callable[[str, str, float, Any], None]) -> None:
@@ -117,7 +118,7 @@ def test_a_bag_is_a_case_of_a_robot_whose_pack_discharges(tmp_path: Path):
 def test_a_bag_without_its_package_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     path = tmp_path / "drive.mcap"
-    path.write_bytes(b"\x89MCAP0\r\n")
+    path.write_bytes(MCAP_OF_ROS)
     with pytest.raises(
         MeasurementError, match=r"needs the package rosbags: install jaxmodel\[ros\], or export its topics"
     ):
@@ -128,6 +129,6 @@ def test_a_bag_without_its_package_is_said(tmp_path: Path, monkeypatch: pytest.M
 def test_a_damaged_bag_is_said(tmp_path: Path, name: str):
     pytest.importorskip("rosbags")
     path = tmp_path / name
-    path.write_bytes(b"\x89MCAP0\r\n" + bytes(range(200)))
+    path.write_bytes(MCAP_OF_ROS + bytes(range(200)))
     with pytest.raises(MeasurementError, match="cannot be read by rosbags"):
         read_table(path)
