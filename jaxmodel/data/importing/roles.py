@@ -12,6 +12,7 @@ import pandas as pd
 from jaxmodel.base.errors import MeasurementError, nearest
 from jaxmodel.base.units import unit_of
 from jaxmodel.case.measurements import KINDS
+from jaxmodel.data.importing.times import parse_times
 from jaxmodel.data.tables.names import is_set, matches, says_another
 from jaxmodel.data.tables.units import conversion, spelled
 
@@ -224,7 +225,10 @@ def looks_like(
         rising = [n for n, v in numbers.items() if _rises(v) and (timed[n] or _may_be_a_clock(n, v))]
         rising = [name for name in rising if timed[name]] or rising
         rising.sort(key=lambda name: (not _CLOCK.search(name), bool(np.all(np.diff(numbers[name]) == 1.0))))
-        if rising:
+        stamped = [name for name in silent if name not in numbers and _is_stamp(pd.Series(frame[name]))]
+        if stamped and not (rising and (timed[rising[0]] or _CLOCK.search(rising[0]))):
+            found["stamp"] = Role("stamp", stamped[0], "looks like it", tuple(stamped[1:]))
+        elif rising:
             found["time_s"] = Role("time_s", rising[0], "looks like it", tuple(rising[1:]))
             del numbers[rising[0]]
     numbers = {name: values for name, values in numbers.items() if not timed[name]}
@@ -236,6 +240,17 @@ def looks_like(
             found[target] = Role(target, fitting[0], "looks like it", tuple(fitting[1:]))
             del numbers[fitting[0]]
     return found
+
+
+def _is_stamp(column: pd.Series) -> bool:
+    """Return whether a column holds dates with a time of day that go on, whatever it is called."""
+    if column.dtype.kind in "iufb":
+        return False
+    times = parse_times(column, "")
+    if times is None or not times.absolute:
+        return False
+    there = times.seconds[np.isfinite(times.seconds)]
+    return there.size > 0.9 * len(column) and bool(np.all(np.diff(there) >= 0.0)) and float(np.ptp(there)) > 0.0
 
 
 def _may_be_a_clock(name: str, values: np.ndarray) -> bool:

@@ -49,7 +49,8 @@ def read_matlab(path: Path, variables: Sheets = None) -> RawTable:
     label = file_label(path)
     vectors = _vectors_of(path, label)
     if variables:
-        paths = dict.fromkeys(part for vector in vectors for part in _paths(vector.path))
+        parts = dict.fromkeys(part for vector in vectors for part in _paths(vector.path))
+        paths = sorted(parts, key=lambda path: path.count("."))
         named = matching(paths, _spelled(variables, paths), label, "variable")
         vectors = [vector for vector in vectors if any(part in named for part in _paths(vector.path))]
     runs = _runs(vectors)

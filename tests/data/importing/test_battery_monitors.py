@@ -64,3 +64,22 @@ def test_a_robots_pack_is_the_sum_of_its_cells(tmp_path: Path):
     path.write_text(monitor(log, "Cell{}(mV)", 1000.0, pack=False))
     imported = import_case(path, "robot", ambient=25.0, constants={"duty": 0.5, "incline_deg": 0.0})
     np.testing.assert_allclose(imported.runs[0].log.columns["pack_voltage_V"], 4.0 * log.voltage_V, atol=1e-9)
+
+
+def test_a_column_of_stamps_is_a_clock_whatever_it_is_called(tmp_path: Path):
+    """Victron's portal exports devices, quantities and units in three lines, and calls its clock by the time zone."""
+    path, log = tmp_path / "vrm.csv", cell_log()
+    lines = ['"timestamp","Gateway [0]","Battery Monitor [512]","Battery Monitor [512]","Battery Monitor [512]"']
+    lines += [
+        '"Europe/Amsterdam (+02:00)","Relay 1 state","Voltage","Current","Battery temperature"',
+        '"","","V","A","°C"',
+    ]
+    for stamp, row in zip(stamps(log, "%Y-%m-%d %H:%M:%S"), log.itertuples(), strict=True):
+        lines.append(f'"{stamp}","Open","{row.voltage_V}","{-row.current_A}","{row.temperature_degC}"')
+    path.write_text("\n".join(lines))
+    imported = import_case(path, "cell", ambient=25.0, capacity_Ah=3.0)
+    run = imported.runs[0].log
+    np.testing.assert_allclose(run.time_s, log.time_s)
+    np.testing.assert_allclose(run.columns["current_A"], log.current_A)
+    np.testing.assert_allclose(run.columns["cell_temperature_degC"], log.temperature_degC)
+    assert any("column 'Europe/Amsterdam (+02:00)' looks like it" in one.sentence for one in imported.findings)
