@@ -309,23 +309,35 @@ def _unlike_others(log: Log, odds: float) -> Finding:
     return Finding("sign", log.name, sentence, "warning", "current_A", numbers={"odds": odds})
 
 
-def with_convention(log: Log) -> Log:
+def robot_signs(log: Log) -> Log:
     """Return a robot's log whose pack current is positive on discharge where its format fixes it the other way.
 
-    A robot uses more charge than it recovers: a current that is positive on the whole was not written as the format has
-    it, and is kept.
+    A robot uses more charge than it recovers: what was written otherwise than its format has it is kept, and a current
+    that is negative on the whole is doubted.
     """
     name, current = "pack_current_A", log.columns.get("pack_current_A")
-    if current is None or not any(d.about == "convention" and d.value == "charge" for d in log.decisions):
+    if current is None:
         return log
-    if float(np.nansum(current)) > 0.0:
+    of_charge = any(d.about == "convention" and d.value == "charge" for d in log.decisions)
+    net, gross = float(np.nansum(current)), float(np.nansum(np.abs(current)))
+    if of_charge and net <= 0.0:
+        log = dataclasses.replace(log, columns=log.columns | {name: -current})
+        return log.also(
+            Decision(f"sign of {name}", log.name, "reversed", "its format has it positive on charge", "file")
+        )
+    if of_charge:
         sentence = (
             f"{log.name}: its format has a current that is positive on charge, and {name} is positive on the whole, as "
             f"of a robot that discharges; it is kept. Reverse it with --flip {name} if the robot was charged."
         )
         return log.also(Finding("sign", log.name, sentence, "warning", name))
-    log = dataclasses.replace(log, columns=log.columns | {name: -current})
-    return log.also(Decision(f"sign of {name}", log.name, "reversed", "its format has it positive on charge", "file"))
+    if net < -_OPPOSITE * gross:
+        sentence = (
+            f"{log.name}: {name} is negative on the whole, and a robot that drives discharges its pack; reverse it "
+            f"with --flip {name}, unless the robot was charged."
+        )
+        return log.also(Finding("sign", log.name, sentence, "warning", name))
+    return log
 
 
 def motor_signs(log: Log) -> Log:

@@ -67,6 +67,8 @@ def with_single_cells(
     role = chosen.get(target)
     numbers = [str(name) for name in table.frame if table.frame[name].dtype.kind in "iuf"]
     cells = single_cells(numbers, table.units) if target else []
+    if cells:
+        chosen = _of_pack(dict(chosen), kind)
     stated = target in options.columns or (role is not None and role.why == "stated")
     has_pack = kind == "robot" and role is not None and role.column not in cells
     if not cells or stated or has_pack or (kind == "cell" and options.cells_in_series > 1):
@@ -95,6 +97,17 @@ def with_single_cells(
         sentence += f' One of them alone is --column {target}="{lowest}".'
     found = Finding("single cells", table.label, sentence, column=target)
     return table, {**chosen, target: Role(target, name, OF_CELLS)}, [found]
+
+
+def _of_pack(chosen: dict[str, Role], kind: Kind) -> dict[str, Role]:
+    """Return roles in which the one current beside single cells is that of the pack, unless its name is of a motor."""
+    role = chosen.get("motor_current_A")
+    if kind != "robot" or role is None or role.why == "stated" or "pack_current_A" in chosen:
+        return chosen
+    if "motor" in parse_name(role.column).words:
+        return chosen
+    others = {target: one for target, one in chosen.items() if target != "motor_current_A"}
+    return others | {"pack_current_A": dataclasses.replace(role, target="pack_current_A")}
 
 
 def _volts(values: np.ndarray, unit: str) -> np.ndarray:

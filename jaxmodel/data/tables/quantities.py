@@ -53,7 +53,7 @@ _HOUSING = _of("case housing stator body gehäuse frame shell")
 _HEAT = _of("temperature temp temperatur température thermocouple tc rtd 温度")
 _GEARED = _of("motor winding coil stator")
 _PACK = frozenset(["battery", "bat", "batt", "pack", "bat volt"])  # by its unit, 'Battery (V)' is a voltage
-_ELECTRONICS = _of("mos mosfet mosfets fet fets esc controller inverter driver board pcb cpu mcu imu baro chip")
+_ELECTRONICS = _of("mos mosfet mosfets fet fets esc controller inverter driver board pcb cpu mcu imu baro chip tube")
 
 QUANTITIES: dict[str, Quantity] = {
     "time": Quantity(
@@ -145,8 +145,8 @@ QUANTITIES: dict[str, Quantity] = {
             "cell temperature, surface temperature, temperature, temp, battery temperature, battery temp, cell temp,"
             "skin temperature, temperature middle, temperatur, zelltemperatur, temperature measured, temperature t1,"
             "aux temperature 1, aux temperature 1 1, temperature 1, temp 1, t1, tc1, t cell, t surf, t surface, evtemp,"
-            "cell temp 1, temp1, ntc1, ntc 1, ntc, temperature1, aux temperature, 温度, 辅温, celltemp, can,"
-            "temperature t1 celsius"
+            "cell temp 1, temp1, ntc1, ntc 1, ntc, battery t1, temperature1, aux temperature, 温度, 辅温, celltemp,"
+            "can, temperature t1 celsius"
         ),
         _HEAT | _of("t"),
         without=_AMBIENT | WANTED | _GEARED | _ELECTRONICS,
@@ -235,7 +235,8 @@ QUANTITIES: dict[str, Quantity] = {
             "pack"
         ),
         _of("voltage"),
-        also=_of("battery pack bus supply"),
+        also=_of("battery pack bus supply bms total input"),
+        without=WANTED | _of("cell motor"),
         with_unit=_PACK,
     ),
     "pack_current": Quantity(
@@ -245,7 +246,8 @@ QUANTITIES: dict[str, Quantity] = {
             "batt current, bat curr, ipack, i pack, battery, bat, batt, pack"
         ),
         _of("current"),
-        also=_of("battery pack bus total"),
+        also=_of("battery pack bus total bms input"),
+        without=WANTED | _of("motor balance"),
         with_unit=_PACK,
     ),
     "incline": Quantity("deg", _names("incline, slope, inclination, pitch, grade angle, steigung")),
@@ -255,5 +257,7 @@ QUANTITIES: dict[str, Quantity] = {
         _names(
             "soc, state of charge, ladezustand, battery level, battery soc, batt soc, pack soc, battery state of charge"
         ),
+        _of("soc"),
+        without=WANTED,
     ),
 }

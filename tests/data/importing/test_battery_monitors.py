@@ -63,7 +63,23 @@ def test_a_robots_pack_is_the_sum_of_its_cells(tmp_path: Path):
     path, log = tmp_path / "pack.csv", cell_log()
     path.write_text(monitor(log, "Cell{}(mV)", 1000.0, pack=False))
     imported = import_case(path, "robot", ambient=25.0, constants={"duty": 0.5, "incline_deg": 0.0})
-    np.testing.assert_allclose(imported.runs[0].log.columns["pack_voltage_V"], 4.0 * log.voltage_V, atol=1e-9)
+    columns = imported.runs[0].log.columns
+    np.testing.assert_allclose(columns["pack_voltage_V"], 4.0 * log.voltage_V, atol=1e-9)
+    # Its one current is that of the pack, and of no motor.
+    assert "motor_current_A" not in columns
+    np.testing.assert_allclose(columns["pack_current_A"], -log.current_A)
+
+
+def test_a_robots_pack_current_that_charges_on_the_whole_is_doubted(tmp_path: Path):
+    """A monitor counts discharge as negative; which sign it writes is for the user to say."""
+    path, log = tmp_path / "pack.csv", cell_log()
+    log = log[: int(np.argmax(log.current_A < 0.0))]
+    path.write_text(monitor(log, "Cell{}(mV)", 1000.0))
+    driven = {"ambient": 25.0, "constants": {"duty": 0.5, "incline_deg": 0.0}}
+    (doubt,) = [one for one in import_case(path, "robot", **driven).findings if one.what == "sign"]
+    assert "pack_current_A is negative on the whole" in doubt.sentence
+    flipped = import_case(path, "robot", **driven, flip=("pack_current_A",))
+    np.testing.assert_allclose(flipped.runs[0].log.columns["pack_current_A"], log.current_A)
 
 
 def test_a_column_of_stamps_is_a_clock_whatever_it_is_called(tmp_path: Path):
