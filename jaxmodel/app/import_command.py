@@ -74,7 +74,12 @@ def import_(
     cells_in_series: Annotated[int, typer.Option(help="Of a module, to divide its voltage by.")] = 1,
     parallel_cells: Annotated[int, typer.Option(help="Of a module, to divide its current by.")] = 1,
     sheet: Annotated[
-        str | None, typer.Option(help="Of a spreadsheet; a MATLAB variable; a key of JSON.", show_default=False)
+        list[str] | None,
+        typer.Option(
+            metavar="NAME|PATTERN",
+            help="Of a spreadsheet; a MATLAB variable; a key of JSON; 'run*' for several. Repeatable.",
+            show_default=False,
+        ),
     ] = None,
     encoding: Annotated[str | None, typer.Option(help="Of text, as cp1252.", show_default=False)] = None,
     delimiter: Annotated[str | None, typer.Option(help="Of text.", show_default=False)] = None,
@@ -104,7 +109,7 @@ def import_(
         seconds_per_row=seconds_per_row,
         cells_in_series=cells_in_series,
         parallel_cells=parallel_cells,
-        sheet=sheet,
+        sheet=tuple(sheet) if sheet else None,
         encoding=encoding,
         delimiter=delimiter,
         decimal=decimal,

@@ -22,6 +22,7 @@ from jaxmodel.operation.mission import mission_profile, read_mission, rounds_in
 from jaxmodel.operation.state_of_charge import read_tunings
 from jaxmodel.sweeps.runner import Runner
 from jaxmodel.sweeps.study import read_study
+from tests.data.tables.made_logs import frc
 from tests.stress import seeds
 from tests.stress.mutators import BINARY, TABLE, TEXT, Mutator
 
@@ -85,10 +86,10 @@ def _robot() -> Model:
     return preset_model("paper", "robot")
 
 
-def _log(kind: Kind, name: str, content: bytes, mutators: tuple[Mutator, ...]) -> Reader:
+def _log(kind: Kind, name: str, content: bytes, mutators: tuple[Mutator, ...], **decisions: object) -> Reader:
     return Reader(
         lambda: {name: content},
-        lambda folder: import_case(folder / name, kind, ambient=25.0).check(),
+        lambda folder: import_case(folder / name, kind, ambient=25.0, **decisions).check(),
         mutators,
         label="imported",
     )
@@ -119,6 +120,7 @@ READERS: dict[str, Reader] = {
     "effect": Reader(_folder("effect"), _effect, label="hot_contact"),
     "upload": Reader(_folder("case"), _upload),
     "log of a motor": _log("motor", "motor.csv", seeds.motor_csv(), TABLE),
+    "match.wpilog": _log("robot", "match.wpilog", frc(), BINARY, constants={"incline_deg": 0.0}),
     **{name: _log("cell", name, content, TABLE) for name, content in seeds.text_logs().items()},
     **{name: _log("cell", name, content, BINARY) for name, content in seeds.binary_logs().items()},
 }

@@ -12,6 +12,7 @@ from jaxmodel.operation.kalman import Tuning
 from jaxmodel.operation.state_of_charge import FILTER, FILTER_FIXED
 from tests.conftest import REPOSITORY
 from tests.data.importing.benches import FORMATS, cell_log, motor_log
+from tests.data.tables.made_logs import flight, flight_text, lvm
 
 CASE = """title = "Small cell"
 kind = "cell"
@@ -140,13 +141,15 @@ def text_logs() -> dict[str, bytes]:
     """Return what cyclers export, by file name."""
     log = cell_log(step_s=60.0)
     made = {name: of(log) for name, of in FORMATS.items()}
+    made |= {"bench.lvm": lvm("No"), "segments.lvm": lvm("Multi", segments=2), "flight.log": flight_text(cells=1)}
     return {name: content.encode("utf-8") if isinstance(content, str) else content for name, content in made.items()}
 
 
 def binary_logs() -> dict[str, bytes]:
     """Return the same log in formats that are no text."""
     log = cell_log(step_s=60.0).rename(columns={"temperature_degC": "T_degC"})
-    return {f"log.{suffix}": _written(suffix, log) for suffix in ("xlsx", "parquet", "feather", "mat")}
+    made = {f"log.{suffix}": _written(suffix, log) for suffix in ("xlsx", "parquet", "feather", "mat")}
+    return made | {"flight.bin": flight(cells=1)[:60_000]}
 
 
 def motor_csv() -> bytes:

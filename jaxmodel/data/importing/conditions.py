@@ -87,7 +87,7 @@ def condition_of(run: Log, ambient: float | None) -> Condition:
     profile = "dynamic"
     if near > _CONSTANT and rests <= 3:
         profile = "constant current" if name.endswith("_A") else "constant voltage"
-    elif rests <= 1 and abs(np.corrcoef(run.time_s[loaded], load[loaded])[0, 1]) > _STRAIGHT:
+    elif rests <= 1 and loaded.sum() > 2 and abs(np.corrcoef(run.time_s[loaded], load[loaded])[0, 1]) > _STRAIGHT:
         profile = "ramp"
     elif rests > 3 and _share_of_levels(load[loaded], weight[loaded], largest) > _OF_LEVELS:
         profile = "pulses"
@@ -100,8 +100,8 @@ def condition_of(run: Log, ambient: float | None) -> Condition:
 
 def _share_of_levels(load: np.ndarray, weight: np.ndarray, largest: float) -> float:
     """Return the share of the loaded time that is spent at the six commonest levels of load."""
-    levels = np.round(load / (0.02 * largest)).astype(int)
-    times = np.sort(np.bincount(levels - levels.min(), weights=weight))[::-1]
+    _, level = np.unique(np.round(load / (0.02 * largest)), return_inverse=True)
+    times = np.sort(np.bincount(level, weights=weight))[::-1]
     return float(times[:6].sum() / max(times.sum(), 1e-12))
 
 

@@ -31,7 +31,7 @@ from jaxmodel.data.importing.options import Kind, Options, checked
 from jaxmodel.data.importing.outliers import without_outliers
 from jaxmodel.data.importing.roles import MARKS
 from jaxmodel.data.importing.runs import split
-from jaxmodel.data.importing.sign import motor_signs, settle
+from jaxmodel.data.importing.sign import motor_signs, robot_signs, settle
 from jaxmodel.data.importing.speed import with_speed
 
 _ROBOT_SOC = charge.Stated(1.0, 0.05, "assumed: full")
@@ -199,6 +199,8 @@ def _signed(logs: list[Log], kind: Kind, options: Options, ask: Ask | None) -> l
         logs = [by_name.get(id(log), log) for log in logs]
     elif options.sign == "charge-positive":
         logs = [_flipped(log, ("current_A", "pack_current_A", "motor_current_A")) for log in logs]
+    elif options.sign is None and kind == "robot":
+        logs = [robot_signs(log) for log in logs]
     logs = [_flipped(log, options.flip) for log in logs]
     return [motor_signs(log) for log in logs] if kind == "motor" else logs
 

@@ -16,8 +16,11 @@ from jaxmodel.data.importing.formulas import computed, unmatched, wanted
 from jaxmodel.data.importing.logs import Log, columns_of
 from jaxmodel.data.importing.options import Kind, Options
 from jaxmodel.data.importing.roles import MARKS, Role, looks_like, required, roles_of, target_unit
-from jaxmodel.data.importing.times import Times, counted_in, parse_times, unit_in_words
+from jaxmodel.data.importing.single_cells import OF_CELLS, single_cells, with_single_cells
+from jaxmodel.data.importing.spectra import OnlySpectra, of_spectra, without_spectra
+from jaxmodel.data.importing.times import Times, counted_in, date_and_time, parse_times, unit_in_words
 from jaxmodel.data.tables import RawTable, read_table
+from jaxmodel.data.tables.known_formats import known_format
 from jaxmodel.data.tables.names import matches
 from jaxmodel.data.tables.raw_table import to_numbers, units_in
 from jaxmodel.data.tables.units import Conversion, conversion
@@ -31,6 +34,7 @@ _WHY = {
     "only one in its unit": "the only column in its unit",
     "stated": "stated",
     "looks like it": "by its readings",
+    OF_CELLS: "of the columns of single cells",
 }
 _STATES = (
     (re.compile(r"^(d|dis|dchg|discharge.*|.*dchg.*|.*discharg.*|entlad.*|.*放电.*|dch)$", re.IGNORECASE), -1.0),
@@ -63,28 +67,38 @@ def load(
 
     def keep(names: Sequence[str]) -> Sequence[str]:
         in_order[:] = names
-        chosen.update(roles_of(names, _units_to_match(names, units_in(names), options), kind, options.columns))
+        known = known_format(names)
+        columns = known.plain(names) if known else {}
+        units = units_in(names) | {name: unit for name, (_, unit) in columns.items() if unit}
+        plain = {name: called for name, (called, _) in columns.items()}
+        chosen.update(roles_of(names, _units_to_match(names, units, options), kind, options.columns, plain))
         lacking = _lacking(chosen, kind, options)
         if wanted(options, names):
             return names
         if lacking and any(target not in options.columns for target in lacking):
             return names  # what no name tells is looked for in the readings
-        return list(dict.fromkeys(role.column for role in chosen.values()))
+        return list(
+            dict.fromkeys([*(role.column for role in chosen.values()), *single_cells(names, units), *of_spectra(names)])
+        )
 
     form = {name: getattr(options, name) for name in ("sheet", "encoding", "delimiter", "decimal")}
     table, kept = computed(read_table(path, columns=keep, **form), options)
+    table, left_out = _without_spectra(table)
     seen = list(dict.fromkeys([*in_order, *(str(name) for name in table.frame if name != table.key)]))
     units = dict(table.units) | {name: unit for name, unit in options.units.items() if name in table.frame}
     to_match = _units_to_match(seen, units_in(seen) | dict(table.units), options)
-    chosen = roles_of(seen, to_match, kind, options.columns)
+    chosen = roles_of(seen, to_match, kind, options.columns, table.plain)
     if any(role.column in table.left_out for role in chosen.values()):  # units below the names speak for others
         table, kept = computed(read_table(path, **form), options)
+        table, left_out = _without_spectra(table)
     if (lacking := _lacking(chosen, kind, options)) and _may_be_a_log(chosen, seen):
         named = {role.column for role in chosen.values()}
-        free = [name for name in table.frame if name not in named and name != table.key]
+        free = [name for name in table.frame if name not in {*named, *table.plain, table.key}]
         chosen |= looks_like(pd.DataFrame(table.frame[free]).head(_SAMPLE_ROWS), units, kind, lacking)
+    table, chosen, of_cells = with_single_cells(table, chosen, kind, options)
+    units |= {name: unit for name, unit in table.units.items() if name not in units}
     if not any(target in chosen for target in _readings(kind)):
-        header = _header(chosen, seen)
+        header = _header(chosen, seen, units)
         wrong = next((one for one in options.columns.items() if one[1] and one[1] not in header), None)
         raise NotALog(
             unmatched(*wrong, header)
@@ -96,14 +110,29 @@ def load(
             if target not in elsewhere and target not in options.columns:
                 chosen |= _asked(target, table, chosen, ask)
     units, told = _with_units_of_time(table, chosen, units, kind, ask)
-    header = _header(chosen, seen)
+    header = _header(chosen, seen, units)
     logs = [_log(part, name, kind, chosen, units, header) for name, part in table.tables()]
-    return [log.also(*kept, *told) if place == 0 else log for place, log in enumerate(logs)]
+    return [log.also(*kept, *left_out, *of_cells, *told) if place == 0 else log for place, log in enumerate(logs)]
 
 
-def _header(chosen: Mapping[str, Role], seen: Sequence[str]) -> dict[str, str]:
+def _without_spectra(table: RawTable) -> tuple[RawTable, list[Finding]]:
+    """Return a table without its rows of impedance spectra, and what was left out.
+
+    Raises:
+        NotALog: no other rows are left.
+    """
+    try:
+        return without_spectra(table)
+    except OnlySpectra as error:
+        raise NotALog(str(error)) from None
+
+
+def _header(chosen: Mapping[str, Role], seen: Sequence[str], units: Mapping[str, str]) -> dict[str, str]:
     """Return what became of each column of a file."""
     became = {role.column: target for target, role in chosen.items()}
+    for target, role in chosen.items():
+        if role.why == OF_CELLS:
+            became |= dict.fromkeys(single_cells(seen, units), target)
     return {name: became.get(name, "") for name in seen}
 
 
@@ -188,6 +217,14 @@ def _log(
                 Finding("empty column", where, f"{where}: column '{role.column}' is empty and left out.", column=target)
             )
             continue
+        if target.endswith("_degC") and not np.any(
+            np.nan_to_num(pd.Series(table.frame[role.column]).to_numpy(dtype=float))
+        ):
+            sentence = (
+                f"{where}: column '{role.column}' is 0 throughout, as of a sensor that is not there; it is left out."
+            )
+            found.append(Finding("no sensor", where, sentence, "warning", target))
+            continue
         columns[target] = values
         found += _about(role, unit, where)
         if role.column in table.repeated:
@@ -197,7 +234,7 @@ def _log(
             )
             found.append(Finding("repeated name", where, sentence, "warning", target))
     discharged = None
-    role = chosen.get("discharged_Ah")
+    role = chosen.get("discharged_Ah") if kind == "cell" else None  # of a pack, and not of a motor's current
     if role and conversion(unit := units.get(role.column, "A h"), "A h"):
         discharged = _converted(table, role, unit, "A h", where, [])
     log = Log(
@@ -221,8 +258,9 @@ def _log(
     used = {name for name in header if re.search(rf"(?<!\w){re.escape(name)}(?!\w)", texts)}
     if left := [column for column, target in header.items() if not target and column not in used]:
         found.append(Decision("not imported", where, listed(left, 20), "no column of the case holds it", "file"))
-    if table.current_positive_on == "charge":
-        found.append(Decision("convention", where, "charge", table.remarks[-1].rstrip("."), "file"))
+    if table.current_positive_on is not None:
+        why = table.remarks[-1].split(". ")[0].rstrip(".")
+        found.append(Decision("convention", where, table.current_positive_on, why, "file"))
     return log.also(*found)
 
 
@@ -254,6 +292,10 @@ def _clocked(
 ) -> Log:
     """Return a log that has the clock only: elapsed time, and time stamps where the file has them."""
     where, elapsed, stamp, of_step = table.label, None, None, False
+    date, clock = chosen.get("stamp"), chosen.get("time_s")
+    if date and clock and (both := date_and_time(table.frame[date.column], table.frame[clock.column])):
+        found.append(Decision("clock", where, f"columns '{date.column}' and '{clock.column}'", both.form, "file"))
+        return Log("", table.source, np.empty(0), {}, {}, both.seconds)
     for target in ("time_s", "stamp", "step_time"):
         role = chosen.get(target)
         if role is None or (target == "step_time" and elapsed is not None):
@@ -269,6 +311,7 @@ def _clocked(
         times = parse_times(pd.Series(table.frame[role.column]), unit)
         if times is None:
             continue
+        times = times._replace(seconds=np.where(np.abs(times.seconds) > LARGEST, np.nan, times.seconds))
         found.append(Decision("clock", where, f"column '{role.column}'", times.form, "file"))
         if times.absolute:
             stamp = times.seconds if stamp is None else stamp

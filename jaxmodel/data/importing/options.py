@@ -39,7 +39,7 @@ class Options:
         cells_in_series: by which a voltage is divided, for a module that is modelled as one cell.
         parallel_cells: by which a current is divided, for the same.
         accept_unsettled_sign: keep the sign of the file where physics cannot settle it.
-        sheet: of spreadsheets; of MATLAB files the variable, of JSON the key.
+        sheet: of spreadsheets; of MATLAB files the variable, of JSON the key; names, or patterns such as 'run*'.
         encoding: of text.
         delimiter: of text.
         decimal: of text.
@@ -63,7 +63,7 @@ class Options:
     cells_in_series: int = 1
     parallel_cells: int = 1
     accept_unsettled_sign: bool = False
-    sheet: str | None = None
+    sheet: str | tuple[str, ...] | None = None
     encoding: str | None = None
     delimiter: str | None = None
     decimal: str | None = None

@@ -12,6 +12,7 @@ import pandas as pd
 from jaxmodel.base.errors import MeasurementError, nearest
 from jaxmodel.base.units import unit_of
 from jaxmodel.case.measurements import KINDS
+from jaxmodel.data.importing.times import parse_times
 from jaxmodel.data.tables.names import is_set, matches, says_another
 from jaxmodel.data.tables.units import conversion, spelled
 
@@ -78,6 +79,8 @@ _NO_CLOCK = re.compile(
 # Units that stand for one quantity of a bench: the only column in V is the voltage. Of temperatures there are several,
 # and a frequency is no speed.
 _TELLING = ("A", "V", "rad/s", "N m")
+# Units of an energy, which is no torque though it has its dimension.
+_ENERGY = re.compile(r"[WJwj]|cal")
 _UNSURE = 100  # ranks of `matches` from here on are of names that only contain a word of the quantity
 _COMMANDED = 200
 
@@ -101,7 +104,13 @@ class Role:
     commanded: bool = False
 
 
-def roles_of(names: Sequence[str], units: Mapping[str, str], kind: str, stated: Mapping[str, str]) -> dict[str, Role]:
+def roles_of(
+    names: Sequence[str],
+    units: Mapping[str, str],
+    kind: str,
+    stated: Mapping[str, str],
+    plain: Mapping[str, str] | None = None,
+) -> dict[str, Role]:
     """Return the columns of a file by what they become: by their names, else as the only one in a telling unit.
 
     A name whose unit nobody knows comes last; the unit is then asked for.
@@ -112,6 +121,7 @@ def roles_of(names: Sequence[str], units: Mapping[str, str], kind: str, stated: 
         kind: of the case.
         stated: by column of the case, the column of the files that the user names; '' for none. A name that this
             file does not have says nothing about it.
+        plain: by column of a known format, what it is called in plain words; '' for nothing of a case.
 
     Raises:
         MeasurementError: the user names a column of the case that there is not.
@@ -126,7 +136,9 @@ def roles_of(names: Sequence[str], units: Mapping[str, str], kind: str, stated: 
     for target, column in stated.items():
         if column in names:
             found[target] = Role(target, column, "stated")
+    plain = plain or {}
     taken = {role.column for role in found.values()}
+    names = [name for name in names if plain.get(name) != ""]
     open_targets = [target for target in targets if target not in found and stated.get(target) != ""]
     ranked: dict[str, list[tuple[int, int, str]]] = {target: [] for target in open_targets}
     unknown: dict[str, list[tuple[int, int, str]]] = {target: [] for target in open_targets}
@@ -134,7 +146,7 @@ def roles_of(names: Sequence[str], units: Mapping[str, str], kind: str, stated: 
     for position, name in enumerate(names):
         if name in taken:
             continue
-        for match in matches(name, units.get(name, "")):
+        for match in matches(plain.get(name, name), units.get(name, "")):
             if match.quantity in by_quantity:
                 some = unknown if match.unit_unknown else ranked
                 some[by_quantity[match.quantity]].append((match.rank, position, name))
@@ -181,6 +193,7 @@ def _take_by_unit(
             and (of := units.get(name))
             and spelled(of) != "hertz"
             and conversion(of, unit)
+            and not (unit == "N m" and _ENERGY.search(of))
             and not says_another(name, same, of)
         ]
         measured = [name for name in fits if not is_set(name)] or fits
@@ -212,7 +225,10 @@ def looks_like(
         rising = [n for n, v in numbers.items() if _rises(v) and (timed[n] or _may_be_a_clock(n, v))]
         rising = [name for name in rising if timed[name]] or rising
         rising.sort(key=lambda name: (not _CLOCK.search(name), bool(np.all(np.diff(numbers[name]) == 1.0))))
-        if rising:
+        stamped = [name for name in silent if name not in numbers and _is_stamp(pd.Series(frame[name]))]
+        if stamped and not (rising and (timed[rising[0]] or _CLOCK.search(rising[0]))):
+            found["stamp"] = Role("stamp", stamped[0], "looks like it", tuple(stamped[1:]))
+        elif rising:
             found["time_s"] = Role("time_s", rising[0], "looks like it", tuple(rising[1:]))
             del numbers[rising[0]]
     numbers = {name: values for name, values in numbers.items() if not timed[name]}
@@ -224,6 +240,17 @@ def looks_like(
             found[target] = Role(target, fitting[0], "looks like it", tuple(fitting[1:]))
             del numbers[fitting[0]]
     return found
+
+
+def _is_stamp(column: pd.Series) -> bool:
+    """Return whether a column holds dates with a time of day that go on, whatever it is called."""
+    if column.dtype.kind in "iufb":
+        return False
+    times = parse_times(column, "")
+    if times is None or not times.absolute:
+        return False
+    there = times.seconds[np.isfinite(times.seconds)]
+    return there.size > 0.9 * len(column) and bool(np.all(np.diff(there) >= 0.0)) and float(np.ptp(there)) > 0.0
 
 
 def _may_be_a_clock(name: str, values: np.ndarray) -> bool:

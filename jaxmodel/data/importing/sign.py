@@ -233,7 +233,7 @@ def settle(logs: Sequence[Log], stated: str | None, accept: bool) -> list[Log]:
     # What one-signed files say of themselves says nothing of the bench: it may log magnitudes.
     signed = [log for log in free if not _of_one_sign(log.columns["current_A"])]
     all_of_them = pooled([found[id(log)] for log in signed or free])
-    fixed = [d.why for log in free for d in log.decisions if d.about == "convention" and d.value == "charge"]
+    fixed = [(d.value == "discharge", d.why) for log in free for d in log.decisions if d.about == "convention"]
     result = []
     for log in logs:
         if _settled(log):
@@ -258,7 +258,12 @@ def settle(logs: Sequence[Log], stated: str | None, accept: bool) -> list[Log]:
 
 
 def _decided(
-    log: Log, own: Evidence, together: Evidence, fixed: Sequence[str], stated: str | None, accept: bool
+    log: Log,
+    own: Evidence,
+    together: Evidence,
+    fixed: Sequence[tuple[bool, str]],
+    stated: str | None,
+    accept: bool,
 ) -> tuple[bool, Literal["user", "physics", "file", "assumed"], str]:
     """Return whether the current of a file is positive on discharge, who says so, and why."""
     if stated is not None:
@@ -270,7 +275,8 @@ def _decided(
         if found.strength >= _SETTLED:
             return found.odds >= 1.0, "physics", f"{_surely(found)}: {where}{found.sentence()}"
     if fixed:
-        return False, "file", fixed[0]
+        discharge, why = fixed[0]
+        return discharge, "file", why
     if accept:
         return True, "assumed", "the readings do not tell"
     raise MeasurementError(
@@ -301,6 +307,37 @@ def _unlike_others(log: Log, odds: float) -> Finding:
         "alone; look at it, or state --sign for all."
     )
     return Finding("sign", log.name, sentence, "warning", "current_A", numbers={"odds": odds})
+
+
+def robot_signs(log: Log) -> Log:
+    """Return a robot's log whose pack current is positive on discharge where its format fixes it the other way.
+
+    A robot uses more charge than it recovers: what was written otherwise than its format has it is kept, and a current
+    that is negative on the whole is doubted.
+    """
+    name, current = "pack_current_A", log.columns.get("pack_current_A")
+    if current is None:
+        return log
+    of_charge = any(d.about == "convention" and d.value == "charge" for d in log.decisions)
+    net, gross = float(np.nansum(current)), float(np.nansum(np.abs(current)))
+    if of_charge and net <= 0.0:
+        log = dataclasses.replace(log, columns=log.columns | {name: -current})
+        return log.also(
+            Decision(f"sign of {name}", log.name, "reversed", "its format has it positive on charge", "file")
+        )
+    if of_charge:
+        sentence = (
+            f"{log.name}: its format has a current that is positive on charge, and {name} is positive on the whole, as "
+            f"of a robot that discharges; it is kept. Reverse it with --flip {name} if the robot was charged."
+        )
+        return log.also(Finding("sign", log.name, sentence, "warning", name))
+    if net < -_OPPOSITE * gross:
+        sentence = (
+            f"{log.name}: {name} is negative on the whole, and a robot that drives discharges its pack; reverse it "
+            f"with --flip {name}, unless the robot was charged."
+        )
+        return log.also(Finding("sign", log.name, sentence, "warning", name))
+    return log
 
 
 def motor_signs(log: Log) -> Log:

@@ -14,6 +14,8 @@ from jaxmodel.data.tables.units import conversion
 
 _DURATION = re.compile(r"^\s*[+-]?(\d+\s*d(ays?)?[\s.]*)?\d+:\d{1,2}(:\d{1,2}([.,:]\d*)?)?\s*$", re.IGNORECASE)
 _PARTS = r"^\s*(?:(?P<days>\d+)\s*d(?:ays?)?[\s.]*)?(?P<a>\d+):(?P<b>\d{1,2})(?::(?P<c>\d{1,2}(?:[.,:]\d*)?))?\s*$"
+_DATE = re.compile(r"^\s*\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}\s*$")
+_TIME_OF_DAY = re.compile(r"^\s*([01]?\d|2[0-3]):\d{2}(:\d{2}([.,]\d+)?)?(\s*[ap]\.?m\.?)?\s*$", re.IGNORECASE)
 _SAMPLE = 200
 # Seconds since 1970 of 1980 and 2100, and days of a spreadsheet's calendar for the same.
 _EPOCH = (3.2e8, 4.1e9)
@@ -109,6 +111,36 @@ def parse_times(column: pd.Series, unit: str) -> Times | None:
     if first.str.match(_DURATION).mean() > 0.9:
         return Times(_durations(text), False, "durations as h:min:s")
     return _of_dates(text, first)
+
+
+def date_and_time(dates: pd.Series, times: pd.Series) -> Times | None:
+    """Return the time stamps that a column of dates and one of times of day make, None if they are none.
+
+    Args:
+        dates: text, or time stamps at midnight.
+        times: text such as '16:39:41.300', or seconds of the day.
+    """
+    if dates.dtype.kind == "M" and times.dtype.kind == "f":
+        days, seconds = _epoch(dates), times.to_numpy(dtype=float)
+        there = np.isfinite(days) & np.isfinite(seconds)
+        if (
+            not there.any()
+            or np.any(days[there] % 86_400.0 != 0.0)
+            or not np.all((0.0 <= seconds) & (seconds < 86_400.0))
+        ):
+            return None
+        return Times(days + seconds, True, "date and time of day")
+    if any(column.dtype.kind in "iufbmM" for column in (dates, times)):
+        return None
+    date, time = dates.astype("string"), times.astype("string")
+    first = (date.dropna().head(_SAMPLE), time.dropna().head(_SAMPLE))
+    if first[0].empty or first[1].empty or first[0].str.match(_DATE).mean() < 0.9:
+        return None
+    if not time.dropna().str.match(_TIME_OF_DAY).mean() > 0.99:
+        return None
+    both = date.str.strip() + " " + time.str.strip().str.replace(",", ".", regex=False)
+    found = _of_dates(both, both.dropna().head(_SAMPLE))
+    return None if found is None else found._replace(form=f"date and time of day, {found.form}")
 
 
 def _of_numbers(values: np.ndarray, unit: str) -> Times:

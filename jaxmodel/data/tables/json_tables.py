@@ -11,23 +11,21 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jaxmodel.base.errors import MeasurementError, listed, nearest
+from jaxmodel.base.errors import MeasurementError
 from jaxmodel.case.measurements import file_label
+from jaxmodel.data.tables.keyed_tables import Sheets, matching, put_together, short_labels
 from jaxmodel.data.tables.raw_table import RawTable, to_numbers, unique_names, units_in
 
 _DEEPEST = 8
-_NAMED = 8  # keys that a sentence names
 # A number takes some 100 bytes as an object of Python.
 _MOST_BYTES = 1 << 29
-# What the column of the keys is called: the first that no column is called already.
-_KEYS = ("run", "table", "key of the run")
 _NAMES = ("columns", "names", "fields", "header", "headers", "labels")
 _OWN_NAMES = ("name", "label", "id", "title", "test")
 # Rows of FRC SysId, which have no names. Its docs/data-collection.md: other mechanisms than a drivetrain have four.
 _SYSID = ("time (s)", "voltage (V)", "position (rev)", "velocity (rev/s)")
 
 
-def read_json(path: Path, key: str | None = None) -> RawTable:
+def read_json(path: Path, keys: Sheets = None) -> RawTable:
     """Read a JSON file, or one of JSON lines.
 
     It may hold a list of records or of rows, columns by name, channels with their values and unit, or several of these
@@ -35,7 +33,7 @@ def read_json(path: Path, key: str | None = None) -> RawTable:
 
     Args:
         path: the file.
-        key: of the one table to be read; by default all.
+        keys: of the tables to be read, or patterns of them; by default all.
 
     Raises:
         MeasurementError: it is no JSON, holds no table, or has no such key.
@@ -48,50 +46,16 @@ def read_json(path: Path, key: str | None = None) -> RawTable:
         raise MeasurementError(
             f"{label} holds no table: neither a list of rows nor columns of equal length; export it as CSV."
         )
-    tables = dict(zip(_labels([parts for parts, _ in found]), (table for _, table in found), strict=True))
-    if key is not None and key not in tables:
-        raise MeasurementError(
-            f"{label} has no table '{key}'.{nearest(key, tables) or f' It has {listed(tables, _NAMED)}.'}"
-        )
+    tables = dict(zip(short_labels([parts for parts, _ in found]), (table for _, table in found), strict=True))
+    tables = {name: tables[name] for name in matching(tables, keys, label, "table")}
     if isinstance(content, Mapping) and content.get("sysid") is True:
         nameless = [f"column {number}" for number in range(1, len(_SYSID) + 1)]
         names = dict(zip(nameless, _SYSID, strict=True))
         tables = {k: t.rename(columns=names) if list(t) == nameless else t for k, t in tables.items()}
-    headers = {name: tuple(map(str, table)) for name, table in tables.items()}
-    rows: Counter[tuple[str, ...]] = Counter()
-    for name, table in tables.items():
-        rows[headers[name]] += len(table)
-    header = headers[key] if key is not None else rows.most_common(1)[0][0]
-    chosen = {
-        name: table for name, table in tables.items() if name == key or (not key and _goes_with(headers[name], header))
-    }
-    remarks = [] if list(chosen) == [""] else [f"Read {listed(chosen, _NAMED)}."]
-    left = [] if key else [f"'{name}'" for name in tables if name not in chosen]
-    losses = [f"{listed(left, _NAMED)} has other columns and was not read (--sheet)."] if left else []
-    frame = pd.concat([_typed(table) for table in chosen.values()], ignore_index=True)
-    of_keys = next((name for name in _KEYS if name not in frame), "") if len(chosen) > 1 else ""
-    if of_keys:
-        frame[of_keys] = np.repeat(list(chosen), [len(table) for table in chosen.values()])
+    keyed = put_together({name: _typed(table) for name, table in tables.items()}, bool(keys))
+    frame = keyed.frame
     stated = units_in(map(str, frame)) | {name: unit for name, unit in units.items() if name in frame}
-    return RawTable(frame, stated, path, "JSON", tuple(remarks), losses=tuple(losses), key=of_keys)
-
-
-def _goes_with(header: Sequence[str], main: Sequence[str]) -> bool:
-    """Return whether a table is of the same bench as the main one: by two names, or as many columns without names."""
-    nameless = all(name.startswith("column ") for name in main)
-    return header == main or (not nameless and len({*header} & {*main}) > 1)
-
-
-def _labels(paths: Sequence[tuple[str, ...]]) -> list[str]:
-    """Return what tells paths apart, each once: without the parts with which all begin or end."""
-    first, shortest = paths[0], min(map(len, paths))
-    same = [len({path[n] for path in paths}) == 1 for n in range(shortest)]
-    begin = same.index(False) if False in same else shortest
-    same = [len({path[-1 - n] for path in paths}) == 1 for n in range(shortest - begin)]
-    end = same.index(False) if False in same else shortest - begin
-    if len(paths) == 1:
-        return [".".join(first)]
-    return unique_names(".".join(path[begin : len(path) - end]) or ".".join(path) for path in paths)
+    return RawTable(frame, stated, path, "JSON", keyed.remarks, losses=keyed.losses, key=keyed.key)
 
 
 def _content(path: Path, label: str) -> Any:

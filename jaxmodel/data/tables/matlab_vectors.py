@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 
 _DEEPEST = 6
+_MOST_ITEMS = 5000  # of an array of structures: a cell that ages has some hundred cycles
 _TABLES = ("table", "timetable")
 _WITHOUT = "save it with writetable or table2struct(T, ToScalar=true)"
 
@@ -98,10 +99,10 @@ def _vectors(value: Any, path: str, name: str, depth: int = 0) -> Iterator[_Vect
     elif isinstance(value, list):
         if value and all(isinstance(item, int | float) for item in value):
             yield _Vector(path, name, np.asarray(value, dtype=float))
-        elif len(value) < 200:
+        elif len(value) < _MOST_ITEMS:
             for number, item in enumerate(value, start=1):
                 yield from _vectors(item, f"{path} {number}", f"{name} {number}", depth + 1)
-    elif isinstance(value, np.ndarray) and value.dtype.names is not None and value.size < 200:
+    elif isinstance(value, np.ndarray) and value.dtype.names is not None and value.size < _MOST_ITEMS:
         for number, item in enumerate(value.ravel(), start=1):
             fields = {key: item[key] for key in value.dtype.names}
             yield from _vectors(fields, path if value.size == 1 else f"{path} {number}", name, depth + 1)
@@ -113,7 +114,7 @@ def _vectors(value: Any, path: str, name: str, depth: int = 0) -> Iterator[_Vect
             if tall.shape[1] <= 100:
                 for number, column in enumerate(tall.T, start=1):
                     yield _Vector(f"{path} {number}", f"{name} {number}", column.astype(float))
-    elif isinstance(value, np.ndarray) and value.dtype == object and value.size < 200:
+    elif isinstance(value, np.ndarray) and value.dtype == object and value.size < _MOST_ITEMS:
         for number, item in enumerate(value.ravel(), start=1):
             yield from _vectors(item, f"{path} {number}", f"{name} {number}", depth + 1)
 

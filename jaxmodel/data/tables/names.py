@@ -175,7 +175,8 @@ def _rank(words: str, unit: str, quantity: Quantity) -> int:
     if words in quantity.names:
         return quantity.names.index(words)
     tokens = words.split()
-    if any(token in quantity.without for token in tokens) or not any(token in quantity.words for token in tokens):
+    without = {*tokens, *_tokens(words)}  # 'imu2' is one of those that 'imu' names
+    if without & quantity.without or not any(token in quantity.words for token in tokens):
         return -1
     if quantity.also and not any(token in quantity.also for token in tokens):
         return -1

@@ -52,6 +52,8 @@ _WINDING = _of("winding coil copper wicklung phase")
 _HOUSING = _of("case housing stator body gehäuse frame shell")
 _HEAT = _of("temperature temp temperatur température thermocouple tc rtd 温度")
 _GEARED = _of("motor winding coil stator")
+_PACK = frozenset(["battery", "bat", "batt", "pack", "bat volt"])  # by its unit, 'Battery (V)' is a voltage
+_ELECTRONICS = _of("mos mosfet mosfets fet fets esc controller inverter driver board pcb cpu mcu imu baro chip tube")
 
 QUANTITIES: dict[str, Quantity] = {
     "time": Quantity(
@@ -88,10 +90,12 @@ QUANTITIES: dict[str, Quantity] = {
         _names(
             "current, i, amps, cell current, battery current, measured current, current measured, amp, "
             "amperes, cur, strom,"
-            "stromstärke, courant, corriente, i cell, i batt, i bat, i battery, current ampere, 电流, 电流值, curr"
+            "stromstärke, courant, corriente, i cell, i batt, i bat, i battery, current ampere, 电流, 电流值, curr,"
+            "pack current, bat current, batt current, bat curr, ibat, ipack, i pack, battery, bat, batt, pack"
         ),
         _of("current amps strom 电流 curr"),
         without=WANTED | _COUNTED | _of("range index motor step left right phase"),
+        with_unit=_PACK,
     ),
     "voltage": Quantity(
         "V",
@@ -99,10 +103,12 @@ QUANTITIES: dict[str, Quantity] = {
             "voltage, cell voltage, terminal voltage, battery voltage, ewe, ecell, ewe ece, volts, u, v, volt, vcell,"
             "measured voltage, voltage measured, spannung, zellspannung, tension, voltaje, u cell, u batt, "
             "v batt, v cell,"
-            "voltage volt, 电压, 电压值, ewe v"
+            "voltage volt, 电压, 电压值, ewe v, pack voltage, total voltage, sum voltage, bat voltage,"
+            "batt voltage, bat volt, vbat, vbatt, vpack, v pack, battery, bat, batt, pack"
         ),
         _of("voltage volts spannung 电压 ewe ecell"),
         without=WANTED | _COUNTED | _of("group aux open ocv"),
+        with_unit=_PACK,
     ),
     "state": Quantity(
         None,
@@ -139,10 +145,11 @@ QUANTITIES: dict[str, Quantity] = {
             "cell temperature, surface temperature, temperature, temp, battery temperature, battery temp, cell temp,"
             "skin temperature, temperature middle, temperatur, zelltemperatur, temperature measured, temperature t1,"
             "aux temperature 1, aux temperature 1 1, temperature 1, temp 1, t1, tc1, t cell, t surf, t surface, evtemp,"
-            "cell temp 1, aux temperature, 温度, 辅温, celltemp, can, temperature t1 celsius"
+            "cell temp 1, temp1, ntc1, ntc 1, ntc, battery t1, temperature1, aux temperature, 温度, 辅温, celltemp,"
+            "can, temperature t1 celsius"
         ),
         _HEAT | _of("t"),
-        without=_AMBIENT | WANTED | _GEARED,
+        without=_AMBIENT | WANTED | _GEARED | _ELECTRONICS,
     ),
     "ambient_temperature": Quantity(
         "degC",
@@ -223,18 +230,34 @@ QUANTITIES: dict[str, Quantity] = {
     "pack_voltage": Quantity(
         "V",
         _names(
-            "pack voltage, battery voltage, bus voltage, supply voltage, vbat, v batt, vbatt, u batt, voltage, v bus"
+            "pack voltage, battery voltage, bus voltage, supply voltage, vbat, v batt, vbatt, u batt, voltage, v bus,"
+            "total voltage, sum voltage, bat voltage, batt voltage, bat volt, vpack, v pack, battery, bat, batt,"
+            "pack"
         ),
         _of("voltage"),
-        also=_of("battery pack bus supply"),
+        also=_of("battery pack bus supply bms total input"),
+        without=WANTED | _of("cell motor"),
+        with_unit=_PACK,
     ),
     "pack_current": Quantity(
         "A",
-        _names("pack current, battery current, bus current, total current, ibat, i batt, current, i bus"),
+        _names(
+            "pack current, battery current, bus current, total current, ibat, i batt, current, i bus, bat current,"
+            "batt current, bat curr, ipack, i pack, battery, bat, batt, pack"
+        ),
         _of("current"),
-        also=_of("battery pack bus total"),
+        also=_of("battery pack bus total bms input"),
+        without=WANTED | _of("motor balance"),
+        with_unit=_PACK,
     ),
     "incline": Quantity("deg", _names("incline, slope, inclination, pitch, grade angle, steigung")),
     "acceleration": Quantity("m/s2", _names("acceleration, acc x, accel")),
-    "soc": Quantity("", _names("soc, state of charge, ladezustand, battery level")),
+    "soc": Quantity(
+        "",
+        _names(
+            "soc, state of charge, ladezustand, battery level, battery soc, batt soc, pack soc, battery state of charge"
+        ),
+        _of("soc"),
+        without=WANTED,
+    ),
 }

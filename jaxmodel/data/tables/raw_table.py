@@ -31,6 +31,7 @@ class RawTable:
         left_out: columns of the file that were not read.
         repeated: names that several columns have; the second is called 'name 2'.
         key: the column whose texts tell several tables of one file apart; '' for one table.
+        plain: by column, the plain name of what a known format holds there; '' for nothing of a case.
     """
 
     frame: pd.DataFrame
@@ -44,6 +45,7 @@ class RawTable:
     losses: tuple[str, ...] = ()
     repeated: tuple[str, ...] = ()
     key: str = ""
+    plain: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
     @property
     def label(self) -> str:

@@ -15,25 +15,29 @@ import pandas as pd
 from jaxmodel.base.errors import MeasurementError
 from jaxmodel.case.measurements import file_label
 from jaxmodel.data.tables.columnar import read_columnar
+from jaxmodel.data.tables.dataflash import is_dataflash, read_dataflash
 from jaxmodel.data.tables.delimited import Keep, read_delimited
 from jaxmodel.data.tables.json_tables import read_json
+from jaxmodel.data.tables.keyed_tables import Sheets
+from jaxmodel.data.tables.known_formats import known_format
+from jaxmodel.data.tables.labview import is_labview, read_labview
 from jaxmodel.data.tables.loggers import PACKAGES, read_logger
 from jaxmodel.data.tables.matlab import read_matlab
+from jaxmodel.data.tables.mcap_messages import is_of_ros, read_mcap
 from jaxmodel.data.tables.raw_table import RawTable
+from jaxmodel.data.tables.ros import SUFFIXES as ROS
+from jaxmodel.data.tables.ros import read_ros
 from jaxmodel.data.tables.spreadsheets import read_spreadsheet
+from jaxmodel.data.tables.unreadable import refuse_unreadable
+from jaxmodel.data.tables.wpilog import is_wpilog, read_wpilog
 
 SPREADSHEETS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 COLUMNAR = (".parquet", ".pq", ".feather", ".arrow")
 TEXT = (".csv", ".tsv", ".txt", ".mpt", ".asc", ".log", ".lvm", ".bdf", "")
 JSON = (".json", ".jsonl", ".ndjson")
-SUFFIXES = (*TEXT, *SPREADSHEETS, *COLUMNAR, *JSON, ".mat", *PACKAGES, ".gz")
+SUFFIXES = (*TEXT, *SPREADSHEETS, *COLUMNAR, *JSON, ".mat", ".bin", ".wpilog", *ROS, *PACKAGES, ".gz")
 """The endings of files that `read_table` knows; a file of another is taken as text."""
 
-# The fixed names of the Battery Data Format: labels, and names for machines. Its current is positive on charge.
-_BATTERY_DATA_FORMAT = (
-    {"Test Time / s", "Current / A", "Voltage / V"},
-    {"test_time_second", "current_ampere", "voltage_volt"},
-)
 # By the ending of their files, makers whose current is positive on charge. Their own manuals.
 _POSITIVE_ON_CHARGE = {
     ".mpr": "BioLogic", ".mpt": "BioLogic", ".nda": "Neware", ".ndax": "Neware", ".res": "Arbin",
@@ -48,7 +52,7 @@ def read_table(
     *,
     columns: Collection[str] | Keep | None = None,
     rows: int | None = None,
-    sheet: str | None = None,
+    sheet: Sheets = None,
     encoding: str | None = None,
     delimiter: str | None = None,
     decimal: str | None = None,
@@ -60,7 +64,8 @@ def read_table(
             `loggers`.
         columns: names of those to read, or a function that chooses them from all names; by default all.
         rows: the most rows to read.
-        sheet: of a spreadsheet; of a MATLAB file the variable, of JSON the key.
+        sheet: of a spreadsheet; of a MATLAB file the variable, of JSON the key. A pattern such as 'run*', or several
+            names, choose several tables, each with its name in the column `key` of the result.
         encoding: of text; by default found.
         delimiter: of text; by default found.
         decimal: of text, '.' or ','; by default found.
@@ -83,6 +88,7 @@ def read_table(
                 inside, columns=columns, rows=rows, sheet=sheet, encoding=encoding, delimiter=delimiter, decimal=decimal
             )
         return dataclasses.replace(table, source=path)
+    refuse_unreadable(path)
     keep = _keeper(columns, path)
     suffix = _suffix(path)
     if suffix in SPREADSHEETS:
@@ -95,6 +101,16 @@ def read_table(
         table = read_json(path, sheet)
     elif suffix in PACKAGES:
         table = read_logger(path)
+    elif suffix == ".mcap" and not is_of_ros(path):
+        table = read_mcap(path, keep)
+    elif suffix in ROS:
+        table = read_ros(path, keep)
+    elif is_wpilog(path):
+        table = read_wpilog(path, keep)
+    elif is_dataflash(path):
+        table = read_dataflash(path, keep)
+    elif is_labview(path):
+        table = read_labview(path, encoding)
     else:
         table = read_delimited(path, keep=keep, rows=rows, encoding=encoding, delimiter=delimiter, decimal=decimal)
     if len(table.frame) == 0:
@@ -135,7 +151,7 @@ def _suffix(path: Path) -> str:
         start = stream.read(8)
     if suffix == ".dat":
         return suffix if start.startswith(b"MDF") else ".txt"
-    if suffix in TEXT or suffix not in SUFFIXES:
+    if suffix in (*TEXT, ".bin", ".wpilog") or suffix not in SUFFIXES:
         return next((ending for mark, ending in _STARTS if start.startswith(mark)), ".txt")
     if suffix in SPREADSHEETS and re.match(rb"[\w#\"\xef]", start) and not start.startswith(b"PK"):
         return ".txt"  # text that a cycler's software has called .xls
@@ -169,11 +185,17 @@ def _selected(table: RawTable, keep: Keep | None, rows: int | None) -> RawTable:
 
 def _as_known(table: RawTable) -> RawTable:
     """Return a table with what its format fixes."""
-    names = {*map(str, table.frame), *table.left_out}
-    if any(fixed <= names for fixed in _BATTERY_DATA_FORMAT):
-        remark = "Battery Data Format: its current is positive on charge."
+    names = [name for name in (*map(str, table.frame), *table.left_out) if name != table.key]
+    if known := known_format(names):
+        columns = known.plain(names)
+        stated = {name: unit for name, (_, unit) in columns.items() if unit and name in table.frame}
         return dataclasses.replace(
-            table, format="Battery Data Format", remarks=(*table.remarks, remark), current_positive_on="charge"
+            table,
+            format=known.name,
+            units=dict(table.units) | stated,
+            remarks=(*table.remarks, known.remark),
+            current_positive_on=known.current_positive_on,
+            plain={name: plain for name, (plain, _) in columns.items()},
         )
     if maker := _POSITIVE_ON_CHARGE.get(table.source.suffix.lower()):
         remark = f"{maker}: its current is positive on charge."

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jaxmodel.base.errors import MeasurementError, nearest
+from jaxmodel.base.errors import MeasurementError
 from jaxmodel.case.measurements import file_label
+from jaxmodel.data.tables.keyed_tables import Sheets, matching, put_together
 from jaxmodel.data.tables.names import are_units
 from jaxmodel.data.tables.raw_table import RawTable, repeated_names, to_numbers, unique_names, units_in
 
@@ -20,13 +21,13 @@ _SEARCHED_ROWS = 2000
 _MOST_BYTES = 1 << 30
 
 
-def read_spreadsheet(path: Path, sheet: str | None = None) -> RawTable:
+def read_spreadsheet(path: Path, sheets: Sheets = None) -> RawTable:
     """Read the table of a spreadsheet: the sheet with most numbers, and those that go on with it.
 
     Args:
         path: the file.
-        sheet: its name; by default the largest table. Sheets with the same header are read one after the other, as
-            cyclers split a long log.
+        sheets: their names, or patterns of them; several are runs of their own. By default the largest table: sheets
+            with the same header are read one after the other, as cyclers split a long log.
 
     Raises:
         MeasurementError: the file is damaged, has no such sheet, or holds no table of numbers.
@@ -37,10 +38,7 @@ def read_spreadsheet(path: Path, sheet: str | None = None) -> RawTable:
     _refuse_too_large(path, label)
     try:
         book = python_calamine.CalamineWorkbook.from_path(path)
-        names = [sheet] if sheet else list(book.sheet_names)
-        if sheet and sheet not in book.sheet_names:
-            hint = nearest(sheet, book.sheet_names) or f" It has {', '.join(book.sheet_names)}."
-            raise MeasurementError(f"{label} has no sheet '{sheet}'.{hint}")
+        names = matching(book.sheet_names, sheets, label, "sheet")
         tables = {name: table for name in names if (table := _table(book.get_sheet_by_name(name).to_python()))}
     except (python_calamine.CalamineError, OSError, ValueError) as error:
         if isinstance(error, MeasurementError):
@@ -50,6 +48,11 @@ def read_spreadsheet(path: Path, sheet: str | None = None) -> RawTable:
         ) from error
     if not tables:
         raise MeasurementError(f"{label} has no sheet with a table of numbers; give the file that holds the readings.")
+    if sheets and len(tables) > 1:
+        keyed = put_together({name: table[0] for name, table in tables.items()}, True)
+        units = {name: unit for table in tables.values() for name, unit in table[1].items() if name in keyed.frame}
+        stated = units_in(map(str, keyed.frame)) | units
+        return RawTable(keyed.frame, stated, path, "spreadsheet", keyed.remarks, losses=keyed.losses, key=keyed.key)
     main = max(tables, key=lambda name: len(tables[name][0]))
     header = list(tables[main][0].columns)
     parts = [name for name in tables if list(tables[name][0].columns) == header]

@@ -25,7 +25,7 @@ SPELLINGS = {
     "mah": "milliampere*hour", "ma.h": "milliampere*hour", "ma*h": "milliampere*hour", "ma h": "milliampere*hour",
     "as": "ampere*second", "wh": "watt*hour", "w.h": "watt*hour", "w*h": "watt*hour", "mwh": "milliwatt*hour",
     "c": "degC", "°c": "degC", "degc": "degC", "deg c": "degC", "oc": "degC", "ºc": "degC", "℃": "degC",
-    "celsius": "degC", "deg_c": "degC", "degrees c": "degC", "˚c": "degC",
+    "@c": "degC", "celsius": "degC", "deg_c": "degC", "degrees c": "degC", "˚c": "degC",
     "f": "degF", "°f": "degF", "degf": "degF", "fahrenheit": "degF", "℉": "degF", "k": "kelvin", "kelvin": "kelvin",
     "ohm": "ohm", "ohms": "ohm", "ω": "ohm", "mohm": "milliohm", "mω": "milliohm",
     "rpm": "rpm", "1/min": "rpm", "r/min": "rpm", "min-1": "rpm", "rev/min": "rpm", "u/min": "rpm",

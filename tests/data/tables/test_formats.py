@@ -115,6 +115,71 @@ def test_a_structure_of_a_matlab_file(tmp_path: Path):
     assert any("short (3)" in remark for remark in table.remarks)
 
 
+def runs_of_a_file(nested: bool) -> dict[str, object]:
+    """Three runs as structures, and what is none: a note, and settings of another form."""
+    halves = [FRAME[:20], FRAME[20:], FRAME[5:15]]
+    runs = {f"run{n}": {name: part[name].to_numpy() for name in part} for n, part in enumerate(halves, start=1)}
+    runs = {name: dict(zip(["Time", "Current", "Voltage"], run.values(), strict=True)) for name, run in runs.items()}
+    others = {"note": "25 degC", "settings": {"gain": np.arange(7.0), "offset": np.arange(7.0)}}
+    return {"bench": {**runs, **others}} if nested else {**runs, **others}
+
+
+@pytest.mark.parametrize("nested", [False, True])
+def test_structures_of_a_matlab_file_are_runs_by_their_names(tmp_path: Path, nested: bool):
+    path = tmp_path / "log.mat"
+    scipy.io.savemat(path, runs_of_a_file(nested))
+    table = read_table(path)
+    assert [name for name, _ in table.tables()] == ["log-run1", "log-run2", "log-run3"]
+    parts = dict(table.tables())
+    np.testing.assert_array_equal(parts["log-run2"].frame[["Time", "Current", "Voltage"]], FRAME[20:])
+
+
+@pytest.mark.parametrize(
+    ("sheet", "runs"),
+    [("run[12]", ["run1", "run2"]), ("run*", ["run1", "run2", "run3"]), (("run1", "run3"), ["run1", "run3"])],
+)
+def test_runs_of_a_matlab_file_are_chosen_by_pattern(tmp_path: Path, sheet: str | tuple[str, ...], runs: list[str]):
+    path = tmp_path / "log.mat"
+    scipy.io.savemat(path, runs_of_a_file(nested=True))
+    table = read_table(path, sheet=sheet)
+    assert list(dict.fromkeys(table.frame[table.key])) == runs
+    (alone,) = read_table(path, sheet="run2").tables()
+    np.testing.assert_array_equal(alone[1].frame[["Time", "Current", "Voltage"]], FRAME[20:])
+    with pytest.raises(MeasurementError, match=r"has no variable 'walk\*'"):
+        read_table(path, sheet="walk*")
+
+
+def test_an_array_of_structures_is_a_run_each(tmp_path: Path):
+    path = tmp_path / "aged.mat"
+    kind = np.dtype([("Time", object), ("Current", object), ("Voltage", object)])
+    cycles = np.zeros((1, 300), dtype=kind)
+    for n in range(300):
+        cycles[0, n] = tuple(FRAME[name].to_numpy() + n for name in FRAME)
+    scipy.io.savemat(path, {"cycle": cycles})
+    parts = dict(read_table(path).tables())
+    assert len(parts) == 300
+    np.testing.assert_allclose(parts["aged-cycle 300"].frame["Voltage"], FRAME["Voltage(V)"] + 299.0)
+
+
+def test_structures_of_one_signal_each_are_columns(tmp_path: Path):
+    path = tmp_path / "scope.mat"
+    time_s, current, voltage = FRAME.to_numpy().T
+    scipy.io.savemat(path, {"I": {"time": time_s, "data": current}, "U": {"time": time_s, "data": voltage}})
+    table = read_table(path)
+    assert table.key == ""
+    np.testing.assert_array_equal(table.frame["U.data"], voltage)
+
+
+def test_sheets_that_a_user_names_are_runs(tmp_path: Path):
+    path = tmp_path / "log.xlsx"
+    with pd.ExcelWriter(path, engine="openpyxl") as book:
+        for name, part in {"run 1": FRAME[:20], "run 2": FRAME[20:], "old": FRAME}.items():
+            part.to_excel(book, sheet_name=name, index=False)
+    table = read_table(path, sheet="run*")
+    assert [name for name, _ in table.tables()] == ["log-run 1", "log-run 2"]
+    pd.testing.assert_frame_equal(pd.DataFrame(table.frame[[*FRAME]]), FRAME)
+
+
 def test_matlab_7_3(tmp_path: Path):
     pytest.importorskip("matio")
     h5py = pytest.importorskip("h5py")
