@@ -313,11 +313,13 @@ class Comparison:
         return abs(coordinate.number(x) - coordinate.number(0.0)) / max(coordinate.slope(x) * sd, 1e-300)
 
     def _plausible(self, fit: Fit, candidate: Candidate) -> bool:
-        """Return True if the amplitude of an addition lies within a few times its usual range."""
+        """Return True if an addition lies within a few times its usual range: its amplitude, energies and shares."""
         x = fit.x[list(self.cache.space.layout.of[candidate.label])]
         if candidate.is_vector:
             return float(np.sqrt(np.mean(x**2))) <= self.cache.settings.implausible
-        first = candidate.coordinates[0]
+        first, *others = candidate.coordinates
+        if any(not one.logarithmic and abs(at) > FURTHEST for one, at in zip(others, x[1:], strict=True)):
+            return False
         if not first.logarithmic:
             return bool(abs(x[0]) <= FURTHEST)
         # A smaller amplitude than usual is small and not wrong.

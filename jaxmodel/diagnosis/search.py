@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -55,7 +55,20 @@ class Found:
 
 
 class Search(Comparison):
-    """A search over the models of a case."""
+    """A search over the models of a case.
+
+    Attributes:
+        ruled_out: candidates that may not enter.
+    """
+
+    def __init__(self, cache: FitCache, ruled_out: Collection[str] = ()) -> None:
+        """Search over the models of a cache, without some candidates."""
+        super().__init__(cache)
+        self.ruled_out = frozenset(ruled_out)
+
+    def without(self, labels: Collection[str]) -> Search:
+        """Return the search in which some candidates more may not enter."""
+        return Search(self.cache, {*self.ruled_out, *labels})
 
     def run(
         self, start: Sequence[str] = (), seek: bool = True, each: Callable[[tuple[str, ...]], None] = lambda _: None
@@ -72,7 +85,7 @@ class Search(Comparison):
         path = [(), *([model] if model else [])]
         refused: dict[str, Test] = {}
         if seek:
-            has_kinetics = False
+            has_kinetics, ended = False, {model}
             for _ in range(cache.settings.most_rounds):
                 if not has_kinetics and cache.is_within_tolerance(cache.fit(model)):
                     model, has_kinetics = self._with_kinetics(model), True
@@ -90,7 +103,12 @@ class Search(Comparison):
                 elif together := self._entering_together(model, refused):
                     model = self._needed(together, start)
                 else:
-                    break
+                    # What is not needed in the end may have kept out what is.
+                    model = self._needed(model, start)
+                    if model in ended or model == path[-1]:
+                        break
+                    ended.add(model)
+                    continue
                 if model in path:
                     break
                 path.append(model)
@@ -114,9 +132,11 @@ class Search(Comparison):
     # What may enter
 
     def may_enter(self, model: Sequence[str], label: str) -> bool:
-        """Return True if all that a candidate acts on is in the model."""
+        """Return True if a candidate is not ruled out, and all that it acts on is in the model."""
         candidates = self.cache.space.candidates
-        return all(name in model or name not in candidates for name in candidates[label].effect.needs)
+        return label not in self.ruled_out and all(
+            name in model or name not in candidates for name in candidates[label].effect.needs
+        )
 
     def _promising(self, model: Sequence[str], simpler: Sequence[str]) -> list[str]:
         """Return the candidates that are worth a try, the best scores first; `simpler` are always among them."""
@@ -179,8 +199,11 @@ class Search(Comparison):
         for label in KINETICS:
             if label not in cache.space.candidates or label in model or cache.case.kind != "cell":
                 continue
+            if label in self.ruled_out:
+                continue
             cache.report(f"calibrating with {label}")
-            if self.test((*model, label), label).significant:
+            test = self.test((*model, label), label)
+            if test.significant and test.plausible:
                 model = cache.space.key((*model, label))
         return model
 
@@ -197,7 +220,7 @@ class Search(Comparison):
         reached = at_once(lambda label: cache.first_point((*model, label), label)[1], labels)
         left = dict(zip(labels, reached, strict=True))
         labels.sort(key=left.__getitem__)
-        if cache.is_within_tolerance(before):
+        if self.is_noise(before):
             labels = [one for one in labels if one in simpler or self._may_be_significant(before, one, left[one])]
         found: list[tuple[float, Test]] = []
         for place in range(0, len(labels), 2):
@@ -210,8 +233,17 @@ class Search(Comparison):
                 test = self._test(richer, before, label)
                 found.append((test.gain - test.odds, test))  # of one model: all odds are held against the same data
         found.sort(key=lambda one: -one[0])
-        best = next((test for over, test in found if over > 0.0 and test.enters), None)
+        entering = [(over, test) for over, test in found if over > 0.0 and test.enters]
+        best = self._of_all_runs(entering)
         return (best.label if best else None), {test.label: test for _, test in found}
+
+    def _of_all_runs(self, entering: Sequence[tuple[float, Test]]) -> Test | None:
+        """Return the first of some tests; in place of a shift of one run, an effect that data hardly tell from it."""
+        candidates = self.cache.space.candidates
+        of_all = [(over, test) for over, test in entering if candidates[test.label].group != "run"]
+        if of_all and of_all[0][0] > entering[0][0] - self.cache.settings.least_odds:
+            return of_all[0][1]
+        return entering[0][1] if entering else None
 
     def _may_be_significant(self, before: Fit, label: str, left: float) -> bool:
         """Return True if a candidate that leaves so much of Q at its first point may be significant after a refit.
@@ -316,7 +348,7 @@ class Search(Comparison):
         fit = cache.fit(model)
         if not self._much_is_left(fit):
             return None
-        gains = cache.scores_at(fit, ("law",)).gains()
+        gains = [one for one in cache.scores_at(fit, ("law",)).gains() if one.label not in self.ruled_out]
         gains = [one for one in gains if one.log_evidence > self.odds_of(cache.space.candidates[one.label])]
         gains.sort(key=lambda one: cache.space.candidates[one.label].over == CLOCK)
         for gain in gains[: cache.settings.refitted_laws]:
