@@ -69,30 +69,37 @@ def confirmed(search: Search, found: Found, keep: Sequence[str] = ()) -> Found:
     Held-out runs are predicted worse with such an addition than without it, and not within the tolerance. Where a model
     leaves noise alone, less is enough: what it changes there must be seen there. An unknown law has no physics to speak
     for it: it leaves if they are not predicted better. What an addition kept out may be needed without it: the search
-    goes on.
+    goes on, and what it finds stays if held-out runs are predicted better with it.
 
     Args:
         search: that found it.
         found: its result.
         keep: additions that stay.
     """
-    cache, contradicted = search.cache, {}
+    cache, model, contradicted = search.cache, found.final.added, {}
     if all(run.split != "check" for run in cache.case.runs):
         return found
-    while True:
-        model, known = found.final.added, len(contradicted)
-        while others := [label for label in model if label not in keep]:
-            against = _in_vain(search, model, others) or _raising(search, model, others)
-            if not against:
-                break
-            label = max(against, key=lambda one: against[one][0])
-            cache.report(f"dropping {label}")
-            contradicted[label] = dataclasses.replace(found.tests[label], held_out=against[label][1])
-            model = tuple(one for one in model if one != label)
-        if len(contradicted) == known:
-            return dataclasses.replace(found, refused={**found.refused, **contradicted})
-        search = search.without(contradicted)
-        found = search.run(keep)
+    while others := [label for label in model if label not in keep]:
+        against = _in_vain(search, model, others) or _raising(search, model, others)
+        if not against:
+            break
+        label = max(against, key=lambda one: against[one][0])
+        cache.report(f"dropping {label}")
+        contradicted[label] = dataclasses.replace(found.tests[label], held_out=against[label][1])
+        model = tuple(one for one in model if one != label)
+    if not contradicted:
+        return found
+    search = search.without(contradicted)
+    lacking = search.found(model, (*found.path, model), found.refused)
+    best = lacking
+    if any(cache.space.candidates[label].group != "law" for label in contradicted):
+        other = confirmed(search, search.run(keep), keep)
+        before, after = (
+            rung(cache, "", cache.fit(one.final.added, "all"), compared=True).errors for one in (lacking, other)
+        )
+        if sum(_changes(cache, before, after).values()) < -WORSE:
+            best = other
+    return dataclasses.replace(best, refused={**best.refused, **contradicted})
 
 
 def _raising(search: Search, model: Sequence[str], others: Sequence[str]) -> dict[str, tuple[float, str]]:
