@@ -19,6 +19,9 @@ from jaxmodel.fit.likelihood import Likelihood
 
 # Time blocks of a run (design).
 PIECES = 16
+# Share of the diagonal of J'J that is added to it: of a channel that hardly scatters, what rounding leaves of the rest
+# of J'J need not be positive.
+ROUNDING = 1e-12
 
 
 @dataclasses.dataclass(frozen=True)
@@ -132,7 +135,7 @@ def solved(square: np.ndarray, aim: np.ndarray, precision: np.ndarray) -> np.nda
 
 
 def _factor(square: np.ndarray, precision: np.ndarray):
-    return cho_factor(square + np.diag(precision), lower=True)
+    return cho_factor(square + np.diag(precision + ROUNDING * np.diag(square)), lower=True)
 
 
 def log_evidence(gram: Gram, precision: np.ndarray) -> float:

@@ -51,7 +51,7 @@ def white_noise(time_s: np.ndarray, values: np.ndarray, still: np.ndarray | None
 def sensor_noise(
     runs: Sequence[Run], column: str, unit: str, still: Sequence[np.ndarray] | None = None
 ) -> Extraction | None:
-    """Return the noise sd of a column over some runs, at least that of its rounding; None where it is not there."""
+    """Return the noise sd of a column over some runs, at least that of its rounding; None where nothing tells."""
     found, names, steps = [], [], []
     for number, run in enumerate(runs):
         values = run.measured.outputs.get(column, run.measured.inputs.get(column))
@@ -64,9 +64,9 @@ def sensor_noise(
             names.append(run.name)
         steps.append(rounding(values))
     step = float(np.median(steps)) if steps else 0.0
-    if not found:
-        return None
-    sd = max(float(np.median(found)), step / np.sqrt(12.0), 1e-9)
+    sd = max(float(np.median(found)), step / np.sqrt(12.0)) if found else 0.0
+    if not sd:
+        return None  # readings that are all equal tell of no noise
     spread = max(float(np.std(found)), 0.2 * sd) if len(found) > 1 else 0.3 * sd
     said = "second differences where the reading is quiet" + (
         f"; readings are rounded to {step:.3g} {unit}" if step else ""

@@ -186,3 +186,12 @@ def test_every_picture_is_drawn(found: Parameterisation) -> None:
     pictures = {name: found.plot.extraction(name) for name in found.points} | {"curves": found.plot.curves()}
     assert {"slow", "rests", "resistance", "relaxation", "fit", "curves"} <= pictures.keys()
     assert all(figure.axes for figure in pictures.values())
+
+
+def test_a_thermometer_that_never_moves_tells_of_no_noise() -> None:
+    """With an sd of nothing every effect would be significant."""
+    frames = {
+        name: frame.assign(cell_temperature_degC=25.1)
+        for name, frame in made.measured({"slow": made.slow(1.0), "pulses": made.pulses(25.0)}).items()
+    }
+    assert "cell_temperature_degC" not in parameterise(made.raw_cell(frames)).case.sensors
