@@ -14,7 +14,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 
-from jaxmodel.diagnosis.comparison import Comparison, Test
+from jaxmodel.diagnosis.comparison import ABOVE_NOISE, Comparison, Test
+from jaxmodel.effects.curves import CURVES
 from jaxmodel.fit.cache import FitCache
 from jaxmodel.fit.estimate import NONE, Fit
 from jaxmodel.fit.lanes import at_once
@@ -307,11 +308,26 @@ class Search(Comparison):
             for one in gains
             if one.log_evidence > self.odds_of(cache.space.candidates[one.label]) and self.may_enter(model, one.label)
         ]
-        for label in likely[: cache.settings.refitted_beside]:
+        # What curves act through shows only with them: where heat is mostly reversible, a cell hardly warms without it.
+        opening = [label for label in self._opening() if label not in model and self.may_enter(model, label)]
+        likely = likely[: cache.settings.refitted_beside]
+        for label in (*opening, *(one for one in likely if one not in opening)):
             cache.report(f"refitting with {label}, beside curves")
             if self._beside(model, label).named:
                 return label
         return None
+
+    def _opening(self) -> list[str]:
+        """Return the effects that curves of no table need, as far as a channel that is missed shows them."""
+        cache = self.cache
+        needed = dict.fromkeys(name for one in CURVES.values() for name in one.needs)
+        return [
+            name
+            for name in needed
+            if name in cache.space.candidates
+            and (channel := cache.space.candidates[name].effect.shown_by) in cache.view.data.by_channel
+            and cache.base.likelihood.channels[channel].sd > ABOVE_NOISE * cache.noise[channel].sd
+        ]
 
     def _needed(self, model: tuple[str, ...], keep: Sequence[str]) -> tuple[str, ...]:
         """Return the model without additions that it does not need, the least needed first."""
