@@ -32,6 +32,8 @@ TELLING = 6.0
 REDUCED = 0.1
 # A candidate is not refitted where another may enter that leaves less than this share of Q at its first point. Assumed.
 FAR_LESS = 0.5
+# Log evidence by which data hardly tell two models apart: 20 to 1.
+NOT_TOLD = 3.0
 # Effects that are tried with another beside them, where none alone has enough evidence. Assumed.
 MOST_TOGETHER = 2
 
@@ -242,7 +244,7 @@ class Search(Comparison):
         """Return the first of some tests; in place of a shift of one run, an effect that data hardly tell from it."""
         candidates = self.cache.space.candidates
         of_all = [(over, test) for over, test in entering if candidates[test.label].group != "run"]
-        if of_all and of_all[0][0] > entering[0][0] - self.cache.settings.least_odds:
+        if of_all and of_all[0][0] > entering[0][0] - NOT_TOLD:
             return of_all[0][1]
         return entering[0][1] if entering else None
 
@@ -400,7 +402,7 @@ class Search(Comparison):
             found[label] = tuple(
                 one.added
                 for one in others
-                if self.evidence(own, own.likelihood) - self.evidence(one, own.likelihood) < 3.0
+                if self.evidence(own, own.likelihood) - self.evidence(one, own.likelihood) < NOT_TOLD
             )
         return found
 

@@ -12,6 +12,7 @@ from jaxmodel.case.records import Case
 from jaxmodel.diagnosis import comparison, held_out
 from jaxmodel.diagnosis.held_out import _in_vain, confirmed
 from jaxmodel.diagnosis.investigation import Investigation
+from jaxmodel.diagnosis.rungs import rung
 from jaxmodel.diagnosis.search import Search
 from jaxmodel.fit.cache import FitCache
 from tests.diagnosis.made_cases import SMALL_KEPT, all_but, cache_of, made_cell, small_cell
@@ -106,3 +107,60 @@ def test_held_out_runs_speak_for_what_they_show(tmp_path: Path):
     found = search.run()
     assert found.final.added == ("ocv_hysteresis",)
     assert confirmed(search, found).final.added == ("ocv_hysteresis",)
+
+
+def test_another_search_goes_on_without_what_held_out_runs_contradict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """What it finds must predict them better than the model that lacks what they contradict."""
+    case = made_cell(tmp_path / "hysteresis", {"ocv_hysteresis": {"M_V": 0.02, "g": 30.0}}).case
+    search = Search(FitCache(case, without=all_but(case, "ocv_hysteresis", "slow_diffusion", "ocv_curve")))
+
+    def contradicting(search: Search, model: tuple[str, ...], others: list[str]) -> dict[str, tuple[float, str]]:
+        return {"ocv_hysteresis": (1.0, "it is not so")} if "ocv_hysteresis" in others else {}
+
+    monkeypatch.setattr(held_out, "_raising", contradicting)
+    found = confirmed(search, search.run())
+    assert "ocv_hysteresis" not in found.final.added
+    assert found.refused["ocv_hysteresis"].why_not() == "it is not so"
+    assert not search.without(["ocv_hysteresis"]).may_enter((), "ocv_hysteresis")
+    lacking, other = (
+        sum(one.check for one in rung(search.cache, "", search.cache.fit(labels, "all")).errors.values())
+        for labels in ((), found.final.added)
+    )
+    assert other <= lacking
+
+
+def test_an_energy_far_outside_its_usual_range_is_not_plausible():
+    cache = cache_of(small_cell(), "charge_transfer")
+    fit, search = cache.fit(("charge_transfer",)), Search(cache)
+    candidate, (_, energy) = cache.space.candidates["charge_transfer"], cache.space.layout.of["charge_transfer"]
+    for share, plausible in ((1.0, True), (5.0, False), (-5.0, False)):
+        x = fit.x.copy()
+        x[energy] = share
+        assert search._plausible(dataclasses.replace(fit, x=x), candidate) is plausible
+
+
+def test_of_two_that_data_hardly_tell_apart_the_one_of_all_runs_enters():
+    cache = cache_of(small_cell(), "self_heating", "contact_resistance")
+    shift = next(label for label, one in cache.space.candidates.items() if one.group == "run")
+    of_run, of_all = dataclasses.replace(SIGNIFICANT, label=shift), SIGNIFICANT
+    search = Search(cache)
+    assert search._of_all_runs([(35.0, of_run), (34.0, of_all)]) == of_all
+    assert search._of_all_runs([(35.0, of_run), (20.0, of_all)]) == of_run
+    assert search._of_all_runs([(35.0, of_run)]) == of_run
+    assert search._of_all_runs([]) is None
+
+
+@pytest.mark.parametrize("second", ["ocv_hysteresis", None])
+def test_effects_that_are_needed_only_beside_each_other_enter_together(second: str | None, monkeypatch):
+    """Neither has enough evidence alone; the first stays only if it has with the other beside it."""
+    cache = cache_of(small_cell(), "self_heating", "ocv_hysteresis")
+    search = Search(cache)
+    weak = dataclasses.replace(SIGNIFICANT, gain=6.0)
+    monkeypatch.setattr(cache, "is_within_tolerance", lambda fit: False)
+    monkeypatch.setattr(search, "_reduces_what_is_missed", lambda model, label: True)
+    monkeypatch.setattr(search, "_entering", lambda model: (second, {}))
+    monkeypatch.setattr(search, "test", lambda model, label: SIGNIFICANT)
+    together = search._entering_together((), {"self_heating": weak})
+    assert together == (None if second is None else cache.space.key(("self_heating", "ocv_hysteresis")))
+    monkeypatch.setattr(search, "test", lambda model, label: weak)
+    assert search._entering_together((), {"self_heating": weak}) is None
