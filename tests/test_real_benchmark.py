@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from benchmarks.real.cases import CASES, build, find_data
+from benchmarks.real.halves import halves
 from benchmarks.real.harmless import (
     AS_IT_IS,
     CHANGES,
@@ -28,7 +29,7 @@ from benchmarks.real.one import diagnose_apart
 from benchmarks.real.reference import reference
 from benchmarks.real.reference_cell import CellReference
 from benchmarks.real.reference_motor import MotorReference
-from benchmarks.real.table import Row, sentences, summary
+from benchmarks.real.table import Row, overlapping, sentences, summary
 from jaxmodel.case.reading import read_case
 from jaxmodel.case.records import Case
 from jaxmodel.effects import CATALOGUE
@@ -310,6 +311,28 @@ def test_the_summary_counts_ratios_names_targets_and_failures():
         ("leaf", False),
     ]
     assert any("Failed: leaf" in sentence for sentence in sentences(found))
+
+
+def test_ratios_are_averaged_by_channel_and_by_whether_check_runs_leave_the_fitted_conditions():
+    def row(name: str, check: float, reference: float, extrapolated: list[dict]) -> Row:
+        answer = {"error": {"voltage_V": {"after": {"check": check}}}, "extrapolated": extrapolated}
+        return Row(name, answer, {"errors": {"voltage_V": {"check": reference}}})
+
+    rows = [row("leaf", 2.0, 1.0, []), row("leaf_3c", 1.0, 8.0, []), row("k2_lfp", 3.0, 2.0, [{"file": "hot"}])]
+    found = summary(rows)["geometric_means"]
+    assert found["inside"]["voltage_V"] == pytest.approx(0.5)
+    assert found["outside"]["voltage_V"] == pytest.approx(1.5)
+
+
+def test_a_case_of_one_fit_run_has_no_halves(made_cell: Case):
+    first = next(run for run in made_cell.runs if run.split == "fit")
+    kept = tuple(run for run in made_cell.runs if run.split == "check" or run is first)
+    assert "failed" in halves(CASES["samsung_30q"], dataclasses.replace(made_cell, runs=kept))
+
+
+def test_intervals_of_all_cases_are_counted():
+    parameters = [{"overlap": True}, {"overlap": False}, {"overlap": True}]
+    assert overlapping({"leaf": {"parameters": parameters}, "k2_lfp": {"failed": "no"}}) == (2, 3)
 
 
 def test_a_case_that_cannot_be_diagnosed_says_why(tmp_path: Path):

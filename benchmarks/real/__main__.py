@@ -10,10 +10,11 @@ import typer
 
 from benchmarks.apart import plain
 from benchmarks.real.cases import CASES, WORK, build, find_data
+from benchmarks.real.halves import halves
 from benchmarks.real.harmless import counts, judge_harmless
 from benchmarks.real.one import diagnose_apart
 from benchmarks.real.reference import reference
-from benchmarks.real.table import Row, print_rows, print_summary, summary
+from benchmarks.real.table import Row, print_halves, print_rows, print_summary, summary
 from benchmarks.report import machine
 from jaxmodel.app.terminal import say
 from jaxmodel.case.reading import read_case
@@ -35,6 +36,9 @@ def main(
     names: Annotated[list[str] | None, typer.Argument(help="Cases; all without any.")] = None,
     reference_only: Annotated[bool, typer.Option(help="Leave the diagnosis out.")] = False,
     harmless: Annotated[bool, typer.Option(help="Diagnose small cases after changes that should not matter.")] = False,
+    by_halves: Annotated[
+        bool, typer.Option("--halves", help="Fit the expert's effects to two halves of the fit runs.")
+    ] = False,
     out: Annotated[Path, typer.Option(help="Where real.json and the answers go.")] = WORK / "results",
     data: Annotated[Path | None, typer.Option(help="Folder of the measurements; else shared/data.")] = None,
     limit_s: Annotated[float, typer.Option("--limit", help="Most seconds for a diagnosis.")] = 3600.0,
@@ -54,6 +58,11 @@ def main(
     if harmless:
         found = judge_harmless(folders.values(), WORK / "harmless", limit_s)
         _write(out / "harmless.json", {"machine": machine(), "summary": counts(found), "cases": found})
+        return
+    if by_halves:
+        of_halves = {name: halves(CASES[name], read_case(folder)) for name, folder in folders.items()}
+        print_halves(of_halves)
+        _write(out / "halves.json", {"machine": machine(), "cases": of_halves})
         return
     for name, folder in folders.items():
         say(f"{name} ...")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,9 @@ UNITS = {
     "speed_rad_s": ("speed", "rad/s", 1.0),
 }
 ASKED_MEDIAN, ASKED_WORST, ASKED_NAMED = 1.0, 1.2, 10.0 / 12.0
+# Geometric mean of the ratios by channel; where check runs leave the fitted conditions, "outside".
+ASKED_MEAN = {"inside": {}, "outside": {"voltage_V": 1.1, "cell_temperature_degC": 0.7}}
+ASKED_INSIDE, ASKED_OVERLAP = 0.9, 0.9
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,6 +65,11 @@ class Row:
     def channels(self) -> tuple[str, ...]:
         """The channels that were judged."""
         return tuple(dict.fromkeys([*self.reference.get("errors", {}), *self.answer.get("error", {})]))
+
+    @property
+    def where(self) -> str:
+        """Return "outside" if a check run leaves the conditions of the fit runs, else "inside"."""
+        return "outside" if self.answer.get("extrapolated") else "inside"
 
     def ratios(self) -> dict[str, float]:
         """Return error after over the reference's, on check runs, by channel."""
@@ -122,7 +130,16 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
         for channel, most in row.case.targets.items()
     ]
     worst = max(ratios, key=ratios.__getitem__, default="")
+    by_channel: dict[str, dict[str, list[float]]] = {}
+    for row in answered:
+        for channel, ratio in row.ratios().items():
+            by_channel.setdefault(row.where, {}).setdefault(channel, []).append(ratio)
+    means = {
+        where: {channel: float(np.exp(np.mean(np.log(some)))) for channel, some in of.items()}
+        for where, of in by_channel.items()
+    }
     return {
+        "geometric_means": means,
         "ratios": len(ratios),
         "median_ratio": float(np.median(list(ratios.values()))) if ratios else None,
         "worst_ratio": ratios.get(worst),
@@ -142,6 +159,13 @@ def sentences(found: dict[str, Any]) -> Iterator[str]:
             f" worst {found['worst_ratio']:.2f}, {found['worst']} (asked: at most {ASKED_WORST:g}),"
             f" of {found['ratios']} cases and channels."
         )
+    for where, of in sorted(found["geometric_means"].items()):
+        parts = []
+        for channel, mean in of.items():
+            most = ASKED_MEAN[where].get(channel, ASKED_INSIDE if where == "inside" else None)
+            asked = f" (asked: at most {most:g})" if most else ""
+            parts.append(f"{UNITS.get(channel, (channel,))[0]} {mean:.2f}{asked}")
+        yield f"Geometric mean, check runs {where} the fitted conditions: {', '.join(parts)}."
     if found["answered"]:
         yield (
             f"The expert's effects are named in {found['expected_named']} of {found['answered']} cases"
@@ -160,3 +184,25 @@ def print_summary(found: dict[str, Any]) -> None:
     """Print the summary."""
     for sentence in sentences(found):
         say(sentence)
+
+
+def print_halves(found: Mapping[str, Mapping[str, Any]]) -> None:
+    """Print what each half of the fit runs says of each parameter, and of how many the intervals overlap."""
+    lines = []
+    for name, case in found.items():
+        if "failed" in case:
+            lines.append([name, case["failed"], "", "", "", ""])
+        for one in case.get("parameters", ()):
+            values = [f"{value:.4g} ± {sd:.2g}" for value, sd in zip(one["values"], one["sd"], strict=True)]
+            lines.append([name, one["name"], *values, one["unit"], "" if one["overlap"] else "apart"])
+    table(
+        "Parameters from two halves of the fit runs", ["case", "parameter", "one half", "the other", "unit", ""], lines
+    )
+    overlap, count = overlapping(found)
+    say(f"The 95 % intervals of {overlap} of {count} parameters overlap (asked: {ASKED_OVERLAP:.0%}).")
+
+
+def overlapping(found: Mapping[str, Mapping[str, Any]]) -> tuple[int, int]:
+    """Return of how many parameters of all cases the intervals overlap, and how many there are."""
+    overlaps = [one["overlap"] for case in found.values() for one in case.get("parameters", ())]
+    return sum(overlaps), len(overlaps)
