@@ -241,20 +241,16 @@ class Comparison:
         """Return the share of resampled data in which a richer model has more evidence; each run's blocks are drawn."""
         random = np.random.default_rng(SEED)
         numbers = np.array(list(richer.linear.runs.values()))
-        weights = richer.likelihood
-        specs = [best_amplitudes(self.cache.view, one.spec, one.linear, weights) for one in (richer, before)]
-        won = 0
-        for _ in range(BAGS):
-            shares = np.zeros(numbers.size)
+        shares = np.zeros((BAGS, numbers.size))
+        for bag in shares:
             for run in np.unique(numbers):
                 mine = np.flatnonzero(numbers == run)
-                shares[mine] = random.multinomial(mine.size, np.full(mine.size, 1.0 / mine.size))
-            own, other = (
-                log_evidence(one.linear.under(weights, shares), spec.precision)
-                for one, spec in zip((richer, before), specs, strict=True)
-            )
-            won += own > other
-        return won / BAGS
+                bag[mine] = random.multinomial(mine.size, np.full(mine.size, 1.0 / mine.size))
+        weights, found = richer.likelihood, []
+        for one in (richer, before):
+            precision = best_amplitudes(self.cache.view, one.spec, one.linear, weights).precision
+            found.append([log_evidence(gram, precision) for gram in one.linear.resampled(weights, shares)])
+        return float(np.mean(np.greater(*found)))
 
     def _errors(self, richer: Fit, before: Fit) -> tuple[tuple[str, ...], bool]:
         """Return the channels that a richer model makes worse, and whether it makes any better by enough."""

@@ -70,32 +70,54 @@ class Linearisation:
     @functools.cached_property
     def by_channel(self) -> dict[str, Gram]:
         """Return the factors of each channel, over all blocks."""
-        return {name: self._sum(name, np.ones(len(self.blocks))) for name in self.names}
+        return {name: self._sum(name) for name in self.names}
 
     @functools.cached_property
     def names(self) -> list[str]:
         """Return the channels."""
         return list(dict.fromkeys(name for block in self.blocks.values() for name in block))
 
-    def _sum(self, name: str, shares: np.ndarray) -> Gram:
-        parts = [
-            (share, block[name]) for share, block in zip(shares, self.blocks.values(), strict=True) if name in block
-        ]
+    def _sum(self, name: str) -> Gram:
+        parts = [block[name] for block in self.blocks.values() if name in block]
         return Gram(
-            np.sum([share * one.square for share, one in parts], axis=0),
-            np.sum([share * one.aim for share, one in parts], axis=0),
-            float(sum(share * one.power for share, one in parts)),
-            int(sum(one.count for _, one in parts)),
+            np.sum([one.square for one in parts], axis=0),
+            np.sum([one.aim for one in parts], axis=0),
+            float(sum(one.power for one in parts)),
+            sum(one.count for one in parts),
         )
 
-    def under(self, likelihood: Likelihood, shares: np.ndarray | None = None) -> Gram:
-        """Return the factors of all readings under some weights.
+    @functools.cached_property
+    def _stacked(self) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Return the factors of each channel with the blocks along the first axis; zeros where one has no reading."""
+        size, found = self.x.size, {}
+        for name in self.names:
+            parts = [block.get(name) for block in self.blocks.values()]
+            found[name] = (
+                np.stack([np.zeros((size, size)) if one is None else one.square for one in parts]),
+                np.stack([np.zeros(size) if one is None else one.aim for one in parts]),
+                np.array([0.0 if one is None else one.power for one in parts]),
+            )
+        return found
+
+    def resampled(self, likelihood: Likelihood, shares: np.ndarray) -> list[Gram]:
+        """Return the factors of all readings under some weights, for each row of `shares`.
 
         Args:
             likelihood: the weight of each channel.
-            shares: of each block, how often it counts; once if not given.
+            shares: (resamplings, blocks) how often each block counts.
         """
-        grams = self.by_channel if shares is None else {name: self._sum(name, shares) for name in self.names}
+        total: list[np.ndarray] = []
+        for number in range(3):
+            parts = [
+                likelihood.channels[name].root ** 2 * np.tensordot(shares, arrays[number], axes=1)
+                for name, arrays in self._stacked.items()
+            ]
+            total.append(np.sum(parts, axis=0))
+        return [Gram(square, aim, float(power), 0) for square, aim, power in zip(*total, strict=True)]
+
+    def under(self, likelihood: Likelihood) -> Gram:
+        """Return the factors of all readings under some weights, the weight of each channel."""
+        grams = self.by_channel
         squared = {name: likelihood.channels[name].root ** 2 for name in grams}
         return Gram(
             np.sum([squared[name] * one.square for name, one in grams.items()], axis=0),

@@ -86,7 +86,7 @@ def test_blocks_are_pieces_of_runs(made: Made):
 
 def test_a_block_that_counts_once_is_as_without_shares(made: Made):
     whole = made.linear.under(WEIGHTS)
-    once = made.linear.under(WEIGHTS, np.ones(len(made.linear.blocks)))
+    once = made.linear.resampled(WEIGHTS, np.ones((1, len(made.linear.blocks))))[0]
     same(once, whole.square, whole.aim, whole.power)
 
 
@@ -95,7 +95,7 @@ def test_a_block_counts_as_often_as_its_share_says(made: Made):
     white, seen = made.white
     of_block = dict(zip(made.linear.blocks, shares, strict=True))
     often = np.array([of_block[number] for number in made.data.blocks(PIECES)])
-    found = made.linear.under(WEIGHTS, shares)
+    (found,) = made.linear.resampled(WEIGHTS, shares[None])
     same(found, (often * white.T) @ white, (often * white.T) @ seen, often @ seen**2)
 
 
