@@ -39,6 +39,8 @@ if TYPE_CHECKING:
     from jaxmodel.data.importing.options import Options
     from jaxmodel.data.tables.raw_table import RawTable
     from jaxmodel.data.tables.reading import read_table
+    from jaxmodel.diagnosis.answers import history
+    from jaxmodel.diagnosis.changes import AnswerChanges, compare_answers
     from jaxmodel.diagnosis.diagnosis import compare, diagnose
     from jaxmodel.diagnosis.finishing import conclusion, finish
     from jaxmodel.diagnosis.identification import Identification, identify
@@ -60,6 +62,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "SETTINGS",
+    "AnswerChanges",
     "Case",
     "CaseSimulation",
     "CellContext",
@@ -91,11 +94,13 @@ __all__ = [
     "between_knots",
     "case_model",
     "compare",
+    "compare_answers",
     "conclusion",
     "constant",
     "diagnose",
     "effects",
     "finish",
+    "history",
     "identify",
     "import_case",
     "integral",

@@ -19,7 +19,7 @@ def write_result(diagnosis: Diagnosis, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "report.html").unlink(missing_ok=True)  # of an earlier diagnosis: until its own is written there is none
     if diagnosis.verdict:
-        write_answer(diagnosis, folder / "answer.json")
+        write_answer(diagnosis, folder)
     else:
         errors = json.dumps(answer(diagnosis)["error"], indent=2)
         write_whole(folder / "errors.json", f"{errors}\n")
