@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from jaxmodel.diagnosis.identification import Identification, identify
     from jaxmodel.diagnosis.investigation import Investigation
     from jaxmodel.diagnosis.result import Diagnosis
+    from jaxmodel.diagnosis.saved import read_diagnosis
     from jaxmodel.fit.settings import SETTINGS, Settings
     from jaxmodel.model.curves import between_knots
     from jaxmodel.model.declaration import Scalar, parameter
@@ -114,6 +115,7 @@ __all__ = [
     "preset_model",
     "presets",
     "read_case",
+    "read_diagnosis",
     "read_table",
     "relaxation",
     "run_profile",
