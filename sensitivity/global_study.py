@@ -45,7 +45,7 @@ def global_indices(
     *,
     second_order: bool = True,
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: bool | Progress = True,
 ) -> xarray.Dataset:
     """Return the global indices of a study's metrics over the ranges in which it varies.
 

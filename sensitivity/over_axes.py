@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 
 from jaxmodel.base.errors import SweepError
 from jaxmodel.base.jax_settings import SWEEP_OPTIONS
+from jaxmodel.base.progress import counted
 from jaxmodel.lanes import NotNative
 from jaxmodel.model.profile import Profile
 from jaxmodel.sensitivity import by_vectors
@@ -29,14 +30,14 @@ _AT_ONCE = 64
 
 
 def elasticity_map(
-    study: Study, names: Sequence[str] | None = None, progress: Progress | None = None
+    study: Study, names: Sequence[str] | None = None, progress: bool | Progress = True
 ) -> xarray.Dataset:
     """Return the derivatives of a study's metrics by parameters at every combination of its axes.
 
     Args:
         study: its axes, two or more, are parameters or inputs; its sample is left aside.
         names: parameters and inputs to differentiate by; None takes all that enter.
-        progress: called as progress(lanes done, lanes in all) at the start and then as lanes are done.
+        progress: as in `jaxmodel.sweeps.run`.
 
     Returns:
         A data set over the axes, metric and parameter: metric_value, metric_derivative (by an input on an axis in its
@@ -65,7 +66,8 @@ def elasticity_map(
     at = np.tile(np.asarray(response.values()), (grid[0].size, 1))
     for name, values in zip(axes, grid, strict=True):
         at[:, moved.index(name)] = values.reshape(-1)
-    numbers, slopes = _at_lanes(response, at, len(asked), progress)
+    with counted(progress, study.title or "elasticity map", "lanes") as tell:
+        numbers, slopes = _at_lanes(response, at, len(asked), tell)
     shape = grid[0].shape
     value = numbers.reshape(*shape, -1)
     derivative = np.moveaxis(slopes, 1, 2).reshape(*shape, len(metrics), len(asked))
@@ -90,11 +92,9 @@ def elasticity_map(
     )
 
 
-def _at_lanes(
-    response: Response, at: np.ndarray, asked: int, progress: Progress | None
-) -> tuple[np.ndarray, np.ndarray]:
+def _at_lanes(response: Response, at: np.ndarray, asked: int, report: Progress) -> tuple[np.ndarray, np.ndarray]:
     """Return the metrics of all lanes and their derivatives, shapes (lanes, metric) and (lanes, parameter, metric)."""
-    report, lanes, finished = progress or (lambda done, total: None), len(at), 0
+    lanes, finished = len(at), 0
     report(0, lanes)
 
     def done(some: int) -> None:
