@@ -22,6 +22,7 @@ from pydantic import Field, ValidationError, model_validator
 from jaxmodel.base import toml
 from jaxmodel.base.errors import SweepError, instead
 from jaxmodel.base.forms import Form, complaint, wrong
+from jaxmodel.base.in_short import InShort
 from jaxmodel.case.measurements import file_label, read_utf8
 from jaxmodel.model.cell import storage_factor
 from jaxmodel.model.electrothermal import Model
@@ -51,7 +52,7 @@ LIMITS = ("charge", "voltage", "winding")
 NOT_REACHED = len(LIMITS)
 
 
-class Segment(Form):
+class Segment(InShort, Form):
     """One part of a mission.
 
     Attributes:
@@ -75,7 +76,7 @@ class Segment(Form):
     flipper_duty: float = Field(default=0.2, ge=0.0, le=1.0)
 
 
-class Mission(Form):
+class Mission(InShort, Form):
     """A mission: the content of a mission file.
 
     Attributes:
@@ -101,7 +102,7 @@ class Mission(Form):
 
 
 @dataclasses.dataclass(frozen=True)
-class Limits:
+class Limits(InShort):
     """What ends a mission: the first of a charge, the voltage of one cell, and the temperature of a winding.
 
     Attributes:
@@ -115,8 +116,8 @@ class Limits:
     winding_degC: float = 125.0
 
 
-@dataclasses.dataclass(frozen=True)
-class Endurance:
+@dataclasses.dataclass(frozen=True, repr=False)
+class Endurance(InShort):
     """How long missions last, over lanes of any shape.
 
     Attributes:

@@ -21,6 +21,7 @@ import pandas as pd
 
 from jaxmodel.base.atomic_files import write_whole
 from jaxmodel.base.errors import MeasurementError
+from jaxmodel.base.in_short import InShort
 from jaxmodel.base.progress import Stage, stages
 from jaxmodel.base.schema import with_schema, without_schema
 from jaxmodel.case.build import case_model
@@ -39,8 +40,8 @@ POLYNOMIAL_DEGC = (-20.0, -10.0, 0.0, 10.0, 20.0, 30.0)
 BATCH, BATCH_ROWS = 4096, 200
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Evaluation:
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Evaluation(InShort):
     """Estimators of a cell's state of charge and their errors.
 
     Attributes:
