@@ -20,9 +20,11 @@ from jaxmodel.base.progress import counted
 from jaxmodel.lanes import NotNative
 from jaxmodel.model.profile import Profile
 from jaxmodel.sensitivity import by_vectors
+from jaxmodel.sensitivity.labels import labelled
 from jaxmodel.sensitivity.metrics import choose_metrics, has_derivative
 from jaxmodel.sensitivity.response import SHIFTED_INPUT, Response, make_response
 from jaxmodel.sweeps.engine import Progress
+from jaxmodel.sweeps.results import about
 from jaxmodel.sweeps.study import Study
 
 # Few lanes at a time, a step is mostly the dispatch of its operations; many at a time leave the cache.
@@ -80,7 +82,7 @@ def elasticity_map(
             proportional & (value[..., None] != 0.0), parameter * derivative / value[..., None], np.nan
         )
     dims = (*axes, "metric", "parameter")
-    return xarray.Dataset(
+    data = xarray.Dataset(
         {
             "metric_value": (dims[:-1], value),
             "metric_derivative": (dims, derivative),
@@ -90,6 +92,12 @@ def elasticity_map(
         | {"metric": [metric.name for metric in metrics], "parameter": list(asked)},
         {"title": study.title, "analysis": "elasticity_map"},
     )
+    # The unit of each metric and parameter, to which those of the variables refer.
+    units = {
+        "metric_unit": ("metric", [metric.unit for metric in metrics]),
+        "unit": ("parameter", [one.unit for one in info]),
+    }
+    return labelled(data.assign_coords(units), {name: about(study, name) for name in axes})
 
 
 def _at_lanes(response: Response, at: np.ndarray, asked: int, report: Progress) -> tuple[np.ndarray, np.ndarray]:

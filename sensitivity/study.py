@@ -12,6 +12,7 @@ from jaxmodel.base.progress import Stage, stages
 from jaxmodel.sensitivity.derivatives import local_sensitivities
 from jaxmodel.sensitivity.doubling import doubling_test
 from jaxmodel.sensitivity.interaction import second_derivatives
+from jaxmodel.sensitivity.labels import labelled
 from jaxmodel.sensitivity.metrics import choose_metrics, has_derivative
 from jaxmodel.sensitivity.propagation import propagate
 from jaxmodel.sensitivity.uncertain import stated_sd
@@ -84,7 +85,7 @@ def interactions(
     with stages(progress, "interactions") as tell:
         tell(f"second derivatives by {len(chosen)} pairs")
         data = second_derivatives(prepared.model, prepared.profile, chosen, metrics, cutoff=prepared.cutoff)
-    return data.assign_attrs(title=study.title, analysis="interactions")
+    return labelled(data).assign_attrs(title=study.title, analysis="interactions")
 
 
 def uncertainty(
@@ -145,4 +146,4 @@ def _asked(study: Study) -> tuple[Prepared, tuple[Metric, ...], list[str] | None
 
 def _at_stored_rows(data: xarray.Dataset, study: Study, analysis: str) -> xarray.Dataset:
     rows = data.isel(time_s=slice(None, None, study.store_every))
-    return rows.assign_attrs(title=study.title, analysis=analysis)
+    return labelled(rows).assign_attrs(title=study.title, analysis=analysis)

@@ -264,7 +264,7 @@ def endurance(
     def joined(values: Callable[[Endurance], np.ndarray]) -> tuple[tuple[str, str], np.ndarray]:
         return ("ambient_degC", "age"), np.concatenate([values(part) for part in found])
 
-    return xarray.Dataset(
+    data = xarray.Dataset(
         {
             "time_s": joined(lambda part: part.time_s),
             "distance_m": joined(lambda part: part.distance_m),
@@ -279,6 +279,22 @@ def endurance(
         },
         {"title": mission.title},
     )
+    for name, (words, unit) in _LABELS.items():
+        data[name].attrs |= {"long_name": words, "units": unit}
+    return data
+
+
+# What each variable of `endurance` is called, and its unit.
+_LABELS = {
+    "time_s": ("time until the first limit", "s"),
+    "distance_m": ("distance until the first limit", "m"),
+    "ended_by": ("first limit", ""),
+    "ambient_degC": ("ambient temperature", "degC"),
+    "age": ("age of the pack", ""),
+    "storage_months": ("months of storage", "months"),
+    "cycles": ("charging cycles", ""),
+    **{f"until_{limit}_s": (f"time until the limit of {limit}", "s") for limit in LIMITS},
+}
 
 
 def rounds_in(mission: Mission, hours: float) -> int:
