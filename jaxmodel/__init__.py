@@ -39,11 +39,14 @@ if TYPE_CHECKING:
     from jaxmodel.data.importing.options import Options
     from jaxmodel.data.tables.raw_table import RawTable
     from jaxmodel.data.tables.reading import read_table
-    from jaxmodel.diagnosis.diagnosis import compare, diagnose
+    from jaxmodel.diagnosis.answers import history
+    from jaxmodel.diagnosis.changes import AnswerChanges, compare_answers
     from jaxmodel.diagnosis.finishing import conclusion, finish
     from jaxmodel.diagnosis.identification import Identification, identify
     from jaxmodel.diagnosis.investigation import Investigation
     from jaxmodel.diagnosis.result import Diagnosis
+    from jaxmodel.diagnosis.saved import read_diagnosis
+    from jaxmodel.diagnosis.verbs import compare, diagnose
     from jaxmodel.fit.settings import SETTINGS, Settings
     from jaxmodel.model.curves import between_knots
     from jaxmodel.model.declaration import Scalar, parameter
@@ -60,6 +63,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "SETTINGS",
+    "AnswerChanges",
     "Case",
     "CaseSimulation",
     "CellContext",
@@ -91,11 +95,13 @@ __all__ = [
     "between_knots",
     "case_model",
     "compare",
+    "compare_answers",
     "conclusion",
     "constant",
     "diagnose",
     "effects",
     "finish",
+    "history",
     "identify",
     "import_case",
     "integral",
@@ -109,6 +115,7 @@ __all__ = [
     "preset_model",
     "presets",
     "read_case",
+    "read_diagnosis",
     "read_table",
     "relaxation",
     "run_profile",

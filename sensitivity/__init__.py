@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from jaxmodel.sensitivity.doubling import doubling_test
     from jaxmodel.sensitivity.global_study import global_indices
     from jaxmodel.sensitivity.over_axes import elasticity_map
-    from jaxmodel.sensitivity.results import largest_elasticity, save, tables
+    from jaxmodel.sensitivity.results import largest_elasticity, load, save, tables
     from jaxmodel.sensitivity.study import interactions, local, uncertainty
     from jaxmodel.sensitivity.uncertain import Estimates, read_estimates, stated_sd
 
@@ -29,6 +29,7 @@ __all__ = [
     "global_indices",
     "interactions",
     "largest_elasticity",
+    "load",
     "local",
     "read_estimates",
     "save",

@@ -22,6 +22,7 @@ from jaxmodel.model.electrothermal import Model
 from jaxmodel.model.profile import Profile
 from jaxmodel.model.simulation import Cutoff
 from jaxmodel.sensitivity.derivatives import answer_variables, coordinates, pushforward, relative
+from jaxmodel.sensitivity.labels import labelled
 from jaxmodel.sensitivity.metrics import VALID_SHARE
 from jaxmodel.sensitivity.response import Answer, Response, make_response, steps_of
 from jaxmodel.sweeps.metrics import Metric
@@ -118,7 +119,7 @@ def doubling_test(
         np.asarray(part.outputs) for part in (result.base, result.moved, result.slope)
     )
     over_time_moved = np.where(step.in_bounds[:, None, None], over_time_moved, np.nan)
-    return xarray.Dataset(
+    data = xarray.Dataset(
         answer_variables(response, result.base, step)
         | {
             "in_bounds": ("parameter", step.in_bounds),
@@ -137,3 +138,4 @@ def doubling_test(
         coordinates(response),
         {"simulations": 4 * len(response.names)},
     )
+    return labelled(data)

@@ -11,8 +11,10 @@ from pydantic import PrivateAttr
 
 from jaxmodel.model.simulation import Status
 from jaxmodel.sensitivity.indices import analyse, make_design
+from jaxmodel.sensitivity.labels import labelled
 from jaxmodel.sweeps.axes_form import Range
 from jaxmodel.sweeps.engine import Progress, run
+from jaxmodel.sweeps.results import about
 from jaxmodel.sweeps.study import Study
 from jaxmodel.sweeps.study_form import StudyFields
 
@@ -45,7 +47,7 @@ def global_indices(
     *,
     second_order: bool = True,
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: bool | Progress = True,
 ) -> xarray.Dataset:
     """Return the global indices of a study's metrics over the ranges in which it varies.
 
@@ -63,7 +65,7 @@ def global_indices(
         progress: as in `jaxmodel.sweeps.run`.
 
     Returns:
-        As `jaxmodel.sensitivity.indices.analyse`, and low and high (parameter) and metric_unit (metric).
+        As `jaxmodel.sensitivity.indices.analyse`, and low, high and unit (parameter) and metric_unit (metric).
 
     Raises:
         SweepError: fewer than two names vary, or the method, a group or the count cannot be used.
@@ -85,12 +87,14 @@ def global_indices(
     names = [metric.name for metric in designed.prepared.metrics]
     failed = over_lanes["status"].to_numpy() == Status.NOT_FINITE  # a metric may be missing where no run failed
     data = analyse(design, {name: over_lanes[name].to_numpy() for name in names}, seed=seed)
-    return (
+    whole = (
         data.assign_coords(parameter=list(spans))
         .assign(
             low=("parameter", [span.low for span in spans.values()]),
             high=("parameter", [span.high for span in spans.values()]),
+            unit=("parameter", [about(study, name)["units"] for name in spans]),
             metric_unit=("metric", [metric.unit for metric in designed.prepared.metrics]),
         )
         .assign_attrs(title=study.title, analysis="global_indices", **data.attrs | {"failed": int(failed.sum())})
     )
+    return labelled(whole)

@@ -16,12 +16,15 @@ from jaxtyping import Array, Float
 
 from jaxmodel.base.errors import SweepError
 from jaxmodel.base.jax_settings import SWEEP_OPTIONS
+from jaxmodel.base.progress import counted
 from jaxmodel.lanes import NotNative
 from jaxmodel.model.profile import Profile
 from jaxmodel.sensitivity import by_vectors
+from jaxmodel.sensitivity.labels import labelled
 from jaxmodel.sensitivity.metrics import choose_metrics, has_derivative
 from jaxmodel.sensitivity.response import SHIFTED_INPUT, Response, make_response
 from jaxmodel.sweeps.engine import Progress
+from jaxmodel.sweeps.results import about
 from jaxmodel.sweeps.study import Study
 
 # Few lanes at a time, a step is mostly the dispatch of its operations; many at a time leave the cache.
@@ -29,14 +32,14 @@ _AT_ONCE = 64
 
 
 def elasticity_map(
-    study: Study, names: Sequence[str] | None = None, progress: Progress | None = None
+    study: Study, names: Sequence[str] | None = None, progress: bool | Progress = True
 ) -> xarray.Dataset:
     """Return the derivatives of a study's metrics by parameters at every combination of its axes.
 
     Args:
         study: its axes, two or more, are parameters or inputs; its sample is left aside.
         names: parameters and inputs to differentiate by; None takes all that enter.
-        progress: called as progress(lanes done, lanes in all) at the start and then as lanes are done.
+        progress: as in `jaxmodel.sweeps.run`.
 
     Returns:
         A data set over the axes, metric and parameter: metric_value, metric_derivative (by an input on an axis in its
@@ -65,7 +68,8 @@ def elasticity_map(
     at = np.tile(np.asarray(response.values()), (grid[0].size, 1))
     for name, values in zip(axes, grid, strict=True):
         at[:, moved.index(name)] = values.reshape(-1)
-    numbers, slopes = _at_lanes(response, at, len(asked), progress)
+    with counted(progress, study.title or "elasticity map", "lanes") as tell:
+        numbers, slopes = _at_lanes(response, at, len(asked), tell)
     shape = grid[0].shape
     value = numbers.reshape(*shape, -1)
     derivative = np.moveaxis(slopes, 1, 2).reshape(*shape, len(metrics), len(asked))
@@ -78,7 +82,7 @@ def elasticity_map(
             proportional & (value[..., None] != 0.0), parameter * derivative / value[..., None], np.nan
         )
     dims = (*axes, "metric", "parameter")
-    return xarray.Dataset(
+    data = xarray.Dataset(
         {
             "metric_value": (dims[:-1], value),
             "metric_derivative": (dims, derivative),
@@ -88,13 +92,17 @@ def elasticity_map(
         | {"metric": [metric.name for metric in metrics], "parameter": list(asked)},
         {"title": study.title, "analysis": "elasticity_map"},
     )
+    # The unit of each metric and parameter, to which those of the variables refer.
+    units = {
+        "metric_unit": ("metric", [metric.unit for metric in metrics]),
+        "unit": ("parameter", [one.unit for one in info]),
+    }
+    return labelled(data.assign_coords(units), {name: about(study, name) for name in axes})
 
 
-def _at_lanes(
-    response: Response, at: np.ndarray, asked: int, progress: Progress | None
-) -> tuple[np.ndarray, np.ndarray]:
+def _at_lanes(response: Response, at: np.ndarray, asked: int, report: Progress) -> tuple[np.ndarray, np.ndarray]:
     """Return the metrics of all lanes and their derivatives, shapes (lanes, metric) and (lanes, parameter, metric)."""
-    report, lanes, finished = progress or (lambda done, total: None), len(at), 0
+    lanes, finished = len(at), 0
     report(0, lanes)
 
     def done(some: int) -> None:

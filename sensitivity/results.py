@@ -11,6 +11,7 @@ import pandas as pd
 import xarray
 
 from jaxmodel.base.atomic_files import write_whole
+from jaxmodel.base.errors import SweepError, listed
 
 # The name of an analysis' files, and the digits of its tables: indices have sampling errors, derivatives have none.
 FILES = {
@@ -60,7 +61,7 @@ def tables(data: xarray.Dataset) -> dict[str, pd.DataFrame]:
 def save(data: xarray.Dataset, directory: str | Path) -> Path:
     """Write the result of an analysis to a folder: a Zarr store and CSV tables, in place of those of an earlier one.
 
-    `xarray.open_zarr` reads the store back. An elasticity map is written as a store alone.
+    `load` reads the store back. An elasticity map is written as a store alone.
 
     Args:
         data: of any analysis of this package.
@@ -73,7 +74,9 @@ def save(data: xarray.Dataset, directory: str | Path) -> Path:
     directory.mkdir(parents=True, exist_ok=True)
     name, digits = FILES[data.attrs["analysis"]]
     # Text of fixed width has no place in the Zarr format yet, text of any length has.
-    texts = {key: (v.dims, v.to_numpy().astype(object)) for key, v in data.variables.items() if v.dtype.kind == "U"}
+    texts = {
+        key: (v.dims, v.to_numpy().astype(object), v.attrs) for key, v in data.variables.items() if v.dtype.kind == "U"
+    }
     store = directory / f"{name}.zarr"
     aside = directory / f".{name}.new"
     data.assign(texts).to_zarr(aside, mode="w", consolidated=False)
@@ -83,6 +86,34 @@ def save(data: xarray.Dataset, directory: str | Path) -> Path:
         for file, table in tables(data).items():
             write_whole(directory / f"{file}.csv", table.to_csv(index=False, float_format=digits))
     return store
+
+
+def load(directory: str | Path) -> xarray.Dataset:
+    """Return the result of an analysis that `save` has written, read as far as it is used.
+
+    Args:
+        directory: the folder that it was written to, or the store in it where there is more than one.
+
+    Raises:
+        SweepError: there is no result, more than one, or one that is damaged.
+    """
+    directory = Path(directory)
+    stores = [directory] if directory.suffix == ".zarr" else [directory / f"{name}.zarr" for name, _ in FILES.values()]
+    found = [store for store in stores if store.is_dir()]
+    if not found:
+        raise SweepError(f"{directory} holds no result of a sensitivity; give the folder that it was written to.")
+    if len(found) > 1:
+        names = listed([store.name for store in found], len(found))
+        raise SweepError(f"{directory} holds {names}; give the path of one of them.")
+    try:
+        data = xarray.open_zarr(found[0], consolidated=False, chunks=None)
+        _ = FILES[data.attrs["analysis"]]
+    except (ValueError, KeyError, TypeError, AttributeError, OSError) as error:
+        raise SweepError(
+            f"{found[0]}: its files are damaged ({type(error).__name__}); run the analysis again."
+        ) from error
+    texts = {key: v for key, v in data.variables.items() if v.dtype.kind in "OT"}
+    return data.assign({key: (v.dims, np.array(v.to_numpy().tolist(), str), v.attrs) for key, v in texts.items()})
 
 
 def largest_elasticity(data: xarray.Dataset, metric: str) -> tuple[str, float]:

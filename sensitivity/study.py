@@ -8,9 +8,11 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 import xarray
 
+from jaxmodel.base.progress import Stage, stages
 from jaxmodel.sensitivity.derivatives import local_sensitivities
 from jaxmodel.sensitivity.doubling import doubling_test
 from jaxmodel.sensitivity.interaction import second_derivatives
+from jaxmodel.sensitivity.labels import labelled
 from jaxmodel.sensitivity.metrics import choose_metrics, has_derivative
 from jaxmodel.sensitivity.propagation import propagate
 from jaxmodel.sensitivity.uncertain import stated_sd
@@ -20,7 +22,7 @@ from jaxmodel.sweeps.prepare import Prepared
 from jaxmodel.sweeps.study import Study
 
 
-def local(study: Study, *, doubling: bool = True) -> xarray.Dataset:
+def local(study: Study, *, doubling: bool = True, progress: bool | Stage = True) -> xarray.Dataset:
     """Return the derivatives of a study's metrics and readings by every parameter, beside the paper's doubling test.
 
     The point is the study's model and profile: a parameter on an axis has the value that `parameters` or the preset
@@ -31,6 +33,8 @@ def local(study: Study, *, doubling: bool = True) -> xarray.Dataset:
     Args:
         study: from `jaxmodel.sweeps.read_study`, or `jaxmodel.sweeps.Study(...)`.
         doubling: False leaves out the doubling test, whose program takes several times as long to compile.
+        progress: True shows it at a terminal or in a notebook, False shows nothing; a function is called with
+            what is done next.
 
     Returns:
         A data set over parameter, metric, output and time_s, in the units that `unit` and `metric_unit` state:
@@ -45,20 +49,27 @@ def local(study: Study, *, doubling: bool = True) -> xarray.Dataset:
     """
     prepared, metrics, outputs = _asked(study)
     model, profile, cutoff = prepared.model, prepared.profile, prepared.cutoff
-    data = local_sensitivities(model, profile, None, metrics, outputs, cutoff=cutoff)
-    if doubling:
-        doubled = doubling_test(model, profile, data.parameter.values, metrics, outputs, cutoff=cutoff)
-        # Both hold the run itself, from two programs that may differ in the last bit.
-        data = data.merge(doubled, compat="override").assign_attrs(data.attrs | doubled.attrs)
+    with stages(progress, "sensitivity") as tell:
+        tell("differentiating")
+        data = local_sensitivities(model, profile, None, metrics, outputs, cutoff=cutoff)
+        if doubling:
+            tell("doubling each parameter")
+            doubled = doubling_test(model, profile, data.parameter.values, metrics, outputs, cutoff=cutoff)
+            # Both hold the run itself, from two programs that may differ in the last bit.
+            data = data.merge(doubled, compat="override").assign_attrs(data.attrs | doubled.attrs)
     return _at_stored_rows(data, study, "local")
 
 
-def interactions(study: Study, pairs: Iterable[tuple[str, str]] | Iterable[str]) -> xarray.Dataset:
+def interactions(
+    study: Study, pairs: Iterable[tuple[str, str]] | Iterable[str], *, progress: bool | Stage = True
+) -> xarray.Dataset:
     """Return the second derivatives of a study's metrics by pairs of parameters, beside the doubling of both.
 
     Args:
         study: the point is that of `local`.
         pairs: pairs of parameters or inputs; or names, of which every pair is taken, each name with itself too.
+        progress: True shows it at a terminal or in a notebook, False shows nothing; a function is called with
+            what is done next.
 
     Returns:
         As `jaxmodel.sensitivity.interaction.second_derivatives`.
@@ -71,8 +82,10 @@ def interactions(study: Study, pairs: Iterable[tuple[str, str]] | Iterable[str])
     names = [name for name in given if isinstance(name, str)]
     chosen = [(pair[0], pair[1]) for pair in given if not isinstance(pair, str)]
     chosen += itertools.combinations_with_replacement(names, 2)
-    data = second_derivatives(prepared.model, prepared.profile, chosen, metrics, cutoff=prepared.cutoff)
-    return data.assign_attrs(title=study.title, analysis="interactions")
+    with stages(progress, "interactions") as tell:
+        tell(f"second derivatives by {len(chosen)} pairs")
+        data = second_derivatives(prepared.model, prepared.profile, chosen, metrics, cutoff=prepared.cutoff)
+    return labelled(data).assign_attrs(title=study.title, analysis="interactions")
 
 
 def uncertainty(
@@ -82,6 +95,7 @@ def uncertainty(
     *,
     draws: int = 512,
     seed: int = 0,
+    progress: bool | Stage = True,
 ) -> xarray.Dataset:
     """Return the spread of a study's metrics and stored columns that comes of uncertain parameters.
 
@@ -95,6 +109,8 @@ def uncertainty(
         correlation: of the parameters, in the order of `sd`; none where it is not given.
         draws: runs that are sampled; rounded up to a power of two.
         seed: of the draws.
+        progress: True shows it at a terminal or in a notebook, False shows nothing; a function is called with
+            what is done next.
 
     Returns:
         As `jaxmodel.sensitivity.propagation.propagate`.
@@ -104,17 +120,19 @@ def uncertainty(
             the case states no sd.
     """
     prepared, metrics, outputs = _asked(study)
-    data = propagate(
-        prepared.model,
-        prepared.profile,
-        stated_sd(study) if sd is None else sd,
-        correlation,
-        metrics,
-        outputs,
-        cutoff=prepared.cutoff,
-        draws=draws,
-        seed=seed,
-    )
+    with stages(progress, "uncertainty") as tell:
+        tell(f"differentiating, and sampling {draws} runs")
+        data = propagate(
+            prepared.model,
+            prepared.profile,
+            stated_sd(study) if sd is None else sd,
+            correlation,
+            metrics,
+            outputs,
+            cutoff=prepared.cutoff,
+            draws=draws,
+            seed=seed,
+        )
     return _at_stored_rows(data, study, "uncertainty")
 
 
@@ -128,4 +146,4 @@ def _asked(study: Study) -> tuple[Prepared, tuple[Metric, ...], list[str] | None
 
 def _at_stored_rows(data: xarray.Dataset, study: Study, analysis: str) -> xarray.Dataset:
     rows = data.isel(time_s=slice(None, None, study.store_every))
-    return rows.assign_attrs(title=study.title, analysis=analysis)
+    return labelled(rows).assign_attrs(title=study.title, analysis=analysis)

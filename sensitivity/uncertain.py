@@ -9,13 +9,14 @@ import numpy as np
 import pandas as pd
 
 from jaxmodel.base.errors import SweepError
+from jaxmodel.base.in_short import InShort
 from jaxmodel.case.reading import read_case
 from jaxmodel.case.records import Case
 from jaxmodel.sweeps.study import Study
 
 
-@dataclasses.dataclass(frozen=True)
-class Estimates:
+@dataclasses.dataclass(frozen=True, repr=False)
+class Estimates(InShort):
     """Estimated parameters.
 
     Attributes:

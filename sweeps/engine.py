@@ -5,13 +5,13 @@ from __future__ import annotations
 import contextlib
 import time
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
 from jaxmodel.base.errors import Remark, SweepError
+from jaxmodel.base.progress import Count, counted
 from jaxmodel.sweeps.idle import warn_of_idle
 from jaxmodel.sweeps.plausible import warn_of_odd_values
 from jaxmodel.sweeps.results import InMemory
@@ -20,13 +20,13 @@ from jaxmodel.sweeps.runner import Runner
 from jaxmodel.sweeps.store import Store
 from jaxmodel.sweeps.study import Study
 
-Progress = Callable[[int, int], None]
+Progress = Count
 """Called with the lanes that are done and all lanes, as a sweep goes on."""
 
 
 def run(
     study: Study,
-    progress: Progress | None = None,
+    progress: bool | Progress = True,
     *,
     out: str | Path | None = None,
     resume: bool = False,
@@ -37,7 +37,8 @@ def run(
 
     Args:
         study: what to run.
-        progress: called as progress(lanes done, lanes in all) at the start and then as lanes are done.
+        progress: True shows it at a terminal or in a notebook, False shows nothing; a function is called as
+            progress(lanes done, lanes in all) at the start and then as lanes are done.
         out: a folder, or a URL in an object store such as "s3://bucket/name", to which results are written chunk by
             chunk, so that they need no memory and a run that was stopped can be resumed; without it they are held in
             memory.
@@ -71,7 +72,8 @@ def run(
         chunks = executor.chunks(memory, whole=out is None)
         sink = InMemory(study, chunks) if out is None else Store(study, chunks, out, resume)
         try:
-            return sink.finish(_fill(sink, executor, study, progress))
+            with counted(progress, study.title or "sweep", "lanes") as tell:
+                return sink.finish(_fill(sink, executor, study, tell))
         finally:
             sink.close()
 
@@ -92,7 +94,7 @@ def _executor(engine: str, study: Study) -> contextlib.AbstractContextManager[An
     return cluster(engine, study)
 
 
-def _fill(sink: InMemory | Store, executor: Any, study: Study, progress: Progress | None) -> dict[str, Any]:
+def _fill(sink: InMemory | Store, executor: Any, study: Study, progress: Progress) -> dict[str, Any]:
     """Run and commit the pending chunks; return counts and times for the manifest."""
     began = time.perf_counter()
     pending = sum(sink.chunks.span(number)[1] for number in sink.pending)
@@ -101,8 +103,7 @@ def _fill(sink: InMemory | Store, executor: Any, study: Study, progress: Progres
     def count(lanes: int) -> None:
         nonlocal done
         done += lanes
-        if progress is not None:
-            progress(done, study.size)
+        progress(done, study.size)
 
     count(0)
     if pending:

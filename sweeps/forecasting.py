@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 
+from jaxmodel.base.in_short import InShort
 from jaxmodel.sweeps.idle import warn_of_idle
 from jaxmodel.sweeps.plan import COPIES
 from jaxmodel.sweeps.plausible import warn_of_odd_values
@@ -13,7 +14,7 @@ from jaxmodel.sweeps.study import Study
 
 
 @dataclasses.dataclass(frozen=True)
-class Forecast:
+class Forecast(InShort):
     """The cost of a sweep on this machine.
 
     Attributes:

@@ -64,7 +64,7 @@ def variables_of(study: Study) -> dict[str, Variable]:
         found[name] = Variable((*dims, "time_s"), (lanes, rows), "float64", about(study, name))
     meanings = " ".join(status.name.lower() for status in Status)
     flags = {"flag_values": [int(s) for s in Status], "flag_meanings": meanings}
-    found["status"] = Variable(dims, (lanes,), "int8", {"long_name": "how the run ended", **flags})
+    found["status"] = Variable(dims, (lanes,), "int8", {"long_name": "how the run ended", "units": "", **flags})
     return found
 
 
@@ -231,4 +231,6 @@ def percentiles(dataset: xr.Dataset, percents: Sequence[float | int] = (5.0, 50.
         values = values[np.isfinite(values)]
         numbers = np.percentile(values, percents) if values.size else np.full(len(percents), np.nan)
         found[name] = ("percentile", numbers, dataset[name].attrs)
-    return xr.Dataset(found, {"percentile": ("percentile", list(percents), {"units": "%"})})
+    return xr.Dataset(
+        found, {"percentile": ("percentile", list(percents), {"units": "%", "long_name": "share of the lanes below"})}
+    )

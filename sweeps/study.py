@@ -10,8 +10,9 @@ import numpy as np
 from pydantic import PrivateAttr, ValidationError
 
 from jaxmodel.base import toml
-from jaxmodel.base.errors import SweepError, UserError
+from jaxmodel.base.errors import SweepError, UserError, listed
 from jaxmodel.base.forms import complaint
+from jaxmodel.base.in_short import InShort
 from jaxmodel.case.measurements import file_label, read_utf8
 from jaxmodel.model.ports import Effect
 from jaxmodel.model.robot import duty_of_signal
@@ -24,7 +25,7 @@ from jaxmodel.sweeps.study_form import StudyFields, StudyForm
 LANE = "lane"
 
 
-class Study(StudyForm):
+class Study(InShort, StudyForm):
     """A study: one model, one input profile, and the parameters and inputs in which its runs (lanes) differ.
 
     Every argument is a key of the study file; a table of the file is a mapping in Python:
@@ -74,6 +75,10 @@ class Study(StudyForm):
         except ValidationError as error:
             raise SweepError(complaint(error, values, "the study")) from error
         self._prepared = prepare(self)
+
+    def _in_short(self) -> str:
+        title = f"{self.title}, " if self.title else ""
+        return f"{title}{self.size:,} lanes of a {self.prepared.model.kind} over {listed(self.varied, 6)}"
 
     @property
     def prepared(self) -> Prepared:

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from jaxmodel.app.page import write_page
-from jaxmodel.app.provenance import provenance
 from jaxmodel.base.atomic_files import write_whole
+from jaxmodel.base.provenance import provenance
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,6 +12,7 @@ from typing import Annotated
 
 import typer
 
+from jaxmodel.app.answers_command import compare_answers, history
 from jaxmodel.app.import_command import import_
 from jaxmodel.app.one_sentence import OneSentence
 from jaxmodel.app.start_command import start
@@ -314,6 +315,10 @@ def diagnose(
         with_effects=with_effects or [],
         without=without or [],
     )
+
+
+app.command(epilog="Example: jaxmodel compare-answers results/before results/after")(compare_answers)
+app.command(epilog="Example: jaxmodel history results/samsung_30q")(history)
 
 
 @app.command(epilog="Example: jaxmodel demo --out demo-results")

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from jaxmodel.app.page import write_page
-from jaxmodel.app.provenance import provenance
 from jaxmodel.app.report_rows import channel_rows, ladder_rows, noise_rows, parameter_rows
+from jaxmodel.base.provenance import provenance
 from jaxmodel.base.units import split_unit
 from jaxmodel.diagnosis.advice.next_experiment import in_words
 from jaxmodel.diagnosis.advice.remarks import extrapolated_sentence as remark_on_extrapolation

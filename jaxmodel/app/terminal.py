@@ -53,7 +53,7 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], rig
     console().print(shown)
 
 
-class _Pace:
+class Pace:
     """How fast work of known size goes, from its second report on: the first comes before anything is compiled."""
 
     def __init__(self, unit: str) -> None:
@@ -72,6 +72,25 @@ class _Pace:
         return f"{more / seconds:,.0f} {self._unit}/s, about {duration((total - done) * seconds / more)} left"
 
 
+class Left:
+    """The time that some work may still take, from the share that is usually done when a part of it starts."""
+
+    def __init__(self, shares: Mapping[str, float]) -> None:
+        """Begin now; `shares` are by the first words of a part."""
+        self._shares, self._began = shares, time.perf_counter()
+
+    @property
+    def elapsed_s(self) -> float:
+        """Return how long the work has taken."""
+        return time.perf_counter() - self._began
+
+    def __call__(self, now: str) -> str:
+        """Return what is left where a part begins, as the end of a sentence; "" where it is not known."""
+        known = [start for start in self._shares if now.removeprefix("still ").startswith(start)]
+        share = self._shares[max(known, key=len)] if known else 0.0
+        return f", about {self.elapsed_s * (1.0 - share) / share:.0f} s left" if share > 0.0 else ""
+
+
 def duration(seconds: float) -> str:
     """Return a time for a person: 42 s, 12 min, 3.4 h, 2.1 days."""
     for limit, size, unit in ((120.0, 1.0, "s"), (7200.0, 60.0, "min"), (172_800.0, 3600.0, "h")):
@@ -87,7 +106,7 @@ def counted(what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
     Yields:
         A function to be called with (done, total): at the start, and then as work is done.
     """
-    pace = _Pace(unit)
+    pace = Pace(unit)
     if sys.stderr.isatty():
         columns = (
             TextColumn(what),
@@ -125,22 +144,14 @@ def stages(what: str, shares: Mapping[str, float] | None = None) -> Iterator[Cal
     Yields:
         A function to be called with what is done next.
     """
-    began = time.perf_counter()
-
-    def left(now: str) -> str:
-        known = [start for start in shares or {} if now.removeprefix("still ").startswith(start)]
-        share = (shares or {})[max(known, key=len)] if known else 0.0
-        if share <= 0.0:
-            return ""
-        return f", about {(time.perf_counter() - began) * (1.0 - share) / share:.0f} s left"
-
+    left = Left(shares or {})
     if sys.stderr.isatty():
         columns = (SpinnerColumn(), TextColumn(what), TextColumn("{task.fields[now]}"), TimeElapsedColumn())
         with Progress(*columns, console=console(stderr=True), transient=True) as bar:
             task = bar.add_task(what, total=None, now="")
             yield lambda now: bar.update(task, now=f"{now}{left(now)}")
         return
-    with _heard_of(lambda now: say(f"{what}: {now} ({time.perf_counter() - began:.0f} s{left(now)})")) as tell:
+    with _heard_of(lambda now: say(f"{what}: {now} ({left.elapsed_s:.0f} s{left(now)})")) as tell:
         yield tell
 
 

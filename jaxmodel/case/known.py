@@ -7,20 +7,21 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from jaxmodel.base.in_short import InShort
 from jaxmodel.case.forms import KnownEntry, ParametersEntry, TableEntry
 from jaxmodel.model.parameters import info
 
 
 @dataclasses.dataclass(frozen=True)
-class Known:
+class Known(InShort):
     """A stated number: its value and standard deviation (None: exact)."""
 
     value: float
     sd: float | None = None
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Table:
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Table(InShort):
     """A curve over SOC, or over SOC and temperature; linear between the points, held at the ends.
 
     Attributes:

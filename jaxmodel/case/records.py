@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 
 from jaxmodel.base.errors import MeasurementError, nearest
+from jaxmodel.base.in_short import html_of, text_of
 from jaxmodel.base.late_binding import late_bound
 from jaxmodel.case.known import Known, Table, Tolerance
 from jaxmodel.case.measurements import Measured, file_label
@@ -68,6 +69,10 @@ class Run:
 
     def __repr__(self) -> str:
         return f"<Run {self.name}: {self.split}, {self.measured.time_s.size} rows>"
+
+    def _repr_html_(self) -> str:
+        columns = {"time_s": self.measured.time_s, **self.measured.inputs, **self.measured.outputs}
+        return html_of(repr(self)[1:-1], ((name, text_of(values)) for name, values in columns.items()))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

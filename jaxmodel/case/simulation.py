@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pandas as pd
 
+from jaxmodel.base.in_short import InShort
 from jaxmodel.case.build import case_model, run_profile
 from jaxmodel.case.measurements import KINDS
 from jaxmodel.case.plotting import SimulationPlots
@@ -18,8 +19,8 @@ from jaxmodel.model.possible import LIMITS, possible
 from jaxmodel.model.simulation import Cutoff, Status
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class SimulatedRun:
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class SimulatedRun(InShort):
     """The simulation of one run.
 
     Attributes:
@@ -34,6 +35,10 @@ class SimulatedRun:
     table: pd.DataFrame
     status: Status
     end_s: float
+
+    def _in_short(self) -> str:
+        ended = self.status.name.lower().replace("_", " ")
+        return f"{self.run.name}, {len(self.table)} rows, {ended} at {self.end_s:g} s"
 
     def sentence(self) -> str:
         """Say how the run ended, '' for a normal end."""

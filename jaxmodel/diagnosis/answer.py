@@ -1,7 +1,10 @@
-"""The answer file of a diagnosis, in the form of the case contract."""
+"""The answer file of a diagnosis, in the form of the case contract, and the history of such files beside it."""
 
 from __future__ import annotations
 
+import datetime
+import hashlib
+import inspect
 import json
 from pathlib import Path
 from typing import Any
@@ -10,8 +13,13 @@ import numpy as np
 import pandas as pd
 
 from jaxmodel.base.atomic_files import write_whole
+from jaxmodel.base.provenance import digest_of
 from jaxmodel.base.schema import with_schema
+from jaxmodel.base.version import __version__
+from jaxmodel.case.records import Case, Run
 from jaxmodel.diagnosis.result import ChannelError, Diagnosis, Removed
+
+ANSWER, HISTORY = "answer.json", "history"
 
 
 def number(value: float) -> float | None:
@@ -42,6 +50,12 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
             }
             for effect in diagnosis.effects
         ],
+        "possible": possible(diagnosis),
+        "model": list(diagnosis.final.added),
+        "parameters": {
+            name: {"value": number(one.value), "sd": number(one.sd), "unit": one.unit}
+            for name, one in diagnosis.final.estimates.items()
+        },
         "candidates": [{"name": name, "probability": number(p)} for name, p in diagnosis.candidates],
         "unexplained": diagnosis.unexplained,
         "blind_to": list(diagnosis.blind_to),
@@ -117,6 +131,56 @@ def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
     return [{str(key): plain(value) for key, value in row.items()} for row in table.to_dict("records")]
 
 
-def write_answer(diagnosis: Diagnosis, path: Path) -> None:
-    """Write the answer as JSON."""
-    write_whole(path, json.dumps(with_schema(answer(diagnosis)), indent=2) + "\n")
+def possible(diagnosis: Diagnosis) -> list[str]:
+    """Return the labels of the effects of the final model that are not named."""
+    named = {effect.label for effect in diagnosis.effects}
+    catalogue = diagnosis.case.catalogue
+    effects = [label for label in diagnosis.final.added if "@" not in label and label.partition(":")[0] in catalogue]
+    return [label for label in effects if label not in named]
+
+
+def origin(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Return where an answer made now comes from: the case, the time in UTC, the version, the data by SHA-256."""
+    return {
+        "case": diagnosis.case.name,
+        "title": diagnosis.case.title,
+        "made": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M:%S UTC"),
+        "version": __version__,
+        "data": data_digests(diagnosis.case),
+        "options": list(diagnosis.ordered),
+    }
+
+
+def data_digests(case: Case) -> dict[str, str]:
+    """Return the SHA-256 of what a case was read from, by file; of a run without a file, of its numbers."""
+    own = dict.fromkeys(Path(inspect.getfile(effect)) for effect in case.own_effects.values())
+    files = {} if case.path is None else {case.path.name: case.path}
+    files |= {run.file: run.source for run in case.runs if run.source is not None}
+    files |= {file.name: file for file in own}
+    # A file may be gone by the time a diagnosis has come to its end: that is no reason to lose it.
+    digests = {name: digest_of(file) for name, file in files.items() if file.is_file()}
+    return digests | {run.file: _of_numbers(run) for run in case.runs if run.source is None}
+
+
+def _of_numbers(run: Run) -> str:
+    table = run.to_dataframe()
+    found = hashlib.sha256(" ".join(table.columns).encode())
+    found.update(np.ascontiguousarray(table.to_numpy(float)).tobytes())
+    return found.hexdigest()
+
+
+def write_answer(diagnosis: Diagnosis, folder: Path) -> None:
+    """Write the answer as JSON to a folder, and with its origin to the folder's history, in a file of its own.
+
+    The same case has the same answer, to the byte; what is of the moment is in the history alone. It comes first, and
+    its files are never written again: whenever the process is killed, no answer is lost.
+    """
+    said, made_from = with_schema(answer(diagnosis)), origin(diagnosis)
+    history = folder / HISTORY
+    history.mkdir(parents=True, exist_ok=True)
+    moment = made_from["made"].removesuffix(" UTC").replace(":", "-").replace(" ", "T")
+    name, count = f"{moment}.json", 1
+    while (history / name).exists():  # several within a second
+        name, count = f"{moment}_{count + 1}.json", count + 1
+    write_whole(history / name, json.dumps({**said, "origin": made_from}, indent=2) + "\n")
+    write_whole(folder / ANSWER, json.dumps(said, indent=2) + "\n")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import html
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from jaxmodel.base.atomic_files import write_whole
+from jaxmodel.base.progress import Stage, stages
 from jaxmodel.base.schema import with_schema
 from jaxmodel.case.records import Case
 from jaxmodel.diagnosis.advice.identifiability import (
@@ -172,7 +173,7 @@ def identify(
     *,
     profiles: Sequence[str] = (),
     add: Sequence[str] = (),
-    progress: Callable[[str], None] | None = None,
+    progress: bool | Stage = True,
 ) -> Identification:
     """Calibrate a case's model and return how well its fit runs determine every unknown.
 
@@ -181,14 +182,21 @@ def identify(
         parameters: made uncertain if the case states them as exact; their likelihood is profiled.
         profiles: further unknowns whose likelihood is profiled.
         add: effects added to the model, their parameters unknown.
-        progress: called with a description of each step.
+        progress: True shows it at a terminal or in a notebook, False shows nothing; a function is called with
+            what is done next.
 
     Raises:
         ParameterError: a name is unknown.
         EffectError: an effect is no candidate of this case.
         FitError: nothing is uncertain, or no run may be used to calibrate.
     """
-    say = progress or (lambda what: None)
+    with stages(progress, case.name) as say:
+        return _identified(case, parameters, profiles, add, say)
+
+
+def _identified(
+    case: Case, parameters: Sequence[str], profiles: Sequence[str], add: Sequence[str], say: Stage
+) -> Identification:
     asked_case, assumed = asking_for(case, parameters)
     cache = FitCache(asked_case)
     labels = cache.space.labels_to_add(add)

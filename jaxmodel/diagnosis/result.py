@@ -366,7 +366,8 @@ class Diagnosis:
     def write(self, folder: str | Path, *, pictures: bool = True) -> Path:
         """Write the result to a folder: `answer.json`, `extended.toml`, `found_law.py` if there is one, and pictures.
 
-        A comparison has `errors.json` and `calibrated.toml` in place of the first two.
+        A comparison has `errors.json` and `calibrated.toml` in place of the first two. `read_diagnosis` reads the
+        whole again.
 
         Args:
             folder: made if need be.

@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from jaxmodel.base.in_short import InShort
 from jaxmodel.model import cell as cells
 from jaxmodel.model import motor as motors
 from jaxmodel.model import robot as robots
@@ -24,13 +25,17 @@ from jaxmodel.model.robot import Inputs
 Readings = dict[str, Scalar]
 
 
-class Model(eqx.Module):
+class Model(InShort, eqx.Module):
     """A pytree whose leaves are all the numbers of one model: any of them may carry lanes or derivatives."""
 
     kind: str = eqx.field(static=True)
     parameters: Parameters = Parameters()
     curves: CellCurves = CellCurves()
     effects: tuple[Effect, ...] = ()
+
+    def _in_short(self) -> str:
+        effects = f", {', '.join(effect.label for effect in self.effects)}" if self.effects else ""
+        return f"{self.kind}{effects}, {self.parameters._in_short()}"
 
 
 class Drive(eqx.Module):

@@ -5,13 +5,14 @@ from __future__ import annotations
 import equinox as eqx
 
 from jaxmodel.base.errors import ParameterError, instead
+from jaxmodel.base.in_short import InShort
 from jaxmodel.model.declaration import ParameterInfo, Scalar, describe, parameter
 
 _PAPER = "Specht et al., section 3"
 _RE50 = "maxon RE50 24 V data sheet"
 
 
-class Parameters(eqx.Module):
+class Parameters(InShort, eqx.Module):
     """Every parameter of the base model; one set serves the kinds cell, motor and robot.
 
     A pytree whose leaves are scalars: any leaf may be differentiated, and under `vmap` any leaf may carry lanes.

@@ -13,9 +13,10 @@ from typing import Any, ClassVar
 import equinox as eqx
 
 from jaxmodel.base.errors import EffectError, nearest
+from jaxmodel.base.in_short import InShort, text_of
 from jaxmodel.lanes.switch import switched
 from jaxmodel.model.curves import CellCurves
-from jaxmodel.model.declaration import Scalar
+from jaxmodel.model.declaration import Scalar, describe
 from jaxmodel.model.flow import Flow, State
 from jaxmodel.model.parameters import Parameters
 
@@ -103,7 +104,7 @@ PORTS = CELL_PORTS | MOTOR_PORTS | SENSOR_PORTS
 _HOOKS = {"initial_state", "flows"}
 
 
-class Effect(eqx.Module):
+class Effect(InShort, eqx.Module):
     """A candidate effect: parameters as fields, one method for each port it touches.
 
     `column` is the column of a sensor effect, "" for others; `reads` is the ending of its possible columns ("" for one
@@ -147,6 +148,11 @@ class Effect(eqx.Module):
     def label(self) -> str:
         """Return the name of this effect, unique in a model."""
         return self.name
+
+    def _in_short(self) -> str:
+        """Say every number, as each is a matter of the case: usual values are no default."""
+        said = [f"{name}={text_of(getattr(self, name))}" for name in describe(type(self))]
+        return ", ".join([*([self.column] if self.column else []), *said])
 
     def initial_state(self, parameters: Parameters, ambient_degC: Scalar) -> State:
         """Return the effect's own states at the start of a run, named 'effect.state'."""

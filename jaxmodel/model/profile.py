@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxmodel.base.errors import MeasurementError
+from jaxmodel.base.in_short import InShort
 from jaxmodel.model.robot import duty_of_signal
 
 # Of a profile that is described in numbers, which may be any: 120 days at a row a second. Its inputs, steps and
@@ -32,8 +33,8 @@ SLOW_ROTOR_S, WARMING_STEP_SHARE = 0.03, 1.0 / 16.0
 WARMING_S = 0.2  # in which the inrush warms a winding: the first steps are no longer, however slow the rotor
 
 
-@dataclasses.dataclass(frozen=True)
-class Profile:
+@dataclasses.dataclass(frozen=True, repr=False)
+class Profile(InShort):
     """Inputs over time: those of row k hold over (t[k-1], t[k]]; row 0 is the initial state under its own inputs.
 
     Attributes:
@@ -43,6 +44,9 @@ class Profile:
 
     time_s: np.ndarray
     inputs: dict[str, np.ndarray]
+
+    def _in_short(self) -> str:
+        return f"{self.time_s.size} rows, {self.time_s[0]:g} to {self.time_s[-1]:g} s, {', '.join(self.inputs)}"
 
     def __post_init__(self) -> None:
         """Check shapes and order, and convert the operator's signal to a duty (eq. 22)."""

@@ -10,6 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jaxmodel.base.errors import listed
+from jaxmodel.base.in_short import InShort
 from jaxmodel.lanes.xla_kernel import holds_constants
 from jaxmodel.model.declaration import Scalar
 from jaxmodel.model.electrothermal import Model, Readings, initial_state, read, step, valid
@@ -50,7 +52,7 @@ def _as_array(value) -> Array:
     return jnp.asarray(value, dtype=float)
 
 
-class Cutoff(eqx.Module):
+class Cutoff(InShort, eqx.Module):
     """Where a run ends: at the first row below a state of charge or a cell's voltage in V; -inf never ends it."""
 
     soc: Scalar = eqx.field(default=-np.inf, converter=_as_array)
@@ -69,7 +71,7 @@ class Needed(eqx.Module):
     dynamic_sensors: Array
 
 
-class Trajectory(eqx.Module):
+class Trajectory(InShort, eqx.Module):
     """The result of a run, over the rows of its profile (axis 0; lanes, if any, before it).
 
     Attributes:
@@ -87,6 +89,10 @@ class Trajectory(eqx.Module):
     valid: Array
     status: Array
     end_row: Array
+
+    def _in_short(self) -> str:
+        shape = " x ".join(map(str, np.shape(self.time_s)))
+        return f"{shape} rows of {listed(self.readings, 6)}"
 
 
 def track(model: Model, profile: Profile, steps: int | None = None) -> Track:

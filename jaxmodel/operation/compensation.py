@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import elementwise
 
+from jaxmodel.base.in_short import InShort
 from jaxmodel.model.electrothermal import Model
 from jaxmodel.model.profile import constant
 from jaxmodel.model.simulation import Cutoff
@@ -35,7 +36,7 @@ _METRICS = ("soc_gradient", "mean_speed_rad_s")
 
 
 @dataclasses.dataclass(frozen=True)
-class Reference:
+class Reference(InShort):
     """The operating point whose slope is to be held: ambient, torque of one track motor, duty."""
 
     ambient_degC: float = 20.0
@@ -56,8 +57,8 @@ class Runs:
     speed_rad_s: np.ndarray
 
 
-@dataclasses.dataclass(frozen=True)
-class Compensation:
+@dataclasses.dataclass(frozen=True, repr=False)
+class Compensation(InShort):
     """The map of a compensation; arrays are of shape (ambients, torques).
 
     Attributes:

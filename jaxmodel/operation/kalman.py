@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jaxmodel.base.in_short import InShort
 from jaxmodel.model.declaration import Scalar
 from jaxmodel.model.electrothermal import Model, initial_state, read, step
 from jaxmodel.model.names import with_values
@@ -32,7 +33,7 @@ def _as_array(value: Any) -> Array:
     return jnp.asarray(value, dtype=float)
 
 
-class Tuning(eqx.Module):
+class Tuning(InShort, eqx.Module):
     """The standard deviations and time constants that the filter assumes; any leaf may carry lanes.
 
     Attributes:
@@ -56,7 +57,7 @@ class Tuning(eqx.Module):
     offset_s: Scalar = eqx.field(default=1000.0, converter=_as_array)
 
 
-class Measured(eqx.Module):
+class Measured(InShort, eqx.Module):
     """A run as the robot's computer sees it, each of shape (rows,).
 
     Attributes:
@@ -72,7 +73,7 @@ class Measured(eqx.Module):
     voltage_V: Float[Array, " rows"]
 
 
-class FilterOutput(eqx.Module):
+class FilterOutput(InShort, eqx.Module):
     """The estimates of a filter at each row, shape (..., rows).
 
     Attributes:

@@ -22,6 +22,7 @@ from pydantic import Field, ValidationError, model_validator
 from jaxmodel.base import toml
 from jaxmodel.base.errors import SweepError, instead
 from jaxmodel.base.forms import Form, complaint, wrong
+from jaxmodel.base.in_short import InShort
 from jaxmodel.case.measurements import file_label, read_utf8
 from jaxmodel.model.cell import storage_factor
 from jaxmodel.model.electrothermal import Model
@@ -51,7 +52,7 @@ LIMITS = ("charge", "voltage", "winding")
 NOT_REACHED = len(LIMITS)
 
 
-class Segment(Form):
+class Segment(InShort, Form):
     """One part of a mission.
 
     Attributes:
@@ -75,7 +76,7 @@ class Segment(Form):
     flipper_duty: float = Field(default=0.2, ge=0.0, le=1.0)
 
 
-class Mission(Form):
+class Mission(InShort, Form):
     """A mission: the content of a mission file.
 
     Attributes:
@@ -101,7 +102,7 @@ class Mission(Form):
 
 
 @dataclasses.dataclass(frozen=True)
-class Limits:
+class Limits(InShort):
     """What ends a mission: the first of a charge, the voltage of one cell, and the temperature of a winding.
 
     Attributes:
@@ -115,8 +116,8 @@ class Limits:
     winding_degC: float = 125.0
 
 
-@dataclasses.dataclass(frozen=True)
-class Endurance:
+@dataclasses.dataclass(frozen=True, repr=False)
+class Endurance(InShort):
     """How long missions last, over lanes of any shape.
 
     Attributes:
@@ -263,7 +264,7 @@ def endurance(
     def joined(values: Callable[[Endurance], np.ndarray]) -> tuple[tuple[str, str], np.ndarray]:
         return ("ambient_degC", "age"), np.concatenate([values(part) for part in found])
 
-    return xarray.Dataset(
+    data = xarray.Dataset(
         {
             "time_s": joined(lambda part: part.time_s),
             "distance_m": joined(lambda part: part.distance_m),
@@ -278,6 +279,22 @@ def endurance(
         },
         {"title": mission.title},
     )
+    for name, (words, unit) in _LABELS.items():
+        data[name].attrs |= {"long_name": words, "units": unit}
+    return data
+
+
+# What each variable of `endurance` is called, and its unit.
+_LABELS = {
+    "time_s": ("time until the first limit", "s"),
+    "distance_m": ("distance until the first limit", "m"),
+    "ended_by": ("first limit", ""),
+    "ambient_degC": ("ambient temperature", "degC"),
+    "age": ("age of the pack", ""),
+    "storage_months": ("months of storage", "months"),
+    "cycles": ("charging cycles", ""),
+    **{f"until_{limit}_s": (f"time until the limit of {limit}", "s") for limit in LIMITS},
+}
 
 
 def rounds_in(mission: Mission, hours: float) -> int:

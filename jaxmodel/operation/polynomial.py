@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jaxmodel.base.in_short import InShort
 from jaxmodel.model.cell import cycle_resistance, storage_factor
 from jaxmodel.model.curves import Curve
 from jaxmodel.model.declaration import Scalar
@@ -25,8 +26,8 @@ FITTED_SOC = (0.1, 1.0)  # below, the open-circuit voltage falls too steeply for
 _MIDDLE = 0.5
 
 
-@dataclasses.dataclass(frozen=True)
-class PolynomialEstimator:
+@dataclasses.dataclass(frozen=True, repr=False)
+class PolynomialEstimator(InShort):
     """The whole estimator in a dozen numbers.
 
     Attributes:

@@ -10,7 +10,7 @@ import dataclasses
 import json
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,8 @@ import pandas as pd
 
 from jaxmodel.base.atomic_files import write_whole
 from jaxmodel.base.errors import MeasurementError
+from jaxmodel.base.in_short import InShort
+from jaxmodel.base.progress import Stage, stages
 from jaxmodel.base.schema import with_schema, without_schema
 from jaxmodel.case.build import case_model
 from jaxmodel.case.measurements import file_label, read_utf8
@@ -38,8 +40,8 @@ POLYNOMIAL_DEGC = (-20.0, -10.0, 0.0, 10.0, 20.0, 30.0)
 BATCH, BATCH_ROWS = 4096, 200
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Evaluation:
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Evaluation(InShort):
     """Estimators of a cell's state of charge and their errors.
 
     Attributes:
@@ -79,7 +81,7 @@ def evaluate_estimators(
     *,
     count: int = 32,
     tunings: Mapping[str, Tuning] | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: bool | Stage = True,
 ) -> Evaluation:
     """Tune estimators of the state of charge on the fit runs of a case, and score them on its check runs.
 
@@ -88,12 +90,17 @@ def evaluate_estimators(
             is measured.
         count: tunings that are tried for each filter, a power of two.
         tunings: of an earlier evaluation, from `read_tunings`; the filters are then not tuned.
-        progress: called with what is done next.
+        progress: True shows it at a terminal or in a notebook, False shows nothing; a function is called with
+            what is done next.
 
     Raises:
         MeasurementError: the case is of another kind, or lacks runs of a split or columns.
     """
-    report = progress or (lambda now: None)
+    with stages(progress, case.name) as report:
+        return _evaluated(case, count, tunings, report)
+
+
+def _evaluated(case: Case, count: int, tunings: Mapping[str, Tuning] | None, report: Stage) -> Evaluation:
     fit, check = ([run for run in case.runs if run.split == split] for split in ("fit", "check"))
     if case.kind != "cell" or not fit or not check:
         raise MeasurementError(

@@ -13,13 +13,14 @@ import numpy as np
 import pandas as pd
 
 from jaxmodel.base.atomic_files import write_whole
+from jaxmodel.base.in_short import InShort
 from jaxmodel.case.records import Case
 from jaxmodel.case.simulation import CaseSimulation, simulate_case
 from jaxmodel.parameterisation.plotting import ParameterisationPlots
 
 
 @dataclasses.dataclass(frozen=True)
-class Extraction:
+class Extraction(InShort):
     """One number, and where it comes from.
 
     Attributes:

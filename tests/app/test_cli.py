@@ -195,7 +195,7 @@ def test_pace_is_told_from_the_second_report_on(monkeypatch: pytest.MonkeyPatch)
     """The first report comes before anything is compiled, and after what an earlier run has done."""
     clock = iter([0.0, 100.0, 110.0])
     monkeypatch.setattr(terminal.time, "perf_counter", lambda: next(clock))
-    pace = terminal._Pace("lanes")
+    pace = terminal.Pace("lanes")
     assert pace.sentence(500, 4000) == ""
     assert pace.sentence(1000, 4000) == ""
     assert pace.sentence(2000, 4000) == "100 lanes/s, about 20 s left"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -119,13 +120,25 @@ def test_spread_is_that_of_the_case_unless_stated(study: Study, tmp_path: Path):
 def test_result_is_read_back_as_it_was(data: xarray.Dataset, tmp_path: Path):
     store = sensitivity.save(data, tmp_path)
     assert store.name == "sensitivity.zarr"
-    again = xarray.open_zarr(store, consolidated=False)
-    for name in data.data_vars:
-        np.testing.assert_array_equal(again[name].values.astype(data[name].dtype), data[name].values)
+    for place in (tmp_path, store):
+        again = sensitivity.load(place)
+        xarray.testing.assert_identical(again.compute(), data)
     table = pd.read_csv(tmp_path / "sensitivity.csv", index_col=["metric", "parameter"])
     assert table.loc[("final_soc", "capacity_Ah"), "elasticity"] == pytest.approx(
         float(data["elasticity"].sel(metric="final_soc", parameter="capacity_Ah")), rel=1e-11
     )
+
+
+def test_what_is_no_result_is_refused(data: xarray.Dataset, tmp_path: Path):
+    with pytest.raises(SweepError, match="holds no result of a sensitivity"):
+        sensitivity.load(tmp_path)
+    store = sensitivity.save(data, tmp_path)
+    shutil.copytree(store, tmp_path / "global.zarr")
+    with pytest.raises(SweepError, match=r"holds sensitivity\.zarr, global\.zarr; give the path of one"):
+        sensitivity.load(tmp_path)
+    (store / "zarr.json").write_text("{")
+    with pytest.raises(SweepError, match="its files are damaged"):
+        sensitivity.load(store)
 
 
 def test_largest_elasticity_is_named(data: xarray.Dataset):

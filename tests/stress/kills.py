@@ -31,7 +31,7 @@ COMMANDS = {
     "sweep": (["sweep", "study/study.toml", "--answer-only", "--out", "out"], ["--resume"]),
 }
 # What differs from run to run: times, and what they are written into.
-SAID_APART = {"manifest.json", "report.html", "import.json", "result.zarr"}
+SAID_APART = {"manifest.json", "report.html", "import.json", "result.zarr", "history"}
 
 
 def program(words: list[str]) -> list[str]:

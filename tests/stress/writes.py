@@ -94,8 +94,11 @@ def _dies(write: Write, out: Path, touch: int, after_s: float) -> int:
 
 
 def _content(folder: Path) -> dict[str, bytes]:
-    """Return the files of a folder without their moments; what begins with a dot is no result."""
-    paths = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+    """Return the files of a folder without their moments; what begins with a dot is no result.
+
+    The history is of the moment alone: each writing adds a file to it.
+    """
+    paths = [path for path in sorted(folder.rglob("*")) if path.is_file() and path.parent.name != "history"]
     names = {str(path.relative_to(folder)): path for path in paths}
     shown = {name: path for name, path in names.items() if not any(p.startswith(".") for p in Path(name).parts)}
     return {name: _MOMENT.sub(b"", path.read_bytes()) for name, path in shown.items()}

@@ -11,6 +11,7 @@ from jaxmodel.base.atomic_files import write_whole
 # What a session's folder holds.
 VIEW, PROGRESS, WANTED, STOP = "view.json", "progress.json", "wanted.json", "stop"
 CASE, UPLOADS, PARAMETERISED, KEPT, SWEEP = "case", "files", "parameterised", "kept", "sweep"
+ANSWERS = "answers"
 TRACES, PREVIEWS, CELLS = "traces", "previews", "cells"
 GRID, SENSITIVITY = "grid.json", "sensitivity.json"
 LOG = "worker.log"

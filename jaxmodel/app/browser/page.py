@@ -8,6 +8,7 @@ from nicegui import ui
 from nicegui.element import Element
 
 from jaxmodel.app.browser import beside
+from jaxmodel.app.browser.answers import answers
 from jaxmodel.app.browser.chart import Traces
 from jaxmodel.app.browser.context import Context
 from jaxmodel.app.browser.files import GRID
@@ -18,8 +19,14 @@ from jaxmodel.app.browser.workers import Workers
 
 # Seconds between two looks at the session's files.
 LOOK_S = 0.25
-TABS = {"traces": "Traces", "sweep": "Sweep", "sensitivity": "Sensitivity", "next": "Next experiment"}
-_BESIDE = {"sweep": beside.sweep, "sensitivity": beside.sensitivity, "next": beside.next_experiment}
+TABS = {
+    "traces": "Traces",
+    "sweep": "Sweep",
+    "sensitivity": "Sensitivity",
+    "next": "Next experiment",
+    "answers": "Diagnoses",
+}
+_BESIDE = {"sweep": beside.sweep, "sensitivity": beside.sensitivity, "next": beside.next_experiment, "answers": answers}
 _STAGES = ("empty", "opened", "compared")
 _DOING = {
     "open": "Opening",
@@ -35,6 +42,7 @@ _DOING = {
     "sweep": "Sweeping",
     "sensitivity": "Differentiating",
     "keep": "Writing",
+    "changes": "Comparing two diagnoses",
 }
 
 

@@ -58,7 +58,7 @@ def demo(out: Path, case_path: Path | None) -> None:
         at_point = study.at(POINT).replace(
             metrics=[_GRADIENT, "delivered_energy_Wh", "min_pack_voltage_V"], store=["pack_voltage_V"]
         )
-        data = sensitivity.local(at_point)
+        data = sensitivity.local(at_point, progress=False)
     print_sensitivity(data)
     pictures |= {
         "doubling": png(doubling_beside_gradient(data, _GRADIENT)),

@@ -21,6 +21,7 @@ from jaxmodel.diagnosis import Diagnosis, compare, diagnose
 from jaxmodel.diagnosis.advice.next_experiment import in_words
 from jaxmodel.diagnosis.extended.files import LAW_FILE
 from jaxmodel.diagnosis.summary import purpose_sentences
+from jaxmodel.diagnosis.verbs import DONE_BY as OF_DIAGNOSIS
 from jaxmodel.diagnosis.wording import (
     candidate_name,
     curve_sentence,
@@ -33,8 +34,8 @@ from jaxmodel.diagnosis.wording import (
     verdict_sentence,
 )
 
-# Usual share of the work that is done when each part of a diagnosis starts. Assumed; the number of rounds varies.
-DONE_BY = {"calibrating": 0.0, "refitting": 0.35, "adding": 0.5, "comparing models": 0.85, "pictures": 0.9}
+# Usual share of the work that is done when each part starts. Assumed.
+DONE_BY = OF_DIAGNOSIS | {"pictures": 0.9}
 
 # What draws them.
 _PICTURES = ("jaxmodel.plots.diagnosis", "jaxmodel.plots.evidence", "jaxmodel.plots.runs", "jaxmodel.plots.errors")

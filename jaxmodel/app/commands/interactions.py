@@ -40,7 +40,7 @@ def interactions(
     start(out)
     with terminal.stages("interactions") as progress:
         progress("compiling and running, half a minute the first time")
-        data = sensitivity.interactions(study, chosen)
+        data = sensitivity.interactions(study, chosen, progress=False)
         sensitivity.save(data, out)
         if pictures:
             save_pictures(data, out)

@@ -30,7 +30,7 @@ def sensitivity(
     start(out)
     with terminal.stages("sensitivity") as progress:
         progress("compiling and running, half a minute the first time" if doubling else "compiling and running")
-        data = analyses.local(study, doubling=doubling)
+        data = analyses.local(study, doubling=doubling, progress=False)
         progress("tables and pictures")
         analyses.save(data, out)
         if pictures:
@@ -85,7 +85,7 @@ def uncertainty(
     with terminal.stages("uncertainty") as progress:
         progress("compiling and running")
         correlation = None if estimates is None else estimates.correlation
-        data = analyses.uncertainty(study, sd, correlation, draws=draws)
+        data = analyses.uncertainty(study, sd, correlation, draws=draws, progress=False)
         progress("tables and pictures")
         analyses.save(data, out)
         if pictures:

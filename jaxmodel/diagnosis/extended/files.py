@@ -1,4 +1,4 @@
-"""The files of a diagnosis: the answer, the extended case, and an unknown law as an effect."""
+"""The files of a diagnosis: the answer, the extended case, an unknown law as an effect, and the whole of it."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from jaxmodel.base.atomic_files import write_whole
 from jaxmodel.case.writing import write_case
 from jaxmodel.diagnosis.answer import answer, write_answer
 from jaxmodel.diagnosis.result import Diagnosis
+from jaxmodel.diagnosis.saved import write_saved
 from jaxmodel.diagnosis.wording import final_name
 
 LAW_FILE = "found_law.py"
@@ -19,13 +20,14 @@ def write_result(diagnosis: Diagnosis, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "report.html").unlink(missing_ok=True)  # of an earlier diagnosis: until its own is written there is none
     if diagnosis.verdict:
-        write_answer(diagnosis, folder / "answer.json")
+        write_answer(diagnosis, folder)
     else:
         errors = json.dumps(answer(diagnosis)["error"], indent=2)
         write_whole(folder / "errors.json", f"{errors}\n")
     extended, notes = diagnosis.extension
     name = "extended.toml" if diagnosis.verdict else "calibrated.toml"
     write_case(extended, folder / name, _comments(diagnosis, notes))
+    write_saved(diagnosis, folder)
     if diagnosis.law_source:
         write_whole(folder / LAW_FILE, diagnosis.law_source)
 

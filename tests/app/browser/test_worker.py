@@ -192,3 +192,24 @@ def test_what_pages_show_is_json_without_nan(session: Session, made_case: Path) 
     index = read_json(session.folder / "previews" / "index.json")
     left = np.load(session.folder / "previews" / "left.npy")
     assert left.shape == (len(index["names"]), index["series"][-1]["last"])
+
+
+def test_the_diagnoses_of_a_session_are_kept_and_compared(session: Session, made_case: Path) -> None:
+    place = Place(session.folder)
+    job(place, "open", path=str(made_case), how="example")
+    for label in ("self_heating", "voltage_offset:voltage_V"):
+        assert job(place, "add", names=[label])["state"] == "done"
+        assert job(place, "keep")["state"] == "done"
+    job(place, "keep")  # once more: it is the same diagnosis
+    newest, first = place.view["answers"]
+    assert first["named"] == ["self heating"]
+    assert newest["named"] == ["self heating", "voltage offset of voltage_V"]
+    assert job(place, "changes", before=first["name"], after=newest["name"])["state"] == "done"
+    shown = place.view["changes"]
+    names = {one["name"]: (one["before"], one["after"].split()[0]) for one in shown["names"]}
+    assert names["voltage offset of voltage_V"] == ("absent", "named")
+    assert {one["run"] for one in shown["errors"]} >= {"run-01", "all fit runs", "all check runs"}
+    assert "The data are the same." in shown["sentences"]
+    assert job(place, "changes", before="../../x", after=first["name"])["state"] == "failed"
+    # A worker that begins anew lists them as before.
+    assert Place(session.folder).view["answers"] == [newest, first]

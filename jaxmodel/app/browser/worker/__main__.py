@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from jaxmodel.app.browser.files import LOG, WANTED
-from jaxmodel.app.browser.worker import comparing, exploring, keeping, opening
+from jaxmodel.app.browser.worker import answering, comparing, exploring, keeping, opening
 from jaxmodel.app.browser.worker.place import Place
 from jaxmodel.app.browser.worker.progress import Progress, Stopped
 from jaxmodel.base.errors import UserError
@@ -28,6 +28,7 @@ JOBS: dict[str, Callable[..., None]] = {
     "undo": comparing.undo,
     "diagnose": comparing.diagnose,
     "next": comparing.next_experiment,
+    "changes": answering.changes,
     "forecast": exploring.forecast,
     "sweep": exploring.sweep,
     "sensitivity": exploring.sensitivity,

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from jaxmodel.app.browser.worker import opening
+from jaxmodel.app.browser.worker.answering import record
 from jaxmodel.app.browser.worker.place import Place
 from jaxmodel.app.browser.worker.progress import Progress
 from jaxmodel.app.browser.worker.view import verdict_view
@@ -84,6 +85,7 @@ def diagnose(place: Place, progress: Progress) -> None:
 
     script = list(place.view["script"])
     place.diagnosis = finish(investigation, each=each)
+    record(place, place.diagnosis)
     proposals = [{"what": one.what, "sigma": one.sigma, "repeats": one.repeats} for one in place.diagnosis.proposals]
     place.show_model(
         progress,

@@ -155,7 +155,7 @@ def sensitivity(place: Place, progress: Progress, run: str, point: Mapping[str, 
     """
     study = study_of(place, progress, run, {name: [value] for name, value in point.items()})
     progress("differentiating the run by every parameter")
-    data = analyses.local(study, doubling=False)
+    data = analyses.local(study, doubling=False, progress=False)
     progress("writing the tables")
     words = {name: channel_words(name) for name in point}
     at = ", ".join(f"{words[name]['quantity']} {value:.4g} {words[name]['unit']}" for name, value in point.items())

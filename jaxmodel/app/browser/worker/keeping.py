@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from jaxmodel.app.browser.files import KEPT
+from jaxmodel.app.browser.worker.answering import record
 from jaxmodel.app.browser.worker.place import Place
 from jaxmodel.app.browser.worker.progress import Progress
 from jaxmodel.app.browser.worker.view import verdict_view
@@ -21,6 +22,9 @@ _WHAT = {
     "calibrated.toml": "the case, calibrated",
     "answer.json": "the answer for programs",
     "errors.json": "the errors for programs",
+    "diagnosis.json": "the whole diagnosis, for read_diagnosis",
+    "diagnosed.toml": "its case",
+    "predictions.parquet": "its predictions",
     "found_law.py": "the unknown law as an effect",
 }
 
@@ -30,6 +34,9 @@ def keep(place: Place, progress: Progress) -> None:
     progress("concluding")
     investigation = place.investigation(progress)
     diagnosis = place.diagnosis or conclusion(investigation)
+    if diagnosis is not place.diagnosis:  # an automatic one is among those of the session since it ended
+        place.diagnosis = diagnosis if diagnosis.verdict else None
+        record(place, diagnosis)
     folder = place.folder / KEPT
     shutil.rmtree(folder, ignore_errors=True)
     progress("writing the answer")

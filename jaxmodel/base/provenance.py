@@ -38,8 +38,14 @@ def provenance(files: Iterable[Path], settings: Sequence[str] = ()) -> Provenanc
     installed += [(package, importlib.metadata.version(package)) for package in _PACKAGES]
     return Provenance(
         date=datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        files=tuple((file.name, hashlib.sha256(file.read_bytes()).hexdigest()) for file in files),
+        files=tuple((file.name, digest_of(file)) for file in files),
         versions=tuple(installed),
         machine=f"{platform.system()} {platform.machine()}",
         settings=tuple(settings),
     )
+
+
+def digest_of(file: Path) -> str:
+    """Return the SHA-256 of a file."""
+    with file.open("rb") as opened:
+        return hashlib.file_digest(opened, "sha256").hexdigest()
