@@ -11,6 +11,7 @@ import pandas as pd
 
 from jaxmodel.base.atomic_files import write_whole
 from jaxmodel.base.schema import with_schema
+from jaxmodel.diagnosis.headline import possible, undetectable
 from jaxmodel.diagnosis.result import ChannelError, Diagnosis, Removed
 
 
@@ -44,7 +45,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         ],
         "candidates": [{"name": name, "probability": number(p)} for name, p in diagnosis.candidates],
         "unexplained": diagnosis.unexplained,
-        "blind_to": list(diagnosis.blind_to),
+        "blind_to": list(undetectable(diagnosis)),
         "error": {
             channel: {
                 "noise_floor": number(diagnosis.noise[channel].sd),
@@ -87,8 +88,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
             for run in diagnosis.runs
         ],
         "immaterial": [
-            {"name": one.name, "removes": {c: _split(r) for c, r in one.removes.items()}}
-            for one in diagnosis.immaterial
+            {"name": one.name, "removes": {c: _split(r) for c, r in one.removes.items()}} for one in possible(diagnosis)
         ],
         "remaining": {
             channel: {"rms": number(one.rms), "tau_s": number(one.tau_s), "where": list(one.where)}

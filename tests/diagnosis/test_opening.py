@@ -1,0 +1,164 @@
+"""The first lines of a diagnosis: they follow from its records and contradict none of them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from jaxmodel.diagnosis.advice.next_experiment import Proposal
+from jaxmodel.diagnosis.headline import Doubt, Grade, Next, headline, possible, undetectable
+from jaxmodel.diagnosis.opening import opening
+from jaxmodel.diagnosis.result import Diagnosis, Estimate, Extrapolated, Immaterial, Rung, ToleranceUsed
+from jaxmodel.diagnosis.wording import verdict_sentence, verdict_title
+from tests.made_up import contact, with_additions
+
+GENEROUS = {name: ToleranceUsed(100.0, None, False) for name in ("voltage_V", "cell_temperature_degC")}
+
+
+def with_final(diagnosis: Diagnosis, **changes: object) -> Diagnosis:
+    """Return a diagnosis with another final model."""
+    final: Rung = dataclasses.replace(diagnosis.final, **changes)  # type: ignore[arg-type]
+    return dataclasses.replace(diagnosis, ladder=(*diagnosis.ladder[:-1], final))
+
+
+@pytest.fixture(scope="module")
+def certain(diagnosis: Diagnosis) -> Diagnosis:
+    """One effect, nothing against it."""
+    return dataclasses.replace(
+        diagnosis,
+        effects=diagnosis.effects[:1],
+        tolerance=GENEROUS,
+        fit_for_purpose={"voltage_V": {"run-03": True}},
+        extrapolated=(),
+        immaterial=(),
+    )
+
+
+@pytest.fixture(scope="module")
+def adequate(certain: Diagnosis) -> Diagnosis:
+    return dataclasses.replace(
+        certain,
+        verdict="adequate",
+        effects=(),
+        candidates=(("base", 0.98), ("something_else", 0.02)),
+        ladder=certain.ladder[:2],
+    )
+
+
+def doubts(diagnosis: Diagnosis) -> list[Doubt]:
+    return [one.doubt for one in headline(diagnosis).reservations]
+
+
+def test_effect_that_nothing_speaks_against_is_sure(certain: Diagnosis) -> None:
+    assert headline(certain).grade is Grade.SURE
+    assert opening(certain).missing.startswith("The model lacks self_heating: the cell warms by its own losses.")
+    assert opening(certain).sure.startswith("Sure: probability 0.97.")
+    assert headline(certain).next_step.what is Next.NOTHING
+
+
+@pytest.mark.parametrize(
+    ("estimate", "doubt"),
+    [(Estimate(1e6, 1.0, "J/K"), Doubt.UNUSUAL), (Estimate(float("nan"), 1.0, "J/K"), Doubt.UNUSUAL)],
+)
+def test_effect_of_an_unusual_size_is_not_established(certain: Diagnosis, estimate: Estimate, doubt: Doubt) -> None:
+    effect = dataclasses.replace(certain.effects[0], parameters={"C_th": estimate})
+    strange = dataclasses.replace(certain, effects=(effect,))
+    assert doubts(strange) == [doubt]
+    assert headline(strange).grade is Grade.NOT_SURE
+    assert verdict_sentence(strange).startswith("Not established: the base model lacks self_heating")
+    assert opening(strange).missing.startswith("Not established: ")
+    assert verdict_title(strange) == "An effect may be missing"
+
+
+def test_fit_without_a_minimum_establishes_nothing(certain: Diagnosis) -> None:
+    unfinished = with_final(certain, converged=False)
+    assert doubts(unfinished) == [Doubt.NO_MINIMUM]
+    assert verdict_sentence(unfinished).startswith("Not established: ")
+
+
+def test_effect_that_may_be_nothing_is_not_established(diagnosis: Diagnosis, certain: Diagnosis) -> None:
+    arrhenius = dataclasses.replace(
+        diagnosis.effects[1],
+        cannot_tell_apart_from=(),
+        rests_on="",
+        parameters={"E_a": Estimate(9000.0, 6000.0, "J/mol")},
+    )
+    assert doubts(dataclasses.replace(certain, effects=(arrhenius,))) == [Doubt.SMALL]
+
+
+def test_adequate_model_is_within_tolerance_wherever_it_says_so(adequate: Diagnosis) -> None:
+    """Nowhere does a page say that a model is adequate beside an error above tolerance."""
+    assert "is adequate for 100 V of voltage" in verdict_sentence(adequate)
+    assert verdict_title(adequate) == "Nothing is missing"
+    for above in (
+        dataclasses.replace(adequate, tolerance=GENEROUS | {"voltage_V": ToleranceUsed(1e-4, None, True)}),
+        dataclasses.replace(adequate, fit_for_purpose={"voltage_V": {"run-03": False}}),
+    ):
+        assert "adequate" not in " ".join([verdict_title(above), verdict_sentence(above), *above.summary().split(".")])
+        assert verdict_sentence(above).startswith("The data show no missing effect, but the error of voltage")
+        assert Doubt.ABOVE_TOLERANCE in doubts(above)
+        assert headline(above).grade is not Grade.SURE
+
+
+def test_single_run_that_differs_is_told_beside_an_adequate_model(adequate: Diagnosis) -> None:
+    off = with_additions(adequate, runs=(contact(),))
+    assert verdict_title(off) == "No effect is missing, but a run differs"
+    assert "Single runs differ: run-02: series resistance differs by +11.20 ± 0.80 mohm." in opening(off).missing
+
+
+def test_named_effect_is_not_possible_as_well(diagnosis: Diagnosis) -> None:
+    """Nor is one that the data do show among those that they cannot show."""
+    twice = dataclasses.replace(
+        diagnosis,
+        immaterial=(
+            Immaterial("self_heating", {}, "self_heating: on another column"),
+            Immaterial("slow_diffusion", {}, "slow_diffusion: significant"),
+        ),
+        blind_to=("self_heating", "slow_diffusion", "clock_shift"),
+    )
+    assert [one.name for one in possible(twice)] == ["slow_diffusion"]
+    assert undetectable(twice) == ("clock_shift",)
+    assert [one["name"] for one in twice.answer()["immaterial"]] == ["slow_diffusion"]
+    assert twice.answer()["blind_to"] == ["clock_shift"]
+
+
+def test_stated_model_that_stays_is_not_called_calibrated(adequate: Diagnosis) -> None:
+    stays = dataclasses.replace(
+        adequate, ladder=(*adequate.ladder, dataclasses.replace(adequate.ladder[0], name="as stated"))
+    )
+    assert stays.stays_as_stated
+    assert verdict_title(stays) == "The model stays as stated"
+    assert "no effect is named" in verdict_sentence(stays)
+
+
+def test_next_measurement_is_what_the_verdict_lacks_most(certain: Diagnosis) -> None:
+    def next_of(one: Diagnosis) -> Next:
+        return headline(one).next_step.what
+
+    rivals = dataclasses.replace(certain, rivals=("a", "b"), proposals=(Proposal("pulses at 0 degC", 7.0),))
+    assert next_of(rivals) is Next.DECIDE
+    assert "pulses at 0 degC" in opening(rivals).measure
+    blunt = dataclasses.replace(rivals, proposals=(Proposal("pulses at 0 degC", 0.2),))
+    assert next_of(blunt) is Next.NOTHING
+
+    fitted = tuple(dataclasses.replace(run, split="fit") for run in certain.case.runs)
+    no_checks = dataclasses.replace(certain, case=dataclasses.replace(certain.case, runs=fitted))
+    assert next_of(no_checks) is Next.HOLD_OUT
+
+    far = dataclasses.replace(certain, fit_for_purpose={"voltage_V": {"run-03": False}})
+    assert next_of(far) is Next.FIT_LIKE
+    beyond = (Extrapolated("run-03.csv", "|current_A|", (3.0, 6.0), (3.0, 9.0)),)
+    outside = dataclasses.replace(far, extrapolated=beyond)
+    assert next_of(outside) is Next.COVER
+    assert "current 3 to 9 A (fitted so far: 3 to 6 A)" in opening(outside).measure
+    # A check run outside the fit runs that is predicted all the same speaks for the model.
+    assert doubts(dataclasses.replace(certain, extrapolated=beyond)) == []
+
+    assumed = dataclasses.replace(certain, tolerance={"voltage_V": ToleranceUsed(100.0, None, True)})
+    assert next_of(assumed) is Next.STATE_TOLERANCE
+
+
+def test_comparison_says_that_nothing_was_tested(adequate: Diagnosis) -> None:
+    compared = dataclasses.replace(adequate, verdict="", candidates=(), scores=())
+    assert opening(compared).sure.startswith("No effects were tested")
