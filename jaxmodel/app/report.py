@@ -21,7 +21,7 @@ from jaxmodel.base.units import difference_unit, split_unit
 from jaxmodel.case.records import Run
 from jaxmodel.diagnosis.advice.next_experiment import in_words
 from jaxmodel.diagnosis.advice.remarks import extrapolated_sentence as remark_on_extrapolation
-from jaxmodel.diagnosis.headline import possible, undetectable
+from jaxmodel.diagnosis.headline import consistent, possible, undetectable
 from jaxmodel.diagnosis.opening import opening
 from jaxmodel.diagnosis.residuals.blocks import block_sentence, worst_block
 from jaxmodel.diagnosis.result import Diagnosis, NamedEffect
@@ -160,7 +160,7 @@ def _named(diagnosis: Diagnosis, effect: NamedEffect) -> dict[str, Any]:
             for name, estimate in effect.parameters.items()
         ],
         "equation": cls.equation if cls else "",
-        "removes": removed(effect.removes),
+        "removes": removed(consistent(effect.removes, diagnosis)),
         "rests_on": effect.rests_on,
         "rivals": ", ".join(effect_name(label) for label in effect.cannot_tell_apart_from),
     }
@@ -182,7 +182,8 @@ def _sentence(text: str) -> str:
 
 
 def _immaterial(sentence: str, takes: str) -> str:
-    return _sentence(f"{sentence.rstrip('.')}{takes and f'; it {takes}'}")
+    """Return a sentence that begins with the name of an effect, as it is written."""
+    return f"{sentence.rstrip('.')}{takes and f'; it {takes}'}."
 
 
 def _files(diagnosis: Diagnosis) -> list[Path]:

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import dataclasses
 import enum
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from jaxmodel.base.units import split_unit
 from jaxmodel.diagnosis.advice.next_experiment import Proposal
-from jaxmodel.diagnosis.result import ChannelError, Diagnosis, Extrapolated, Immaterial
+from jaxmodel.diagnosis.result import ChannelError, Diagnosis, Extrapolated, Immaterial, Removed
 from jaxmodel.diagnosis.usual import in_usual_range
 from jaxmodel.fit.candidates import specimen_ranges
 from jaxmodel.model.declaration import describe
@@ -20,6 +21,8 @@ from jaxmodel.model.declaration import describe
 SURE, FAIRLY_SURE = 0.95, 0.8
 # An effect smaller than this, in its own sd, may be nothing.
 LEAST_SD = 2.0
+# Check runs are predicted worse by more than this share of the tolerance.
+WORSE = 0.1
 # A proposed experiment is worth doing from this separation on, in sigma.
 WORTH_SIGMA = 1.0
 
@@ -40,6 +43,7 @@ class Doubt(enum.Enum):
     SMALL = "a number of an effect is less than 2 sd from no effect"
     RIVALS = "other effects explain the readings as well"
     ONE_RUN = "one run alone shows the effect"
+    WORSE_HELD_OUT = "without the effect the check runs are predicted better"
     NO_CHECK_RUNS = "no run was held out"
     ABOVE_TOLERANCE = "an error is above the tolerance"
     OUTSIDE = "a check run with an error above the tolerance is outside the conditions of the fit runs"
@@ -71,10 +75,12 @@ class Reservation:
 class Next(enum.Enum):
     """What to do next, the most urgent first."""
 
+    DIAGNOSE = "test effects"
     DECIDE = "measure what distinguishes the models"
     HOLD_OUT = "record a run that is not fitted"
     COVER = "fit a run under the conditions of the check runs"
     REPEAT = "repeat the only run that shows an effect"
+    OWN_EFFECT = "find what the fitted runs lack too"
     FIT_LIKE = "fit a run like the check run with the largest error"
     STATE_TOLERANCE = "state the tolerance"
     NOTHING = "nothing"
@@ -133,6 +139,23 @@ def undetectable(diagnosis: Diagnosis) -> tuple[str, ...]:
     return tuple(name for name in diagnosis.blind_to if name not in seen)
 
 
+def consistent(removes: Mapping[str, Removed], diagnosis: Diagnosis) -> dict[str, Removed]:
+    """Return the changes of errors by an addition that agree with those of the final model.
+
+    A change is computed on models that are fitted anew. Where the final model was fitted further, the error without
+    the addition, that of the final model and the change together, may come out negative: such a change tells nothing.
+    """
+    found = {}
+    for name, one in removes.items():
+        error = diagnosis.final.errors[name]
+        fit, check = (
+            change if not now + change < 0.0 else float("nan")
+            for now, change in ((error.fit, one.fit), (error.check, one.check))
+        )
+        found[name] = Removed(fit, check)
+    return found
+
+
 def held_out(error: ChannelError) -> float:
     """Return a channel's error on check runs, on fit runs where no check run has it."""
     return error.check if np.isfinite(error.check) else error.fit
@@ -174,6 +197,14 @@ def reservations(diagnosis: Diagnosis) -> Iterator[Reservation]:
     for effect in diagnosis.effects:
         if effect.rests_on:
             yield Reservation(Doubt.ONE_RUN, effect.label, (effect.rests_on,))
+    for effect in diagnosis.effects:
+        worse = tuple(
+            split_unit(name)[0]
+            for name, one in consistent(effect.removes, diagnosis).items()
+            if name in diagnosis.tolerance and -one.check > WORSE * diagnosis.tolerance[name].rms
+        )
+        if worse:
+            yield Reservation(Doubt.WORSE_HELD_OUT, effect.label, worse)
     if not any(run.split == "check" for run in diagnosis.case.runs):
         yield Reservation(Doubt.NO_CHECK_RUNS)
     failing = failing_runs(diagnosis)
@@ -231,6 +262,8 @@ def _grade(diagnosis: Diagnosis, probability: float, against: tuple[Reservation,
 
 def _next_step(diagnosis: Diagnosis, against: tuple[Reservation, ...]) -> NextStep:
     doubts = {one.doubt: one for one in reversed(against)}  # the first of each kind
+    if not diagnosis.verdict:
+        return NextStep(Next.DIAGNOSE)
     if diagnosis.proposals and diagnosis.proposals[0].sigma >= WORTH_SIGMA:
         return NextStep(Next.DECIDE, proposal=diagnosis.proposals[0])
     if Doubt.NO_CHECK_RUNS in doubts:
@@ -239,6 +272,8 @@ def _next_step(diagnosis: Diagnosis, against: tuple[Reservation, ...]) -> NextSt
         return NextStep(Next.COVER, outside=_outside(diagnosis))
     if Doubt.ONE_RUN in doubts:
         return NextStep(Next.REPEAT, doubts[Doubt.ONE_RUN].others[0])
+    if any(diagnosis.final.errors[name].fit > diagnosis.tolerance[name].rms for name in above_tolerance(diagnosis)):
+        return NextStep(Next.OWN_EFFECT)
     if Doubt.ABOVE_TOLERANCE in doubts:
         return NextStep(Next.FIT_LIKE, _worst_run(diagnosis, doubts[Doubt.ABOVE_TOLERANCE].subject))
     if any(one.assumed for one in diagnosis.tolerance.values()):

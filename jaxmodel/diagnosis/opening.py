@@ -70,7 +70,7 @@ def _missing(diagnosis: Diagnosis) -> str:
         said = [f"{said[0].rstrip('.')}: {_small(*physics.values())}"]
     else:
         said += [f"{effect_name(label)}: {_small(sentence)}" for label, sentence in physics.items()]
-    tables = [curve.port.replace("_", " ") for curve in diagnosis.curves if curve.stated]
+    tables = [curve.relation for curve in diagnosis.curves if curve.stated]
     if tables:
         which = join(tables) if len(tables) <= _MOST else f"{len(tables)} tables of the case"
         said.append(f"Corrected as well: {which}.")
@@ -95,7 +95,7 @@ def _sure(diagnosis: Diagnosis, decided: Headline) -> str:
     said.append(_errors(diagnosis))
     against = [_reservation(one) for one in decided.reservations if one.doubt is not Doubt.ABOVE_TOLERANCE]
     if any(one.doubt is Doubt.ABOVE_TOLERANCE for one in decided.reservations):
-        against.insert(0, f"above the tolerance: {join(_too_large(diagnosis))}")
+        against.insert(0, f"errors above the tolerance ({', '.join(_too_large(diagnosis))})")
     if against:
         said.append(f"Against it: {'; '.join(against)}.")
     hidden = len(undetectable(diagnosis))
@@ -160,6 +160,8 @@ def _reservation(one: Reservation) -> str:
             return f"{others} would do as well as {effect_name(one.subject)}"
         case Doubt.ONE_RUN:
             return f"only {one.others[0]} shows {effect_name(one.subject)}"
+        case Doubt.WORSE_HELD_OUT:
+            return f"without {effect_name(one.subject)} the check runs would be predicted better ({join(one.others)})"
         case Doubt.NO_CHECK_RUNS:
             return "no run was held out, so nothing shows how well other runs are predicted"
         case Doubt.OUTSIDE:
@@ -171,6 +173,8 @@ def _reservation(one: Reservation) -> str:
 def _measure(diagnosis: Diagnosis, decided: Headline) -> str:
     step = decided.next_step
     match step.what:
+        case Next.DIAGNOSE:
+            return "Nothing yet: a diagnosis (jaxmodel diagnose) tests what is missing, and says what to measure."
         case Next.DECIDE:
             return in_words(diagnosis.proposals, [candidate_name(name) for name in diagnosis.rivals])
         case Next.HOLD_OUT:
@@ -181,6 +185,11 @@ def _measure(diagnosis: Diagnosis, decided: Headline) -> str:
             return f"Another run like {step.subject}: it is the only one that shows the effect."
         case Next.FIT_LIKE:
             return f"Another run like {step.subject}, to be fitted: its error is above the tolerance."
+        case Next.OWN_EFFECT:
+            return (
+                "Not another run of this kind: the fitted runs are not within tolerance either, so something else is "
+                "missing. See where the remaining error is, and test an effect of your own (--effect)."
+            )
         case Next.STATE_TOLERANCE:
             assumed = [split_unit(name)[0] for name, one in diagnosis.tolerance.items() if one.assumed]
             return (

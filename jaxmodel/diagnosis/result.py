@@ -172,11 +172,16 @@ class CurveFound:
     stated: bool
     multiplier: str = ""
 
+    @property
+    def relation(self) -> str:
+        """Return the corrected relation in words: 'long RC resistance'."""
+        return self.port.replace("_", " ").replace("rc ", "RC ")
+
     def sentence(self) -> str:
         """Say where the correction is most significant, and how large it is there."""
         worst = int(np.argmax(np.abs(self.value) / np.maximum(self.sd, 1e-300)))
-        place = f"{self.over} {self.at[worst]:.3g}"
-        name = self.port.replace("_", " ")
+        place = f"{'SOC' if self.over == 'soc' else self.over} {self.at[worst]:.3g}"
+        name = self.relation
         factor = f" per {self.multiplier}" if self.multiplier else ""
         if not self.unit:
             if abs(self.value[worst]) > np.log(2.0):

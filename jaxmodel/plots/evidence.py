@@ -276,4 +276,4 @@ def _curve(axes: Axes, curve: CurveFound) -> None:
     factor = f" per {column_label(curve.multiplier)}" if curve.multiplier else ""
     axes.set_ylabel(axis_label("correction", f"{unit}{factor}" if unit else factor.strip()))
     kind = "unknown law" if is_law(curve.label) else "table of the case" if curve.stated else "the model's formula"
-    axes.set_title(textwrap.fill(f"{curve.port.replace('_', ' ')}: {kind}", 46))
+    axes.set_title(textwrap.fill(f"{curve.relation}: {kind}", 46))

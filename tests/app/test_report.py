@@ -15,7 +15,7 @@ from jaxmodel.app.commands.diagnose import print_diagnosis
 from jaxmodel.app.report import write_report
 from jaxmodel.app.report_rows import ladder_tables
 from jaxmodel.case.build import load_effect_class
-from jaxmodel.diagnosis.result import Diagnosis, Removed, RunFound
+from jaxmodel.diagnosis.result import Diagnosis, Immaterial, Removed, RunFound
 from jaxmodel.diagnosis.summary import extrapolated_sentence, purpose_sentences
 from jaxmodel.diagnosis.wording import curve_sentence, ladder_names, removed, run_sentence, verdict_sentence
 from tests.made_up import contact, law, ocv_curve, with_additions
@@ -92,11 +92,11 @@ def test_report_says_what_the_diagnosis_says(page: Page, full: Diagnosis) -> Non
         "only run-02 shows it",
         "arrhenius_resistance: charge_transfer",
         "Not detectable with these data: self_discharge and clock_shift.",
-        "Open circuit voltage is off by +11.8 mV at soc 0.58 (sd 1.2 mV)",
+        "Open circuit voltage is off by +11.8 mV at SOC 0.58 (sd 1.2 mV)",
         "run-02: series resistance differs by +11.20 ± 0.80 mohm from the other runs",
         "Runs at 6 A lie 24 mV above the model, growing with time.",
         "Above SOC 0.9: 4, 7, 14 mV below the model, growing with current.",
-        "Slow_diffusion: the fitted runs show it, and no run left out is better.",
+        "slow_diffusion: the fitted runs show it, and no run left out is better.",
         "run-03.csv: current 9 A; the fit runs cover 3 to 6 A.",
         "voltage is within 10 mV (stated) in 0 of 1 check runs; not in run-03.",
         "cell temperature is within 1 K (assumed) in 1 of 1 check runs.",
@@ -161,7 +161,9 @@ def test_changes_along_the_ladder_add_up_as_they_are_shown(full: Diagnosis) -> N
 def test_errors_of_the_ladder_are_those_of_the_models(full: Diagnosis) -> None:
     (table,) = ladder_tables(full)
     for rung, row in zip(full.ladder, table["rows"], strict=True):
-        true = [e for channel in full.noise for e in (rung.errors[channel].fit, rung.errors[channel].check)]
+        scales = [1e3 if "[mV]" in label else 1.0 for label in table["channels"]]
+        pairs = [(rung.errors[channel].fit, rung.errors[channel].check) for channel in full.noise]
+        true = [scale * error for scale, pair in zip(scales, pairs, strict=True) for error in pair]
         shown = [float(error) for error, _ in row["cells"]]
         assert shown == pytest.approx(true, rel=0.05)
 
@@ -185,6 +187,32 @@ def test_numbers_do_not_part_from_their_units(full: Diagnosis, tmp_path: Path) -
 def test_what_a_tool_made_is_not_called_yours(page: Page) -> None:
     """A table may be of `parameterise` or of an import; the page does not know whose it is."""
     assert not re.search(r"\byours?\b table|\byour (table|value|number)", text_of(page))
+
+
+def test_nothing_on_the_page_contradicts_anything(diagnosis: Diagnosis, tmp_path: Path) -> None:
+    """No effect is named and possible; an error that no condition explains is told where it is largest."""
+    off = {name: dict(channels) for name, channels in diagnosis.final.predictions.items()}
+    off["run-03"]["voltage_V"] = diagnosis.case.runs[2].measured.outputs["voltage_V"].copy()
+    off["run-03"]["voltage_V"][-6:] += 5.0
+    final = dataclasses.replace(diagnosis.final, predictions=off)
+    twice = Immaterial("self_heating", {}, "self_heating: it is significant, but only on the fit runs")
+    contradictory = dataclasses.replace(
+        diagnosis,
+        ladder=(*diagnosis.ladder[:-1], final),
+        remaining={},
+        immaterial=(twice, *diagnosis.immaterial),
+        blind_to=("self_heating", *diagnosis.blind_to),
+    )
+    write_report(contradictory, tmp_path)
+    text = text_of(Page((tmp_path / "report.html").read_text(encoding="utf-8")))
+    assert "depends on no condition" not in text
+    assert re.search(
+        r"voltage: run-0. \((fit|check) run\), second .{,12}: the measurement is [\d.]+ m?V (above|below) the model on av",
+        text,
+    )
+    assert "self_heating: it is significant" not in text
+    assert "Not detectable with these data: self_discharge and clock_shift." in text
+    assert "Possible, but not named: slow_diffusion." in text
 
 
 def test_report_names_its_data_by_their_digests(page: Page, diagnosis: Diagnosis) -> None:

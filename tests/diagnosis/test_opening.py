@@ -4,12 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
 import pytest
 
 from jaxmodel.diagnosis.advice.next_experiment import Proposal
-from jaxmodel.diagnosis.headline import Doubt, Grade, Next, headline, possible, undetectable
+from jaxmodel.diagnosis.headline import Doubt, Grade, Next, consistent, headline, possible, undetectable
 from jaxmodel.diagnosis.opening import opening
-from jaxmodel.diagnosis.result import Diagnosis, Estimate, Extrapolated, Immaterial, Rung, ToleranceUsed
+from jaxmodel.diagnosis.result import (
+    ChannelError,
+    Diagnosis,
+    Estimate,
+    Extrapolated,
+    Immaterial,
+    Removed,
+    Rung,
+    ToleranceUsed,
+)
 from jaxmodel.diagnosis.wording import verdict_sentence, verdict_title
 from tests.made_up import contact, with_additions
 
@@ -162,3 +172,23 @@ def test_next_measurement_is_what_the_verdict_lacks_most(certain: Diagnosis) -> 
 def test_comparison_says_that_nothing_was_tested(adequate: Diagnosis) -> None:
     compared = dataclasses.replace(adequate, verdict="", candidates=(), scores=())
     assert opening(compared).sure.startswith("No effects were tested")
+    assert headline(compared).next_step.what is Next.DIAGNOSE
+
+
+def test_effect_without_which_check_runs_are_predicted_better_is_doubted(certain: Diagnosis) -> None:
+    worse = dataclasses.replace(certain.effects[0], removes={"voltage_V": Removed(0.01, -0.02)})
+    limits = GENEROUS | {"voltage_V": ToleranceUsed(0.1, None, False)}
+    final = with_final(certain, errors=certain.final.errors | {"voltage_V": ChannelError(0.03, 0.05)})
+    doubted = dataclasses.replace(final, effects=(worse,), tolerance=limits)
+    assert doubts(doubted) == [Doubt.WORSE_HELD_OUT]
+    assert "the check runs would be predicted better (voltage)" in opening(doubted).sure
+    # An error cannot be negative: what would make it so tells nothing.
+    impossible = dataclasses.replace(worse, removes={"voltage_V": Removed(0.01, -0.06)})
+    assert doubts(dataclasses.replace(doubted, effects=(impossible,))) == []
+    assert np.isnan(consistent(impossible.removes, doubted)["voltage_V"].check)
+
+
+def test_more_runs_of_a_kind_that_the_model_does_not_fit_are_not_asked_for(certain: Diagnosis) -> None:
+    final = with_final(certain, errors=certain.final.errors | {"voltage_V": ChannelError(0.5, 0.5)})
+    missed = dataclasses.replace(final, tolerance={"voltage_V": ToleranceUsed(0.1, None, False)})
+    assert headline(missed).next_step.what is Next.OWN_EFFECT

@@ -40,7 +40,7 @@ def worst_block(
     errors: Mapping[str, np.ndarray],
     conditions: Mapping[str, Mapping[str, np.ndarray]],
 ) -> Block | None:
-    """Return the twelfth of a run in which a channel's mean error is the largest; None without readings.
+    """Return where a channel's mean error is the largest: in a twelfth of a run, or more where it has few readings.
 
     Args:
         runs: of the case.
@@ -52,10 +52,11 @@ def worst_block(
         if run.name not in errors:
             continue
         time_s = run.measured.time_s - run.measured.time_s[0]
-        edges = np.linspace(0.0, float(time_s[-1]), BLOCKS + 1)
-        block = np.clip(np.searchsorted(edges, time_s, side="right") - 1, 0, BLOCKS - 1)
         read = np.isfinite(errors[run.name])
-        for number in range(BLOCKS):
+        count = int(np.clip(read.sum() // LEAST_READINGS, 1, BLOCKS))
+        edges = np.linspace(0.0, float(time_s[-1]), count + 1)
+        block = np.clip(np.searchsorted(edges, time_s, side="right") - 1, 0, count - 1)
+        for number in range(count):
             mine = read & (block == number)
             if mine.sum() < LEAST_READINGS:
                 continue
