@@ -172,6 +172,24 @@ def above_tolerance(diagnosis: Diagnosis) -> dict[str, float]:
     return found
 
 
+def telling_channels(diagnosis: Diagnosis) -> tuple[str, str]:
+    """Return the channel whose error changes most from the base model, and the one furthest beyond its tolerance.
+
+    The second is the one nearest to its tolerance where all are within it.
+    """
+
+    def change(name: str) -> float:
+        before, after = held_out(diagnosis.base.errors[name]), held_out(diagnosis.final.errors[name])
+        return before / after if after > 0.0 else 1.0
+
+    def share(name: str) -> float:
+        tolerance = diagnosis.tolerance.get(name)
+        limit = diagnosis.noise[name].sd if tolerance is None else tolerance.rms
+        return held_out(diagnosis.final.errors[name]) / max(limit, 1e-300)
+
+    return max(diagnosis.noise, key=change), max(diagnosis.noise, key=share)
+
+
 def failing_runs(diagnosis: Diagnosis) -> dict[str, tuple[str, ...]]:
     """Return the check runs that are not within tolerance, by channel; channels without one are left out."""
     failing = {

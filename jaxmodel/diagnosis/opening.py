@@ -19,10 +19,12 @@ from jaxmodel.diagnosis.headline import (
     headline,
     held_out,
     possible,
+    telling_channels,
     undetectable,
 )
 from jaxmodel.diagnosis.result import Diagnosis, Extrapolated
 from jaxmodel.diagnosis.wording import (
+    MOST_CHANNELS,
     amount,
     candidate_name,
     effect_name,
@@ -119,7 +121,10 @@ def _errors(diagnosis: Diagnosis) -> str:
     has_checks = any(np.isfinite(diagnosis.final.errors[name].check) for name in diagnosis.noise)
     where = "On the check runs, which were not fitted," if has_checks else "On the fit runs"
     changes = []
-    for name in diagnosis.noise:
+    shown = list(diagnosis.noise)
+    if len(shown) > MOST_CHANNELS:
+        shown = list(dict.fromkeys(telling_channels(diagnosis)))
+    for name in shown:
         before, after = held_out(diagnosis.base.errors[name]), held_out(diagnosis.final.errors[name])
         limit = diagnosis.tolerance.get(name)
         (was, becomes, *rest), unit = amount(name, [before, after, *([limit.rms] if limit else [])])
@@ -132,7 +137,12 @@ def _errors(diagnosis: Diagnosis) -> str:
         else:
             way = "falls" if after < before else "rises"
             changes.append(f"the error of {quantity} {way} from {was} to {becomes}{unit}{tolerance}")
-    return f"{where} {join(changes)}."
+    rest = ""
+    if len(shown) < len(diagnosis.noise):
+        changed, worst = (split_unit(name)[0] for name in telling_channels(diagnosis))
+        rest = f" Of {len(diagnosis.noise)} channels {worst} is the worst against its tolerance"
+        rest += f", and {changed} changes most." if changed != worst else "."
+    return f"{where} {join(changes)}.{rest}"
 
 
 def _too_large(diagnosis: Diagnosis) -> list[str]:
@@ -192,9 +202,10 @@ def _measure(diagnosis: Diagnosis, decided: Headline) -> str:
             )
         case Next.STATE_TOLERANCE:
             assumed = [split_unit(name)[0] for name, one in diagnosis.tolerance.items() if one.assumed]
+            which = join(assumed) if len(assumed) <= MOST_CHANNELS else f"{len(assumed)} channels"
             return (
                 "Nothing, for use under the conditions of these runs. "
-                f"The tolerance of {join(assumed)} was assumed: state the error that you can live with."
+                f"The tolerance of {which} was assumed: state the error that you can live with."
             )
     return "Nothing, for use under the conditions of these runs."
 

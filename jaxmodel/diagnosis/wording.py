@@ -31,6 +31,8 @@ VERDICT_TITLES = {
     "": "Calibrated",
 }
 
+# Channels that a sentence names one by one.
+MOST_CHANNELS = 3
 _ONE_LINE = 48  # letters in a legend or at the head of a column
 
 
@@ -105,9 +107,13 @@ def _adequate(diagnosis: Diagnosis, base: str) -> str:
     if not any(_exceeds(diagnosis.base.errors[name], one.rms) for name, one in diagnosis.tolerance.items()):
         model = f"the calibrated {base}"
     limits = []
-    for name, one in diagnosis.tolerance.items():
-        (value,), unit = amount(name, [one.rms])
-        limits.append(f"{value} {unit} of {split_unit(name)[0]}{' (assumed)' if one.assumed else ''}")
+    if len(diagnosis.tolerance) > MOST_CHANNELS:
+        assumed = ", assumed" if all(one.assumed for one in diagnosis.tolerance.values()) else ""
+        limits = [f"the tolerances of all {len(diagnosis.tolerance)} channels (below{assumed})"]
+    else:
+        for name, one in diagnosis.tolerance.items():
+            (value,), unit = amount(name, [one.rms])
+            limits.append(f"{value} {unit} of {split_unit(name)[0]}{' (assumed)' if one.assumed else ''}")
     adequate_for = f" for {join(limits)}" if limits else ""
     return _capital(f"{model} is adequate{adequate_for}: the data show no missing effect.")
 
@@ -180,7 +186,13 @@ def most_probable(diagnosis: Diagnosis) -> str:
 
 def ladder_names(ladder: Sequence[Rung]) -> list[str]:
     """Return the models of a diagnosis in words: as stated, calibrated, then what each adds to the previous one."""
-    return ["base model, as stated", *step_names([one.added for one in ladder[1:]])]
+    names = ["base model, as stated", *step_names([one.added for one in ladder[1:]])]
+    for place, one in enumerate(ladder[2:], start=2):
+        if one.predictions and one.predictions is ladder[0].predictions:
+            names[place] = "back to the model as stated"
+        elif one.added == ladder[place - 1].added:
+            names[place] = "with corrected tables and formulas"
+    return names
 
 
 def step_names(steps: Sequence[tuple[str, ...]]) -> list[str]:

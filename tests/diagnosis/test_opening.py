@@ -20,7 +20,7 @@ from jaxmodel.diagnosis.result import (
     Rung,
     ToleranceUsed,
 )
-from jaxmodel.diagnosis.wording import verdict_sentence, verdict_title
+from jaxmodel.diagnosis.wording import ladder_names, verdict_sentence, verdict_title
 from tests.made_up import contact, with_additions
 
 GENEROUS = {name: ToleranceUsed(100.0, None, False) for name in ("voltage_V", "cell_temperature_degC")}
@@ -192,3 +192,26 @@ def test_more_runs_of_a_kind_that_the_model_does_not_fit_are_not_asked_for(certa
     final = with_final(certain, errors=certain.final.errors | {"voltage_V": ChannelError(0.5, 0.5)})
     missed = dataclasses.replace(final, tolerance={"voltage_V": ToleranceUsed(0.1, None, False)})
     assert headline(missed).next_step.what is Next.OWN_EFFECT
+
+
+def test_many_channels_are_not_listed_one_by_one(adequate: Diagnosis) -> None:
+    names = [f"speed_{k}_rad_s" for k in range(6)]
+    errors = {name: ChannelError(0.1 * k, 0.1 * k) for k, name in enumerate(names)}
+    before = errors | {"speed_2_rad_s": ChannelError(0.9, 0.9)}
+    last = dataclasses.replace(adequate.final, errors=errors)
+    ladder = (*(dataclasses.replace(rung, errors=before) for rung in adequate.ladder), last)
+    limits = dict.fromkeys(names, ToleranceUsed(1.0, None, True))
+    noise = dict.fromkeys(names, adequate.noise["voltage_V"])
+    many = dataclasses.replace(adequate, ladder=ladder, noise=noise, tolerance=limits)
+    assert "adequate for the tolerances of all 6 channels (below, assumed)" in verdict_sentence(many)
+    assert "speed 5 is 0.5 rad/s" in opening(many).sure
+    assert "Of 6 channels speed 5 is the worst against its tolerance, and speed 2 changes most." in opening(many).sure
+    assert "speed 3" not in opening(many).sure
+    assert "The tolerance of 6 channels was assumed" in opening(many).measure
+
+
+def test_models_that_add_nothing_say_what_they_are(certain: Diagnosis) -> None:
+    corrected = dataclasses.replace(certain.ladder[1], name="with corrected tables")
+    stays = dataclasses.replace(certain.ladder[0], name="as stated")
+    assert ladder_names((*certain.ladder[:2], corrected))[2] == "with corrected tables and formulas"
+    assert ladder_names((*certain.ladder[:2], stays))[2] == "back to the model as stated"
