@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from decimal import Decimal
 from typing import Any
 
 import numpy as np
 
 from jaxmodel.base.units import difference_unit, readable, split_unit
 from jaxmodel.case.known import Known
+from jaxmodel.diagnosis.headline import held_out
 from jaxmodel.diagnosis.result import Diagnosis, Estimate
 from jaxmodel.diagnosis.wording import ladder_names, number, with_sd
 from jaxmodel.model.declaration import describe
@@ -19,6 +21,8 @@ from jaxmodel.model.ports import Effect
 from jaxmodel.plots.style import axis_label
 
 _LARGE_PULL = 2.0
+_SIDE_BY_SIDE = 3  # channels of the ladder in one table
+_MOST_DECIMALS = 4
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,63 +46,118 @@ def _unit(diagnosis: Diagnosis, channel: str) -> _Unit:
     return _Unit(axis_label(quantity, unit), scale, f" {unit}" if unit else "")
 
 
-def ladder_rows(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Return the channels of the ladder's table, their noise, and a row for each model: (fit, check) by channel."""
-    units = {channel: _unit(diagnosis, channel) for channel in diagnosis.noise}
+def ladder_tables(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """Return the ladder as tables of a few channels each, so that they fit on a narrow page.
+
+    A row is a model; a cell has the error and the change from the row above, both rounded alike, so that the changes
+    shown add up to the difference of the errors shown.
+    """
+    channels = list(diagnosis.noise)
+    groups = [channels[k : k + _SIDE_BY_SIDE] for k in range(0, len(channels), _SIDE_BY_SIDE)]
+    return [_ladder_table(diagnosis, group) for group in groups]
+
+
+def _ladder_table(diagnosis: Diagnosis, channels: Sequence[str]) -> dict[str, Any]:
+    units = {channel: _unit(diagnosis, channel) for channel in channels}
+    columns = {
+        (channel, split): [getattr(rung.errors[channel], split) * units[channel].scale for rung in diagnosis.ladder]
+        for channel in channels
+        for split in ("fit", "check")
+    }
+    decimals = {channel: _decimals([*columns[channel, "fit"], *columns[channel, "check"]]) for channel in channels}
+    steps = {(channel, split): _steps(values, decimals[channel]) for (channel, split), values in columns.items()}
     return {
-        "channels": [unit.label for unit in units.values()],
-        "noise": [unit(diagnosis.noise[channel].sd) for channel, unit in units.items()],
-        "rungs": [
-            {
-                "name": name,
-                "errors": [
-                    (unit(rung.errors[channel].fit), unit(rung.errors[channel].check))
-                    for channel, unit in units.items()
-                ],
-                "chi2": number(rung.chi2 / rung.readings) if rung.readings else "-",
-            }
-            for name, rung in zip(ladder_names(diagnosis.ladder), diagnosis.ladder, strict=True)
+        "channels": [units[channel].label for channel in channels],
+        "rows": [
+            {"name": name, "cells": [steps[column][place] for column in columns]}
+            for place, name in enumerate(ladder_names(diagnosis.ladder))
+        ],
+        "total": [_total(steps[column]) for column in columns],
+        "noise": [
+            f"{diagnosis.noise[channel].sd * units[channel].scale:,.{decimals[channel]}f}" for channel in channels
         ],
     }
+
+
+def _decimals(values: Sequence[float]) -> int:
+    """Return the decimals with which the smallest of some errors has two digits, and the largest three."""
+    sizes = [value for value in values if np.isfinite(value) and value > 0.0] or [1.0]
+    needed = max(1 - np.floor(np.log10(min(sizes))), 2 - np.floor(np.log10(max(sizes))))
+    return int(np.clip(needed, 0, _MOST_DECIMALS))
+
+
+def _steps(values: Sequence[float], decimals: int) -> list[tuple[str, str]]:
+    """Return each error, and its change from the one before, as they are shown; '-' where nothing was read."""
+    shown = [round(Decimal(str(value)), decimals) if np.isfinite(value) else None for value in values]
+    found: list[tuple[str, str]] = []
+    for place, value in enumerate(shown):
+        before = shown[place - 1] if place else None
+        change = "" if value is None or before is None else _signed(value - before)
+        found.append(("-" if value is None else f"{value:,f}", change))
+    return found
+
+
+def _signed(change: Decimal) -> str:
+    """Return a change with its sign, the minus as wide as a plus; '0' for none."""
+    return "0" if not change else f"{change:+,f}".replace("-", "\u2212")
+
+
+def _total(steps: Sequence[tuple[str, str]]) -> str:
+    """Return the change from the first model to the last, of the numbers shown."""
+    first, last = steps[0][0], steps[-1][0]
+    if "-" in (first, last):
+        return "-"
+    return _signed(Decimal(last.replace(",", "")) - Decimal(first.replace(",", "")))
 
 
 def channel_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """Return a row for each channel: errors before and after, noise, tolerance, and remaining error."""
     rows = []
     for channel, noise in diagnosis.noise.items():
-        unit, tolerance = _unit(diagnosis, channel), diagnosis.tolerance.get(channel)
+        unit = _unit(diagnosis, channel)
         before, after = diagnosis.base.errors[channel], diagnosis.final.errors[channel]
         remaining = diagnosis.remaining.get(channel)
-        last = after.check if np.isfinite(after.check) else after.fit
         rows.append(
             {
                 "label": unit.label,
                 "noise": unit(noise.sd),
                 "tolerance": _tolerance(diagnosis, channel, unit),
-                "assumed": bool(tolerance and tolerance.assumed),
                 "stated": tuple(unit(e) for e in _pair(diagnosis.ladder[0].errors[channel])),
                 "before": tuple(unit(e) for e in _pair(before)),
                 "after": tuple(unit(e) for e in _pair(after)),
                 "as_stated": unit(after.stated),
                 "worst": unit(after.worst),
-                "ratio": number(last / noise.sd) if noise.sd > 0.0 else "-",
-                "tau": f"{number(remaining.tau_s)} s" if remaining and remaining.tau_s > 0.0 else "none",
-                "within": "" if tolerance is None else "yes" if last <= tolerance.rms else "no",
+                "tau": f"{number(remaining.tau_s)} s" if remaining and remaining.tau_s > 0.0 else "-",
+                "within": within_tolerance(diagnosis, channel),
             }
         )
     return rows
+
+
+def within_tolerance(diagnosis: Diagnosis, channel: str) -> str:
+    """Return "yes", "no", "in 2 of 3 runs", or "" without a tolerance: of the check runs, of fit runs without any."""
+    if channel not in diagnosis.tolerance:
+        return ""
+    of_run = diagnosis.fit_for_purpose.get(channel, {})
+    good = sum(of_run.values())
+    if 0 < good < len(of_run):
+        return f"in {good} of {len(of_run)} runs"
+    if held_out(diagnosis.final.errors[channel]) > diagnosis.tolerance[channel].rms:
+        return "no"
+    return "yes" if good == len(of_run) else "no"
 
 
 def _pair(error: Any) -> tuple[float, float]:
     return error.fit, error.check
 
 
-def _tolerance(diagnosis: Diagnosis, channel: str, unit: _Unit) -> str:
+def _tolerance(diagnosis: Diagnosis, channel: str, unit: _Unit) -> tuple[str, ...]:
+    """Return the tolerance of a channel, its largest single error, and whether it is assumed."""
     one = diagnosis.tolerance.get(channel)
     if one is None:
-        return "-"
-    largest = f", at most {unit(one.largest)}" if one.largest is not None else ""
-    return f"{unit(one.rms)}{largest}{' (assumed)' if one.assumed else ''}"
+        return ("-",)
+    largest = (f"at most {unit(one.largest)}",) if one.largest is not None else ()
+    return (unit(one.rms), *largest, *(("assumed",) if one.assumed else ()))
 
 
 def noise_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:

@@ -17,6 +17,7 @@ from jaxmodel.base.provenance import digest_of
 from jaxmodel.base.schema import with_schema
 from jaxmodel.base.version import __version__
 from jaxmodel.case.records import Case, Run
+from jaxmodel.diagnosis.headline import possible, undetectable
 from jaxmodel.diagnosis.result import ChannelError, Diagnosis, Removed
 
 ANSWER, HISTORY = "answer.json", "history"
@@ -50,7 +51,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
             }
             for effect in diagnosis.effects
         ],
-        "possible": possible(diagnosis),
+        "possible": unnamed(diagnosis),
         "model": list(diagnosis.final.added),
         "parameters": {
             name: {"value": number(one.value), "sd": number(one.sd), "unit": one.unit}
@@ -58,7 +59,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         },
         "candidates": [{"name": name, "probability": number(p)} for name, p in diagnosis.candidates],
         "unexplained": diagnosis.unexplained,
-        "blind_to": list(diagnosis.blind_to),
+        "blind_to": list(undetectable(diagnosis)),
         "error": {
             channel: {
                 "noise_floor": number(diagnosis.noise[channel].sd),
@@ -101,8 +102,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
             for run in diagnosis.runs
         ],
         "immaterial": [
-            {"name": one.name, "removes": {c: _split(r) for c, r in one.removes.items()}}
-            for one in diagnosis.immaterial
+            {"name": one.name, "removes": {c: _split(r) for c, r in one.removes.items()}} for one in possible(diagnosis)
         ],
         "remaining": {
             channel: {"rms": number(one.rms), "tau_s": number(one.tau_s), "where": list(one.where)}
@@ -131,7 +131,7 @@ def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
     return [{str(key): plain(value) for key, value in row.items()} for row in table.to_dict("records")]
 
 
-def possible(diagnosis: Diagnosis) -> list[str]:
+def unnamed(diagnosis: Diagnosis) -> list[str]:
     """Return the labels of the effects of the final model that are not named."""
     named = {effect.label for effect in diagnosis.effects}
     catalogue = diagnosis.case.catalogue

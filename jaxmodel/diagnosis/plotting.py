@@ -45,6 +45,23 @@ class DiagnosisPlots(_Saved):
         chosen = chosen_run(name, (run.name for run in self.diagnosis.case.runs))
         return late_bound("jaxmodel.plots.diagnosis:run_of")(self.diagnosis, chosen)
 
+    def pulses(self, name: str | None = None, channel: str | None = None) -> Figure:
+        """Draw each pulse or step of a run by itself: measured, models and residual, as small multiples.
+
+        Args:
+            name: of the run, the first by default.
+            channel: the reading, by default the first that is no temperature.
+
+        Raises:
+            MeasurementError: there is no such run or channel, or the run has no pulses or steps.
+        """
+        chosen = chosen_run(name, (run.name for run in self.diagnosis.case.runs))
+        if channel is not None and channel not in self.diagnosis.noise:
+            raise MeasurementError(
+                f"plot.pulses: no channel '{channel}' was measured.{nearest(channel, self.diagnosis.noise)}"
+            )
+        return late_bound("jaxmodel.plots.diagnosis:pulses_of")(self.diagnosis, chosen, channel)
+
     def residuals(self) -> Figure:
         """Draw the residuals of base and final model over state of charge, current, temperature or speed."""
         return late_bound("jaxmodel.plots.diagnosis:residuals_by_condition")(self.diagnosis)

@@ -88,6 +88,7 @@ class Rung:
         chi2: of the whitened residuals of the fit runs.
         readings: number of residuals.
         by_run: errors by channel, then run.
+        converged: the fit reached a minimum.
     """
 
     name: str
@@ -99,6 +100,7 @@ class Rung:
     chi2: float
     readings: int
     by_run: dict[str, dict[str, RunError]] = dataclasses.field(default_factory=dict)
+    converged: bool = True
 
     def with_prediction_sd(self, sd: Mapping[str, float]) -> Rung:
         """Return the model with the sd of its prediction of check runs, by channel."""
@@ -170,11 +172,16 @@ class CurveFound:
     stated: bool
     multiplier: str = ""
 
+    @property
+    def relation(self) -> str:
+        """Return the corrected relation in words: 'long RC resistance'."""
+        return self.port.replace("_", " ").replace("rc ", "RC ")
+
     def sentence(self) -> str:
         """Say where the correction is most significant, and how large it is there."""
         worst = int(np.argmax(np.abs(self.value) / np.maximum(self.sd, 1e-300)))
-        place = f"{self.over} {self.at[worst]:.3g}"
-        name = self.port.replace("_", " ")
+        place = f"{'SOC' if self.over == 'soc' else self.over} {self.at[worst]:.3g}"
+        name = self.relation
         factor = f" per {self.multiplier}" if self.multiplier else ""
         if not self.unit:
             if abs(self.value[worst]) > np.log(2.0):
@@ -330,6 +337,11 @@ class Diagnosis:
     def final(self) -> Rung:
         """Return the final model."""
         return self.ladder[-1]
+
+    @property
+    def stays_as_stated(self) -> bool:
+        """Return True if the final model is the stated one, because calibration predicts the check runs worse."""
+        return len(self.ladder) > 1 and self.final.predictions is self.ladder[0].predictions
 
     def to_dataframe(self) -> pd.DataFrame:
         """Return the errors by run and channel: model ("base" or "final"), run, split, channel, rms, tolerance."""

@@ -116,6 +116,7 @@ def rung(
         chi2=fit.objective,
         readings=cache.view.data.count,
         by_run=by_run,
+        converged=fit.converged,
     )
 
 

@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from jaxmodel.base.units import split_unit
-from jaxmodel.diagnosis.advice.next_experiment import in_words
+from jaxmodel.diagnosis.headline import undetectable
+from jaxmodel.diagnosis.opening import opening
 from jaxmodel.diagnosis.result import Diagnosis, Extrapolated
 from jaxmodel.diagnosis.wording import (
     amount,
-    candidate_name,
     curve_sentence,
     effect_name,
     join,
+    most_probable,
     named_sentence,
     number,
     run_sentence,
@@ -21,25 +22,28 @@ from jaxmodel.diagnosis.wording import (
 
 
 def whole_summary(diagnosis: Diagnosis) -> str:
-    """Return the verdict, its reasons and the remarks, one in a line."""
+    """Return the verdict, how sure it is, what to measure next, the reasons and the remarks, one in a line."""
     notes = (f"Note: {remark}" for remark in diagnosis.remarks)
-    return "\n".join([verdict_sentence(diagnosis), *summary(diagnosis), *notes])
+    return "\n".join([verdict_sentence(diagnosis), *sure_and_next(diagnosis), *summary(diagnosis), *notes])
+
+
+def sure_and_next(diagnosis: Diagnosis) -> list[str]:
+    """Return how sure the verdict is, and what to measure next, a line each."""
+    return [f"{question}: {sentence}" for question, sentence in opening(diagnosis).lines()[1:]]
 
 
 def summary(diagnosis: Diagnosis) -> list[str]:
     """Return the result in a few lines: what is missing, what is wrong, the errors, and what the data cannot show."""
     lines = [f"Found: {named_sentence(effect)}" for effect in diagnosis.effects]
     if not diagnosis.effects and diagnosis.candidates:
-        name, probability = diagnosis.candidates[0]
-        lines.append(f"Most probable model: {candidate_name(name)} (probability {probability:.2f}).")
+        probability = diagnosis.candidates[0][1]
+        lines.append(f"Most probable model: {most_probable(diagnosis)} (probability {probability:.2f}).")
     lines += [f"Correction: {curve_sentence(curve)}" for curve in diagnosis.curves]
     lines += [f"Correction: {run_sentence(run)}" for run in diagnosis.runs]
     lines += [error_sentence(diagnosis, channel) for channel in diagnosis.noise]
     lines += purpose_sentences(diagnosis)
-    if diagnosis.proposals:
-        lines.append(in_words(diagnosis.proposals, [candidate_name(name) for name in diagnosis.rivals]))
-    if diagnosis.blind_to:
-        lines.append(f"Not detectable with these data: {join([effect_name(label) for label in diagnosis.blind_to])}.")
+    if hidden := undetectable(diagnosis):
+        lines.append(f"Not detectable with these data: {join([effect_name(label) for label in hidden])}.")
     return lines
 
 

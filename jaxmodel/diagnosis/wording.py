@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from jaxmodel.base.units import difference_unit, readable, split_unit
-from jaxmodel.diagnosis.result import CurveFound, Diagnosis, Estimate, NamedEffect, Removed, RunFound, Rung
+from jaxmodel.diagnosis.headline import STRONG, above_tolerance, failing_runs, reservations
+from jaxmodel.diagnosis.result import (
+    ChannelError,
+    CurveFound,
+    Diagnosis,
+    Estimate,
+    NamedEffect,
+    Removed,
+    RunFound,
+    Rung,
+)
+from jaxmodel.model.ports import Effect
 
 VERDICT_TITLES = {
     "adequate": "Nothing is missing",
@@ -19,6 +31,8 @@ VERDICT_TITLES = {
     "": "Calibrated",
 }
 
+# Channels that a sentence names one by one.
+MOST_CHANNELS = 3
 _ONE_LINE = 48  # letters in a legend or at the head of a column
 
 
@@ -28,43 +42,103 @@ def join(parts: Sequence[str], last: str = "and") -> str:
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} {last} {parts[-1]}" if parts else ""
 
 
-def verdict_sentence(diagnosis: Diagnosis) -> str:
-    """Return the verdict in one sentence."""
-    named = join([_with_probability(effect) for effect in diagnosis.effects])
+def verdict_title(diagnosis: Diagnosis) -> str:
+    """Return the verdict in a few words, which no error and no doubt of the diagnosis contradicts."""
+    if diagnosis.stays_as_stated:
+        return "The model stays as stated"
+    if diagnosis.verdict == "adequate" and not _is_good_enough(diagnosis):
+        return "No missing effect found, but an error is above tolerance"
+    if diagnosis.verdict == "adequate" and (diagnosis.curves or diagnosis.runs):
+        differs = [*(["a table"] if diagnosis.curves else []), *(["a run"] if diagnosis.runs else [])]
+        return f"No effect is missing, but {join(differs)} {'differ' if len(differs) > 1 else 'differs'}"
+    if diagnosis.verdict in ("missing_effect", "sensor_fault") and not is_established(diagnosis):
+        return "An effect may be missing" if diagnosis.verdict == "missing_effect" else "A sensor may be faulty"
+    return VERDICT_TITLES[diagnosis.verdict]
+
+
+def is_established(diagnosis: Diagnosis) -> bool:
+    """Return False if a number of a named effect is unusual or may be nothing, or the fit reached no minimum."""
+    return not any(one.doubt in STRONG for one in reservations(diagnosis))
+
+
+def verdict_sentence(diagnosis: Diagnosis, *, plain: bool = False) -> str:
+    """Return the verdict in one sentence; a plain one has no probability, and calls the base model the model."""
+    named = join([effect_name(one.label) if plain else _with_probability(one) for one in diagnosis.effects])
+    model = "model" if plain else "base model"
+    doubt = "" if not diagnosis.effects or is_established(diagnosis) else "not established: "
     match diagnosis.verdict:
+        case _ if diagnosis.stays_as_stated:
+            return "The model stays as stated: calibrated, it predicts the check runs worse, and no effect is named."
         case "adequate":
-            return (
-                f"The calibrated base model is adequate{_for_tolerances(diagnosis)}: the data show no missing effect."
-            )
+            return _adequate(diagnosis, model)
         case "missing_effect":
-            return f"The base model lacks {named}{_of_another_form(diagnosis)}."
+            return _capital(f"{doubt}the {model} lacks {named}{_of_another_form(diagnosis)}.")
         case "sensor_fault":
-            return f"The model needs no further physics; a sensor is faulty: {named}{_of_another_form(diagnosis)}."
+            fault = f"the model needs no further physics; a sensor is faulty: {named}"
+            return _capital(f"{doubt}{fault}{_of_another_form(diagnosis)}.")
         case "unknown_effect":
             besides = f"Besides {named}, the" if named else "The"
             what = f": {diagnosis.unexplained.rstrip('.')}" if diagnosis.unexplained else ""
-            return f"{besides} base model lacks something that no effect of the catalogue explains{what}."
+            return f"{besides} {model} lacks something that no effect of the catalogue explains{what}."
         case "undecided" if diagnosis.unexplained:
-            return f"The base model predicts the fit runs, but not the check runs: {diagnosis.unexplained.rstrip('.')}."
+            return f"The {model} predicts the fit runs, but not the check runs: {diagnosis.unexplained.rstrip('.')}."
         case "undecided":
             rivals = [candidate_name(name) for name, p in diagnosis.candidates if p >= 0.05] or ["the candidates"]
             found = f"The data show {named}, but do not" if named else "The data do not"
             return (
                 f"{found} distinguish between {join(rivals)}." if len(rivals) > 1 else f"{found} confirm {rivals[0]}."
             )
-    return "The base model is calibrated; no effects were tested."
+    return f"The {model} is calibrated; no effects were tested."
 
 
-def _for_tolerances(diagnosis: Diagnosis) -> str:
-    """Return for which tolerances a model is adequate: ' for 12 mV of voltage (assumed)'; '' where one is exceeded."""
+def _capital(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}"
+
+
+def _is_good_enough(diagnosis: Diagnosis) -> bool:
+    """Return True if no error and no check run is above its tolerance."""
+    return not above_tolerance(diagnosis) and not failing_runs(diagnosis)
+
+
+def _adequate(diagnosis: Diagnosis, base: str) -> str:
+    if not _is_good_enough(diagnosis):
+        return f"The data show no missing effect, but {exceeding(diagnosis)}."
+    model = "with the corrections below the model" if diagnosis.curves or diagnosis.runs else "the final model"
+    if not any(_exceeds(diagnosis.base.errors[name], one.rms) for name, one in diagnosis.tolerance.items()):
+        model = f"the calibrated {base}"
+    limits = []
+    if len(diagnosis.tolerance) > MOST_CHANNELS:
+        assumed = ", assumed" if all(one.assumed for one in diagnosis.tolerance.values()) else ""
+        limits = [f"the tolerances of all {len(diagnosis.tolerance)} channels (below{assumed})"]
+    else:
+        for name, one in diagnosis.tolerance.items():
+            (value,), unit = amount(name, [one.rms])
+            limits.append(f"{value} {unit} of {split_unit(name)[0]}{' (assumed)' if one.assumed else ''}")
+    adequate_for = f" for {join(limits)}" if limits else ""
+    return _capital(f"{model} is adequate{adequate_for}: the data show no missing effect.")
+
+
+def _exceeds(error: ChannelError, limit: float) -> bool:
+    return max(error.fit, error.check if np.isfinite(error.check) else 0.0) > limit
+
+
+def exceeding(diagnosis: Diagnosis) -> str:
+    """Say which errors of the final model are above their tolerance, or in which check runs they are."""
+    above, failing = above_tolerance(diagnosis), failing_runs(diagnosis)
     parts = []
-    for name, one in diagnosis.tolerance.items():
-        error = diagnosis.final.errors[name]
-        if max(error.fit, error.check if np.isfinite(error.check) else 0.0) > one.rms:
-            return ""
-        (value,), unit = amount(name, [one.rms])
-        parts.append(f"{value} {unit} of {split_unit(name)[0]}{' (assumed)' if one.assumed else ''}")
-    return f" for {join(parts)}" if parts else ""
+    for name in dict.fromkeys((*above, *failing)):
+        one, error = diagnosis.tolerance[name], diagnosis.final.errors[name]
+        assumed = ", assumed" if one.assumed else ""
+        if name in above:
+            (value, limit), unit = amount(name, [above[name], one.rms])
+            where = "check" if np.isfinite(error.check) and error.check == above[name] else "fit"
+            error_is = f"the error of {split_unit(name)[0]} on {where} runs is {value} {unit}"
+            parts.append(f"{error_is} (tolerance {limit} {unit}{assumed})")
+        else:
+            (limit,), unit = amount(name, [one.rms])
+            there = f"in {join(failing[name])}" if len(failing[name]) <= 3 else f"in {len(failing[name])} check runs"
+            parts.append(f"the error of {split_unit(name)[0]} is above {limit} {unit} {there} (tolerance{assumed})")
+    return join(parts)
 
 
 def _of_another_form(diagnosis: Diagnosis) -> str:
@@ -83,6 +157,14 @@ def effect_name(label: str) -> str:
     return label.replace(":", " of ").replace("@", " in ")
 
 
+def physics_of(effect: type[Effect]) -> str:
+    """Return in one sentence, without its formula, what an effect is."""
+    first = (effect.__doc__ or "").strip().splitlines()[:1]
+    sentence = first[0] if first else ""
+    head, colon, tail = sentence.partition(": ")
+    return f"{head}." if colon and re.search(r"[=^|*]|[A-Za-z]_|\(", tail) else sentence
+
+
 def is_law(label: str) -> bool:
     """Return True for an unknown law, labelled by its port and its variable, 'port(variable)'."""
     return "(" in label
@@ -94,9 +176,23 @@ def candidate_name(name: str) -> str:
     return known.get(name) or " with ".join(effect_name(part) for part in name.split("+"))
 
 
+def most_probable(diagnosis: Diagnosis) -> str:
+    """Return the most probable of the compared models in words."""
+    parts = diagnosis.candidates[0][0].split("+")
+    # A candidate is named without its run.
+    where = {re.split("[:@]", run.label)[0]: run.run for run in diagnosis.runs}
+    return candidate_name("+".join(f"{part}@{where[part]}" if part in where else part for part in parts))
+
+
 def ladder_names(ladder: Sequence[Rung]) -> list[str]:
     """Return the models of a diagnosis in words: as stated, calibrated, then what each adds to the previous one."""
-    return ["base model, as stated", *step_names([one.added for one in ladder[1:]])]
+    names = ["base model, as stated", *step_names([one.added for one in ladder[1:]])]
+    for place, one in enumerate(ladder[2:], start=2):
+        if one.predictions and one.predictions is ladder[0].predictions:
+            names[place] = "back to the model as stated"
+        elif one.added == ladder[place - 1].added:
+            names[place] = "with corrected tables and formulas"
+    return names
 
 
 def step_names(steps: Sequence[tuple[str, ...]]) -> list[str]:
@@ -169,14 +265,18 @@ def curve_sentence(curve: CurveFound) -> str:
 
 def run_sentence(run: RunFound) -> str:
     """Say which parameter of which run differs from that of the other runs, and by how much."""
+    takes = removed(run.removes)
+    return f"{run_in_short(run)} from the other runs{takes and f'; this shift {takes}'}."
+
+
+def run_in_short(run: RunFound) -> str:
+    """Return 'run-03: series resistance differs by +12.10 ± 0.07 mohm'."""
     what, _, where = run.parameter.partition(":")
     what = split_unit(what.removesuffix("_ohm"))[0]
     scale, unit = readable([run.value], run.unit)
     value = with_sd(Estimate(scale * run.value, scale * run.sd, unit))
     sign = "" if value.startswith("-") or not np.isfinite(run.value) else "+"
-    takes = removed(run.removes)
-    reduces = takes and f"; this shift {takes}"
-    return f"{run.run}: {what}{where and f' of {where}'} differs by {sign}{value} from the other runs{reduces}."
+    return f"{run.run}: {what}{where and f' of {where}'} differs by {sign}{value}"
 
 
 def number(value: float, digits: int = 3) -> str:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from jaxmodel.plots.datasets import pictures_of, save_pictures
     from jaxmodel.plots.errors import errors_by_run
     from jaxmodel.plots.evidence import errors_of_models
+    from jaxmodel.plots.pulses import pulse_by_pulse
     from jaxmodel.plots.runs import fit_and_residuals, residuals_by_condition, simulation
     from jaxmodel.plots.sensitivities import (
         doubling_beside_gradient,
@@ -47,6 +48,7 @@ __all__ = [
     "new_figure",
     "over_time",
     "pictures_of",
+    "pulse_by_pulse",
     "residuals_by_condition",
     "save_pictures",
     "simulation",

@@ -1,4 +1,4 @@
-"""All pictures of a diagnosis: ladder, residuals, curves, errors, candidates, scores and runs."""
+"""All pictures of a diagnosis: ladder, residuals, curves, errors, candidates, scores, runs and their pulses."""
 
 from __future__ import annotations
 
@@ -9,13 +9,17 @@ from matplotlib.figure import Figure
 
 from jaxmodel.case.records import Case
 from jaxmodel.case.simulation import CaseSimulation
+from jaxmodel.diagnosis.residuals.pulses import pulses
 from jaxmodel.diagnosis.result import Diagnosis
 from jaxmodel.diagnosis.wording import final_in_short
 from jaxmodel.plots import evidence, runs
 from jaxmodel.plots.errors import errors_by_run
+from jaxmodel.plots.pulses import pulse_by_pulse
 
 # Rows of all runs that are drawn over the conditions; more dots cannot be distinguished.
 _MOST_DOTS = 50_000
+# Pictures of pulses in a report.
+_MOST_OF_PULSES = 8
 _CONDITIONS = {
     "cell": ("soc", "current_A", "cell_temperature_degC"),
     "motor": ("current_A", "speed_rad_s", "winding_temperature_degC"),
@@ -34,10 +38,48 @@ def pictures_of(diagnosis: Diagnosis) -> dict[str, Figure]:
         pictures["candidates"] = evidence.candidates(diagnosis)
     if diagnosis.scores:
         pictures["scores"] = evidence.scores(diagnosis)
+    for name, channel in pulses_drawn(diagnosis):
+        pictures[pulses_name(name, channel)] = pulses_of(diagnosis, name, channel)
     for run in diagnosis.case.runs:
         if runs.channels_read(run, diagnosis.noise):
             pictures[f"run-{run.name}"] = run_of(diagnosis, run.name)
     return pictures
+
+
+def pulses_name(run: str, channel: str) -> str:
+    """Return the name of the picture of a run's pulses."""
+    return f"pulses-{run}-{channel}"
+
+
+def pulses_drawn(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    """Return the runs with pulses or steps, and the channels that follow them at once; the worst where there are many.
+
+    A temperature follows too slowly to be seen in a pulse.
+    """
+    found = [
+        (run.name, channel)
+        for run in diagnosis.case.runs
+        if pulses(run)
+        for channel in runs.channels_read(run, diagnosis.noise)
+        if not channel.endswith("degC") and channel != "soc" and run.name in diagnosis.final.predictions
+    ]
+
+    def size(one: tuple[str, str]) -> float:
+        error = diagnosis.final.by_run.get(one[1], {}).get(one[0])
+        return 0.0 if error is None else error.rms / max(diagnosis.noise[one[1]].sd, 1e-300)
+
+    worst = sorted(found, key=size, reverse=True)[:_MOST_OF_PULSES]
+    return [one for one in found if one in worst]
+
+
+def pulses_of(diagnosis: Diagnosis, name: str, channel: str | None = None) -> Figure:
+    """Draw the pulses or steps of one run, of its first channel that follows them by default."""
+    run = next(run for run in diagnosis.case.runs if run.name == name)
+    if channel is None:
+        read = runs.channels_read(run, diagnosis.noise)
+        channel = next((one for one in read if not one.endswith("degC")), next(iter(diagnosis.noise)))
+    predicted = {model: predictions[name] for model, predictions in _models(diagnosis).items()}
+    return pulse_by_pulse(run, predicted, channel, diagnosis.noise[channel].sd)
 
 
 def errors_of(diagnosis: Diagnosis) -> Figure:

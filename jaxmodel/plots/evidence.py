@@ -275,5 +275,5 @@ def _curve(axes: Axes, curve: CurveFound) -> None:
     axes.set_xlabel(column_label(curve.over))
     factor = f" per {column_label(curve.multiplier)}" if curve.multiplier else ""
     axes.set_ylabel(axis_label("correction", f"{unit}{factor}" if unit else factor.strip()))
-    kind = "unknown law" if is_law(curve.label) else "your table" if curve.stated else "the model's formula"
-    axes.set_title(textwrap.fill(f"{curve.port.replace('_', ' ')}: {kind}", 46))
+    kind = "unknown law" if is_law(curve.label) else "table of the case" if curve.stated else "the model's formula"
+    axes.set_title(textwrap.fill(f"{curve.relation}: {kind}", 46))

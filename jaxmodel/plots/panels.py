@@ -27,7 +27,7 @@ class Panels(NamedTuple):
 
     Attributes:
         figure: the figure.
-        grid: (rows, columns) its axes; those of a column share the x axis.
+        grid: (rows, columns) its axes; those of a column may share the x axis.
         width_cm: of each.
     """
 
@@ -60,6 +60,7 @@ def panels(
     between_cm: float,
     top_cm: float,
     bottom_cm: float,
+    share_x: Literal["column", "none"] = "column",
     share_y: Literal["row", "none"] = "none",
 ) -> Panels:
     """Return panels in rows and columns over the width of a page.
@@ -71,6 +72,7 @@ def panels(
         between_cm: space between two columns.
         top_cm: space above the first row.
         bottom_cm: space below the last row.
+        share_x: whether the panels of a column share the x axis, and label it once.
         share_y: whether the panels of a row share the y axis, and label it once.
     """
     height = top_cm + sum(row.height_cm + row.below_cm for row in rows) - rows[-1].below_cm + bottom_cm
@@ -83,10 +85,12 @@ def panels(
             place = (left_cm + column * (width + between_cm), top - row.height_cm, width, row.height_cm)
             axes = figure.add_axes(
                 tuple(float(part) / whole for part, whole in zip(place, (PAGE_CM, height) * 2, strict=True)),  # type: ignore[arg-type]
-                sharex=grid[0, column] if number else None,
+                sharex=grid[0, column] if number and share_x == "column" else None,
                 sharey=grid[number, 0] if share_y == "row" and column else None,
             )
-            axes.tick_params(labelbottom=number == len(rows) - 1, labelleft=share_y == "none" or column == 0)
+            axes.tick_params(
+                labelbottom=share_x == "none" or number == len(rows) - 1, labelleft=share_y == "none" or column == 0
+            )
             grid[number, column] = axes
         top -= row.height_cm + row.below_cm
     return Panels(figure, grid, width)

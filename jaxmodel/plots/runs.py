@@ -77,7 +77,7 @@ def fit_and_residuals(
         rows = drawn_rows([measured, *(measured - predictions[channel] for predictions in models.values())])
         at, measured = time[rows], measured[rows]
         above.plot(at, measured, ".", color=MEASURED, markersize=2.5, label="measured", rasterized=True)
-        for colour, (name, predictions) in zip(_model_colours(len(models)), models.items(), strict=True):
+        for colour, (name, predictions) in zip(model_colours(len(models)), models.items(), strict=True):
             above.plot(at, predictions[channel][rows], color=colour, label=name)
         drawn.label_y(above, _in_two_lines(channel) if blocks > 1 else column_label(channel), _LABEL_CM)
         residuals = {name: measured - predictions[channel][rows] for name, predictions in models.items()}
@@ -116,13 +116,14 @@ def draw_residuals(axes: Axes, x: np.ndarray, residuals: Mapping[str, np.ndarray
     scale, shown_unit = readable(everything, difference_unit(unit))
     axes.axhspan(-2 * noise_sd * scale, 2 * noise_sd * scale, color=FLOOR, alpha=0.25, lw=0, label=_NOISE)
     axes.axhline(0.0, color=GREY, lw=0.7)
-    for colour, values in zip(_model_colours(len(residuals)), residuals.values(), strict=True):
+    for colour, values in zip(model_colours(len(residuals)), residuals.values(), strict=True):
         axes.plot(x, values * scale, ".", color=colour, markersize=2.0, rasterized=True)
     residual_scale(axes, [values * scale for values in residuals.values()], noise_sd * scale)
     return shown_unit
 
 
-def _model_colours(count: int) -> tuple[str, ...]:
+def model_colours(count: int) -> tuple[str, ...]:
+    """Return the colours of some models, the better one last."""
     return (BASE, FINAL, *LINES[2:])[:count]
 
 
@@ -159,7 +160,7 @@ def residuals_by_condition(
         for column, (condition, x) in enumerate(conditions.items()):
             axes = drawn.grid[row, column]
             axes.axhspan(-2 * floor, 2 * floor, color=FLOOR, alpha=0.25, lw=0, label=_NOISE)
-            for colour, (name, by_channel) in zip(_model_colours(len(residuals)), residuals.items(), strict=True):
+            for colour, (name, by_channel) in zip(model_colours(len(residuals)), residuals.items(), strict=True):
                 y = by_channel[channel] * scale
                 axes.plot(x, y, ".", color=colour, markersize=1.3, alpha=0.18, rasterized=True)
                 axes.plot(*_means(x, y), "o-", color=colour, markersize=4.0, lw=1.3, label=name, **_WHITE_EDGE)

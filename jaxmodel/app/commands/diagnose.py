@@ -18,12 +18,11 @@ from jaxmodel.app.meanwhile import import_meanwhile
 from jaxmodel.app.one_sentence import sentence_of
 from jaxmodel.base.errors import MeasurementError
 from jaxmodel.diagnosis import Diagnosis, compare, diagnose
-from jaxmodel.diagnosis.advice.next_experiment import in_words
 from jaxmodel.diagnosis.extended.files import LAW_FILE
-from jaxmodel.diagnosis.summary import purpose_sentences
+from jaxmodel.diagnosis.headline import possible, undetectable
+from jaxmodel.diagnosis.summary import purpose_sentences, sure_and_next
 from jaxmodel.diagnosis.verbs import DONE_BY as OF_DIAGNOSIS
 from jaxmodel.diagnosis.wording import (
-    candidate_name,
     curve_sentence,
     effect_name,
     final_in_short,
@@ -152,7 +151,12 @@ def print_diagnosis(diagnosis: Diagnosis) -> None:
     from jaxmodel.app.report_rows import channel_rows
 
     rows = [
-        [row["label"], row["noise"], row["tolerance"], *(" / ".join(row[model]) for model in ("stated", "before"))]
+        [
+            row["label"],
+            row["noise"],
+            ", ".join(row["tolerance"]),
+            *(" / ".join(row[model]) for model in ("stated", "before")),
+        ]
         + ([" / ".join(row["after"])] if diagnosis.final.added else [])
         for row in channel_rows(diagnosis)
     ]
@@ -162,6 +166,8 @@ def print_diagnosis(diagnosis: Diagnosis) -> None:
     if diagnosis.final.added and final_name(diagnosis) not in columns:
         terminal.say(f"Final model: {final_name(diagnosis)}.")
     terminal.say(verdict_sentence(diagnosis))
+    for line in sure_and_next(diagnosis):
+        terminal.say(line)
     for effect in diagnosis.effects:
         terminal.say(f"Found: {named_sentence(effect)}")
     for sentence in (*map(curve_sentence, diagnosis.curves), *map(run_sentence, diagnosis.runs)):
@@ -171,14 +177,12 @@ def print_diagnosis(diagnosis: Diagnosis) -> None:
             terminal.say(f"Remaining error of {channel}: {sentence}")
     for sentence in purpose_sentences(diagnosis):
         terminal.say(sentence)
-    for one in diagnosis.immaterial:
-        terminal.say(f"Significant but not added: {one.sentence.rstrip('.')}.")
-    if diagnosis.blind_to:
-        terminal.say(f"Not detectable with these data: {join([effect_name(label) for label in diagnosis.blind_to])}.")
+    for one in possible(diagnosis):
+        terminal.say(f"Possible, but not named: {one.sentence.rstrip('.')}.")
+    if hidden := undetectable(diagnosis):
+        terminal.say(f"Not detectable with these data: {join([effect_name(label) for label in hidden])}.")
     for remark in diagnosis.remarks:
         terminal.say(f"Note: {remark}")
-    if diagnosis.proposals:
-        terminal.say(in_words(diagnosis.proposals, [candidate_name(name) for name in diagnosis.rivals]))
 
 
 def _print_all(done: Sequence[Diagnosis], failed: Sequence[str]) -> None:

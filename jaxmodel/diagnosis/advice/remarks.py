@@ -10,6 +10,7 @@ import numpy as np
 from jaxmodel.base.units import split_unit
 from jaxmodel.case.records import Case, Run
 from jaxmodel.diagnosis.result import Extrapolated, Rung
+from jaxmodel.diagnosis.usual import in_usual_range
 from jaxmodel.diagnosis.wording import amount, join
 from jaxmodel.fit.candidates import Candidate, specimen_ranges
 from jaxmodel.fit.estimate import Fit
@@ -19,8 +20,6 @@ from jaxmodel.fit.space import ModelSpace
 from jaxmodel.model.declaration import describe
 from jaxmodel.model.parameters import info
 
-# An effect's number is remarked on this share of its usual range beyond an end: the ends are nothing sharp.
-OUT_OF_RANGE = 0.25
 # Readings that tell less of every unknown than this share of its prior do not answer to any.
 NO_ANSWER = 1e-6
 # A speed that begins so many sd of its noise off the model's is remarked on.
@@ -150,21 +149,12 @@ def unusual(
     remarks = []
     for value, (name, about) in zip(values, describe(candidate.effect).items(), strict=True):
         low, high = (usual or {}).get(name) or about.typical or (-np.inf, np.inf)
-        if not _about(value, low, high):
+        if not in_usual_range(value, low, high):
             remarks.append(
                 f"{candidate.label}.{name} = {value:.3g} is outside its usual range, {low:.3g} to {high:.3g}: the "
                 "effect may be standing in for another."
             )
     return tuple(remarks)
-
-
-def _about(value: float, low: float, high: float) -> bool:
-    """Return True within a usual range and a little beyond: of its ratio where it has one sign, else of its length."""
-    if low > 0.0:
-        room = (high / low) ** OUT_OF_RANGE
-        return bool(low / room <= value <= high * room)
-    room = OUT_OF_RANGE * (high - low)
-    return bool(low - room <= value <= high + room)
 
 
 def starts_moving(
@@ -269,8 +259,8 @@ def badly_started(pulls: Mapping[str, float], reach: float = SETTINGS.start_reac
     """
     return tuple(
         f"The start of {run} is wrong: its first readings require a start {abs(pull):.1f} sd from the stated one, but "
-        f"it was limited to {reach:g} sd; part of its error comes from the start. Correct initial_soc or the initial "
-        "temperature, or increase their sd."
+        f"it was limited to {reach:g} sd; part of its error comes from the start. Correct what the case states of "
+        "this start, or increase its sd."
         for run, pull in pulls.items()
         if abs(pull) > reach
     )

@@ -10,7 +10,6 @@ from jaxmodel.case.known import Known
 from jaxmodel.case.records import Case, Run
 from jaxmodel.diagnosis.advice.remarks import (
     Strained,
-    _about,
     badly_started,
     better_as_stated,
     extrapolated,
@@ -24,6 +23,7 @@ from jaxmodel.diagnosis.advice.remarks import (
     unusual,
 )
 from jaxmodel.diagnosis.result import ChannelError, Rung
+from jaxmodel.diagnosis.usual import in_usual_range
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.fit.candidates import make_candidate
 from jaxmodel.fit.estimate import Fit
@@ -99,12 +99,12 @@ def test_an_effect_far_from_its_usual_size_may_stand_in_for_another() -> None:
 
 
 def test_usual_ranges_have_soft_ends() -> None:
-    assert _about(15.0, 20.0, 2000.0)
-    assert _about(4000.0, 20.0, 2000.0)
-    assert not _about(1.0, 20.0, 2000.0), "a resistance is strong where it is small"
-    assert not _about(1e5, 20.0, 2000.0)
-    assert _about(-0.011, -0.01, 0.01)
-    assert not _about(-0.02, -0.01, 0.01)
+    assert in_usual_range(15.0, 20.0, 2000.0)
+    assert in_usual_range(4000.0, 20.0, 2000.0)
+    assert not in_usual_range(1.0, 20.0, 2000.0), "a resistance is strong where it is small"
+    assert not in_usual_range(1e5, 20.0, 2000.0)
+    assert in_usual_range(-0.011, -0.01, 0.01)
+    assert not in_usual_range(-0.02, -0.01, 0.01)
 
 
 def test_a_motor_that_turns_when_its_file_begins_is_remarked_on() -> None:
