@@ -19,6 +19,7 @@ from jaxmodel.data.importing.checks import odd_things
 from jaxmodel.data.importing.clock import with_clock
 from jaxmodel.data.importing.conditions import Condition, condition_of, specimens
 from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
+from jaxmodel.data.importing.formula_hints import hint_for
 from jaxmodel.data.importing.formulas import unmatched
 from jaxmodel.data.importing.imported import Imported, ImportedRun
 from jaxmodel.data.importing.joining import copies, joined
@@ -261,9 +262,11 @@ def _complete(run: Log, kind: Kind, options: Options, listed: Listed | None) -> 
     for group in groups:
         if not any(name in run.columns for name in group):
             names = " or ".join(group)
+            computed = hint_for(group[0], kind, run.header)
             raise MeasurementError(
                 f"{file_label(run.source)}: no column is {names}, which a {kind} needs; {columns_of(run.header)}; "
-                f'name it with --column {group[0]}="NAME", or state --constant {group[0]}=VALUE for all of it.'
+                + (f"compute it with {computed}, or " if computed else "")
+                + f'name it with --column {group[0]}="NAME", or state --constant {group[0]}=VALUE for all of it.'
             )
         present = [name for name in group if name in run.columns]
         for name in present[1:]:
