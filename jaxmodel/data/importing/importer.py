@@ -12,7 +12,7 @@ import numpy as np
 from jaxmodel.base.errors import MeasurementError, nearest
 from jaxmodel.case.measurements import KINDS, file_label
 from jaxmodel.case.presets import located, read_preset, why_not
-from jaxmodel.data.importing import balance, charge
+from jaxmodel.data.importing import balance, charge, warm_start
 from jaxmodel.data.importing.ambient import fill, with_ambient
 from jaxmodel.data.importing.check_runs import splits_of
 from jaxmodel.data.importing.checks import odd_things
@@ -344,9 +344,9 @@ def _assembled(
     for (run, ambient), condition, start, part in zip(warmed, conditions, starts, splits, strict=True):
         of_list = listed.get(run.source.name)
         label = _label(condition, of_list, None if capacity is None else capacity.value)
-        done.append(
-            ImportedRun(run if start is None else charge.told(run, start), part, label, ambient, start, condition)
-        )
+        rises = {} if kind == "cell" else warm_start.rises_of(run, ambient)
+        run = warm_start.told(run if start is None else charge.told(run, start), rises)
+        done.append(ImportedRun(run, part, label, ambient, start, condition, rises))
     general += _about_capacity(capacity, full, options)
     warmth = [one.ambient_degC for one in done]
     general += odd_units([one.log for one in done], warmth, capacity, full, options)
