@@ -28,7 +28,15 @@ from jaxmodel.data.tables.units import Conversion, conversion
 
 _SAMPLE_ROWS = 2000
 _NONE = "none"
-_SENSED = ("voltage_V", "pack_voltage_V", "speed_rad_s", "cell_temperature_degC", "winding_temperature_degC")
+_SENSED = (
+    "voltage_V",
+    "pack_voltage_V",
+    "pack_current_A",
+    "motor_current_A",
+    "speed_rad_s",
+    "cell_temperature_degC",
+    "winding_temperature_degC",
+)
 _WHY = {
     "named": "by its name",
     "like it in name": "by a word in its name",

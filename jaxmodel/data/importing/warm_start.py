@@ -1,4 +1,4 @@
-"""How warm a motor is when its run begins, by its thermometers: where they differ from ambient by more than they may."""
+"""How warm a motor is when its run begins, by thermometers that differ from ambient by more than they may."""
 
 from __future__ import annotations
 

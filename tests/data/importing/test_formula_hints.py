@@ -62,3 +62,11 @@ def test_no_formula_is_made_up():
     assert not hint_for("voltage_V", "motor", {"pwm": "", "rpm": "speed_rad_s"})  # without a supply
     assert not hint_for("speed_rad_s", "motor", {"rpm": "speed_rad_s"})
     assert not hint_for("load_torque_Nm", "motor", {"P (W)": "", "U": "voltage_V"})
+
+
+def test_a_robot_whose_voltage_was_not_logged_lacks_its_drive_and_not_its_readings(tmp_path: Path):
+    path = tmp_path / "wheels.csv"
+    t = np.arange(0.0, 20.0, 0.15)
+    pd.DataFrame({"time_s": t, "left_motor_current_A": 3.0 + np.sin(t), "left_wheel_speed_m_s": 0.4}).to_csv(path)
+    with pytest.raises(MeasurementError, match="no column is duty or V_set, which a robot needs"):
+        import_case(path, "robot", ambient=15.0)
