@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 
 from jaxmodel.app.answers_command import compare_answers, history
+from jaxmodel.app.diagnose_options import Add, Effects, With, Without
 from jaxmodel.app.import_command import import_
 from jaxmodel.app.one_sentence import OneSentence
 from jaxmodel.app.start_command import start
@@ -59,15 +60,6 @@ CasePaths = Annotated[
 StudyPath = Annotated[Path, typer.Argument(metavar="STUDY.toml", help="The study file.", show_default=False)]
 Out = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for the results; made if need be.")]
 OutOrUrl = Annotated[str, typer.Option("--out", metavar="DIR|URL", help="Folder, or a URL such as s3://bucket/name.")]
-Effects = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--effect",
-        metavar="FILE.py:CLASS",
-        help="An effect of your own, added to the catalogue; may be given several times.",
-        show_default=False,
-    ),
-]
 AnswerOnly = Annotated[bool, typer.Option("--answer-only", help="Write tables and answers, no pictures and no page.")]
 
 
@@ -282,25 +274,9 @@ def diagnose(
     cases: CasePaths,
     out: Out = Path("results"),
     effect: Effects = None,
-    add: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--add", metavar="NAME", help="Add this effect, whatever the data say; seek no other.", show_default=False
-        ),
-    ] = None,
-    with_effects: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--with",
-            metavar="NAME",
-            help="Add this effect, whatever the data say, and go on looking.",
-            show_default=False,
-        ),
-    ] = None,
-    without: Annotated[
-        list[str] | None,
-        typer.Option("--without", metavar="NAME", help="Rule this effect out.", show_default=False),
-    ] = None,
+    add: Add = None,
+    with_effects: With = None,
+    without: Without = None,
     answer_only: AnswerOnly = False,
 ) -> None:
     """Find which physics a model misses: answer.json, extended.toml, pictures and report.html for each case."""

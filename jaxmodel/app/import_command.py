@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-# Options that `jaxmodel start` takes too.
+# Each is an option of `jaxmodel start` too: a message of the import may name any of them.
 Columns = Annotated[
     list[str] | None,
     typer.Option(
@@ -27,9 +27,17 @@ Constants = Annotated[
         "--constant", metavar="NAME=VALUE", help="An input that never changes; repeatable.", show_default=False
     ),
 ]
+Rows = Annotated[
+    str | None, typer.Option(metavar="CONDITION", help='Import these only, as "I_A > 0".', show_default=False)
+]
 Sign = Annotated[
     str | None, typer.Option(metavar="discharge-positive|charge-positive", help="Of the current.", show_default=False)
 ]
+Flip = Annotated[
+    list[str] | None, typer.Option(metavar="NAME", help="Reverse this column; repeatable.", show_default=False)
+]
+SplitAt = Annotated[str, typer.Option(metavar="auto|files|rests|steps", help="Where runs begin, besides each file.")]
+RestMinutes = Annotated[float, typer.Option(help="The shortest rest that ends a run.")]
 Check = Annotated[
     list[str] | None,
     typer.Option(
@@ -39,6 +47,22 @@ Check = Annotated[
 Ambient = Annotated[float | None, typer.Option(metavar="DEGC", help="Of all runs.", show_default=False)]
 InitialSoc = Annotated[float | None, typer.Option(help="At the start of all runs.", show_default=False)]
 Capacity = Annotated[float | None, typer.Option(metavar="AH", help="Of the cell.", show_default=False)]
+Title = Annotated[str | None, typer.Option(help="Of the case.", show_default=False)]
+Preset = Annotated[str | None, typer.Option(help="For what the files do not tell.", show_default=False)]
+SecondsPerRow = Annotated[float | None, typer.Option(help="For files without a clock.", show_default=False)]
+CellsInSeries = Annotated[int, typer.Option(help="Of a module, to divide its voltage by.")]
+ParallelCells = Annotated[int, typer.Option(help="Of a module, to divide its current by.")]
+Sheet = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME|PATTERN",
+        help="Of a spreadsheet; a MATLAB variable; a key of JSON; 'run*' for several. Repeatable.",
+        show_default=False,
+    ),
+]
+Encoding = Annotated[str | None, typer.Option(help="Of text, as cp1252.", show_default=False)]
+Delimiter = Annotated[str | None, typer.Option(help="Of text.", show_default=False)]
+Decimal = Annotated[str | None, typer.Option(metavar=".|,", help="Of text.", show_default=False)]
 
 
 def import_(
@@ -48,42 +72,27 @@ def import_(
     ],
     kind: Annotated[str, typer.Option(metavar="cell|motor|robot", help="What was measured.", show_default=False)],
     out: Annotated[Path, typer.Option("--out", metavar="CASE", help="Folder for the case.", show_default=False)],
-    title: Annotated[str | None, typer.Option(help="Of the case.", show_default=False)] = None,
+    title: Title = None,
     column: Columns = None,
     unit: Units = None,
     constant: Constants = None,
-    rows: Annotated[
-        str | None, typer.Option(metavar="CONDITION", help='Import these only, as "I_A > 0".', show_default=False)
-    ] = None,
+    rows: Rows = None,
     sign: Sign = None,
-    flip: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="Reverse this column; repeatable.", show_default=False)
-    ] = None,
-    split_at: Annotated[
-        str, typer.Option(metavar="auto|files|rests|steps", help="Where runs begin, besides each file.")
-    ] = "auto",
-    rest_minutes: Annotated[float, typer.Option(help="The shortest rest that ends a run.")] = 30.0,
+    flip: Flip = None,
+    split_at: SplitAt = "auto",
+    rest_minutes: RestMinutes = 30.0,
     check: Check = None,
     ambient: Ambient = None,
     initial_soc: InitialSoc = None,
     capacity: Capacity = None,
-    preset: Annotated[str | None, typer.Option(help="For what the files do not tell.", show_default=False)] = None,
-    seconds_per_row: Annotated[
-        float | None, typer.Option(help="For files without a clock.", show_default=False)
-    ] = None,
-    cells_in_series: Annotated[int, typer.Option(help="Of a module, to divide its voltage by.")] = 1,
-    parallel_cells: Annotated[int, typer.Option(help="Of a module, to divide its current by.")] = 1,
-    sheet: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME|PATTERN",
-            help="Of a spreadsheet; a MATLAB variable; a key of JSON; 'run*' for several. Repeatable.",
-            show_default=False,
-        ),
-    ] = None,
-    encoding: Annotated[str | None, typer.Option(help="Of text, as cp1252.", show_default=False)] = None,
-    delimiter: Annotated[str | None, typer.Option(help="Of text.", show_default=False)] = None,
-    decimal: Annotated[str | None, typer.Option(metavar=".|,", help="Of text.", show_default=False)] = None,
+    preset: Preset = None,
+    seconds_per_row: SecondsPerRow = None,
+    cells_in_series: CellsInSeries = 1,
+    parallel_cells: ParallelCells = 1,
+    sheet: Sheet = None,
+    encoding: Encoding = None,
+    delimiter: Delimiter = None,
+    decimal: Decimal = None,
     answer_only: Annotated[bool, typer.Option("--answer-only", help="Write the case, no pictures.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Write over a case that was edited since.")] = False,
 ) -> None:

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from jaxmodel.app.import_command import Ambient, Capacity, Check, Columns, Constants, InitialSoc, Sign, Units
+from jaxmodel.app import import_command as of_import
+from jaxmodel.app.diagnose_options import Add, Effects, With, Without
 
 _FILES = "Logs of one piece of hardware, in any format; or one folder with a case.toml."
 
@@ -16,14 +17,31 @@ def start(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help=_FILES, show_default=False)],
     kind: Annotated[str, typer.Option(metavar="cell|motor|robot", help="What was measured.")] = "cell",
     out: Annotated[Path, typer.Option("--out", help="Folder for all results.")] = Path("results"),
-    column: Columns = None,
-    unit: Units = None,
-    constant: Constants = None,
-    sign: Sign = None,
-    check: Check = None,
-    ambient: Ambient = None,
-    initial_soc: InitialSoc = None,
-    capacity: Capacity = None,
+    title: of_import.Title = None,
+    column: of_import.Columns = None,
+    unit: of_import.Units = None,
+    constant: of_import.Constants = None,
+    rows: of_import.Rows = None,
+    sign: of_import.Sign = None,
+    flip: of_import.Flip = None,
+    split_at: of_import.SplitAt = "auto",
+    rest_minutes: of_import.RestMinutes = 30.0,
+    check: of_import.Check = None,
+    ambient: of_import.Ambient = None,
+    initial_soc: of_import.InitialSoc = None,
+    capacity: of_import.Capacity = None,
+    preset: of_import.Preset = None,
+    seconds_per_row: of_import.SecondsPerRow = None,
+    cells_in_series: of_import.CellsInSeries = 1,
+    parallel_cells: of_import.ParallelCells = 1,
+    sheet: of_import.Sheet = None,
+    encoding: of_import.Encoding = None,
+    delimiter: of_import.Delimiter = None,
+    decimal: of_import.Decimal = None,
+    effect: Effects = None,
+    add: Add = None,
+    with_effects: With = None,
+    without: Without = None,
     again: Annotated[bool, typer.Option("--again", help="Repeat stages that are done.")] = False,
 ) -> None:
     """From raw logs to a diagnosis: import, parameterise, diagnose, report. An interrupted start goes on."""
@@ -34,10 +52,25 @@ def start(
         kind,
         out,
         again=again,
+        effects=effect or [],
+        search={"add": add or [], "with_effects": with_effects or [], "without": without or []},
         pairs={"column": column or [], "unit": unit or [], "constant": constant or []},
+        title=title,
+        rows=rows,
         sign=sign,
+        flip=tuple(flip or ()),
+        split_at=split_at,
+        rest_minutes=rest_minutes,
         check=None if check is None else tuple(check),
         ambient=ambient,
         initial_soc=initial_soc,
         capacity_Ah=capacity,
+        preset=preset,
+        seconds_per_row=seconds_per_row,
+        cells_in_series=cells_in_series,
+        parallel_cells=parallel_cells,
+        sheet=tuple(sheet) if sheet else None,
+        encoding=encoding,
+        delimiter=delimiter,
+        decimal=decimal,
     )

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from jaxmodel.app import folders
+from jaxmodel.base.errors import MeasurementError
 from jaxmodel.case.reading import read_case
 from jaxmodel.diagnosis import Diagnosis
 from tests.app.conftest import Run
@@ -107,3 +108,23 @@ def test_a_verdict_that_cannot_be_written_is_shown(
         assert "Small cell <bench> & load" in result.stdout
         assert "No space left on device" in result.stderr
         assert "Traceback" not in result.stderr
+
+
+def test_a_diagnosis_whose_extended_case_nobody_could_read_has_its_page(
+    made_case: Path, tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = diagnosis_of(read_case(made_case))
+
+    def refuse(*_: object) -> None:
+        raise MeasurementError("extended.toml is not written, because it could not be read again: soc 0.9 after 0.9.")
+
+    monkeypatch.setattr("jaxmodel.app.commands.diagnose.diagnose", lambda case, **_: found)
+    monkeypatch.setattr("jaxmodel.diagnosis.extended.files.write_case", refuse)
+    result = run("diagnose", made_case, "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert result.stderr.splitlines() == [
+        "extended.toml is not written, because it could not be read again: soc 0.9 after 0.9."
+    ]
+    assert "Small cell <bench> & load" in result.stdout
+    written = {path.name for path in (tmp_path / "out" / made_case.name).iterdir()}
+    assert {"answer.json", "report.html"} <= written

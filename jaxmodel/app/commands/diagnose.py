@@ -16,7 +16,7 @@ from jaxmodel.app.commands.start import read_case_with, start
 from jaxmodel.app.folders import take
 from jaxmodel.app.meanwhile import import_meanwhile
 from jaxmodel.app.one_sentence import sentence_of
-from jaxmodel.base.errors import MeasurementError
+from jaxmodel.base.errors import MeasurementError, UserError
 from jaxmodel.diagnosis import Diagnosis, compare, diagnose
 from jaxmodel.diagnosis.extended.files import LAW_FILE
 from jaxmodel.diagnosis.headline import possible, undetectable
@@ -124,8 +124,12 @@ def _diagnose_one(
     import_meanwhile("jaxmodel.app.report", *([] if answer_only else _PICTURES))
     with terminal.stages(f"{case.name}{place}", DONE_BY if try_effects else None) as progress:
         diagnosis = method(case, progress=progress)
+        folder, refused = out / case.name, None
         try:
-            folder = diagnosis.write(out / case.name, pictures=False)
+            try:
+                diagnosis.write(folder, pictures=False)
+            except UserError as error:  # a file that nobody could read again; the rest took minutes and is written
+                refused = error
             if not answer_only:
                 progress("pictures and report")
                 from jaxmodel.app.report import write_report
@@ -143,6 +147,8 @@ def _diagnose_one(
     terminal.say(
         f"Everything is in {folder}." if answer_only else f"Everything is in {folder}; open report.html there."
     )
+    if refused is not None:
+        raise refused
     return diagnosis
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -16,13 +17,23 @@ from jaxmodel.app.commands.parameterise import parameterise_case
 from jaxmodel.app.folders import take
 from jaxmodel.base.atomic_files import write_whole
 from jaxmodel.base.errors import MeasurementError
+from jaxmodel.data.importing import Options
 
 CASE, PARAMETERISED, DIAGNOSIS = "1_case", "2_parameterised", "3_diagnosis"
 STAGES, ANSWER = "start.json", "answer.json"
 _OF_A_CASE = (".toml", ".csv", ".parquet")
 
 
-def start_to_finish(files: Sequence[Path], kind: str, out: Path, *, again: bool = False, **decisions: Any) -> None:
+def start_to_finish(
+    files: Sequence[Path],
+    kind: str,
+    out: Path,
+    *,
+    again: bool = False,
+    effects: Sequence[str] = (),
+    search: Mapping[str, Sequence[str]] | None = None,
+    **decisions: Any,
+) -> None:
     """Import files, parameterise the case, diagnose it, and write all pages below `out`.
 
     A stage that was finished before is not repeated while its own files and decisions are the same. A folder that is a
@@ -33,6 +44,8 @@ def start_to_finish(files: Sequence[Path], kind: str, out: Path, *, again: bool 
         kind: of the case.
         out: folder for the results.
         again: repeat all stages.
+        effects: the user's own, as `file.py:Class`.
+        search: what `jaxmodel.app.commands.diagnose.diagnose_all` is to add or to rule out, by its arguments.
         decisions: of `jaxmodel.app.commands.import_files.import_files`.
 
     Raises:
@@ -47,10 +60,12 @@ def start_to_finish(files: Sequence[Path], kind: str, out: Path, *, again: bool 
             logs = files_of(files, case)
             importing = partial(import_files, files, kind, case, force=again, **decisions)
             stages.do("import", logs, {"kind": kind, **decisions}, case / "case.toml", importing)
-        stages.do(
-            "parameterise", _files_of(case), {}, better / "case.toml", lambda: parameterise_case(case, better, [])
-        )
-        stages.do("diagnose", _files_of(better), {}, answer, lambda: diagnose_all([better], out / DIAGNOSIS, []))
+        own = {"effects": effects} if effects else {}
+        parameterising = partial(parameterise_case, case, better, effects)
+        stages.do("parameterise", _files_of(case), own, better / "case.toml", parameterising)
+        sought = {name: labels for name, labels in (search or {}).items() if labels}
+        diagnosing = partial(diagnose_all, [better], out / DIAGNOSIS, effects, **sought)
+        stages.do("diagnose", _files_of(better), own | sought, answer, diagnosing)
     except KeyboardInterrupt:
         terminal.say("The same command goes on with the stage that was stopped.")
         raise
@@ -70,7 +85,7 @@ def _given_case(files: Sequence[Path], decisions: Mapping[str, Any]) -> Path | N
         return None
     if len(files) > 1:
         raise MeasurementError(f"{cases[0]} is a case; give one case alone, or logs alone.")
-    stated = [*_flat(decisions)]
+    stated = [*_stated(decisions)]
     if stated:
         raise MeasurementError(
             f"--{stated[0]}: {cases[0]} is a case and is not imported; correct its case.toml, or give its logs."
@@ -82,12 +97,13 @@ def _is_case(path: Path) -> bool:
     return (path / "case.toml").is_file() or (path.name == "case.toml" and path.is_file())
 
 
-def _flat(decisions: Mapping[str, Any]) -> Iterable[str]:
+def _stated(decisions: Mapping[str, Any]) -> Iterable[str]:
     """Yield the options of the import that the user states, as they are written."""
+    unstated = {field.name: field.default for field in dataclasses.fields(Options)}
     for name, value in decisions.items():
         if isinstance(value, Mapping):
-            yield from _flat(value)
-        elif value not in (None, [], (), False):
+            yield from _stated(value)
+        elif value not in (unstated.get(name), None, [], ()):
             yield {"capacity_Ah": "capacity"}.get(name, name.replace("_", "-"))
 
 

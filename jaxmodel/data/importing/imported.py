@@ -8,7 +8,7 @@ import hashlib
 import html
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +43,7 @@ class ImportedRun:
         ambient_degC: constant ambient temperature; None where it is a column.
         start: state of charge at the first row; None for a motor.
         condition: under which it was measured.
+        rises: of a motor that begins warm, by parameter of the case [K].
     """
 
     log: Log
@@ -51,6 +52,7 @@ class ImportedRun:
     ambient_degC: float | None
     start: Stated | None
     condition: Condition
+    rises: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     def entries(self) -> dict[str, Any]:
         """Return the run's entries of case.toml."""
@@ -59,7 +61,7 @@ class ImportedRun:
             stated["ambient_degC"] = self.ambient_degC
         if self.start is not None:
             stated["initial_soc"] = _entry(self.start)
-        return stated
+        return stated | dict(self.rises)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -12,13 +12,14 @@ import numpy as np
 from jaxmodel.base.errors import MeasurementError, nearest
 from jaxmodel.case.measurements import KINDS, file_label
 from jaxmodel.case.presets import located, read_preset, why_not
-from jaxmodel.data.importing import balance, charge
+from jaxmodel.data.importing import balance, charge, warm_start
 from jaxmodel.data.importing.ambient import fill, with_ambient
 from jaxmodel.data.importing.check_runs import splits_of
 from jaxmodel.data.importing.checks import odd_things
 from jaxmodel.data.importing.clock import with_clock
 from jaxmodel.data.importing.conditions import Condition, condition_of, specimens
 from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
+from jaxmodel.data.importing.formula_hints import hint_for
 from jaxmodel.data.importing.formulas import unmatched
 from jaxmodel.data.importing.imported import Imported, ImportedRun
 from jaxmodel.data.importing.joining import copies, joined
@@ -261,9 +262,11 @@ def _complete(run: Log, kind: Kind, options: Options, listed: Listed | None) -> 
     for group in groups:
         if not any(name in run.columns for name in group):
             names = " or ".join(group)
+            computed = hint_for(group[0], kind, run.header)
             raise MeasurementError(
                 f"{file_label(run.source)}: no column is {names}, which a {kind} needs; {columns_of(run.header)}; "
-                f'name it with --column {group[0]}="NAME", or state --constant {group[0]}=VALUE for all of it.'
+                + (f"compute it with {computed}, or " if computed else "")
+                + f'name it with --column {group[0]}="NAME", or state --constant {group[0]}=VALUE for all of it.'
             )
         present = [name for name in group if name in run.columns]
         for name in present[1:]:
@@ -341,9 +344,9 @@ def _assembled(
     for (run, ambient), condition, start, part in zip(warmed, conditions, starts, splits, strict=True):
         of_list = listed.get(run.source.name)
         label = _label(condition, of_list, None if capacity is None else capacity.value)
-        done.append(
-            ImportedRun(run if start is None else charge.told(run, start), part, label, ambient, start, condition)
-        )
+        rises = {} if kind == "cell" else warm_start.rises_of(run, ambient)
+        run = warm_start.told(run if start is None else charge.told(run, start), rises)
+        done.append(ImportedRun(run, part, label, ambient, start, condition, rises))
     general += _about_capacity(capacity, full, options)
     warmth = [one.ambient_degC for one in done]
     general += odd_units([one.log for one in done], warmth, capacity, full, options)

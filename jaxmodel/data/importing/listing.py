@@ -38,7 +38,9 @@ def read_listing(path: Path, names: Sequence[str], inputs: Collection[str]) -> d
     for column in frame:
         texts = [str(text) for text in frame[column]]
         listed = {row: stems[Path(text).stem] for row, text in enumerate(texts) if Path(text).stem in stems}
-        if len(listed) > 0.3 * len(texts):
+        # It may list more files than the user took, if it lists all of those.
+        of_all = {*listed.values()} == {*names} and len({*texts}) == len(texts)
+        if of_all or len(listed) > 0.3 * len(texts):
             return {name: _of_row(frame.iloc[row], inputs) for row, name in listed.items()}
     return {}
 

@@ -12,6 +12,7 @@ import pandas as pd
 from jaxmodel.base.errors import MeasurementError, listed
 from jaxmodel.base.units import LARGEST
 from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
+from jaxmodel.data.importing.formula_hints import of_a_controller
 from jaxmodel.data.importing.formulas import computed, unmatched, wanted
 from jaxmodel.data.importing.logs import Log, columns_of
 from jaxmodel.data.importing.options import Kind, Options
@@ -27,7 +28,15 @@ from jaxmodel.data.tables.units import Conversion, conversion
 
 _SAMPLE_ROWS = 2000
 _NONE = "none"
-_SENSED = ("voltage_V", "pack_voltage_V", "speed_rad_s", "cell_temperature_degC", "winding_temperature_degC")
+_SENSED = (
+    "voltage_V",
+    "pack_voltage_V",
+    "pack_current_A",
+    "motor_current_A",
+    "speed_rad_s",
+    "cell_temperature_degC",
+    "winding_temperature_degC",
+)
 _WHY = {
     "named": "by its name",
     "like it in name": "by a word in its name",
@@ -233,6 +242,8 @@ def _log(
                 f'--column {target}="{role.column} 2".'
             )
             found.append(Finding("repeated name", where, sentence, "warning", target))
+    if kind == "motor" and not any(role.why == "stated" for role in chosen.values() if role.target == "voltage_V"):
+        found += of_a_controller(where, header)
     discharged = None
     role = chosen.get("discharged_Ah") if kind == "cell" else None  # of a pack, and not of a motor's current
     if role and conversion(unit := units.get(role.column, "A h"), "A h"):

@@ -6,8 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jaxmodel.base.errors import MeasurementError
 from jaxmodel.data.importing.charge import Stated
 from jaxmodel.data.importing.logs import Log
+from jaxmodel.model.parameters import info
 
 # Rows slower than this share of the fastest tell of friction and not of the constant.
 _SLOW = 0.2
@@ -16,32 +18,55 @@ _SD, _SD_ALONE = 0.1, 0.3
 
 
 def constants_of(runs: Sequence[Log]) -> dict[str, Stated]:
-    """Return k_tau [V s/rad] and R_0 [ohm] of a motor as far as voltage, speed and current tell them.
+    """Return k_tau [V s/rad] and R_0 [ohm] of a motor as far as voltage, speed, current and load tell them.
 
-    With voltage V, current i and speed w, least squares of V = R i + k w; without a current, the median of V / w of the
-    faster rows, which is too large by the drop over the winding.
+    With voltage V, current i and speed w, least squares of V = R i + k w. Without a current, a load torque T tells it:
+    V = (R / k) T + k w; friction is left out. Without both, the median of V / w of the faster rows, which is too large
+    by the drop over the winding.
     """
-    voltage, speed, current = (_pooled(runs, name) for name in ("voltage_V", "speed_rad_s", "current_A"))
+    voltage, speed = (_pooled(runs, name) for name in ("voltage_V", "speed_rad_s"))
     if voltage is None or speed is None:
         return {}
     there = np.isfinite(voltage) & np.isfinite(speed)
     fast = there & (np.abs(speed) > _SLOW * np.nanmax(np.abs(speed), initial=0.0))
     if fast.sum() < 5:
         return {}
+    current, load = _pooled(runs, "current_A"), _pooled(runs, "load_torque_Nm")
     if current is not None and np.isfinite(current[fast]).sum() > 5:
-        rows = there & np.isfinite(current)
-        design = np.stack([current[rows], speed[rows]], axis=1)
-        resistance, constant = np.linalg.lstsq(design, voltage[rows], rcond=None)[0]
+        resistance, constant = _slopes(voltage, current, speed)
         if resistance > 0.0 and constant > 0.0:
-            why = "first value: least squares of V = R_0 i + k_tau w over all rows"
-            return {
-                "k_tau": Stated(float(constant), _SD * float(constant), why),
-                "R_0": Stated(float(resistance), 3.0 * _SD * float(resistance), why),
-            }
+            return _both(constant, resistance, _SD, "least squares of V = R_0 i + k_tau w over all rows")
+    elif load is not None and (loads := load[fast & np.isfinite(load)]).size and np.ptp(loads) > 0.0:
+        per_torque, constant = _slopes(voltage, load, speed)
+        if per_torque > 0.0 and constant > 0.0:
+            why = "least squares of V = R_0 T / k_tau + k_tau w over all rows, T the load torque"
+            return _both(constant, per_torque * constant, _SD_ALONE, why)
     constant = float(np.median(voltage[fast] / speed[fast]))
     if constant <= 0.0:
         return {}
+    _check(constant, float(np.max(np.abs(voltage[there]))), float(np.max(np.abs(speed[there]))))
     return {"k_tau": Stated(constant, _SD_ALONE * constant, "first value: the median of V / w of the faster rows")}
+
+
+def _check(constant: float, voltage: float, speed: float) -> None:
+    range_ = info("k_tau")
+    if not range_.lower <= constant <= range_.upper:
+        raise MeasurementError(
+            f"The voltage of at most {voltage:.3g} V and the speed of at most {speed:.3g} rad/s give k_tau = "
+            f"{constant:.2g} V s/rad, which no motor has: state the --unit or the --column of one of them."
+        )
+
+
+def _slopes(voltage: np.ndarray, carried: np.ndarray, speed: np.ndarray) -> tuple[float, float]:
+    """Return a and k of V = a x + k w, x being what the motor carries."""
+    rows = np.isfinite(voltage) & np.isfinite(carried) & np.isfinite(speed)
+    slopes = np.linalg.lstsq(np.stack([carried[rows], speed[rows]], axis=1), voltage[rows], rcond=None)[0]
+    return float(slopes[0]), float(slopes[1])
+
+
+def _both(constant: float, resistance: float, sd: float, why: str) -> dict[str, Stated]:
+    why = f"first value: {why}"
+    return {"k_tau": Stated(constant, sd * constant, why), "R_0": Stated(resistance, 3.0 * sd * resistance, why)}
 
 
 def _pooled(runs: Sequence[Log], name: str) -> np.ndarray | None:

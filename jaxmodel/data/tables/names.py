@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from jaxmodel.data.tables.quantities import ELSEWHERE, NOT_MEASURED, QUANTITIES, WANTED, Quantity
+from jaxmodel.data.tables.quantities import ELSEWHERE, HEAT, NOT_MEASURED, QUANTITIES, WANTED, Quantity
 from jaxmodel.data.tables.units import conversion, is_unit, spelled
 
 
@@ -150,6 +150,28 @@ def _is_field_of_unit(field: str) -> bool:
     return _is_unit(field.strip())
 
 
+def of_two_lines(names: Sequence[str], above: Sequence[str]) -> list[str]:
+    """Return names that stand in two lines, as in a sheet with merged cells.
+
+    A column without a name in the lower line has that of the upper one. A name that occurs more than once gets the
+    word above it, which holds for the columns to its right too. A single field above is a title.
+
+    Args:
+        names: of the lower line, as many as there are columns.
+        above: the fields of the line above it.
+    """
+    above = [*above, *[""] * len(names)][: len(names)]
+    filled = sum(bool(field) for field in above)
+    gaps = any(not name and field for name, field in zip(names, above, strict=True))
+    if filled < 2 or not any(names) or not (gaps or len({*filter(None, names)}) < sum(bool(n) for n in names)):
+        return list(names)
+    found, group = [], ""
+    for name, field in zip(names, above, strict=True):
+        group = field or group
+        found.append((f"{group} {name}" if list(names).count(name) > 1 else name) if name else field)
+    return found
+
+
 def matches(column: str, unit: str = "") -> list[Match]:
     """Return the quantities that a column may be, the surest first.
 
@@ -176,7 +198,9 @@ def _rank(words: str, unit: str, quantity: Quantity) -> int:
         return quantity.names.index(words)
     tokens = words.split()
     without = {*tokens, *_tokens(words)}  # 'imu2' is one of those that 'imu' names
-    if without & quantity.without or not any(token in quantity.words for token in tokens):
+    # A logger numbers its thermometers, 'LogTemp001', and not its one voltage.
+    said = {*tokens, *(_tokens(words) & HEAT)}
+    if without & quantity.without or not said & quantity.words:
         return -1
     if quantity.also and not any(token in quantity.also for token in tokens):
         return -1

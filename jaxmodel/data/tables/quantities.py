@@ -50,7 +50,9 @@ _COUNTED = _of("capacity energy charge power density resistance slope dv di dt d
 _AMBIENT = _of("ambient amb chamber room environment environmental air oven umgebung surroundings lab klima outside")
 _WINDING = _of("winding coil copper wicklung phase")
 _HOUSING = _of("case housing stator body gehäuse frame shell")
-_HEAT = _of("temperature temp temperatur température thermocouple tc rtd 温度")
+HEAT = _of("temperature temp temperatur température thermocouple tc rtd 温度")
+# A controller counts the turns of the field: as many times those of the shaft as the motor has pole pairs.
+ELECTRICAL = _of("e erpm electrical")
 _GEARED = _of("motor winding coil stator")
 _PACK = frozenset(["battery", "bat", "batt", "pack", "bat volt"])  # by its unit, 'Battery (V)' is a voltage
 _ELECTRONICS = _of("mos mosfet mosfets fet fets esc controller inverter driver board pcb cpu mcu imu baro chip tube")
@@ -146,10 +148,11 @@ QUANTITIES: dict[str, Quantity] = {
             "skin temperature, temperature middle, temperatur, zelltemperatur, temperature measured, temperature t1,"
             "aux temperature 1, aux temperature 1 1, temperature 1, temp 1, t1, tc1, t cell, t surf, t surface, evtemp,"
             "cell temp 1, temp1, ntc1, ntc 1, ntc, battery t1, temperature1, aux temperature, 温度, 辅温, celltemp,"
-            "can, temperature t1 celsius"
+            "can, temperature t1 celsius, cell, surface, cell surface"
         ),
-        _HEAT | _of("t"),
+        HEAT | _of("t"),
         without=_AMBIENT | WANTED | _GEARED | _ELECTRONICS,
+        with_unit=frozenset(["cell", "surface", "cell surface"]),
     ),
     "ambient_temperature": Quantity(
         "degC",
@@ -160,14 +163,14 @@ QUANTITIES: dict[str, Quantity] = {
             "ambient temperature celsius, temp chamber, klimakammer, t chamber, t env, 环境温度"
         ),
         _AMBIENT,
-        also=_HEAT | _of("t"),
+        also=HEAT | _of("t"),
         without=WANTED | _of("above"),
     ),
     "winding_temperature": Quantity(
         "degC",
         _names("winding temperature, coil temperature, copper temperature, t winding, wicklungstemperatur, t w"),
         _WINDING,
-        also=_HEAT | _of("t"),
+        also=HEAT | _of("t"),
         without=_AMBIENT | _of("interface"),
     ),
     "case_temperature": Quantity(
@@ -177,7 +180,7 @@ QUANTITIES: dict[str, Quantity] = {
             "body temperature, t case, t housing, gehäusetemperatur, temperature, motor temp, temp"
         ),
         _HOUSING,
-        also=_HEAT | _of("t"),
+        also=HEAT | _of("t"),
         without=_AMBIENT,
     ),
     "motor_voltage": Quantity(
@@ -204,7 +207,7 @@ QUANTITIES: dict[str, Quantity] = {
             "drehzahl, rotor speed, speed measured, measured speed, encoder speed, w, vel"
         ),
         _of("speed velocity rpm omega drehzahl"),
-        without=WANTED | _of("wheel"),
+        without=WANTED | ELECTRICAL | _of("wheel"),
     ),
     "angle": Quantity(
         "rad",

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from jaxmodel.base.errors import MeasurementError
 from jaxmodel.case.measurements import file_label
-from jaxmodel.data.tables.names import are_units
+from jaxmodel.data.tables.names import are_units, of_two_lines
 
 _SAMPLE_BYTES = 4 << 20
 _ENOUGH_LINES = 400
@@ -158,6 +158,9 @@ def layout_of(path: Path, encoding: str | None = None, delimiter: str | None = N
     header, units, indented = _header(lines, start, count, found)
     names = split(lines[header].lstrip("#%! "), found)[:count] if header is not None else []
     names = [name.strip() for name in names] + [""] * (count - len(names))
+    if header and found != " " and not indented:
+        above_it = split(lines[header - 1].lstrip("#%! "), found)
+        names = of_two_lines(names, above_it if len(above_it) == count else [])
     texts = tuple(_is_text([row[place] for row in rows], thousands) for place in range(count))
     before = tuple(lines[: start if header is None else header])
     return Layout(

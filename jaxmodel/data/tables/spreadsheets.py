@@ -13,7 +13,7 @@ import pandas as pd
 from jaxmodel.base.errors import MeasurementError
 from jaxmodel.case.measurements import file_label
 from jaxmodel.data.tables.keyed_tables import Sheets, matching, put_together
-from jaxmodel.data.tables.names import are_units
+from jaxmodel.data.tables.names import are_units, of_two_lines
 from jaxmodel.data.tables.raw_table import RawTable, repeated_names, to_numbers, unique_names, units_in
 
 _SEARCHED_ROWS = 2000
@@ -95,6 +95,8 @@ def _table(rows: list[list[Any]]) -> tuple[pd.DataFrame, dict[str, str], int, tu
     width = max(len(row) for row in rows[start:])
     named = [str(cell) for cell in rows[header]] if header >= 0 else []
     named += [""] * (width - len(named))
+    if header > 0:
+        named = of_two_lines(named, [str(cell).strip() if isinstance(cell, str) else "" for cell in rows[header - 1]])
     used = [n for n in range(width) if named[n] or any(n < len(row) and row[n] != "" for row in rows[start:])]
     names = unique_names(named[n] for n in used)
     columns = {

@@ -187,6 +187,15 @@ def test_a_list_of_files_states_ambient_label_and_load(tmp_path: Path):
     assert [run.label for run in imported.runs] == ["no load, 20 degC", "loaded, 30 degC"]
 
 
+def test_a_list_of_more_files_than_were_taken_is_still_a_list(tmp_path: Path):
+    log = motor_log().drop(columns="torque_Nm")
+    taken = [write(tmp_path, log, "a.csv"), write(tmp_path, log.iloc[:300], "b.csv")]
+    rows = [(f"{name}.csv", 0.1 * place) for place, name in enumerate("abcdefghij")]
+    listing = write(tmp_path, pd.DataFrame(rows, columns=["file", "load_torque_Nm"]), "runs.csv")
+    imported = import_case([*taken, listing], "motor", ambient=23.0)
+    assert [run.log.columns["load_torque_Nm"][0] for run in imported.runs] == [0.0, 0.1]
+
+
 def test_what_is_open_is_asked_where_somebody_answers(tmp_path: Path):
     path = write(tmp_path, cell_log().drop(columns="temperature_degC"))
     asked = []

@@ -309,3 +309,23 @@ def test_a_wrong_table_in_a_compressed_file_is_named_as_it_would_be_without(tmp_
         packed.write(b"name,note\na,b\nc,d\n")
     with pytest.raises(MeasurementError, match=rf"{tmp_path.name}/log.csv"):
         read_table(tmp_path / "log.csv.gz")
+
+
+@pytest.mark.parametrize("form", ["xlsx", "csv"])
+def test_names_in_two_lines_with_units_below(tmp_path: Path, form: str):
+    head = [
+        ["Time", "Electrical", "", "Temperatures", ""],
+        ["", "Current", "Voltage", "Cell", "Ambient"],
+        ["s", "A", "V", "°C", "°C"],
+    ]
+    rows = [[float(t), 1.5, 4.1 - 0.001 * t, 24.0 + 0.01 * t, 23.0] for t in range(40)]
+    path = tmp_path / f"log.{form}"
+    if form == "csv":
+        path.write_text("\n".join(",".join(map(str, row)) for row in [*head, *rows]), encoding="utf-8")
+    else:
+        table = pd.DataFrame([[cell or None for cell in row] for row in head] + rows)
+        table.to_excel(path, header=False, index=False, engine="openpyxl")
+    table = read_table(path)
+    assert list(table.frame) == ["Time", "Current", "Voltage", "Cell", "Ambient"]
+    assert table.units == {"Time": "s", "Current": "A", "Voltage": "V", "Cell": "°C", "Ambient": "°C"}
+    assert len(table.frame) == 40

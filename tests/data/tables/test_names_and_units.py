@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxmodel.data.tables.names import matches, parse_name
+from jaxmodel.data.tables.names import matches, of_two_lines, parse_name
 from jaxmodel.data.tables.quantities import QUANTITIES
 from jaxmodel.data.tables.units import SPELLINGS, conversion
 
@@ -32,6 +32,8 @@ from jaxmodel.data.tables.units import SPELLINGS, conversion
         ("speed_rpm", "speed", "rpm"),
         ("Drehmoment [Nm]", "load_torque", "Nm"),
         ("winding_phaseA_temperature_degC", "winding_temperature", "degC"),
+        ("LogTemp001 [°C]", "cell_temperature", "°C"),
+        ("Cell [°C]", "cell_temperature", "°C"),
     ],
 )
 def test_a_name_means_its_quantity(column: str, quantity: str, unit: str):
@@ -40,11 +42,37 @@ def test_a_name_means_its_quantity(column: str, quantity: str, unit: str):
 
 
 @pytest.mark.parametrize(
-    "column", ["speed_setpoint_rpm", "test", "Rec#", "dV/dt(V/s)", "Internal_Resistance(Ohm)", "Voltage(A)"]
+    "column",
+    [
+        "speed_setpoint_rpm",
+        "test",
+        "Rec#",
+        "dV/dt(V/s)",
+        "Internal_Resistance(Ohm)",
+        "Voltage(A)",
+        "eRPM",
+        "erpm",
+        "Cell",
+    ],
 )
 def test_what_is_wanted_or_counted_or_in_another_unit_is_no_reading(column: str):
     readings = {"voltage", "current", "speed", "time", "cell_temperature", "motor_voltage", "motor_current"}
     assert not readings & {match.quantity for match in matches(column)}
+
+
+@pytest.mark.parametrize(
+    ("names", "above", "whole"),
+    [
+        (["", "I", "U"], ["Time", "Cell", ""], ["Time", "I", "U"]),  # merged downwards, and across
+        (["t", "V", "A", "V"], ["", "Cell 1", "", "Cell 2"], ["t", "Cell 1 V", "A", "Cell 2 V"]),
+        (["t", "I", "U"], ["Cell test 12", "", ""], ["t", "I", "U"]),  # a title
+        (["t", "I", "U"], ["Time", "Current", "Voltage"], ["t", "I", "U"]),  # names that need none
+        (["t", "", "U"], ["operator", "", "JK"], ["t", "", "U"]),  # what is above names no gap
+        (["t", "", "U"], [], ["t", "", "U"]),
+    ],
+)
+def test_names_stand_in_two_lines_where_cells_are_merged(names: list[str], above: list[str], whole: list[str]):
+    assert of_two_lines(names, above) == whole
 
 
 @pytest.mark.parametrize(
