@@ -191,9 +191,10 @@ def parameter_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
         rows.append(
             {
                 "name": name,
-                "stated": _of(Estimate(known.value, known.sd or 0.0, ""), final.get(name)) if known else "-",
-                "base": _of(base.get(name), base.get(name)),
-                "final": _of(final.get(name), final.get(name)),
+                "unit": (final.get(name) or base[name]).unit,
+                "stated": _of(Estimate(known.value, known.sd or 0.0, "")) if known else "-",
+                "base": _of(base.get(name)),
+                "final": _of(final.get(name)),
                 "pull": f"{pull:+.1f}" if np.isfinite(pull) else "-",
                 "flagged": bool(np.isfinite(pull) and abs(pull) > _LARGE_PULL),
                 "strained": name in diagnosis.final.at_bound,
@@ -203,10 +204,9 @@ def parameter_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     return rows
 
 
-def _of(estimate: Estimate | None, with_unit: Estimate | None) -> str:
-    if estimate is None:
-        return "-"
-    return with_sd(dataclasses.replace(estimate, unit=with_unit.unit if with_unit else estimate.unit))
+def _of(estimate: Estimate | None) -> str:
+    """Return a number with its sd; its unit stands beside the name, so that the row fits on a narrow page."""
+    return "-" if estimate is None else with_sd(dataclasses.replace(estimate, unit=""))
 
 
 def _stated(diagnosis: Diagnosis) -> dict[str, Known]:

@@ -40,8 +40,8 @@ def test_demo_ends_with_one_page(
     assert result.exit_code == 0, result.output
     page = (out / "index.html").read_text(encoding="utf-8")
     addresses = re.findall(r'\b(?:src|href)="([^"]{0,40})', page)
-    # Of sweep and sensitivities, of the diagnosis, and of each run.
-    assert len(addresses) == 7 + 5 + len(diagnosis.case.runs)
+    # Of sweep and sensitivities, of the diagnosis and the pulses of one run, and of each run.
+    assert len(addresses) == 7 + 6 + len(diagnosis.case.runs)
     assert all(address.startswith("data:image/png;base64,") for address in addresses)
 
     swept = xr.open_zarr(out / "sweep" / "result.zarr", consolidated=False)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+import jaxmodel.app.report
 from jaxmodel.app.commands.diagnose import print_diagnosis
 from jaxmodel.app.report import write_report
 from jaxmodel.app.report_rows import ladder_tables
@@ -353,3 +354,9 @@ def test_comparison_without_effects_has_a_report_too(diagnosis: Diagnosis, tmp_p
     assert "Candidates and evidence" not in page.text
     assert "scores" not in pictures
     assert "errors-by-run" in pictures
+
+
+def test_template_speaks_of_no_state_of_charge() -> None:
+    """What is said of every kind is said of motors too, which have none."""
+    template = Path(jaxmodel.app.report.__file__).parent / "templates" / "diagnosis_body.html"
+    assert not re.search(r"\bSOC\b|\bsoc\b|state of charge|\bcell\b|\bpack\b", template.read_text(encoding="utf-8"))
