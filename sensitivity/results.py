@@ -122,6 +122,17 @@ def largest_elasticity(data: xarray.Dataset, metric: str) -> tuple[str, float]:
     Args:
         data: as `jaxmodel.sensitivity.local` returns it.
         metric: one of its metrics.
+
+    Example:
+        >>> from jaxmodel import sensitivity, sweeps
+        >>> study = sweeps.Study(
+        ...     kind="cell",
+        ...     profile={"duration_s": 60.0, "step_s": 10.0, "ambient_degC": 20.0},
+        ...     axes={"current_A": [2.0]},
+        ...     metrics=["final_soc"],
+        ... )
+        >>> sensitivity.largest_elasticity(sensitivity.local(study, doubling=False), "final_soc")[0]
+        'initial_soc'
     """
     values = data["elasticity"].sel(metric=metric).to_numpy()
     if not np.isfinite(values).any():

@@ -46,6 +46,18 @@ def local(study: Study, *, doubling: bool = True, progress: bool | Stage = True)
 
     Raises:
         ParameterError, SweepError: what the study names has no sensitivity.
+
+    Example:
+        >>> from jaxmodel import sensitivity, sweeps
+        >>> study = sweeps.Study(
+        ...     kind="cell",
+        ...     profile={"duration_s": 60.0, "step_s": 10.0, "ambient_degC": 20.0},
+        ...     axes={"current_A": [2.0]},
+        ...     metrics=["final_soc"],
+        ... )
+        >>> data = sensitivity.local(study, doubling=False)
+        >>> f"{float(data['elasticity'].sel(metric='final_soc', parameter='current_A')):.4f}"
+        '-0.0078'
     """
     prepared, metrics, outputs = _asked(study)
     model, profile, cutoff = prepared.model, prepared.profile, prepared.cutoff

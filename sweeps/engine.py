@@ -63,6 +63,17 @@ def run(
     Warns:
         Remark: a lane has an operation without vector instructions, and the sweep runs through XLA; no result can
             depend on an axis; or a number looks like one in another unit.
+
+    Example:
+        >>> from jaxmodel import sweeps
+        >>> study = sweeps.Study(
+        ...     kind="cell",
+        ...     profile={"duration_s": 600.0, "step_s": 10.0, "ambient_degC": 20.0},
+        ...     axes={"current_A": [2.6, 5.2]},
+        ...     metrics=["final_soc"],
+        ... )
+        >>> sweeps.run(study)["final_soc"].round(2).values.tolist()
+        [0.9, 0.8]
     """
     warn_of_odd_values(study)
     warn_of_idle(study)

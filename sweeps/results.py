@@ -223,7 +223,19 @@ def lanes_per_second(dataset: xr.Dataset) -> float:
 
 
 def percentiles(dataset: xr.Dataset, percents: Sequence[float | int] = (5.0, 50.0, 95.0)) -> xr.Dataset:
-    """Return percentiles of each metric over all lanes that have a value, along a dimension `percentile`."""
+    """Return percentiles of each metric over all lanes that have a value, along a dimension `percentile`.
+
+    Example:
+        >>> from jaxmodel import sweeps
+        >>> study = sweeps.Study(
+        ...     kind="cell",
+        ...     profile={"duration_s": 60.0, "step_s": 10.0, "current_A": 5.2, "ambient_degC": 20.0},
+        ...     sample={"count": 8, "ranges": {"capacity_Ah": (5.0, 5.4)}},
+        ...     metrics=["final_soc"],
+        ... )
+        >>> sweeps.percentiles(sweeps.run(study), [50.0])["final_soc"].round(2).values.tolist()
+        [0.98]
+    """
     metrics = [str(n) for n, v in dataset.data_vars.items() if n != "status" and "time_s" not in v.dims]
     found = {}
     for name in metrics:  # one at a time: of a result on disk no more is in memory

@@ -188,6 +188,11 @@ def read_study(path: str | Path, *, own_effects: Iterable[type[Effect]] = ()) ->
     Raises:
         SweepError, ParameterError, EffectError, MeasurementError: the study cannot be run; the message is one
             sentence with the file and the path of the field.
+
+    Example:
+        >>> from jaxmodel import sweeps
+        >>> sweeps.read_study("examples/pulsed_cell.toml").varied
+        (...)
     """
     path = Path(path)
     label = file_label(path)

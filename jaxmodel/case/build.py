@@ -76,6 +76,11 @@ def load_effect_class(reference: str) -> type[Effect]:
 
     Raises:
         EffectError: the file or class is not there, or the class is not an effect.
+
+    Example:
+        >>> from jaxmodel import load_effect_class
+        >>> load_effect_class("examples/my_effects.py:HotContact").name
+        'hot_contact'
     """
     file, _, class_name = reference.partition(":")
     path = Path(file)
@@ -129,6 +134,11 @@ def case_model(
     Raises:
         ParameterError: the preset is unknown or serves other kinds.
         EffectError: an effect is unknown or does not apply to the kind.
+
+    Example:
+        >>> from jaxmodel import case_model, read_case
+        >>> case_model(read_case("examples/samsung_30q")).kind
+        'cell'
     """
     where = case.label
     case = with_preset(case)
@@ -175,6 +185,11 @@ def first_current(run: Run, known: Mapping[str, float]) -> float:
     Args:
         run: of a motor.
         known: values of its parameters by name.
+
+    Example:
+        >>> from jaxmodel import preset_model
+        >>> preset_model("samsung_30q", "cell").kind
+        'cell'
     """
     voltage, read = run.measured.inputs.get("voltage_V"), run.measured.outputs.get("current_A")
     if voltage is None or abs(voltage[0]) <= _IS_ON * np.abs(voltage).max():
@@ -195,6 +210,11 @@ def preset_model(name: str, kind: Kind) -> Model:
 
     Raises:
         ParameterError: the preset is unknown or serves other kinds.
+
+    Example:
+        >>> from jaxmodel import read_case, run_profile
+        >>> run_profile(read_case("examples/samsung_30q").runs[0])
+        <Profile: 933 rows, 0 to 3548 s, current_A, ambient_degC>
     """
     return case_model(Case("preset", Path("preset_model"), "", kind, name, {}, {}, {}, {}, (), {}))
 

@@ -14,7 +14,13 @@ from jaxmodel.model.parameters import info
 
 @dataclasses.dataclass(frozen=True)
 class Known(InShort):
-    """A stated number: its value and standard deviation (None: exact)."""
+    """A stated number: its value and standard deviation (None: exact).
+
+    Example:
+        >>> from jaxmodel import Known
+        >>> Known(2.0, sd=0.05)
+        Known(value=2.0, sd=0.05)
+    """
 
     value: float
     sd: float | None = None

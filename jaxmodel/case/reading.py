@@ -41,6 +41,11 @@ def read_case(path: str | Path, *, own_effects: Iterable[type[Effect]] = ()) -> 
         MeasurementError: a file is missing or cannot be used as it is, or a column is in another unit; the message
             says where and what to do.
         ParameterError: a parameter is unknown, out of its bounds or of the wrong form.
+
+    Example:
+        >>> from jaxmodel import read_case
+        >>> read_case("examples/samsung_30q")
+        <Case samsung_30q: cell, 3 fit and 1 check runs>
     """
     toml = _toml_file(Path(path))
     where = file_label(toml)

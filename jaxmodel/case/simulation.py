@@ -135,6 +135,11 @@ def simulate_case(
     Raises:
         ParameterError: as `case_model`.
         EffectError: as `case_model`.
+
+    Example:
+        >>> from jaxmodel import read_case, simulate_case
+        >>> simulate_case(read_case("examples/samsung_30q"))[0]
+        <SimulatedRun: cc1C, 933 rows, complete at 3548 s>
     """
     cutoff = Cutoff(**case.cutoff) if case.cutoff else None
     outcomes = []

@@ -26,7 +26,13 @@ Readings = dict[str, Scalar]
 
 
 class Model(InShort, eqx.Module):
-    """A pytree whose leaves are all the numbers of one model: any of them may carry lanes or derivatives."""
+    """A pytree whose leaves are all the numbers of one model: any of them may carry lanes or derivatives.
+
+    Example:
+        >>> from jaxmodel import Model, effects
+        >>> Model("cell", effects=(effects.CATALOGUE["self_heating"](C_th=60.0),))
+        <Model: cell, self_heating, all by default>
+    """
 
     kind: str = eqx.field(static=True)
     parameters: Parameters = Parameters()

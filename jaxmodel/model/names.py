@@ -14,7 +14,13 @@ from jaxmodel.model.parameters import TABLE
 
 
 def parameter_table(model: Model) -> dict[str, ParameterInfo]:
-    """Return the declarations of all named numbers of a model: base parameters, then those of its effects."""
+    """Return the declarations of all named numbers of a model: base parameters, then those of its effects.
+
+    Example:
+        >>> from jaxmodel import Model, parameter_table
+        >>> parameter_table(Model("cell"))["capacity_Ah"].unit
+        'A h'
+    """
     table = dict(TABLE)
     for effect in model.effects:
         table |= {f"{effect.label}.{name}": info for name, info in describe(effect).items()}
@@ -32,6 +38,11 @@ def with_values(model: Model, values: Mapping[str, Any]) -> Model:
 
     Raises:
         ParameterError: a name is unknown; the message gives the nearest one.
+
+    Example:
+        >>> from jaxmodel import Model, with_values
+        >>> with_values(Model("cell"), {"capacity_Ah": 2.5})
+        <Model: cell, capacity_Ah=2.5>
     """
     for name, new in values.items():
         _find(model, name)

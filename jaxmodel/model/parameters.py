@@ -16,6 +16,11 @@ class Parameters(InShort, eqx.Module):
     """Every parameter of the base model; one set serves the kinds cell, motor and robot.
 
     A pytree whose leaves are scalars: any leaf may be differentiated, and under `vmap` any leaf may carry lanes.
+
+    Example:
+        >>> from jaxmodel import Parameters
+        >>> Parameters(capacity_Ah=2.5, cycles=100)
+        <Parameters: capacity_Ah=2.5, cycles=100>
     """
 
     capacity_Ah: Scalar = parameter(

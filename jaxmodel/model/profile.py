@@ -61,7 +61,13 @@ class Profile(InShort):
 
 
 def constant(duration_s: float, step_s: float, **inputs: float) -> Profile:
-    """Return a profile of constant inputs from 0 to `duration_s` in steps of `step_s`, both in s."""
+    """Return a profile of constant inputs from 0 to `duration_s` in steps of `step_s`, both in s.
+
+    Example:
+        >>> from jaxmodel import constant
+        >>> constant(60.0, 1.0, current_A=2.0, ambient_degC=20.0)
+        <Profile: 61 rows, 0 to 60 s, current_A, ambient_degC>
+    """
     time = np.arange(0.0, duration_s + 0.5 * step_s, step_s)
     return Profile(time, {name: np.full_like(time, value) for name, value in inputs.items()})
 

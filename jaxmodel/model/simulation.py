@@ -53,7 +53,13 @@ def _as_array(value) -> Array:
 
 
 class Cutoff(InShort, eqx.Module):
-    """Where a run ends: at the first row below a state of charge or a cell's voltage in V; -inf never ends it."""
+    """Where a run ends: at the first row below a state of charge or a cell's voltage in V; -inf never ends it.
+
+    Example:
+        >>> from jaxmodel import Cutoff
+        >>> Cutoff(voltage_V=2.7)
+        <Cutoff: voltage_V=2.7>
+    """
 
     soc: Scalar = eqx.field(default=-np.inf, converter=_as_array)
     voltage_V: Scalar = eqx.field(default=-np.inf, converter=_as_array)
@@ -132,6 +138,12 @@ def simulate(model: Model, profile: Profile, cutoff: Cutoff | None = None) -> Tr
 
     Returns:
         The trajectory at the rows of the profile, with a status; a failure in the run raises no error.
+
+    Example:
+        >>> from jaxmodel import Model, constant, simulate
+        >>> run = simulate(Model("cell"), constant(60.0, 1.0, current_A=2.0, ambient_degC=20.0))
+        >>> f"{float(run.readings['soc'][-1]):.3f}"
+        '0.992'
     """
     return run_track(model, track(model, profile), jnp.asarray(profile.time_s), cutoff)
 

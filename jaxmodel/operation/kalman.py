@@ -45,6 +45,11 @@ class Tuning(InShort, eqx.Module):
         scale_s: correlation time of that process.
         offset_sd_V: of the offset of the open-circuit voltage, a process of the same kind.
         offset_s: correlation time of that process.
+
+    Example:
+        >>> from jaxmodel import operation
+        >>> operation.Tuning(scale_sd=0.1)
+        <Tuning: scale_sd=0.1>
     """
 
     start_sd: Scalar = eqx.field(default=0.2, converter=_as_array)

@@ -109,6 +109,11 @@ class Limits(InShort):
         soc: state of charge; a tenth is the reserve for the way back: assumed.
         cell_V: the paper recommends 3 V.
         winding_degC: maxon's limit for the RE50.
+
+    Example:
+        >>> from jaxmodel import operation
+        >>> operation.Limits(soc=0.2)
+        Limits(soc=0.2, cell_V=3.0, winding_degC=125.0)
     """
 
     soc: float = 0.1
@@ -139,6 +144,11 @@ def read_mission(path: str | Path) -> Mission:
     Raises:
         MeasurementError: it is no TOML.
         SweepError: a key is wrong, or a surface is unknown.
+
+    Example:
+        >>> from jaxmodel import operation
+        >>> operation.read_mission("examples/missions/house_search.toml").title
+        'Search of a house'
     """
     path = Path(path)
     label = file_label(path)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.figure import Figure
 
@@ -24,6 +25,7 @@ from jaxmodel.plots.style import (
     column_label,
     minutes_or_seconds,
     new_figure,
+    one_axes,
     power_of_ten,
     styled,
 )
@@ -95,19 +97,19 @@ def _with_step(one: xr.Dataset) -> str:
 
 
 @styled
-def elasticities(local: xr.Dataset, most: int = 14) -> Figure:
+def elasticities(local: xr.Dataset, most: int = 14, ax: Axes | None = None) -> Figure:
     """Draw the elasticity of every metric by every parameter as a table of colours.
 
     Args:
         local: as `jaxmodel.sensitivity.local` returns it.
         most: parameters to draw, those that matter most to any metric.
+        ax: axes of yours to draw on; by default those of a new figure.
     """
     table = local["elasticity"].transpose("parameter", "metric").dropna("metric", how="all")
     size = abs(table).max("metric").fillna(0.0).to_numpy()
     order = [place for place in np.argsort(-size)[:most] if size[place] > 0.0]
     numbers = table.isel(parameter=order).to_numpy()
-    figure = new_figure(PAGE_CM, 4.2 + 0.66 * len(order))
-    axes = figure.subplots()
+    figure, axes = one_axes(ax, PAGE_CM, 4.2 + 0.66 * len(order))
     limit = float(np.nanmax(np.abs(numbers))) if numbers.size else 1.0
     # Signed square roots: an elasticity of 0.05 is still seen beside one of 2.
     mesh = axes.pcolormesh(np.sign(numbers) * np.sqrt(np.abs(numbers) / limit), cmap=_diverging(), vmin=-1.0, vmax=1.0)
@@ -146,12 +148,13 @@ def _diverging() -> Colormap:
 
 
 @styled
-def interaction_matrix(data: xr.Dataset, metric: str | None = None) -> Figure:
+def interaction_matrix(data: xr.Dataset, metric: str | None = None, ax: Axes | None = None) -> Figure:
     """Draw the interaction of pairs of parameters: second derivatives times both steps, as shares of the metric.
 
     Args:
         data: as `jaxmodel.sensitivity.interactions` returns it.
         metric: one of its metrics; one without proportional changes is drawn in its own unit.
+        ax: axes of yours to draw on; by default those of a new figure.
     """
     metric = metric if metric is not None else first_of(data, "metric")
     one, names = data.sel(metric=metric), list(map(str, data["parameter"].to_numpy()))
@@ -162,8 +165,7 @@ def interaction_matrix(data: xr.Dataset, metric: str | None = None) -> Figure:
         corner = sorted(names.index(str(pair[end].item())) for end in ("first", "second"))
         numbers[tuple(corner)] = float(pair["interaction" if share else "predicted_joint"])
     limit = float(np.nanmax(np.abs(numbers))) or 1.0
-    figure = new_figure(min(PAGE_CM, 8.0 + 1.5 * len(names)), 4.4 + 0.8 * len(names))
-    axes = figure.subplots()
+    figure, axes = one_axes(ax, min(PAGE_CM, 8.0 + 1.5 * len(names)), 4.4 + 0.8 * len(names))
     axes.pcolormesh(numbers, cmap=_diverging(), vmin=-limit, vmax=limit, edgecolor="white", lw=1.0)
     for (row, column), number in np.ndenumerate(numbers):
         if np.isfinite(number):

@@ -95,6 +95,16 @@ def new_figure(width_cm: float, height_cm: float, layout: Literal["constrained",
     return figure
 
 
+def one_axes(ax: Axes | None, width_cm: float, height_cm: float) -> tuple[Figure, Axes]:
+    """Return the caller's axes with their figure, or those of a new figure of a size in cm."""
+    if ax is None:
+        figure = new_figure(width_cm, height_cm)
+        return figure, figure.subplots()
+    figure = ax.get_figure(root=True)
+    assert figure is not None, "axes that were removed from their figure"
+    return figure, ax
+
+
 def png(figure: Figure) -> bytes:
     """Return a figure as a PNG."""
     return _encoded(_drawn(figure))

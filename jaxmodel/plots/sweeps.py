@@ -27,6 +27,7 @@ from jaxmodel.plots.style import (
     axis_label,
     minutes_or_seconds,
     new_figure,
+    one_axes,
     power_of_ten,
     styled,
 )
@@ -128,6 +129,7 @@ def family(
     by: str | None = None,
     title: str | None = None,
     stated_slopes: Mapping[float, float] | None = None,
+    ax: Axes | None = None,
 ) -> Figure:
     """Draw a stored column over time, one line for each value of an axis, or for some evenly picked values of many.
 
@@ -137,6 +139,7 @@ def family(
         by: the axis; its values are distinguished by a colour from dark to light, and named at the lines' ends.
         title: states what is held fixed, if not given.
         stated_slopes: by value of the axis, the slope [1/s] that the paper prints, drawn dashed from the same start.
+        ax: axes of yours to draw on; by default those of a new figure.
     """
     if column is None and not (stored := stored_in(dataset)):
         raise SweepError('column: this result has no column over time; name some in the study, as in store = ["soc"].')
@@ -149,8 +152,7 @@ def family(
     factor, unit = minutes_or_seconds(time_s)
     time = (time_s - time_s[0]) * factor
     values = dataset[by].to_numpy()
-    figure = new_figure(PAGE_CM, 9.0)
-    axes = figure.subplots()
+    figure, axes = one_axes(ax, PAGE_CM, 9.0)
     colours = _colours(values.size)
     ends, stated_ends = [], []
     for place, (value, colour) in enumerate(zip(values, colours, strict=True)):
@@ -231,6 +233,7 @@ def heat_map(
     x: str | None = None,
     y: str | None = None,
     title: str | None = None,
+    ax: Axes | None = None,
 ) -> Figure:
     """Draw a metric over two axes; cells where the model left its range, or a run failed, are hatched.
 
@@ -240,6 +243,7 @@ def heat_map(
         x: the horizontal axis.
         y: the vertical axis.
         title: states what is held fixed, if not given.
+        ax: axes of yours to draw on; by default those of a new figure.
     """
     metric = metric if metric is not None else first_metric(dataset)
     x, y = chosen_axes(dataset, metric, [x, y])
@@ -248,8 +252,7 @@ def heat_map(
     table = dataset[metric].transpose(y, x).to_numpy()
     factor, power = power_of_ten(table)
     table = table * factor
-    figure = new_figure(PAGE_CM, 10.0)
-    axes = figure.subplots()
+    figure, axes = one_axes(ax, PAGE_CM, 10.0)
     finite = table[np.isfinite(table)]
     norm = Normalize(finite.min(), finite.max()) if finite.size else Normalize(0.0, 1.0)
     mesh = axes.pcolormesh(
@@ -289,6 +292,7 @@ def metric_curves(
     x: str | None = None,
     by: str | None = None,
     title: str | None = None,
+    ax: Axes | None = None,
 ) -> Figure:
     """Draw a metric over one axis, one line for each value of another, of many for some evenly picked ones.
 
@@ -298,6 +302,7 @@ def metric_curves(
         x: the horizontal axis.
         by: the axis that the lines differ in; where x is given and this is not, there is one line.
         title: states what is held fixed, if not given.
+        ax: axes of yours to draw on; by default those of a new figure.
     """
     metric = metric if metric is not None else first_metric(dataset)
     if x is None:
@@ -305,8 +310,7 @@ def metric_curves(
         by = by if by is not None else next(iter(others), None)
     dataset, held = held_at_middle(dataset, [x] if by is None else [x, by])
     dataset = dataset if by is None else _some_of(dataset, by)
-    figure = new_figure(PAGE_CM, 9.0)
-    axes = figure.subplots()
+    figure, axes = one_axes(ax, PAGE_CM, 9.0)
     along = dataset[x].to_numpy()
     factor, power = power_of_ten(dataset[metric].to_numpy())
     if by is None:

@@ -14,6 +14,7 @@ from jaxmodel.plots.datasets import MOST_DRAWN, pictures_of, save_pictures, thin
 from jaxmodel.plots.global_indices import bars
 from jaxmodel.plots.lanes import panels, points
 from jaxmodel.plots.sensitivities import doubling_beside_gradient, interaction_matrix, over_time
+from jaxmodel.plots.style import new_figure
 from jaxmodel.plots.sweeps import family, heat_map, metric_curves
 from jaxmodel.plots.uncertainty import bands_over_time
 
@@ -120,3 +121,15 @@ def test_every_analysis_has_its_pictures(study: sweeps.Study) -> None:
     assert {name for name, _ in pictures_of(over_axes)} == {
         "elasticity-map-final_soc", "elasticity-map-min_voltage_V"
     }  # fmt: skip
+
+
+def test_a_picture_of_one_axes_is_drawn_on_those_of_the_caller():
+    data = grid(ambient_degC=3, load_torque_Nm=4)
+    own = new_figure(16.0, 8.0)
+    left, right = own.subplots(1, 2)
+    assert heat_map(data, ax=left) is own
+    assert metric_curves(data, ax=right) is own
+    assert len(left.collections) == len(heat_map(data).axes[0].collections)
+    assert [line.get_ydata().tolist() for line in right.lines] == [
+        line.get_ydata().tolist() for line in metric_curves(data).axes[0].lines
+    ]

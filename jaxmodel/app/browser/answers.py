@@ -27,7 +27,7 @@ def answers(context: Context) -> None:
         h("p", "With a second one, both can be put side by side.", "soft")
         return
     form = context.form.setdefault("answers", {"before": listed[1]["name"], "after": listed[0]["name"]})
-    words = {one["name"]: f"{one['made']}: {one['verdict']}" for one in listed}
+    words = {one["name"]: f"{one['made']}: {', '.join(one['named']) or one['verdict']}" for one in listed}
     with h("div", "", "row"):
         for place, label in (("before", "Before"), ("after", "After")):
             select(label, words, form[place], lambda value, place=place: form.__setitem__(place, value))
@@ -42,9 +42,11 @@ def _changes(found: dict[str, Any]) -> None:
     rows = [["verdict", *found["verdict"]], *([one["what"], one["before"], one["after"]] for one in found["origin"])]
     _table(("", "before", "after"), rows)
     if found["names"]:
+        h("h4", "Effects")
         _table(
             ("effect", "before", "after"), [[one[key] for key in ("name", "before", "after")] for one in found["names"]]
         )
+    h("h4", "Runs, numbers and data")
     with h("ul", "", "findings"):
         for sentence in found["sentences"]:
             h("li", sentence)

@@ -75,6 +75,11 @@ def read_table(
 
     Raises:
         MeasurementError: the file is not there, is damaged or not a table, or its package is not installed.
+
+    Example:
+        >>> from jaxmodel import read_table
+        >>> list(read_table("examples/samsung_30q/cc1C.csv").to_dataframe())[:2]
+        ['time_s', 'current_A']
     """
     path = Path(path)
     if path.is_dir():

@@ -243,3 +243,33 @@ def test_a_tablet_in_the_dark_shows_the_path_without_scrolling_sideways(visit: V
 
 
 assert (REPOSITORY / "examples" / "samsung_30q" / "case.toml").is_file()
+
+
+def test_two_diagnoses_of_a_session_are_put_side_by_side(visit: Visit, made_case: Path) -> None:
+    visitor = visit()
+    page = visitor.page
+    visitor.upload(*made_case.iterdir())
+    page.wait_for_selector("table.errors")
+    visitor.ended("upload")
+    page.click(".tab-button:has-text('Diagnoses')")
+    page.wait_for_selector("text=Each diagnosis of this session appears here")
+    for candidate in ("self_heating", "voltage_offset:voltage_V"):
+        visitor.step("Learn what is missing")
+        page.evaluate("for (const one of document.querySelectorAll('details')) one.open = true")
+        page.click(f"[data-candidate='{candidate}'] >> text=Add")
+        page.wait_for_selector(".switches li:has-text('" + candidate.split(":")[0].split("_")[1] + "')")
+        visitor.ended("add")
+        visitor.step("Keep")
+        page.click("button:has-text('Write')")
+        visitor.ended("keep")
+        page.wait_for_selector("text=Download all of it")
+    page.click(".tab-button:has-text('Diagnoses')")
+    page.wait_for_selector(".tab.other tbody tr >> nth=1")
+    page.click(".tab.other button:has-text('Compare')")
+    page.wait_for_selector("text=What changed")
+    shown = page.inner_text(".tab.other")
+    assert "voltage offset of voltage" in shown
+    assert "The data are the same." in shown
+    assert "all check runs" in shown
+    visitor.picture("8-diagnoses")
+    assert visitor.complaints == []

@@ -203,11 +203,11 @@ def test_the_diagnoses_of_a_session_are_kept_and_compared(session: Session, made
     job(place, "keep")  # once more: it is the same diagnosis
     newest, first = place.view["answers"]
     assert first["named"] == ["self heating"]
-    assert newest["named"] == ["self heating", "voltage offset of voltage_V"]
+    assert newest["named"] == ["self heating", "voltage offset of voltage"]
     assert job(place, "changes", before=first["name"], after=newest["name"])["state"] == "done"
     shown = place.view["changes"]
     names = {one["name"]: (one["before"], one["after"].split()[0]) for one in shown["names"]}
-    assert names["voltage offset of voltage_V"] == ("absent", "named")
+    assert names["voltage offset of voltage"] == ("absent", "named")
     assert {one["run"] for one in shown["errors"]} >= {"run-01", "all fit runs", "all check runs"}
     assert "The data are the same." in shown["sentences"]
     assert job(place, "changes", before="../../x", after=first["name"])["state"] == "failed"

@@ -73,9 +73,13 @@ def _shown(found: AnswerChanges) -> dict[str, Any]:
         }
         for row in found.names.to_dict("records")
     ]
+    origin = found.origin.to_dict("records")
+    for row in origin:
+        if row["what"] == "model":  # options stay as they are typed
+            row |= {when: in_words(row[when], CATALOGUE) for when in ("before", "after")}
     return {
         "verdict": [VERDICT_TITLES[one] for one in found.verdict],
-        "origin": found.origin.to_dict("records"),
+        "origin": origin,
         "names": names,
         "errors": errors,
         "sentences": [in_words(sentence, CATALOGUE) for sentence in beside_tables(found)],
@@ -83,7 +87,9 @@ def _shown(found: AnswerChanges) -> dict[str, Any]:
 
 
 def _words(label: str) -> str:
-    return in_words(effect_name(label), CATALOGUE)
+    """Return an effect of an answer as the pages call it: 'voltage offset of voltage'."""
+    name, _, column = label.partition(":")
+    return in_words(effect_name(f"{name}:{split_unit(column)[0]}" if column else name), CATALOGUE)
 
 
 def _band(band: str, probability: float) -> str:

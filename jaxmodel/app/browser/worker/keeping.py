@@ -22,10 +22,10 @@ _WHAT = {
     "calibrated.toml": "the case, calibrated",
     "answer.json": "the answer for programs",
     "errors.json": "the errors for programs",
-    "diagnosis.json": "the whole diagnosis, for read_diagnosis",
-    "diagnosed.toml": "its case",
-    "predictions.parquet": "its predictions",
     "found_law.py": "the unknown law as an effect",
+    "diagnosis.json": "all numbers, for Python",
+    "diagnosed.toml": "the case as it was",
+    "predictions.parquet": "all predictions",
 }
 
 
