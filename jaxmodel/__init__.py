@@ -41,12 +41,12 @@ if TYPE_CHECKING:
     from jaxmodel.data.tables.reading import read_table
     from jaxmodel.diagnosis.answers import history
     from jaxmodel.diagnosis.changes import AnswerChanges, compare_answers
+    from jaxmodel.diagnosis.diagnosis import compare, diagnose
     from jaxmodel.diagnosis.finishing import conclusion, finish
     from jaxmodel.diagnosis.identification import Identification, identify
     from jaxmodel.diagnosis.investigation import Investigation
     from jaxmodel.diagnosis.result import Diagnosis
     from jaxmodel.diagnosis.saved import read_diagnosis
-    from jaxmodel.diagnosis.verbs import compare, diagnose
     from jaxmodel.fit.settings import SETTINGS, Settings
     from jaxmodel.model.curves import between_knots
     from jaxmodel.model.declaration import Scalar, parameter

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING
 from jaxmodel.base.lazy import names_when_used
 
 if TYPE_CHECKING:
+    from jaxmodel.diagnosis.diagnosis import compare, diagnose
     from jaxmodel.diagnosis.finishing import conclusion, finish
     from jaxmodel.diagnosis.identification import Identification, identify
     from jaxmodel.diagnosis.investigation import Investigation
     from jaxmodel.diagnosis.result import Diagnosis
-    from jaxmodel.diagnosis.verbs import compare, diagnose
     from jaxmodel.fit.settings import SETTINGS, Settings
 
 __all__ = [

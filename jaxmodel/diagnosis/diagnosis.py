@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import softmax
 
 from jaxmodel.base.errors import EffectError
+from jaxmodel.base.progress import Stage, stages
 from jaxmodel.case.records import Case
 from jaxmodel.diagnosis.advice import remarks as remarks
 from jaxmodel.diagnosis.advice.law_file import law_file
@@ -35,13 +36,15 @@ from jaxmodel.diagnosis.rungs import AdjustedStarts, errors_by_run, nominal, res
 from jaxmodel.diagnosis.search import Found, Search
 from jaxmodel.diagnosis.tolerances import fit_for_purpose, tolerances
 from jaxmodel.effects.curves import CURVES
-from jaxmodel.fit.cache import FitCache, Progress
+from jaxmodel.fit.cache import FitCache
 from jaxmodel.fit.candidates import is_distinguishable
 from jaxmodel.fit.estimate import NONE, Fit
 from jaxmodel.fit.lanes import one_thread_of_blas
 from jaxmodel.fit.space import Labels
 
 SOMETHING_ELSE = "something_else"
+# Usual share of the work that is done when each part of a diagnosis starts. Assumed; the number of rounds varies.
+DONE_BY = {"calibrating": 0.0, "refitting": 0.35, "adding": 0.5, "comparing models": 0.85}
 # Probability of a cause that was not tested, where all errors are noise and where some are left. Assumed.
 UNTESTED, UNTESTED_WITH_ERROR_LEFT = 0.01, 0.05
 # A model more probable than this is a rival; an experiment is proposed for at most so many.
@@ -53,17 +56,19 @@ USUAL_SHARE = 1.0 / 3.0
 
 
 @one_thread_of_blas
-def compare(case: Case, *, progress: Progress | None = None) -> Diagnosis:
+def compare(case: Case, *, progress: bool | Stage = True) -> Diagnosis:
     """Calibrate a case's model and compare it with the measurements, without testing any candidate.
 
     Args:
         case: with at least one fit run.
-        progress: called with a description of each step.
+        progress: True shows it at a terminal or in a notebook, False shows nothing; a function is called with what is
+            done next.
 
     Raises:
         FitError: nothing is uncertain, or no run may be used to calibrate.
     """
-    return comparison(FitCache(case, progress=progress))
+    with stages(progress, case.name) as tell:
+        return comparison(FitCache(case, progress=tell))
 
 
 def comparison(cache: FitCache) -> Diagnosis:
@@ -101,7 +106,7 @@ def diagnose(
     add: Sequence[str] = (),
     with_effects: Sequence[str] = (),
     without: Sequence[str] = (),
-    progress: Progress | None = None,
+    progress: bool | Stage = True,
 ) -> Diagnosis:
     """Find which physical effect or sensor fault a case's model lacks, which tables are wrong, and what error remains.
 
@@ -110,24 +115,25 @@ def diagnose(
         add: names of effects that are added whatever the data show; no other candidate is tested.
         with_effects: the same, but other candidates are tested too.
         without: names of effects that are ruled out.
-        progress: called with a description of each step.
+        progress: True shows it at a terminal or in a notebook, False shows nothing; a function is called with what is
+            done next.
 
     Raises:
         FitError: nothing is uncertain, or no run may be used to calibrate.
         EffectError: a name that is no candidate of this case, or a sensor's effect without its column.
     """
-    cache = FitCache(case, without=without, progress=progress)
-    if add and with_effects:
-        raise EffectError("--add tests no other candidate and --with does; give all effects with one of the two.")
-    wanted = cache.space.labels_to_add([*add, *with_effects])
-    search = Search(cache)
-    found = search.run(wanted, seek=not add)
-    return conclude(
-        search,
-        found,
-        wanted,
-        (*(f"--add {n}" for n in add), *(f"--with {n}" for n in with_effects), *(f"--without {n}" for n in without)),
+    ordered = (
+        *(f"--add {n}" for n in add),
+        *(f"--with {n}" for n in with_effects),
+        *(f"--without {n}" for n in without),
     )
+    with stages(progress, case.name, DONE_BY) as tell:
+        cache = FitCache(case, without=without, progress=tell)
+        if add and with_effects:
+            raise EffectError("--add tests no other candidate and --with does; give all effects with one of the two.")
+        wanted = cache.space.labels_to_add([*add, *with_effects])
+        search = Search(cache)
+        return conclude(search, search.run(wanted, seek=not add), wanted, ordered)
 
 
 def conclude(search: Search, found: Found, wanted: Sequence[str] = (), ordered: Sequence[str] = ()) -> Diagnosis:

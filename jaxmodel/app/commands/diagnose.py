@@ -18,10 +18,10 @@ from jaxmodel.app.meanwhile import import_meanwhile
 from jaxmodel.app.one_sentence import sentence_of
 from jaxmodel.base.errors import MeasurementError, UserError
 from jaxmodel.diagnosis import Diagnosis, compare, diagnose
+from jaxmodel.diagnosis.diagnosis import DONE_BY as OF_DIAGNOSIS
 from jaxmodel.diagnosis.extended.files import LAW_FILE
 from jaxmodel.diagnosis.headline import possible, undetectable
 from jaxmodel.diagnosis.summary import purpose_sentences, sure_and_next
-from jaxmodel.diagnosis.verbs import DONE_BY as OF_DIAGNOSIS
 from jaxmodel.diagnosis.wording import (
     curve_sentence,
     effect_name,
