@@ -103,8 +103,10 @@ class Table(Curve):
             return interpolate(soc, self.soc, self.values[0])
         if self.values.size > MOST_SUMMED:
             return _looked_up(soc, temperature_degC, self)
-        rows = jnp.stack([interpolate(soc, self.soc, row) for row in self.values])
-        return interpolate(temperature_degC, self.temperature_degC, rows)
+        # One by one, as a batch of points would be the second axis of their array, which vector instructions lack.
+        rows = [interpolate(soc, self.soc, row) for row in self.values]
+        covered = _covered(temperature_degC, self.temperature_degC)
+        return rows[0] + sum(covered[i] * (rows[i + 1] - rows[i]) for i in range(len(rows) - 1))
 
     def inside(self, soc: Scalar, temperature_degC: Scalar) -> Array:
         """Return True within the breakpoints (of temperature too, where the table has several rows)."""
@@ -153,10 +155,14 @@ def interpolate(x: Scalar, knots: Float[Array, " knots"], values: Float[Array, "
     if knots.shape[0] > MOST_SUMMED:
         low, share = _segment(x, knots)
         return values[low] + share * (values[low + 1] - values[low])
+    return values[0] + jnp.sum(_covered(x, knots) * jnp.diff(values))
+
+
+def _covered(x: Scalar, knots: Float[Array, " knots"]) -> Float[Array, " segments"]:
+    """Return how much of each segment between knots lies below x, 0 to 1."""
     share = (_held(x, knots) - knots[:-1]) / jnp.diff(knots)
     inner = jnp.concatenate([share[:1], jnp.maximum(share[1:], 0.0)])
-    covered = jnp.concatenate([jnp.minimum(inner[:-1], 1.0), inner[-1:]])
-    return values[0] + jnp.sum(covered * jnp.diff(values))
+    return jnp.concatenate([jnp.minimum(inner[:-1], 1.0), inner[-1:]])
 
 
 def between_knots(x: Scalar, knots: tuple[float, ...], values: Float[Array, " knots"]) -> Scalar:

@@ -12,7 +12,7 @@ from jax import lax
 
 from jaxmodel import lanes
 from jaxmodel.lanes import ROWS, STEPS, Kernel, NotNative, Pool, machine
-from jaxmodel.model.curves import interpolate
+from jaxmodel.model.curves import Table, interpolate
 
 LANES = 37
 RNG = np.random.default_rng(0)
@@ -228,6 +228,24 @@ def test_one_kernel_serves_runs_of_any_length(on: bool) -> None:
         with Pool(2) as pool:
             found = pool.start(kernel, shared, lanes, LANES, 1, (steps, rows)).tree()
         jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, rtol=1e-12, atol=1e-12), found, wanted)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_tables_over_temperature_are_read_at_steps_of_any_number(count: int) -> None:
+    heights = np.array([[3.0, 1.0, 2.0], [2.0, 5.0, 1.0], [4.0, 0.0, 3.0]])[:count]
+
+    def read(shared, x):
+        table = Table(jnp.arange(3.0), heights * x["rate"], 10.0 * jnp.arange(count))
+        soc = jnp.cumsum(shared["spans"]) * x["rate"]
+        return jax.vmap(table)(soc, 9.0 * soc)
+
+    lanes, shapes = own(rate=RNG.uniform(0.1, 1.0, LANES)), {"spans": jax.ShapeDtypeStruct((STEPS,), float)}
+    kernel = Kernel(read, shapes, jax.tree.map(lambda x: x[0], lanes), sizes=(STEPS, ROWS))
+    shared = {"spans": RNG.uniform(0.0, 0.2, 40)}
+    wanted = jax.vmap(read, in_axes=(None, 0))(jax.tree.map(jnp.asarray, shared), lanes)
+    with Pool(2) as pool:
+        found = pool.start(kernel, shared, lanes, LANES, 1, (40, 12)).tree()
+    np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["scan", "long branches"])
