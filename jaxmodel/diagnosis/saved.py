@@ -48,7 +48,11 @@ def write_saved(diagnosis: Diagnosis, folder: Path) -> None:
         if one.name not in _APART
     }
     content = {
-        "case": {"name": diagnosis.case.name, "runs": [_digest(run.source) for run in diagnosis.case.runs]},
+        "case": {
+            "name": diagnosis.case.name,
+            "files": [run.file for run in diagnosis.case.runs],
+            "runs": [_digest(run.source) for run in diagnosis.case.runs],
+        },
         "predictions": digest_of(folder / PREDICTIONS),
         "diagnosis": fields
         | {
@@ -112,7 +116,9 @@ def _case(folder: Path, about: Mapping[str, Any], own_effects: Iterable[type[Eff
     for run, digest in zip(case.runs, about["runs"], strict=True):
         if digest is not None and _digest(run.source) != digest:
             raise MeasurementError(f"{run.source} has changed since it was diagnosed; diagnose the case again.")
-    return case
+    # The case beside the diagnosis finds its runs from there; findings name them as the diagnosed case does.
+    named = zip(case.runs, about["files"], strict=True)
+    return dataclasses.replace(case, runs=tuple(dataclasses.replace(run, file=file) for run, file in named))
 
 
 def _digest(file: Path | None) -> str | None:
