@@ -1,7 +1,7 @@
 """Starts the logs of public_logs.toml, keeps what came out in public_logs.json, and makes public_logs.md of it.
 
-    python docs/make_public_logs.py                       the page alone, from the results that are kept
-    python docs/make_public_logs.py SHARED [FOLDER ...]   all logs, or those of some folders, are started first
+    python -m benchmarks.public_logs                       the page alone, from the results that are kept
+    python -m benchmarks.public_logs SHARED [FOLDER ...]   all logs, or those of some folders, are started first
 
 SHARED is the folder that holds `data` and `wild`. All of it takes an hour or two on two cores.
 """
@@ -23,10 +23,11 @@ from typing import Any
 from jaxmodel.base.units import split_unit
 from jaxmodel.diagnosis.wording import VERDICT_TITLES
 
-HERE = Path(__file__).parent
-LIST, RESULTS, PAGE = HERE / "public_logs.toml", HERE / "public_logs.json", HERE / "public_logs.md"
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+LIST, RESULTS, PAGE = DOCS / "public_logs.toml", DOCS / "public_logs.json", DOCS / "public_logs.md"
 ANSWER = Path("3_diagnosis", "2_parameterised", "answer.json")
-_NOTE = "<!-- Made by docs/make_public_logs.py: run it after a change. -->\n"
+_NOTE = "<!-- Made by python -m benchmarks.public_logs: run it after a change. -->\n"
 _LONGEST_S = 3600.0  # a start that goes on for longer is taken for one that hangs
 _SHOWN_IN = {"V": (1e3, "mV"), "degC": (1.0, "K")}
 
@@ -56,7 +57,7 @@ def start(log: Mapping[str, Any], shared: Path, out: Path) -> dict[str, Any]:
     """Start the logs of one folder in a process of its own, where nobody is asked, and return what came out."""
     words = [*command(log, files_of(log, shared)), "--out", str(out)]
     program = [sys.executable, "-c", "from jaxmodel.app.cli import app; app(prog_name='jaxmodel')", *words]
-    paths = os.pathsep.join([str(HERE.parent), *filter(None, [os.environ.get("PYTHONPATH")])])
+    paths = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
     began = time.perf_counter()
     done = subprocess.run(
         program,
@@ -131,10 +132,16 @@ person or a further measurement can give, and the sentence says what that is.
 Errors are root mean squares on the check runs, which are never fitted; "fit" where there is no check run. "Before" is
 the calibrated base model, "after" the model of the verdict. Times are wall times on two cores that others used too.
 
-{_table(head, rows)}
-`docs/make_public_logs.py` makes the table from `docs/public_logs.toml`. `tests/app/test_start_on_everything.py` repeats
-each row where the logs are beside the repository.
+{_table(head, rows)}{_missing(kept)}
+`python -m benchmarks.public_logs` makes the table from `docs/public_logs.toml`.
+`tests/app/test_start_on_everything.py` repeats each row where the logs are beside the repository.
 """
+
+
+def _missing(kept: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return what to say of folders that are listed and were not started."""
+    missing = [f"`{log['folder']}`" for log in logs() if log["folder"] not in kept]
+    return f"\nNot started with the present version: {', '.join(missing)}.\n" if missing else ""
 
 
 def _shown(log: Mapping[str, Any]) -> str:
