@@ -131,6 +131,7 @@ person or a further measurement can give, and the sentence says what that is.
 
 Errors are root mean squares on the check runs, which are never fitted; "fit" where there is no check run. "Before" is
 the calibrated base model, "after" the model of the verdict. Times are wall times on two cores that others used too.
+Rows were made while the program was being mended, not all by its last state: make them anew before you rely on one.
 
 {_table(head, rows)}{_missing(kept)}
 `python -m benchmarks.public_logs` makes the table from `docs/public_logs.toml`.
