@@ -204,6 +204,19 @@ def test_sd_of_a_corrected_table_is_that_of_its_curve(diagnosis: Diagnosis, tmp_
     assert set(OCV.soc) | set(MEDIUM) == set(written.tables["ocv"].soc)
 
 
+def test_knots_of_a_curve_that_are_hardly_those_of_the_table_are_written_once(
+    diagnosis: Diagnosis, tmp_path: Path
+) -> None:
+    """In the digits of a file they would be the same, and a table with a knot twice is refused."""
+    case = dataclasses.replace(diagnosis.case, tables={"ocv": OCV})
+    at = np.array(MEDIUM) * (1.0 + 1e-9)
+    curve = dataclasses.replace(ocv_curve(), at=at)
+    written, _ = read_back(with_additions(dataclasses.replace(diagnosis, case=case), curves=(curve,)), tmp_path)
+    soc = np.asarray(written.tables["ocv"].soc)
+    assert np.all(np.diff(soc) > 0.0)
+    assert set(OCV.soc) | set(MEDIUM) == set(soc)
+
+
 def test_energies_beyond_the_bounds_of_an_effect_are_moved_to_them_and_said(
     diagnosis: Diagnosis, tmp_path: Path
 ) -> None:

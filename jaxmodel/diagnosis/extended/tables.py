@@ -73,16 +73,17 @@ def _corrected(name: str, model: Model, found: Sequence[tuple[float, CurveFound]
     soc = _start_of_soc(base, [curve for _, curve in found])
     temperature = _start_of_temperature(base, sample)
     limit = {"ocv": _TOLERANCE_V, "dU_dT": _TOLERANCE_V_PER_K}.get(name)
-    soc = _refined(soc, lambda x: values(x, temperature).T, limit)
+    # As they are written: knots that differ in no written digit are one.
+    soc = np.unique(_rounded(_refined(soc, lambda x: values(x, temperature).T, limit)))
     if temperature.size > 1:
-        temperature = _refined(temperature, lambda x: values(soc, x), limit)
+        temperature = np.unique(_rounded(_refined(temperature, lambda x: values(soc, x), limit)))
     held = _rounded(values(soc, temperature))
     sd = float(np.sqrt(sum(np.mean(np.square(curve.sd)) for _, curve in found)))
     one_row = temperature.size == 1
     return Table(
-        soc=_rounded(soc),
+        soc=soc,
         values=held[0] if one_row else held,
-        temperature_degC=None if one_row else _rounded(temperature),
+        temperature_degC=None if one_row else temperature,
         sd=sd if np.isfinite(sd) and sd > 0.0 else None,
     )
 
