@@ -10,15 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.public_rooms import PUBLIC
+
 REPOSITORY = Path(__file__).parents[1]
-PUBLIC = [
-    "jaxmodel",
-    "jaxmodel.effects",
-    "jaxmodel.operation",
-    "jaxmodel.plots",
-    "jaxmodel.sensitivity",
-    "jaxmodel.sweeps",
-]
 
 
 def examples() -> Iterator[doctest.DocTest]:

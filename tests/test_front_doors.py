@@ -10,17 +10,10 @@ import sys
 
 import pytest
 
-PACKAGES = [
-    "jaxmodel",
-    "jaxmodel.effects",
-    "jaxmodel.operation",
-    "jaxmodel.plots",
-    "jaxmodel.sensitivity",
-    "jaxmodel.sweeps",
-]
+from tests.public_rooms import PUBLIC
 
 
-@pytest.mark.parametrize("package", PACKAGES)
+@pytest.mark.parametrize("package", PUBLIC)
 def test_what_is_exported_is_there_sorted_and_documented(package: str) -> None:
     module = importlib.import_module(package)
     assert module.__doc__
@@ -33,7 +26,7 @@ def test_what_is_exported_is_there_sorted_and_documented(package: str) -> None:
             assert (inspect.getdoc(exported) or "").strip(), name
 
 
-@pytest.mark.parametrize("package", PACKAGES)
+@pytest.mark.parametrize("package", PUBLIC)
 def test_public_methods_of_results_are_documented(package: str) -> None:
     module = importlib.import_module(package)
     for name in module.__all__:

@@ -14,15 +14,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.public_rooms import PUBLIC
+
 REPOSITORY = Path(__file__).parents[1]
-PUBLIC = [
-    "jaxmodel",
-    "jaxmodel.effects",
-    "jaxmodel.operation",
-    "jaxmodel.plots",
-    "jaxmodel.sensitivity",
-    "jaxmodel.sweeps",
-]
 NAMES = {room: set(importlib.import_module(room).__all__) for room in PUBLIC}
 # Folders of this repository that are no package of a user's, and the two that have a name at the top as well.
 OWN = ("jaxmodel", "sweeps", "sensitivity")

@@ -48,6 +48,12 @@ def _on_one_line(sentence: str) -> str:
     return text if len(text) <= _MOST_LETTERS else f"{text[:half].rstrip()} ... {text[-half:].lstrip()}"
 
 
+def reason(error: Exception, unsaid: str = "") -> str:
+    """Return why something failed, for brackets in a sentence: an error's first line, or what to say if it has none."""
+    lines = str(error).strip().splitlines()
+    return lines[0].rstrip(".") if lines else unsaid or type(error).__name__
+
+
 def instead(name: str, known: Iterable[str]) -> str:
     """Return what to write instead of an unknown name: the nearest known one, or which there are."""
     known = list(dict.fromkeys(known))

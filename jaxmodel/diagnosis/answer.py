@@ -117,12 +117,14 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
             }
             for one in diagnosis.extrapolated
         ],
-        "errors_by_run": [] if diagnosis.errors is None else _rows(diagnosis.errors),
+        "errors_by_run": [] if diagnosis.errors is None else rows_of(diagnosis.errors),
         "remarks": list(diagnosis.remarks),
     }
 
 
-def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
+def rows_of(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return the rows of a table, ready for JSON."""
+
     def plain(value: Any) -> Any:
         if isinstance(value, float | np.floating):
             return number(float(value))

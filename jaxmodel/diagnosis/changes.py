@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from jaxmodel.base.units import difference_unit, split_unit
-from jaxmodel.diagnosis.answer import number
+from jaxmodel.diagnosis.answer import rows_of
 from jaxmodel.diagnosis.answers import Answer, answer_of, data_in_short, label_of
 from jaxmodel.diagnosis.result import Diagnosis
 from jaxmodel.diagnosis.wording import amount, effect_name, join
@@ -68,8 +68,7 @@ class AnswerChanges:
         """Return everything that changed and everything it was held against, ready for JSON; NaN is null."""
         tables = {name: getattr(self, name) for name in ("origin", "names", "parameters", "errors", "data")}
         return {"verdict": {"before": self.verdict[0], "after": self.verdict[1]}} | {
-            name: [{key: _plain(value) for key, value in row.items()} for row in table.to_dict("records")]
-            for name, table in tables.items()
+            name: rows_of(table) for name, table in tables.items()
         }
 
     def summary(self) -> str:
@@ -279,10 +278,3 @@ def _of_data(changes: AnswerChanges) -> Iterator[str]:
 
 def _float(value: float | None) -> float:
     return float("nan") if value is None else float(value)
-
-
-def _plain(value: Any) -> Any:
-    """Return a value for JSON."""
-    if isinstance(value, float | np.floating):
-        return number(float(value))
-    return value.item() if isinstance(value, np.generic) else value

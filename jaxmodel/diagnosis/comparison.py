@@ -27,6 +27,8 @@ ABOVE_NOISE, WHITE = 1.15, 1.5
 SEEN = 0.3
 # Pooled error of a channel that a name may add: a twentieth is within what weights and noise do. Assumed.
 NO_WORSE = 0.05
+# Share of a tolerance by which an error on held-out runs may rise (design).
+WORSE = 0.1
 # Product over channels of the shares of the mean square error that are left, below which one channel pays for another.
 # Assumed.
 PAID_FOR = 0.5

@@ -13,16 +13,13 @@ import numpy as np
 
 from jaxmodel.base.units import split_unit
 from jaxmodel.diagnosis.advice.next_experiment import Proposal
+from jaxmodel.diagnosis.comparison import LEAST_SD, WORSE
 from jaxmodel.diagnosis.result import ChannelError, Diagnosis, Extrapolated, Immaterial, Removed
 from jaxmodel.diagnosis.usual import in_usual_range
 from jaxmodel.fit.candidates import specimen_ranges
 from jaxmodel.model.declaration import describe
 
 SURE, FAIRLY_SURE = 0.95, 0.8
-# An effect smaller than this, in its own sd, may be nothing.
-LEAST_SD = 2.0
-# Check runs are predicted worse by more than this share of the tolerance.
-WORSE = 0.1
 # A proposed experiment is worth doing from this separation on, in sigma.
 WORTH_SIGMA = 1.0
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jaxmodel.diagnosis.comparison import ABOVE_NOISE
+from jaxmodel.diagnosis.comparison import ABOVE_NOISE, WORSE
 from jaxmodel.diagnosis.result import ChannelError
 from jaxmodel.diagnosis.rungs import evaluated_rows, rung
 from jaxmodel.diagnosis.search import Found, Search
@@ -24,8 +24,6 @@ from jaxmodel.fit.space import View
 # Chi-square of a change of predictions from which held-out readings show whether it is true: 2 of 100 that are true do
 # not lower it.
 CHANGED = 16.0
-# Share of a tolerance by which an error on held-out runs may rise (design).
-WORSE = 0.1
 
 
 def worse(

@@ -200,9 +200,9 @@ class Search(Comparison):
         """
         cache = self.cache
         for label in KINETICS:
-            if label not in cache.space.candidates or label in model or cache.case.kind != "cell":
+            if cache.case.kind != "cell" or label not in cache.space.candidates or label in model:
                 continue
-            if label in self.ruled_out:
+            if not self.may_enter(model, label):
                 continue
             cache.report(f"calibrating with {label}")
             test = self.test((*model, label), label)

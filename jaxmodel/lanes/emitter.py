@@ -323,19 +323,16 @@ class Emitter:
         self, condition: Value, usual: tuple[Value, ...], rare: Callable[[], tuple[Value, ...]]
     ) -> tuple[Value, ...]:
         """Return numbers, others where a condition holds; the instructions of those are run only if it does."""
-        before, unusual, after = self.block, self.name("rare"), self.name("after")
-        self.branch(self.any_lane(condition), unusual, after)
-        self.start_block(unusual)
-        self.begin_scope()
-        found = [self.select(condition, new, old) for new, old in zip(rare(), usual, strict=True)]
-        self.end_scope()
-        last = self.block
-        self.jump(after)
-        self.start_block(after)
-        return tuple(self.either(old, before, new, last) for old, new in zip(usual, found, strict=True))
 
-    def instead(self, condition: Value, usual: Value, compute: Callable[[], Value]) -> Value:
-        """Return a wide number, one that is computed in its place if a condition holds in some lane."""
+        def chosen() -> tuple[Value, ...]:
+            return tuple(self.select(condition, new, old) for new, old in zip(rare(), usual, strict=True))
+
+        return self.instead(condition, usual, chosen)
+
+    def instead(
+        self, condition: Value, usual: tuple[Value, ...], compute: Callable[[], tuple[Value, ...]]
+    ) -> tuple[Value, ...]:
+        """Return numbers, in all lanes those that are computed in their place if a condition holds in some lane."""
         before, unusual, after = self.block, self.name("rare"), self.name("after")
         self.branch(self.any_lane(condition), unusual, after)
         self.start_block(unusual)
@@ -345,7 +342,7 @@ class Emitter:
         last = self.block
         self.jump(after)
         self.start_block(after)
-        return self.either(usual, before, found, last)
+        return tuple(self.either(old, before, new, last) for old, new in zip(usual, found, strict=True))
 
     def seldom(self, condition: Value, usual: Value, compute: Callable[[], Value]) -> Value:
         """Return a number, another where a condition holds; what computes that one is a function of its own.

@@ -100,11 +100,12 @@ class OnSegments(Directions):
         knot, value, slope = (self.taken(room, place) for room in (table.knots, table.values, table.slopes))
         usual = e.intrinsic("fmuladd", e.binary("fsub", x, knot), slope, value)
 
-        def of_each_lane() -> Value:
+        def of_each_lane() -> tuple[Value]:
             call = f"call {e.type_of(x.dtype, True)} @{_of_each_lane(e, x.dtype)}"
-            return e.emit(f"{call}({e.typed(x)}, {table.pointers}, i64 {table.count}, ptr {table.last})", x.dtype, True)
+            given = f"{e.typed(x)}, {table.pointers}, i64 {table.count}, ptr {table.last}"
+            return (e.emit(f"{call}({given})", x.dtype, True),)
 
-        return e.instead(outside, usual, of_each_lane)
+        return e.instead(outside, (usual,), of_each_lane)[0]
 
 
 def _numbers(x: Array | Memory) -> list[Value]:
@@ -118,10 +119,12 @@ _ARRAYS = "ptr %knots, ptr %values, ptr %bounds, ptr %slopes, i64 %count"
 
 
 def _filled_in(e: Emitter, dtype: np.dtype) -> str:
-    """Return the name of the function that fills in bounds and slopes."""
+    """Return the name of the function that fills in bounds and slopes, written once."""
+    name = f"segments_filled_in_{dtype.name}"
+    if name in e.declarations:
+        return name
     kind, align = e.type_of(dtype, True), dtype.itemsize
     infinity = [e.widen(constant(sign * np.inf, dtype)).text for sign in (-1.0, 1.0)]
-    name = f"segments_filled_in_{dtype.name}"
     e.declarations[name] = f"""define private void @{name}({_ARRAYS}) noinline nounwind {{
 entry:
   br label %round
@@ -151,7 +154,10 @@ done:
 
 
 def _of_each_lane(e: Emitter, dtype: np.dtype) -> str:
-    """Return the name of the function that looks for the segment of each lane, and keeps that of the first."""
+    """Return the name of the function that looks for the segment of each lane and keeps the first's, written once."""
+    name = f"segments_of_lanes_{dtype.name}"
+    if name in e.declarations:
+        return name
     kind, align, lanes = e.type_of(dtype, True), dtype.itemsize, range(e.lanes)
     whole, one = e.type_of(_INDEX, True), e.type_of(dtype, False)
     gathered = []
@@ -173,7 +179,6 @@ def _of_each_lane(e: Emitter, dtype: np.dtype) -> str:
     scalar = {"double": "f64", "float": "f32"}[one]
     fused = f"llvm.fmuladd.v{e.lanes}{scalar}"
     e.declarations[fused] = f"declare {kind} @{fused}({kind}, {kind}, {kind})"
-    name = f"segments_of_lanes_{dtype.name}"
     e.declarations[name] = f"""define private {kind} @{name}({kind} %x, {_ARRAYS}, ptr %last) noinline cold nounwind {{
 entry:
   br label %round

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jaxmodel.base.errors import MeasurementError
+from jaxmodel.base.errors import MeasurementError, reason
 from jaxmodel.case.measurements import file_label
 from jaxmodel.case.run_csv import worth_threads
 from jaxmodel.data.tables.raw_table import RawTable, repeated_names, to_numbers, unique_names, units_in
@@ -194,12 +194,8 @@ def _pandas_table(path: Path, layout: Layout, names: list[str], rows: int | None
             skipinitialspace=True, engine="c", **options,
         )  # fmt: skip
     except (pd.errors.ParserError, csv.Error, ValueError) as error:
-        what = _first_line(error)
+        what = reason(error)
         raise MeasurementError(f"{file_label(path)} cannot be read as a table ({what}); export it again.") from error
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).strip().splitlines()[0].rstrip(".") if str(error).strip() else type(error).__name__
 
 
 def _numbers(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jaxmodel.base.errors import MeasurementError
+from jaxmodel.base.errors import MeasurementError, reason
 from jaxmodel.case.measurements import file_label
 from jaxmodel.data.tables.raw_table import RawTable, unique_names, units_in
 
@@ -50,8 +50,7 @@ def read_logger(path: Path) -> RawTable:
     except MeasurementError:
         raise
     except Exception as error:  # a damaged file fails in as many ways as these packages have lines
-        what = str(error).strip().splitlines()[0].rstrip(".") if str(error).strip() else type(error).__name__
-        raise MeasurementError(f"{label} cannot be read by {name} ({what}); {otherwise}.") from error
+        raise MeasurementError(f"{label} cannot be read by {name} ({reason(error)}); {otherwise}.") from error
     frame.columns = unique_names(frame.columns)
     if len(frame) == 0:
         raise MeasurementError(f"{label} holds no rows of readings; {otherwise}.")

@@ -15,7 +15,7 @@ from jaxmodel.case.measurements import file_label
 from jaxmodel.data.tables.delimited import Keep
 from jaxmodel.data.tables.raw_table import RawTable
 from jaxmodel.data.tables.ros import PICTURES
-from jaxmodel.data.tables.streams import Readings, Stream, join_streams
+from jaxmodel.data.tables.streams import Readings, Stream, join_streams, not_read
 
 _MARK = b"\x89MCAP0\r\n"
 _PROFILE_AT = len(_MARK) + 1 + 8  # behind the mark, the kind of the first record and its length
@@ -66,9 +66,7 @@ def read_mcap(path: Path, keep: Keep | None = None) -> RawTable:
     except MeasurementError:
         raise
     except Exception as error:  # a damaged file fails in as many ways as that package has lines
-        said = "" if isinstance(error, OSError) else str(error).strip()
-        what = said.splitlines()[0].rstrip(".") if said else "it is damaged"
-        raise MeasurementError(f"{label} cannot be read by mcap ({what:.200}); {_OTHERWISE}.") from error
+        raise not_read(label, "mcap", error, _OTHERWISE) from error
     streams = [stream for topic, rows in topics.items() if (stream := _stream(topic, rows)) is not None]
     joined = join_streams(streams, keep)
     if joined is None:

@@ -14,7 +14,7 @@ from jaxmodel.base.errors import MeasurementError
 from jaxmodel.case.measurements import file_label
 from jaxmodel.data.tables.delimited import Keep
 from jaxmodel.data.tables.raw_table import RawTable
-from jaxmodel.data.tables.streams import Readings, Stream, join_streams
+from jaxmodel.data.tables.streams import Readings, Stream, join_streams, not_read
 
 SUFFIXES = (".bag", ".db3", ".mcap")
 _OTHERWISE = "export its topics as CSV"
@@ -68,9 +68,7 @@ def read_ros(path: Path, keep: Keep | None = None) -> RawTable:
     except MeasurementError:
         raise
     except Exception as error:  # a damaged file fails in as many ways as that package has lines
-        said = "" if isinstance(error, OSError) else str(error).strip()
-        what = said.splitlines()[0].rstrip(".") if said else "it is damaged"
-        raise MeasurementError(f"{label} cannot be read by rosbags ({what:.200}); {_OTHERWISE}.") from error
+        raise not_read(label, "rosbags", error, _OTHERWISE) from error
     if joined is None:
         raise MeasurementError(f"{label} holds no messages with numbers; give the bag that holds the readings.")
     columns = [str(name) for name in joined.frame]

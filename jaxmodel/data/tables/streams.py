@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from jaxmodel.base.errors import listed
+from jaxmodel.base.errors import MeasurementError, listed, reason
 from jaxmodel.data.tables.delimited import Keep
 from jaxmodel.data.tables.names import matches
 from jaxmodel.data.tables.raw_table import units_in
@@ -22,9 +22,16 @@ _ELECTRICAL = {
 }  # fmt: skip
 _MOST_NUMBERS = 50_000_000  # 400 MB
 _FEWEST_ROWS = 2
+_DAMAGED = "it is damaged"
 _NAMED = 6  # streams that a sentence names
 
 Readings = tuple[np.ndarray, dict[str, np.ndarray]]
+
+
+def not_read(label: str, by: str, error: Exception, otherwise: str) -> MeasurementError:
+    """Return the error for a file that a package could not read; what the system says of it tells a user nothing."""
+    what = _DAMAGED if isinstance(error, OSError) else reason(error, _DAMAGED)
+    return MeasurementError(f"{label} cannot be read by {by} ({what:.200}); {otherwise}.")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
