@@ -23,7 +23,7 @@ from pathlib import Path
 import pytest
 
 from tests.oldest import oldest
-from tests.test_front_doors import PACKAGES
+from tests.public_rooms import PUBLIC
 
 REPOSITORY = Path(__file__).parents[1]
 URLS = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"]
@@ -172,7 +172,7 @@ def test_nothing_of_the_repository_is_needed(installed: Path, tmp_path: Path) ->
     """Every public name is there, from the installed package."""
     program = f"""
 import importlib, pathlib, jaxmodel
-for package in {PACKAGES}:
+for package in {PUBLIC}:
     module = importlib.import_module(package)
     assert pathlib.Path(module.__file__).is_relative_to({str(installed.parent)!r}), module.__file__
     for name in module.__all__:
