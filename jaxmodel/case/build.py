@@ -17,6 +17,7 @@ from jaxmodel.case.measurements import KINDS
 from jaxmodel.case.presets import Kind, read_preset, why_not
 from jaxmodel.case.records import Case, Run
 from jaxmodel.effects import CATALOGUE, own_effects
+from jaxmodel.effects.motor_tables import TABLES
 from jaxmodel.model.curves import CURVE_NAMES, CellCurves, Curve, Table, look_up_curves
 from jaxmodel.model.declaration import describe
 from jaxmodel.model.electrothermal import Model
@@ -161,6 +162,7 @@ def case_model(
         if name in (*CURVE_NAMES, "dU_dT")
     }
     effects = tuple(make_effect(name, values, where, case.catalogue) for name, values in case.effects.items())
+    effects = (*_motor_tables(case), *effects)
     for effect in effects:
         if case.kind not in effect.kinds:
             raise EffectError(
@@ -174,6 +176,18 @@ def case_model(
                 f"{instead(effect.column, columns)}"
             )
     return Model(kind=case.kind, parameters=Parameters(**known), curves=CellCurves(**chosen), effects=effects)
+
+
+def _motor_tables(case: Case) -> list[Effect]:
+    """Return the curves of a motor, which act on the model as effects do.
+
+    Raises:
+        ParameterError: the case has no motor.
+    """
+    if case.motor_tables and case.kind == "cell":
+        name = next(iter(case.motor_tables))
+        raise ParameterError(f"{case.label}: [parameters] {name} is a table of a motor, and the case is of a cell.")
+    return [TABLES[name](table.at, table.values) for name, table in case.motor_tables.items()]
 
 
 def first_current(run: Run, known: Mapping[str, float]) -> float:

@@ -52,6 +52,17 @@ Axis = Annotated[list[Number], Field(min_length=1)]
 Values = Annotated[list[Any], AfterValidator(_finite_numbers)]
 
 
+def _increasing(name: str, axis: list[float]) -> None:
+    for lower, upper in itertools.pairwise(axis):
+        if upper <= lower:
+            raise wrong(
+                "has {name} {upper} after {lower}; sort it to increase, each value once",
+                name=name,
+                lower=lower,
+                upper=upper,
+            )
+
+
 class TableEntry(Form):
     """A curve over SOC, shape (soc,), or over SOC and temperature, shape (temperature, soc)."""
 
@@ -96,14 +107,7 @@ class TableEntry(Form):
             if self.positive and min(row) <= 0:
                 raise wrong("has {key} = {found}; every value must be greater than 0", key=key, found=min(row))
         for name, axis in (("soc", self.soc), ("temperature_degC", self.temperature_degC or [])):
-            for lower, upper in itertools.pairwise(axis):
-                if upper <= lower:
-                    raise wrong(
-                        "has {name} {upper} after {lower}; sort it to increase, each value once",
-                        name=name,
-                        lower=lower,
-                        upper=upper,
-                    )
+            _increasing(name, axis)
         # A fit to data may be slightly outside 0 to 1; values far outside are percent.
         if self.soc[0] < -0.05 or self.soc[-1] > 1.05:
             raise wrong(
@@ -152,6 +156,78 @@ class EntropyTable(TableEntry):
     positive = False
 
 
+class MotorTableEntry(Form):
+    """A curve of a motor over the size of its speed or current."""
+
+    over_key: ClassVar[str]
+    value_key: ClassVar[str]
+    sd_key: ClassVar[str]
+
+    @property
+    def at(self) -> list[float]:
+        """The points, from 0 on."""
+        return getattr(self, self.over_key)
+
+    @property
+    def values(self) -> list[Any]:
+        """The values, one for each point."""
+        return getattr(self, self.value_key)
+
+    @property
+    def sd(self) -> float | None:
+        """Sd of the values: N m of a friction, a share of a factor."""
+        return getattr(self, self.sd_key)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "MotorTableEntry":
+        over, key, values = self.over_key, self.value_key, self.values
+        if any(isinstance(value, list) for value in values) or len(values) != len(self.at):
+            raise wrong(
+                "has {points} {over} and {values} values in {key}; give one number for each",
+                points=len(self.at),
+                over=over,
+                values=len(values),
+                key=key,
+            )
+        _increasing(over, self.at)
+        if self.at[0] < 0.0:
+            raise wrong("has {over} {found}; it is a size, from 0 on", over=over, found=self.at[0])
+        return self
+
+
+class FrictionTable(MotorTableEntry):
+    """The friction [N m] that a motor has beside tau_0, over the size of its speed."""
+
+    speed_rad_s: Axis
+    Nm: Values
+    sd_Nm: SD = None
+    source: str = ""
+    over_key = "speed_rad_s"
+    value_key = "Nm"
+    sd_key = "sd_Nm"
+
+
+class TorqueFactorTable(MotorTableEntry):
+    """The factor on a motor's torque k_tau i_a, over the size of its current."""
+
+    current_A: Axis
+    factor: Values
+    sd_relative: SD = None
+    source: str = ""
+    over_key = "current_A"
+    value_key = "factor"
+    sd_key = "sd_relative"
+
+    @model_validator(mode="after")
+    def _is_positive(self) -> "TorqueFactorTable":
+        if min(self.factor) <= 0.0:
+            raise wrong("has factor = {found}; every value must be greater than 0", found=min(self.factor))
+        return self
+
+
+MOTOR_TABLES: dict[str, type[MotorTableEntry]] = {"friction": FrictionTable, "torque_factor": TorqueFactorTable}
+
+
 class ParametersEntry(Form):
     """`[parameters]`: tables by their names, and any scalar parameter of the model."""
 
@@ -165,6 +241,8 @@ class ParametersEntry(Form):
     C_TS: CapacitanceTable | None = None
     C_TL: CapacitanceTable | None = None
     dU_dT: EntropyTable | None = None
+    friction: FrictionTable | None = None
+    torque_factor: TorqueFactorTable | None = None
 
 
 class EffectEntry(Form):

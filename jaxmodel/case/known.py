@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from jaxmodel.base.in_short import InShort
-from jaxmodel.case.forms import KnownEntry, ParametersEntry, TableEntry
+from jaxmodel.case.forms import KnownEntry, MotorTableEntry, ParametersEntry, TableEntry
 from jaxmodel.model.parameters import info
 
 
@@ -44,6 +44,21 @@ class Table(InShort):
     sd: float | None = None
 
 
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class MotorTable(InShort):
+    """A curve of a motor over the size of its speed or current; linear between the points, held at the ends.
+
+    Attributes:
+        at: strictly increasing, from 0 on, shape (points,): rad/s of `friction`, A of `torque_factor`.
+        values: N m beside tau_0 of `friction`, a factor on k_tau i_a of `torque_factor`; shape (points,).
+        sd: of the values: N m of `friction`, a share of the value of `torque_factor`; None: exact.
+    """
+
+    at: np.ndarray
+    values: np.ndarray
+    sd: float | None = None
+
+
 @dataclasses.dataclass(frozen=True)
 class Tolerance:
     """The acceptable error of a reading, in its unit: rms, and maximum (None: any)."""
@@ -62,8 +77,17 @@ def scalars(entries: Mapping[str, KnownEntry], where: str) -> dict[str, Known]:
 
 
 def tables(entries: ParametersEntry) -> dict[str, Table]:
-    """Return the curves among `[parameters]`, by name."""
+    """Return the curves over the state of charge among `[parameters]`, by name."""
     return {name: _table(entry) for name, entry in entries if isinstance(entry, TableEntry)}
+
+
+def motor_tables(entries: ParametersEntry) -> dict[str, MotorTable]:
+    """Return the curves of a motor among `[parameters]`, by name."""
+    return {
+        name: MotorTable(np.array(entry.at, dtype=float), np.array(entry.values, dtype=float), entry.sd)
+        for name, entry in entries
+        if isinstance(entry, MotorTableEntry)
+    }
 
 
 def _table(entry: TableEntry) -> Table:

@@ -15,7 +15,7 @@ from jaxmodel.case import plausible
 from jaxmodel.case.build import case_model, with_preset
 from jaxmodel.case.entries import entry_of
 from jaxmodel.case.forms import CaseEntry, EffectEntry, RunEntry, ToleranceEntry, parse_case
-from jaxmodel.case.known import Known, Tolerance, scalars, tables
+from jaxmodel.case.known import Known, Tolerance, motor_tables, scalars, tables
 from jaxmodel.case.measurements import (
     AMBIENT_RANGE_DEGC,
     KINDS,
@@ -131,6 +131,7 @@ def _case(
         tolerance=_tolerance(entry.tolerance, entry.kind, f"{where}: [tolerance]"),
         effect_sd={name: sd for name, effect in entry.effects.items() if (sd := _effect_sd(effect))},
         own_effects=effects.own_effects(own),
+        motor_tables=motor_tables(entry.parameters),
     )
     # An unknown preset is refused when a model is built; reading the measurements needs none.
     case = case if why_not(case.preset, case.kind) else with_preset(case)

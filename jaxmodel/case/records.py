@@ -18,7 +18,7 @@ import pandas as pd
 from jaxmodel.base.errors import MeasurementError, nearest
 from jaxmodel.base.in_short import html_of, text_of
 from jaxmodel.base.late_binding import late_bound
-from jaxmodel.case.known import Known, Table, Tolerance
+from jaxmodel.case.known import Known, MotorTable, Table, Tolerance
 from jaxmodel.case.measurements import Measured, file_label
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.model.curves import CURVE_NAMES
@@ -96,6 +96,7 @@ class Case:
         tolerance: by column of a reading, the acceptable error, in the column's unit.
         effect_sd: by effect and parameter, the sd of the value in `effects`; others are exact.
         own_effects: the user's own effect classes by name; they are used like those of the catalogue.
+        motor_tables: curves of a motor by name (`friction`, `torque_factor`).
     """
 
     name: str
@@ -112,6 +113,7 @@ class Case:
     tolerance: dict[str, Tolerance] = dataclasses.field(default_factory=dict)
     effect_sd: dict[str, dict[str, float]] = dataclasses.field(default_factory=dict)
     own_effects: Mapping[str, type[Effect]] = dataclasses.field(default_factory=dict)
+    motor_tables: dict[str, MotorTable] = dataclasses.field(default_factory=dict)
 
     @classmethod
     def from_dataframes(
@@ -205,7 +207,7 @@ class Case:
         lines = [
             f"{self.title} ({self.kind}, preset {Path(self.preset).name})",
             f"uncertain: {', '.join(uncertain) or 'nothing'}",
-            f"tables: {', '.join(self.tables) or 'none'}",
+            f"tables: {', '.join([*self.tables, *self.motor_tables]) or 'none'}",
             *([f"formulas of the paper's cell: {', '.join(self.formulas)}"] if self.formulas else []),
             f"effects: {', '.join(self.effects) or 'none'}",
             self.to_dataframe().to_string(index=False, max_colwidth=60),

@@ -15,8 +15,8 @@ from jaxmodel.base.errors import MeasurementError, UserError
 from jaxmodel.base.schema import with_schema
 from jaxmodel.case import plausible
 from jaxmodel.case.build import with_preset
-from jaxmodel.case.forms import parse_case
-from jaxmodel.case.known import Known, Table, Tolerance, scalars
+from jaxmodel.case.forms import MOTOR_TABLES, parse_case
+from jaxmodel.case.known import Known, MotorTable, Table, Tolerance, scalars
 from jaxmodel.case.measurements import file_label
 from jaxmodel.case.presets import why_not
 from jaxmodel.case.records import Case, Run
@@ -53,6 +53,7 @@ def _content(case: Case, path: Path, files: list[Path]) -> dict[str, Any]:
     content["preset"] = preset_entry(case.preset, path)
     content["parameters"] = {name: _known(known) for name, known in case.parameters.items()}
     content["parameters"] |= {name: table_entry(name, table) for name, table in case.tables.items()}
+    content["parameters"] |= {name: _motor_table(name, table) for name, table in case.motor_tables.items()}
     content["effects"] = {name: _effect(values, case.effect_sd.get(name, {})) for name, values in case.effects.items()}
     content |= {"sensors": case.sensors, "tolerance": _tolerances(case.tolerance), "cutoff": case.cutoff}
     content = {name: entry for name, entry in content.items() if entry or name in ("title", "parameters")}
@@ -107,6 +108,12 @@ def _write_csv(run: Run, file: Path) -> None:
 def _file_name(name: str) -> str:
     """Return a run's name as a valid file name."""
     return re.sub(r"[^\w.+-]+", "_", name).strip(".") or "run"
+
+
+def _motor_table(name: str, table: MotorTable) -> dict[str, Any]:
+    form = MOTOR_TABLES[name]
+    entry = {form.over_key: table.at.tolist(), form.value_key: table.values.tolist()}
+    return entry | ({} if table.sd is None else {form.sd_key: table.sd})
 
 
 def _stated_of(run: Run) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from jaxmodel.base.errors import MeasurementError, ParameterError
+from jaxmodel.case.build import case_model
 from jaxmodel.case.forms import CaseEntry
 from jaxmodel.case.known import Known, Tolerance
 from jaxmodel.case.measurements import KINDS
@@ -436,6 +437,10 @@ def test_a_wrong_case_gets_one_sentence_with_place_and_remedy(folder, toml, erro
             "R_TL = { soc = [0, 1], ohm = [3, 4], sd_rel = 0.1 }",
             ["R_TL knows no 'sd_rel'", "Did you mean 'sd_relative'?"],
         ),
+        ("friction = { speed_rad_s = [0, 9], Nm = [0.1] }", ["friction has 2 speed_rad_s and 1 values in Nm"]),
+        ("friction = { speed_rad_s = [-9, 9], Nm = [0.1, 0.1] }", ["friction has speed_rad_s -9", "a size, from 0 on"]),
+        ("friction = { speed_rad_s = [9, 0], Nm = [0.1, 0.1] }", ["friction has speed_rad_s 0.0 after 9.0", "sort it"]),
+        ("torque_factor = { current_A = [0, 9], factor = [1, 0] }", ["torque_factor has factor = 0", "greater than 0"]),
     ],
 )
 def test_a_wrong_table_gets_one_sentence(folder, table, parts):
@@ -443,6 +448,12 @@ def test_a_wrong_table_gets_one_sentence(folder, table, parts):
         read(folder, f"{CELL}[parameters]\n{table}\n{RUNS}")
     for part in ["bench/case.toml: parameters.", *parts]:
         assert part in str(caught.value)
+
+
+def test_a_table_of_a_motor_is_none_of_a_cell(folder):
+    table = "friction = { speed_rad_s = [0, 9], Nm = [0.1, 0.2] }"
+    with pytest.raises(ParameterError, match="friction is a table of a motor, and the case is of a cell"):
+        case_model(read(folder, f"{CELL}[parameters]\n{table}\n{RUNS}"))
 
 
 def test_a_table_may_reach_a_little_beyond_empty_and_full(folder):

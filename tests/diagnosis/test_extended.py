@@ -11,16 +11,17 @@ import numpy as np
 import pytest
 
 from jaxmodel.case.build import case_model, run_profile
-from jaxmodel.case.known import Known, Table, Tolerance
+from jaxmodel.case.known import Known, MotorTable, Table, Tolerance
 from jaxmodel.case.reading import read_case
 from jaxmodel.case.records import Case
 from jaxmodel.case.simulation import simulate_case
 from jaxmodel.case.writing import write_case
+from jaxmodel.diagnosis.extended.tables import corrected_motor_tables
 from jaxmodel.diagnosis.finishing import conclusion
 from jaxmodel.diagnosis.result import CurveFound, Diagnosis, Estimate, RunFound
 from jaxmodel.effects.curves import CURVES, MEDIUM
 from jaxmodel.model.simulation import simulate
-from tests.diagnosis.made_cases import investigation_of, small_cell
+from tests.diagnosis.made_cases import case_of, investigation_of, run_of, small_cell
 from tests.made_up import contact, law, ocv_curve, with_additions
 
 
@@ -230,17 +231,49 @@ def test_energies_beyond_the_bounds_of_an_effect_are_moved_to_them_and_said(
 
 
 def test_what_a_case_file_cannot_hold_is_in_the_notes(diagnosis: Diagnosis, tmp_path: Path) -> None:
-    friction = found("friction_curve")
-    written, notes = read_back(with_additions(diagnosis, curves=(friction, law()), runs=(contact(),)), tmp_path)
+    written, notes = read_back(with_additions(diagnosis, curves=(law(),), runs=(contact(),)), tmp_path)
     assert written.tables == {}
     text = "\n".join(notes)
     for said in (
-        "friction_curve is left out: a case file has no table for it: friction torque is off by",
         "run-02: series resistance differs by +11.20 ± 0.80 mohm from the other runs",
         "give --effect found_law.py:FoundLaw",
     ):
         assert said in text
-    assert len(notes) == 3
+    assert len(notes) == 2
+
+
+STATED = {"friction": MotorTable(np.array([0.0, 100.0, 200.0]), np.array([0.001, 0.004, 0.005]), 0.0005)}
+STATED |= {"torque_factor": MotorTable(np.array([1.0, 6.0]), np.array([1.0, 0.9]))}
+
+
+@pytest.mark.parametrize("tables", [{}, STATED], ids=["none stated", "stated"])
+def test_curves_of_a_motor_are_tables_of_the_case_file(tables: dict[str, MotorTable], tmp_path: Path) -> None:
+    """A motor with the curves as effects, as the diagnosis had it, and the case file with its tables are the same."""
+    rows = 60
+    load = 0.05 * np.sin(np.arange(rows) / 7.0) + 0.06
+    inputs = {"voltage_V": np.full(rows, 8.0), "load_torque_Nm": load, "ambient_degC": np.full(rows, 20.0)}
+    case = dataclasses.replace(
+        case_of("motor", {}, [run_of(1, inputs, {"speed_rad_s": np.ones(rows)}, step_s=0.1)]), motor_tables=tables
+    )
+    curves = tuple(map(found, ("friction_curve", "torque_constant_curve")))
+    now = corrected_motor_tables(case, curves)
+    assert set(now) == {"friction", "torque_factor"}
+    file = tmp_path / "extended.toml"
+    run = dataclasses.replace(case.runs[0], source=None)
+    write_case(dataclasses.replace(case, motor_tables=now, runs=(run,)), file)
+    written = read_case(file)
+    for name, table in now.items():
+        np.testing.assert_array_equal(written.motor_tables[name].values, table.values)
+        assert written.motor_tables[name].sd == table.sd > 0.0
+    effects = tuple(CURVES[one.label](jnp.asarray(one.value), *COVERED[CURVES[one.label].over]) for one in curves)
+    profile, model = run_profile(case.runs[0]), case_model(case, case.runs[0])
+    expected = simulate(dataclasses.replace(model, effects=(*model.effects, *effects)), profile).readings
+    without = simulate(model, profile).readings
+    for outcome in simulate_case(written):
+        for channel in ("speed_rad_s", "current_A"):
+            shown = np.abs(expected[channel] - without[channel]).max()
+            off = np.abs(outcome.table[channel] - expected[channel]).max()
+            assert off < 1e-3 * shown
 
 
 def test_friction_of_one_run_is_its_own_number(diagnosis: Diagnosis) -> None:

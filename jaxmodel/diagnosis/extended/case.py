@@ -10,9 +10,9 @@ import numpy as np
 from jaxmodel.case.build import case_model
 from jaxmodel.case.known import Known
 from jaxmodel.case.records import Case, Run
-from jaxmodel.diagnosis.extended.tables import corrected_tables, is_held_by_tables
+from jaxmodel.diagnosis.extended.tables import corrected_motor_tables, corrected_tables
 from jaxmodel.diagnosis.result import CurveFound, Estimate, RunFound, Rung
-from jaxmodel.diagnosis.wording import curve_sentence, effect_name, is_law, run_sentence
+from jaxmodel.diagnosis.wording import effect_name, is_law, run_sentence
 from jaxmodel.model.declaration import ParameterInfo, describe
 from jaxmodel.model.parameters import info
 from jaxmodel.model.ports import Effect
@@ -30,8 +30,8 @@ def extended_case(
     """Return the case with the final model's parameters, effects and tables, each with its sd; and notes on the rest.
 
     Parameters fitted outside their bounds are moved to the bound. A case file holds one effect of each name, so that of
-    two faults of one kind on two columns the first is kept. It can hold no unknown law, no curve of friction or torque
-    and few shifts of single runs. The notes state every such change.
+    two faults of one kind on two columns the first is kept. It can hold no unknown law and few
+    shifts of single runs. The notes state every such change.
 
     Args:
         case: as it was diagnosed.
@@ -56,11 +56,6 @@ def extended_case(
         else:
             fitted.put_effect(label, list(describe(catalogue[name])), catalogue, values, effect_sd)
     _put_details(curves, values, catalogue, fitted)
-    fitted.notes += [
-        f"{curve.label} is left out: a case file has no table for it: {curve_sentence(curve)}"
-        for curve in curves
-        if not (is_law(curve.label) or is_held_by_tables(curve.label) or curve.label in _DETAILS)
-    ]
     parameters = {name: fitted.known(name, before, info(name)) for name, before in case.parameters.items()}
     runs = [fitted.run(run) for run in case.runs]
     for label in (label for label in final.added if "@" in label):
@@ -81,7 +76,9 @@ def extended_case(
         for label in final.added
         if is_law(label)
     ]
-    return dataclasses.replace(extended, tables=case.tables | tables), [*fitted.notes, *notes]
+    motor_tables = case.motor_tables | corrected_motor_tables(case, curves)
+    extended = dataclasses.replace(extended, tables=case.tables | tables, motor_tables=motor_tables)
+    return extended, [*fitted.notes, *notes]
 
 
 def _put_details(

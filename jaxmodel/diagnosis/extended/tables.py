@@ -9,7 +9,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxmodel.case.known import Table
+from jaxmodel.case.known import MotorTable, Table
+from jaxmodel.case.records import Case
 from jaxmodel.diagnosis.result import CurveFound
 from jaxmodel.model import curves as formulas
 from jaxmodel.model.cell import cycle_resistance
@@ -27,20 +28,17 @@ _TABLES_OF = {
     "long_time_curve": {"C_TL": 1.0},
     "entropy_curve": {"dU_dT": 1.0},
 }
+# Which curves act on which tables of a motor.
+_MOTOR_TABLES_OF = {"friction_curve": "friction", "torque_constant_curve": "torque_factor"}
 TEMPERATURE_KNOTS = (-30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0)
 # Largest error of linear interpolation between points of a table: V of a voltage, a share of everything else.
-_TOLERANCE_V, _TOLERANCE_V_PER_K, _TOLERANCE = 5e-5, 1e-7, 3e-4
+_TOLERANCE_V, _TOLERANCE_V_PER_K, _TOLERANCE, _TOLERANCE_OF_FACTOR = 5e-5, 1e-7, 3e-4, 1e-5
 # States of charge at which a formula is sampled first: the ends of a table, and the kink of the formula.
 _FORMULA_SOC = (-0.01, formulas.SOC_FORMULA_FLOOR, 1.05)
 _HALVINGS = 7
 _DIGITS = 7
 # Smallest resistance that is written, where a formula gives none above zero, ohm.
 _LEAST = 1e-6
-
-
-def is_held_by_tables(label: str) -> bool:
-    """Return True if a case file can hold a curve as a table."""
-    return label in _TABLES_OF
 
 
 def corrected_tables(model: Model, found: Sequence[CurveFound]) -> tuple[dict[str, Table], list[str]]:
@@ -56,6 +54,35 @@ def corrected_tables(model: Model, found: Sequence[CurveFound]) -> tuple[dict[st
             by_table.setdefault(table, []).append((sign, curve))
     tables = {name: _corrected(name, model, curves) for name, curves in by_table.items()}
     return tables, _notes(model, tables)
+
+
+def corrected_motor_tables(case: Case, found: Sequence[CurveFound]) -> dict[str, MotorTable]:
+    """Return the tables of a motor that some curves change, by name.
+
+    Args:
+        case: with the tables that it states.
+        found: the curves; those that no table of a motor holds are skipped.
+    """
+    return {
+        _MOTOR_TABLES_OF[curve.label]: _motor_table(case.motor_tables.get(_MOTOR_TABLES_OF[curve.label]), curve)
+        for curve in found
+        if curve.label in _MOTOR_TABLES_OF
+    }
+
+
+def _motor_table(before: MotorTable | None, curve: CurveFound) -> MotorTable:
+    adds = curve.label == "friction_curve"
+    stated = before or MotorTable(np.zeros(1), np.full(1, 0.0 if adds else 1.0))
+
+    def values(at: np.ndarray) -> np.ndarray:
+        """Return the values of the table, shape (points, 1)."""
+        base, off = np.interp(at, stated.at, stated.values), np.interp(at, curve.at, curve.value)
+        return (base + off if adds else base * np.exp(off))[:, None]
+
+    at = np.unique(np.concatenate([stated.at, curve.at]))
+    at = np.unique(_rounded(at if adds else _refined(at, values, _TOLERANCE_OF_FACTOR)))
+    sd = float(np.sqrt(np.mean(np.square(curve.sd))))
+    return MotorTable(at, _rounded(values(at)[:, 0]), sd if np.isfinite(sd) and sd > 0.0 else None)
 
 
 def _corrected(name: str, model: Model, found: Sequence[tuple[float, CurveFound]]) -> Table:
