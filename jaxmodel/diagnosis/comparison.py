@@ -185,15 +185,17 @@ class Comparison:
         Where errors are left that no sensor makes, it must be needed beside an activation energy of each resistance, an
         entropy curve and curves of friction and torque too, as far as these are not the addition itself.
         """
-        cache = self.cache
-        if self.is_exact(cache.fit(model)) or cache.space.candidates[label].group == "law":
-            return self.test(model, label)
-        return self._beside([one for one in model if one != label], label)
+        return self._test(*self.compared(model, label), label)
 
-    def _beside(self, rest: Sequence[str], label: str) -> Test:
-        cache = self.cache
-        richer, before = cache.fit((*rest, label), "beside"), cache.fit(rest, "beside", (label,))
-        return self._test(richer, before, label)
+    def compared(self, model: Sequence[str], label: str) -> tuple[Fit, Fit]:
+        """Return the model with an addition and without it, as `final_test` holds them against each other."""
+        cache, rest = self.cache, [one for one in model if one != label]
+        if self.is_exact(cache.fit(model)) or cache.space.candidates[label].group == "law":
+            return cache.fit(model), cache.fit(rest)
+        return self._beside(rest, label)
+
+    def _beside(self, rest: Sequence[str], label: str) -> tuple[Fit, Fit]:
+        return self.cache.fit((*rest, label), "beside"), self.cache.fit(rest, "beside", (label,))
 
     def _test(self, richer: Fit, before: Fit, label: str) -> Test:
         candidate, gained = self.cache.space.candidates[label], self.gain(richer, before)

@@ -159,7 +159,7 @@ def conclude(search: Search, found: Found, wanted: Sequence[str] = (), ordered: 
     last = ladder[-1]
     left = {"base": residuals_of(cache, ladder[1]), "final": residuals_of(cache, last)}
     groups = {label: cache.space.candidates[label].group for label in labels}
-    removes = {label: _removes(cache, labels, label) for label in labels}
+    removes = {label: _removes(search, labels, label) for label in labels}
     is_effect = [label for label in labels if groups[label] in ("effect", "sensor")]
     order = sorted(is_effect, key=lambda label: -found.tests[label].gain)
     named = [] if stays else [label for label in order if found.tests[label].named or label in wanted]
@@ -302,13 +302,12 @@ def _name(cache: FitCache, labels: Sequence[str]) -> str:
     return "+".join(cache.space.candidates[label].name for label in labels) or "base"
 
 
-def _removes(cache: FitCache, labels: Sequence[str], label: str) -> dict[str, Removed]:
-    """Return by how much each channel's error is smaller with an addition than without it."""
-    lacking = rung(cache, "", cache.fit([one for one in labels if one != label]), compared=True)
-    after = rung(cache, "", cache.fit(labels), compared=True)
+def _removes(search: Search, labels: Sequence[str], label: str) -> dict[str, Removed]:
+    """Return by how much each channel's error is smaller with an addition than without it, as it was tested."""
+    after, lacking = (rung(search.cache, "", one, compared=True).errors for one in search.compared(labels, label))
     return {
-        channel: Removed(lacking.errors[channel].fit - one.fit, lacking.errors[channel].check - one.check)
-        for channel, one in after.errors.items()
+        channel: Removed(lacking[channel].fit - one.fit, lacking[channel].check - one.check)
+        for channel, one in after.items()
     }
 
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jaxmodel.diagnosis.comparison import ABOVE_NOISE, WORSE
+from jaxmodel.diagnosis.comparison import WORSE
 from jaxmodel.diagnosis.result import ChannelError
 from jaxmodel.diagnosis.rungs import evaluated_rows, rung
 from jaxmodel.diagnosis.search import Found, Search
@@ -119,21 +119,17 @@ def _raising(search: Search, model: Sequence[str], others: Sequence[str]) -> dic
 
 
 def _in_vain(search: Search, model: Sequence[str], others: Sequence[str]) -> dict[str, tuple[float, str]]:
-    """Return the additions that change predictions of held-out runs and make none better, where runs leave noise alone.
+    """Return the additions that change predictions of held-out runs and make none better.
 
     With chi-square of the held-out readings and K that of the change d of their predictions, an addition that is true
     lowers chi-square by K, within 2 sqrt(K): it is contradicted if it does not, and K exceeds `CHANGED`.
     """
-    cache, fit, against = search.cache, search.cache.fit(model), {}
-    if not search.is_noise(fit):
-        return {}
-    own = rung(cache, "", fit)
-    if any(one.check > ABOVE_NOISE * cache.noise[name].sd for name, one in own.errors.items()):
-        return {}  # held-out runs miss something else
+    cache, against = search.cache, {}
     for label in others:
-        lacking = rung(cache, "", cache.fit([one for one in model if one != label]))
+        richer, before = search.compared(model, label)
+        own, lacking = rung(cache, "", richer), rung(cache, "", before)
         gained, change = 0.0, 0.0
-        for name, weight in fit.likelihood.channels.items():
+        for name, weight in richer.likelihood.channels.items():
             for run in cache.case.runs:
                 if run.split != "check" or name not in run.measured.outputs:
                     continue

@@ -304,18 +304,14 @@ class Search(Comparison):
         cache = self.cache
         if self.is_noise(cache.fit(model)) or (not model and cache.is_within_tolerance(cache.fit(model))):
             return None
-        gains = cache.scores_at(cache.fit(model, "beside"), ("effect", "sensor", "run")).gains()
-        likely = [
-            one.label
-            for one in gains
-            if one.log_evidence > self.odds_of(cache.space.candidates[one.label]) and self.may_enter(model, one.label)
-        ]
+        gains = cache.scores_at(cache.fit(model, "beside"), ("effect", "sensor", "run")).gains_reweighed()
+        likely = [label for label, gain in gains.items() if gain > 0.0 and self.may_enter(model, label)]
         # What curves act through shows only with them: where heat is mostly reversible, a cell hardly warms without it.
         opening = [label for label in self._opening() if label not in model and self.may_enter(model, label)]
         likely = likely[: cache.settings.refitted_beside]
         for label in (*opening, *(one for one in likely if one not in opening)):
             cache.report(f"refitting with {label}, beside curves")
-            if self._beside(model, label).named:
+            if self._test(*self._beside(model, label), label).named:
                 return label
         return None
 

@@ -256,6 +256,7 @@ class SelfDischarge(Effect):
     """Charge leaks inside the cell: i + V_cell / R_self is counted."""
 
     name: ClassVar[str] = "self_discharge"
+    rare: ClassVar[bool] = True  # sound cells lose a few percent a month, which is far less
     kinds: ClassVar[tuple[str, ...]] = CELL
     equation: ClassVar[str] = "i -> i + V_cell/R_self in eq. 1"
     R_self: Scalar = parameter(
@@ -397,8 +398,8 @@ class DischargeResistance(Effect):
     """The series resistance of a discharge is another than that of a charge, by a share d."""
 
     name: ClassVar[str] = "discharge_resistance"
-    rare: ClassVar[bool] = True
     kinds: ClassVar[tuple[str, ...]] = CELL
+    is_candidate: ClassVar[bool] = False
     equation: ClassVar[str] = "V -= d R i (1 + tanh(i/i_1))/2, i_1 = 0.01 of the nominal capacity in A"
     d: Scalar = parameter(
         0.1,

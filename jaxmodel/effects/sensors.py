@@ -164,10 +164,9 @@ class CurrentGain(SensorEffect):
 
 
 class TemperatureOffset(SensorEffect):
-    """A thermometer reads c too much."""
+    """A thermometer reads c too much: by up to 2.2 K, a thermocouple of type K is within its class (IEC 60584)."""
 
     name: ClassVar[str] = "temperature_offset"
-    rare: ClassVar[bool] = True
     reads: ClassVar[str] = "temperature_degC"
     kinds: ClassVar[tuple[str, ...]] = ANY
     equation: ClassVar[str] = "measured temperature = true temperature + c"

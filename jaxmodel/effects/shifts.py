@@ -22,11 +22,11 @@ MOTOR = ("motor", "robot")
 
 
 class ContactResistance(Effect):
-    """Additional series resistance of the cell, for example from another contact."""
+    """Additional resistance between the cell and where its voltage is read; its heat does not warm the cell."""
 
     name: ClassVar[str] = "contact_resistance"
     kinds: ClassVar[tuple[str, ...]] = CELL
-    equation: ClassVar[str] = "R_ints + R_cyc -> R_ints + R_cyc + r"
+    equation: ClassVar[str] = "R_ints + R_cyc -> R_ints + R_cyc + r; heat -i^2 r"
     r: Scalar = parameter(
         0.01,
         unit="ohm",
@@ -41,6 +41,10 @@ class ContactResistance(Effect):
     def series_resistance(self, value: Scalar, context: CellContext) -> Scalar:
         """Add the resistance."""
         return value + self.r
+
+    def cell_heat(self, value: Scalar, context: CellContext) -> Scalar:
+        """Leave out the heat of the contact, which is not in the cell."""
+        return value - context.current_A**2 * self.r
 
 
 class HeatTransferShift(Effect):

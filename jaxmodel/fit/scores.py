@@ -50,6 +50,7 @@ class Gain:
         amplitude: prior sd of a curve or law, in units of its usual size.
         z: signed score of a single amplitude; the root of the drop in chi-square for several.
         base_step: (k,) change of the model's free unknowns with it.
+        step: amplitudes of its directions.
     """
 
     label: str
@@ -59,6 +60,7 @@ class Gain:
     amplitude: float
     z: float
     base_step: np.ndarray
+    step: np.ndarray
 
 
 class Scores:
@@ -86,9 +88,13 @@ class Scores:
         self.candidates, self.directions = candidates, screened.directions
         self.count = len(fit.spec.free)
         columns = [screened.base, *(way.columns for way in self.directions), screened.errors[:, None]]
-        white = (likelihood or fit.likelihood).roots(data)[:, None] * np.concatenate(columns, axis=1)
-        parts = [white[data.channel == one] for one in np.unique(data.channel)]
-        self._grams = [part.T @ part for part in parts]
+        roots = (likelihood or fit.likelihood).roots(data)
+        white = roots[:, None] * np.concatenate(columns, axis=1)
+        of_channel = [data.channel == one for one in np.unique(data.channel)]
+        self._grams = [white[rows].T @ white[rows] for rows in of_channel]
+        own = fit.likelihood.roots(data) * fit.errors
+        self._independent = [float(own[rows] @ own[rows]) for rows in of_channel]
+        self._noise = [float(np.sum((roots[rows] * data.sd[rows]) ** 2)) for rows in of_channel]
         self.gram = np.sum(self._grams, axis=0)
         self._raw = columns
         self.precision = fit.spec.precision
@@ -142,7 +148,7 @@ class Scores:
         if candidate.is_vector:
             whole = float(np.max(np.diag(self.gram)[place]))
             found = self._vector_gain(way.label, inner, score, whole)
-            return dataclasses.replace(found, base_step=self._base_step(place, found.start))
+            return dataclasses.replace(found, base_step=self._base_step(place, found.start), step=found.start)
         squared = float(inner[0, 0])
         whole = float(self.gram[place.start, place.start])
         if squared <= ABSORBED**2 * whole or squared <= 0.0 or self._free[place.start] <= IMITATED**2 * whole:
@@ -151,15 +157,16 @@ class Scores:
         z = float(score[0]) / length
         if candidate.group == "run":
             log = 0.5 * z**2 * squared / (1.0 + squared) - 0.5 * np.log1p(squared)
-            at = float(score[0]) / (squared + 1.0)
-            return Gain(way.label, float(log), z**2, np.array([at]), 1.0, z, self._base_step(place, np.array([at])))
+            at = np.array([float(score[0]) / (squared + 1.0)])
+            return Gain(way.label, float(log), z**2, at, 1.0, z, self._base_step(place, at), at)
         log = _mean_odds(z, length, candidate, way.probe[0])
         amplitude = float(score[0]) / squared
         probe = np.array(way.probe, dtype=float)
         start = candidate.at(probe, amplitude) if candidate.has_amplitude else probe
         allowed = not candidate.one_sided or amplitude > 0.0
-        moved = self._base_step(place, np.array([amplitude if allowed else 0.0]))
-        return Gain(way.label, log, z**2 if allowed else 0.0, start, 1.0, z, moved)
+        step = np.array([amplitude if allowed else 0.0])
+        chi2 = z**2 if allowed else 0.0
+        return Gain(way.label, log, chi2, start, 1.0, z, self._base_step(place, step), step)
 
     def _base_step(self, place: slice, amplitudes: np.ndarray) -> np.ndarray:
         """Return how the model's own unknowns move where a candidate has these amplitudes, (k,)."""
@@ -180,7 +187,29 @@ class Scores:
         a = AMPLITUDES[best]
         start = vectors @ (along * a**2 / (1.0 + a**2 * values))
         drop = float(2.0 * start @ score - start @ inner @ start)
-        return Gain(label, logs[best], max(drop, 0.0), start, a, float(np.sqrt(max(drop, 0.0))), np.zeros(0))
+        drop = max(drop, 0.0)
+        return Gain(label, logs[best], drop, start, a, float(np.sqrt(drop)), np.zeros(0), np.zeros(0))
+
+    def gains_reweighed(self) -> dict[str, float]:
+        """Return the log evidence that each candidate gains where weights follow the errors, the largest first.
+
+        An error that a model leaves sets the weight of its own channel, so that chi-square there is the number n of
+        independent errors, and no candidate gains more than n / 2. Where chi-square falls from Q to Q' the gain is
+        n/2 log(Q / Q') once weights follow, down to the noise of the sensor.
+        """
+        own = np.arange(self.count)
+        found: dict[str, float] = {}
+        for label, (gain, place) in self._best_shapes(self.projected, self._labels).items():
+            at = np.concatenate([own, np.arange(place.start, place.stop)])
+            moved = np.concatenate([gain.base_step, gain.step])
+            freed = gain.log_evidence - 0.5 * gain.chi2
+            for gram, floor, independent in zip(self._grams, self._noise, self._independent, strict=True):
+                before = float(gram[-1, -1])
+                after = before - 2.0 * float(moved @ gram[at, -1]) + float(moved @ gram[np.ix_(at, at)] @ moved)
+                if before > floor:
+                    freed += 0.5 * independent * np.log(before / max(after, floor))
+            found[label] = freed
+        return dict(sorted(found.items(), key=lambda one: -one[1]))
 
     def critical_z(self, draws: int = 10_000, chance: float = 0.05) -> float:
         """Return what the largest score of all effects exceeds by chance in one of twenty cases without any.

@@ -29,42 +29,41 @@ entropic_ocv               3.74      -   4.36
 ocv_hysteresis             3.74      -   4.36
 rate_capacity              3.74      -   4.36
 resistance_ageing          3.74      -   4.36
-self_discharge             3.74      -   4.36
 self_heating               3.74      -   4.36
 slow_diffusion             3.74      -   4.36
 bridge_resistance             -      -   4.36
-brush_drop                    -   3.60   4.36
+brush_drop                    -   3.67   4.36
 constant_power_load           -      -   4.36
-friction_temperature          -   3.60   4.36
-gear_loss                     -   3.60   4.36
-magnet_temperature            -   3.60   4.36
+friction_temperature          -   3.67   4.36
+gear_loss                     -   3.67   4.36
+magnet_temperature            -   3.67   4.36
 onboard_temperature           -      -   4.36
 pwm_ripple                    -      -   4.36
-saturation                    -   3.60   4.36
-stribeck_friction             -   3.60   4.36
-viscous_friction              -   3.60   4.36
-windage                       -   3.60   4.36
-clock_shift                3.74   3.60   4.36
-current_offset             3.74   3.60   4.36
-temperature_lag            3.74   3.60   4.36
-voltage_gain               3.74   3.60   4.36
-voltage_offset             3.74   3.60   4.36
+saturation                    -   3.67   4.36
+stribeck_friction             -   3.67   4.36
+viscous_friction              -   3.67   4.36
+windage                       -   3.67   4.36
+clock_shift                3.74   3.67   4.36
+current_offset             3.74   3.67   4.36
+temperature_lag            3.74   3.67   4.36
+temperature_offset         3.74   3.67   4.36
+voltage_gain               3.74   3.67   4.36
+voltage_offset             3.74   3.67   4.36
 arrhenius_polarisation     6.74      -   7.36  rare  arrhenius_resistance
 capacity_fade              6.74      -   7.36  rare
 contact_drift              6.74      -   7.36  rare
 contact_heating            6.74      -   7.36  rare
 core_temperature           6.74      -   7.36  rare
-discharge_resistance       6.74      -   7.36  rare
+self_discharge             6.74      -   7.36  rare
 bridge_dead_time              -      -   7.36  rare
-brush_current_drop            -   6.60   7.36  rare
-directional_friction          -   6.60   7.36  rare
-chamber_offset             6.74   6.60   7.36  rare
-current_gain               6.74   6.60   7.36  rare
-speed_gain                    -   6.60   7.36  rare
-temperature_gain           6.74   6.60   7.36  rare
-temperature_offset         6.74   6.60   7.36  rare
-torque_gain                   -   6.60   7.36  rare
-torque_offset                 -   6.60   7.36  rare
+brush_current_drop            -   6.67   7.36  rare
+directional_friction          -   6.67   7.36  rare
+chamber_offset             6.74   6.67   7.36  rare
+current_gain               6.74   6.67   7.36  rare
+speed_gain                    -   6.67   7.36  rare
+temperature_gain           6.74   6.67   7.36  rare
+torque_gain                   -   6.67   7.36  rare
+torque_offset                 -   6.67   7.36  rare
 """
 
 OWN = '''

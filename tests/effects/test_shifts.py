@@ -67,6 +67,12 @@ def test_a_contact_costs_its_drop():
     np.testing.assert_allclose(base["voltage_V"] - found["voltage_V"], 0.012 * 4.0 * LEVELS, rtol=0.0, atol=1e-13)
 
 
+def test_the_heat_of_a_contact_does_not_warm_the_cell():
+    heating = CATALOGUE["self_heating"](hA=0.2)
+    base, found = sensed("cell", heating), sensed("cell", heating, shift("contact_resistance", 0.012))
+    np.testing.assert_allclose(found["cell_temperature_degC"], base["cell_temperature_degC"], rtol=1e-12)
+
+
 @pytest.mark.parametrize("first", [True, False])
 def test_a_draught_multiplies_the_heat_transfer_wherever_it_stands(first: bool):
     heating, draught = CATALOGUE["self_heating"](hA=0.2), shift("heat_transfer_shift", 0.6)

@@ -205,3 +205,23 @@ def test_rounding_in_columns_that_others_absorb_makes_no_evidence() -> None:
     assert again[-1, -1] <= 1.000001 * gram[-1, -1]
     gain = scores._vector_gain("alike", off[1:4, 1:4], off[1:4, -1], float(gram[1, 1]))
     assert gain.log_evidence < 10.0
+
+
+def test_gain_where_weights_follow_the_errors(given: Given):
+    """By hand, from the errors that are left: n/2 log(Q / Q') of each channel, in place of the drop of chi-square."""
+    reweighed = given.scores.gains_reweighed()
+    assert list(reweighed.values()) == sorted(reweighed.values(), reverse=True)
+    gains = {one.label: one for one in given.scores.gains()}
+    roots = given.fit.likelihood.roots(given.data)
+    for label in ("strong", "weak", "one run"):
+        gain = gains[label]
+        left = given.fit.errors - given.base @ gain.base_step - given.ways[label] @ gain.step
+        expected = gain.log_evidence - 0.5 * gain.chi2
+        for channel in np.unique(given.data.channel):
+            rows = given.data.channel == channel
+            before, after = (float(np.sum((roots * errors)[rows] ** 2)) for errors in (given.fit.errors, left))
+            floor = float(np.sum((roots * given.data.sd)[rows] ** 2))
+            if before > floor:
+                expected += 0.5 * before * np.log(before / max(after, floor))
+        assert reweighed[label] == pytest.approx(expected, rel=1e-6, abs=1e-9)
+    assert next(iter(reweighed)) == "strong"
