@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from jaxmodel.base.remark import CODES
 from jaxmodel.effects import CATALOGUE, battery, drive, sensors
 from jaxmodel.effects.curves import CURVES
 from jaxmodel.effects.shifts import SHIFTS
@@ -137,6 +138,27 @@ investigation = Investigation(read_case("examples/samsung_30q"), settings=settin
 {_table(("constant", "value", "meaning", "source"), rows)}"""
 
 
+def remarks_page() -> str:
+    """Return the page of the codes of remarks."""
+    rows = [
+        (f"`{name}`", code.meaning, code.subject or "-", ", ".join(f"`{one}`" for one in code.numbers) or "-")
+        for name, code in CODES.items()
+    ]
+    return f"""{NOTE}
+# Codes of remarks
+
+A remark is a sentence on the data or the fit. `findings` in [`answer.json`](../discrepancy.md#answerjson) and in
+`identify.json` have each with its code, subject and numbers, so that a program can act on it; `remarks` has the
+sentences alone, in the same order. In Python, each of the `remarks` of a result is a `str` with the same as attributes:
+`[one for one in diagnosis.remarks if one.code == "noise_contradicted"]`.
+
+`name@run` is a column, parameter or condition of one run. Several subjects are separated by commas. A number is in the
+unit of its subject where its name has none; `off_sd` and `limit_sd` count standard deviations. A name in angle brackets
+stands for a number for each run or column. The code of a remark that an older version has written is `""`.
+
+{_table(("code", "what is said", "subject", "numbers"), rows)}"""
+
+
 def _sizes() -> list[tuple[str, str, str]]:
     of = {
         "capacity": "`capacity_Ah`",
@@ -214,7 +236,12 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
 
 
-PAGES = {"parameters.md": parameters_page, "effects.md": effects_page, "reference/settings.md": settings_page}
+PAGES = {
+    "parameters.md": parameters_page,
+    "effects.md": effects_page,
+    "reference/settings.md": settings_page,
+    "reference/remarks.md": remarks_page,
+}
 
 if __name__ == "__main__":
     for name, page in PAGES.items():

@@ -10,7 +10,7 @@ from typing import Any
 
 import xarray as xr
 
-from jaxmodel.base.errors import Remark, SweepError
+from jaxmodel.base.errors import RemarkWarning, SweepError
 from jaxmodel.base.progress import Count, counted
 from jaxmodel.sweeps.idle import warn_of_idle
 from jaxmodel.sweeps.plausible import warn_of_odd_values
@@ -61,8 +61,8 @@ def run(
             suffice, or the lanes cannot be computed in the study's precision; what is done stays.
 
     Warns:
-        Remark: a lane has an operation without vector instructions, and the sweep runs through XLA; no result can
-            depend on an axis; or a number looks like one in another unit.
+        RemarkWarning: a lane has an operation without vector instructions, and the sweep runs through XLA; no result
+            can depend on an axis; or a number looks like one in another unit.
 
     Example:
         >>> from jaxmodel import sweeps
@@ -120,7 +120,7 @@ def _fill(sink: InMemory | Store, executor: Any, study: Study, progress: Progres
     if pending:
         executor.prepare(sink.chunks, sink.grid)
         if executor.remark:
-            warnings.warn(executor.remark, Remark, stacklevel=3)
+            warnings.warn(executor.remark, RemarkWarning, stacklevel=3)
         sink.begin(executor.program)
     compiled = time.perf_counter()
     for number, outcome in executor.outcomes(sink.chunks, sink.pending, count) if pending else ():

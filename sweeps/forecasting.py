@@ -56,7 +56,7 @@ def forecast(study: Study, memory: float | int | str | None = None) -> Forecast:
         SweepError: the memory does not suffice.
 
     Warns:
-        Remark: no result can depend on an axis; or a number looks like one in another unit.
+        RemarkWarning: no result can depend on an axis; or a number looks like one in another unit.
     """
     warn_of_odd_values(study)
     warn_of_idle(study)

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxmodel.base.errors import Remark
+from jaxmodel.base.errors import RemarkWarning
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.lanes.influence import influential
 from jaxmodel.model.electrothermal import Model
@@ -130,11 +130,11 @@ def warn_of_idle(study: Study) -> None:
     """Warn of each axis that changes no result, and say what would make it matter.
 
     Warns:
-        Remark: for each.
+        RemarkWarning: for each.
     """
     kind = study.prepared.model.kind
     for name, act in idle(study).items():
         where = f"axes.{name}" if name in study.axes else f"sample.ranges.{name}"
         advice = f"{act}, or remove it" if act else "remove it"
         sentence = f"{where}: no metric and no stored column of this {kind} depends on it; {advice}."
-        warnings.warn(sentence, Remark, stacklevel=3)
+        warnings.warn(sentence, RemarkWarning, stacklevel=3)

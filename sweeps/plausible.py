@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
-from jaxmodel.base.errors import Remark
+from jaxmodel.base.errors import RemarkWarning
 from jaxmodel.base.units import unit_of
 from jaxmodel.case.plausible.finding import Mend
 from jaxmodel.case.plausible.ranges import LARGEST_CELL_AH
@@ -170,10 +170,10 @@ def warn_of_odd_values(study: Study) -> None:
     """Warn of each number of a study that looks as if it were in another unit.
 
     Warns:
-        Remark: for each.
+        RemarkWarning: for each.
     """
     for sentence in odd_values(study):
-        warnings.warn(sentence, Remark, stacklevel=3)
+        warnings.warn(sentence, RemarkWarning, stacklevel=3)
 
 
 def _ends(study: Study) -> dict[str, tuple[float, float]]:

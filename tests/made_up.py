@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from jaxmodel.base.remark import Remark
 from jaxmodel.case.known import Known
 from jaxmodel.case.reading import read_case
 from jaxmodel.case.records import Case
@@ -173,7 +174,9 @@ def diagnosis_of(case: Case) -> Diagnosis:
             ScoreEntry("self_discharge", 0.02, False, True),
         ),
         critical_z=3.12,
-        remarks=("The temperature sensor rounds to 0.0001 degC.",),
+        remarks=(
+            Remark("The temperature sensor scatters by 0.0001.", "noise_not_stated", "cell_temperature_degC", sd=1e-4),
+        ),
         immaterial=(
             Immaterial("slow_diffusion", {}, "slow_diffusion: the fitted runs show it, and no run left out is better"),
         ),

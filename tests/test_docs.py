@@ -49,7 +49,7 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
 
 
-@pytest.mark.parametrize("name", ["parameters.md", "effects.md", "reference/settings.md"])
+@pytest.mark.parametrize("name", ["parameters.md", "effects.md", "reference/settings.md", "reference/remarks.md"])
 def test_page_is_what_the_code_says(name: str) -> None:
     spec = importlib.util.spec_from_file_location("make_parameters", DOCS / "make_parameters.py")
     assert spec is not None

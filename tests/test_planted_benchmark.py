@@ -14,7 +14,9 @@ from benchmarks.planted.judge import judge
 from benchmarks.planted.plantings import PLANTINGS, Planting, plant, seen
 from benchmarks.planted.table import Row, refusals, sentences, summary
 from benchmarks.real.cases import CASES, build
+from jaxmodel.base.remark import Remark
 from jaxmodel.case.reading import read_case
+from jaxmodel.diagnosis.answer import findings
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.effects.shifts import SHIFTS
 from jaxmodel.fit.preparation.stuck import without_stuck
@@ -113,7 +115,7 @@ def test_a_planted_case_is_valid_differs_where_it_should_and_can_be_seen(
 def test_a_stuck_thermometer_is_told_by_the_preparation(samsung: Path, tmp_path: Path):
     planting = next(one for one in PLANTINGS if one.fault == "stuck thermometer" and one.case == "samsung_30q")
     _, remarks = without_stuck(read_case(plant(samsung, planting, tmp_path / "stuck")))
-    assert judge(planting, 0.5, {}, {"remarks": list(remarks)}).verdict == "told"
+    assert judge(planting, 0.5, {}, {"findings": findings(remarks)}).verdict == "told"
 
 
 def test_each_fault_is_planted_in_three_cases_or_more_and_told_by_what_exists():
@@ -192,9 +194,10 @@ def test_a_contact_is_told_in_its_run_and_nothing_else_tells_it():
 
 
 def test_a_high_current_of_one_run_is_possible_where_its_start_was_moved():
-    remark = "The start of cc2C was moved to compensate for an error: initial_soc = 0.94 is 9 sd below its stated value"
-    assert judge(of("high current"), 0.05, {}, {"remarks": [remark]}).verdict == "possible"
-    assert judge(of("high current"), 0.05, {}, {"remarks": []}).verdict == "missed"
+    moved = Remark("The start was moved.", "start_moved", "initial_soc@cc2C")
+    of_another = Remark("The start was moved.", "start_moved", "initial_soc@cc1C")
+    assert judge(of("high current"), 0.05, {}, {"findings": findings([moved])}).verdict == "possible"
+    assert judge(of("high current"), 0.05, {}, {"findings": findings([of_another])}).verdict == "missed"
 
 
 def test_a_run_that_was_doubted_without_the_fault_does_not_point_to_it():
@@ -203,9 +206,9 @@ def test_a_run_that_was_doubted_without_the_fault_does_not_point_to_it():
     assert judge(of("stuck thermometer"), 0.5, {}, {"runs": [shift]}).verdict == "possible"
     found = judge(of("stuck thermometer"), 0.5, doubted, {"runs": [shift]})
     assert (found.verdict, found.lost) == ("missed", ("contact_resistance@cc2C",))
-    remark = "The start of cc2C was moved to compensate for an error: initial_soc = 0.94 is below its stated value"
-    again = remark.replace("0.94", "0.93")
-    assert judge(of("high current"), 0.05, {"remarks": [remark]}, {"remarks": [again]}).verdict == "missed"
+    moved = findings([Remark("The start was moved to 0.94.", "start_moved", "initial_soc@cc2C")])
+    again = findings([Remark("The start was moved to 0.93.", "start_moved", "initial_soc@cc2C")])
+    assert judge(of("high current"), 0.05, {"findings": moved}, {"findings": again}).verdict == "missed"
 
 
 def test_what_is_only_possible_is_no_telling():

@@ -95,7 +95,7 @@ def _told(
     before, after = named(plain), named(planted)
     wrong: tuple[str, str, float | None] | None = None
     for one in planting.told:
-        if one.says:
+        if one.code:
             if remark := _new_remark(one, plain, planted):
                 return "told", remark, None
             continue
@@ -122,7 +122,7 @@ def _told(
             return "possible", f"{one.labels[0]} as possible", None
     doubted = {label.partition("@")[2] for label in before if "@" in label}
     for one in planting.partly:
-        if one.says and (remark := _new_remark(one, plain, planted)):
+        if one.code and (remark := _new_remark(one, plain, planted)):
             return "possible", remark, None
         if found := [label for label in one.labels if label in after and label.partition("@")[2] not in doubted]:
             return "possible", f"named {' and '.join(found)}", None
@@ -146,9 +146,13 @@ def _number(numbers: dict[str, float], name: str) -> float:
 
 
 def _new_remark(telling: Telling, plain: dict[str, Any], planted: dict[str, Any]) -> str:
-    """Return the remark that has all words of a telling; "" where there is none, or one in the plain case too."""
+    """Return the remark of a telling; "" where there is none, or one in the plain case too."""
     said, before = (
-        [remark for remark in answer.get("remarks", ()) if all(words in remark for words in telling.says)]
+        [
+            one["text"]
+            for one in answer.get("findings", ())
+            if one["code"] == telling.code and one["subject"].endswith(telling.about)
+        ]
         for answer in (planted, plain)
     )
     return said[0] if said and not before else ""

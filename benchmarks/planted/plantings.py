@@ -61,14 +61,16 @@ class Telling:
         number: the parameter of an effect that has the size; "" where no size is asked.
         sign: of the size, times that of the fault.
         factor: within which the size must be.
-        says: words that one remark must all have, where no label tells it.
+        code: of a remark that tells it, where no label does.
+        about: how the subject of that remark ends.
     """
 
     labels: tuple[str, ...] = ()
     number: str = ""
     sign: float = 1.0
     factor: float = FACTOR
-    says: tuple[str, ...] = ()
+    code: str = ""
+    about: str = ""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -141,7 +143,7 @@ def _contact(case: str, run: str) -> Planting:
 
 
 def _stuck(case: str, run: str) -> Planting:
-    told = (Telling(says=(f"{THERMOMETER} in {run} repeats", "the sensor is stuck")),)
+    told = (Telling(code="sensor_stuck", about=f"{THERMOMETER}@{run}"),)
     return Planting(
         case, "stuck thermometer", faults.stuck, STUCK_SHARE, "of load", THERMOMETER, (run,), told, _of_run(run)
     )
@@ -167,7 +169,7 @@ def _of_run(run: str) -> tuple[Telling, ...]:
         "ambient_shift:ambient_degC",
         "heat_transfer_shift",
     )
-    return (*(Telling((f"{one}@{run}",)) for one in shifts), Telling(says=(f"The start of {run} was moved",)))
+    return (*(Telling((f"{one}@{run}",)) for one in shifts), Telling(code="start_moved", about=f"@{run}"))
 
 
 PLANTINGS = (

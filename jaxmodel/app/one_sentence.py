@@ -82,9 +82,9 @@ def _plain_remarks() -> Iterator[None]:
 
     def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
         from jaxmodel.app.terminal import complain
-        from jaxmodel.base.errors import Remark
+        from jaxmodel.base.errors import RemarkWarning
 
-        if issubclass(category, Remark):
+        if issubclass(category, RemarkWarning):
             complain(str(message))
         else:
             shown(message, category, *place, **more)

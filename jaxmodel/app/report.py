@@ -19,8 +19,8 @@ from jaxmodel.app.report_rows import channel_rows, ladder_tables, noise_rows, pa
 from jaxmodel.base.provenance import provenance
 from jaxmodel.base.units import difference_unit, split_unit
 from jaxmodel.case.records import Run
+from jaxmodel.case.simulation import end_of
 from jaxmodel.diagnosis.advice.next_experiment import in_words
-from jaxmodel.diagnosis.advice.remarks import extrapolated_sentence as remark_on_extrapolation
 from jaxmodel.diagnosis.headline import consistent, possible, undetectable
 from jaxmodel.diagnosis.opening import opening
 from jaxmodel.diagnosis.residuals.blocks import block_sentence, worst_block
@@ -55,17 +55,16 @@ def write_report(diagnosis: Diagnosis, folder: str | Path) -> dict[str, bytes]:
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    out_of_range = tuple(filter(None, (one.sentence() for one in diagnosis.simulation)))
+    ends = [remark for one in diagnosis.simulation for remark in end_of(one)]
     pictures = {file.stem: file.read_bytes() for file in diagnosis.plot.save(folder)}
-    with_range = dataclasses.replace(diagnosis, remarks=(*diagnosis.remarks, *out_of_range))
-    write_page(folder / "report.html", "diagnosis.html", **report_content(with_range, pictures))
+    with_ends = dataclasses.replace(diagnosis, remarks=(*diagnosis.remarks, *ends))
+    write_page(folder / "report.html", "diagnosis.html", **report_content(with_ends, pictures))
     return pictures
 
 
 def report_content(diagnosis: Diagnosis, pictures: Mapping[str, bytes]) -> dict[str, Any]:
     """Return the content for the templates of a diagnosis; arguments as `write_report`."""
     case, parameters = diagnosis.case, parameter_rows(diagnosis)
-    on_extrapolation = set(map(remark_on_extrapolation, diagnosis.extrapolated))
     return {
         "diagnosis": diagnosis,
         "case": case,
@@ -86,7 +85,7 @@ def report_content(diagnosis: Diagnosis, pictures: Mapping[str, bytes]) -> dict[
         "possible": [_immaterial(one.sentence, removed(one.removes)) for one in possible(diagnosis)],
         "extrapolated": [extrapolated_sentence(one) for one in diagnosis.extrapolated],
         # Extrapolation has its own heading in the report.
-        "remarks": [remark for remark in diagnosis.remarks if remark not in on_extrapolation],
+        "remarks": [remark for remark in diagnosis.remarks if remark.code != "run_outside_fitted"],
         "blind": join([effect_name(label) for label in undetectable(diagnosis)]),
         "indistinguishable": [
             f"{effect_name(effect.label)}: {join([effect_name(label) for label in effect.cannot_tell_apart_from])}"

@@ -13,7 +13,7 @@ import threading
 import warnings
 from pathlib import Path
 
-from jaxmodel.base.errors import Remark
+from jaxmodel.base.errors import RemarkWarning
 
 _HASH_BYTES = hashlib.sha256().digest_size
 
@@ -78,7 +78,9 @@ def _folder() -> Path | None:
         return None
     if why:
         warnings.warn(
-            Remark(f"Compiled programs in {folder} are not used, because {why}; remove the folder, or choose another."),
+            RemarkWarning(
+                f"Compiled programs in {folder} are not used, because {why}; remove the folder, or choose another."
+            ),
             stacklevel=1,  # the same place each time, so that it is said once
         )
         return None

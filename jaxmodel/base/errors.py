@@ -36,8 +36,8 @@ class EffectError(UserError):
     """An effect is unknown, does not apply to this kind of model, or is not valid."""
 
 
-class Remark(UserWarning):
-    """What a user should know of a result and need not act on; one sentence, as that of an error."""
+class RemarkWarning(UserWarning):
+    """A remark as a warning of Python, where there is no result yet to carry it; one sentence, as that of an error."""
 
 
 def _on_one_line(sentence: str) -> str:

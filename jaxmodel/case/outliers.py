@@ -12,6 +12,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from jaxmodel.base.remark import Remark
 from jaxmodel.base.units import unit_of
 from jaxmodel.case.records import Case, Run
 from jaxmodel.case.signals import (
@@ -48,10 +49,10 @@ _FEWEST_STEPS, _UNFOLLOWED = 2, 0.3
 _ANY_CHANGE, _AMPLIFIED = 0.1, 10.0
 
 
-def without_outliers(case: Case) -> tuple[Case, tuple[str, ...]]:
+def without_outliers(case: Case) -> tuple[Case, tuple[Remark, ...]]:
     """Return a case with outliers of its outputs as missing readings, and of its inputs as their neighbours.
 
-    There is a sentence for each channel with some.
+    There is a remark on each channel with some.
     """
     case, told = _without_unfollowed(case)
     remarks, runs = list(told), {run.name: run for run in case.runs}
@@ -62,34 +63,55 @@ def without_outliers(case: Case) -> tuple[Case, tuple[str, ...]]:
         kept = {run: found.pop(run.name) for run in with_it if is_frequent(found[run.name])}
         if kept:
             run, rows = next(iter(kept.items()))
+            count = sum(int(rows.sum()) for rows in kept.values())
             remarks.append(
-                f"{sum(int(rows.sum()) for rows in kept.values())} readings of {channel} in "
-                f"{', '.join(run.name for run in kept)} are far from the neighbouring readings, with no input that "
-                f"explains them: {_first(run, channel, rows)} and others. That is {rows.mean():.1%} of its rows, too "
-                "many for outliers, so they are kept; look at the sensor."
+                Remark(
+                    f"{count} readings of {channel} in {', '.join(run.name for run in kept)} are far from the "
+                    "neighbouring readings, with no input that explains them: "
+                    f"{_said(run, *_first(run, channel, rows))} and others. That is {rows.mean():.1%} of its rows, too "
+                    "many for outliers, so they are kept; look at the sensor.",
+                    "outliers_kept",
+                    channel,
+                    readings=float(count),
+                    share=rows.mean(),
+                )
             )
         count = sum(int(rows.sum()) for rows in found.values())
         if not count:
             continue
         first = next(run for run in with_it if run.name in found and found[run.name].any())
         share = count / sum(rows.size for rows in found.values())
+        value, time_s = _first(first, channel, found[first.name])
         remarks.append(
-            f"{count} reading{'s' * (count > 1)} of {channel} excluded as outlier{'s' * (count > 1)}, far from the "
-            f"neighbouring readings although no input changed with {'them' if count > 1 else 'it'}: "
-            f"{_first(first, channel, found[first.name])}{' and others' * (count > 1)}{share_said(count, share)}."
+            Remark(
+                f"{count} reading{'s' * (count > 1)} of {channel} excluded as outlier{'s' * (count > 1)}, far from the "
+                f"neighbouring readings although no input changed with {'them' if count > 1 else 'it'}: "
+                f"{_said(first, value, time_s)}{' and others' * (count > 1)}{share_said(count, share)}.",
+                "outliers_excluded",
+                channel,
+                readings=float(count),
+                share=share,
+                value=value,
+                time_s=time_s,
+            )
         )
         for name, rows in found.items():
             runs[name] = without_readings(runs[name], channel, rows)
     return dataclasses.replace(case, runs=tuple(runs.values())), tuple(remarks)
 
 
-def _first(run: Run, channel: str, rows: Rows) -> str:
+def _first(run: Run, channel: str, rows: Rows) -> tuple[float, float]:
+    """Return the first of some readings, and its time [s]."""
     row = int(np.argmax(rows))
-    return f"{run.measured.outputs[channel][row]:.4g} at {run.measured.time_s[row]:g} s of {run.file}"
+    return float(run.measured.outputs[channel][row]), float(run.measured.time_s[row])
 
 
-def _without_unfollowed(case: Case) -> tuple[Case, tuple[str, ...]]:
-    """Return a case with outliers of its inputs taken as their neighbours, and a sentence for each input with some."""
+def _said(run: Run, value: float, time_s: float) -> str:
+    return f"{value:.4g} at {time_s:g} s of {run.file}"
+
+
+def _without_unfollowed(case: Case) -> tuple[Case, tuple[Remark, ...]]:
+    """Return a case with outliers of its inputs taken as their neighbours, and a remark on each input with some."""
     remarks, runs = [], []
     for run in case.runs:
         for name, values in run.measured.inputs.items():
@@ -98,9 +120,16 @@ def _without_unfollowed(case: Case) -> tuple[Case, tuple[str, ...]]:
                 continue
             row, count = int(np.argmax(rows)), int(rows.sum())
             remarks.append(
-                f"{count} reading{'s' * (count > 1)} of the input {name} of {run.file} taken as the neighbouring ones, "
-                f"because no reading followed: {values[row]:.4g} at {run.measured.time_s[row]:g} s"
-                f"{' and others' * (count > 1)}."
+                Remark(
+                    f"{count} reading{'s' * (count > 1)} of the input {name} of {run.file} taken as the neighbouring "
+                    f"ones, because no reading followed: {values[row]:.4g} at {run.measured.time_s[row]:g} s"
+                    f"{' and others' * (count > 1)}.",
+                    "input_outliers_replaced",
+                    f"{name}@{run.name}",
+                    readings=float(count),
+                    value=values[row],
+                    time_s=run.measured.time_s[row],
+                )
             )
             time_s = run.measured.time_s
             held = np.interp(time_s, time_s[~rows], values[~rows])

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from jaxmodel.base.in_short import InShort
+from jaxmodel.base.remark import Remark
 from jaxmodel.case.build import case_model, run_profile
 from jaxmodel.case.measurements import KINDS
 from jaxmodel.case.plotting import SimulationPlots
@@ -42,28 +43,37 @@ class SimulatedRun(InShort):
 
     def sentence(self) -> str:
         """Say how the run ended, '' for a normal end."""
-        said = []
-        if self.status == Status.REACHED_CUTOFF:
-            said.append(f"{self.run.name} reached its cut-off at {self.end_s:g} s; the rows after it are empty.")
-        if self.status == Status.NOT_FINITE:
-            said.append(f"{self.run.name} produced numbers that are not finite; check its parameters and inputs.")
-        if self.status == Status.IMPOSSIBLE:
-            beyond = [
-                name
-                for name in LIMITS
-                if name in self.table and not np.all(possible({name: self.table[name].dropna()}))
-            ]
-            far = ", ".join(f"{name} up to {self.table[name].abs().max():.3g}" for name in beyond)
-            where = f" ({far})" if far else ""
-            said.append(f"{self.run.name} goes where nothing can be{where}; check its parameters and inputs.")
-        invalid = np.flatnonzero(~self.table["valid"].to_numpy(dtype=bool))
-        if invalid.size:
-            first = float(self.table["time_s"].iloc[invalid[0]])
-            said.append(
-                f"{self.run.name} is outside the valid range of the cell's equations in {invalid.size} of its "
-                f"{len(self.table)} rows, first at {first:g} s."
-            )
-        return " ".join(said)
+        return " ".join(end_of(self))
+
+
+def end_of(simulated: SimulatedRun) -> tuple[Remark, ...]:
+    """Return what there is to say of how a simulated run ended, and of rows outside the valid range."""
+    run, table, end_s = simulated.run.name, simulated.table, simulated.end_s
+    said = []
+    if simulated.status == Status.REACHED_CUTOFF:
+        sentence = f"{run} reached its cut-off at {end_s:g} s; the rows after it are empty."
+        said.append(Remark(sentence, "reached_cutoff", run, time_s=end_s))
+    if simulated.status == Status.NOT_FINITE:
+        sentence = f"{run} produced numbers that are not finite; check its parameters and inputs."
+        said.append(Remark(sentence, "not_finite", run))
+    if simulated.status == Status.IMPOSSIBLE:
+        beyond = {
+            name: float(table[name].abs().max())
+            for name in LIMITS
+            if name in table and not np.all(possible({name: table[name].dropna()}))
+        }
+        far = ", ".join(f"{name} up to {size:.3g}" for name, size in beyond.items())
+        sentence = f"{run} goes where nothing can be{far and f' ({far})'}; check its parameters and inputs."
+        said.append(Remark(sentence, "impossible", run, **beyond))
+    invalid = np.flatnonzero(~table["valid"].to_numpy(dtype=bool))
+    if invalid.size:
+        first = float(table["time_s"].iloc[invalid[0]])
+        sentence = (
+            f"{run} is outside the valid range of the cell's equations in {invalid.size} of its {len(table)} rows, "
+            f"first at {first:g} s."
+        )
+        said.append(Remark(sentence, "outside_valid_range", run, rows=float(invalid.size), time_s=first))
+    return tuple(said)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ import datetime
 import hashlib
 import inspect
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import pandas as pd
 
 from jaxmodel.base.atomic_files import write_whole
 from jaxmodel.base.provenance import digest_of
+from jaxmodel.base.remark import Remark
 from jaxmodel.base.schema import with_schema
 from jaxmodel.base.version import __version__
 from jaxmodel.case.records import Case, Run
@@ -119,7 +121,13 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         ],
         "errors_by_run": [] if diagnosis.errors is None else rows_of(diagnosis.errors),
         "remarks": list(diagnosis.remarks),
+        "findings": findings(diagnosis.remarks),
     }
+
+
+def findings(remarks: Iterable[Remark]) -> list[dict[str, Any]]:
+    """Return code, subject, numbers and text of remarks, in their order, ready for JSON."""
+    return [one.record() | {"numbers": {name: number(value) for name, value in one.numbers.items()}} for one in remarks]
 
 
 def rows_of(table: pd.DataFrame) -> list[dict[str, Any]]:

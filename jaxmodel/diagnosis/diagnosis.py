@@ -10,6 +10,7 @@ from scipy.special import softmax
 
 from jaxmodel.base.errors import EffectError
 from jaxmodel.base.progress import Stage, stages
+from jaxmodel.base.remark import Remark
 from jaxmodel.case.records import Case
 from jaxmodel.diagnosis.advice import remarks as remarks
 from jaxmodel.diagnosis.advice.law_file import law_file
@@ -403,7 +404,7 @@ def _blind(cache: FitCache) -> tuple[str, ...]:
 
 def _remarks(
     cache: FitCache, fit: Fit, adjusted: AdjustedStarts, ladder: Sequence[Rung], extrapolated: Sequence[Extrapolated]
-) -> tuple[str, ...]:
+) -> tuple[Remark, ...]:
     layout = cache.space.layout
     common, of_runs = [], []
     for place, pull in zip(fit.spec.free, fit.pulls, strict=True):
@@ -430,7 +431,7 @@ def _remarks(
         *remarks.out_of_range(cache.space, fit),
         *remarks.not_converged(fit),
         *remarks.badly_started(adjusted.pulls, cache.settings.start_reach),
-        *(remarks.extrapolated_sentence(one) for one in extrapolated),
+        *map(remarks.outside_fitted, extrapolated),
     )
 
 

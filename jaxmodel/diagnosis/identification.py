@@ -14,6 +14,7 @@ import pandas as pd
 
 from jaxmodel.base.atomic_files import write_whole
 from jaxmodel.base.progress import Stage, stages
+from jaxmodel.base.remark import Remark
 from jaxmodel.base.schema import with_schema
 from jaxmodel.case.records import Case
 from jaxmodel.diagnosis.advice.identifiability import (
@@ -26,6 +27,7 @@ from jaxmodel.diagnosis.advice.identifiability import (
     identifiability,
     profile_likelihood,
 )
+from jaxmodel.diagnosis.answer import findings
 from jaxmodel.diagnosis.plotting import IdentificationPlots
 from jaxmodel.fit.cache import FitCache
 
@@ -45,7 +47,7 @@ class Identification:
 
     found: Identifiability
     profiles: tuple[Profiled, ...]
-    remarks: tuple[str, ...]
+    remarks: tuple[Remark, ...]
 
     def to_dataframe(self) -> pd.DataFrame:
         """Return a row for each unknown: value, unit, prior and posterior sd, and the share of each run and sensor."""
@@ -134,6 +136,7 @@ class Identification:
             "case": found.case,
             "misfit": found.misfit,
             "remarks": list(self.remarks),
+            "findings": findings(self.remarks),
             "answers": {name: found.answer(name) for name in found.names},
             "asked": [one.name for one in self.profiles],
             "sloppy": [{"information": strength, "told": words} for strength, words in found.sloppy()],

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from jaxmodel.base.late_binding import late_bound
+from jaxmodel.base.remark import Remark
 from jaxmodel.case.records import Case
 from jaxmodel.case.simulation import CaseSimulation, simulate_case
 from jaxmodel.diagnosis.plotting import DiagnosisPlots
@@ -312,7 +313,7 @@ class Diagnosis:
     ladder: tuple[Rung, ...]
     scores: tuple[ScoreEntry, ...]
     critical_z: float
-    remarks: tuple[str, ...]
+    remarks: tuple[Remark, ...]
     curves: tuple[CurveFound, ...] = ()
     runs: tuple[RunFound, ...] = ()
     immaterial: tuple[Immaterial, ...] = ()

@@ -24,6 +24,7 @@ import pyarrow.parquet as parquet
 from jaxmodel.base.atomic_files import write_whole
 from jaxmodel.base.errors import MeasurementError
 from jaxmodel.base.provenance import digest_of
+from jaxmodel.base.remark import Remark
 from jaxmodel.base.schema import with_schema, without_schema
 from jaxmodel.case.reading import read_case
 from jaxmodel.case.records import Case
@@ -179,6 +180,8 @@ def _plain(value: Any) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         names = [one.name for one in dataclasses.fields(value) if one.name != "predictions"]
         return {name: _plain(getattr(value, name)) for name in names}
+    if isinstance(value, Remark):
+        return _plain(value.record())
     if isinstance(value, Mapping):
         return {str(name): _plain(one) for name, one in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
@@ -212,6 +215,16 @@ def _typed(hint: Any, value: Any) -> Any:
         return tuple(_typed(one, item) for one, item in zip(each, value, strict=True))
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return {name: _typed(inner[1], item) for name, item in value.items()}
+    if hint is Remark:
+        return _remark(value)
     if hint is np.ndarray:
         return np.array([_number(item) for item in value], float)
     return float(value) if hint is float else value
+
+
+def _remark(written: str | dict[str, Any]) -> Remark:
+    """Return a remark, which older files have as its sentence alone."""
+    if isinstance(written, str):
+        return Remark(written)
+    numbers = {name: _number(value) for name, value in written["numbers"].items()}
+    return Remark(written["text"], written["code"], written["subject"], **numbers)

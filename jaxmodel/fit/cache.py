@@ -41,7 +41,7 @@ class FitCache:
 
     Attributes:
         case: as it is fitted: bad readings left out, inputs alike in all runs.
-        preparation: what was left out, in sentences.
+        preparation: remarks on what is doubtful or was excluded.
         noise: of every output.
         space: of all models.
         view: the fitted readings.

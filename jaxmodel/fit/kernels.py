@@ -17,7 +17,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from jaxmodel.base.errors import Remark
+from jaxmodel.base.errors import RemarkWarning
 from jaxmodel.fit.problem import Lane, OneRun, Problem
 from jaxmodel.lanes import ROWS, STEPS, Kernel, NotNative, Pool
 from jaxmodel.lanes.kernel import Shared
@@ -131,7 +131,7 @@ def _kernel(given: _Given) -> Kernel | NotNative:
     except NotNative as reason:
         warnings.warn(
             f"The fits run through XLA, which takes longer: {reason} has no vector instructions yet.",
-            Remark,
+            RemarkWarning,
             stacklevel=2,
         )
         return reason

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from jaxmodel.base.errors import FitError
+from jaxmodel.base.remark import Remark
 from jaxmodel.case.known import Known
 from jaxmodel.case.records import Case, Run
 from jaxmodel.parameterisation.capacity import capacity
@@ -86,7 +87,8 @@ def parameterise_cell(case: Case, progress: Callable[[str], None] | None = None)
     points = {name: table for name, table in points.items() if len(table)}
     remarks = _remarks(fit, runs)
     if any(case.parameters[name].value for name in AGE if name in case.parameters):
-        remarks = (*remarks, "The numbers hold the cell's age; cycles and storage_months count from here.")
+        sentence = "The numbers hold the cell's age; cycles and storage_months count from here."
+        remarks = (*remarks, Remark(sentence, "age_included", ", ".join(AGE)))
     return Parameterisation(said, tuple(found), points, remarks)
 
 
@@ -320,19 +322,27 @@ def _run(run: Run, fit: JointFit, typical_Ah: float, heating: bool, hysteresis: 
     return dataclasses.replace(run, **changes)
 
 
-def _remarks(fit: JointFit, runs: Sequence[Rows]) -> tuple[str, ...]:
+def _remarks(fit: JointFit, runs: Sequence[Rows]) -> tuple[Remark, ...]:
     said = []
     for rows in runs:
         stated, now = rows.run.initial_soc.value, _counted_start(rows, fit.capacity_Ah)
         if abs(now - stated) > MOVED_SOC:
             said.append(
-                f"From the stated start {stated:.3g}, the charge of {rows.name} counts beyond full or empty; its start "
-                f"is taken as {now:.3g}, counted back from there. Check initial_soc and capacity_Ah."
+                Remark(
+                    f"From the stated start {stated:.3g}, the charge of {rows.name} counts beyond full or empty; its "
+                    f"start is taken as {now:.3g}, counted back from there. Check initial_soc and capacity_Ah.",
+                    "start_counted_back",
+                    f"initial_soc@{rows.name}",
+                    value=now,
+                    stated=stated,
+                )
             )
     for rows in runs:
         left = float(np.sqrt(np.mean(fit.residuals[rows.name] ** 2)))
-        said.append(f"The joint refit leaves {1e3 * left:.3g} mV of {rows.name}.")
-    said.append(
+        sentence = f"The joint refit leaves {1e3 * left:.3g} mV of {rows.name}."
+        said.append(Remark(sentence, "refit_error", f"voltage_V@{rows.name}", rms=left))
+    sentence = (
         f"One in {fit.inflation:.0f} readings counts: what the model misses is correlated, and the sd allow for it."
     )
+    said.append(Remark(sentence, "readings_correlated", "voltage_V", readings=fit.inflation))
     return tuple(said)

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from jaxmodel.base.errors import FitError
+from jaxmodel.base.remark import Remark
 from jaxmodel.case.build import with_preset
 from jaxmodel.case.known import Known
 from jaxmodel.case.records import Case
@@ -335,7 +336,7 @@ def _case(case: Case, found: Sequence[Extraction], turning: Mechanics | None, no
     )
 
 
-def _remarks(turning: Mechanics | None) -> tuple[str, ...]:
+def _remarks(turning: Mechanics | None) -> tuple[Remark, ...]:
     if turning is None:
-        return ("No run shows the motor turning: friction and inertia are not extracted.",)
-    return (f"The torque balance leaves {turning.rms_Nm:.2g} N m.",)
+        return (Remark("No run shows the motor turning: friction and inertia are not extracted.", "never_turns"),)
+    return (Remark(f"The torque balance leaves {turning.rms_Nm:.2g} N m.", "torque_error", rms_Nm=turning.rms_Nm),)

@@ -14,6 +14,7 @@ import pandas as pd
 
 from jaxmodel.base.atomic_files import write_whole
 from jaxmodel.base.in_short import InShort
+from jaxmodel.base.remark import Remark
 from jaxmodel.case.records import Case
 from jaxmodel.case.simulation import CaseSimulation, simulate_case
 from jaxmodel.parameterisation.plotting import ParameterisationPlots
@@ -85,7 +86,7 @@ class Parameterisation:
     case: Case
     extractions: tuple[Extraction, ...]
     points: Mapping[str, pd.DataFrame]
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[Remark, ...] = ()
 
     @functools.cached_property
     def simulation(self) -> CaseSimulation:

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxmodel.base.errors import FitError
+from jaxmodel.base.remark import Remark
 from jaxmodel.case.build import case_model, with_preset
 from jaxmodel.case.known import Known
 from jaxmodel.case.measurements import Measured
@@ -79,9 +80,11 @@ def parameterise_robot(case: Case, progress: Callable[[str], None] | None = None
         for name in problems
     ]
     points = {f"{name}_{key}": table for name, part in parts.items() for key, table in part.points.items()}
-    remarks = [remark for part in parts.values() for remark in part.remarks] + [*problems.values()]
+    remarks = [remark for part in parts.values() for remark in part.remarks]
+    remarks += [Remark(problem, "not_parameterised", name) for name, problem in problems.items()]
     if "cells" in parts and any(_number(case, name) for name in AGE):
-        remarks.append("The numbers of the cells hold their age; cycles and storage_months count from here.")
+        sentence = "The numbers of the cells hold their age; cycles and storage_months count from here."
+        remarks.append(Remark(sentence, "age_included", ", ".join(AGE)))
     return Parameterisation(_merged(case, parts, draw), tuple(found), points, tuple(remarks))
 
 

@@ -13,9 +13,10 @@ import pytest
 
 import jaxmodel.app.report
 from jaxmodel.app.commands.diagnose import print_diagnosis
-from jaxmodel.app.report import write_report
+from jaxmodel.app.report import report_content, write_report
 from jaxmodel.app.report_rows import ladder_tables
 from jaxmodel.case.build import load_effect_class
+from jaxmodel.diagnosis.advice.remarks import outside_fitted
 from jaxmodel.diagnosis.result import Diagnosis, Immaterial, Removed, RunFound
 from jaxmodel.diagnosis.summary import extrapolated_sentence, purpose_sentences
 from jaxmodel.diagnosis.wording import curve_sentence, ladder_names, removed, run_sentence, verdict_sentence
@@ -278,6 +279,14 @@ def test_what_is_off_is_one_sentence() -> None:
     )
     assert run_sentence(shift) == "run-02: voltage shift of voltage_V differs by -3.10 ± 0.20 mV from the other runs."
     assert curve_sentence(law()) == "overpotential is off by +81 mV at current_A 9 (sd 2 mV)."
+
+
+def test_extrapolation_is_told_under_its_own_heading_alone(diagnosis: Diagnosis) -> None:
+    outside = tuple(map(outside_fitted, diagnosis.extrapolated))
+    assert outside
+    content = report_content(dataclasses.replace(diagnosis, remarks=(*outside, *diagnosis.remarks)), {})
+    assert content["remarks"] == list(diagnosis.remarks)
+    assert len(content["extrapolated"]) == len(outside)
 
 
 def test_condition_without_a_span_is_one_number(diagnosis: Diagnosis) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from jaxmodel.base import jax_settings
 from jaxmodel.base.cache import keep, kept, why_not_private
-from jaxmodel.base.errors import Remark
+from jaxmodel.base.errors import RemarkWarning
 
 
 @pytest.fixture
@@ -42,9 +42,9 @@ def test_what_is_cut_off_or_has_changed_is_not_read(cache: Path, damage) -> None
 def test_nothing_is_read_from_a_folder_to_which_others_may_write(cache: Path) -> None:
     keep("one.o", b"machine code")
     (cache / "programs").chmod(0o770)
-    with pytest.warns(Remark, match=r"are not used, because other users may write to it; remove the folder"):
+    with pytest.warns(RemarkWarning, match=r"are not used, because other users may write to it; remove the folder"):
         assert kept("one.o") is None
-    with pytest.warns(Remark):
+    with pytest.warns(RemarkWarning):
         keep("two.o", b"more")
     assert not (cache / "programs" / "two.o").exists()
 
@@ -52,7 +52,7 @@ def test_nothing_is_read_from_a_folder_to_which_others_may_write(cache: Path) ->
 def test_nothing_is_read_from_a_folder_of_another_user(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     keep("one.o", b"machine code")
     monkeypatch.setattr(os, "getuid", lambda: (cache / "programs").stat().st_uid + 1)
-    with pytest.warns(Remark, match="because it belongs to another user"):
+    with pytest.warns(RemarkWarning, match="because it belongs to another user"):
         assert kept("one.o") is None
 
 

@@ -72,6 +72,8 @@ def test_exclusions_are_reported_and_frequent_events_are_kept():
     case = case_of("cell", {}, [spoilt(clean, [250, 777], 0.0)], {"voltage_V": SD})
     cleaned, (remark,) = without_outliers(case)
     assert remark.startswith("2 readings of voltage_V excluded as outliers")
+    assert (remark.code, remark.subject) == ("outliers_excluded", "voltage_V")
+    assert remark.numbers == {"readings": 2.0, "share": 2.0 / ROWS, "value": 0.0, "time_s": 750.0}
     assert "0 at" in remark
     assert list(np.flatnonzero(np.isnan(cleaned.runs[0].measured.outputs["voltage_V"]))) == [250, 777]
     assert np.isfinite(case.runs[0].measured.outputs["voltage_V"]).all(), "the case given is as it was"
@@ -86,4 +88,5 @@ def test_exclusions_are_reported_and_frequent_events_are_kept():
     most = case_of("cell", {}, [spoilt(clean, rows, 0.0)], {"voltage_V": SD})
     kept, (remark,) = without_outliers(most)
     assert "6.0% of its rows, too many for outliers, so they are kept" in remark
+    assert (remark.code, remark.numbers["share"]) == ("outliers_kept", pytest.approx(0.06))
     assert np.isfinite(kept.runs[0].measured.outputs["voltage_V"]).all()

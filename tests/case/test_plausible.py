@@ -193,6 +193,7 @@ def test_what_has_another_explanation_is_only_doubted(right: dict[str, Case]) ->
     alone = dataclasses.replace(case, runs=case.runs[:1])
     check(alone)
     (doubt,) = doubts(alone)
+    assert (doubt.code, doubt.subject) == ("not_likely", "cell_temperature_degC")
     assert "77 at the first row" in doubt
     assert "divide by 1.8, unless that is so." in doubt
 

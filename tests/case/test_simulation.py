@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxmodel.case.build import case_model, run_profile
 from jaxmodel.case.records import Case, Run
-from jaxmodel.case.simulation import simulate_case
+from jaxmodel.case.simulation import end_of, simulate_case
 from jaxmodel.model.simulation import Cutoff, Status, simulate
 
 
@@ -44,6 +44,8 @@ def test_run_that_reaches_its_cutoff_is_empty_after_it(case: Case) -> None:
     assert first.table["soc"].notna().to_numpy().nonzero()[0][-1] == end
     assert first.table["soc"][end] < 0.9 <= first.table["soc"][end - 1]
     assert f"reached its cut-off at {first.run.measured.time_s[end]:g} s" in first.sentence()
+    (remark,) = end_of(first)
+    assert (remark.code, remark.subject, remark.numbers) == ("reached_cutoff", first.run.name, {"time_s": first.end_s})
     assert second.status == Status.COMPLETE
     assert second.table.notna().all(axis=None)
 
@@ -55,3 +57,4 @@ def test_run_outside_the_range_of_the_equations_says_so(case: Case) -> None:
     (outcome,) = simulate_case(dataclasses.replace(case, runs=(dataclasses.replace(case.runs[0], measured=hot),)))
     assert not outcome.table["valid"].all()
     assert "is outside the valid range of the cell's equations" in outcome.sentence()
+    assert [one.code for one in end_of(outcome)] == ["outside_valid_range"]

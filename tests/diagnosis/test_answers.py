@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from jaxmodel.base.errors import MeasurementError
+from jaxmodel.base.remark import Remark
 from jaxmodel.case.reading import read_case
 from jaxmodel.case.records import Case
 from jaxmodel.diagnosis.answer import data_digests
@@ -36,6 +37,19 @@ def later(diagnosis: Diagnosis) -> Diagnosis:
         ladder=(*diagnosis.ladder[:-1], final),
         errors=errors,
     )
+
+
+def test_the_answer_has_each_remark_as_a_sentence_and_as_a_finding(diagnosis: Diagnosis) -> None:
+    odd = Remark("The fit did not reach a minimum.", "no_minimum", promise=1.0 / 3.0, objective=float("nan"))
+    said = dataclasses.replace(diagnosis, remarks=(*diagnosis.remarks, odd)).answer()
+    assert [one["text"] for one in said["findings"]] == said["remarks"]
+    assert said["findings"][-1] == {
+        "code": "no_minimum",
+        "subject": "",
+        "numbers": {"promise": 0.333333, "objective": None},
+        "text": "The fit did not reach a minimum.",
+    }
+    assert json.loads(json.dumps(said["remarks"])) == [str(one) for one in said["remarks"]]
 
 
 def test_an_answer_beside_itself_has_no_change(diagnosis: Diagnosis) -> None:

@@ -64,6 +64,7 @@ def test_what_is_asked_for_is_said(warm: Case, found: Identification, tmp_path: 
         identify(warm, add=["self_heatin"])
     said = json.loads((found.write(tmp_path, pictures=False) / "identify.json").read_text())
     assert [one["parameter"] for one in said["profiles"]] == ["capacity_Ah"]
+    assert [one["text"] for one in said["findings"]] == said["remarks"] == list(found.remarks)
 
 
 def test_an_exact_number_is_made_uncertain(warm: Case):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import shutil
 from pathlib import Path
 
@@ -11,10 +12,11 @@ import pandas as pd
 import pytest
 
 from jaxmodel.base.errors import MeasurementError
+from jaxmodel.base.remark import Remark
 from jaxmodel.case.records import Case
 from jaxmodel.diagnosis.advice.next_experiment import Proposal
 from jaxmodel.diagnosis.result import Diagnosis, Estimate, RunError
-from jaxmodel.diagnosis.saved import read_diagnosis
+from jaxmodel.diagnosis.saved import DIAGNOSIS, read_diagnosis
 from tests.made_up import contact, diagnosis_of, law, ocv_curve, with_additions
 
 
@@ -54,6 +56,8 @@ def same(one: object, other: object, where: str = "") -> None:
         assert len(one) == len(other), where
         for place, (value, again) in enumerate(zip(one, other, strict=True)):
             same(value, again, f"{where}[{place}]")
+    elif isinstance(one, Remark):
+        same(one.record(), other.record(), where)
     else:
         assert one == other or (one != one and other != other), where
 
@@ -68,6 +72,22 @@ def test_what_is_read_is_what_was_written(full: Diagnosis, written: Path) -> Non
     for run, again in zip(full.case.runs, found.case.runs, strict=True):
         pd.testing.assert_frame_equal(run.to_dataframe(), again.to_dataframe(), check_exact=True)
         assert (run.name, run.split, run.label) == (again.name, again.split, again.label)
+
+
+def test_remarks_are_read_with_their_codes_and_older_ones_as_sentences(full: Diagnosis, tmp_path: Path) -> None:
+    odd = Remark("A start is far off.", "far_from_stated", "capacity_Ah", value=float("inf"), stated=float("nan"))
+    folder = dataclasses.replace(full, remarks=(*full.remarks, odd)).write(tmp_path / "small", pictures=False)
+    found = read_diagnosis(folder).remarks
+    assert [(one.code, one.subject) for one in found] == [(one.code, one.subject) for one in (*full.remarks, odd)]
+    assert found[0].numbers == full.remarks[0].numbers
+    np.testing.assert_equal(dict(found[1].numbers), dict(odd.numbers))
+
+    content = json.loads((folder / DIAGNOSIS).read_text(encoding="utf-8"))
+    content["diagnosis"]["remarks"] = [one["text"] for one in content["diagnosis"]["remarks"]]
+    (folder / DIAGNOSIS).write_text(json.dumps(content), encoding="utf-8")
+    older = read_diagnosis(folder).remarks
+    assert older == found
+    assert [one.code for one in older] == ["", ""]
 
 
 def test_what_is_read_says_and_draws_the_same(full: Diagnosis, written: Path) -> None:

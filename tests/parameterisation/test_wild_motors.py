@@ -75,7 +75,8 @@ def test_the_parameters_do_without_spikes_and_the_case_keeps_what_was_read() -> 
     clean, found = (parameterise(Case.from_dataframes(of, kind="motor", parameters=stated)) for of in (frames, spoilt))
     for name in ("k_tau", "J", "tau_0"):
         assert found[name].value == pytest.approx(clean[name].value, rel=0.02)
-    assert any("6 readings of speed_rad_s excluded as outliers" in remark for remark in found.remarks)
+    told = {(one.code, one.subject): one.numbers for one in found.remarks}
+    assert told["outliers_excluded", "speed_rad_s"]["readings"] == 6.0
     assert found.case.runs[0].measured.outputs["speed_rad_s"][250] == 900.0
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jaxmodel.base.errors import Remark
+from jaxmodel.base.errors import RemarkWarning
 from jaxmodel.model.cell import storage_factor
 from jaxmodel.model.electrothermal import Model, read
 from jaxmodel.model.names import with_values
@@ -187,7 +187,7 @@ def test_operation_without_vector_instructions_still_runs_and_is_named(cell_stud
 
     median = MedianOfThree("median_soc", "", "median of the last three rows", ("cell",))
     study = cell_study(metrics=["final_soc", "soc_gradient", median])
-    with pytest.warns(Remark, match='runs through XLA: the operation "sort" has no vector instructions'):
+    with pytest.warns(RemarkWarning, match='runs through XLA: the operation "sort" has no vector instructions'):
         result = run(study)
     one_row_back = result.final_soc - 10.0 * result.soc_gradient
     np.testing.assert_allclose(result.median_soc, one_row_back, rtol=1e-12)

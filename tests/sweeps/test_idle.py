@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from jaxmodel import sweeps
-from jaxmodel.base.errors import Remark
+from jaxmodel.base.errors import RemarkWarning
 from jaxmodel.sweeps.idle import idle
 
 CELL: dict[str, Any] = {
@@ -50,14 +50,14 @@ def test_with_the_effect_it_matters():
 def test_a_sweep_says_it_and_runs():
     study = sweeps.Study(**CELL, axes={"initial_temperature_rise_K": [0.0, 5.0]})
     said = r"axes\.initial_temperature_rise_K: no metric .* of this cell depends on it; turn on self_heating"
-    with pytest.warns(Remark, match=said):
+    with pytest.warns(RemarkWarning, match=said):
         found = sweeps.run(study)
     assert float(found["min_voltage_V"].std()) == 0.0
-    with pytest.warns(Remark, match=said):
+    with pytest.warns(RemarkWarning, match=said):
         sweeps.forecast(study)
 
 
 def test_a_sweep_whose_axes_matter_says_nothing():
     with warnings.catch_warnings():
-        warnings.simplefilter("error", Remark)
+        warnings.simplefilter("error", RemarkWarning)
         sweeps.run(sweeps.Study(**CELL, axes={"cycles": [1, 100]}))

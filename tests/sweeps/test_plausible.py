@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jaxmodel import Status, sweeps
-from jaxmodel.base.errors import Remark, SweepError
+from jaxmodel.base.errors import RemarkWarning, SweepError
 from jaxmodel.sweeps.plausible import odd_values
 
 REPOSITORY = Path(__file__).parents[2]
@@ -77,7 +77,7 @@ def test_an_input_beyond_its_bounds_is_refused_with_its_mend(name: str, value: f
 
 def test_a_torque_in_mNm_leaves_no_lane_complete_and_harms_no_other():
     """200 times the stall torque heats the winding far above the 1085 degC at which its copper melts."""
-    with pytest.warns(Remark, match="times the torque at which this motor stands still"):
+    with pytest.warns(RemarkWarning, match="times the torque at which this motor stands still"):
         found = sweeps.run(study("motor", {"voltage_V": 14.0}, {"load_torque_Nm": [0.1, 1000.0]}))
     assert found["status"].values.tolist() == [Status.COMPLETE, Status.IMPOSSIBLE]
     assert float(found["peak_winding_temperature_degC"][1]) > 1e6
@@ -90,7 +90,7 @@ def test_a_lane_that_is_impossible_for_a_while_is_not_complete():
     """A load that ends: the winding cools below the melting point again, and the lane stays impossible."""
     load = {"load_torque_Nm": {"high": 30.0, "on_s": 20, "period_s": 36_000}}
     profile = {"duration_s": 36_000, "step_s": 10, "ambient_degC": 20.0, "voltage_V": 2.0, "pulses": load}
-    with pytest.warns(Remark, match="stands still"):
+    with pytest.warns(RemarkWarning, match="stands still"):
         found = sweeps.run(sweeps.Study(kind="motor", profile=profile, axes={"psi_R": [0.0039]}))
     assert float(found["peak_winding_temperature_degC"][0]) > 1085.0 > float(found["final_winding_temperature_degC"][0])
     assert found["status"].values.tolist() == [Status.IMPOSSIBLE]

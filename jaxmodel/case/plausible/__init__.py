@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from jaxmodel.base.errors import MeasurementError
+from jaxmodel.base.remark import Remark
 from jaxmodel.case.plausible.cell import wrong_cell
 from jaxmodel.case.plausible.finding import Finding
 from jaxmodel.case.plausible.motor import odd_load, wrong_motor
@@ -41,6 +42,10 @@ def check(case: Case) -> None:
             raise MeasurementError(finding.sentence())
 
 
-def doubts(case: Case) -> tuple[str, ...]:
-    """Return a sentence for everything in a case that is not likely, and yet can be."""
-    return tuple(f"{finding.sentence()[:-1]}, unless that is so." for finding in findings(case) if not finding.certain)
+def doubts(case: Case) -> tuple[Remark, ...]:
+    """Return a remark on everything in a case that is not likely, and yet can be."""
+    return tuple(
+        Remark(f"{finding.sentence()[:-1]}, unless that is so.", "not_likely", finding.name or finding.mends[0].name)
+        for finding in findings(case)
+        if not finding.certain
+    )

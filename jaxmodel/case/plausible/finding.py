@@ -52,6 +52,7 @@ class Finding:
         possible: what could be.
         mends: what may be done about it, one of them.
         certain: False where there is another explanation that can be.
+        name: of the column or parameter; "" where it is that of the first mend.
     """
 
     where: str
@@ -59,6 +60,7 @@ class Finding:
     possible: str
     mends: tuple[Mend, ...]
     certain: bool = True
+    name: str = ""
 
     def sentence(self) -> str:
         """Say all of it in one sentence."""

@@ -156,7 +156,7 @@ def odd_load(case: Case) -> Iterator[Finding]:
     mends = () if found.mend is None else (found.mend,)
     largest = max(float(np.nanmax(np.abs(run.load_torque_Nm))) for run in read)
     where = place(case, drives[0][0], "load_torque_Nm")
-    yield Finding(where, f"{largest:.4g} (largest)", found.sentence(), mends, certain=False)
+    yield Finding(where, f"{largest:.4g} (largest)", found.sentence(), mends, certain=False, name="load_torque_Nm")
 
 
 def _finding(

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import PurePath
 
 import numpy as np
 
+from jaxmodel.base.remark import Remark
 from jaxmodel.base.units import split_unit
 from jaxmodel.case.records import Case, Run
 from jaxmodel.diagnosis.result import Extrapolated, Rung
@@ -61,72 +63,100 @@ class Strained:
     sd: float
     run: str = ""
 
-    def sentence(self) -> str:
+    def remark(self) -> Remark:
         """Say how far it is, and what that may mean."""
         side = "above" if self.pull > 0.0 else "below"
         off = f"{self.name} = {self.value:.4g} is {abs(self.pull):.1f} sd {side}"
         known = f"({self.stated:.4g} ± {self.sd:.2g})"
+        subject = f"{self.name}@{self.run}" if self.run else self.name
+        numbers = {"value": self.value, "stated": self.stated, "stated_sd": self.sd, "off_sd": self.pull}
         if self.run and self.name in STARTS:
-            return f"The start of {self.run} was moved to compensate for an error: {off} its stated value {known}."
+            moved = f"The start of {self.run} was moved to compensate for an error: {off} its stated value {known}."
+            return Remark(moved, "start_moved", subject, **numbers)
         where = f" of {self.run}" if self.run else ""
         lacks = f"something that the model lacks{' in that run' if self.run else ''}"
-        return f"{off} what the case states{where} {known}: correct it, or it stands in for {lacks}."
+        far = f"{off} what the case states{where} {known}: correct it, or it stands in for {lacks}."
+        return Remark(far, "far_from_stated", subject, **numbers)
 
 
-def strained(numbers: Sequence[Strained], least: float = SETTINGS.strained) -> tuple[str, ...]:
+def strained(numbers: Sequence[Strained], least: float = SETTINGS.strained) -> tuple[Remark, ...]:
     """Say which parameters were fitted more than so many sd from their stated value, the furthest first."""
     far = [one for one in numbers if abs(one.pull) > least]
-    return tuple(one.sentence() for one in sorted(far, key=lambda one: -abs(one.pull)))
+    return tuple(one.remark() for one in sorted(far, key=lambda one: -abs(one.pull)))
 
 
-def noise_remarks(noise: Mapping[str, NoiseModel]) -> tuple[str, ...]:
+def noise_remarks(noise: Mapping[str, NoiseModel]) -> tuple[Remark, ...]:
     """Say of which channels the stated noise is contradicted by the readings, and of which none is stated."""
     remarks = []
     for name, model in noise.items():
         if model.stated is None:
             remarks.append(
-                f"The noise of {name} is not stated; taken as {model.sd:.3g} ({model.source}). State it under "
-                "[sensors]: all that is called significant is held against it."
+                Remark(
+                    f"The noise of {name} is not stated; taken as {model.sd:.3g} ({model.source}). State it under "
+                    "[sensors]: all that is called significant is held against it.",
+                    "noise_not_stated",
+                    name,
+                    sd=model.sd,
+                )
             )
         elif model.contradicts:
             ratio = model.sd / model.stated
             off = f"{ratio:.2g} times" if ratio > 1.0 else f"1/{1.0 / ratio:.2g} of"
             remarks.append(
-                f"The readings of {name} scatter by {model.sd:.3g}, {off} the stated sd of {model.stated:.3g}: "
-                "what they show was used; correct the stated one."
+                Remark(
+                    f"The readings of {name} scatter by {model.sd:.3g}, {off} the stated sd of {model.stated:.3g}: "
+                    "what they show was used; correct the stated one.",
+                    "noise_contradicted",
+                    name,
+                    sd=model.sd,
+                    stated_sd=model.stated,
+                )
             )
         elif model.is_filtered:
             remarks.append(
-                f"The readings of {name} scatter far less than the stated sd of {model.stated:.3g}: their log was "
-                "filtered or interpolated. The stated sd was used; give the readings as they were taken."
+                Remark(
+                    f"The readings of {name} scatter far less than the stated sd of {model.stated:.3g}: their log was "
+                    "filtered or interpolated. The stated sd was used; give the readings as they were taken.",
+                    "readings_filtered",
+                    name,
+                    stated_sd=model.stated,
+                )
             )
     return tuple(remarks)
 
 
-def not_converged(fitted: Fit) -> tuple[str, ...]:
+def not_converged(fitted: Fit) -> tuple[Remark, ...]:
     """Say where a calibration did not come to its end."""
     if fitted.converged:
         return ()
     return (
-        f"The fit did not reach a minimum (another step promises {fitted.promise:.2g} of {fitted.objective:.3g}): its "
-        "numbers are not to be relied on.",
+        Remark(
+            f"The fit did not reach a minimum (another step promises {fitted.promise:.2g} of {fitted.objective:.3g}): "
+            "its numbers are not to be relied on.",
+            "no_minimum",
+            promise=fitted.promise,
+            objective=fitted.objective,
+        ),
     )
 
 
-def nothing_moves(fitted: Fit) -> tuple[str, ...]:
+def nothing_moves(fitted: Fit) -> tuple[Remark, ...]:
     """Say where no unknown moves any reading."""
     scale = fitted.spec.precision**-0.5
     if np.max(np.abs(scale[:, None] * fitted.gram.square * scale), initial=0.0) > NO_ANSWER:
         return ()
     return (
-        "No unknown moves any reading of the fit runs: at what the case states as known the model stands still, as a "
-        "motor does whose friction no torque overcomes, or is out of its range.",
+        Remark(
+            "No unknown moves any reading of the fit runs: at what the case states as known the model stands still, as "
+            "a motor does whose friction no torque overcomes, or is out of its range.",
+            "nothing_moves",
+        ),
     )
 
 
-def out_of_range(space: ModelSpace, fit: Fit) -> tuple[str, ...]:
+def out_of_range(space: ModelSpace, fit: Fit) -> tuple[Remark, ...]:
     """Say which numbers of a model's effects are outside their usual range, that of the specimen where it has one."""
-    remarks: list[str] = []
+    remarks: list[Remark] = []
     for label in fit.added:
         candidate = space.candidates[label]
         if candidate.is_switched:
@@ -138,7 +168,7 @@ def out_of_range(space: ModelSpace, fit: Fit) -> tuple[str, ...]:
 
 def unusual(
     candidate: Candidate, values: Sequence[float], usual: Mapping[str, tuple[float, float]] | None = None
-) -> tuple[str, ...]:
+) -> tuple[Remark, ...]:
     """Say which numbers of one effect are outside their usual range.
 
     Args:
@@ -151,15 +181,22 @@ def unusual(
         low, high = (usual or {}).get(name) or about.typical or (-np.inf, np.inf)
         if not in_usual_range(value, low, high):
             remarks.append(
-                f"{candidate.label}.{name} = {value:.3g} is outside its usual range, {low:.3g} to {high:.3g}: the "
-                "effect may be standing in for another."
+                Remark(
+                    f"{candidate.label}.{name} = {value:.3g} is outside its usual range, {low:.3g} to {high:.3g}: the "
+                    "effect may be standing in for another.",
+                    "outside_usual_range",
+                    f"{candidate.label}.{name}",
+                    value=value,
+                    low=low,
+                    high=high,
+                )
             )
     return tuple(remarks)
 
 
 def starts_moving(
     case: Case, noise: Mapping[str, NoiseModel], predicted: Mapping[str, Mapping[str, np.ndarray]]
-) -> tuple[str, ...]:
+) -> tuple[Remark, ...]:
     """Say where a motor turns at the first row, and the model does not, or at another speed that the case states.
 
     Args:
@@ -169,8 +206,8 @@ def starts_moving(
     """
     if SPEED not in noise:
         return ()
-    starts: list[str] = []
-    elsewhere: list[str] = []
+    starts: dict[str, float] = {}
+    elsewhere: list[Remark] = []
     for run in case.runs:
         read = run.measured.outputs.get(SPEED)
         if read is None or not np.isfinite(read[0]):
@@ -181,31 +218,48 @@ def starts_moving(
         stated = run.overrides.get(START_SPEED, case.parameters.get(START_SPEED))
         if stated is not None:
             elsewhere.append(
-                f"{SPEED} of {run.name} is {read[0]:.4g} at the first row, and {START_SPEED} is stated as "
-                f"{stated.value:.4g}: correct one of them, or give it an sd."
+                Remark(
+                    f"{SPEED} of {run.name} is {read[0]:.4g} at the first row, and {START_SPEED} is stated as "
+                    f"{stated.value:.4g}: correct one of them, or give it an sd.",
+                    "start_speed_contradicted",
+                    f"{SPEED}@{run.name}",
+                    value=read[0],
+                    stated=stated.value,
+                )
             )
         else:
-            starts.append(f"initial_speed_rad_s = {read[0]:.4g} to {run.name}")
+            starts[run.name] = read[0]
     if not starts:
         return tuple(elsewhere)
+    give = ", ".join(f"{START_SPEED} = {speed:.4g} to {name}" for name, speed in starts.items())
     return (
         *elsewhere,
-        f"{SPEED} shows a motor that turns at the first row, where the model's stands still: if it did turn, give "
-        f"{', '.join(starts)}.",
+        Remark(
+            f"{SPEED} shows a motor that turns at the first row, where the model's stands still: if it did turn, give "
+            f"{give}.",
+            "start_speed_missing",
+            SPEED,
+            **starts,
+        ),
     )
 
 
-def formulas_of_the_paper(case: Case) -> list[str]:
+def formulas_of_the_paper(case: Case) -> tuple[Remark, ...]:
     """Return a remark if a cell other than the paper's uses curves of the paper's cell."""
     if not case.formulas:
-        return []
-    return [
-        f"{', '.join(case.formulas)} are the formulas of the paper's 5.2 A h cell, because the case states no tables; "
-        "state tables or a preset of your cell."
-    ]
+        return ()
+    names = ", ".join(case.formulas)
+    return (
+        Remark(
+            f"{names} are the formulas of the paper's 5.2 A h cell, because the case states no tables; state tables or "
+            "a preset of your cell.",
+            "paper_formulas",
+            names,
+        ),
+    )
 
 
-def nothing_held_out(case: Case) -> tuple[str, ...]:
+def nothing_held_out(case: Case) -> tuple[Remark, ...]:
     """Say where no run is left to check the model on."""
     if any(run.split == "check" for run in case.runs):
         return ()
@@ -215,12 +269,15 @@ def nothing_held_out(case: Case) -> tuple[str, ...]:
         else 'record another run and list it with split = "check"'
     )
     return (
-        "No run is held out: the errors are those of runs that the model was fitted to, and how well it predicts "
-        f"others cannot be judged; {how}.",
+        Remark(
+            "No run is held out: the errors are those of runs that the model was fitted to, and how well it predicts "
+            f"others cannot be judged; {how}.",
+            "nothing_held_out",
+        ),
     )
 
 
-def better_as_stated(stated: Rung, final: Rung) -> tuple[str, ...]:
+def better_as_stated(stated: Rung, final: Rung) -> tuple[Remark, ...]:
     """Say where the held-out runs are predicted worse by the final model than by what the case states.
 
     Args:
@@ -236,21 +293,29 @@ def better_as_stated(stated: Rung, final: Rung) -> tuple[str, ...]:
         (before, after), unit = amount(name, pair)
         changes.append(f"{split_unit(name)[0]} is {after} {unit} off, and {before} {unit} as stated")
     return (
-        f"On the check runs the final model is no better than the base model as stated: {join(changes)}. Keep the "
-        "stated values, or give them a smaller sd.",
+        Remark(
+            f"On the check runs the final model is no better than the base model as stated: {join(changes)}. Keep the "
+            "stated values, or give them a smaller sd.",
+            "better_as_stated",
+            ", ".join(worse),
+            **{name: after for name, (_, after) in worse.items()},
+            **{f"{name}_stated": before for name, (before, _) in worse.items()},
+        ),
     )
 
 
-def stated_model_stays(tried: Sequence[str]) -> str:
+def stated_model_stays(tried: Sequence[str]) -> Remark:
     """Say that the case stays as it is stated, and what was tried."""
     with_them = f" and {join([label.replace(':', ' of ') for label in tried])}" if tried else ""
-    return (
+    return Remark(
         f"Calibration{with_them} fits the fit runs better and predicts the check runs worse than the case as stated: "
-        "the model stays as it was. The fit runs lack what the check runs need: fit a run of their kind."
+        "the model stays as it was. The fit runs lack what the check runs need: fit a run of their kind.",
+        "stated_model_stays",
+        ", ".join(tried),
     )
 
 
-def badly_started(pulls: Mapping[str, float], reach: float = SETTINGS.start_reach) -> tuple[str, ...]:
+def badly_started(pulls: Mapping[str, float], reach: float = SETTINGS.start_reach) -> tuple[Remark, ...]:
     """Say which check runs begin elsewhere than is stated of their start.
 
     Args:
@@ -258,9 +323,15 @@ def badly_started(pulls: Mapping[str, float], reach: float = SETTINGS.start_reac
         reach: the sd within which it may.
     """
     return tuple(
-        f"The start of {run} is wrong: its first readings require a start {abs(pull):.1f} sd from the stated one, but "
-        f"it was limited to {reach:g} sd; part of its error comes from the start. Correct what the case states of "
-        "this start, or increase its sd."
+        Remark(
+            f"The start of {run} is wrong: its first readings require a start {abs(pull):.1f} sd from the stated one, "
+            f"but it was limited to {reach:g} sd; part of its error comes from the start. Correct what the case states "
+            "of this start, or increase its sd.",
+            "start_wrong",
+            run,
+            off_sd=pull,
+            limit_sd=reach,
+        )
         for run, pull in pulls.items()
         if abs(pull) > reach
     )
@@ -283,12 +354,20 @@ def extrapolated(case: Case) -> tuple[Extrapolated, ...]:
     )
 
 
-def extrapolated_sentence(one: Extrapolated) -> str:
+def outside_fitted(one: Extrapolated) -> Remark:
     """Say where a held-out run lies outside the conditions that were fitted."""
     (low, high), (from_, to) = one.span_fitted, one.span
     fitted = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
     own = f"is {to:.3g}" if from_ == to else f"is {from_:.3g} to {to:.3g}"
-    return f"{one.file} is outside the fit runs: {one.condition} {own}; the fit runs cover {fitted}."
+    return Remark(
+        f"{one.file} is outside the fit runs: {one.condition} {own}; the fit runs cover {fitted}.",
+        "run_outside_fitted",
+        f"{one.condition}@{PurePath(one.file).stem}",
+        low=from_,
+        high=to,
+        low_fit=low,
+        high_fit=high,
+    )
 
 
 def _outside(name: str, fitted: tuple[float, float], span: tuple[float, float]) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from jaxmodel.base.remark import Remark
 from jaxmodel.case.outliers import without_outliers
 from jaxmodel.case.plausible import doubts
 from jaxmodel.case.records import Case
@@ -11,8 +12,8 @@ from jaxmodel.fit.preparation.saturated import without_saturated
 from jaxmodel.fit.preparation.stuck import without_stuck
 
 
-def prepared(case: Case) -> tuple[Case, tuple[str, ...]]:
-    """Return the prepared case, and a sentence for everything that is doubtful or was excluded.
+def prepared(case: Case) -> tuple[Case, tuple[Remark, ...]]:
+    """Return the prepared case, and a remark on everything that is doubtful or was excluded.
 
     Raises:
         FitError: two runs have different inputs.

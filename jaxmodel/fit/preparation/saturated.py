@@ -11,6 +11,7 @@ import dataclasses
 
 import numpy as np
 
+from jaxmodel.base.remark import Remark
 from jaxmodel.base.units import unit_of
 from jaxmodel.case.records import Case, Run
 from jaxmodel.case.signals import detect_quantum, without_readings
@@ -24,8 +25,8 @@ PILED_UP = 5.0
 GOES_BACK = 0.15
 
 
-def without_saturated(case: Case) -> tuple[Case, tuple[str, ...]]:
-    """Return a case with saturated readings as missing, and a sentence for each channel with some."""
+def without_saturated(case: Case) -> tuple[Case, tuple[Remark, ...]]:
+    """Return a case with saturated readings as missing, and a remark on each channel with some."""
     remarks, runs = [], {run.name: run for run in case.runs}
     for channel in dict.fromkeys(name for run in case.runs for name in run.measured.outputs):
         for limit in limits(case, channel):
@@ -40,9 +41,15 @@ def without_saturated(case: Case) -> tuple[Case, tuple[str, ...]]:
                     names.append(run.name)
                     runs[run.name] = without_readings(runs[run.name], channel, rows)
             remarks.append(
-                f"{channel} repeats {limit:g} {unit_of(channel)}".rstrip()
-                + f" in {count} readings of {', '.join(names)} and never goes beyond: the sensor is saturated; these "
-                "readings are excluded."
+                Remark(
+                    f"{channel} repeats {limit:g} {unit_of(channel)}".rstrip()
+                    + f" in {count} readings of {', '.join(names)} and never goes beyond: the sensor is saturated; "
+                    "these readings are excluded.",
+                    "sensor_saturated",
+                    channel,
+                    limit=limit,
+                    readings=float(count),
+                )
             )
     return dataclasses.replace(case, runs=tuple(runs.values())), tuple(remarks)
 

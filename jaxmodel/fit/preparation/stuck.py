@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
+from jaxmodel.base.remark import Remark
 from jaxmodel.base.units import unit_of
 from jaxmodel.case.records import Case, Run
 from jaxmodel.case.signals import (
@@ -88,8 +89,8 @@ class _Behaviour:
     readings: int
 
 
-def without_stuck(case: Case) -> tuple[Case, tuple[str, ...]]:
-    """Return a case with the readings of stuck sensors as missing, and a sentence for each stretch."""
+def without_stuck(case: Case) -> tuple[Case, tuple[Remark, ...]]:
+    """Return a case with the readings of stuck sensors as missing, and a remark on each stretch."""
     remarks, runs = [], {run.name: run for run in case.runs}
     for channel in dict.fromkeys(name for run in case.runs for name in run.measured.outputs):
         found = stuck(case, channel)
@@ -99,11 +100,18 @@ def without_stuck(case: Case) -> tuple[Case, tuple[str, ...]]:
             rows = np.zeros(run.measured.time_s.size, dtype=bool)
             rows[stretch.first : stretch.last + 1] = True
             runs[name] = without_readings(run, channel, rows)
-            until = "the end" if stretch.last == read[-1] else f"{run.measured.time_s[stretch.last]:g} s"
+            from_s, to_s = run.measured.time_s[[stretch.first, stretch.last]].tolist()
+            until = "the end" if stretch.last == read[-1] else f"{to_s:g} s"
             remarks.append(
-                f"{channel} in {name} repeats {stretch.value:g} {unit_of(channel)}".rstrip()
-                + f" from {run.measured.time_s[stretch.first]:g} s to {until} under load: the sensor is stuck; these "
-                "readings are excluded."
+                Remark(
+                    f"{channel} in {name} repeats {stretch.value:g} {unit_of(channel)}".rstrip()
+                    + f" from {from_s:g} s to {until} under load: the sensor is stuck; these readings are excluded.",
+                    "sensor_stuck",
+                    f"{channel}@{name}",
+                    value=stretch.value,
+                    from_s=from_s,
+                    to_s=to_s,
+                )
             )
     return dataclasses.replace(case, runs=tuple(runs.values())), tuple(remarks)
 

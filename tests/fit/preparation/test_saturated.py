@@ -21,6 +21,7 @@ def test_saturated_readings_are_excluded_and_reported() -> None:
     case = case_of("motor", {}, [motor(1, 5.0), motor(2, 5.0)])
     cleaned, (remark,) = without_saturated(case)
     assert remark.startswith("current_A repeats 5 A in ")
+    assert (remark.code, remark.subject, remark.numbers["limit"]) == ("sensor_saturated", "current_A", 5.0)
     assert "of run-01, run-02 and never goes beyond" in remark
     for run, before in zip(cleaned.runs, case.runs, strict=True):
         left, given = run.measured.outputs["current_A"], before.measured.outputs["current_A"]

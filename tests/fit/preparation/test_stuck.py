@@ -48,6 +48,8 @@ def test_a_thermometer_that_is_stuck_halfway_is_reported(noise: float, quantum: 
     cleaned, (remark,) = without_stuck(case)
     assert remark.startswith("cell_temperature_degC in run-02 repeats ")
     assert "degC from 1200 s to the end under load: the sensor is stuck" in remark
+    assert (remark.code, remark.subject) == ("sensor_stuck", "cell_temperature_degC@run-02")
+    assert (remark.numbers["from_s"], remark.numbers["to_s"]) == (1200.0, 2998.0)
     left = cleaned.runs[1].measured.outputs["cell_temperature_degC"]
     assert np.isnan(left[602:]).all()
     assert np.isfinite(left[:599]).all()
@@ -60,6 +62,7 @@ def test_a_sensor_that_recovers_is_reported_until_then() -> None:
     runs = [cell(1), hanging(cell(2), 400, 900)]
     _, (remark,) = without_stuck(case_of("cell", {}, runs))
     assert "from 800 s to 1798 s" in remark
+    assert (remark.numbers["from_s"], remark.numbers["to_s"]) == (800.0, 1798.0)
 
 
 def test_a_sensor_that_alternates_by_one_step_is_stuck_too() -> None:
