@@ -146,10 +146,11 @@ class Comparison:
             if place < layout.base and layout.runs[place] < 0 and abs(pull) > self.cache.settings.strained
         )
 
-    def better(self, one: Fit, other: Fit) -> bool:
-        """Return True if a model has more evidence than another under the weights of either."""
+    def better(self, one: Fit, other: Fit, odds: float = 0.0) -> bool:
+        """Return True if a model has more evidence than another under the weights of either, by more than some odds."""
+        least = self.cache.settings.least_odds + odds
         return all(
-            self.evidence(one, weights) > self.evidence(other, weights) + self.cache.settings.least_odds
+            self.evidence(one, weights) > self.evidence(other, weights) + least
             for weights in (one.likelihood, other.likelihood)
         )
 

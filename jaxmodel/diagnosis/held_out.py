@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from jaxmodel.diagnosis.advice.remarks import extrapolated
 from jaxmodel.diagnosis.comparison import WORSE
 from jaxmodel.diagnosis.result import ChannelError
 from jaxmodel.diagnosis.rungs import evaluated_rows, rung
@@ -122,16 +123,19 @@ def _in_vain(search: Search, model: Sequence[str], others: Sequence[str]) -> dic
     """Return the additions that change predictions of held-out runs and make none better.
 
     With chi-square of the held-out readings and K that of the change d of their predictions, an addition that is true
-    lowers chi-square by K, within 2 sqrt(K): it is contradicted if it does not, and K exceeds `CHANGED`.
+    lowers chi-square by K, within 2 sqrt(K): it is contradicted if it does not, and K exceeds `CHANGED`. Runs outside the
+    conditions that were fitted are left out: there whatever else is off speaks louder.
     """
     cache, against = search.cache, {}
+    outside = {one.file for one in extrapolated(cache.case)}
+    inside = [run for run in cache.case.runs if run.split == "check" and run.file not in outside]
     for label in others:
         richer, before = search.compared(model, label)
         own, lacking = rung(cache, "", richer), rung(cache, "", before)
         gained, change = 0.0, 0.0
         for name, weight in richer.likelihood.channels.items():
-            for run in cache.case.runs:
-                if run.split != "check" or name not in run.measured.outputs:
+            for run in inside:
+                if name not in run.measured.outputs:
                     continue
                 rows = evaluated_rows(run, cache.settings)
                 with_it, without = (one.predictions[run.name][name][rows] for one in (own, lacking))

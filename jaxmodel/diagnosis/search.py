@@ -88,13 +88,18 @@ class Search(Comparison):
         path = [(), *([model] if model else [])]
         refused: dict[str, Test] = {}
         if seek:
-            has_kinetics, ended = False, {model}
+            has_kinetics, beside, ended = False, False, {model}
             for _ in range(cache.settings.most_rounds):
                 if not has_kinetics and cache.is_within_tolerance(cache.fit(model)):
                     model, has_kinetics = self._with_kinetics(model), True
-                entered, refused = self._entering(model)
+                entered = None
+                if not beside:
+                    entered, refused = self._entering(model)
                 if entered is None or not self._reduces_what_is_missed(model, entered):
-                    entered = self._entering_beside(model) or entered
+                    # What shows only beside curves leaves a model that is far off without them: from there on nothing
+                    # is to be learnt without them.
+                    shown = self._entering_beside(model)
+                    beside, entered = beside or shown is not None, shown or entered
                 if entered is None and not has_kinetics:
                     before, has_kinetics = model, True
                     model = self._with_kinetics(before)
@@ -103,7 +108,7 @@ class Search(Comparison):
                 if entered is not None:
                     cache.report(f"adding {entered}")
                     model = self._needed(cache.space.key((*model, entered)), (*start, entered))
-                elif together := self._entering_together(model, refused):
+                elif not beside and (together := self._entering_together(model, refused)):
                     model = self._needed(together, start)
                 else:
                     # What is not needed in the end may have kept out what is.
@@ -345,12 +350,16 @@ class Search(Comparison):
         """Return the model with an addition exchanged for another where that has more evidence."""
         cache = self.cache
         for label in [one for one in model if one not in keep]:
+            if not self.test(model, label).significant:
+                continue  # it is needed beside curves alone, and rivals are not compared there
             lacking = tuple(one for one in model if one != label)
             gains = [one for one in cache.scores(lacking).gains() if self.may_enter(lacking, one.label)]
             rivals = [one.label for one in gains if one.label not in model and _alike(cache, one.label)][:2]
             for rival in rivals:
                 other = cache.fit((*lacking, rival))
-                if self.better(other, cache.fit(model)) and self._test(other, cache.fit(lacking), rival).plausible:
+                against, of_label = (self.odds_of(cache.space.candidates[one]) for one in (rival, label))
+                is_better = self.better(other, cache.fit(model), against - of_label)
+                if is_better and self._test(other, cache.fit(lacking), rival).plausible:
                     cache.report(f"replacing {label} by {rival}")
                     model = other.added
                     break
@@ -393,8 +402,7 @@ class Search(Comparison):
             gains = [one for one in cache.scores(lacking).gains() if self.may_enter(lacking, one.label)]
             near = [one.label for one in gains if one.label not in model and _alike(cache, one.label)][:2]
             own = cache.fit(model)
-            unsure = self.gain(own, cache.fit(lacking)) < 50.0
-            others = [cache.fit((*lacking, one)) for one in near if unsure]
+            others = [cache.fit((*lacking, one)) for one in near]
             found[label] = tuple(
                 one.added
                 for one in others
