@@ -119,7 +119,7 @@ def uncertainty(
         sd: standard deviations by name of a parameter or input, in its unit; None takes those that the study's case
             states.
         correlation: of the parameters, in the order of `sd`; none where it is not given.
-        draws: runs that are sampled; rounded up to a power of two.
+        draws: runs that are sampled, 8 or more; rounded up to a power of two.
         seed: of the draws.
         progress: True shows it at a terminal or in a notebook, False shows nothing; a function is called with
             what is done next.
@@ -128,8 +128,8 @@ def uncertainty(
         As `jaxmodel.sensitivity.propagation.propagate`.
 
     Raises:
-        ParameterError, SweepError: a name is unknown, an sd is negative, the correlations contradict each other, or
-            the case states no sd.
+        ParameterError, SweepError: a name is unknown, an sd is negative, the correlations contradict each other, fewer
+            than eight draws can be run, or the case states no sd.
     """
     prepared, metrics, outputs = _asked(study)
     with stages(progress, "uncertainty") as tell:
