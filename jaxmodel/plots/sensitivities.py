@@ -23,6 +23,7 @@ from jaxmodel.plots.style import (
     PAGE_CM,
     axis_label,
     column_label,
+    legend,
     minutes_or_seconds,
     new_figure,
     one_axes,
@@ -47,7 +48,9 @@ _DIAMOND: dict[str, Any] = {"color": "white", "markeredgecolor": "black", "marke
 
 
 @styled
-def doubling_beside_gradient(data: xr.Dataset, metric: str | None = None, most: int = 16) -> Figure:
+def doubling_beside_gradient(
+    data: xr.Dataset, metric: str | None = None, most: int = 16, ax: Axes | None = None
+) -> Figure:
     """Draw the change of a metric when each parameter is doubled, beside what its derivative alone predicts.
 
     A metric that has no proportional change, a temperature, is drawn in its own unit.
@@ -56,6 +59,7 @@ def doubling_beside_gradient(data: xr.Dataset, metric: str | None = None, most: 
         data: as `jaxmodel.sensitivity.local` returns it, with the doubling test.
         metric: one of its metrics.
         most: parameters to draw, those with the largest changes; those that change nothing are left out.
+        ax: axes of yours to draw on; by default those of a new figure.
     """
     metric = metric if metric is not None else first_of(data, "metric")
     chosen = data.sel(metric=metric)
@@ -70,8 +74,7 @@ def doubling_beside_gradient(data: xr.Dataset, metric: str | None = None, most: 
     order = [place for place in np.argsort(-size)[:most] if size[place] > _SEEN * size.max()]
     names = [_with_step(chosen.isel(parameter=place)) for place in order]
     places = np.arange(len(order))
-    figure = new_figure(PAGE_CM, 3.0 + 0.8 * len(order))
-    axes = figure.subplots()
+    figure, axes = one_axes(ax, PAGE_CM, 3.0 + 0.8 * len(order))
     axes.barh(places - 0.2, by_gradient[order], height=0.36, color=BLUE, label="predicted by the gradient")
     axes.barh(places + 0.2, simulated[order], height=0.36, color=ORANGE, label="simulated, the parameter doubled")
     if proportional:
@@ -83,7 +86,7 @@ def doubling_beside_gradient(data: xr.Dataset, metric: str | None = None, most: 
     axes.invert_yaxis()
     axes.grid(visible=False, axis="y")
     axes.set_xlabel(axis_label(f"change of {split_unit(metric)[0]}", unit))
-    figure.legend(loc="outside lower center", ncols=2)
+    legend(ax, axes, "outside lower center", 2)
     return figure
 
 

@@ -105,6 +105,31 @@ def one_axes(ax: Axes | None, width_cm: float, height_cm: float) -> tuple[Figure
     return figure, ax
 
 
+def legend(
+    ax: Axes | None,
+    axes: Axes,
+    loc: Literal["outside lower center", "outside right upper"],
+    ncols: int,
+    handles: Sequence[Any] | None = None,
+) -> None:
+    """Put a legend outside of a figure of its own; within axes of the caller, as the figure may hold more.
+
+    Args:
+        ax: the axes that the caller has given, if any.
+        axes: those that are drawn on.
+        loc: outside of the figure.
+        ncols: columns there.
+        handles: to be named; by default all of the axes that have a label.
+    """
+    shown = list(handles) if handles is not None else axes.get_legend_handles_labels()[0]
+    if ax is not None:
+        axes.legend(handles=shown)
+        return
+    figure = axes.get_figure(root=True)
+    assert figure is not None, "axes that were removed from their figure"
+    figure.legend(handles=shown, loc=loc, ncols=ncols)
+
+
 def png(figure: Figure) -> bytes:
     """Return a figure as a PNG."""
     return _encoded(_drawn(figure))
