@@ -88,6 +88,15 @@ def interactions(
 
     Raises:
         ParameterError, SweepError: a parameter or metric is unknown, or no pair is given.
+
+    Example:
+        >>> from jaxmodel import sensitivity, sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.5]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, metrics=["final_soc"], axes=axes)
+        >>> data = sensitivity.interactions(study, ["capacity_Ah", "current_A"], progress=False)
+        >>> list(data.dims)
+        ['parameter', 'metric', 'pair']
     """
     prepared, metrics, _ = _asked(study)
     given = list(pairs)
@@ -130,6 +139,15 @@ def uncertainty(
     Raises:
         ParameterError, SweepError: a name is unknown, an sd is negative, the correlations contradict each other, fewer
             than eight draws can be run, or the case states no sd.
+
+    Example:
+        >>> from jaxmodel import sensitivity, sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.5]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, metrics=["final_soc"], axes=axes)
+        >>> data = sensitivity.uncertainty(study, {"capacity_Ah": 0.05}, draws=64, progress=False)
+        >>> data["metric_sd_gradient"].round(6).values
+        array([0.000742])
     """
     prepared, metrics, outputs = _asked(study)
     with stages(progress, "uncertainty") as tell:

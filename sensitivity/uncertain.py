@@ -35,6 +35,13 @@ def stated_sd(study: Study) -> dict[str, float]:
 
     Raises:
         SweepError: the study names no case, or its case states no sd.
+
+    Example:
+        >>> from jaxmodel import sensitivity, sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> study = sweeps.Study(case="examples/samsung_30q", profile=profile, axes={"cycles": [0.0]})
+        >>> sensitivity.stated_sd(study)["capacity_Ah"]
+        0.03
     """
     if study.case is None:
         raise SweepError("uncertain: the study names no case; state a standard deviation by name, as in NAME=SD.")

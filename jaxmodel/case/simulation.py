@@ -74,6 +74,12 @@ class CaseSimulation:
     Attributes:
         case: whose model was run.
         runs: one by one.
+
+    Example:
+        >>> from jaxmodel import read_case, simulate_case
+        >>> simulation = simulate_case(read_case("examples/samsung_30q"), progress=False)
+        >>> simulation.to_dataframe().columns[:4].tolist()
+        ['run', 'time_s', 'voltage_V', 'cell_temperature_degC']
     """
 
     case: Case

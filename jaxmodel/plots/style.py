@@ -70,7 +70,18 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Apply this style within a plotting function, without changing the global matplotlib settings."""
+    """Apply this style within a plotting function, without changing the global matplotlib settings.
+
+    Example:
+        >>> from jaxmodel import plots
+        >>> @plots.styled
+        ... def mine():
+        ...     figure = plots.new_figure(8.0, 6.0)
+        ...     figure.subplots().plot([0.0, 1.0], [0.0, 1.0])
+        ...     return figure
+        >>> len(mine().axes)
+        1
+    """
 
     @functools.wraps(draw)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> Figure:
@@ -89,7 +100,15 @@ class Picture(Figure):
 
 
 def new_figure(width_cm: float, height_cm: float, layout: Literal["constrained", "none"] = "constrained") -> Figure:
-    """Return an empty figure of a size in cm, which pyplot does not keep open."""
+    """Return an empty figure of a size in cm, which pyplot does not keep open.
+
+    Example:
+        >>> from jaxmodel import plots
+        >>> figure = plots.new_figure(16.0, 8.0)
+        >>> left, right = figure.subplots(1, 2)
+        >>> figure.get_size_inches().round(1).tolist()
+        [6.3, 3.1]
+    """
     figure = Picture(figsize=(width_cm / 2.54, height_cm / 2.54), dpi=DOTS_PER_INCH, layout=layout)  # type: ignore[arg-type]
     FigureCanvasAgg(figure)
     return figure

@@ -34,6 +34,16 @@ def bands_over_time(data: xr.Dataset, output: str | None = None) -> Figure:
     Args:
         data: as `jaxmodel.sensitivity.uncertainty` returns it.
         output: the reading; the first if not given.
+
+    Example:
+        >>> from jaxmodel import plots, sensitivity, sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.5]}
+        >>> names = {"metrics": ["final_soc"], "store": ["voltage_V"]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, axes=axes, **names)
+        >>> data = sensitivity.uncertainty(study, {"capacity_Ah": 0.05}, draws=64, progress=False)
+        >>> plots.bands_over_time(data, "voltage_V").axes[0].get_ylabel()
+        'voltage [V]'
     """
     output = output if output is not None else first_of(data, "output")
     one = data.sel(output=output)
@@ -76,6 +86,16 @@ def metric_intervals(data: xr.Dataset, ax: Axes | None = None) -> Figure:
     Args:
         data: as `jaxmodel.sensitivity.uncertainty` returns it.
         ax: axes of yours to draw on; by default those of a new figure.
+
+    Example:
+        >>> from jaxmodel import plots, sensitivity, sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.5]}
+        >>> names = {"metrics": ["final_soc"], "store": ["voltage_V"]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, axes=axes, **names)
+        >>> data = sensitivity.uncertainty(study, {"capacity_Ah": 0.05}, draws=64, progress=False)
+        >>> len(plots.metric_intervals(data).axes)
+        1
     """
     varying = data.isel(metric=np.flatnonzero(data["metric_sd_gradient"].to_numpy() > 0.0))
     count = varying.sizes["metric"]

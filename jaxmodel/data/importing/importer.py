@@ -66,6 +66,13 @@ def import_case(
 
     Raises:
         MeasurementError: a file cannot be used, or something is open that only the user can tell.
+
+    Example:
+        >>> from jaxmodel import import_case
+        >>> log = "examples/samsung_30q/cc1C.csv"
+        >>> imported = import_case(log, "cell", ambient=23.0, progress=False)
+        >>> imported.case.runs[0].name, len(imported.decisions) > 5
+        ('cc1C', True)
     """
     if kind not in KINDS:
         raise MeasurementError(f"kind: there is no '{kind}'; use cell, motor or robot.")
