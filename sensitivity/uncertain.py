@@ -65,7 +65,7 @@ def read_estimates(folder: str | Path) -> Estimates:
     folder = Path(folder)
     if not (folder / "covariance.csv").exists():
         raise SweepError(
-            f"uncertain: {folder} is no folder in which identify wrote its results; name one, or write NAME=SD or case."
+            f"uncertain: {folder} holds no results of identify; name a folder that does, or write NAME=SD or case."
         )
     covariance = pd.read_csv(folder / "covariance.csv", index_col=0)
     names = [str(name) for name in covariance.index if "[" not in str(name)]

@@ -1,4 +1,4 @@
-"""How long some work may still take, foretold from the parts that are left and from what a part has taken so far."""
+"""How long some work may still take, estimated from the parts that are left and from what a part has taken so far."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import time
 from collections.abc import Mapping
 
 # What the parts of a search take, in passes over all candidates, by their first words. Measured on cells and robots of
-# 3 to 7 runs: what is foretold with them is right within a factor of about two.
+# 3 to 7 runs: what is estimated with them is right within a factor of about two.
 _UNITS = {
     "trying": 1.0,
     "refitting with": 0.8,
@@ -34,10 +34,10 @@ def _value(table: Mapping[str, float], now: str) -> float | None:
 class Left:
     """The time that some work may still take.
 
-    Work without a search is foretold by shares: the time to the start of a part tells how long the rest takes. A search
-    repeats its parts, and how often is not known before. What is left of it is counted instead: the pairs of candidates
-    that are still to be refitted, a further round after the first addition, and the end. Before the first part of a
-    search is done no time is named.
+    Work without a search has shares: the time to the start of a part tells how long the rest takes. A search repeats
+    its parts, and how often is not known before. What is left of it is counted instead: the pairs of candidates that
+    are still to be refitted, a further round after the first addition, and the end. Before the first part of a search
+    is done no time is named.
     """
 
     def __init__(self, shares: Mapping[str, float]) -> None:
@@ -45,7 +45,7 @@ class Left:
         self._shares = shares
         self._began = self._part_began = time.perf_counter()
         self._reached, self._scale_s = 0.0, 0.0
-        self._foretold: float | None = None
+        self._estimated: float | None = None
         self._least = 0.0
         self._search: _Search | None = None
 
@@ -68,13 +68,13 @@ class Left:
             self._by_shares(now, at)
         elif self._search.begin(now):
             self._part_began = at
-            self._foretold, self._least = self._search.left_s(at)
+            self._estimated, self._least = self._search.left_s(at)
 
     def seconds(self) -> float | None:
         """Return the time left now; None where it is not known."""
-        if self._foretold is None:
+        if self._estimated is None:
             return None
-        return max(self._foretold - (time.perf_counter() - self._part_began), self._least)
+        return max(self._estimated - (time.perf_counter() - self._part_began), self._least)
 
     def _by_shares(self, now: str, at: float) -> None:
         share = _value(self._shares, now)
@@ -83,7 +83,7 @@ class Left:
         if share > self._reached:  # a part that comes again is no further
             self._reached, self._scale_s = share, (at - self._began) / share
         later = min((one for one in self._shares.values() if one > share), default=1.0)
-        self._part_began, self._foretold = at, self._scale_s * (1.0 - share)
+        self._part_began, self._estimated = at, self._scale_s * (1.0 - share)
         self._least = self._scale_s * (1.0 - later)
 
 

@@ -56,7 +56,7 @@ class SimulatedRun(InShort):
             ]
             far = ", ".join(f"{name} up to {self.table[name].abs().max():.3g}" for name in beyond)
             where = f" ({far})" if far else ""
-            said.append(f"{self.run.name} goes where nothing can be{where}; check its parameters and inputs.")
+            said.append(f"{self.run.name} reaches an impossible state{where}; check its parameters and inputs.")
         invalid = np.flatnonzero(~self.table["valid"].to_numpy(dtype=bool))
         if invalid.size:
             first = float(self.table["time_s"].iloc[invalid[0]])

@@ -35,12 +35,12 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 @pytest.mark.parametrize("parts", [CELL, ROBOT], ids=["cell", "robot"])
 def test_of_a_search_the_time_left_is_right_within_a_factor(parts: list[tuple[float, str]], clock: list[float]) -> None:
     left, end = Left(SHARES), parts[-1][0]
-    foretold = {}
+    estimated = {}
     for clock[0], part in parts[:-1]:
         left.begin(part)
-        foretold[part] = left.seconds(), end - clock[0]
-    named = {part: pair for part, pair in foretold.items() if pair[0] is not None}
-    assert list(foretold)[:2] == [part for part in foretold if part not in named]  # nothing is known before
+        estimated[part] = left.seconds(), end - clock[0]
+    named = {part: pair for part, pair in estimated.items() if pair[0] is not None}
+    assert list(estimated)[:2] == [part for part in estimated if part not in named]  # nothing is known before
     for part, (seconds, true) in named.items():
         assert seconds is not None
         assert seconds < 2.5 * true + 1.0, part

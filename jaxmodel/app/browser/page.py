@@ -208,10 +208,10 @@ class Page:
             self._count_down(running)
 
     def _count_down(self, running: dict[str, Any]) -> None:
-        """Show the time left, which was foretold when the present part of the job began."""
+        """Show the time left, which was estimated when the present part of the job began."""
         left = running["left_s"]
         seconds = None if left is None else left - (time.time() - running["ended"])
-        # What lasts longer than was foretold has no time left that anybody knows.
+        # What lasts longer than was estimated has no time left that anybody knows.
         self._left.set_text("" if seconds is None or seconds < 0.5 else f"about {duration(float(round(seconds)))} left")
 
     def _build_job(self, progress: dict[str, Any] | None) -> None:

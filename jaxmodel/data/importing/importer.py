@@ -157,7 +157,7 @@ def _with_clocks(logs: Sequence[Log], options: Options, ask: Ask | None) -> tupl
             timed.append(clocked)
         else:
             sentence = (
-                f"{file_label(log.source)} has no column of time and is left out; import it apart "
+                f"{file_label(log.source)} has no column of time and is left out; import it separately "
                 "with --seconds-per-row."
             )
             found.append(Finding("file left out", file_label(log.source), sentence, "warning"))

@@ -295,7 +295,7 @@ def _against(log: Log, own: Evidence, odds: float) -> Finding:
     sentence = (
         f"{log.name}: by itself it speaks for the other sign of the current ({own.steps - own.agreeing:,} "
         f"of {own.steps:,} "
-        "steps against positive on discharge); look at it, and import it apart with --sign if its bench "
+        "steps against positive on discharge); look at it, and import it separately with --sign if its bench "
         "writes otherwise."
     )
     return Finding("sign", log.name, sentence, "warning", "current_A", numbers={"odds": odds})

@@ -103,14 +103,14 @@ def test_time_left_follows_from_how_long_it_took_before(tmp_path: Path) -> None:
     assert read_json(tmp_path / PROGRESS)["left_s"] == pytest.approx(40.0, abs=1.0)
 
 
-def test_a_diagnosis_is_foretold_anew_whatever_the_last_one_took(tmp_path: Path) -> None:
+def test_a_diagnosis_is_estimated_anew_whatever_the_last_one_took(tmp_path: Path) -> None:
     progress = Progress(tmp_path, {"id": "1", "do": "diagnose"}, usual_s=4000.0)
     progress("trying 8 candidates")
     assert read_json(tmp_path / PROGRESS)["left_s"] is None
     assert read_json(tmp_path / PROGRESS)["share"] == 0.0
 
 
-def test_a_sweep_is_foretold_from_its_second_report_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sweep_is_estimated_from_its_second_report_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     now = [1000.0]
     monkeypatch.setattr("jaxmodel.app.browser.worker.progress.time.time", lambda: now[0])
     tell = Progress(tmp_path, {"id": "1", "do": "sweep"}).counted("sweep", "lanes")

@@ -21,7 +21,7 @@ DONE_BY = {
 # No time left is named before so many seconds have passed: it would be a guess.
 _LEAST_S = 1.5
 # How long these take follows from what they meet, and not from how long they took before.
-_FORETOLD = ("diagnose", "sweep", "forecast")
+_ESTIMATED = ("diagnose", "sweep", "forecast")
 
 
 class Stopped(Exception):
@@ -34,7 +34,7 @@ class Progress:
     def __init__(self, folder: Path, job: dict[str, Any], usual_s: float | None = None) -> None:
         """Begin a job; `usual_s` is how long such a job took before."""
         self._folder, self._job = folder, job
-        self._usual_s = None if job["do"] in _FORETOLD else usual_s
+        self._usual_s = None if job["do"] in _ESTIMATED else usual_s
         self._began, self._share = time.time(), 0.0
         self._left = Left(DONE_BY.get(job["do"], {}))
         self._counted: tuple[float, float] | None = None
