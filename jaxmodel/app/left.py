@@ -20,6 +20,8 @@ _UNITS = {
     "searching for": 0.5,
     "pictures": 1.5,
 }
+# A part that takes so many times what was estimated, and some seconds, shows that the estimate was wrong.
+_TOO_LONG, _SLACK_S = 2.0, 2.0
 _TRYING = re.compile(r"trying (\d+) candidates")
 # A round that is still to come: all candidates are tried, and so many pairs of them refitted.
 _ROUND = _UNITS["trying"] + 3 * _UNITS["refitting with"]
@@ -71,10 +73,13 @@ class Left:
             self._estimated, self._least = self._search.left_s(at)
 
     def seconds(self) -> float | None:
-        """Return the time left now; None where it is not known."""
+        """Return the time left now; None where it is not known, or a part lasts far longer than was estimated."""
         if self._estimated is None:
             return None
-        return max(self._estimated - (time.perf_counter() - self._part_began), self._least)
+        gone = time.perf_counter() - self._part_began
+        if gone > _TOO_LONG * (self._estimated - self._least) + _SLACK_S:
+            return None
+        return max(self._estimated - gone, self._least)
 
     def _by_shares(self, now: str, at: float) -> None:
         share = _value(self._shares, now)

@@ -61,15 +61,17 @@ def test_a_part_that_comes_again_does_not_add_the_time_that_was_used(clock: list
     assert last[-1] == pytest.approx(last[1], rel=0.05)
 
 
-def test_while_a_part_lasts_the_time_left_falls_and_stops_at_what_follows(clock: list[float]) -> None:
+def test_while_a_part_lasts_the_time_left_falls_to_what_follows_and_then_none_is_named(clock: list[float]) -> None:
     left = Left({"calibrating": 0.5, "writing": 0.9})
     clock[0] = 5.0
     left.begin("calibrating")
     at_first = left.seconds()
     clock[0] = 7.0
     later = left.seconds()
-    clock[0] = 100.0
+    clock[0] = 10.0
     assert (at_first, later, left.seconds()) == (pytest.approx(5.0), pytest.approx(3.0), pytest.approx(1.0))
+    clock[0] = 100.0  # far longer than it should have taken: nobody knows what is left
+    assert left.seconds() is None
 
 
 def test_of_work_that_nobody_knows_no_time_is_named() -> None:

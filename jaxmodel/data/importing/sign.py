@@ -65,7 +65,7 @@ class Evidence(NamedTuple):
             fit = self.agreeing if discharge else self.steps - self.agreeing
             resistance = f" (median {1e3 * abs(self.resistance_ohm):.3g} mohm)"
             said.append(
-                f"in {fit:,} of {self.steps:,} steps of the current the voltage moves as it then must{resistance}"
+                f"at {fit:,} of {self.steps:,} steps of the current the voltage moves as this sign demands{resistance}"
             )
         if abs(self.trend) > 0.2:
             said.append("the voltage falls as charge leaves the cell")
