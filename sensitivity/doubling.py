@@ -104,6 +104,14 @@ def doubling_test(
     Raises:
         ParameterError: a parameter or output is unknown; the message gives the nearest name.
         SweepError: a metric is unknown.
+
+    Example:
+        >>> from jaxmodel import Model, constant
+        >>> from jaxmodel.sensitivity import doubling_test
+        >>> profile = constant(600.0, 60.0, current_A=2.0, ambient_degC=20.0)
+        >>> data = doubling_test(Model("cell"), profile, ["capacity_Ah"], ["final_soc"])
+        >>> list(data.data_vars)[:3]
+        ['value', 'unit', 'step']
     """
     response = make_response(model, profile, names, metrics, outputs, cutoff)
     step = steps_of(response)

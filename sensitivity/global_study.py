@@ -69,6 +69,16 @@ def global_indices(
 
     Raises:
         SweepError: fewer than two names vary, or the method, a group or the count cannot be used.
+
+    Example:
+        >>> from jaxmodel import sensitivity, sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> ranges = {"capacity_Ah": (2.0, 3.0), "current_A": (1.0, 2.0)}
+        >>> sample = {"count": 8, "ranges": ranges}
+        >>> study = sweeps.Study(kind="cell", profile=profile, metrics=["final_soc"], sample=sample)
+        >>> data = sensitivity.global_indices(study, count=64, progress=False)
+        >>> data["total"].sel(metric="final_soc").round(1).values
+        array([0.3, 0.7])
     """
     spans = ranges_of(study)
     design = make_design(method, tuple(spans), count, groups, second_order=second_order, seed=seed)

@@ -48,6 +48,14 @@ def elasticity_map(
     Raises:
         SweepError: the study has fewer than two axes.
         ParameterError: an axis is no parameter and no input of the run.
+
+    Example:
+        >>> from jaxmodel import sensitivity, sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.0, 3.0], "ambient_degC": [0.0, 20.0]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, metrics=["final_soc"], axes=axes)
+        >>> sensitivity.elasticity_map(study, progress=False)["elasticity"].dims
+        ('capacity_Ah', 'ambient_degC', 'metric', 'parameter')
     """
     if len(study.axes) < 2:
         raise SweepError("axes: two axes make a map; add them to the study's [axes].")

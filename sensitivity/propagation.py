@@ -36,6 +36,7 @@ QUANTILES = (0.025, 0.16, 0.5, 0.84, 0.975)
 # The two ways agree where sd differ by less than this share, and mean and ends of the interval are off by less than it
 # of an sd, beyond what so many draws leave open (two or three of their standard errors).
 AGREED = 0.1
+LEAST_DRAWS = 8  # that are run: of fewer no sd is known. Assumed.
 _AT_ONCE = 64
 
 
@@ -65,7 +66,7 @@ def propagate(
         metrics: as in `local_sensitivities`.
         outputs: as in `local_sensitivities`.
         cutoff: where each run ends.
-        draws: how many runs are sampled; rounded up to a power of two.
+        draws: how many runs are sampled, 8 or more; rounded up to a power of two.
         seed: of the draws.
 
     Returns:
@@ -79,10 +80,12 @@ def propagate(
         Attributes: draws, and out_of_bounds and failed, how many of them were left out.
 
     Raises:
-        ParameterError: a name is unknown, an sd is negative, the correlations contradict each other, or nearly no draw
-            can be run.
+        ParameterError: a name is unknown, an sd is negative, the correlations contradict each other, or fewer than
+            eight draws can be run.
         SweepError: a metric is unknown.
     """
+    if draws < LEAST_DRAWS:
+        raise ParameterError(f"uncertain: {draws} draws show no spread; give {LEAST_DRAWS} or more.")
     response = make_response(model, profile, tuple(sd), metrics, outputs, cutoff)
     spread = np.array([sd[name] for name in response.names], dtype=float)
     root = _root(spread, correlation)
@@ -94,15 +97,18 @@ def propagate(
     info = response.table()
     lower, upper = (np.array([getattr(one, end) for one in info]) for end in ("lower", "upper"))
     within = np.all((points >= lower) & (points <= upper), axis=1)
-    if np.sum(within) < 8:
+    if np.sum(within) < LEAST_DRAWS:
         raise ParameterError(
-            f"uncertain: of {len(points)} draws {np.sum(~within)} are outside of the parameters' bounds; "
-            f"state smaller standard deviations."
+            f"uncertain: {np.sum(~within)} of {len(points)} draws are outside the bounds of the parameters, and fewer "
+            f"than {LEAST_DRAWS} are left; give more draws, or smaller standard deviations."
         )
     sampled, status = _answers(response, points[within])
     finite = status != Status.NOT_FINITE
-    if np.sum(finite) < 8:
-        raise ParameterError(f"uncertain: {np.sum(~finite)} of {len(finite)} runs at drawn parameters are not finite.")
+    if np.sum(finite) < LEAST_DRAWS:
+        raise ParameterError(
+            f"uncertain: {np.sum(~finite)} of {len(finite)} runs at drawn parameters are not finite, and fewer than "
+            f"{LEAST_DRAWS} are left; give more draws, or smaller standard deviations."
+        )
     at_metrics, at_outputs = np.asarray(sampled.metrics)[finite], np.asarray(sampled.outputs)[finite]
     metric_sd, output_sd = at_metrics.std(axis=0, ddof=1), at_outputs.std(axis=0, ddof=1)
     numbers = (np.asarray(answer.metrics), by_gradient[0], at_metrics.mean(axis=0), metric_sd)

@@ -33,6 +33,15 @@ def tables(data: xarray.Dataset) -> dict[str, pd.DataFrame]:
         "sensitivity": a line for each metric and parameter; "interactions": for each metric and pair; "uncertainty":
         for each metric; "global" and "global-pairs": for each metric and factor, or pair of factors; "elasticity-map":
         for each combination of the axes, metric and parameter.
+
+    Example:
+        >>> from jaxmodel import sensitivity, sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.5]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, metrics=["final_soc"], axes=axes)
+        >>> tables = sensitivity.tables(sensitivity.local(study, progress=False))
+        >>> sorted(tables)
+        ['sensitivity']
     """
     analysis = data.attrs["analysis"]
     if analysis == "local":
@@ -69,6 +78,17 @@ def save(data: xarray.Dataset, directory: str | Path) -> Path:
 
     Returns:
         The path of the store.
+
+    Example:
+        >>> from jaxmodel import sensitivity, sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.5]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, metrics=["final_soc"], axes=axes)
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = sensitivity.save(sensitivity.local(study, progress=False), folder)
+        ...     print(path.name, sensitivity.load(folder).attrs["analysis"])
+        sensitivity.zarr local
     """
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
@@ -96,6 +116,17 @@ def load(directory: str | Path) -> xarray.Dataset:
 
     Raises:
         SweepError: there is no result, more than one, or one that is damaged.
+
+    Example:
+        >>> from jaxmodel import sensitivity, sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.5]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, metrics=["final_soc"], axes=axes)
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = sensitivity.save(sensitivity.local(study, doubling=False, progress=False), folder)
+        ...     print(sensitivity.load(folder).attrs["analysis"])
+        local
     """
     directory = Path(directory)
     stores = [directory] if directory.suffix == ".zarr" else [directory / f"{name}.zarr" for name, _ in FILES.values()]

@@ -35,6 +35,13 @@ def stated_sd(study: Study) -> dict[str, float]:
 
     Raises:
         SweepError: the study names no case, or its case states no sd.
+
+    Example:
+        >>> from jaxmodel import sensitivity, sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> study = sweeps.Study(case="examples/samsung_30q", profile=profile, axes={"cycles": [0.0]})
+        >>> sensitivity.stated_sd(study)["capacity_Ah"]
+        0.03
     """
     if study.case is None:
         raise SweepError("uncertain: the study names no case; state a standard deviation by name, as in NAME=SD.")
@@ -58,7 +65,7 @@ def read_estimates(folder: str | Path) -> Estimates:
     folder = Path(folder)
     if not (folder / "covariance.csv").exists():
         raise SweepError(
-            f"uncertain: {folder} is no folder in which identify wrote its results; name one, or write NAME=SD or case."
+            f"uncertain: {folder} holds no results of identify; name a folder that does, or write NAME=SD or case."
         )
     covariance = pd.read_csv(folder / "covariance.csv", index_col=0)
     names = [str(name) for name in covariance.index if "[" not in str(name)]

@@ -27,6 +27,15 @@ class Forecast(InShort):
         devices: on which it was measured.
         compile_s: before the first lane.
         lanes_per_s: measured.
+
+    Example:
+        >>> from jaxmodel import sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.0, 3.0]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, metrics=["final_soc"], axes=axes)
+        >>> plan = sweeps.forecast(study)
+        >>> plan.lanes, plan.disk_bytes > 0
+        (2, True)
     """
 
     lanes: int
@@ -57,6 +66,15 @@ def forecast(study: Study, memory: float | int | str | None = None) -> Forecast:
 
     Warns:
         RemarkWarning: no result can depend on an axis; or a number looks like one in another unit.
+
+    Example:
+        >>> from jaxmodel import sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.0, 3.0]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, metrics=["final_soc"], axes=axes)
+        >>> plan = sweeps.forecast(study)
+        >>> plan.lanes, plan.steps
+        (2, 10)
     """
     warn_of_odd_values(study)
     warn_of_idle(study)

@@ -52,6 +52,13 @@ def idle(study: Study) -> dict[str, str]:
     return {name: _what_lets_act(study, name, own) for name in found}
 
 
+def acting(study: Study) -> frozenset[str]:
+    """Return the axes, ranges and scales of a study on which a metric or a stored column depends; no lane is run."""
+    own = {name: values[0] for name, values in study.lanes(np.zeros(1, dtype=int)).items()}
+    keep = Keep(study.prepared.metrics, tuple(study.store))
+    return _influential(study, keep, study.prepared.model, study.prepared.profile, own)
+
+
 def _what_lets_act(study: Study, name: str, own: Mapping[str, Any]) -> str:
     """Return in words what would make results depend on a name: a metric, an input, an effect or another kind."""
     model, profile = study.prepared.model, study.prepared.profile

@@ -71,6 +71,12 @@ class Metric(abc.ABC):
         meaning: one line for tables and plots.
         kinds: the kinds of model that have it.
         asks_powers: True where it reads the powers of a moment, which cost something.
+
+    Example:
+        >>> from jaxmodel import sweeps
+        >>> metric = sweeps.metrics_of("cell")["final_soc"]
+        >>> metric.name, metric.kinds
+        ('final_soc', ('cell', 'robot'))
     """
 
     asks_powers: ClassVar[bool] = False
@@ -342,10 +348,22 @@ _ON_REQUEST = (
 
 
 def metrics_on_request(kind: str) -> dict[str, Metric]:
-    """Return the shipped metrics of a kind that cost more and are computed only where they are named."""
+    """Return the shipped metrics of a kind that cost more and are computed only where they are named.
+
+    Example:
+        >>> from jaxmodel import sweeps
+        >>> sorted(sweeps.metrics_on_request("robot"))[:2]
+        ['efficiency', 'loss_share_copper']
+    """
     return {metric.name: metric for metric in _ON_REQUEST if kind in metric.kinds}
 
 
 def metrics_of(kind: str) -> dict[str, Metric]:
-    """Return the metrics that every study of a kind has unless it names its own, in the order of tables."""
+    """Return the metrics that every study of a kind has unless it names its own, in the order of tables.
+
+    Example:
+        >>> from jaxmodel import sweeps
+        >>> sweeps.metrics_of("cell")["delivered_energy_Wh"].unit
+        'W h'
+    """
     return {metric.name: metric for metric in _SHIPPED if kind in metric.kinds}

@@ -137,6 +137,17 @@ def save(dataset: xr.Dataset, directory: str | Path) -> Path:
     """Write a result that is in memory to a folder: result.zarr with labels, lanes.csv, manifest.json.
 
     What the folder held of an earlier result is replaced.
+
+    Example:
+        >>> from jaxmodel import sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.0, 3.0]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, metrics=["final_soc"], axes=axes)
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = sweeps.save(sweeps.run(study, progress=False), folder)
+        ...     print(sweeps.load(folder)["final_soc"].round(4).values)
+        [0.7994 0.8663]
     """
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
@@ -172,6 +183,17 @@ def load(directory: str | Path | Place) -> xr.Dataset:
 
     Raises:
         SweepError: there is no result, one that is damaged, or one that the installed libraries cannot read.
+
+    Example:
+        >>> from jaxmodel import sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.0, 3.0]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, metrics=["final_soc"], axes=axes)
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     dataset = sweeps.run(study, out=f"{folder}/results", progress=False)
+        ...     print(sweeps.load(f"{folder}/results")["final_soc"].dims)
+        ('capacity_Ah',)
     """
     place = place_of(directory) if isinstance(directory, str | Path) else directory
     if not place.holds(MANIFEST):
@@ -217,7 +239,16 @@ def unfit_libraries(place: Place) -> str:
 
 
 def lanes_per_second(dataset: xr.Dataset) -> float:
-    """Return how many lanes of a result were run per second, compilation not counted."""
+    """Return how many lanes of a result were run per second, compilation not counted.
+
+    Example:
+        >>> from jaxmodel import sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.0, 3.0]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, metrics=["final_soc"], axes=axes)
+        >>> sweeps.lanes_per_second(sweeps.run(study, progress=False)) > 0.0
+        True
+    """
     performance = json.loads(dataset.attrs["manifest"])["performance"]
     return performance["lanes_run"] / performance["run_s"]
 

@@ -63,6 +63,14 @@ class Study(InShort, StudyForm):
 
     Raises:
         SweepError, ParameterError, EffectError, MeasurementError: the study cannot be run; the message says why.
+
+    Example:
+        >>> from jaxmodel import sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.0, 3.0]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, metrics=["final_soc"], axes=axes)
+        >>> study.size
+        2
     """
 
     _prepared: Prepared = PrivateAttr()

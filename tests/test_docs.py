@@ -17,6 +17,8 @@ from jaxmodel.case.forms import CaseEntry, RunEntry, parse_case
 from jaxmodel.case.measurements import KINDS
 from jaxmodel.case.reading import read_case
 from jaxmodel.diagnosis.decision import RULES
+from jaxmodel.diagnosis.headline import Grade
+from jaxmodel.diagnosis.wording import VERDICT_TITLES
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.fit.settings import table
 from jaxmodel.model.curves import CellCurves
@@ -24,6 +26,7 @@ from jaxmodel.model.electrothermal import Model
 from jaxmodel.model.parameters import Parameters
 from jaxmodel.model.ports import PORTS
 from jaxmodel.model.profile import constant
+from jaxmodel.model.simulation import Status
 from jaxmodel.sensitivity import metrics as of_sensitivity
 from jaxmodel.sweeps import metrics_of, read_study
 from jaxmodel.sweeps.study_form import ProfileForm, StudyForm
@@ -79,6 +82,33 @@ def test_every_page_is_in_the_navigation() -> None:
     site = yaml.safe_load((REPOSITORY / "mkdocs.yml").read_text(encoding="utf-8"))
     files = [path.relative_to(DOCS).with_suffix(".md").as_posix() for path in [*PAGES, *NOTEBOOKS]]
     assert sorted(pages_of(site["nav"])) == sorted(files)
+
+
+def test_home_page_lists_every_page() -> None:
+    home = text_of("index.md")
+    files = [path.relative_to(DOCS).as_posix() for path in [*PAGES, *NOTEBOOKS]]
+    assert [file for file in files if f"]({file}" not in home] == ["index.md"]
+
+
+def test_glossary_has_every_word_of_a_verdict_and_of_a_status() -> None:
+    glossary = text_of("glossary.md")
+    words = [*VERDICT_TITLES, *(grade.value for grade in Grade), *(status.name for status in Status)]
+    said = glossary.lower().replace("`", "")
+    others = {"reached_cutoff": "cutoff reached"}
+    looked_for = [others.get(word.lower(), word.lower().replace("_", " ")) for word in words]
+    assert [word for word in looked_for if word not in said.replace("_", " ")] == []
+    for row in re.findall(r"^\| (.+?) \|", glossary, re.MULTILINE):
+        assert glossary.count(f"\n| {row} |") == 1 or row in ("term", "---"), row
+
+
+def test_what_to_measure_repeats_what_parameterise_says() -> None:
+    """The tests of the page are those that the program asks for where the data lack them."""
+    page = text_of("how_to/what_to_measure.md")
+    sources = (REPOSITORY / "jaxmodel" / "parameterisation").glob("*.py")
+    said = set(re.findall(r"\"([A-Z][^\"]+ would (?:give|show) [^\"]+\.)\"", "".join(p.read_text() for p in sources)))
+    quoted = re.findall(r"\| ([A-Z][^|]+ would give (?:it|them)\.) \|", page)
+    assert len(quoted) == 9
+    assert set(quoted) <= said
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -30,6 +30,24 @@ def examples() -> Iterator[doctest.DocTest]:
 
 
 EXAMPLES = list(examples())
+# What has no example: what takes a fit of some minutes or the files of one, and whose pages have blocks that run; and
+# what nobody makes, but a model or an analysis gives.
+WITHOUT = {
+    "jaxmodel": {
+        "AnswerChanges", "CellContext", "Diagnosis", "Effect", "Extraction", "Flow", "Identification", "Investigation",
+        "MotorContext", "Parameterisation", "Question", "Scalar", "Settings", "compare", "compare_answers",
+        "conclusion", "diagnose", "finish", "history", "identify", "keep_compiled_programs", "parameterise",
+        "read_diagnosis", "write_preset", "write_report",
+    },
+    "jaxmodel.effects": {"Effect", "SensorEffect", "Signal"},
+    "jaxmodel.operation": {
+        "Compensation", "Evaluation", "FilterOutput", "PolynomialEstimator", "c_header", "compensate", "cost_per_step",
+        "ekf", "evaluate_estimators", "interpolation_error", "paper_rule_error", "read_tunings",
+    },
+    "jaxmodel.plots": {"errors_by_run", "errors_of_models", "pulse_by_pulse"},
+    "jaxmodel.sensitivity": {"Estimates", "read_estimates"},
+    "jaxmodel.sweeps": {"End", "Moment", "Step"},
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=[one.name for one in EXAMPLES])
@@ -40,3 +58,15 @@ def test_example_shows_what_it_says(example: doctest.DocTest, monkeypatch: pytes
     failed, tried = doctest.DocTestRunner(optionflags=flags).run(example, out=said.append)
     assert tried > 0
     assert failed == 0, "".join(said)
+
+
+@pytest.mark.parametrize("room", PUBLIC)
+def test_every_other_public_name_has_an_example(room: str) -> None:
+    package = importlib.import_module(room)
+    lacking = {
+        name
+        for name in package.__all__
+        if inspect.isclass(what := getattr(package, name)) or inspect.isfunction(what)
+        if ">>>" not in (inspect.getdoc(what) or "")
+    }
+    assert lacking <= WITHOUT[room]

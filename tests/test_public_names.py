@@ -129,6 +129,16 @@ def test_every_public_name_has_its_place_in_the_reference() -> None:
     assert set(re.findall(r"^::: (\S+)$", shown, re.MULTILINE)) == set(PUBLIC)
 
 
+def test_every_name_of_the_front_door_is_on_one_page() -> None:
+    """The reference of `jaxmodel` is several pages, one for each job."""
+    shown = [
+        name
+        for page in files("*.md", "docs/reference")
+        for name in re.findall(r"^        - (\w+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    ]
+    assert sorted(shown) == sorted(NAMES["jaxmodel"] - {room.partition(".")[2] for room in PUBLIC})
+
+
 def output_of(code: str, folder: Path | None = None) -> str:
     done = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr

@@ -29,7 +29,7 @@ def take(folder: Path) -> None:
 
     folder.mkdir(parents=True, exist_ok=True)
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise UserError(f"{folder}: nothing can be written to this folder; allow it, or give another --out.")
+        raise UserError(f"{folder}: this folder is not writable; change its rights, or give another --out.")
     if shutil.disk_usage(folder).free < _LEAST_FREE_BYTES:
         raise UserError(f"{folder}: the disk is full; remove files from it, or give another --out.")
     if fcntl is None:

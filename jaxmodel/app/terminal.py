@@ -20,8 +20,11 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
+from jaxmodel.app.left import Left
+
 _PLAIN_WIDTH = 140
 PLAIN_PAUSE_S = 30.0  # after which a part of some work that lasts is named again
+_STILL = "still "
 _PLAIN_SHARE = 0.25  # of the work, between two plain lines
 
 
@@ -72,23 +75,12 @@ class Pace:
         return f"{more / seconds:,.0f} {self._unit}/s, about {duration((total - done) * seconds / more)} left"
 
 
-class Left:
-    """The time that some work may still take, from the share that is usually done when a part of it starts."""
-
-    def __init__(self, shares: Mapping[str, float]) -> None:
-        """Begin now; `shares` are by the first words of a part."""
-        self._shares, self._began = shares, time.perf_counter()
-
-    @property
-    def elapsed_s(self) -> float:
-        """Return how long the work has taken."""
-        return time.perf_counter() - self._began
-
-    def __call__(self, now: str) -> str:
-        """Return what is left where a part begins, as the end of a sentence; "" where it is not known."""
-        known = [start for start in self._shares if now.removeprefix("still ").startswith(start)]
-        share = self._shares[max(known, key=len)] if known else 0.0
-        return f", about {self.elapsed_s * (1.0 - share) / share:.0f} s left" if share > 0.0 else ""
+def words_left(left: Left, now: str) -> str:
+    """Return what is left where a part begins or lasts ("still ..."), as the end of a sentence; "" if not known."""
+    if not now.startswith(_STILL):
+        left.begin(now)
+    seconds = left.seconds()
+    return "" if seconds is None else f", about {duration(float(round(seconds)))} left"
 
 
 def duration(seconds: float) -> str:
@@ -149,9 +141,9 @@ def stages(what: str, shares: Mapping[str, float] | None = None) -> Iterator[Cal
         columns = (SpinnerColumn(), TextColumn(what), TextColumn("{task.fields[now]}"), TimeElapsedColumn())
         with Progress(*columns, console=console(stderr=True), transient=True) as bar:
             task = bar.add_task(what, total=None, now="")
-            yield lambda now: bar.update(task, now=f"{now}{left(now)}")
+            yield lambda now: bar.update(task, now=f"{now}{words_left(left, now)}")
         return
-    with _heard_of(lambda now: say(f"{what}: {now} ({left.elapsed_s:.0f} s{left(now)})")) as tell:
+    with _heard_of(lambda now: say(f"{what}: {now} ({left.elapsed_s:.0f} s{words_left(left, now)})")) as tell:
         yield tell
 
 
@@ -170,7 +162,7 @@ def _heard_of(line: Callable[[str], None]) -> Iterator[Callable[[str], None]]:
             if moved.wait(PLAIN_PAUSE_S):
                 moved.clear()
             elif now:
-                line(f"still {now}")
+                line(f"{_STILL}{now}")
 
     def tell(next_part: str) -> None:
         nonlocal now

@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from jaxmodel.app import terminal
+from jaxmodel.app.left import Left
 from jaxmodel.base.progress import Count, Stage, notebook
 
 _PAUSE_S = 0.2  # between two changes of a cell: each is a message to the browser
@@ -26,11 +27,11 @@ def stages(what: str, shares: Mapping[str, float]) -> Iterator[Stage]:
         with terminal.stages(what, shares) as tell:
             yield tell
         return
-    left = terminal.Left(shares)
+    left = Left(shares)
     with _cell() as line:
 
         def tell_line(now: str) -> None:
-            line.show(None, f"{what}: {now}{left(now)}", always=True)
+            line.show(None, f"{what}: {now}{terminal.words_left(left, now)}", always=True)
 
         yield tell_line
 

@@ -10,7 +10,16 @@ _MOST_NAMES = 12
 
 
 class UserError(ValueError):
-    """An error in user input; its text is one sentence for the terminal, on one line and without control characters."""
+    """An error in user input; its text is one sentence for the terminal, on one line and without control characters.
+
+    Example:
+        >>> from jaxmodel import UserError, read_case
+        >>> try:
+        ...     read_case("nowhere")
+        ... except UserError as error:
+        ...     print("case.toml" in str(error))
+        True
+    """
 
     def __init__(self, sentence: str) -> None:
         super().__init__(_on_one_line(sentence))

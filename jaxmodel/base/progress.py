@@ -1,7 +1,8 @@
 """How far long work is, as its caller wants it: shown to a person, told to a function, or not at all.
 
 What takes `progress=` takes True, which shows it where somebody watches (a terminal, a notebook), False, which shows
-nothing, or a function that is told. It opens `stages` or `counted` around its work.
+nothing, or a function that is told. It opens `stages` or `counted` around its work. Work within such work shows nothing
+of its own: its caller has asked for the progress of the whole.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ Stage = Callable[[str], None]
 """Called with what is done next."""
 Count = Callable[[int, int], None]
 """Called with what is done and all there is to do, at the start and then as work is done."""
+_under_way: list[str] = []  # works that have begun and not ended, the outermost first
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,13 +49,14 @@ def stages(progress: bool | Stage, what: str, shares: Mapping[str, float] | None
     Yields:
         A function to be called with what is done next.
     """
-    if callable(progress):
-        yield progress
-    elif progress and is_watched():
-        with Shown(what).stages(shares or {}) as tell:
-            yield tell
-    else:
-        yield lambda now: None
+    with _one_of_all(what) as is_outermost:
+        if callable(progress):
+            yield progress
+        elif progress and is_outermost and is_watched():
+            with Shown(what).stages(shares or {}) as tell:
+                yield tell
+        else:
+            yield lambda now: None
 
 
 @contextlib.contextmanager
@@ -68,13 +71,24 @@ def counted(progress: bool | Count, what: str, unit: str) -> Iterator[Count]:
     Yields:
         A function to be called with (done, total): at the start, and then as work is done.
     """
-    if callable(progress):
-        yield progress
-    elif progress and is_watched():
-        with Shown(what).counted(unit) as tell:
-            yield tell
-    else:
-        yield lambda done, total: None
+    with _one_of_all(what) as is_outermost:
+        if callable(progress):
+            yield progress
+        elif progress and is_outermost and is_watched():
+            with Shown(what).counted(unit) as tell:
+                yield tell
+        else:
+            yield lambda done, total: None
+
+
+@contextlib.contextmanager
+def _one_of_all(what: str) -> Iterator[bool]:
+    """Take note of some work while it lasts; yields True if it is not within other work."""
+    _under_way.append(what)
+    try:
+        yield len(_under_way) == 1
+    finally:
+        _under_way.remove(what)
 
 
 def is_watched() -> bool:

@@ -65,9 +65,7 @@ def _check(content: Mapping[str, Any], where: str) -> None:
 
 
 def _too_deep(where: str) -> MeasurementError:
-    return MeasurementError(
-        f"{where}: its tables or lists are nested more than {_DEEPEST} deep; no file of ours needs that, so correct it."
-    )
+    return MeasurementError(f"{where}: its tables or lists are nested more than {_DEEPEST} deep; flatten them.")
 
 
 def document(content: Mapping[str, Any]) -> str:

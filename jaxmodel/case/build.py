@@ -226,13 +226,19 @@ def preset_model(name: str, kind: Kind) -> Model:
         ParameterError: the preset is unknown or serves other kinds.
 
     Example:
-        >>> from jaxmodel import read_case, run_profile
-        >>> run_profile(read_case("examples/samsung_30q").runs[0])
-        <Profile: 933 rows, 0 to 3548 s, current_A, ambient_degC>
+        >>> from jaxmodel import preset_model
+        >>> round(float(preset_model("samsung_30q", "cell").parameters.capacity_Ah), 2)
+        2.99
     """
     return case_model(Case("preset", Path("preset_model"), "", kind, name, {}, {}, {}, {}, (), {}))
 
 
 def run_profile(run: Run) -> Profile:
-    """Return the inputs of a measured run as a profile."""
+    """Return the inputs of a measured run as a profile.
+
+    Example:
+        >>> from jaxmodel import read_case, run_profile
+        >>> run_profile(read_case("examples/samsung_30q").runs[0])
+        <Profile: 933 rows, 0 to 3548 s, current_A, ambient_degC>
+    """
     return Profile(run.measured.time_s, run.measured.inputs)

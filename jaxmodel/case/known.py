@@ -36,6 +36,12 @@ class Table(InShort):
             or (temperature, soc) where `temperature_degC` is given.
         temperature_degC: strictly increasing temperatures, shape (temperature,), or None.
         sd: of the values: V of `ocv`, V/K of `dU_dT`, a share of the value of the others; None: exact.
+
+    Example:
+        >>> import numpy as np
+        >>> from jaxmodel import Table
+        >>> Table(soc=np.array([0.0, 0.5, 1.0]), values=np.array([3.2, 3.7, 4.2]), sd=0.005)
+        <Table: soc=3 values, 0 to 1, values=3 values, 3.2 to 4.2, sd=0.005>
     """
 
     soc: np.ndarray

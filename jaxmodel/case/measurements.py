@@ -224,8 +224,8 @@ def read_utf8(path: Path) -> str:
         run_csv.refuse_no_file(path, file_label(path))
         if path.stat().st_size > _MOST_BYTES:
             raise MeasurementError(
-                f"{file_label(path)} is larger than {_MOST_BYTES // 2**20} MB, which no file of settings is; check its "
-                "name."
+                f"{file_label(path)} is larger than {_MOST_BYTES // 2**20} MB, too large for a file of settings; "
+                "check its name."
             )
         return path.read_bytes().decode("utf-8-sig")
     except OSError as error:

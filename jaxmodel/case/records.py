@@ -45,6 +45,13 @@ class Run:
         initial_cell_temperature: at the first row, degC; None if not stated.
         tolerance: by column, the acceptable error in this run; that of the case for other columns.
         ambient_degC: the stated constant ambient temperature of this run; None if it is a column.
+
+    Example:
+        >>> from jaxmodel import read_case
+        >>> case = read_case("examples/samsung_30q")
+        >>> run = case.runs[0]
+        >>> run.name, run.split, run.to_dataframe().columns[0]
+        ('cc1C', 'fit', 'time_s')
     """
 
     name: str
@@ -97,6 +104,14 @@ class Case:
         effect_sd: by effect and parameter, the sd of the value in `effects`; others are exact.
         own_effects: the user's own effect classes by name; they are used like those of the catalogue.
         motor_tables: curves of a motor by name (`friction`, `torque_factor`).
+
+    Example:
+        >>> import pandas as pd
+        >>> from jaxmodel import Case
+        >>> rows = {"time_s": [0.0, 10.0, 20.0], "current_A": 1.0, "ambient_degC": 20.0, "voltage_V": 4.1}
+        >>> frame = pd.DataFrame(rows)
+        >>> Case.from_dataframes({"rest": frame}, kind="cell")
+        <Case case: cell, 1 fit and 0 check runs>
     """
 
     name: str

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import html
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
 
 from jaxmodel.base.in_short import InShort
+from jaxmodel.base.progress import Stage, stages
 from jaxmodel.base.remark import Remark
 from jaxmodel.case.build import case_model, run_profile
 from jaxmodel.case.measurements import KINDS
@@ -63,7 +64,7 @@ def end_of(simulated: SimulatedRun) -> tuple[Remark, ...]:
             if name in table and not np.all(possible({name: table[name].dropna()}))
         }
         far = ", ".join(f"{name} up to {size:.3g}" for name, size in beyond.items())
-        sentence = f"{run} goes where nothing can be{far and f' ({far})'}; check its parameters and inputs."
+        sentence = f"{run} reaches an impossible state{far and f' ({far})'}; check its parameters and inputs."
         said.append(Remark(sentence, "impossible", run, **beyond))
     invalid = np.flatnonzero(~table["valid"].to_numpy(dtype=bool))
     if invalid.size:
@@ -83,6 +84,12 @@ class CaseSimulation:
     Attributes:
         case: whose model was run.
         runs: one by one.
+
+    Example:
+        >>> from jaxmodel import read_case, simulate_case
+        >>> simulation = simulate_case(read_case("examples/samsung_30q"), progress=False)
+        >>> simulation.to_dataframe().columns[:4].tolist()
+        ['run', 'time_s', 'voltage_V', 'cell_temperature_degC']
     """
 
     case: Case
@@ -130,14 +137,15 @@ def simulate_case(
     case: Case,
     *,
     fidelity: str = "formula",
-    progress: Callable[[str], None] | None = None,
+    progress: bool | Stage = True,
 ) -> CaseSimulation:
     """Run the model of a case over each of its runs.
 
     Args:
         case: with its effects and cut-off.
         fidelity: "formula" or "lut".
-        progress: called with the name of each run before it starts.
+        progress: True shows it at a terminal or in a notebook, False shows nothing; a function is called with the name
+            of each run before it starts.
 
     Returns:
         The simulated runs, in the order of the case; a failure in a run raises no error.
@@ -153,13 +161,13 @@ def simulate_case(
     """
     cutoff = Cutoff(**case.cutoff) if case.cutoff else None
     outcomes = []
-    for run in case.runs:
-        if progress:
-            progress(run.name)
-        course = run_in_pieces(case_model(case, run, fidelity=fidelity), run_profile(run), cutoff)
-        usual = [name for name in KINDS[case.kind].outputs if name in course.readings]
-        columns = {name: course.readings[name] for name in dict.fromkeys((*usual, *course.readings))}
-        time_s = run.measured.time_s
-        table = pd.DataFrame({"time_s": time_s} | columns | {"valid": course.valid}, copy=False)
-        outcomes.append(SimulatedRun(run, table, course.status, float(time_s[course.end_row])))
+    with stages(progress, case.name) as tell:
+        for run in case.runs:
+            tell(run.name)
+            course = run_in_pieces(case_model(case, run, fidelity=fidelity), run_profile(run), cutoff)
+            usual = [name for name in KINDS[case.kind].outputs if name in course.readings]
+            columns = {name: course.readings[name] for name in dict.fromkeys((*usual, *course.readings))}
+            time_s = run.measured.time_s
+            table = pd.DataFrame({"time_s": time_s} | columns | {"valid": course.valid}, copy=False)
+            outcomes.append(SimulatedRun(run, table, course.status, float(time_s[course.end_row])))
     return CaseSimulation(case, tuple(outcomes))

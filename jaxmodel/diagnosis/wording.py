@@ -245,7 +245,7 @@ def removed(removes: Mapping[str, Removed]) -> str:
             else:
                 said = f"{verbs[0]} the error of {name} by {parts[0]} and {verbs[1]} it by {parts[1]}"
                 parts_of_channels.append(said)
-    return "; ".join(parts_of_channels)
+    return "; it ".join(parts_of_channels)
 
 
 def named_sentence(effect: NamedEffect) -> str:

@@ -38,6 +38,12 @@ def own_effects(classes: Iterable[type[Effect]]) -> dict[str, type[Effect]]:
     Raises:
         EffectError: a class lacks a declaration, has the name of another effect, or reads at a port what the model
             does not know there yet.
+
+    Example:
+        >>> from jaxmodel import load_effect_class
+        >>> from jaxmodel.effects import own_effects
+        >>> list(own_effects([load_effect_class("examples/my_effects.py:HotContact")]))
+        ['hot_contact']
     """
     found: dict[str, type[Effect]] = {}
     for cls in classes:

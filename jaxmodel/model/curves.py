@@ -170,6 +170,12 @@ def between_knots(x: Scalar, knots: tuple[float, ...], values: Float[Array, " kn
 
     Each weight is the minimum of two lines, clipped to 0 and 1, which is far cheaper in a compiled step than a table
     with variable knots.
+
+    Example:
+        >>> import jax.numpy as jnp
+        >>> from jaxmodel import between_knots
+        >>> float(between_knots(jnp.array(0.25), (0.0, 0.5, 1.0), jnp.array([3.0, 3.6, 4.2])))
+        3.3
     """
     at = np.asarray(knots, dtype=float)
     rise = np.concatenate([[0.0], 1.0 / np.diff(at)])

@@ -101,6 +101,14 @@ def parameter(
         shape_grid: values to be tried for a parameter without derivative at the effect's null.
         whole: True for a count.
         scales: how `typical` and `shape_grid` scale with the cell or motor, as in "1/capacity"; "" if they do not.
+
+    Example:
+        >>> from jaxmodel import Effect, Scalar, parameter
+        >>> class Leak(Effect):
+        ...     name = "leak"
+        ...     R: Scalar = parameter(200.0, unit="ohm", meaning="leakage resistance", lower=1.0)
+        >>> float(Leak().R)
+        200.0
     """
     info = {
         "unit": unit,

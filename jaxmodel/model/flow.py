@@ -26,12 +26,27 @@ class Flow(eqx.Module):
 
 
 def integral(rate) -> Flow:
-    """Return the flow dx/dt = rate."""
+    """Return the flow dx/dt = rate.
+
+    Example:
+        >>> import jax.numpy as jnp
+        >>> from jaxmodel import integral
+        >>> integral(jnp.array(2.0)).source
+        Array(2., dtype=float64, weak_type=True)
+    """
     return Flow(jnp.asarray(rate))
 
 
 def relaxation(target, time_constant) -> Flow:
-    """Return the flow dx/dt = (target - x) / time_constant, with a time constant above zero, in s."""
+    """Return the flow dx/dt = (target - x) / time_constant, with a time constant above zero, in s.
+
+    Example:
+        >>> import jax.numpy as jnp
+        >>> from jaxmodel import relaxation
+        >>> flow = relaxation(jnp.array(5.0), jnp.array(20.0))
+        >>> float(flow.target), float(flow.decay)
+        (5.0, 0.05)
+    """
     decay = 1.0 / jnp.asarray(time_constant)
     return Flow(target * decay, decay, jnp.asarray(target))
 

@@ -40,6 +40,13 @@ class Profile(InShort):
     Attributes:
         time_s: shape (rows,), increasing.
         inputs: by name, each of shape (rows,).
+
+    Example:
+        >>> import numpy as np
+        >>> from jaxmodel import Profile
+        >>> inputs = {"current_A": np.array([0.0, 1.0, 1.0]), "ambient_degC": np.full(3, 20.0)}
+        >>> Profile(np.array([0.0, 10.0, 20.0]), inputs)
+        <Profile: 3 rows, 0 to 20 s, current_A, ambient_degC>
     """
 
     time_s: np.ndarray

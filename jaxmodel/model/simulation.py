@@ -39,6 +39,12 @@ class Status(enum.IntEnum):
 
     A run is `IMPOSSIBLE` that went where nothing can be (`jaxmodel.model.possible`): a winding above the melting point
     of copper, say. Its numbers are kept, because they show how far it went.
+
+    Example:
+        >>> from jaxmodel import Model, Status, constant, simulate
+        >>> run = simulate(Model("cell"), constant(600.0, 60.0, current_A=2.0, ambient_degC=20.0))
+        >>> Status(int(run.status)).name
+        'COMPLETE'
     """
 
     COMPLETE = 0
@@ -87,6 +93,12 @@ class Trajectory(InShort, eqx.Module):
         valid: False where the equations are outside their valid range.
         status: a `Status`.
         end_row: the row at which the cut-off was reached, after which the state is held; else the last.
+
+    Example:
+        >>> from jaxmodel import Model, constant, simulate
+        >>> run = simulate(Model("cell"), constant(600.0, 60.0, current_A=2.0, ambient_degC=20.0))
+        >>> run.readings["soc"].shape, round(float(run.readings["soc"][-1]), 4)
+        ((11,), 0.9229)
     """
 
     time_s: Array
@@ -102,7 +114,16 @@ class Trajectory(InShort, eqx.Module):
 
 
 def track(model: Model, profile: Profile, steps: int | None = None) -> Track:
-    """Return the steps of a profile for a model, padded to a number of steps if one is given."""
+    """Return the steps of a profile for a model, padded to a number of steps if one is given.
+
+    Example:
+        >>> import jax.numpy as jnp
+        >>> from jaxmodel import Model, constant, run_track, track
+        >>> profile = constant(600.0, 60.0, current_A=2.0, ambient_degC=20.0)
+        >>> laid = track(Model("cell"), profile)
+        >>> round(float(run_track(Model("cell"), laid, jnp.asarray(profile.time_s)).readings["soc"][-1]), 4)
+        0.9229
+    """
     grid = grid_of(model, profile)
     if steps is not None:
         grid = grid.padded(steps)
@@ -196,6 +217,18 @@ def run_track(
         time_s: (rows,) times of the readings.
         cutoff: where the run ends, if before its last row.
         needed: by all lanes of a batch, itself without lanes; None for everything.
+
+    Example:
+        >>> import jax
+        >>> import jax.numpy as jnp
+        >>> from jaxmodel import Model, constant, run_track, track, with_values
+        >>> profile = constant(600.0, 60.0, current_A=2.0, ambient_degC=20.0)
+        >>> laid, time_s = track(Model("cell"), profile), jnp.asarray(profile.time_s)
+        >>> def final_soc(capacity_Ah):
+        ...     model = with_values(Model("cell"), {"capacity_Ah": capacity_Ah})
+        ...     return run_track(model, laid, time_s).readings["soc"][-1]
+        >>> round(float(jax.grad(final_soc)(5.0)), 4)
+        0.016
     """
     one_kernel = not holds_constants((model, track, cutoff, needed))
     truth, states = _run_true(model, track, time_s, cutoff, None if needed is None else needed.steps, one_kernel)

@@ -37,7 +37,13 @@ _METRICS = ("soc_gradient", "mean_speed_rad_s")
 
 @dataclasses.dataclass(frozen=True)
 class Reference(InShort):
-    """The operating point whose slope is to be held: ambient, torque of one track motor, duty."""
+    """The operating point whose slope is to be held: ambient, torque of one track motor, duty.
+
+    Example:
+        >>> from jaxmodel.operation import Reference
+        >>> Reference(ambient_degC=20.0, load_torque_Nm=0.1, duty=0.3).duty
+        0.3
+    """
 
     ambient_degC: float = 20.0
     load_torque_Nm: float = 0.175

@@ -70,6 +70,15 @@ class Measured(InShort, eqx.Module):
         current_A: held since the row before, positive on discharge.
         degC: temperature for the model: the cell's, or a fixed one where it is not measured.
         voltage_V: of the cell; NaN where there is no reading.
+
+    Example:
+        >>> import jax.numpy as jnp
+        >>> from jaxmodel import operation, preset_model
+        >>> time_s = jnp.arange(0.0, 600.0, 10.0)
+        >>> current_A, degC, voltage_V = jnp.full(60, 2.0), jnp.full(60, 20.0), jnp.linspace(4.0, 3.9, 60)
+        >>> measured = operation.Measured(time_s, current_A, degC, voltage_V)
+        >>> measured.voltage_V.shape
+        (60,)
     """
 
     time_s: Float[Array, " rows"]

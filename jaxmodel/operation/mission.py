@@ -64,6 +64,11 @@ class Segment(InShort, Form):
         flipper_load_kg: what the flippers lift (eq. 19); 0 where they rest.
         flipper_length_m: from their axis to that load.
         flipper_duty: of their motors while they lift.
+
+    Example:
+        >>> from jaxmodel.operation import Segment
+        >>> Segment(what="up the ramp", duration_s=60.0, speed_m_s=0.3, incline_deg=10.0)
+        <Segment: what=up the ramp, duration_s=60, speed_m_s=0.3, incline_deg=10>
     """
 
     what: str = ""
@@ -83,6 +88,12 @@ class Mission(InShort, Form):
         title: free text.
         step_s: of the simulation.
         segment: the segments of one round, in order.
+
+    Example:
+        >>> from jaxmodel.operation import Mission, Segment
+        >>> segments = [Segment(duration_s=60.0, speed_m_s=0.3), Segment(duration_s=30.0)]
+        >>> Mission(title="there and back", segment=segments)
+        <Mission: title=there and back, segment=<Segment: duration_s=60, speed_m_s=0.3>, <Segment: duration_s=30>>
     """
 
     title: str = ""
@@ -184,6 +195,13 @@ def mission_profile(
 
     Raises:
         SweepError: a segment is too fast for the pack, or there are more rows than memory.
+
+    Example:
+        >>> from jaxmodel import Model
+        >>> from jaxmodel.operation import Mission, Segment, mission_profile
+        >>> mission = Mission(segment=[Segment(duration_s=60.0, speed_m_s=0.3), Segment(duration_s=30.0)])
+        >>> mission_profile(mission, Model("robot"), rounds=2)
+        <Profile: 181 rows, 0 to 180 s, duty, load_torque_Nm, flipper_torque_Nm, flipper_duty, ambient_degC>
     """
     if (needed := rounds * sum(segment.duration_s for segment in mission.segment) / mission.step_s) > MOST_ROWS:
         raise SweepError(
@@ -256,6 +274,14 @@ def endurance(
     Raises:
         SweepError: a segment is too fast for the pack, or an age leaves no capacity.
         ParameterError: an age is out of bounds.
+
+    Example:
+        >>> import numpy as np
+        >>> from jaxmodel import Model
+        >>> from jaxmodel.operation import Mission, Segment, endurance
+        >>> mission = Mission(segment=[Segment(duration_s=60.0, speed_m_s=0.3), Segment(duration_s=30.0)])
+        >>> endurance(Model("robot"), mission, np.array([20.0])).sizes["ambient_degC"]
+        1
     """
     p = model.parameters
     ages = ages or {_age_name(float(p.storage_months), float(p.cycles)): (float(p.storage_months), float(p.cycles))}

@@ -61,6 +61,14 @@ def polynomial_estimator(model: Model, degC: np.ndarray, blend_s: float, order: 
         degC: temperatures of the resistances, rising; one alone makes an estimator without temperature.
         blend_s: as in `PolynomialEstimator`.
         order: of the polynomial.
+
+    Example:
+        >>> import numpy as np
+        >>> from jaxmodel import operation, preset_model
+        >>> model, degC = preset_model("samsung_30q", "cell"), np.array([0.0, 20.0])
+        >>> estimator = operation.polynomial_estimator(model, degC, blend_s=600.0)
+        >>> len(estimator.soc_of_volts)
+        4
     """
     p, curves = model.parameters, model.curves
     soc = jnp.linspace(*FITTED_SOC, 91)
@@ -95,7 +103,20 @@ def polynomial_estimator(model: Model, degC: np.ndarray, blend_s: float, order: 
 
 
 def run_polynomial(estimator: PolynomialEstimator, measured: Measured, start_soc: Scalar) -> Array:
-    """Return the estimate at each row, shape (rows,); pure, so that it may be vmapped."""
+    """Return the estimate at each row, shape (rows,); pure, so that it may be vmapped.
+
+    Example:
+        >>> import jax.numpy as jnp
+        >>> from jaxmodel import operation, preset_model
+        >>> time_s = jnp.arange(0.0, 600.0, 10.0)
+        >>> current_A, degC, voltage_V = jnp.full(60, 2.0), jnp.full(60, 20.0), jnp.linspace(4.0, 3.9, 60)
+        >>> measured = operation.Measured(time_s, current_A, degC, voltage_V)
+        >>> import numpy as np
+        >>> model, degC = preset_model("samsung_30q", "cell"), np.array([0.0, 20.0])
+        >>> estimator = operation.polynomial_estimator(model, degC, blend_s=600.0)
+        >>> operation.run_polynomial(estimator, measured, jnp.array(0.9)).shape
+        (60,)
+    """
     duration = jnp.diff(measured.time_s, prepend=measured.time_s[:1])
     series, pairs = (
         jnp.interp(measured.degC, jnp.asarray(estimator.degC), jnp.asarray(ohm))

@@ -17,6 +17,11 @@ def read_robots(paths: Iterable[str | Path]) -> dict[str, Model]:
 
     Raises:
         UserError: a case cannot be used, is of another kind, or has the name of another.
+
+    Example:
+        >>> from jaxmodel.operation import read_robots
+        >>> list(read_robots(["examples/paper_table1"]))
+        ['paper_table1']
     """
     models: dict[str, Model] = {}
     for path in paths:
@@ -33,6 +38,12 @@ def cells_in_parallel(model: Model, count: float) -> Model:
     """Return a model whose pack has `count` times the cells in parallel.
 
     The current is shared: `count` times the capacity and the RC capacitances, the resistances divided by `count`.
+
+    Example:
+        >>> from jaxmodel import Model
+        >>> from jaxmodel.operation import cells_in_parallel
+        >>> float(cells_in_parallel(Model("robot"), 2.0).parameters.capacity_Ah)
+        10.4
     """
     p = model.parameters
     return with_values(

@@ -160,7 +160,8 @@ def read_tunings(path: str | Path) -> dict[str, Tuning]:
             for values in found.values()
         )
     ):
-        raise MeasurementError(f"{file_label(path)} is no tuning.json of `jaxmodel estimate`; name one that it wrote.")
+        sentence = f"{file_label(path)} is not a tuning.json of `jaxmodel estimate`; name one that it wrote."
+        raise MeasurementError(sentence)
     return {name: Tuning(**values) for name, values in found.items()}
 
 

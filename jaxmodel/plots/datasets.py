@@ -42,6 +42,16 @@ def pictures_of(dataset: xr.Dataset) -> Iterator[tuple[str, Figure]]:
 
     Raises:
         SweepError: the data set comes from neither.
+
+    Example:
+        >>> from jaxmodel import plots, sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.0, 3.0], "current_A": [1.0, 2.0, 3.0]}
+        >>> names = {"metrics": ["final_soc"], "store": ["voltage_V"]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, axes=axes, **names)
+        >>> dataset = sweeps.run(study, progress=False)
+        >>> [name for name, figure in plots.pictures_of(dataset)]
+        ['final_soc', 'final_soc-curves', 'voltage_V-over-time']
     """
     analysis = dataset.attrs.get("analysis")
     if analysis is None and "status" in dataset:
@@ -52,7 +62,20 @@ def pictures_of(dataset: xr.Dataset) -> Iterator[tuple[str, Figure]]:
 
 
 def save_pictures(dataset: xr.Dataset, directory: str | Path) -> list[Path]:
-    """Write the pictures of a data set to a folder as PNG files and return their paths; see `pictures_of`."""
+    """Write the pictures of a data set to a folder as PNG files and return their paths; see `pictures_of`.
+
+    Example:
+        >>> from jaxmodel import plots, sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.0, 3.0], "current_A": [1.0, 2.0, 3.0]}
+        >>> names = {"metrics": ["final_soc"], "store": ["voltage_V"]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, axes=axes, **names)
+        >>> dataset = sweeps.run(study, progress=False)
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     print(plots.save_pictures(dataset, folder)[0].name)
+        final_soc.png
+    """
     return save(pictures_of(dataset), directory)
 
 

@@ -24,7 +24,9 @@ from jaxmodel.plots.style import (
     SKY,
     axis_label,
     column_label,
+    legend,
     new_figure,
+    one_axes,
     plain_log,
     styled,
 )
@@ -115,17 +117,17 @@ def _errors_of_channel(
 
 
 @styled
-def scores(diagnosis: Diagnosis, most: int = 24) -> Figure:
+def scores(diagnosis: Diagnosis, most: int = 24, ax: Axes | None = None) -> Figure:
     """Draw the size of every effect's standard score at the calibrated base model, the strongest on top.
 
     Args:
         diagnosis: with scores.
         most: effects to draw.
+        ax: axes of yours to draw on; by default those of a new figure.
     """
     entries = sorted(diagnosis.scores, key=lambda entry: -abs(entry.z))[:most]
     critical = diagnosis.critical_z
-    figure = new_figure(PAGE_CM, 2.2 + 0.52 * len(entries))
-    axes = figure.subplots()
+    figure, axes = one_axes(ax, PAGE_CM, 2.2 + 0.52 * len(entries))
     places = np.arange(len(entries))
     for place, entry in zip(places, entries, strict=True):
         colour, face, _ = _score_style(entry)
@@ -160,7 +162,7 @@ def scores(diagnosis: Diagnosis, most: int = 24) -> Figure:
     axes.set_ylim(len(entries) - 0.4, -0.6)
     axes.grid(visible=False, axis="y")
     axes.set_xlabel("|z| of the effect's amplitude (its sign is printed)")
-    figure.legend(loc="outside lower center", ncols=2)
+    legend(ax, axes, "outside lower center", 2)
     return figure
 
 
@@ -181,14 +183,18 @@ def _score_style(entry: ScoreEntry) -> tuple[str, str, str]:
 
 
 @styled
-def candidates(diagnosis: Diagnosis) -> Figure:
-    """Draw the probability of each model with at least half a percent."""
+def candidates(diagnosis: Diagnosis, ax: Axes | None = None) -> Figure:
+    """Draw the probability of each model with at least half a percent.
+
+    Args:
+        diagnosis: with the models that it compared.
+        ax: axes of yours to draw on; by default those of a new figure.
+    """
     shown = [one for one in diagnosis.candidates if one[1] >= 0.005] or diagnosis.candidates[:1]
     names = [textwrap.fill(candidate_name(name), _MODEL_WIDTH) for name, _ in shown]
     values = np.array([probability for _, probability in shown])
     lines = max(name.count("\n") for name in names)
-    figure = new_figure(PAGE_CM, 1.6 + (0.68 + 0.4 * lines) * len(names))
-    axes = figure.subplots()
+    figure, axes = one_axes(ax, PAGE_CM, 1.6 + (0.68 + 0.4 * lines) * len(names))
     places = np.arange(len(names))
     axes.barh(places, values, height=0.6, color=[FINAL if v == values.max() else BASE for v in values])
     for place, value in zip(places, values, strict=True):
@@ -204,17 +210,17 @@ def candidates(diagnosis: Diagnosis) -> Figure:
 
 
 @styled
-def promises(table: pd.DataFrame, most: int = 16) -> Figure:
+def promises(table: pd.DataFrame, most: int = 16, ax: Axes | None = None) -> Figure:
     """Draw the expected gain of log evidence of each candidate over the present model, the best on top.
 
     Args:
         table: name, group and log_evidence, as an investigation ranks its candidates.
         most: candidates to draw.
+        ax: axes of yours to draw on; by default those of a new figure.
     """
     shown = table.sort_values("log_evidence", ascending=False).head(most)
     groups = list(dict.fromkeys(shown["group"]))
-    figure = new_figure(PAGE_CM, 2.0 + 0.52 * len(shown))
-    axes = figure.subplots()
+    figure, axes = one_axes(ax, PAGE_CM, 2.0 + 0.52 * len(shown))
     places = np.arange(len(shown))
     for group, colour in zip(groups, itertools.cycle((FINAL, BASE, SKY, GREY, BLACK))):
         own = (shown["group"] == group).to_numpy()
@@ -224,7 +230,7 @@ def promises(table: pd.DataFrame, most: int = 16) -> Figure:
     axes.set_ylim(len(shown) - 0.4, -0.6)
     axes.grid(visible=False, axis="y")
     axes.set_xlabel("score: expected gain of log evidence")
-    figure.legend(loc="outside lower center", ncols=5)
+    legend(ax, axes, "outside lower center", 5)
     return figure
 
 

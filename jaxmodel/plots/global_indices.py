@@ -6,11 +6,23 @@ import itertools
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxmodel.base.units import difference_unit, split_unit
 from jaxmodel.plots.sensitivities import first_of
-from jaxmodel.plots.style import BLUE, GREY, LINES, ORANGE, PAGE_CM, axis_label, new_figure, power_of_ten, styled
+from jaxmodel.plots.style import (
+    BLUE,
+    GREY,
+    LINES,
+    ORANGE,
+    PAGE_CM,
+    axis_label,
+    legend,
+    one_axes,
+    power_of_ten,
+    styled,
+)
 
 MAIN_INDEX = {"sobol": "total", "morris": "mu_star", "dgsm": "dgsm"}
 _NAMES = {
@@ -40,19 +52,19 @@ def _ordered(one: xr.Dataset, most: int = 16) -> xr.Dataset:
 
 
 @styled
-def bars(data: xr.Dataset, metric: str | None = None) -> Figure:
+def bars(data: xr.Dataset, metric: str | None = None, ax: Axes | None = None) -> Figure:
     """Draw the indices of one metric with their intervals of 95 %, largest first.
 
     Args:
         data: as `jaxmodel.sensitivity.global_indices` returns it.
         metric: one of its metrics; the first if not given.
+        ax: axes of yours to draw on; by default those of a new figure.
     """
     one, metric = _selected(data, metric)
     one = _ordered(one)
     shown = [name for name in ("first", "total", "dgsm") if name in one]
     places, height = np.arange(one.sizes["factor"]), 0.72 / len(shown)
-    figure = new_figure(PAGE_CM, 3.0 + (0.55 + 0.35 * len(shown)) * len(places))
-    axes = figure.subplots()
+    figure, axes = one_axes(ax, PAGE_CM, 3.0 + (0.55 + 0.35 * len(shown)) * len(places))
     for number, (name, colour) in enumerate(zip(shown, (BLUE, ORANGE), strict=False)):
         where = places + (number - 0.5 * (len(shown) - 1)) * height
         axes.barh(
@@ -69,25 +81,25 @@ def bars(data: xr.Dataset, metric: str | None = None) -> Figure:
     axes.axvline(0.0, color=GREY, lw=0.8)
     axes.grid(visible=False, axis="y")
     axes.set_xlabel(f"share of the variance of {split_unit(metric)[0]}, with intervals of 95 %")
-    figure.legend(loc="outside lower center", ncols=2)
+    legend(ax, axes, "outside lower center", 2)
     return figure
 
 
 @styled
-def effects_plane(data: xr.Dataset, metric: str | None = None) -> Figure:
+def effects_plane(data: xr.Dataset, metric: str | None = None, ax: Axes | None = None) -> Figure:
     """Draw Morris' plane: how large the effect of each factor is, and how much it depends on the values of the others.
 
     Args:
         data: as `jaxmodel.sensitivity.global_indices` returns it.
         metric: one of its metrics; the first if not given.
+        ax: axes of yours to draw on; by default those of a new figure.
     """
     one, metric = _selected(data, metric)
     one = _ordered(one)
     size, spread = one["mu_star"].to_numpy(), np.nan_to_num(one["sigma"].to_numpy())
     extra, power = power_of_ten(np.concatenate([size, spread]))
     unit = f"{power}{difference_unit(str(one['metric_unit'].item()))}".strip()
-    figure = new_figure(0.85 * PAGE_CM, 9.0)
-    axes = figure.subplots()
+    figure, axes = one_axes(ax, 0.85 * PAGE_CM, 9.0)
     for i, (name, colour) in enumerate(zip(one["factor"].to_numpy(), itertools.cycle(LINES), strict=False)):
         error = float(one["mu_star_error"][i]) * extra
         # Of a group only the size is known: its members do not move alone.
@@ -111,17 +123,18 @@ def effects_plane(data: xr.Dataset, metric: str | None = None) -> Figure:
     axes.annotate("  sd = mean size", (at, at), color=GREY, fontsize=7.5, ha="left", va="center")
     axes.set_xlabel(axis_label(f"mean size of the effect on {split_unit(metric)[0]}\nover the whole range", unit))
     axes.set_ylabel(axis_label("its standard deviation", unit))
-    figure.legend(loc="outside right upper")
+    legend(ax, axes, "outside right upper", 1)
     return figure
 
 
 @styled
-def pairs(data: xr.Dataset, metric: str | None = None) -> Figure:
+def pairs(data: xr.Dataset, metric: str | None = None, ax: Axes | None = None) -> Figure:
     """Draw the second-order indices of pairs of factors, first orders on the diagonal.
 
     Args:
         data: as `jaxmodel.sensitivity.global_indices` returns it.
         metric: one of its metrics; the first if not given.
+        ax: axes of yours to draw on; by default those of a new figure.
     """
     one, metric = _selected(data, metric)
     factors = _ordered(one, 12)["factor"].to_numpy()
@@ -129,8 +142,7 @@ def pairs(data: xr.Dataset, metric: str | None = None) -> Figure:
     error = one["second_error"].sel(factor=factors, other=factors).to_numpy()
     count = len(factors)
     np.fill_diagonal(table, one["first"].sel(factor=factors))
-    figure = new_figure(min(PAGE_CM, 7.0 + 1.1 * count), 4.6 + 0.75 * count)
-    axes = figure.subplots()
+    figure, axes = one_axes(ax, min(PAGE_CM, 7.0 + 1.1 * count), 4.6 + 0.75 * count)
     shown = np.where(np.tril(np.ones_like(table), -1) > 0, np.nan, table)
     axes.pcolormesh(shown, cmap="Blues", vmin=0.0, vmax=1.0, edgecolor="white", lw=1.0)
     for (row, column), number in np.ndenumerate(shown):
@@ -157,13 +169,14 @@ def pairs(data: xr.Dataset, metric: str | None = None) -> Figure:
 
 
 @styled
-def convergence(data: xr.Dataset, metric: str | None = None, most: int = 6) -> Figure:
+def convergence(data: xr.Dataset, metric: str | None = None, most: int = 6, ax: Axes | None = None) -> Figure:
     """Draw the main index of each factor as it settles with more base points, with its interval of 95 %.
 
     Args:
         data: as `jaxmodel.sensitivity.global_indices` returns it.
         metric: one of its metrics; the first if not given.
         most: factors to draw.
+        ax: axes of yours to draw on; by default those of a new figure.
     """
     one, metric = _selected(data, metric)
     name = MAIN_INDEX[one.attrs["method"]]
@@ -173,8 +186,7 @@ def convergence(data: xr.Dataset, metric: str | None = None, most: int = 6) -> F
     if name == "mu_star":  # the others are shares
         extra, power = power_of_ten(one[name].to_numpy())
         unit = f"{power}{difference_unit(str(one['metric_unit'].item()))}".strip()
-    figure = new_figure(PAGE_CM, 8.0)
-    axes = figure.subplots()
+    figure, axes = one_axes(ax, PAGE_CM, 8.0)
     for i, colour in zip(range(one.sizes["factor"]), itertools.cycle(LINES), strict=False):
         value, error = (extra * one[f"{name}_converging{end}"].isel(factor=i).to_numpy() for end in ("", "_error"))
         axes.fill_between(blocks, value - error, value + error, color=colour, alpha=0.18, lw=0.0)
@@ -190,5 +202,5 @@ def convergence(data: xr.Dataset, metric: str | None = None, most: int = 6) -> F
     axes.set_xlabel("base points")
     of = "on" if name == "mu_star" else "of"
     axes.set_ylabel(axis_label(f"{_NAMES[name].split(',')[0]}\n{of} {split_unit(metric)[0]}", unit))
-    figure.legend(loc="outside right upper")
+    legend(ax, axes, "outside right upper", 1)
     return figure

@@ -11,7 +11,19 @@ from scipy.interpolate import PchipInterpolator
 
 from jaxmodel.diagnosis.advice.identifiability import Identifiability, Profiled
 from jaxmodel.diagnosis.identification import Identification
-from jaxmodel.plots.style import BLUE, GREY, LINES, ORANGE, PAGE_CM, axis_label, new_figure, power_of_ten, styled
+from jaxmodel.plots.style import (
+    BLUE,
+    GREY,
+    LINES,
+    ORANGE,
+    PAGE_CM,
+    axis_label,
+    legend,
+    new_figure,
+    one_axes,
+    power_of_ten,
+    styled,
+)
 
 _PRIOR, _PRIORS_OF_OTHERS = "#b5b5b5", "#dddddd"
 
@@ -72,8 +84,15 @@ def _stacked(axes: Axes, found: Identifiability, names: tuple[str, ...], shares:
 
 
 @styled
-def ellipse(found: Identifiability, first: str, second: str) -> Figure:
-    """Draw the confidence regions of two parameters: prior, posterior, and each run alone with the prior."""
+def ellipse(found: Identifiability, first: str, second: str, ax: Axes | None = None) -> Figure:
+    """Draw the confidence regions of two parameters: prior, posterior, and each run alone with the prior.
+
+    Args:
+        found: what the runs determine.
+        first: the name of a parameter.
+        second: that of another.
+        ax: axes of yours to draw on; by default those of a new figure.
+    """
     i, j = found.names.index(first), found.names.index(second)
     centre, scale = found.values[[i, j]], found.prior_sd[[i, j]]
 
@@ -83,8 +102,7 @@ def ellipse(found: Identifiability, first: str, second: str) -> Figure:
         root = np.linalg.cholesky(covariance[np.ix_([i, j], [i, j])])
         return centre[:, None] + size * scale[:, None] * (root @ circle)
 
-    figure = new_figure(0.72 * PAGE_CM, 0.62 * PAGE_CM)
-    axes = figure.subplots()
+    figure, axes = one_axes(ax, 0.72 * PAGE_CM, 0.62 * PAGE_CM)
     width, unit = len(found.sensors), np.eye(len(found.names))
     for number, (run, colour) in enumerate(zip(found.runs, LINES[2:] * len(found.runs), strict=False)):
         part = found.information.parts[number * width : (number + 1) * width].sum(axis=0)
@@ -100,17 +118,21 @@ def ellipse(found: Identifiability, first: str, second: str) -> Figure:
     axes.locator_params(nbins=6)
     axes.set_xlabel(axis_label(first, found.units[i]))
     axes.set_ylabel(axis_label(second, found.units[j]))
-    figure.legend(loc="outside lower center", ncols=2)
+    legend(ax, axes, "outside lower center", 2)
     return figure
 
 
 @styled
-def correlations(found: Identifiability) -> Figure:
-    """Draw the correlations of the estimates as a heat map."""
+def correlations(found: Identifiability, ax: Axes | None = None) -> Figure:
+    """Draw the correlations of the estimates as a heat map.
+
+    Args:
+        found: what the runs determine.
+        ax: axes of yours to draw on; by default those of a new figure.
+    """
     table = found.information.correlation()
     count = len(found.names)
-    figure = new_figure(min(PAGE_CM, 6.5 + 1.05 * count), 4.5 + 0.75 * count)
-    axes = figure.subplots()
+    figure, axes = one_axes(ax, min(PAGE_CM, 6.5 + 1.05 * count), 4.5 + 0.75 * count)
     axes.pcolormesh(table, cmap="RdBu_r", vmin=-1.0, vmax=1.0, edgecolor="white", lw=1.0)
     for (row, column), number in np.ndenumerate(table):
         colour = "white" if abs(number) > 0.6 else "black"
@@ -125,10 +147,15 @@ def correlations(found: Identifiability) -> Figure:
 
 
 @styled
-def profile_beside_quadratic(profiled: Profiled, unit: str) -> Figure:
-    """Draw the profile likelihood of one parameter and the quadratic approximation from its information."""
-    figure = new_figure(0.8 * PAGE_CM, 7.5)
-    axes = figure.subplots()
+def profile_beside_quadratic(profiled: Profiled, unit: str, ax: Axes | None = None) -> Figure:
+    """Draw the profile likelihood of one parameter and the quadratic approximation from its information.
+
+    Args:
+        profiled: the profile.
+        unit: of the parameter.
+        ax: axes of yours to draw on; by default those of a new figure.
+    """
+    figure, axes = one_axes(ax, 0.8 * PAGE_CM, 7.5)
     extra, power = power_of_ten(np.abs(profiled.values))
     values = profiled.values * extra
     fine = np.linspace(values[0], values[-1], 201)
@@ -142,5 +169,5 @@ def profile_beside_quadratic(profiled: Profiled, unit: str) -> Figure:
         axes.text(values[-1], level, f" {words}", va="bottom", ha="right", fontsize=7.5, color=GREY)
     axes.set_xlabel(axis_label(profiled.name, f"{power}{unit}".strip()))
     axes.set_ylabel("rise of chi-square")
-    figure.legend(loc="outside lower center", ncols=2)
+    legend(ax, axes, "outside lower center", 2)
     return figure

@@ -8,12 +8,20 @@ import matplotlib
 import numpy as np
 import pandas as pd
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from jaxmodel.plots.style import PAGE_CM, SEQUENCE, new_figure, power_of_ten, styled
+from jaxmodel.plots.style import (
+    PAGE_CM,
+    SEQUENCE,
+    new_figure,
+    one_axes,
+    power_of_ten,
+    styled,
+)
 from jaxmodel.plots.sweeps import (
     axes_by_influence,
     chosen_axes,
@@ -45,13 +53,19 @@ def table_of(dataset: xr.Dataset, names: Sequence[str], most: int) -> pd.DataFra
 
 
 @styled
-def parallel(dataset: xr.Dataset, varied: Sequence[str] | None = None, metrics: Sequence[str] | None = None) -> Figure:
+def parallel(
+    dataset: xr.Dataset,
+    varied: Sequence[str] | None = None,
+    metrics: Sequence[str] | None = None,
+    ax: Axes | None = None,
+) -> Figure:
     """Draw lanes as lines through what they differ in and the first few metrics, coloured by the first metric.
 
     Args:
         dataset: of `jaxmodel.sweeps.run`; of many lanes some, evenly picked, are drawn.
         varied: names in which lanes differ; all if not given.
         metrics: those with a value if not given.
+        ax: axes of yours to draw on; by default those of a new figure.
     """
     varied = varied_in(dataset) if varied is None else varied
     metrics = list((metrics_in(dataset) if metrics is None else metrics)[:MOST_METRICS])
@@ -62,8 +76,7 @@ def parallel(dataset: xr.Dataset, varied: Sequence[str] | None = None, metrics: 
     places = np.arange(len(names))
     order = np.argsort(np.abs(shares[:, len(varied)] - 0.5))  # the extremes on top
     lines = np.stack([np.broadcast_to(places, shares.shape), shares], axis=-1)[order]
-    figure = new_figure(PAGE_CM, 9.5)
-    axes = figure.subplots()
+    figure, axes = one_axes(ax, PAGE_CM, 9.5)
     colours = matplotlib.colormaps[SEQUENCE](0.9 * shares[order, len(varied)])
     axes.add_collection(LineCollection(list(lines), colors=list(colours), lw=0.7, alpha=0.6))
     for number, (least, most) in enumerate(zip(low, high, strict=True)):
@@ -85,13 +98,16 @@ def parallel(dataset: xr.Dataset, varied: Sequence[str] | None = None, metrics: 
 
 
 @styled
-def points(dataset: xr.Dataset, metric: str | None = None, varied: Sequence[str] | None = None) -> Figure:
+def points(
+    dataset: xr.Dataset, metric: str | None = None, varied: Sequence[str] | None = None, ax: Axes | None = None
+) -> Figure:
     """Draw a metric of sampled lanes over the name with the largest rank correlation, coloured by the next.
 
     Args:
         dataset: of `jaxmodel.sweeps.run`; of many lanes some, evenly picked, are drawn.
         metric: what is drawn; the first if not given.
         varied: names in which lanes differ; all if not given.
+        ax: axes of yours to draw on; by default those of a new figure.
     """
     metric = metric if metric is not None else first_metric(dataset)
     varied = varied_in(dataset) if varied is None else varied
@@ -102,8 +118,7 @@ def points(dataset: xr.Dataset, metric: str | None = None, varied: Sequence[str]
     strength = np.abs(covariance[:-1]) / np.where(spread[:-1] > 0.0, spread[:-1], np.inf)
     names = [str(varied[place]) for place in np.argsort(-strength)]
     first, others = names[0], names[1:]
-    figure = new_figure(PAGE_CM, 9.0)
-    axes = figure.subplots()
+    figure, axes = one_axes(ax, PAGE_CM, 9.0)
     factor, power = power_of_ten(table[metric].to_numpy())
     colours = table[others[0]].to_numpy() if others else None
     drawn = axes.scatter(table[first], table[metric] * factor, c=colours, cmap=SEQUENCE, s=5.0, lw=0.0)

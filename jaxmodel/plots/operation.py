@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import matplotlib
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -17,7 +18,18 @@ from jaxmodel.model.simulation import simulate
 from jaxmodel.operation.compensation import Compensation
 from jaxmodel.operation.mission import Mission, mission_profile
 from jaxmodel.operation.state_of_charge import COUNTED, Evaluation
-from jaxmodel.plots.style import BLACK, BLUE, GREY, LINES, PAGE_CM, SEQUENCE, new_figure, styled
+from jaxmodel.plots.style import (
+    BLACK,
+    BLUE,
+    GREY,
+    LINES,
+    PAGE_CM,
+    SEQUENCE,
+    legend,
+    new_figure,
+    one_axes,
+    styled,
+)
 
 MARKERS = {"charge": "o", "voltage": "v", "winding": "^", "nothing": "s"}
 
@@ -87,15 +99,15 @@ def compensation_gains(plain: Mapping[str, xr.Dataset], compensated: Mapping[str
 
 
 @styled
-def endurance(data: xr.Dataset, title: str | None = None) -> Figure:
+def endurance(data: xr.Dataset, title: str | None = None, ax: Axes | None = None) -> Figure:
     """Draw how long a mission lasts over the ambient, a line for each age, with a mark for what ends it.
 
     Args:
         data: of `jaxmodel.operation.endurance`.
         title: that of the mission if not given.
+        ax: axes of yours to draw on; by default those of a new figure.
     """
-    figure = new_figure(PAGE_CM, 9.5)
-    axes = figure.subplots()
+    figure, axes = one_axes(ax, PAGE_CM, 9.5)
     ambient, minutes, ended_by = data["ambient_degC"].to_numpy(), data["time_s"] / 60.0, data["ended_by"]
     colours = matplotlib.colormaps[SEQUENCE](np.linspace(0.0, 0.82, data.sizes["age"]))
     for age, colour in zip(map(str, data["age"].to_numpy()), colours, strict=True):
@@ -115,7 +127,7 @@ def endurance(data: xr.Dataset, title: str | None = None) -> Figure:
     shown = str(data.attrs.get("title", "")) if title is None else title
     axes.set_title(shown, fontweight="normal", fontsize=8.5, color="#555555")
     handles, _ = axes.get_legend_handles_labels()
-    figure.legend(handles=[*handles, *ended], loc="outside lower center", ncols=3)
+    legend(ax, axes, "outside lower center", 3, [*handles, *ended])
     return figure
 
 
@@ -189,17 +201,17 @@ def estimates(evaluation: Evaluation, most: int = 8) -> Figure:
 
 
 @styled
-def estimate_errors(evaluation: Evaluation, target: float = 0.02) -> Figure:
+def estimate_errors(evaluation: Evaluation, target: float = 0.02, ax: Axes | None = None) -> Figure:
     """Draw the RMS error of each estimator on each check run, the worse of both starts, logarithmic.
 
     Args:
         evaluation: of `jaxmodel.operation.evaluate_estimators`; trials from the start of a run are drawn.
         target: drawn as a line.
+        ax: axes of yours to draw on; by default those of a new figure.
     """
     errors = evaluation.worst_errors()
     labels = [str(run) for run in errors.index]
-    figure = new_figure(PAGE_CM, 4.0 + 0.75 * len(labels))
-    axes = figure.subplots()
+    figure, axes = one_axes(ax, PAGE_CM, 4.0 + 0.75 * len(labels))
     places = np.arange(len(labels))[::-1]
     for name, colour, marker in zip(errors.columns, LINES, "osv^D", strict=False):
         axes.plot(100.0 * errors[name], places, marker, color=colour, label=name, markersize=5)
@@ -211,5 +223,5 @@ def estimate_errors(evaluation: Evaluation, target: float = 0.02) -> Figure:
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.set_yticks(places, labels)
     axes.set_xlabel("RMS error of the state of charge after convergence [%]")
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    legend(ax, axes, "outside lower center", 3)
     return figure

@@ -53,6 +53,13 @@ def fit_and_residuals(
         models: predictions by channel of one or two models, by the name in the legend; the better one last.
         noise_sd: the noise floor of each channel to draw, in the channel's unit.
         valid: by row, False where the equations are outside their valid range; those spans are shaded.
+
+    Example:
+        >>> from jaxmodel import plots, read_case, simulate_case
+        >>> one = simulate_case(read_case("examples/samsung_30q"), progress=False)[0]
+        >>> model = {"voltage_V": one.table["voltage_V"].to_numpy()}
+        >>> len(plots.fit_and_residuals(one.run, {"as stated": model}, {"voltage_V": 0.001}).axes)
+        2
     """
     channels = channels_read(run, noise_sd)
     factor, unit = minutes_or_seconds(run.measured.time_s)
@@ -139,6 +146,14 @@ def residuals_by_condition(
         residuals: by model, then by channel, all runs one after the other, shape (n,); NaN where nothing was read.
         conditions: by column name (state of charge, current, temperature), each of shape (n,).
         noise_sd: the noise floor of each channel to draw.
+
+    Example:
+        >>> import numpy as np
+        >>> from jaxmodel import plots
+        >>> soc = np.linspace(0.0, 1.0, 200)
+        >>> residuals = {"as stated": {"voltage_V": 0.01 * np.sin(6.0 * soc)}}
+        >>> len(plots.residuals_by_condition(residuals, {"soc": soc}, {"voltage_V": 0.001}).axes)
+        1
     """
     channels = [name for name in noise_sd if any(np.any(np.isfinite(r[name])) for r in residuals.values())]
     crowded = len(channels) > _SIDE_BY_SIDE
@@ -196,6 +211,12 @@ def simulation(name: str, table: pd.DataFrame, run: Run, shown_inputs: Sequence[
         table: time_s, readings and `valid`.
         run: the run that was simulated.
         shown_inputs: inputs to draw; None takes all that change, or the first where none does.
+
+    Example:
+        >>> from jaxmodel import plots, read_case, simulate_case
+        >>> one = simulate_case(read_case("examples/samsung_30q"), progress=False)[0]
+        >>> len(plots.simulation("1C", one.table, one.run).axes)
+        5
     """
     inputs = run.measured.inputs
     if shown_inputs is None:

@@ -23,6 +23,7 @@ from jaxmodel.plots.style import (
     PAGE_CM,
     axis_label,
     column_label,
+    legend,
     minutes_or_seconds,
     new_figure,
     one_axes,
@@ -47,7 +48,9 @@ _DIAMOND: dict[str, Any] = {"color": "white", "markeredgecolor": "black", "marke
 
 
 @styled
-def doubling_beside_gradient(data: xr.Dataset, metric: str | None = None, most: int = 16) -> Figure:
+def doubling_beside_gradient(
+    data: xr.Dataset, metric: str | None = None, most: int = 16, ax: Axes | None = None
+) -> Figure:
     """Draw the change of a metric when each parameter is doubled, beside what its derivative alone predicts.
 
     A metric that has no proportional change, a temperature, is drawn in its own unit.
@@ -56,6 +59,17 @@ def doubling_beside_gradient(data: xr.Dataset, metric: str | None = None, most: 
         data: as `jaxmodel.sensitivity.local` returns it, with the doubling test.
         metric: one of its metrics.
         most: parameters to draw, those with the largest changes; those that change nothing are left out.
+        ax: axes of yours to draw on; by default those of a new figure.
+
+    Example:
+        >>> from jaxmodel import plots, sensitivity, sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.5]}
+        >>> names = {"metrics": ["final_soc"], "store": ["voltage_V"]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, axes=axes, **names)
+        >>> figure = plots.doubling_beside_gradient(sensitivity.local(study, progress=False), "final_soc")
+        >>> figure.axes[0].get_xlabel()
+        'change of final soc [%]'
     """
     metric = metric if metric is not None else first_of(data, "metric")
     chosen = data.sel(metric=metric)
@@ -70,8 +84,7 @@ def doubling_beside_gradient(data: xr.Dataset, metric: str | None = None, most: 
     order = [place for place in np.argsort(-size)[:most] if size[place] > _SEEN * size.max()]
     names = [_with_step(chosen.isel(parameter=place)) for place in order]
     places = np.arange(len(order))
-    figure = new_figure(PAGE_CM, 3.0 + 0.8 * len(order))
-    axes = figure.subplots()
+    figure, axes = one_axes(ax, PAGE_CM, 3.0 + 0.8 * len(order))
     axes.barh(places - 0.2, by_gradient[order], height=0.36, color=BLUE, label="predicted by the gradient")
     axes.barh(places + 0.2, simulated[order], height=0.36, color=ORANGE, label="simulated, the parameter doubled")
     if proportional:
@@ -83,7 +96,7 @@ def doubling_beside_gradient(data: xr.Dataset, metric: str | None = None, most: 
     axes.invert_yaxis()
     axes.grid(visible=False, axis="y")
     axes.set_xlabel(axis_label(f"change of {split_unit(metric)[0]}", unit))
-    figure.legend(loc="outside lower center", ncols=2)
+    legend(ax, axes, "outside lower center", 2)
     return figure
 
 
@@ -104,6 +117,16 @@ def elasticities(local: xr.Dataset, most: int = 14, ax: Axes | None = None) -> F
         local: as `jaxmodel.sensitivity.local` returns it.
         most: parameters to draw, those that matter most to any metric.
         ax: axes of yours to draw on; by default those of a new figure.
+
+    Example:
+        >>> from jaxmodel import plots, sensitivity, sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.5]}
+        >>> names = {"metrics": ["final_soc"], "store": ["voltage_V"]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, axes=axes, **names)
+        >>> figure = plots.elasticities(sensitivity.local(study, progress=False))
+        >>> len(figure.axes)
+        1
     """
     table = local["elasticity"].transpose("parameter", "metric").dropna("metric", how="all")
     size = abs(table).max("metric").fillna(0.0).to_numpy()
@@ -155,6 +178,16 @@ def interaction_matrix(data: xr.Dataset, metric: str | None = None, ax: Axes | N
         data: as `jaxmodel.sensitivity.interactions` returns it.
         metric: one of its metrics; one without proportional changes is drawn in its own unit.
         ax: axes of yours to draw on; by default those of a new figure.
+
+    Example:
+        >>> from jaxmodel import plots, sensitivity, sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.5]}
+        >>> names = {"metrics": ["final_soc"], "store": ["voltage_V"]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, axes=axes, **names)
+        >>> pairs = sensitivity.interactions(study, ["capacity_Ah", "current_A"], progress=False)
+        >>> len(plots.interaction_matrix(pairs).axes) > 0
+        True
     """
     metric = metric if metric is not None else first_of(data, "metric")
     one, names = data.sel(metric=metric), list(map(str, data["parameter"].to_numpy()))
@@ -196,6 +229,16 @@ def over_time(local: xr.Dataset, output: str | None = None, most: int = 12) -> F
         local: as `jaxmodel.sensitivity.local` returns it.
         output: the reading.
         most: parameters to draw, those that move it most at any time; only those that have a proportional change.
+
+    Example:
+        >>> from jaxmodel import plots, sensitivity, sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.5]}
+        >>> names = {"metrics": ["final_soc"], "store": ["voltage_V"]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, axes=axes, **names)
+        >>> figure = plots.over_time(sensitivity.local(study, progress=False), "voltage_V", most=3)
+        >>> len(figure.axes)
+        3
     """
     output = output if output is not None else first_of(local, "output")
     change = 0.01 * local["output_change"].sel(output=output)
@@ -250,6 +293,14 @@ def elasticity_maps(data: xr.Dataset, metric: str | None = None, most: int = 6) 
         data: as `jaxmodel.sensitivity.elasticity_map` returns it; further axes are at their first value.
         metric: one of its metrics.
         most: parameters to draw.
+
+    Example:
+        >>> from jaxmodel import plots, sensitivity, sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.0, 3.0], "ambient_degC": [0.0, 20.0]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, metrics=["final_soc"], axes=axes)
+        >>> len(plots.elasticity_maps(sensitivity.elasticity_map(study, progress=False)).axes) > 1
+        True
     """
     metric = metric if metric is not None else first_of(data, "metric")
     down, across = [str(dim) for dim in data["metric_value"].dims if dim != "metric"][:2]

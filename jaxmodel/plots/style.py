@@ -70,7 +70,18 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Apply this style within a plotting function, without changing the global matplotlib settings."""
+    """Apply this style within a plotting function, without changing the global matplotlib settings.
+
+    Example:
+        >>> from jaxmodel import plots
+        >>> @plots.styled
+        ... def mine():
+        ...     figure = plots.new_figure(8.0, 6.0)
+        ...     figure.subplots().plot([0.0, 1.0], [0.0, 1.0])
+        ...     return figure
+        >>> len(mine().axes)
+        1
+    """
 
     @functools.wraps(draw)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> Figure:
@@ -89,7 +100,15 @@ class Picture(Figure):
 
 
 def new_figure(width_cm: float, height_cm: float, layout: Literal["constrained", "none"] = "constrained") -> Figure:
-    """Return an empty figure of a size in cm, which pyplot does not keep open."""
+    """Return an empty figure of a size in cm, which pyplot does not keep open.
+
+    Example:
+        >>> from jaxmodel import plots
+        >>> figure = plots.new_figure(16.0, 8.0)
+        >>> left, right = figure.subplots(1, 2)
+        >>> figure.get_size_inches().round(1).tolist()
+        [6.3, 3.1]
+    """
     figure = Picture(figsize=(width_cm / 2.54, height_cm / 2.54), dpi=DOTS_PER_INCH, layout=layout)  # type: ignore[arg-type]
     FigureCanvasAgg(figure)
     return figure
@@ -103,6 +122,31 @@ def one_axes(ax: Axes | None, width_cm: float, height_cm: float) -> tuple[Figure
     figure = ax.get_figure(root=True)
     assert figure is not None, "axes that were removed from their figure"
     return figure, ax
+
+
+def legend(
+    ax: Axes | None,
+    axes: Axes,
+    loc: Literal["outside lower center", "outside right upper"],
+    ncols: int,
+    handles: Sequence[Any] | None = None,
+) -> None:
+    """Put a legend outside of a figure of its own; within axes of the caller, as the figure may hold more.
+
+    Args:
+        ax: the axes that the caller has given, if any.
+        axes: those that are drawn on.
+        loc: outside of the figure.
+        ncols: columns there.
+        handles: to be named; by default all of the axes that have a label.
+    """
+    shown = list(handles) if handles is not None else axes.get_legend_handles_labels()[0]
+    if ax is not None:
+        axes.legend(handles=shown)
+        return
+    figure = axes.get_figure(root=True)
+    assert figure is not None, "axes that were removed from their figure"
+    figure.legend(handles=shown, loc=loc, ncols=ncols)
 
 
 def png(figure: Figure) -> bytes:

@@ -140,6 +140,16 @@ def family(
         title: states what is held fixed, if not given.
         stated_slopes: by value of the axis, the slope [1/s] that the paper prints, drawn dashed from the same start.
         ax: axes of yours to draw on; by default those of a new figure.
+
+    Example:
+        >>> from jaxmodel import plots, sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.0, 3.0], "current_A": [1.0, 2.0, 3.0]}
+        >>> names = {"metrics": ["final_soc"], "store": ["voltage_V"]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, axes=axes, **names)
+        >>> dataset = sweeps.run(study, progress=False)
+        >>> plots.family(dataset, "voltage_V").axes[0].get_ylabel()
+        'voltage [V]'
     """
     if column is None and not (stored := stored_in(dataset)):
         raise SweepError('column: this result has no column over time; name some in the study, as in store = ["soc"].')
@@ -244,6 +254,16 @@ def heat_map(
         y: the vertical axis.
         title: states what is held fixed, if not given.
         ax: axes of yours to draw on; by default those of a new figure.
+
+    Example:
+        >>> from jaxmodel import plots, sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.0, 3.0], "current_A": [1.0, 2.0, 3.0]}
+        >>> names = {"metrics": ["final_soc"], "store": ["voltage_V"]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, axes=axes, **names)
+        >>> dataset = sweeps.run(study, progress=False)
+        >>> plots.heat_map(dataset, "final_soc").axes[0].get_xlabel()
+        'current [A]'
     """
     metric = metric if metric is not None else first_metric(dataset)
     x, y = chosen_axes(dataset, metric, [x, y])
@@ -303,6 +323,16 @@ def metric_curves(
         by: the axis that the lines differ in; where x is given and this is not, there is one line.
         title: states what is held fixed, if not given.
         ax: axes of yours to draw on; by default those of a new figure.
+
+    Example:
+        >>> from jaxmodel import plots, sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.0, 3.0], "current_A": [1.0, 2.0, 3.0]}
+        >>> names = {"metrics": ["final_soc"], "store": ["voltage_V"]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, axes=axes, **names)
+        >>> dataset = sweeps.run(study, progress=False)
+        >>> len(plots.metric_curves(dataset, "final_soc").axes[0].lines)
+        2
     """
     metric = metric if metric is not None else first_metric(dataset)
     if x is None:
@@ -333,6 +363,13 @@ def against_paper(panels: Sequence[tuple[str, Mapping[float, float], Mapping[flo
 
     Args:
         panels: for each the label of the horizontal axis, our rates and the paper's rates [1/s], by its values.
+
+    Example:
+        >>> from jaxmodel import plots
+        >>> panels = [("SOC gradient", {0.0: 1.0, 20.0: 0.8}, {0.0: 1.1, 20.0: 0.8})]
+        >>> figure = plots.against_paper(panels)
+        >>> len(figure.axes)
+        1
     """
     figure = new_figure(PAGE_CM, 8.0)
     grid = figure.subplots(1, len(panels), squeeze=False, sharey=True)

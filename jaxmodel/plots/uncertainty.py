@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxmodel.base.units import difference_unit, readable, split_unit
@@ -15,8 +16,10 @@ from jaxmodel.plots.style import (
     PAGE_CM,
     axis_label,
     column_label,
+    legend,
     minutes_or_seconds,
     new_figure,
+    one_axes,
     power_of_ten,
     styled,
 )
@@ -31,6 +34,16 @@ def bands_over_time(data: xr.Dataset, output: str | None = None) -> Figure:
     Args:
         data: as `jaxmodel.sensitivity.uncertainty` returns it.
         output: the reading; the first if not given.
+
+    Example:
+        >>> from jaxmodel import plots, sensitivity, sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.5]}
+        >>> names = {"metrics": ["final_soc"], "store": ["voltage_V"]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, axes=axes, **names)
+        >>> data = sensitivity.uncertainty(study, {"capacity_Ah": 0.05}, draws=64, progress=False)
+        >>> plots.bands_over_time(data, "voltage_V").axes[0].get_ylabel()
+        'voltage [V]'
     """
     output = output if output is not None else first_of(data, "output")
     one = data.sel(output=output)
@@ -67,17 +80,27 @@ def bands_over_time(data: xr.Dataset, output: str | None = None) -> Figure:
 
 
 @styled
-def metric_intervals(data: xr.Dataset) -> Figure:
+def metric_intervals(data: xr.Dataset, ax: Axes | None = None) -> Figure:
     """Draw for each metric the interval of 95 % and of 68 % by both ways, in sd of the gradient's.
 
     Args:
         data: as `jaxmodel.sensitivity.uncertainty` returns it.
+        ax: axes of yours to draw on; by default those of a new figure.
+
+    Example:
+        >>> from jaxmodel import plots, sensitivity, sweeps
+        >>> profile = {"duration_s": 600, "step_s": 60, "current_A": 2.0, "ambient_degC": 20.0}
+        >>> axes = {"capacity_Ah": [2.5]}
+        >>> names = {"metrics": ["final_soc"], "store": ["voltage_V"]}
+        >>> study = sweeps.Study(kind="cell", profile=profile, axes=axes, **names)
+        >>> data = sensitivity.uncertainty(study, {"capacity_Ah": 0.05}, draws=64, progress=False)
+        >>> len(plots.metric_intervals(data).axes)
+        1
     """
     varying = data.isel(metric=np.flatnonzero(data["metric_sd_gradient"].to_numpy() > 0.0))
     count = varying.sizes["metric"]
     sd = varying["metric_sd_gradient"].to_numpy()
-    figure = new_figure(PAGE_CM, 3.4 + 0.95 * count)
-    axes = figure.subplots()
+    figure, axes = one_axes(ax, PAGE_CM, 3.4 + 0.95 * count)
     places = np.arange(count)
     quantile = ((varying["metric_quantile"] - varying["metric_value"]) / varying["metric_sd_gradient"]).to_numpy()
     axes.hlines(places - 0.15, -_TWO_SIDED_95, _TWO_SIDED_95, color=ORANGE, lw=2.0)
@@ -95,5 +118,5 @@ def metric_intervals(data: xr.Dataset) -> Figure:
     axes.axvline(0.0, color=GREY, lw=0.8)
     axes.grid(visible=False, axis="y")
     axes.set_xlabel("deviation in standard deviations by the gradient")
-    figure.legend(loc="outside lower center", ncols=3)
+    legend(ax, axes, "outside lower center", 3)
     return figure

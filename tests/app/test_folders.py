@@ -78,7 +78,7 @@ def test_one_command_may_take_a_folder_twice(tmp_path: Path) -> None:
             lambda *_: _Usage(10**9, 10**9 - 10**5, 10**5),
             "the disk is full; remove files from it",
         ),
-        (os, "access", lambda path, mode, **_: not mode & os.W_OK, "nothing can be written to this folder; allow it"),
+        (os, "access", lambda path, mode, **_: not mode & os.W_OK, "this folder is not writable; change its rights"),
     ],
 )
 @pytest.mark.parametrize("command", ["simulate", "compare", "parameterise"])

@@ -101,7 +101,7 @@ def test_spoilt_study_is_one_sentence(what: str, command: str, run: Run, tmp_pat
         (["simulate", "CASE", "--out", "FILE"], "give a file or folder that can be used"),
         (["diagnose", "CASE", "CASE"], "Two of the cases are called 'small'"),
         (["demo", "--case", "nowhere"], "There is no"),
-        (["estimate", "CASE", "--tuning", "STUDY"], "is no tuning.json"),
+        (["estimate", "CASE", "--tuning", "STUDY"], "is not a tuning.json"),
         (["estimate", "CASE", "--tuning", "nowhere.json"], "cannot be read"),
         (["compensate", "--model", "CASE"], "needs a case of kind robot"),
         (["mission", "--model", "CASE"], "needs a case of kind robot"),

@@ -90,7 +90,7 @@ def test_report_says_what_the_diagnosis_says(page: Page, full: Diagnosis) -> Non
         "A run to be fitted that covers what the check runs cover: current 9 A (fitted so far: 3 to 6 A).",
         "C_th = 82.0 ± 3.0 J/K",
         "reduces the error of voltage by 12.3 mV on fit runs and 10.1 mV on check runs; "
-        "reduces the error of cell temperature by 1.92 K on fit runs",
+        "it reduces the error of cell temperature by 1.92 K on fit runs",
         "only run-02 shows it",
         "arrhenius_resistance: charge_transfer",
         "Not detectable with these data: self_discharge and clock_shift.",

@@ -5,11 +5,12 @@ from __future__ import annotations
 import io
 import sys
 import types
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from jaxmodel import sweeps
+from jaxmodel import import_case, read_case, simulate_case, sweeps
 from jaxmodel.base.progress import counted, is_watched, stages
 
 
@@ -108,3 +109,37 @@ def test_a_sweep_shows_its_lanes_in_a_notebook(notebook: list[str]) -> None:
     sweeps.run(study, False)
     assert told[-1] == (2, 2)
     assert notebook == []
+
+
+def test_work_within_other_work_shows_nothing_of_its_own(notebook: list[str]) -> None:
+    with stages(True, "whole") as tell:
+        tell("first")
+        with stages(True, "part") as tell_part, counted(True, "lanes of it", "lanes") as tell_count:
+            tell_part("inner")
+            tell_count(1, 2)
+    assert any("first" in line for line in notebook)
+    assert not any("inner" in line or "lanes" in line for line in notebook)
+    with stages(False, "quiet"), stages(True, "part") as tell_part:  # who wants no progress gets none
+        before = len(notebook)
+        tell_part("inner")
+        assert len(notebook) == before
+    with stages(True, "next") as tell:  # and what comes after is shown again
+        tell("second")
+    assert any("second" in line for line in notebook)
+
+
+def test_simulation_and_import_show_their_progress(notebook: list[str], case_folder: Path) -> None:
+    case = read_case(case_folder)
+    simulate_case(case, progress=False)
+    assert notebook == []
+    simulate_case(case)
+    assert any("run-01" in line for line in notebook)
+    told: list[str] = []
+    simulate_case(case, progress=told.append)
+    assert told == [run.name for run in case.runs]
+    notebook.clear()
+    file = case_folder / "run-01.csv"
+    import_case(file, "cell", progress=False)
+    assert notebook == []
+    import_case(file, "cell")
+    assert any("clocks and signs" in line for line in notebook)

@@ -203,7 +203,7 @@ def test_a_preset_may_be_a_file_beside_the_case(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (None, "there is no file 'ours.toml'"),
+        (None, "there is no preset file 'ours.toml'"),
         (("title", "titel"), "preset 'ours.toml': the file knows no 'titel'. Did you mean 'title'?"),
         (("capacity_Ah = 2.5", "capacity_Ah = -1"), "capacity_Ah"),
         (("[parameters]", "[parameters"), "preset 'ours.toml', line 5"),

@@ -91,3 +91,17 @@ def test_draws_out_of_bounds_are_left_out_and_counted():
 def test_what_cannot_be_used_is_said(sd: dict[str, float], correlation: np.ndarray | None, message: str):
     with pytest.raises(ParameterError, match=message):
         spread(sd, correlation=correlation)
+
+
+@pytest.mark.parametrize("draws", [-3, 0, 1, 4, 7])
+def test_too_few_draws_are_refused_before_anything_is_run(draws: int):
+    with pytest.raises(ParameterError, match=f"^uncertain: {draws} draws show no spread; give 8 or more.$"):
+        spread({"capacity_Ah": 0.05}, draws=draws)
+
+
+def test_where_bounds_leave_too_few_draws_more_of_them_help():
+    """Of eight draws of a share that is near its bound a few are beyond; of many, enough are within."""
+    sd = {"initial_soc": 0.4}
+    with pytest.raises(ParameterError, match=r"of 8 draws are outside .* fewer than 8 are left; give more draws, or"):
+        spread(sd, draws=8)
+    assert spread(sd, draws=64).attrs["out_of_bounds"] > 0

@@ -60,7 +60,7 @@ def _first(view: dict[str, Any], choices: list[dict[str, Any]]) -> dict[str, Any
     if asked:
         return {"run": asked["run"], "axes": {name: dict(axis) for name, axis in asked["axes"].items()}, "metric": ""}
     picked = [choices[0], next((one for one in choices if one["name"] == "capacity_Ah"), choices[-1])]
-    axes = {one["name"]: {"low": one["low"], "high": one["high"], "count": _COUNT} for one in picked}
+    axes = {one["name"]: {"low": one["low"], "high": one["high"], "count": one["count"] or _COUNT} for one in picked}
     return {"run": view["case"]["runs"][0]["name"], "axes": axes, "metric": ""}
 
 
@@ -82,7 +82,8 @@ def _axis(context: Context, form: dict[str, Any], place: str, choices: dict[str,
 
     def chosen(value: str) -> None:
         own = choices[value]
-        new = {"low": own["low"], "high": own["high"], "count": axis["count"]}
+        count = own["count"] or (_COUNT if choices[name]["count"] else axis["count"])
+        new = {"low": own["low"], "high": own["high"], "count": count}
         pairs = [(value, new), (other, form["axes"][other])]
         form["axes"] = dict(pairs if place == "x" else pairs[::-1])
         context.go("")
@@ -111,6 +112,7 @@ class Map:
         self._place = h("div", "", "contents")
         self._words: TextElement | None = None
         self._chart: Figure | None = None
+        self._shown = ""
         self.update()
 
     def update(self) -> None:
@@ -119,6 +121,7 @@ class Map:
         if not grid or not self._context.view.get("sweep"):
             return
         metric = self._metric(grid)
+        self._shown = metric["name"]
         if self._words is None or self._chart is None:
             self._words, self._chart = self._build(grid, metric)
         else:
@@ -126,7 +129,7 @@ class Map:
         self._words.set_text(_done(grid))
 
     def _metric(self, grid: dict[str, Any]) -> dict[str, Any]:
-        wanted = self._context.form["sweep"]["metric"]
+        wanted = self._context.form["sweep"]["metric"] or self._shown or grid["liveliest"]
         return next((one for one in grid["metrics"] if one["name"] == wanted), grid["metrics"][0])
 
     def _build(self, grid: dict[str, Any], metric: dict[str, Any]) -> tuple[TextElement, Figure]:
@@ -163,6 +166,7 @@ def _heat(grid: dict[str, Any], metric: dict[str, Any]) -> dict[str, Any]:
             "thickness": 10,
             "outlinewidth": 0,
             "title": {"text": metric["title"], "side": "right"},
+            "tickformat": ".3~g",
         },
         "hovertemplate": f"%{{x:.4~g}}, %{{y:.4~g}}: %{{z:.4~g}} {metric['unit']}<extra></extra>",
     }
@@ -188,11 +192,12 @@ def sensitivity(context: Context) -> None:
         return
     found = context.session.content(SENSITIVITY)
     if not found or not context.view.get("sensitivity"):
-        h("p", "Click a place in the map of a sweep, or start at the middle of a run's parameters.", "lead")
+        h("p", "Click a place in the map of a sweep, or begin here.", "lead")
         run = context.view["case"]["runs"][0]["name"]
-        middle = context.view["sweepable"][0]
-        point = {middle["name"]: 20.0}
-        button(f"At {run} and 20 °C", lambda: context.do("sensitivity", run=run, point=point), "button primary",
+        first = context.view["sweepable"][0]
+        value = 20.0 if first["name"] == "ambient_degC" else 0.5 * (first["low"] + first["high"])
+        words = f"With the inputs of {run}, {first['meaning']} {value:g} {first['unit']}".rstrip()
+        button(words, lambda: context.do("sensitivity", run=run, point={first["name"]: value}), "button primary",
                disabled=context.is_busy)  # fmt: skip
         return
     h("p", f"The present model on the inputs of {found['run']}, at {found['at']}.", "lead")
@@ -205,7 +210,7 @@ def sensitivity(context: Context) -> None:
     metrics = {one["name"]: one for one in found["metrics"]}
     if metrics:
         chosen = metrics.get(form["metric"]) or next(iter(metrics.values()))
-        words = {name: name.replace("_", " ") for name in metrics}
+        words = {name: one["title"] for name, one in metrics.items()}
         with h("div", "", "row"):
             select("Result", words, chosen["name"], lambda value: put("metric", value))
         _tornado(chosen)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import functools
+import time
+from importlib import metadata
 from typing import Any
 
 from nicegui import ui
@@ -46,6 +49,17 @@ _DOING = {
 }
 
 
+@functools.cache
+def documentation() -> str:
+    """Return the address of the folder of the documentation, as the package states it; "" where it states none."""
+    try:
+        stated = metadata.metadata("jaxmodel").get_all("Project-URL") or []
+    except metadata.PackageNotFoundError:
+        return ""
+    addresses = dict(one.split(", ", 1) for one in stated)
+    return addresses.get("Documentation", "").rpartition("/")[0]
+
+
 class Page:
     """What one tab shows of a session."""
 
@@ -65,6 +79,11 @@ class Page:
         with h("header", "", "top"):
             h("b", "jaxmodel workbench", "brand")
             self.title = h("span", "", "title")
+            self.case_file = h("a", "Case file", "quiet", href=f"{self.context.address}/case", target="_blank")
+            for name, page in (("Documentation", "index.md"), ("Glossary", "glossary.md")):
+                if documentation():
+                    address = f"{documentation()}/{page}"
+                    h("a", name, "quiet", href=address, target="_blank", rel="noopener noreferrer")
             h("a", "New session", "quiet", href="/new")
             h("button", "", "quiet theme", type="button", id="theme", aria_label="Light or dark")
         # Steps and tabs stay, and only change: a click on a button that is replaced at that moment would be lost.
@@ -104,7 +123,8 @@ class Page:
                 self.tab = "traces"
             ui.navigate.history.replace(f"{self.context.address}?step={place}")
         else:
-            self._seen.pop("drawn", None)
+            self._seen.pop("panel", None)
+            self._seen.pop("tab", None)
         self.look()
 
     def look(self) -> None:
@@ -115,13 +135,19 @@ class Page:
         is_new = self._changed("path", view.get("path")) and "path" in view and not view.get("imported")
         if not self.step or (is_new and self.step == "data"):
             self.step = "compare" if context.stage != "empty" else "data"
-        drawn = (view["version"], context.is_busy, self.step, self.tab)
+        drawn = (view["version"], context.is_busy)
         if self._changed("version", view["version"]) and context.stage != "empty":
             self.traces.show(view)
         if self._changed("job", progress):
             self._show_job(progress)
-        if self._changed("drawn", drawn):
+        elif progress is not None and progress["state"] == "running":
+            self._count_down(progress)
+        # Apart: a button of the panel is not replaced because another tab is shown, nor the other way round.
+        panel, tab = self._changed("panel", (*drawn, self.step)), self._changed("tab", (*drawn, self.tab))
+        if panel:
             self._draw()
+        if tab:
+            self._show_tab()
         elif self._map and self._changed("grid", (context.session.content(GRID) or {}).get("done")):
             self._map.update()
 
@@ -131,9 +157,10 @@ class Page:
         return changed
 
     def _draw(self) -> None:
-        """Draw steps, panel and tab anew."""
+        """Draw steps and panel anew."""
         context = self.context
         self.title.set_text(context.view["case"]["title"] if context.stage != "empty" else "")
+        self.case_file.set_visibility(context.stage != "empty")
         for step in STEPS:
             item, one = self.steps[step.name]
             is_here = step.name == self.step
@@ -148,14 +175,15 @@ class Page:
             else:
                 h("h2", shown.title)
                 h("p", "This step needs the one before it.", "lead")
-        for name, one in self.tabs.items():
-            change(one, aria_selected=str(name == self.tab).lower())
-        self._show_tab()
 
     def _show_tab(self) -> None:
         """Draw the tab beside the panel; traces keep their zoom, the others are drawn anew."""
         is_traces = self.tab == "traces"
-        self.main.classes(remove="bare")
+        for name, one in self.tabs.items():
+            change(one, aria_selected=str(name == self.tab).lower())
+        self.main.classes(remove="bare free")
+        if not is_traces:
+            self.main.classes("free")
         if self.context.stage == "empty":
             self.main.classes("bare")
         self.traces_tab.set_visibility(is_traces)
@@ -177,8 +205,14 @@ class Page:
             # In place: a button that is built anew between press and release would lose the click.
             self._bar.style(f"width:{100.0 * running['share']:.1f}%")
             self._now.set_text(running["now"].replace("_", " "))
-            left = running["left_s"]
-            self._left.set_text("" if left is None else f"about {duration(max(round(left), 1))} left")
+            self._count_down(running)
+
+    def _count_down(self, running: dict[str, Any]) -> None:
+        """Show the time left, which was estimated when the present part of the job began."""
+        left = running["left_s"]
+        seconds = None if left is None else left - (time.time() - running["ended"])
+        # What lasts longer than was estimated has no time left that anybody knows.
+        self._left.set_text("" if seconds is None or seconds < 0.5 else f"about {duration(float(round(seconds)))} left")
 
     def _build_job(self, progress: dict[str, Any] | None) -> None:
         self.job.clear()

@@ -61,6 +61,11 @@ def add_routes(sessions: Sessions) -> None:
             return PlainTextResponse(str(error), 413)
         return PlainTextResponse(place.name, 201)
 
+    @app.get("/s/{name}/case")
+    async def get_case(request: Request, name: str) -> Response:
+        view = with_traces(own(request, name))
+        return FileResponse(view["path"], media_type="text/plain; charset=utf-8")
+
     @app.get("/s/{name}/kept/{file}")
     async def get_kept(request: Request, name: str, file: str) -> Response:
         session = own(request, name)

@@ -109,8 +109,8 @@ def print_sweep(dataset: xr.Dataset) -> None:
         (Status.NOT_FINITE, "ran into numbers that are not finite"),
         (
             Status.IMPOSSIBLE,
-            "went where nothing can be (a winding above the melting point of copper, a cell that gives twice its "
-            "charge): their numbers are no result; check the values and units of the study",
+            "reached an impossible state (a winding above the melting point of copper, a cell that gives twice its "
+            "charge): do not use their numbers; check the values and units of the study",
         ),
     ):
         if count := int((dataset["status"] == int(status)).sum()):

@@ -120,7 +120,7 @@ def why_not(name: str, kind: str) -> str:
     label = Path(name).name
     if name.endswith(".toml"):
         if not os.path.isfile(name):
-            return f"there is no file '{label}' where the preset is sought ({Path(name).parent}); correct its name."
+            return f"there is no preset file '{label}' in {Path(name).parent}; correct its name."
         try:
             title, kinds = read_form(name).title, read_preset(name).kinds
         except UserError as error:
@@ -131,4 +131,5 @@ def why_not(name: str, kind: str) -> str:
         title, kinds = PRESETS[name], read_preset(name).kinds
     if kind in kinds:
         return ""
-    return f"preset '{label}' ({title}) serves kind {' and '.join(kinds)}, not '{kind}'; use another of the two."
+    served = " and ".join(kinds)
+    return f"preset '{label}' ({title}) serves kind {served}, not '{kind}'; use another preset, or another kind."

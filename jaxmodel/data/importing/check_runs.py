@@ -52,14 +52,16 @@ def splits_of(
         splits = ["check" if name in check else "fit" for name in names]
         return splits, [Decision("check runs", "", listed(sorted(check), _LISTED) or "none", "stated", "user")]
     if len(runs) < 2:
-        sentence = "There is one run only, so none is held out; --split-at rests, or a further file, gives a check run."
+        sentence = (
+            "There is only one run, so none is held out; give a second file, or --split-at rests, for a check run."
+        )
         return ["fit"] * len(runs), [Finding("no check run", "", sentence, "warning")]
     chosen = next((one for one in _proposals(conditions) if _leaves_each_kind(conditions, one.held)), None)
     if chosen is None:
         profiles = ", ".join(dict.fromkeys(condition.profile for condition in conditions))
         sentence = (
             f"Each run is the only one of its kind ({profiles}), and the parameters need all of them, so none is held "
-            "out: measure one of them once more, or name one with --check, and the fit lacks what only that one tells."
+            "out: repeat one of them, or name one with --check; the fit then lacks what only that run shows."
         )
         return ["fit"] * len(runs), [Finding("no check run", "", sentence, "warning")]
     splits = ["check" if number in chosen.held else "fit" for number in range(len(runs))]

@@ -129,7 +129,8 @@ def _resolution(run: Log, name: str, values: np.ndarray) -> Iterator[Finding]:
     if digit < limit and unit in ("V", "degC") and digit <= 0.25 * limit:
         return
     sentence = (
-        f"{run.name}: one digit of {name} is {digit:.3g} {unit}, and all its readings lie within {extent:.3g} {unit}."
+        f"{run.name}: the resolution of {name} is {digit:.3g} {unit}, and all its readings lie within "
+        f"{extent:.3g} {unit}."
     )
     yield Finding("coarse resolution", run.name, sentence, "note", name, numbers={"resolution": digit, "range": extent})
 
@@ -162,7 +163,7 @@ def _saturation(run: Log, name: str, values: np.ndarray) -> Iterator[Finding]:
         sentence = (
             f"{run.name}: {name} stays at its {side} limit {limit:.5g} {unit_of(name)} {long.shape[0]} "
             f"times ({share:.1%} of the "
-            "rows): the sensor is saturated there, and these readings are no measurement."
+            "rows): the sensor is saturated there, and these readings measure nothing."
         )
         yield Finding(
             "saturation", run.name, sentence, "warning", name, spans(at, run.time_s), {"limit": limit, "share": share}

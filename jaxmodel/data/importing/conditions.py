@@ -115,8 +115,7 @@ def specimens(runs: Sequence[Log]) -> Finding | None:
         return None
     some = ", ".join(sorted(found))
     sentence = (
-        f"The names of the files speak of {len(found)} pieces of hardware ({some}), and a case is one: "
-        "import the files of each "
-        "apart, unless they are as alike as you need."
+        f"The file names point to {len(found)} pieces of hardware ({some}), and a case holds one: import each of them "
+        "separately, unless they are alike enough for your purpose."
     )
     return Finding("several specimens", "", sentence, "warning")

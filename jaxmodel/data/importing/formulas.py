@@ -75,7 +75,7 @@ def _value(frame: pd.DataFrame, text: str, option: str) -> pd.Series | None:
         MeasurementError: it is no formula.
     """
     if not _is_formula(text):
-        raise MeasurementError(f"{option}: '{text:.80}' is no formula of columns; {_HELP}")
+        raise MeasurementError(f"{option}: '{text:.80}' is not a formula of columns; {_HELP}")
     try:
         value: Any = frame.eval(text, engine="python", local_dict={}, global_dict={})
     except pd.errors.UndefinedVariableError:
@@ -101,7 +101,7 @@ def unmatched(target: str, text: str, header: Mapping[str, str]) -> str:
     elif _is_formula(text):
         what, help_ = f"{what}, or the columns of that formula", "check the names."
     else:
-        what, help_ = f"'{text:.80}' is no column of the files and is no formula of columns", _HELP
+        what, help_ = f"'{text:.80}' is neither a column of the files nor a formula of columns", _HELP
     return f"column {target}: {what}; {columns_of(header)}; {help_}"
 
 

@@ -76,6 +76,13 @@ class Imported:
         capacity_known: whether a full discharge or the user told the capacity.
         constants: first values of a motor's constants, by name of the parameter.
         general: findings and decisions that concern no single run.
+
+    Example:
+        >>> from jaxmodel import import_case
+        >>> log = "examples/samsung_30q/cc1C.csv"
+        >>> imported = import_case(log, "cell", ambient=23.0, progress=False)
+        >>> [run.log.name for run in imported.runs]
+        ['cc1C']
     """
 
     kind: Kind

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from jaxmodel.base.errors import MeasurementError, nearest
+from jaxmodel.base.progress import Stage, stages
 from jaxmodel.case.measurements import KINDS, file_label
 from jaxmodel.case.presets import located, read_preset, why_not
 from jaxmodel.data.importing import balance, charge, warm_start
@@ -45,7 +46,7 @@ def import_case(
     out: str | Path | None = None,
     options: Options | None = None,
     ask: Ask | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: bool | Stage = True,
     **decisions: Any,
 ) -> Imported:
     """Import raw files of a bench as a case.
@@ -56,7 +57,8 @@ def import_case(
         out: folder that the case is written to; by default nothing is written.
         options: decisions of the user.
         ask: answers what the files leave open; by default that is an error which names the option to give.
-        progress: is told what is done next.
+        progress: True shows it at a terminal or in a notebook, False shows nothing; a function is called with what is
+            done next.
         decisions: fields of `Options`, as keywords: `ambient=23.0`, `sign="charge-positive"`.
 
     Returns:
@@ -64,6 +66,13 @@ def import_case(
 
     Raises:
         MeasurementError: a file cannot be used, or something is open that only the user can tell.
+
+    Example:
+        >>> from jaxmodel import import_case
+        >>> log = "examples/samsung_30q/cc1C.csv"
+        >>> imported = import_case(log, "cell", ambient=23.0, progress=False)
+        >>> imported.case.runs[0].name, len(imported.decisions) > 5
+        ('cc1C', True)
     """
     if kind not in KINDS:
         raise MeasurementError(f"kind: there is no '{kind}'; use cell, motor or robot.")
@@ -75,8 +84,17 @@ def import_case(
         options = dataclasses.replace(options, preset=located(options.preset, Path()))
         if problem := why_not(str(options.preset), kind):
             raise MeasurementError(f"preset: {problem}")
-    tell = progress or (lambda _: None)
     paths = [Path(files)] if isinstance(files, str | Path) else [Path(file) for file in files]
+    with stages(progress, "import") as tell:
+        imported = _imported(paths, kind, options, ask, tell)
+        if out is not None:
+            tell(f"writing {len(imported.runs)} runs")
+            imported.write(out)
+    return imported
+
+
+def _imported(paths: Sequence[Path], kind: Kind, options: Options, ask: Ask | None, tell: Stage) -> Imported:
+    """Return what `import_case` does, of options that are checked."""
     logs, listed, general = _read(paths, kind, options, ask, tell)
     tell("clocks and signs")
     general += copies(logs)
@@ -91,15 +109,11 @@ def import_case(
     runs = [_complete(with_speed(run), kind, options, listed.get(run.source.name)) for run in runs]
     tell(f"checking {len(runs)} runs")
     runs = [run.also(*odd_things(run, kind)) for run in without_outliers(runs, kind)]
-    imported = _assembled(runs, kind, options, ask, listed, general)
-    if out is not None:
-        tell(f"writing {len(runs)} runs")
-        imported.write(out)
-    return imported
+    return _assembled(runs, kind, options, ask, listed, general)
 
 
 def _read(
-    paths: Sequence[Path], kind: Kind, options: Options, ask: Ask | None, tell: Callable[[str], None]
+    paths: Sequence[Path], kind: Kind, options: Options, ask: Ask | None, tell: Stage
 ) -> tuple[list[Log], dict[str, Listed], list[Finding | Decision]]:  # fmt: skip
     """Return the logs among the files, what a list among them says of each, and what is to be said of all."""
     if not paths:
@@ -143,7 +157,7 @@ def _with_clocks(logs: Sequence[Log], options: Options, ask: Ask | None) -> tupl
             timed.append(clocked)
         else:
             sentence = (
-                f"{file_label(log.source)} has no column of time and is left out; import it apart "
+                f"{file_label(log.source)} has no column of time and is left out; import it separately "
                 "with --seconds-per-row."
             )
             found.append(Finding("file left out", file_label(log.source), sentence, "warning"))

@@ -215,7 +215,7 @@ def _log(
         unit = units.get(role.column, "")
         if unit and role.why != "stated" and target not in _needed(kind) and not conversion(unit, target_unit(target)):
             sentence = (
-                f"{where}: column '{role.column}' could be {target}, and '{unit}' is no unit of it; it is left out. "
+                f"{where}: column '{role.column}' could be {target}, and '{unit}' is not a unit of it; it is left out. "
                 f'State it with --unit "{role.column}={target_unit(target) or 1}".'
             )
             found.append(Finding("unit unknown", where, sentence, "warning", target))
@@ -282,7 +282,8 @@ def _about(role: Role, unit: str, where: str) -> list[Finding | Decision]:
     about: list[Finding | Decision] = [Decision(role.target, where, text, _WHY[role.why], source)]
     if role.why == "looks like it":
         sentence = (
-            f"{where}: no name tells {role.target}; column '{role.column}' looks like it. State it with --column."
+            f"{where}: no column is called {role.target}, and the readings of '{role.column}' look like it. "
+            "State it with --column."
         )
         about.append(Finding("column by its looks", where, sentence, "warning", role.target))
     if role.others:
@@ -316,7 +317,7 @@ def _clocked(
             if chosen.keys() & {"time_s", "stamp", "step_time"} != {target}:
                 continue
             raise MeasurementError(
-                f"{where}: column '{role.column}' is in '{unit}', which is no unit of time; state it with "
+                f"{where}: column '{role.column}' is in '{unit}', which is not a unit of time; state it with "
                 f'--unit "{role.column}=s", or name another with --column {target}="NAME".'
             )
         times = parse_times(pd.Series(table.frame[role.column]), unit)
@@ -411,7 +412,7 @@ def _converted(
         known = conversion(unit, target)
         if known is None:
             raise MeasurementError(
-                f"{where}: column '{role.column}' is in '{unit}', which is no unit of {role.target} "
+                f"{where}: column '{role.column}' is in '{unit}', which is not a unit of {role.target} "
                 f"({target or 'a fraction'}); "
                 f'state it with --unit "{role.column}={target or 1}", or name another with --column.'
             )

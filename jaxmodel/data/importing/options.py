@@ -43,6 +43,13 @@ class Options:
         encoding: of text.
         delimiter: of text.
         decimal: of text.
+
+    Example:
+        >>> from jaxmodel import Options, import_case
+        >>> options = Options(ambient=23.0, capacity_Ah=3.0)
+        >>> log = "examples/samsung_30q/cc1C.csv"
+        >>> import_case(log, "cell", options=options, progress=False).capacity
+        Stated(value=3.0, sd=0.06, why='stated')
     """
 
     title: str | None = None

@@ -65,7 +65,7 @@ class Evidence(NamedTuple):
             fit = self.agreeing if discharge else self.steps - self.agreeing
             resistance = f" (median {1e3 * abs(self.resistance_ohm):.3g} mohm)"
             said.append(
-                f"in {fit:,} of {self.steps:,} steps of the current the voltage moves as it then must{resistance}"
+                f"at {fit:,} of {self.steps:,} steps of the current the voltage moves as this sign demands{resistance}"
             )
         if abs(self.trend) > 0.2:
             said.append("the voltage falls as charge leaves the cell")
@@ -295,7 +295,7 @@ def _against(log: Log, own: Evidence, odds: float) -> Finding:
     sentence = (
         f"{log.name}: by itself it speaks for the other sign of the current ({own.steps - own.agreeing:,} "
         f"of {own.steps:,} "
-        "steps against positive on discharge); look at it, and import it apart with --sign if its bench "
+        "steps against positive on discharge); look at it, and import it separately with --sign if its bench "
         "writes otherwise."
     )
     return Finding("sign", log.name, sentence, "warning", "current_A", numbers={"odds": odds})

@@ -78,7 +78,7 @@ def put_together(tables: Mapping[str, pd.DataFrame], chosen_by_user: bool) -> Ke
     chosen = {name: table for name, table in tables.items() if _goes_with(headers[name], header)}
     remarks = () if list(chosen) == [""] else (f"Read {listed(chosen, _NAMED)}.",)
     left = [f"'{name}'" for name in tables if name not in chosen]
-    help_ = "import it apart" if chosen_by_user else "--sheet"
+    help_ = "import it separately" if chosen_by_user else "--sheet"
     losses = (f"{listed(left, _NAMED)} has other columns and was not read ({help_}).",) if left else ()
     frame = pd.concat(list(chosen.values()), ignore_index=True)
     key = next((name for name in _KEYS if name not in frame), "") if len(chosen) > 1 else ""

@@ -32,6 +32,12 @@ class RawTable:
         repeated: names that several columns have; the second is called 'name 2'.
         key: the column whose texts tell several tables of one file apart; '' for one table.
         plain: by column, the plain name of what a known format holds there; '' for nothing of a case.
+
+    Example:
+        >>> from jaxmodel import read_table
+        >>> table = read_table("examples/samsung_30q/cc1C.csv")
+        >>> table.format, table.frame.columns[0]
+        ('text', 'time_s')
     """
 
     frame: pd.DataFrame

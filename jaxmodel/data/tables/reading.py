@@ -145,7 +145,8 @@ def _decompressed(path: Path, folder: Path) -> Path:
                     )
                 plain.write(chunk)
     except (OSError, EOFError) as error:
-        raise MeasurementError(f"{file_label(path)} is no whole gzip file ({error}); export it again.") from None
+        sentence = f"{file_label(path)} is damaged or not a gzip file ({error}); export it again."
+        raise MeasurementError(sentence) from None
     return inside
 
 

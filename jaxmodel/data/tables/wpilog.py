@@ -64,7 +64,7 @@ def read_wpilog(path: Path, keep: Keep | None = None) -> RawTable:
         entries, cut = _entries(content)
     except (struct.error, IndexError, UnicodeDecodeError) as error:
         raise MeasurementError(
-            f"{label} is no whole data log of WPILib ({error}); copy it from the robot again."
+            f"{label} is an incomplete data log of WPILib ({error}); copy it from the robot again."
         ) from error
     streams = [stream for entry in entries if (stream := _stream(content, entry)) is not None]
     joined = join_streams(_unique(streams), keep, held=True)

@@ -38,6 +38,11 @@ def test_the_shipped_example_from_data_to_report(visit: Visit) -> None:
     assert ranges[0] == ranges[1]
     page.click(".zoom >> text=All")
 
+    # The case as it is read, and the pages that explain the words.
+    answer = page.request.get(f"{visitor.server.address}{page.get_attribute('text=Case file', 'href')}")
+    assert 'kind = "cell"' in answer.text()
+    assert "glossary.md" in (page.get_attribute("a:has-text('Glossary')", "href") or "")
+
     visitor.step("See where it fails")
     assert "lacks heat" in page.inner_text(".panel")
     page.wait_for_selector(".map .main-svg")
@@ -58,6 +63,11 @@ def test_the_shipped_example_from_data_to_report(visit: Visit) -> None:
     page.hover("[data-candidate=self_heating]")
     page.wait_for_selector(".legend .line.preview")
     visitor.picture("4-learn")
+    # Another tab is shown without a new panel: a click on a button that is replaced just then would be lost.
+    page.evaluate("document.querySelector('.panel h2').dataset.drawn = 'once'")
+    page.click("[role=tab]:has-text('Sweep')")
+    page.click("[role=tab]:has-text('Traces')")
+    assert page.locator(".panel h2[data-drawn=once]").count() == 1
     page.click("[data-candidate=self_heating] >> text=Add")
     page.wait_for_selector(".switches li")
     before, after = errors_of(page)
@@ -187,6 +197,7 @@ def test_wrong_files_get_the_sentence_of_the_command_line(visit: Visit, tmp_path
 def test_two_users_do_not_see_each_other(visit: Visit, made_case: Path) -> None:
     first, second = visit(), visit()
     assert first.session != second.session
+    assert second.page.request.get(f"{second.server.address}/s/{first.session}/case").status == 404
     answer = second.page.request.get(f"{second.server.address}/s/{first.session}/traces")
     assert answer.status == 404
     second.page.goto(f"{second.server.address}/s/{first.session}")

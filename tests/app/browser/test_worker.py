@@ -9,15 +9,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
+import xarray as xr
 
 from jaxmodel.app.browser.files import PROGRESS, STOP, WANTED, read_json
 from jaxmodel.app.browser.sessions import Session, Sessions
 from jaxmodel.app.browser.worker.__main__ import do
+from jaxmodel.app.browser.worker.exploring import _liveliest
 from jaxmodel.app.browser.worker.keeping import script_of
 from jaxmodel.app.browser.worker.place import Place
 from jaxmodel.app.browser.worker.progress import Progress, Stopped
+from jaxmodel.app.browser.worker.view import sweepable
 from jaxmodel.app.browser.workers import MOST, Worker, Workers
+from jaxmodel.case.records import Case
 
 
 class StandIn(Worker):
@@ -96,6 +101,68 @@ def test_a_job_ends_where_it_next_reports_once_it_is_to_stop(tmp_path: Path) -> 
 def test_time_left_follows_from_how_long_it_took_before(tmp_path: Path) -> None:
     Progress(tmp_path, {"id": "1", "do": "add"}, usual_s=40.0)("scoring every candidate")
     assert read_json(tmp_path / PROGRESS)["left_s"] == pytest.approx(40.0, abs=1.0)
+
+
+def test_a_diagnosis_is_estimated_anew_whatever_the_last_one_took(tmp_path: Path) -> None:
+    progress = Progress(tmp_path, {"id": "1", "do": "diagnose"}, usual_s=4000.0)
+    progress("trying 8 candidates")
+    assert read_json(tmp_path / PROGRESS)["left_s"] is None
+    assert read_json(tmp_path / PROGRESS)["share"] == 0.0
+
+
+def test_a_sweep_is_estimated_from_its_second_report_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [1000.0]
+    monkeypatch.setattr("jaxmodel.app.browser.worker.progress.time.time", lambda: now[0])
+    tell = Progress(tmp_path, {"id": "1", "do": "sweep"}).counted("sweep", "lanes")
+    for seconds, done in ((60.0, 500), (10.0, 1000)):  # a minute of compiling, and a part that was there before
+        now[0] += seconds
+        tell(done, 2000)
+    assert read_json(tmp_path / PROGRESS)["left_s"] == pytest.approx(20.0)
+
+
+def test_candidates_stand_in_the_order_of_the_number_that_is_shown(session: Session, made_case: Path) -> None:
+    place = Place(session.folder)
+    assert job(place, "open", path=str(made_case), how="case")["state"] == "done"
+    found = session.view["candidates"]
+    shares = [one["share"] for one in found]
+    assert shares == sorted(shares, reverse=True)
+    assert shares[0] == 1.0
+    assert found[0]["name"] == "self_heating"
+    assert found[0]["reason"].endswith("Nothing else explains more.")
+    for one in found[1:]:
+        if one["share"] > 0.0:
+            percent = f"{100.0 * one['share']:.0f} %" if one["share"] >= 0.01 else "less than 1 %"
+            assert one["reason"].endswith(f"It explains {percent} of what self heating explains.")
+        else:
+            assert one["reason"] == "These runs give no reason to add it."
+
+
+def test_an_axis_that_changes_nothing_is_not_offered(session: Session, made_case: Path) -> None:
+    place = Place(session.folder)
+    assert job(place, "open", path=str(made_case), how="case")["state"] == "done"
+    offered = {one["name"] for one in session.view["sweepable"]}
+    assert {"capacity_Ah", "initial_soc"} <= offered
+    assert not {"mass_kg", "k_tau", "gear_ratio", "n_series"} & offered
+    job(place, "add", names=["self_heating"])
+    assert "self_heating.hA" in {one["name"] for one in session.view["sweepable"]}  # that of the present model
+    job(place, "add", names=["voltage_offset:voltage_V"])
+    assert not any(one["name"].startswith("voltage_offset") for one in session.view["sweepable"])
+
+
+def test_an_axis_of_whole_numbers_has_whole_values() -> None:
+    rows = {"time_s": [0.0, 10.0, 20.0], "ambient_degC": 20.0, "duty": 0.5, "load_torque_Nm": 0.05}
+    robot = Case.from_dataframes({"drive": pd.DataFrame(rows | {"pack_voltage_V": 22.0})}, kind="robot")
+    cells = next(one for one in sweepable(robot) if one["name"] == "n_series")
+    assert (cells["low"], cells["high"], cells["count"]) == (4.0, 8.0, 5)
+
+
+def test_the_first_map_is_that_of_the_metric_that_varies_most() -> None:
+    across, up = np.meshgrid([1.0, 2.0, 3.0], [1.0, 2.0], indexing="ij")
+    gone = np.full((3, 2), np.nan)
+    of_one_axis = {"stripes": 10.0 * across, "flat": 100.0 + up, "gone": gone}
+    data = xr.Dataset({name: (("x", "y"), values) for name, values in of_one_axis.items()})
+    assert _liveliest(data) == "stripes"
+    assert _liveliest(data.assign(both=(("x", "y"), 20.0 + across + up))) == "both"
 
 
 def test_one_job_at_a_time(session: Session, workers: Workers) -> None:

@@ -98,4 +98,4 @@ def test_a_column_of_stamps_is_a_clock_whatever_it_is_called(tmp_path: Path):
     np.testing.assert_allclose(run.time_s, log.time_s)
     np.testing.assert_allclose(run.columns["current_A"], log.current_A)
     np.testing.assert_allclose(run.columns["cell_temperature_degC"], log.temperature_degC)
-    assert any("column 'Europe/Amsterdam (+02:00)' looks like it" in one.sentence for one in imported.findings)
+    assert any("the readings of 'Europe/Amsterdam (+02:00)' look like it" in one.sentence for one in imported.findings)

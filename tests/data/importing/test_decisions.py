@@ -229,7 +229,7 @@ def test_a_column_that_no_name_tells_is_asked_for(tmp_path: Path):
             {"ambient": 25.0},
             ["more than one cell", "--cells-in-series 6"],
         ),
-        (lambda f: f, {"units": {"current_A": "V"}}, ["'V'", "no unit of current_A", "--unit"]),
+        (lambda f: f, {"units": {"current_A": "V"}}, ["'V'", "not a unit of current_A", "--unit"]),
         (lambda f: f, {"columns": {"current": "current_A"}}, ["no column 'current'", "Did you mean 'current_A'"]),
         (lambda f: f, {"columns": {"current_A": "I"}}, ["no file has a column 'I'"]),
         (lambda f: f, {"constants": {"load": 1.0}}, ["a cell has no column 'load'"]),

@@ -291,8 +291,8 @@ def test_a_compressed_table_is_read_as_the_table(tmp_path: Path):
 def test_a_compressed_file_that_is_cut_or_too_large_or_packed_twice_gets_one_sentence(tmp_path: Path, monkeypatch):
     whole = gzip.compress(b"time_s,voltage_V\n" + b"1,2\n" * 5000)
     for name, content, said in (
-        ("cut.csv.gz", whole[: len(whole) // 2], "is no whole gzip file"),
-        ("none.csv.gz", b"nonsense", "is no whole gzip file"),
+        ("cut.csv.gz", whole[: len(whole) // 2], "is damaged or not a gzip file"),
+        ("none.csv.gz", b"nonsense", "is damaged or not a gzip file"),
         ("twice.csv.gz.gz", gzip.compress(whole), "is compressed twice"),
     ):
         (tmp_path / name).write_bytes(content)

@@ -4,7 +4,7 @@ import { axis, colour, CONFIG, look, onTheme, plotly } from "/assets/plotting.js
 
 const GAP = 0.028;
 const POINTS = 4000;
-const LOW = 560; // pixels
+const LETTER = 5.5; // pixels of a letter of a title
 
 export default {
   template: `
@@ -145,7 +145,7 @@ export default {
           layout[`yaxis${k === 1 ? "" : k}`] = {
             ...axis(), domain, anchor: x, fixedrange: true, autorange: true, showticklabels: c === 0, automargin: false, nticks: 5,
             ...(c > 0 ? { matches: `y${r * columns + 1 === 1 ? "" : r * columns + 1}` } : {}),
-            title: c === 0 ? { text: this.titleOf(row), standoff: 4, font: { size: 11 } } : { text: "" },
+            title: c === 0 ? { text: this.titleOf(row, height), standoff: 4, font: { size: 11 } } : { text: "" },
           };
           this.places[`${run.number} ${row.channel.name} ${row.what}`] = [x, y];
           data.push(...this.tracesOf(run, row, x, y));
@@ -160,12 +160,14 @@ export default {
         this.$refs.plot.on("plotly_relayout", (event) => this.moved(event));
       }
     },
-    titleOf(row) {
+    titleOf(row, share) {
       const own = row.what === "residual" ? this.view.residuals[row.channel.name]?.unit : row.channel.unit;
       const unit = own ? ` [${own}]` : "";
-      // On a low screen a title would run into the next: the unit, or nothing, says enough.
-      if (row.what !== "overlay" && this.$refs.plot.clientHeight < LOW) return unit.trim();
-      return row.what === "residual" ? `residual${unit}` : `${row.channel.quantity}${unit}`;
+      // Where a title would run into the next it stands in two lines; where they are too long, the unit says enough.
+      const room = (share * (this.$refs.plot.clientHeight - 64)) / LETTER;
+      const name = row.what === "residual" ? "residual" : row.channel.quantity;
+      if (name.length + unit.length <= room) return `${name}${unit}`;
+      return row.what === "overlay" && name.length <= room ? `${name}<br>${unit.trim()}` : unit.trim();
     },
     headOf(run, left) {
       const own = this.runs[run.number];

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from jaxmodel.app.browser.context import Context
-from jaxmodel.app.browser.html import button, h
+from jaxmodel.app.browser.html import button, counted, h
 from jaxmodel.app.browser.steps.learn import candidate
 
 _NEXT = 2  # candidates that are offered here too
@@ -50,13 +50,13 @@ def show(context: Context) -> None:
         h("h3", "Most promising now")
         with h("ol", "", "candidates"):
             for one in offered:
-                candidate(context, one, max(one["gain"] for one in offered))
+                candidate(context, one)
     _parameters(view)
 
 
 def _offered(candidates: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return the best effects and sensor faults, and the best of the rest, which is no new physics."""
-    promising = [one for one in candidates if one["gain"] > 0.0]
+    promising = [one for one in candidates if one["share"] > 0.0]
     physics = [one for one in promising if one["group"] in ("Effects", "Sensors")]
     return physics[:_NEXT] + [one for one in promising if one not in physics][:1]
 
@@ -65,10 +65,17 @@ def _verdict(verdict: dict[str, Any]) -> None:
     with h("div", "", f"verdict {verdict['verdict']}"):
         h("small", "Verdict")
         h("b", verdict["title"])
-        h("p", verdict["sentence"])
+        for name, sentence in verdict["lines"]:
+            with h("p"):
+                h("b", f"{name} ", "line")
+                h("span", sentence)
+    if verdict["hidden"]:
+        with h("details"):
+            h("summary", f"{counted(len(verdict['hidden']), 'kind')} of effect that would not show in these data")
+            h("p", f"{', '.join(verdict['hidden'])}.")
     if verdict["remarks"]:
         with h("details"):
-            h("summary", f"{len(verdict['remarks'])} remarks on the data and the fit")
+            h("summary", f"{counted(len(verdict['remarks']), 'remark')} on the data and the fit")
             with h("ul", "", "findings"):
                 for remark in verdict["remarks"]:
                     h("li", remark)
@@ -89,8 +96,9 @@ def _ladder(view: dict[str, Any]) -> None:
             h("span", words)
         h("i", "", "tick noise")
         h("span", "noise")
-        h("i", "", "tick tolerance")
-        h("span", "tolerance")
+        if any(limits["tolerance"] for limits in view["residuals"].values()):
+            h("i", "", "tick tolerance")
+            h("span", "tolerance")
 
 
 def _rungs(view: dict[str, Any], channel: dict[str, Any]) -> None:

@@ -20,32 +20,34 @@ def show(context: Context) -> None:
     h("h2", "Learn what is missing")
     h(
         "p",
-        "Ranked by how much better they explain the fitted runs. Point at one to preview the residual that it would "
-        "leave, before any refit.",
+        "In the order of how much they explain of the error of the fitted runs. Point at one to preview the residual "
+        "that it would leave, before any refit.",
         "lead",
     )
     candidates = context.view["candidates"]
-    best = max((one["gain"] for one in candidates), default=0.0)
     for group, words in GROUPS.items():
         own = [one for one in candidates if one["group"] == group]
         if not own:
             continue
         with h("h3", f"{group} "):
             h("small", words, "soft")
+        shown = [one for one in own if one["share"] > 0.0][:_SHOWN]
+        rest = own[len(shown) :]
         with h("ol", "", "candidates"):
-            for one in own[:_SHOWN]:
-                candidate(context, one, best)
-        if len(own) > _SHOWN:
+            for one in shown:
+                candidate(context, one)
+        if rest:
+            promising = any(one["share"] > 0.0 for one in rest)
             with h("details"):
-                h("summary", f"{len(own) - _SHOWN} more")
+                h("summary", f"{len(rest)} {'more' if promising else 'that these runs give no reason to add'}")
                 with h("ol", "", "candidates"):
-                    for one in own[_SHOWN:]:
-                        candidate(context, one, best)
+                    for one in rest:
+                        candidate(context, one)
 
 
-def candidate(context: Context, one: dict[str, Any], best: float) -> None:
+def candidate(context: Context, one: dict[str, Any]) -> None:
     """Show one candidate: its name, its reason, what it is, and the button that adds it."""
-    promises = one["gain"] > 0.0
+    promises = one["share"] > 0.0
     with h(
         "li", "", "candidate" if promises else "candidate faint", data_candidate=one["name"], data_title=one["title"]
     ):
@@ -58,8 +60,8 @@ def candidate(context: Context, one: dict[str, Any], best: float) -> None:
                 disabled=context.is_busy,
                 aria_label=f"Add {one['title']}",
             )
-        if promises and best > 0.0:
-            h("i", "", "promise", style=f"width:{100.0 * max(one['gain'], 0.0) / best:.1f}%", aria_hidden="true")
+        if promises:
+            h("i", "", "promise", style=f"width:{100.0 * one['share']:.1f}%", aria_hidden="true")
         h("p", one["reason"])
         h("p", one["physics"], "soft")
 

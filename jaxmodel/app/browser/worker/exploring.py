@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import time
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,8 @@ _CHUNKS = 200
 # Values of an axis of the map that are drawn; of more, every k-th.
 _MOST_OF_AN_AXIS = 250
 _MOST_BARS = 14
+# Along an axis, against the mean: what varies less does not vary to the eye.
+_LEAST_VARIATION = 0.005
 
 
 def study_of(place: Place, progress: Progress, run: str, axes: Mapping[str, Any]) -> sweeps.Study:
@@ -120,6 +123,7 @@ def _write_grid(folder: Path, dataset: xr.Dataset) -> None:
     landed = dataset["status"].to_numpy() >= 0
     grid = {
         "every": list(every.values()),
+        "liveliest": _liveliest(dataset[names].where(landed)),
         "axes": [{"name": axis, "title": _title(axis), "values": dataset[axis].to_numpy().tolist()} for axis in axes],
         "done": int(np.sum(status >= 0)),
         "of": int(status.size),
@@ -134,6 +138,24 @@ def _write_grid(folder: Path, dataset: xr.Dataset) -> None:
         ],
     }
     write_json(folder / GRID, grid)
+
+
+def _liveliest(metrics: xr.Dataset) -> str:
+    """Return the metric whose map is the first one shown: of what has landed, it varies most against its mean.
+
+    One that varies along both axes comes before one that only one of them changes.
+    """
+
+    def variation(one: xr.DataArray) -> tuple[bool, float]:
+        size = abs(float(one.mean()))
+        if not size > 0.0:
+            return False, 0.0
+        along = [float(one.std(str(axis)).mean()) / size for axis in one.dims]
+        return min(along) > _LEAST_VARIATION, float(one.std()) / size
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of a row of which nothing has landed there is no sd
+        return max(map(str, metrics.data_vars), key=lambda name: variation(metrics[name]))
 
 
 def _title(name: str, unit: str = "") -> str:
@@ -173,7 +195,7 @@ def _bars(data: xr.Dataset) -> dict[str, Any]:
         names = data["parameter"].to_numpy()
         bars = [{"name": str(names[i]), "value": float(values[i])} for i in order[:_MOST_BARS]]
         if bars:
-            metrics.append({"name": metric, "bars": bars})
+            metrics.append({"name": metric, "title": _title(metric), "bars": bars})
     return {"metrics": sorted(metrics, key=lambda metric: -len(metric["bars"]))}
 
 

@@ -141,5 +141,5 @@ def _toml(path: Path) -> Path:
     """
     found = path / "case.toml" if path.is_dir() else path
     if not found.is_file():
-        raise UserError(f"{path} is no case: it has no case.toml; name a folder that has one.")
+        raise UserError(f"{path} is not a case: it has no case.toml; name a folder that has one.")
     return found.resolve()

@@ -95,7 +95,7 @@ class Place:
         write_traces(self.folder, one.case, models)
         write_previews(self.folder, one.case, previews)
         write_cells(self.folder, maps)
-        view |= {"case": case_view(one.case), "models": self._models(one), "sweepable": sweepable(one.case)}
+        view |= {"case": case_view(one.case), "models": self._models(one), "sweepable": sweepable(one.extended_case())}
         self.show(stage="compared", **view, **changes)
 
     def _models(self, one: Investigation) -> list[list[str]]:

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from jaxmodel.app.browser.files import PROGRESS, STOP, write_json
+from jaxmodel.app.left import Left
 
 # Usual share of a job that is done when a part of it starts, by the first words of the part. Assumed.
 DONE_BY = {
-    "diagnose": {"refitting": 0.1, "adding": 0.4, "dropping": 0.6, "comparing": 0.8, "searching": 0.9},
     "open": {"calibrating": 0.05, "scoring": 0.85, "writing": 0.95},
     "upload": {"calibrating": 0.1, "scoring": 0.85, "writing": 0.95},
     "compare": {"calibrating": 0.05, "scoring": 0.85, "writing": 0.95},
@@ -18,8 +18,10 @@ DONE_BY = {
     "drop": {"calibrating": 0.0, "refitting": 0.05, "scoring": 0.8, "writing": 0.95},
     "keep": {"concluding": 0.0, "pictures": 0.4},
 }
-# No time left is named before this share of the work is done and so many seconds have passed: it would be a guess.
-_LEAST_SHARE, _LEAST_S = 0.04, 1.5
+# No time left is named before so many seconds have passed: it would be a guess.
+_LEAST_S = 1.5
+# How long these take follows from what they meet, and not from how long they took before.
+_ESTIMATED = ("diagnose", "sweep", "forecast")
 
 
 class Stopped(Exception):
@@ -27,12 +29,15 @@ class Stopped(Exception):
 
 
 class Progress:
-    """What a job does now, since when, and how much of it is done."""
+    """What a job does now, since when, how much of it is done, and how long it may still take."""
 
     def __init__(self, folder: Path, job: dict[str, Any], usual_s: float | None = None) -> None:
         """Begin a job; `usual_s` is how long such a job took before."""
-        self._folder, self._job, self._usual_s = folder, job, usual_s
+        self._folder, self._job = folder, job
+        self._usual_s = None if job["do"] in _ESTIMATED else usual_s
         self._began, self._share = time.time(), 0.0
+        self._left = Left(DONE_BY.get(job["do"], {}))
+        self._counted: tuple[float, float] | None = None
         (folder / STOP).unlink(missing_ok=True)
         self._write("running", "starting")
 
@@ -54,6 +59,9 @@ class Progress:
         """
         if (self._folder / STOP).exists():
             raise Stopped
+        self._left.begin(now)
+        if share is None:
+            share = self._left.share
         known = [start for start in DONE_BY.get(self._job["do"], {}) if now.startswith(start)]
         if share is None and known:
             share = DONE_BY[self._job["do"]][max(known, key=len)]
@@ -66,7 +74,11 @@ class Progress:
         """Return a function of (done, total) that reports a counted part of the job."""
 
         def tell(done: int, total: int) -> None:
-            self(f"{what}: {done:,} of {total:,} {unit}", done / max(total, 1))
+            share = done / max(total, 1)
+            # From the second report on: the first comes before anything is compiled, and after what was done before.
+            if self._counted is None or share < self._counted[1]:
+                self._counted = time.time(), share
+            self(f"{what}: {done:,} of {total:,} {unit}", share)
 
         return tell
 
@@ -75,10 +87,16 @@ class Progress:
         self._write(state, sentence)
 
     def _write(self, state: str, now: str) -> None:
-        left = None
-        if state == "running" and self._usual_s:
-            left = max(self._usual_s - self.elapsed_s, 0.0)
-        elif state == "running" and self._share > _LEAST_SHARE and self.elapsed_s > _LEAST_S:
-            left = self.elapsed_s * (1.0 - self._share) / self._share
+        left = self._left_s() if state == "running" else None
         content = {"id": self._job["id"], "do": self._job["do"], "state": state, "now": now, "share": self._share}
         write_json(self._folder / PROGRESS, content | {"began": self._began, "ended": time.time(), "left_s": left})
+
+    def _left_s(self) -> float | None:
+        """Return the time left; None where it is not known."""
+        if self._usual_s:
+            return self._usual_s - self.elapsed_s if self.elapsed_s < self._usual_s else None
+        if self._counted:
+            began, at_first = self._counted
+            done = self._share - at_first
+            return (time.time() - began) * (1.0 - self._share) / done if done > 0.0 else None
+        return self._left.seconds() if self.elapsed_s > _LEAST_S else None

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,11 +12,12 @@ import pandas as pd
 
 from jaxmodel.app.browser.worker.words import (
     GROUPS,
+    NO_REASON,
+    beside_the_best,
     channel_words,
     error_text,
     finite,
     in_words,
-    physics_of,
     reason_for,
     title_of,
 )
@@ -23,11 +27,16 @@ from jaxmodel.case.records import Case
 from jaxmodel.data.importing import Imported
 from jaxmodel.data.importing.imported import shortened
 from jaxmodel.diagnosis import Investigation
+from jaxmodel.diagnosis.headline import undetectable
+from jaxmodel.diagnosis.opening import opening
 from jaxmodel.diagnosis.residuals.regime_map import RUN, RegimeMap
 from jaxmodel.diagnosis.residuals.regimes import Bins
 from jaxmodel.diagnosis.result import Diagnosis, Rung
-from jaxmodel.diagnosis.wording import VERDICT_TITLES, step_names, verdict_sentence, with_sd
+from jaxmodel.diagnosis.wording import physics_of, step_names, verdict_title, with_sd
 from jaxmodel.model.names import parameter_table
+from jaxmodel.model.names import value as value_of
+from jaxmodel.sweeps import Study
+from jaxmodel.sweeps.idle import acting
 
 _MOST_LINES = 60
 # Times are drawn in this unit where the longest run takes longer than so many seconds.
@@ -124,7 +133,8 @@ def _residuals(investigation: Investigation, base: Rung) -> dict[str, Any]:
 def _addition(investigation: Investigation, label: str) -> dict[str, str]:
     candidate = investigation.cache.space.candidates[label]
     group = GROUPS.get(candidate.group, "Laws")
-    return {"name": label, "title": title_of(candidate), "physics": physics_of(candidate), "group": group}
+    physics = physics_of(type(candidate.effect))
+    return {"name": label, "title": title_of(candidate), "physics": physics, "group": group}
 
 
 def _errors(table: pd.DataFrame) -> list[dict[str, Any]]:
@@ -186,31 +196,42 @@ def _axis(bins: Bins, runs: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _candidates(investigation: Investigation, previews: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return all candidates in the order of the share that the page shows: what each explains of what the best does.
+
+    What a candidate explains is the drop in chi-square that it promises. One that gains no evidence, or reduces the
+    error of no channel, has a share of nothing.
+    """
     names = [str(name) for name in previews.columns[4:]]
     size = {
         str(channel): np.sqrt(np.mean(part[["residual", *names]].to_numpy() ** 2, axis=0))
         for channel, part in previews.groupby("channel", sort=False)
     }
-    found = []
+    found: list[dict[str, Any]] = []
     for row in investigation.candidates().to_dict("records"):
         name, candidate = str(row["name"]), investigation.cache.space.candidates[str(row["name"])]
         if name not in names:
             continue
         own = 1 + names.index(name)
         expected = {channel: (float(rms[0]), float(rms[own])) for channel, rms in size.items()}
-        gain = float(row["log_evidence"])
+        reason = reason_for(expected) if float(row["log_evidence"]) > 0.0 else ""
         found.append(
             {
                 "name": name,
                 "title": title_of(candidate),
                 "group": GROUPS[candidate.group],
-                "physics": physics_of(candidate),
+                "physics": physics_of(type(candidate.effect)),
                 "equation": type(candidate.effect).equation,
-                "gain": gain,
-                "reason": reason_for(expected, gain),
+                "share": max(float(row["chi2"]), 0.0) if reason else 0.0,
+                "reason": reason or NO_REASON,
                 "expected": {channel: list(pair) for channel, pair in expected.items()},
             }
         )
+    found.sort(key=lambda one: -one["share"])  # of equal ones the first is the one that gains most
+    most = found[0]["share"] if found else 0.0
+    for one in found:
+        if one["share"] > 0.0:
+            one["share"] /= most
+            one["reason"] += f" {beside_the_best(one['share'], found[0]['title'])}"
     return found
 
 
@@ -235,27 +256,51 @@ def _ladder(models: list[Rung], present: tuple[str, ...]) -> list[dict[str, Any]
 
 
 def sweepable(case: Case) -> list[dict[str, Any]]:
-    """Return the parameters and inputs that may be axes, each with a first range: a fifth about its value."""
+    """Return the parameters and inputs that may be axes, each with a first range: a fifth about its value.
+
+    One on which no result of a sweep depends is none of them: the mass of a cell, the temperature of a storage that
+    lasted no month. An axis of whole numbers has a `count`, so that its values are whole.
+
+    Args:
+        case: with the additions of the present model.
+    """
     model = case_model(case)
-    found = []
+    found, values = [], {"ambient_degC": 20.0}
+    of_sensors = {effect.label for effect in model.effects if effect.is_sensor}
     for name, info in parameter_table(model).items():
-        known = case.parameters.get(name)
-        value = info.default if known is None else known.value
-        if not np.isfinite(value) or value == 0.0:
+        value = float(value_of(model, name))
+        if not np.isfinite(value) or value == 0.0 or name.rpartition(".")[0] in of_sensors:
             continue
         ends = sorted((0.8 * value, 1.2 * value))
+        if info.whole:
+            ends = [min(np.floor(ends[0]), value - 1.0), max(np.ceil(ends[1]), value + 1.0)]
         low, high = (float(np.clip(end, info.lower, info.upper)) for end in ends)
         if low < high:
+            count = int(high - low) + 1 if info.whole else None
+            low, high = (float(f"{end:.3g}") for end in (low, high))
             found.append({"name": name, "unit": info.unit, "meaning": info.meaning, "low": low, "high": high})
+            found[-1]["count"], values[name] = count, value
     ambient = {"name": "ambient_degC", "unit": "°C", "meaning": "ambient temperature", "low": -10.0, "high": 45.0}
-    return [ambient, *found]
+    acts = _acting(case, values) - ({"storage_temperature_degC"} if "storage_months" not in values else set())
+    return [one for one in (ambient | {"count": None}, *found) if one["name"] in acts]
+
+
+def _acting(case: Case, values: Mapping[str, float]) -> frozenset[str]:
+    """Return the names of some parameters and inputs on which results depend, of sweeps that a run of a case drives."""
+    run = case.runs[0]
+    with tempfile.TemporaryDirectory() as folder:
+        run.to_dataframe().to_csv(Path(folder) / "profile.csv", index=False)
+        axes = {name: [value] for name, value in values.items()}
+        study = Study(case=case, profile={"csv": "profile.csv"}, axes=axes, folder=Path(folder))
+    return acting(study)
 
 
 def verdict_view(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return a diagnosis in words."""
     return {
         "verdict": diagnosis.verdict,
-        "title": VERDICT_TITLES[diagnosis.verdict],
-        "sentence": in_words(verdict_sentence(diagnosis), diagnosis.case.catalogue),
+        "title": verdict_title(diagnosis),
+        "lines": [[name, in_words(text, diagnosis.case.catalogue)] for name, text in opening(diagnosis).lines()],
         "remarks": [in_words(remark, diagnosis.case.catalogue) for remark in diagnosis.remarks],
+        "hidden": [in_words(name, diagnosis.case.catalogue) for name in undetectable(diagnosis)],
     }

@@ -13,8 +13,7 @@ from jaxmodel.diagnosis.wording import amount, join
 from jaxmodel.fit.candidates import Candidate
 
 GROUPS = {"effect": "Effects", "sensor": "Sensors", "run": "Single runs"}
-# Odds beyond which no number is named.
-_CERTAIN = 1e6
+NO_REASON = "These runs give no reason to add it."
 # A candidate is said to help a channel if it takes away this share of its error.
 _HELPS = 0.02
 
@@ -36,17 +35,8 @@ def in_words(sentence: str, names: Iterable[str]) -> str:
     return sentence
 
 
-def physics_of(candidate: Candidate) -> str:
-    """Return in one sentence, without its formula, what a candidate adds to the model."""
-    first = (type(candidate.effect).__doc__ or "").strip().splitlines()[0]
-    head, colon, tail = first.partition(": ")
-    if colon and re.search(r"[=^|*]|[A-Za-z]_|\(", tail):
-        first = f"{head}."
-    return first
-
-
-def reason_for(expected: Mapping[str, tuple[float, float]], gain: float) -> str:
-    """Say what a candidate promises on the fit runs: the errors before and after, by channel, and the odds."""
+def reason_for(expected: Mapping[str, tuple[float, float]]) -> str:
+    """Say what a candidate promises on the fit runs: the errors before and after, by channel; "" if nothing is less."""
     better, worse = [], []
     for channel, (before, after) in expected.items():
         (was, becomes), unit = amount(channel, [before, after])
@@ -55,18 +45,17 @@ def reason_for(expected: Mapping[str, tuple[float, float]], gain: float) -> str:
             better.append(change)
         elif after > (1.0 + _HELPS) * before:
             worse.append(change)
-    if gain <= 0.0 or not better:
-        return "These runs give no reason to add it."
     rises = f", and raise that of {join(worse)}" if worse else ""
-    return f"It should reduce the error of {join(better)}{rises}. {odds_of(gain)}"
+    return f"It should reduce the error of {join(better)}{rises}." if better else ""
 
 
-def odds_of(gain: float) -> str:
-    """Say a gain of log evidence as odds."""
-    odds = float(np.exp(min(gain, 50.0)))
-    if odds > _CERTAIN:
-        return "Odds for it: more than a million to 1."
-    return f"Odds for it: {odds:,.0f} to 1." if odds >= 10.0 else f"Odds for it: only {odds:.1f} to 1."
+def beside_the_best(share: float, best: str) -> str:
+    """Say what a candidate explains of what the best one does, which has a title."""
+    if share >= 1.0:
+        return "Nothing else explains more."
+    percent = 100.0 * share
+    much = f"{percent:.0f} %" if percent >= 1.0 else "less than 1 %"
+    return f"It explains {much} of what {best[:1].lower()}{best[1:]} explains."
 
 
 def channel_words(channel: str) -> dict[str, str]:
