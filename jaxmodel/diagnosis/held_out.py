@@ -123,8 +123,8 @@ def _in_vain(search: Search, model: Sequence[str], others: Sequence[str]) -> dic
     """Return the additions that change predictions of held-out runs and make none better.
 
     With chi-square of the held-out readings and K that of the change d of their predictions, an addition that is true
-    lowers chi-square by K, within 2 sqrt(K): it is contradicted if it does not, and K exceeds `CHANGED`. Runs outside the
-    conditions that were fitted are left out: there whatever else is off speaks louder.
+    lowers chi-square by K, within 2 sqrt(K): it is contradicted if it does not, and K exceeds `CHANGED`. Runs outside
+    the conditions that were fitted are left out: there whatever else is off speaks louder.
     """
     cache, against = search.cache, {}
     outside = {one.file for one in extrapolated(cache.case)}
