@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from scipy.signal import savgol_filter
 
 from jaxmodel import Case
-from jaxmodel.parameterisation.smoothing import lagged
+from jaxmodel.parameterisation.linear import lagged
 
 RPM, DEGREE = np.pi / 30.0, np.pi / 180.0
 FORCE_N_V = 35.15  # of the current amplifier and screw of EMPS

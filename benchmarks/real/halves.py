@@ -11,8 +11,8 @@ from typing import Any
 
 from benchmarks.real.cases import RealCase
 from jaxmodel.case.records import Case
-from jaxmodel.diagnosis.rungs import estimates_of
 from jaxmodel.fit.cache import FitCache
+from jaxmodel.fit.estimates import estimates_of
 from jaxmodel.fit.lanes import one_thread_of_blas
 
 # Half the width of an interval, in sd: 95 % of a normal.

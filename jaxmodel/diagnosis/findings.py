@@ -7,23 +7,9 @@ import numpy as np
 from jaxmodel.diagnosis.result import CurveFound, Estimate, Removed, RunFound, Rung
 from jaxmodel.effects.curves import Curve
 from jaxmodel.fit.cache import FitCache
-from jaxmodel.fit.estimate import NONE, Fit
+from jaxmodel.fit.estimate import Fit
+from jaxmodel.fit.estimates import free_curves, values_of
 from jaxmodel.fit.laws import PORTS
-
-
-def _values(cache: FitCache, fit: Fit, label: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values of a curve or law at its knots, and their sd."""
-    layout, candidate = cache.space.layout, cache.space.candidates[label]
-    places = list(layout.of[label])
-    columns = slice(candidate.offset, candidate.offset + len(candidate.coordinates))
-    mix = candidate.mix[:, columns]
-    if candidate.law is not None:
-        knots = cache.settings.law_knots
-        mix = mix[candidate.law[0] * knots : (candidate.law[0] + 1) * knots]
-    free = list(fit.spec.free)
-    mine = [free.index(place) for place in places]
-    covariance = fit.covariance[np.ix_(mine, mine)]
-    return mix @ fit.x[places], np.sqrt(np.maximum(np.diag(mix @ covariance @ mix.T), 0.0))
 
 
 def curve_found(cache: FitCache, fit: Fit, label: str, removes: dict[str, Removed]) -> CurveFound:
@@ -31,7 +17,7 @@ def curve_found(cache: FitCache, fit: Fit, label: str, removes: dict[str, Remove
     candidate = cache.space.candidates[label]
     effect = candidate.effect
     assert isinstance(effect, Curve)
-    values, sd = _values(cache, fit, label)
+    values, sd = values_of(cache, fit, label)
     return CurveFound(
         label, candidate.port if label != "entropy_curve" else "entropy_coefficient", candidate.over,
         effect.knots, values, sd, effect.unit, removes, candidate.stated,
@@ -40,9 +26,7 @@ def curve_found(cache: FitCache, fit: Fit, label: str, removes: dict[str, Remove
 
 def all_curves(cache: FitCache, fit: Fit) -> tuple[CurveFound, ...]:
     """Return every curve of a model that is not held at nothing, in the order in which the model has them."""
-    is_curve = {label: cache.space.candidates[label].group == "curve" for label in fit.spec.labels}
-    curves = [label for label, amplitude in fit.spec.amplitudes.items() if is_curve[label] and amplitude > NONE]
-    return tuple(curve_found(cache, fit, label, {}) for label in curves)
+    return tuple(curve_found(cache, fit, label, {}) for label in free_curves(cache, fit))
 
 
 def law_found(cache: FitCache, fit: Fit, label: str, removes: dict[str, Removed]) -> CurveFound:
@@ -50,7 +34,7 @@ def law_found(cache: FitCache, fit: Fit, label: str, removes: dict[str, Removed]
     candidate = cache.space.candidates[label]
     assert candidate.law is not None
     low, high = candidate.law[1][-4], candidate.law[1][-3]
-    values, sd = _values(cache, fit, label)
+    values, sd = values_of(cache, fit, label)
     factor = candidate.law[1][-1] if candidate.multiplier else 1.0
     at = np.linspace(low, high, values.size)
     unit = {"torque_constant": "N m/A", "motor_loss": "W", "cell_heat": "W"}.get(candidate.port, "")

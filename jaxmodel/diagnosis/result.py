@@ -17,17 +17,9 @@ from jaxmodel.base.remark import Remark
 from jaxmodel.case.records import Case
 from jaxmodel.case.simulation import CaseSimulation, simulate_case
 from jaxmodel.diagnosis.plotting import DiagnosisPlots
+from jaxmodel.fit.estimates import Estimate
 
 VERDICTS = ("adequate", "missing_effect", "sensor_fault", "unknown_effect", "undecided")
-
-
-@dataclasses.dataclass(frozen=True)
-class Estimate:
-    """A fitted number with its standard deviation (of the fit, priors included) and unit."""
-
-    value: float
-    sd: float
-    unit: str
 
 
 @dataclasses.dataclass(frozen=True)

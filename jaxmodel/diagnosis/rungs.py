@@ -12,17 +12,16 @@ from jaxmodel.base.units import unit_of
 from jaxmodel.case.records import Run
 from jaxmodel.diagnosis.residuals.conditions import time_since_load_changed
 from jaxmodel.diagnosis.residuals.table import ChannelResiduals
-from jaxmodel.diagnosis.result import ChannelError, Estimate, RunError, Rung
+from jaxmodel.diagnosis.result import ChannelError, RunError, Rung
 from jaxmodel.fit.cache import FitCache
 from jaxmodel.fit.data import collect
 from jaxmodel.fit.estimate import Fit
+from jaxmodel.fit.estimates import estimates_of
 from jaxmodel.fit.gauss_newton import descend
 from jaxmodel.fit.likelihood import ChannelWeight, Likelihood
 from jaxmodel.fit.preparation.thinning import start_rows
 from jaxmodel.fit.settings import Settings
 from jaxmodel.fit.space import View
-from jaxmodel.model.declaration import describe
-from jaxmodel.model.names import parameter_table
 
 # Readings of a run that are used for the statements on where a model fails.
 _MOST_OF_A_RUN = 2000
@@ -157,30 +156,6 @@ def _error(cache: FitCache, by_run: Mapping[str, RunError], as_stated: Mapping[s
         stated=rms(of("check", as_stated)),
         worst=max((one.worst for one in held_out), default=float("nan")),
     )
-
-
-def estimates_of(cache: FitCache, fit: Fit) -> tuple[dict[str, Estimate], tuple[str, ...]]:
-    """Return a model's calibrated parameters by name, and the names of those far from their stated values."""
-    units = {name: info.unit for name, info in parameter_table(cache.space.coarse.models).items()}
-    for candidate in cache.space.candidates.values():
-        label = candidate.effect.label
-        units |= {f"{label}.{name}": info.unit for name, info in describe(candidate.effect).items()}
-    layout = cache.space.layout
-    estimates, far = {}, []
-    knots = {place for _, first, last, _ in layout.vectors for place in range(first, last)}
-    for place, sd, pull in zip(fit.spec.free, fit.sd, fit.pulls, strict=True):
-        coordinate, run = layout.coordinates[place], layout.runs[place]
-        if place in knots:
-            continue
-        is_undetermined = coordinate.name in _STARTS[1:] and sd > 0.98 and abs(pull) < 0.05
-        if is_undetermined:  # an initial state that affects no reading
-            continue
-        name = coordinate.name + (f"[{cache.case.runs[run].name}]" if run >= 0 else "")
-        x = fit.x[place]
-        estimates[name] = Estimate(coordinate.number(x), coordinate.slope(x) * sd, units.get(coordinate.name, ""))
-        if abs(pull) > cache.settings.strained:
-            far.append(name)
-    return estimates, tuple(far)
 
 
 def residuals_of(cache: FitCache, one: Rung) -> list[ChannelResiduals]:

@@ -54,6 +54,7 @@ class FitCache:
         case: Case,
         *,
         without: Sequence[str] = (),
+        only: Sequence[str] | None = None,
         settings: Settings = SETTINGS,
         progress: Progress | None = None,
     ) -> None:
@@ -62,6 +63,7 @@ class FitCache:
         Args:
             case: with at least one fit run.
             without: names of effects that are ruled out.
+            only: names of the curves and effects that are laid out; None: all candidates.
             settings: the constants.
             progress: called with a description of each step.
 
@@ -72,7 +74,7 @@ class FitCache:
         self.settings, self._progress = settings, progress
         self.case, self.preparation = prepared(case)
         self.noise = noise_of_case(self.case)
-        self.space = ModelSpace(self.case, without, settings)
+        self.space = ModelSpace(self.case, without, settings, only)
         self.fit_runs = [number for number, run in enumerate(self.case.runs) if run.split == "fit"]
         if not any(name in self.case.runs[number].measured.outputs for name in self.noise for number in self.fit_runs):
             raise FitError(f"{self.case.label}: {_why_no_readings(self.case)}.")
@@ -150,7 +152,7 @@ class FitCache:
     def _calibrated(self, labels: Labels, curves: Curves, beside: Labels) -> Fit:
         if curves in ("all", "beside"):
             return self._with_more_curves(labels, self.curves_of(labels, curves, beside))
-        spec = self._flexible(self.spec(labels, curves), 1.0)
+        spec = self.flexible(self.spec(labels, curves), 1.0)
         if labels:
             last = max(labels, key=self._rank)
             before = self.fit([label for label in labels if label != last], curves)
@@ -158,7 +160,7 @@ class FitCache:
         if curves == "none":
             return calibrate(self.view, spec, self._first_start(spec), self.tolerances)
         exact = self.space.spec(spec.labels, dict.fromkeys(spec.amplitudes, NONE))
-        held = self._flexible(spec, SPREADS[0])
+        held = self.flexible(spec, SPREADS[0])
         return self._best_of(
             [
                 (exact, self.calibrated.x, self.calibrated.likelihood),
@@ -185,7 +187,7 @@ class FitCache:
         """Return a model with one more addition before it is calibrated, and its weights; None for the tolerances."""
         spec = self.spec(labels, curves)
         if not self.is_within_tolerance(before):
-            return self._flexible(spec, 1.0), None
+            return self.flexible(spec, 1.0), None
         return self.space.spec(spec.labels, before.spec.amplitudes, before.spec.spreads), before.likelihood
 
     def first_point(self, labels: Sequence[str], last: str, curves: Curves = "base") -> tuple[np.ndarray, float]:
@@ -216,7 +218,7 @@ class FitCache:
         stated = np.zeros_like(before.x)
         effects = [place for label in labels for place in self.space.layout.of[label]]
         stated[effects] = before.x[effects]
-        return self._best_of([(spec, before.x, before.likelihood), (self._flexible(spec, 1.0), stated, None)])
+        return self._best_of([(spec, before.x, before.likelihood), (self.flexible(spec, 1.0), stated, None)])
 
     def _best_of(self, starts: Sequence[tuple[ModelSpec, np.ndarray, Likelihood | None]]) -> Fit:
         """Return the model with the most evidence of those calibrated from some starts, under the weights of any two.
@@ -235,7 +237,7 @@ class FitCache:
                 best = other
         return best
 
-    def _flexible(self, spec: ModelSpec, spread: float) -> ModelSpec:
+    def flexible(self, spec: ModelSpec, spread: float = 1.0) -> ModelSpec:
         """Return a model with its curves as free as they may be, where its calibration begins.
 
         `spread` is that of its charges. The evidence then takes what is not needed. From stiff curves it may

@@ -36,6 +36,8 @@ _FURTHEST_START = 2.5
 _LEAST_SPAN = 0.02
 # Modes of a curve's prior with less than this share of the first mode's variance are dropped. Assumed.
 _FAINT_MODE = 1e-3
+# Least range of a curve over the state of charge, which does not leave 0 to 1. Assumed.
+_LEAST_SOC = 0.05
 # A cell that warms rises at least so far (K) in the range of a curve over the rise. Assumed.
 _LEAST_RISE_K = 5.0
 # Least width of a usual range, as a share of its larger end; ratio of neighbouring shifts of a clock. Assumed.
@@ -286,7 +288,8 @@ def _covered(over: str, ranges: Mapping[str, tuple[float, float]]) -> tuple[floa
     """Return the range of a curve's variable in the fitted runs."""
     if over == "soc":
         low, high = ranges.get("soc", (0.0, 1.0))
-        return max(low, -0.05), min(max(high, low + 0.05), 1.05)
+        low = min(max(low, 0.0), 1.0 - _LEAST_SOC)
+        return low, min(max(high, low + _LEAST_SOC), 1.0)
     if over == "temperature_rise_K":
         ambient, cell = (ranges.get(name, (20.0, 20.0)) for name in ("ambient_degC", "cell_temperature_degC"))
         return 0.0, max(_LEAST_RISE_K, cell[1] - ambient[0])

@@ -23,8 +23,8 @@ class Coordinate:
     """One unknown as a standard normal: value = centre + spread x, or origin + sign exp(centre + spread x).
 
     The prior comes from the stated value and sd of a parameter, or from the usual range of an effect's parameter (its
-    ends are at one sd). Values approach a ceiling smoothly within a quarter of the spread: a state of charge above the
-    last point of its table has no effect, and this edge would disturb a fit.
+    ends are at one sd). Values approach a ceiling, or a floor, smoothly within a quarter of the spread: a state of
+    charge beyond the last point of its table has no effect, and this edge would disturb a fit.
 
     A stated parameter has a reach r: x stands for r tanh(x / r) sd, which is close to x up to 2 sd. Without it, a poor
     model would move its parameters far away to compensate, because many readings outweigh a normal prior.
@@ -37,12 +37,13 @@ class Coordinate:
     origin: float = 0.0
     sign: float = 1.0
     ceiling: float = math.inf
+    is_floor: bool = False
     reach: float = math.inf
 
     @property
     def bend(self) -> float:
-        """Return the range of values over which the ceiling is approached."""
-        return _BEND * self.spread
+        """Return the range of values over which the ceiling is approached; negative if it is a floor."""
+        return (-_BEND if self.is_floor else _BEND) * self.spread
 
     def off(self, x: float) -> float:
         """Return the distance from the centre at the coordinate x, in sd."""

@@ -90,9 +90,7 @@ def make_layout(case: Case, candidates: Sequence[Candidate]) -> Layout:
         assert known.sd is not None
         coordinate = known_coordinate(name, known.value, known.sd, about, run)
         if name == "initial_soc" and "ocv" in case.tables:
-            top = max(float(case.tables["ocv"].soc[-1]), known.value)
-            if known.value + 4.0 * known.sd > top:
-                coordinate = dataclasses.replace(coordinate, ceiling=top)
+            coordinate = _within(coordinate, known, case.tables["ocv"].soc)
         coordinates.append(coordinate)
         runs.append(run)
         fixed_in.append(fixed)
@@ -137,6 +135,17 @@ def make_layout(case: Case, candidates: Sequence[Candidate]) -> Layout:
         first += candidate.offset
         of[candidate.label] = tuple(range(first, first + len(candidate.coordinates)))
     return Layout(tuple(coordinates), tuple(runs), tuple(fixed_in), base, of, tuple(vectors.values()))
+
+
+def _within(coordinate: Coordinate, known: Known, soc: np.ndarray) -> Coordinate:
+    """Return the coordinate of an initial state of charge, which stays within those of a table (soc,)."""
+    assert known.sd is not None
+    top, bottom = max(float(soc[-1]), known.value), min(float(soc[0]), known.value)
+    if known.value + 4.0 * known.sd > top:
+        return dataclasses.replace(coordinate, ceiling=top)
+    if known.value - 4.0 * known.sd < bottom:
+        return dataclasses.replace(coordinate, ceiling=bottom, is_floor=True)
+    return coordinate
 
 
 def _starts(case: Case, number: int) -> dict[str, Known]:

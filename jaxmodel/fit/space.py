@@ -91,14 +91,17 @@ class ModelSpace:
         case: Case,
         without: Sequence[str] = (),
         settings: Settings = SETTINGS,
+        only: Collection[str] | None = None,
     ) -> None:
-        """Lay out the unknowns, without the candidates that are ruled out."""
+        """Lay out the unknowns, without the candidates that are ruled out, or of those with some names alone."""
         self.case, self.settings = case, settings
         self.fitted = thinned(case, settings)
         self._own: dict[tuple[int, tuple[str, ...]], Problem] = {}
         ranges, sizes = _ranges(case), _sizes(case)
         everything = [*candidates(case, ranges), *laws(case, ranges, sizes, settings)]
-        self.candidates: dict[str, Candidate] = {one.label: one for one in everything}
+        self.candidates: dict[str, Candidate] = {
+            one.label: one for one in everything if only is None or (one.name in only and one.run < 0)
+        }
         ruled_out = self.labels_of(without)
         self.candidates = {label: one for label, one in self.candidates.items() if label not in ruled_out}
         self.layout: Layout = make_layout(case, list(self.candidates.values()))

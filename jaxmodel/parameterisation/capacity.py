@@ -13,6 +13,7 @@ from jaxmodel.parameterisation.rows import Rows
 from jaxmodel.parameterisation.segments import slow
 
 FULL, EMPTY_SHARE = 0.95, 0.85  # a start that is full; the least share of a stated capacity that empties a cell
+NEAR_V = 0.1  # of the highest and the lowest voltage of all runs: full and empty. Assumed.
 COUNTER_SD = 0.005  # share: gain of a current sensor. Assumed.
 TEST = "A discharge at C/20 from full to the cut-off voltage would give it."
 
@@ -43,12 +44,11 @@ def capacity(case: Case, runs: Sequence[Rows]) -> Extraction:
         return Extraction(
             "capacity_Ah", float(values.mean()), sd, "A h", tuple(passed), "from full to the cut-off", said
         )
-    full = [rows for rows in runs if rows.run.initial_soc.value >= FULL]
     lowest = min((float(np.nanmin(rows.voltage_V)) for rows in runs), default=math.nan)
-    emptied = [rows for rows in full if np.nanmin(rows.voltage_V) <= lowest + 0.1]
+    emptied = [rows for rows in runs if _is_full(rows, runs) and np.nanmin(rows.voltage_V) <= lowest + NEAR_V]
     if emptied:
-        best = max(emptied, key=lambda rows: float(np.max(rows.drawn_Ah)))
-        drawn = float(np.max(best.drawn_Ah))
+        best = max(emptied, key=_discharged)
+        drawn = _discharged(best)
         if stated is None or drawn >= EMPTY_SHARE * stated.value:
             sd = max(0.02, COUNTER_SD) * drawn
             said = (
@@ -58,3 +58,14 @@ def capacity(case: Case, runs: Sequence[Rows]) -> Extraction:
     if stated is not None:
         return absent("capacity_Ah", stated.value, "A h", "the case's stated value", TEST, stated.sd or math.nan)
     return absent("capacity_Ah", largest, "A h", "the largest charge that any run has drawn", TEST, 0.2 * largest)
+
+
+def _is_full(rows: Rows, runs: Sequence[Rows]) -> bool:
+    """Return True for a run that starts full, or is charged to as high a voltage as any."""
+    highest = max(float(np.nanmax(one.voltage_V)) for one in runs)
+    return rows.run.initial_soc.value >= FULL or float(np.nanmax(rows.voltage_V)) >= highest - NEAR_V
+
+
+def _discharged(rows: Rows) -> float:
+    """Return the largest charge that a run draws after any of its rows [A h]."""
+    return float(np.max(rows.drawn_Ah - np.minimum.accumulate(rows.drawn_Ah)))

@@ -17,6 +17,7 @@ from jaxmodel.case.build import with_preset
 from jaxmodel.case.known import Known
 from jaxmodel.case.records import Case
 from jaxmodel.case.simulation import simulate_case
+from jaxmodel.fit.likelihood import autocorrelation_time
 from jaxmodel.model.parameters import info
 from jaxmodel.parameterisation.motor_electrical import electrical
 from jaxmodel.parameterisation.motor_friction import Mechanics, mechanics
@@ -25,7 +26,6 @@ from jaxmodel.parameterisation.motor_rows import MotorRows, dead_time, motor_row
 from jaxmodel.parameterisation.motor_thermal import motor_thermal
 from jaxmodel.parameterisation.noise import sensor_noise
 from jaxmodel.parameterisation.result import Extraction, Parameterisation, absent
-from jaxmodel.parameterisation.smoothing import inflation_of
 
 UNITS = {"R_0": "ohm", "k_tau": "N m/A", "J": "kg m2", "tau_0": "N m", "L_a": "H", "R_wc": "K/W", "tau_wc": "s"}
 UNITS |= {"R_ca": "K/W", "tau_ca": "s"}
@@ -274,7 +274,7 @@ def _speed_constant(runs: Sequence[MotorRows]) -> Extraction | None:
     values = np.linalg.lstsq(matrix / size, volts, rcond=None)[0] / size
     left = volts - matrix @ values
     ends = np.cumsum([0, *map(len, targets)])
-    inflation = inflation_of([left[a:b] for a, b in itertools.pairwise(ends)])
+    inflation = autocorrelation_time([left[a:b] for a, b in itertools.pairwise(ends)])
     spread = np.linalg.pinv((matrix / size).T @ (matrix / size)) * float(left @ left) / left.size * inflation
     sd = math.sqrt(spread[0, 0]) / size[0]
     if not values[0] > sd:

@@ -12,9 +12,9 @@ import numpy as np
 import pandas as pd
 import statsmodels.api as sm
 
+from jaxmodel.fit.likelihood import autocorrelation_time
 from jaxmodel.parameterisation.motor_rows import MotorRows
 from jaxmodel.parameterisation.result import Extraction
-from jaxmodel.parameterisation.smoothing import inflation_of
 
 LOCKED = "A locked rotor, or a heavy load, would give R; a run at no load would give k_tau."
 
@@ -53,7 +53,7 @@ def electrical(runs: Sequence[MotorRows], psi_R: float, T_0: float) -> tuple[lis
     fit = sm.RLM(table["voltage_V"].to_numpy(), matrix, M=sm.robust.norms.HuberT()).fit()
     left = table["voltage_V"].to_numpy() - matrix @ fit.params
     lost = [left[(table["run"] == rows.name).to_numpy()] for rows in used]
-    sd = np.asarray(fit.bse) * math.sqrt(inflation_of(lost))
+    sd = np.asarray(fit.bse) * math.sqrt(autocorrelation_time(lost))
     table["fit_V"] = matrix @ fit.params
     names, samples = tuple(rows.name for rows in used), f"{len(table)} rows, {np.sqrt(np.mean(left**2)):.2g} V left"
     R, k = (float(value) for value in fit.params)

@@ -18,8 +18,8 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import lsq_linear
 
+from jaxmodel.fit.likelihood import autocorrelation_time
 from jaxmodel.parameterisation.motor_rows import MotorRows
-from jaxmodel.parameterisation.smoothing import inflation_of
 
 EXTRA = ("b", "c", "e", "direction")
 BLOCKS = 8
@@ -88,7 +88,7 @@ def mechanics(runs: Sequence[MotorRows], k: float, R: float | None = None) -> Me
     values, fitted = _solve(columns, chosen, torque)
     left = torque - fitted
     ends = np.cumsum([0, *(int(at.sum()) for _, at, _ in parts)])
-    inflation = inflation_of([left[a:b] for a, b in itertools.pairwise(ends)])
+    inflation = autocorrelation_time([left[a:b] for a, b in itertools.pairwise(ends)])
     matrix = np.column_stack([columns[name] for name in chosen])
     variance = float(left @ left) / max(left.size - len(chosen), 1) * inflation
     sd = np.sqrt(np.diag(np.linalg.pinv(matrix.T @ matrix)) * variance)

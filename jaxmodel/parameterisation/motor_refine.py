@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 from jaxmodel.case.known import Known
 from jaxmodel.case.records import Case
 from jaxmodel.case.simulation import simulate_case
-from jaxmodel.parameterisation.smoothing import inflation_of
+from jaxmodel.fit.likelihood import autocorrelation_time
 
 CHANNELS = ("current_A", "speed_rad_s")
 MOST_CALLS = 12
@@ -72,7 +72,7 @@ def refine(case: Case, names: Mapping[str, tuple[str, str]]) -> Refined | None:
     ends = np.cumsum(
         [0, *(run.measured.time_s.size for run in fitted.runs for name in read if name in run.measured.outputs)]
     )
-    inflation = inflation_of([found.fun[a:b] for a, b in itertools.pairwise(ends)])
+    inflation = autocorrelation_time([found.fun[a:b] for a, b in itertools.pairwise(ends)])
     variance = float(np.mean(found.fun**2)) * inflation
     spread = np.sqrt(np.abs(np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * variance))
     return Refined(

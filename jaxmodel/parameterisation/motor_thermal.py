@@ -13,9 +13,10 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import fminbound
 
+from jaxmodel.fit.likelihood import autocorrelation_time
+from jaxmodel.parameterisation.linear import lagged
 from jaxmodel.parameterisation.motor_rows import MotorRows
 from jaxmodel.parameterisation.result import Extraction
-from jaxmodel.parameterisation.smoothing import inflation_of, lagged
 
 LEAST_RISE_K = 2.0
 TAU_S = {"wc": (2.0, 2000.0), "ca": (30.0, 50_000.0)}
@@ -104,7 +105,7 @@ def _node(parts, name: str, known_R: float | None, known_tau: float | None) -> t
     )
     by_R = ohm * np.concatenate(warmed)
     jacobian = np.column_stack([by_R * (known_R is None), slope * (known_tau is None)])
-    variance = squares / max(rows_of_all - 2, 1) * inflation_of(left)
+    variance = squares / max(rows_of_all - 2, 1) * autocorrelation_time(left)
     sd = np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)) * variance)
     names = tuple(rows.name for rows, _, _ in parts)
     samples = f"{rows_of_all} readings, {np.sqrt(squares / rows_of_all):.2g} K left"

@@ -16,10 +16,10 @@ from jaxmodel.case.reading import read_case
 from jaxmodel.case.records import Case
 from jaxmodel.case.simulation import simulate_case
 from jaxmodel.case.writing import write_case
-from jaxmodel.diagnosis.extended.tables import corrected_motor_tables
 from jaxmodel.diagnosis.finishing import conclusion
 from jaxmodel.diagnosis.result import CurveFound, Diagnosis, Estimate, RunFound
 from jaxmodel.effects.curves import CURVES, MEDIUM
+from jaxmodel.fit.tables import corrected_motor_tables
 from jaxmodel.model.simulation import simulate
 from tests.diagnosis.made_cases import case_of, investigation_of, run_of, small_cell
 from tests.made_up import contact, law, ocv_curve, with_additions

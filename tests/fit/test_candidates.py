@@ -69,6 +69,14 @@ def test_below_a_ceiling_number_coordinate_and_slope_agree(coordinate: Coordinat
     assert coordinate.number(-60.0) == pytest.approx(far, abs=1e-6)
 
 
+@given(BELOW, st.floats(-6.0, 6.0))
+def test_a_floor_is_a_ceiling_upside_down(below: Coordinate, x: float) -> None:
+    above = Coordinate("initial_soc", 1.0 - below.centre, below.spread, ceiling=0.0, is_floor=True)
+    assert above.number(x) == pytest.approx(1.0 - below.number(-x), abs=1e-12)
+    assert above.slope(x) == pytest.approx(below.slope(-x), rel=1e-6, abs=1e-12)
+    assert above.number(x) >= 0.0
+
+
 @given(COORDINATES, st.floats(-3.0, 3.0))
 def test_slope_is_the_derivative(coordinate: Coordinate, x: float) -> None:
     difference = (coordinate.number(x + 1e-4) - coordinate.number(x - 1e-4)) / 2e-4

@@ -6,12 +6,12 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from jaxmodel import Known, read_case, simulate_case
 from jaxmodel.base.errors import FitError, MeasurementError
-from jaxmodel.parameterisation import Parameterisation, parameterise, thermal
+from jaxmodel.parameterisation import Parameterisation, parameterise
+from jaxmodel.parameterisation.thermal_start import bounded
 from tests.parameterisation import made
 
 SIGMAS = 4.0
@@ -124,10 +124,9 @@ def test_a_start_that_cannot_be_is_counted_back_and_no_table_leaves_0_to_1(tmp_p
 
 @pytest.mark.parametrize(("read", "C_th"), [(300.0, 120.0), (10.0, 30.0), (60.0, 60.0)])
 def test_heat_capacity_is_one_that_cells_have(read: float, C_th: float) -> None:
-    found = thermal.bounded(thermal.Thermal(read, 0.5, 1.0, 0.01, 0.1, pd.DataFrame(), ("run",)), made.CAPACITY_AH)
-    assert found.C_th == pytest.approx(C_th)
-    assert found.C_th / found.hA == pytest.approx(read / 0.5)  # the time constant, which readings show best, stays
-    assert abs(found.C_th - read) <= found.C_th_sd
+    kept, hA = bounded(read, 0.5, made.CAPACITY_AH)
+    assert kept == pytest.approx(C_th)
+    assert kept / hA == pytest.approx(read / 0.5)  # the time constant, which readings show best, stays
 
 
 def test_one_temperature_gives_no_activation_energy() -> None:

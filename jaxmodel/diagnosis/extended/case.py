@@ -7,21 +7,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jaxmodel.case.build import case_model
 from jaxmodel.case.known import Known
 from jaxmodel.case.records import Case, Run
-from jaxmodel.diagnosis.extended.tables import corrected_motor_tables, corrected_tables
-from jaxmodel.diagnosis.result import CurveFound, Estimate, RunFound, Rung
+from jaxmodel.diagnosis.result import CurveFound, RunFound, Rung
 from jaxmodel.diagnosis.wording import effect_name, is_law, run_sentence
-from jaxmodel.model.declaration import ParameterInfo, describe
+from jaxmodel.fit.fitted_case import FittedNumbers, fitted_case
 from jaxmodel.model.parameters import info
-from jaxmodel.model.ports import Effect
 
-_STARTS = ("initial_temperature_rise_K", "initial_hysteresis")
 # Shifts of single runs that a case file can hold, and the parameter that holds them.
 _HELD_BY_A_RUN = {"friction_shift": "tau_0"}
-# Curves of one number that effects of a case hold.
-_DETAILS = ("series_energy", "short_energy", "long_energy", "short_heat", "long_heat", "convection_curve")
 
 
 def extended_case(
@@ -39,144 +33,26 @@ def extended_case(
         curves: its corrections of tables and relations.
         found_runs: its shifts of single runs.
     """
-    fitted = _Fitted(final.estimates)
-    catalogue = case.catalogue
-    values = {name: dict(of_effect) for name, of_effect in case.effects.items()}
-    effect_sd = {name: dict(of_effect) for name, of_effect in case.effect_sd.items()}
-    for name, sds in case.effect_sd.items():
-        column = case.effects[name].get("column")
-        fitted.put_effect(f"{name}:{column}" if column else name, list(sds), catalogue, values, effect_sd)
+    fitted = FittedNumbers(final.estimates)
+    added = [label for label in final.added if "@" not in label and not is_law(label)]
+    extended, notes = fitted_case(case, fitted, added, curves)
     shifted = {run.label: run for run in found_runs}
-    for label in final.added:
-        name = label.partition(":")[0]
-        if "@" in label or is_law(label):
-            continue
-        if name in values:
-            fitted.notes.append(f"{label} is left out: a case file holds one effect of each name.")
-        else:
-            fitted.put_effect(label, list(describe(catalogue[name])), catalogue, values, effect_sd)
-    _put_details(curves, values, catalogue, fitted)
-    parameters = {name: fitted.known(name, before, info(name)) for name, before in case.parameters.items()}
-    runs = [fitted.run(run) for run in case.runs]
+    runs = list(extended.runs)
     for label in (label for label in final.added if "@" in label):
         if label in shifted and label.partition("@")[0] in _HELD_BY_A_RUN:
-            runs = [_shifted(run, shifted[label], parameters, fitted) for run in runs]
+            runs = [_shifted(run, shifted[label], extended.parameters, fitted) for run in runs]
         else:
             described = run_sentence(shifted[label]) if label in shifted else f"{effect_name(label)}."
             fitted.notes.append(f"A case file cannot hold this shift of a single run: {described}")
-    extended = dataclasses.replace(case, parameters=parameters, effects=values, effect_sd=effect_sd, runs=tuple(runs))
-    tables, notes = corrected_tables(case_model(extended, runs[0]), curves)
-    cycles = {run.overrides["cycles"].value if "cycles" in run.overrides else None for run in runs}
-    if "R_ints" in tables and len(cycles) > 1:
-        notes.append(
-            "The curve in R_ints is exact for the cycles of the first run and approximate for runs with other cycles."
-        )
     notes += [
         f"{effect_name(label)} is left out: it is an effect in found_law.py; give --effect found_law.py:FoundLaw."
         for label in final.added
         if is_law(label)
     ]
-    motor_tables = case.motor_tables | corrected_motor_tables(case, curves)
-    extended = dataclasses.replace(extended, tables=case.tables | tables, motor_tables=motor_tables)
-    return extended, [*fitted.notes, *notes]
+    return dataclasses.replace(extended, runs=tuple(runs)), [*fitted.notes, *notes]
 
 
-def _put_details(
-    curves: Sequence[CurveFound],
-    values: dict[str, dict[str, float | str]],
-    catalogue: Mapping[str, type[Effect]],
-    fitted: _Fitted,
-) -> None:
-    """Put what no table holds among the effects: an activation energy of each resistance, and details of the heat."""
-    at = dict.fromkeys(_DETAILS, 0.0) | {curve.label: float(curve.value[0]) for curve in curves if curve.value.size}
-
-    def put(name: str, field: str, more: float) -> float:
-        """Add to a number of an effect within its bounds; return what was added."""
-        if not more:
-            return 0.0
-        entry = describe(catalogue[name])[field]
-        before = float(values[name].get(field, entry.default)) if name in values else 0.0
-        now = fitted.bounded(f"{name}.{field}", before + more, entry)
-        values.setdefault(name, {})[field] = now
-        return now - before
-
-    # The energy of the series resistance acts on the pairs too, and that of both pairs on the long one.
-    energy = put("arrhenius_resistance", "E_a", at["series_energy"])
-    energy += put("arrhenius_polarisation", "E_rc", at["short_energy"] - energy)
-    put("arrhenius_long_polarisation", "E_l", at["long_energy"] - energy)
-    for field, label in {"s": "short_heat", "l": "long_heat", "c": "convection_curve"}.items():
-        put("heat_details", field, at[label])
-
-
-class _Fitted:
-    """Fitted parameters within their bounds, and notes on those that were changed."""
-
-    def __init__(self, estimates: Mapping[str, Estimate]) -> None:
-        """Take the estimates by name."""
-        self._estimates = estimates
-        self.notes: list[str] = []
-
-    def number(self, name: str, before: float, entry: ParameterInfo) -> float:
-        """Return the fitted value of a parameter, or its previous value."""
-        return self.bounded(name, self._estimates[name].value if name in self._estimates else before, entry)
-
-    def bounded(self, name: str, value: float, entry: ParameterInfo) -> float:
-        """Return a value within the bounds of its table."""
-        bounded = min(max(value, entry.lower), entry.upper)
-        if bounded != value:
-            self.notes.append(f"{name} was fitted as {value:g}, outside its range; it is set to {bounded:g} here.")
-        return bounded
-
-    def sd(self, name: str, before: float | None) -> float | None:
-        """Return the posterior sd of a parameter, or its previous sd if it was not fitted."""
-        if name not in self._estimates:
-            return before
-        sd = float(self._estimates[name].sd)
-        return sd if np.isfinite(sd) and sd > 0.0 else None
-
-    def known(self, name: str, before: Known, entry: ParameterInfo) -> Known:
-        """Return a parameter with its sd."""
-        return Known(self.number(name, before.value, entry), self.sd(name, before.sd))
-
-    def put_effect(
-        self,
-        label: str,
-        fields: list[str],
-        catalogue: Mapping[str, type[Effect]],
-        values: dict[str, dict[str, float | str]],
-        effect_sd: dict[str, dict[str, float]],
-    ) -> None:
-        """Put the fitted parameters of an effect among the values and sd of a case's effects."""
-        name, _, column = label.partition(":")
-        table = describe(catalogue[name])
-        own = values.setdefault(name, {})
-        for field in fields:
-            known = f"{label}.{field}"
-            if known not in self._estimates:
-                continue
-            own[field] = self.number(known, 0.0, table[field])
-            effect_sd.setdefault(name, {}).pop(field, None)
-            sd = self.sd(known, None)
-            if sd is not None:
-                effect_sd[name][field] = sd
-        own |= {"column": column} if column else {}
-        if not effect_sd.get(name):
-            effect_sd.pop(name, None)
-
-    def run(self, run: Run) -> Run:
-        """Return a run with its own fitted parameters, including those of its start."""
-        known = run.overrides | {"initial_soc": run.initial_soc}
-        known |= {
-            name: Known(0.0) for name in _STARTS if f"{name}[{run.name}]" in self._estimates and name not in known
-        }
-        values = {name: self.known(f"{name}[{run.name}]", before, info(name)) for name, before in known.items()}
-        # A stated temperature and a fitted rise are the same quantity; a case file holds one of them.
-        stated = None if _STARTS[0] in values else run.initial_cell_temperature
-        soc = values.pop("initial_soc")
-        return dataclasses.replace(run, initial_soc=soc, overrides=values, initial_cell_temperature=stated)
-
-
-def _shifted(run: Run, found: RunFound, parameters: Mapping[str, Known], fitted: _Fitted) -> Run:
+def _shifted(run: Run, found: RunFound, parameters: Mapping[str, Known], fitted: FittedNumbers) -> Run:
     """Return the run with its shift, if it is the run that was found."""
     if run.name != found.run or not np.isfinite(found.value):
         return run

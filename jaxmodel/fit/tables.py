@@ -1,4 +1,4 @@
-"""Corrected tables of a case: its tables or formulas plus the curves of the final model."""
+"""Corrected tables of a case: its tables or formulas plus the curves of a calibrated model."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxmodel.case.known import MotorTable, Table
 from jaxmodel.case.records import Case
-from jaxmodel.diagnosis.result import CurveFound
+from jaxmodel.fit.estimates import CurveAtKnots
 from jaxmodel.model import curves as formulas
 from jaxmodel.model.cell import cycle_resistance
 from jaxmodel.model.electrothermal import Model
@@ -41,22 +41,25 @@ _DIGITS = 7
 _LEAST = 1e-6
 
 
-def corrected_tables(model: Model, found: Sequence[CurveFound]) -> tuple[dict[str, Table], list[str]]:
+def corrected_tables(
+    model: Model, found: Sequence[CurveAtKnots], *, between: bool = True
+) -> tuple[dict[str, Table], list[str]]:
     """Return the tables that some curves change, by name, and notes on what they cannot hold.
 
     Args:
         model: the final model without its curves.
         found: the curves; those that no table holds are skipped.
+        between: add points between the knots, where a line between these is not accurate enough.
     """
-    by_table: dict[str, list[tuple[float, CurveFound]]] = {}
+    by_table: dict[str, list[tuple[float, CurveAtKnots]]] = {}
     for curve in found:
         for table, sign in _TABLES_OF.get(curve.label, {}).items():
             by_table.setdefault(table, []).append((sign, curve))
-    tables = {name: _corrected(name, model, curves) for name, curves in by_table.items()}
+    tables = {name: _corrected(name, model, curves, _HALVINGS if between else 0) for name, curves in by_table.items()}
     return tables, _notes(model, tables)
 
 
-def corrected_motor_tables(case: Case, found: Sequence[CurveFound]) -> dict[str, MotorTable]:
+def corrected_motor_tables(case: Case, found: Sequence[CurveAtKnots]) -> dict[str, MotorTable]:
     """Return the tables of a motor that some curves change, by name.
 
     Args:
@@ -70,7 +73,7 @@ def corrected_motor_tables(case: Case, found: Sequence[CurveFound]) -> dict[str,
     }
 
 
-def _motor_table(before: MotorTable | None, curve: CurveFound) -> MotorTable:
+def _motor_table(before: MotorTable | None, curve: CurveAtKnots) -> MotorTable:
     adds = curve.label == "friction_curve"
     stated = before or MotorTable(np.zeros(1), np.full(1, 0.0 if adds else 1.0))
 
@@ -80,12 +83,12 @@ def _motor_table(before: MotorTable | None, curve: CurveFound) -> MotorTable:
         return (base + off if adds else base * np.exp(off))[:, None]
 
     at = np.unique(np.concatenate([stated.at, curve.at]))
-    at = np.unique(_rounded(at if adds else _refined(at, values, _TOLERANCE_OF_FACTOR)))
+    at = np.unique(_rounded(at if adds else _refined(at, values, _TOLERANCE_OF_FACTOR, _HALVINGS)))
     sd = float(np.sqrt(np.mean(np.square(curve.sd))))
     return MotorTable(at, _rounded(values(at)[:, 0]), sd if np.isfinite(sd) and sd > 0.0 else None)
 
 
-def _corrected(name: str, model: Model, found: Sequence[tuple[float, CurveFound]]) -> Table:
+def _corrected(name: str, model: Model, found: Sequence[tuple[float, CurveAtKnots]], halvings: int) -> Table:
     adds = name in ("ocv", "dU_dT")
     base = getattr(model.curves, name) or formulas.Table([0.0, 1.0], [0.0, 0.0])
     ageing = float(_cycle_resistance(model)) if name == "R_ints" else 0.0
@@ -101,9 +104,9 @@ def _corrected(name: str, model: Model, found: Sequence[tuple[float, CurveFound]
     temperature = _start_of_temperature(base, sample)
     limit = {"ocv": _TOLERANCE_V, "dU_dT": _TOLERANCE_V_PER_K}.get(name)
     # As they are written: knots that differ in no written digit are one.
-    soc = np.unique(_rounded(_refined(soc, lambda x: values(x, temperature).T, limit)))
+    soc = np.unique(_rounded(_refined(soc, lambda x: values(x, temperature).T, limit, halvings)))
     if temperature.size > 1:
-        temperature = np.unique(_rounded(_refined(temperature, lambda x: values(soc, x), limit)))
+        temperature = np.unique(_rounded(_refined(temperature, lambda x: values(soc, x), limit, halvings)))
     held = _rounded(values(soc, temperature))
     sd = float(np.sqrt(sum(np.mean(np.square(curve.sd)) for _, curve in found)))
     one_row = temperature.size == 1
@@ -127,7 +130,7 @@ def _sampler(curve: formulas.Curve) -> Callable[[np.ndarray, np.ndarray], np.nda
     return lambda soc, temperature_degC: np.asarray(over_both(jnp.asarray(soc), jnp.asarray(temperature_degC)))
 
 
-def _start_of_soc(base: formulas.Curve, found: Sequence[CurveFound]) -> np.ndarray:
+def _start_of_soc(base: formulas.Curve, found: Sequence[CurveAtKnots]) -> np.ndarray:
     own = np.asarray(base.soc) if isinstance(base, formulas.Table) else np.array(_FORMULA_SOC)
     return np.unique(np.concatenate([own, *(np.asarray(curve.at, dtype=float) for curve in found)]))
 
@@ -142,15 +145,18 @@ def _start_of_temperature(base: formulas.Curve, sample: Callable) -> np.ndarray:
     return np.unique(own) if own.size else np.array([formulas.Table([0.0], [0.0]).temperature_degC[0]])
 
 
-def _refined(knots: np.ndarray, values: Callable[[np.ndarray], np.ndarray], limit: float | None) -> np.ndarray:
+def _refined(
+    knots: np.ndarray, values: Callable[[np.ndarray], np.ndarray], limit: float | None, halvings: int
+) -> np.ndarray:
     """Return knots, including those given, between which linear interpolation is accurate enough.
 
     Args:
         knots: initial ones, increasing.
         values: at knots, shape (knots, columns).
         limit: largest error; None for a share of the value.
+        halvings: of the distance between knots at most.
     """
-    for _ in range(_HALVINGS):
+    for _ in range(halvings):
         middle, at = 0.5 * (knots[1:] + knots[:-1]), values(knots)
         straight = 0.5 * (at[1:] + at[:-1])
         allowed = np.full_like(straight, limit) if limit else _TOLERANCE * np.abs(straight)

@@ -1,0 +1,182 @@
+"""The calibration of a first case by the estimator of a diagnosis, its curves brought into its tables."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from jaxmodel.case.known import Known, Table
+from jaxmodel.case.records import Case
+from jaxmodel.fit.cache import FitCache
+from jaxmodel.fit.estimate import STEPS, Fit, best_amplitudes, calibrate, rarer
+from jaxmodel.fit.estimates import Estimate, curves_of, estimates_of
+from jaxmodel.fit.fitted_case import FittedNumbers, fitted_case
+from jaxmodel.fit.gauss_newton import descend, errors_at
+from jaxmodel.fit.likelihood import Likelihood
+from jaxmodel.fit.linearisation import log_evidence
+from jaxmodel.fit.settings import Settings
+from jaxmodel.parameterisation.thermal_start import bounded
+
+# Which tables a scale multiplies.
+SCALED = {
+    "series_resistance_scale": ("R_ints",),
+    "rc_resistance_scale": ("R_TS", "R_TL"),
+    "rc_capacitance_scale": ("C_TS", "C_TL"),
+}
+# Every cell has charge transfer and diffusion beyond two RC pairs; they are stated where the data tell of them.
+KINETICS = ("charge_transfer", "slow_diffusion")
+# Log evidence from which kinetics are tried, by their score, and from which they are in: 20 to 1.
+ODDS = 3.0
+MOST_V_PER_K = 5e-4  # of the entropy (design)
+NO_WORSE = 1.02  # how far a channel's error may grow over that of the first case, beyond its tolerance (design)
+SHARE_SD = 0.3  # of the heat transfer beside a heat capacity that is held. Assumed.
+SETTINGS = Settings()
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Calibrated:
+    """A calibrated case.
+
+    Attributes:
+        case: with all that was fitted in its numbers, effects and tables.
+        cache: of its models.
+        fit: the model.
+        estimates: its numbers by name.
+    """
+
+    case: Case
+    cache: FitCache
+    fit: Fit
+    estimates: dict[str, Estimate]
+
+
+def calibrated(first: Case, curves: Sequence[str], tell: Callable[[str], None]) -> Calibrated:
+    """Return a case calibrated with its curves, which end in its tables, and with kinetics where the data tell of them.
+
+    Where that leads to a heat capacity that no cell has, it is held at the nearest that cells have, as exact.
+
+    Args:
+        first: the case.
+        curves: labels of the curves that may correct it.
+        tell: called with each stage.
+    """
+    tell("calibration")
+    kinetics = [one for one in KINETICS if one not in first.effects]
+    cache = FitCache(first, only=(*curves, *kinetics), settings=SETTINGS)
+    spec, stated = cache.flexible(cache.space.spec(curves)), np.zeros(cache.space.layout.size)
+    fit, held = calibrate(cache.view, spec, stated, cache.tolerances), False
+    before = errors_at(cache.view, cache.space.problem(spec), spec, stated[None])[:, 0]
+    if not _is_no_worse(cache, fit, before):
+        # A thermometer's errors last so long that it has few independent readings. Where a voltage is missed by far,
+        # their weight may fall from round to round until they count for nothing: errors of a tolerance are the weights.
+        fit, held = calibrate(cache.view, spec, stated, cache.tolerances, fixed=True), True
+    for gain in cache.scores_at(fit, ("effect",)).gains() if kinetics else ():
+        if gain.log_evidence > ODDS:
+            tell(f"calibration with {gain.label}")
+            fit = _with_kinetics(cache, fit, gain.label, held)
+    found = _baked(cache, fit)
+    if "C_th" in first.effect_sd.get("self_heating", {}):
+        C_read, hA_read = (float(found.case.effects["self_heating"][name]) for name in ("C_th", "hA"))
+        C_th, hA = bounded(C_read, hA_read, found.case.parameters["capacity_Ah"].value)
+        if C_th != C_read:
+            sd = {"self_heating": {"hA": SHARE_SD * hA}} if "hA" in first.effect_sd["self_heating"] else {}
+            rest = {name: of_effect for name, of_effect in first.effect_sd.items() if name != "self_heating"}
+            effects = first.effects | {"self_heating": {"C_th": C_th, "hA": hA}}
+            return calibrated(dataclasses.replace(first, effects=effects, effect_sd=rest | sd), curves, tell)
+    return found
+
+
+def _is_no_worse(cache: FitCache, fit: Fit, before: np.ndarray) -> bool:
+    """Return True if no channel pays for another: none has a larger error than before, beyond its tolerance.
+
+    Args:
+        cache: of the case.
+        fit: the model.
+        before: (readings,) errors of the first case.
+    """
+    for name, slices in cache.view.data.by_channel.items():
+        then, now = (np.concatenate([errors[rows] for rows in slices]) for errors in (before, fit.errors))
+        limit = max(NO_WORSE * float(np.sqrt(np.mean(then**2))), cache.tolerances[name])
+        if float(np.sqrt(np.mean(now**2))) > limit:
+            return False
+    return True
+
+
+def _with_kinetics(cache: FitCache, before: Fit, label: str, held: bool) -> Fit:
+    """Return a model with charge transfer or diffusion too, if it has more evidence under the weights of either.
+
+    Args:
+        cache: of the case.
+        before: the model without it.
+        label: of the effect.
+        held: the weights stay.
+    """
+    space = cache.space
+    spec = space.spec((*before.spec.labels, label), before.spec.amplitudes, before.spec.spreads)
+    places, points = list(space.layout.of[label]), []
+    for probe in space.candidates[label].probes:
+        x = before.x.copy()
+        x[places] = probe
+        points.append(descend(cache.view, spec, before.likelihood, x, steps=STEPS, flat=0.5))
+    best = min(points, key=lambda one: one.objective)
+    richer = calibrate(cache.view, spec, best.x, cache.tolerances, before.likelihood, fixed=held)
+
+    def evidence(fit: Fit, weights: Likelihood) -> float:
+        one = best_amplitudes(cache.view, fit.spec, fit.linear, weights)
+        return log_evidence(fit.linear.under(weights), one.precision) - rarer(one)
+
+    gains = [evidence(richer, one.likelihood) - evidence(before, one.likelihood) for one in (before, richer)]
+    return richer if min(gains) > ODDS else before
+
+
+def _baked(cache: FitCache, fit: Fit) -> Calibrated:
+    """Return the case with the fitted numbers, its curves and scales in the tables."""
+    estimates, _ = estimates_of(cache, fit)
+    case, _ = fitted_case(cache.case, FittedNumbers(estimates), fit.added, curves_of(cache, fit), between=False)
+    tables, parameters = dict(case.tables), dict(case.parameters)
+    for name, scaled in SCALED.items():
+        if name in estimates:
+            known = parameters[name]
+            for table in (one for one in scaled if one in tables):
+                tables[table] = dataclasses.replace(tables[table], values=known.value * tables[table].values)
+            parameters[name] = Known(1.0, None if known.sd is None else known.sd / known.value)
+    # The knots of a curve are those of its table but for how charge is counted.
+    tables = {name: _at_knots(table, cache.case.tables[name].soc) for name, table in tables.items()}
+    if "dU_dT" in tables:
+        values = np.clip(tables["dU_dT"].values, -MOST_V_PER_K, MOST_V_PER_K)
+        tables["dU_dT"] = dataclasses.replace(tables["dU_dT"], values=values)
+    case = dataclasses.replace(case, tables=tables, parameters=parameters)
+    return Calibrated(_as_full_as_stated(case, cache.case), cache, fit, estimates)
+
+
+def _as_full_as_stated(case: Case, first: Case) -> Case:
+    """Return the case with all starts and tables moved along the charge together, to where starts are as stated.
+
+    That moves no prediction. A start approaches full without reaching it, so that all that are full would lie below it,
+    and a run that was not fitted, which starts full, not.
+    """
+    stated = {run.name: run.initial_soc.value for run in first.runs if run.split == "fit" and run.initial_soc.sd}
+    starts = {run.name: run.initial_soc.value for run in case.runs if run.name in stated}
+    if not starts or any(table.sd is None for table in case.tables.values()):
+        return case
+    off = float(np.mean([stated[name] - now for name, now in starts.items()]))
+    move = float(np.clip(off, -min(starts.values()), 1.0 - max(starts.values())))
+    runs = [
+        dataclasses.replace(run, initial_soc=dataclasses.replace(run.initial_soc, value=starts[run.name] + move))
+        if run.name in starts
+        else run
+        for run in case.runs
+    ]
+    tables = {}
+    for name, table in case.tables.items():
+        soc = table.soc + move
+        tables[name] = _at_knots(dataclasses.replace(table, soc=soc), np.unique(np.clip(soc, 0.0, 1.0)))
+    return dataclasses.replace(case, runs=tuple(runs), tables=tables)
+
+
+def _at_knots(table: Table, soc: np.ndarray) -> Table:
+    """Return a table at other knots."""
+    rows = [np.interp(soc, table.soc, row) for row in np.atleast_2d(table.values)]
+    return dataclasses.replace(table, soc=soc, values=np.array(rows) if table.values.ndim > 1 else rows[0])
