@@ -18,10 +18,12 @@ import dataclasses
 import functools
 import html
 from collections.abc import Callable, Mapping, Sequence
+from typing import Concatenate, ParamSpec, TypeVar
 
 import pandas as pd
 
 from jaxmodel.base.errors import MeasurementError, nearest
+from jaxmodel.base.progress import Stage, stages
 from jaxmodel.case.measurements import KINDS
 from jaxmodel.case.records import Case
 from jaxmodel.diagnosis.extended import extended_case
@@ -32,11 +34,29 @@ from jaxmodel.diagnosis.residuals.statements import statements
 from jaxmodel.diagnosis.result import Rung
 from jaxmodel.diagnosis.rungs import errors_by_run, residuals_of, rung
 from jaxmodel.diagnosis.search import Found, Search
-from jaxmodel.fit.cache import FitCache, Progress
+from jaxmodel.fit.cache import FitCache
 from jaxmodel.fit.estimate import Fit
 from jaxmodel.fit.lanes import one_thread_of_blas
 from jaxmodel.fit.noise.instrument import NoiseModel
 from jaxmodel.fit.settings import SETTINGS, Settings
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def _shown(verb: Callable[Concatenate[Investigation, P], R]) -> Callable[Concatenate[Investigation, P], R]:
+    """Show what a method does while it lasts, where the caller of the investigation wants it; BLAS has one thread."""
+
+    @functools.wraps(verb)
+    def method(self: Investigation, *args: P.args, **named: P.kwargs) -> R:
+        with stages(self._progress, self.case.name) as tell:
+            before, self._tell = self._tell, tell
+            try:
+                return verb(self, *args, **named)
+            finally:
+                self._tell = before
+
+    return one_thread_of_blas(method)
 
 
 class Investigation:
@@ -53,7 +73,7 @@ class Investigation:
         *,
         without: Sequence[str] = (),
         settings: Settings = SETTINGS,
-        progress: Progress | None = None,
+        progress: bool | Stage = True,
     ) -> None:
         """Begin with the calibrated base model.
 
@@ -61,13 +81,16 @@ class Investigation:
             case: with at least one fit run.
             without: names of effects that are ruled out.
             settings: the constants.
-            progress: called with a description of each step.
+            progress: True shows it at a terminal or in a notebook, False shows nothing; a function is called with what
+                is done next.
 
         Raises:
             FitError: nothing is uncertain, no run may be used to calibrate, or there are no readings.
             EffectError: a name that is no candidate of this case.
         """
-        self.cache = FitCache(case, without=without, settings=settings, progress=progress)
+        self._progress: bool | Stage = progress
+        self._tell: Stage = lambda now: None
+        self.cache = FitCache(case, without=without, settings=settings, progress=lambda now: self._tell(now))
         self.searching = Search(self.cache)
         self._present: tuple[str, ...] = ()
         self._path: tuple[tuple[str, ...], ...] = ((),)
@@ -111,10 +134,12 @@ class Investigation:
             self._rungs[labels] = rung(self.cache, "", self._fit(labels))
         return self._rungs[labels]
 
+    @_shown
     def present(self) -> Rung:
         """Return the present model's parameters, errors and predictions."""
         return dataclasses.replace(self._rung(self._present), name="present")
 
+    @_shown
     def models(self) -> list[Rung]:
         """Return every model so far once, the calibrated base model first."""
         return [self._rung(labels) for labels in dict.fromkeys(self._path)]
@@ -141,14 +166,16 @@ class Investigation:
     def _repr_html_(self) -> str:
         return f"<p><b>{html.escape(repr(self)[1:-1])}</b></p>{self.ladder().to_html(index=False, border=0)}"
 
-    @one_thread_of_blas
+    @_shown
     def errors(self) -> pd.DataFrame:
         """Return the present model's errors: a row for each channel of each run, against noise and tolerance."""
+        self._tell("calibrating the present model")
         return errors_by_run(self.cache, {"present": self.present()}).drop(columns="model")
 
-    @one_thread_of_blas
+    @_shown
     def where(self) -> pd.DataFrame:
         """Return where the present model fails: channel, sentence, and the share of the channel's mean square."""
+        self._tell("looking where the present model fails")
         capacity = self.case.parameters.get("capacity_Ah")
         rows = [
             (residuals.channel, one.text, one.share)
@@ -157,7 +184,7 @@ class Investigation:
         ]
         return pd.DataFrame(rows, columns=["channel", "sentence", "share"])
 
-    @one_thread_of_blas
+    @_shown
     def regime_map(self, channel: str) -> RegimeMap:
         """Return the present model's residual of one channel over ranges of the two conditions that place it best.
 
@@ -172,19 +199,20 @@ class Investigation:
             raise MeasurementError(f"regime_map: there are no readings of '{channel}'.{nearest(channel, found)}")
         return regime_map(found[channel])
 
-    @one_thread_of_blas
+    @_shown
     def candidates(self) -> pd.DataFrame:
         """Return the candidates, the best first by a linear estimate of their gain of log evidence.
 
         A gain of 3 is odds of 20 to 1; a candidate must gain more where many could explain the readings.
         """
+        self._tell("scoring every candidate")
         rows = [
             (gain.label, self.cache.space.candidates[gain.label].group, gain.log_evidence, gain.chi2, gain.z)
             for gain in self.cache.scores(self._present).gains()
         ]
         return pd.DataFrame(rows, columns=["name", "group", "log_evidence", "chi2", "z"])
 
-    @one_thread_of_blas
+    @_shown
     def preview(self, *names: str) -> pd.DataFrame:
         """Return the residual of the present model, and what candidates would leave of it, without any refit.
 
@@ -200,6 +228,7 @@ class Investigation:
         Raises:
             EffectError: a name is no candidate of this case.
         """
+        self._tell("scoring every candidate")
         scores, data = self.cache.scores(self._present), self.cache.view.data
         outputs = KINDS[self.case.kind].outputs
         table = {
@@ -212,7 +241,7 @@ class Investigation:
         left = {label: scores.left_with(label) for label in labels}
         return pd.DataFrame(table | {label: one for label, one in left.items() if one is not None})
 
-    @one_thread_of_blas
+    @_shown
     def add(self, *names: str) -> Investigation:
         """Add effects, sensor faults, laws or shifts of single runs to the model, refit it, and return it.
 
@@ -222,9 +251,10 @@ class Investigation:
         Raises:
             EffectError: a name is no candidate of this case, that of a curve, or a sensor's effect without its column.
         """
+        self._tell(f"refitting with {' and '.join(names)}")
         return self._go_to((*self._present, *self.cache.space.labels_to_add(names)))
 
-    @one_thread_of_blas
+    @_shown
     def drop(self, *names: str) -> Investigation:
         """Remove additions from the model, and return it.
 
@@ -232,6 +262,7 @@ class Investigation:
             EffectError: a name is no candidate of this case.
         """
         gone = self.cache.space.labels_of(names)
+        self._tell(f"refitting without {' and '.join(names)}")
         return self._go_to(tuple(label for label in self._present if label not in gone))
 
     def undo(self) -> Investigation:
@@ -240,7 +271,7 @@ class Investigation:
         self._present = self._path[-1]
         return self
 
-    @one_thread_of_blas
+    @_shown
     def search(self, each: Callable[[], None] = lambda: None) -> Found:
         """Add and remove automatically, from the present model on, until nothing more is found; what is there stays.
 
@@ -259,7 +290,7 @@ class Investigation:
         self._path = (*self._path, self._present)
         return self
 
-    @one_thread_of_blas
+    @_shown
     def ladder(self) -> pd.DataFrame:
         """Return every model so far: its additions, and the RMS error of each channel on fit runs and on check runs."""
         rows = []

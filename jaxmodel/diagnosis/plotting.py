@@ -11,6 +11,7 @@ from jaxmodel.base.late_binding import late_bound
 from jaxmodel.case.records import chosen_run
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -70,13 +71,13 @@ class DiagnosisPlots(_Saved):
         """Draw each channel's error in each run, before and after, against noise and tolerance."""
         return late_bound("jaxmodel.plots.diagnosis:errors_of")(self.diagnosis)
 
-    def scores(self) -> Figure:
+    def scores(self, ax: Axes | None = None) -> Figure:
         """Draw the standard score of every effect at the calibrated base model."""
-        return late_bound("jaxmodel.plots.evidence:scores")(self.diagnosis)
+        return late_bound("jaxmodel.plots.evidence:scores")(self.diagnosis, ax=ax)
 
-    def candidates(self) -> Figure:
+    def candidates(self, ax: Axes | None = None) -> Figure:
         """Draw the probability of each compared model."""
-        return late_bound("jaxmodel.plots.evidence:candidates")(self.diagnosis)
+        return late_bound("jaxmodel.plots.evidence:candidates")(self.diagnosis, ax=ax)
 
     def curves(self) -> Figure:
         """Draw the correction of each table or relation.
@@ -116,13 +117,14 @@ class InvestigationPlots:
         """Draw each channel's error in each run, of the present model, against noise and tolerance."""
         return late_bound("jaxmodel.plots.investigation:errors_of")(self.investigation)
 
-    def candidates(self, most: int = 16) -> Figure:
+    def candidates(self, most: int = 16, ax: Axes | None = None) -> Figure:
         """Draw the expected gain of log evidence of each candidate, the best first.
 
         Args:
             most: candidates to draw.
+            ax: axes of yours to draw on; by default those of a new figure.
         """
-        return late_bound("jaxmodel.plots.investigation:candidates")(self.investigation, most)
+        return late_bound("jaxmodel.plots.investigation:candidates")(self.investigation, most, ax)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -135,11 +137,11 @@ class IdentificationPlots(_Saved):
         """Draw the shares of runs, sensors and priors in the information on each parameter."""
         return late_bound("jaxmodel.plots.identifiability:information_bars")(self.identification.found)
 
-    def correlations(self) -> Figure:
+    def correlations(self, ax: Axes | None = None) -> Figure:
         """Draw the correlations of the estimates."""
-        return late_bound("jaxmodel.plots.identifiability:correlations")(self.identification.found)
+        return late_bound("jaxmodel.plots.identifiability:correlations")(self.identification.found, ax=ax)
 
-    def ellipse(self, first: str, second: str) -> Figure:
+    def ellipse(self, first: str, second: str, ax: Axes | None = None) -> Figure:
         """Draw the joint confidence region of two parameters.
 
         Raises:
@@ -147,9 +149,9 @@ class IdentificationPlots(_Saved):
         """
         found = self.identification.found
         one, other = (found.names[found.place(name)] for name in (first, second))
-        return late_bound("jaxmodel.plots.identifiability:ellipse")(found, one, other)
+        return late_bound("jaxmodel.plots.identifiability:ellipse")(found, one, other, ax)
 
-    def profile(self, name: str | None = None) -> Figure:
+    def profile(self, name: str | None = None, ax: Axes | None = None) -> Figure:
         """Draw the profile likelihood of a requested parameter, the first by default, and its quadratic approximation.
 
         Raises:
@@ -162,7 +164,7 @@ class IdentificationPlots(_Saved):
         if chosen not in profiles:
             raise MeasurementError(f"plot.profile: '{chosen}' was not profiled.{nearest(chosen, profiles)}")
         found, draw = self.identification.found, late_bound("jaxmodel.plots.identifiability:profile_beside_quadratic")
-        return draw(profiles[chosen], found.units[found.place(chosen)])
+        return draw(profiles[chosen], found.units[found.place(chosen)], ax)
 
     def all(self) -> dict[str, Figure]:
         """Return every picture for which there are data, by name."""

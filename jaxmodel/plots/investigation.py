@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxmodel.diagnosis.investigation import Investigation
@@ -31,9 +32,9 @@ def errors_of(investigation: Investigation) -> Figure:
     return errors_by_run(investigation.errors().assign(model="final" if investigation.added else "base"))
 
 
-def candidates(investigation: Investigation, most: int) -> Figure:
+def candidates(investigation: Investigation, most: int, ax: Axes | None = None) -> Figure:
     """Draw the expected gain of log evidence of each candidate, the best first."""
-    return evidence.promises(investigation.candidates(), most)
+    return evidence.promises(investigation.candidates(), most, ax)
 
 
 def _noise_sd(investigation: Investigation) -> dict[str, float]:

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from jaxmodel import import_case, read_case, simulate_case, sweeps
+from jaxmodel import Case, Investigation, import_case, read_case, simulate_case, sweeps
 from jaxmodel.base.progress import counted, is_watched, stages
 
 
@@ -143,3 +143,15 @@ def test_simulation_and_import_show_their_progress(notebook: list[str], case_fol
     assert notebook == []
     import_case(file, "cell")
     assert any("clocks and signs" in line for line in notebook)
+
+
+def test_an_investigation_shows_its_progress(notebook: list[str], case: Case) -> None:
+    Investigation(case, progress=False).errors()
+    assert notebook == []
+    investigation = Investigation(case)
+    investigation.errors()
+    assert any("calibrating" in line for line in notebook)
+    assert notebook[-1] == ""
+    told: list[str] = []
+    Investigation(case, progress=told.append).errors()
+    assert any("calibrating" in line for line in told)
