@@ -11,7 +11,7 @@ def oldest(pyproject: str) -> list[str]:
     """Return a line `name==version` for each dependency, wanted or optional, with a lower bound."""
     project = tomllib.loads(pyproject)["project"]
     wanted = [*project["dependencies"], *(one for some in project["optional-dependencies"].values() for one in some)]
-    found = [re.match(r"([\w.-]+)(?:\[[^]]*\])?>=([\w.]+)$", one) for one in wanted]
+    found = [re.match(r"([\w.-]+)(?:\[[^]]*\])?>=([\w.]+)(?:,<[\w.]+)?$", one) for one in wanted]
     return sorted({f"{one[1]}=={one[2]}" for one in found if one})
 
 
