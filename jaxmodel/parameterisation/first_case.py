@@ -20,7 +20,8 @@ from jaxmodel.parameterisation.thermal_start import thermal_start
 AGE = ("cycles", "storage_months")
 SCALES = ("series_resistance_scale", "rc_resistance_scale", "rc_capacitance_scale")
 SCALE_SD = 0.5  # of all resistances together, and of the time constants: a linear start is no better. Assumed.
-# What tells of activation energies: two ambients so far apart, or a cell that warms so far by its own heat (design).
+# What tells of activation energies: two ambients so far apart (design), or a cell that warms so far by its own heat (on
+# made cells energies found from 4 K on predicted better than none).
 APART_K, WARMS_K = 5.0, 4.0
 ENTROPY_SD = 1e-4  # V/K, usual
 HEATS_K = 10.0  # of a cell by its own heat, that tells of details of its heat and of its entropy
