@@ -163,3 +163,31 @@ def test_effects_that_are_needed_only_beside_each_other_enter_together(second: s
     assert together == (None if second is None else cache.space.key(("self_heating", "ocv_hysteresis")))
     monkeypatch.setattr(search, "test", lambda model, label: weak)
     assert search._entering_together((), {"self_heating": weak}) is None
+
+
+def test_once_something_shows_beside_curves_alone_nothing_is_tried_without_them(monkeypatch: pytest.MonkeyPatch):
+    """Without the curves the model that it enters is far off, and tells nothing of what else is missing."""
+    case = small_cell({"self_heating": {"C_th": 60.0, "hA": 0.02}}, seed=1)
+    search = Search(cache_of(case, "self_heating", "ocv_curve"))
+    shown, tried = ["self_heating"], []
+
+    def entering(model: tuple[str, ...]) -> tuple[None, dict]:
+        tried.append(model)
+        return None, {}
+
+    monkeypatch.setattr(search, "_entering", entering)
+    monkeypatch.setattr(search, "_entering_beside", lambda model: shown.pop() if shown else None)
+    assert search.run().final.added == ("self_heating",)
+    assert tried == [()]
+
+
+def test_an_effect_is_exchanged_only_by_more_than_the_difference_of_the_odds():
+    """Two effects that the data do not tell apart: the one that is seldom the cause does not take the other's place."""
+    search = Search(cache_of(small_cell({"self_heating": {"C_th": 60.0, "hA": 0.02}}, seed=1), "self_heating"))
+    richer, before = search.cache.fit(("self_heating",)), search.cache.base
+    gains = [
+        search.evidence(richer, one) - search.evidence(before, one) for one in (richer.likelihood, before.likelihood)
+    ]
+    least = search.cache.settings.least_odds
+    assert search.better(richer, before, min(gains) - least - 1.0)
+    assert not search.better(richer, before, min(gains) - least + 1.0)
