@@ -132,7 +132,7 @@ def test_global_indices_are_written(method: str, run: Run, study: Path, tmp_path
     ("options", "says"),
     [
         (("--at", "scale.current_A=2"), "a point has parameters and inputs"),
-        (("--uncertain", "capacity_Ah"), "no folder in which identify wrote"),
+        (("--uncertain", "capacity_Ah"), "holds no results of identify; name a folder that does"),
         (("--uncertain", "case"), "the study names no case"),
         (("--uncertain", "capacity=1"), "Did you mean 'capacity_Ah'"),
         (("--map",), "two axes make a map"),
