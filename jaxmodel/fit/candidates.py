@@ -38,8 +38,9 @@ _LEAST_SPAN = 0.02
 _FAINT_MODE = 1e-3
 # Least range of a curve over the state of charge, which does not leave 0 to 1. Assumed.
 _LEAST_SOC = 0.05
-# A cell that warms rises at least so far (K) in the range of a curve over the rise. Assumed.
-_LEAST_RISE_K = 5.0
+# A cell that warms rises at least so far (K) in the range of a curve over the rise. A temperature that varies by less is no
+# variable of a law: two ambients so far apart tell of an energy (design).
+_LEAST_K = 5.0
 # Least width of a usual range, as a share of its larger end; ratio of neighbouring shifts of a clock. Assumed.
 _LEAST_WIDTH, _NEXT_SHIFT = 1e-6, 2.0
 # Correlation length of a law, as a share of its span. Assumed.
@@ -292,7 +293,7 @@ def _covered(over: str, ranges: Mapping[str, tuple[float, float]]) -> tuple[floa
         return low, min(max(high, low + _LEAST_SOC), 1.0)
     if over == "temperature_rise_K":
         ambient, cell = (ranges.get(name, (20.0, 20.0)) for name in ("ambient_degC", "cell_temperature_degC"))
-        return 0.0, max(_LEAST_RISE_K, cell[1] - ambient[0])
+        return 0.0, max(_LEAST_K, cell[1] - ambient[0])
     names = {"current_A": ("current_A", "motor_current_A")}.get(over, (over,))
     return 0.0, max([abs(end) for name in names for end in ranges.get(name, ())], default=0.0) or 1.0
 
@@ -377,7 +378,7 @@ def laws(
     for place, (port, (sources, multiplier, _)) in enumerate(PORTS[case.kind].items()):
         for variable in [name for name in quantities(case.kind) if name in sources and name in ranges]:
             low, high = ranges[variable]
-            if high - low <= _LEAST_SPAN * max(abs(low), abs(high)):
+            if high - low <= (_LEAST_K if variable.endswith("degC") else _LEAST_SPAN * max(abs(low), abs(high))):
                 continue
             for factor in dict.fromkeys(("", multiplier)):
                 if factor and (factor == variable or factor not in sizes):
