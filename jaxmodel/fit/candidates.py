@@ -38,8 +38,8 @@ _LEAST_SPAN = 0.02
 _FAINT_MODE = 1e-3
 # Least range of a curve over the state of charge, which does not leave 0 to 1. Assumed.
 _LEAST_SOC = 0.05
-# A cell that warms rises at least so far (K) in the range of a curve over the rise. A temperature that varies by less is
-# no variable of a law: two ambients so far apart tell of an energy (design).
+# A cell that warms rises at least so far (K) in the range of a curve over the rise. No law is over a temperature that
+# varies by less: two ambients so far apart tell of an energy (design).
 _LEAST_K = 5.0
 # Least width of a usual range, as a share of its larger end; ratio of neighbouring shifts of a clock. Assumed.
 _LEAST_WIDTH, _NEXT_SHIFT = 1e-6, 2.0
