@@ -3,7 +3,7 @@
     python -m benchmarks.public_logs                       the page alone, from the results that are kept
     python -m benchmarks.public_logs SHARED [FOLDER ...]   all logs, or those of some folders, are started first
 
-SHARED is the folder that holds `data` and `wild`. All of it takes an hour or two on two cores.
+SHARED is the folder that holds `data` and `wild`. All of it takes twenty minutes on two cores.
 """
 
 from __future__ import annotations
@@ -130,8 +130,7 @@ A command ends with a verdict, or it stops with one sentence before the diagnosi
 person or a further measurement can give, and the sentence says what that is.
 
 Errors are root mean squares on the check runs, which are never fitted; "fit" where there is no check run. "Before" is
-the calibrated base model, "after" the model of the verdict. Times are wall times on two cores that others used too.
-Rows were made while the program was being mended, not all by its last state: make them anew before you rely on one.
+the calibrated base model, "after" the model of the verdict. Times are wall times, two commands at a time on two cores.
 
 {_table(head, rows)}{_missing(kept)}
 `python -m benchmarks.public_logs` makes the table from `docs/public_logs.toml`.
