@@ -23,7 +23,7 @@ LEAST_SD, FURTHEST = 2.0, 3.0
 FURTHEST_SD = 2.0
 # Errors up to so many times the noise, with so many readings for each independent one, are those of a sensor. Assumed.
 ABOVE_NOISE, WHITE = 1.15, 1.5
-# A shift of one run removes at least this share of the noise, as a root mean square over the run. Assumed.
+# An addition removes this share of the noise at least, as a root mean square; a shift of one run in that run. Assumed.
 SEEN = 0.3
 # Pooled error of a channel that a name may add: a twentieth is within what weights and noise do. Assumed.
 NO_WORSE = 0.05
@@ -290,14 +290,15 @@ class Comparison:
         """Return True if a channel's mean square error falls by enough.
 
         Enough is a tenth of a stated tolerance, as the root of what is removed, or without one a share of what is above
-        the noise. Where all is explained but noise, what is significant is all there was to explain.
+        the noise, and of the noise itself: an offset of a tenth of it is no fault of a sensor. Where all is explained
+        but noise, what is significant is all there was to explain.
         """
         cache, settings = self.cache, self.cache.settings
         removed = max(before - after, 0.0)
         if name in cache.case.tolerance:
             return removed >= (settings.material_share * cache.case.tolerance[name].rms) ** 2
         noise = cache.noise[name].sd ** 2
-        return removed >= settings.least_share * (before - min(noise, after)) > 0.0
+        return removed >= max(settings.least_share * (before - min(noise, after)), SEEN**2 * noise) > 0.0
 
     def _size_sd(self, fit: Fit, candidate: Candidate) -> float:
         """Return the size of an addition in its sd."""
