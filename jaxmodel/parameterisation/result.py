@@ -49,12 +49,12 @@ class Extraction(InShort):
     def sentence(self) -> str:
         """Say the number, its sd and its origin."""
         unit = f" {self.unit}" if self.unit else ""
-        number = f"{self.value:.5g}" if math.isfinite(self.value) else "no value"
+        name = f"{self.name} = {self.value:.5g}{unit}" if math.isfinite(self.value) else self.name
         spread = f" ± {self.sd:.2g}" if math.isfinite(self.sd) else ""
         if not self.found:
-            return f"{self.name} = {number}{unit}: not in this data: {self.method}. {self.test}".rstrip()
+            return f"{name}: not in this data: {self.method}. {self.test}".rstrip()
         origin = f", from {', '.join(self.runs)}" if self.runs else ""
-        return f"{self.name} = {number}{spread}{unit}: {self.method}{origin} ({self.samples})."
+        return f"{self.name} = {self.value:.5g}{spread}{unit}: {self.method}{origin} ({self.samples})."
 
 
 def absent(name: str, value: float, unit: str, taken_from: str, test: str, sd: float = math.nan) -> Extraction:
