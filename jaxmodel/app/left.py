@@ -27,7 +27,7 @@ _TRYING = re.compile(r"trying (\d+) candidates")
 _ROUND = _UNITS["trying"] + 3 * _UNITS["refitting with"]
 
 
-def _value(table: Mapping[str, float], now: str) -> float | None:
+def of_part(table: Mapping[str, float], now: str) -> float | None:
     """Return the value of the part that begins with the most words of a table; None for another part."""
     known = [start for start in table if now.startswith(start)]
     return table[max(known, key=len)] if known else None
@@ -82,7 +82,7 @@ class Left:
         return max(self._estimated - gone, self._least)
 
     def _by_shares(self, now: str, at: float) -> None:
-        share = _value(self._shares, now)
+        share = of_part(self._shares, now)
         if not share:
             return
         if share > self._reached:  # a part that comes again is no further
@@ -109,7 +109,7 @@ class _Search:
 
     def begin(self, now: str) -> bool:
         """Take note that a part begins; False for what is none of a search."""
-        own = _value(_UNITS, now)
+        own = of_part(_UNITS, now)
         if own is None:
             return False
         self._done += self._own

@@ -63,11 +63,9 @@ def _increasing(name: str, axis: list[float]) -> None:
             )
 
 
-class TableEntry(Form):
-    """A curve over SOC, shape (soc,), or over SOC and temperature, shape (temperature, soc)."""
+class CurveEntry(Form):
+    """A curve by its points; its values and their sd have the names that a case file has for them."""
 
-    soc: Axis
-    temperature_degC: Axis | None = None
     value_key: ClassVar[str]
     sd_key: ClassVar[str] = "sd_relative"
     positive: ClassVar[bool] = True
@@ -79,8 +77,21 @@ class TableEntry(Form):
 
     @property
     def sd(self) -> float | None:
-        """Sd of the values: V of an open-circuit voltage, a share of the value of all others."""
+        """Sd of the values: a share of them (`sd_relative`), or in their unit."""
         return getattr(self, self.sd_key)
+
+    def _check_positive(self, values: list[Any]) -> None:
+        if self.positive and min(values) <= 0:
+            raise wrong(
+                "has {key} = {found}; every value must be greater than 0", key=self.value_key, found=min(values)
+            )
+
+
+class TableEntry(CurveEntry):
+    """A curve over SOC, shape (soc,), or over SOC and temperature, shape (temperature, soc)."""
+
+    soc: Axis
+    temperature_degC: Axis | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> "TableEntry":
@@ -104,8 +115,7 @@ class TableEntry(Form):
                     values=len(row),
                     key=key,
                 )
-            if self.positive and min(row) <= 0:
-                raise wrong("has {key} = {found}; every value must be greater than 0", key=key, found=min(row))
+            self._check_positive(row)
         for name, axis in (("soc", self.soc), ("temperature_degC", self.temperature_degC or [])):
             _increasing(name, axis)
         # A fit to data may be slightly outside 0 to 1; values far outside are percent.
@@ -156,27 +166,15 @@ class EntropyTable(TableEntry):
     positive = False
 
 
-class MotorTableEntry(Form):
+class MotorTableEntry(CurveEntry):
     """A curve of a motor over the size of its speed or current."""
 
     over_key: ClassVar[str]
-    value_key: ClassVar[str]
-    sd_key: ClassVar[str]
 
     @property
     def at(self) -> list[float]:
         """The points, from 0 on."""
         return getattr(self, self.over_key)
-
-    @property
-    def values(self) -> list[Any]:
-        """The values, one for each point."""
-        return getattr(self, self.value_key)
-
-    @property
-    def sd(self) -> float | None:
-        """Sd of the values: N m of a friction, a share of a factor."""
-        return getattr(self, self.sd_key)
 
     @model_validator(mode="after")
     def _consistent(self) -> "MotorTableEntry":
@@ -192,6 +190,7 @@ class MotorTableEntry(Form):
         _increasing(over, self.at)
         if self.at[0] < 0.0:
             raise wrong("has {over} {found}; it is a size, from 0 on", over=over, found=self.at[0])
+        self._check_positive(values)
         return self
 
 
@@ -205,6 +204,7 @@ class FrictionTable(MotorTableEntry):
     over_key = "speed_rad_s"
     value_key = "Nm"
     sd_key = "sd_Nm"
+    positive = False
 
 
 class TorqueFactorTable(MotorTableEntry):
@@ -216,15 +216,17 @@ class TorqueFactorTable(MotorTableEntry):
     source: str = ""
     over_key = "current_A"
     value_key = "factor"
-    sd_key = "sd_relative"
-
-    @model_validator(mode="after")
-    def _is_positive(self) -> "TorqueFactorTable":
-        if min(self.factor) <= 0.0:
-            raise wrong("has factor = {found}; every value must be greater than 0", found=min(self.factor))
-        return self
 
 
+CELL_TABLES: dict[str, type[TableEntry]] = {
+    "ocv": VoltageTable,
+    "R_ints": ResistanceTable,
+    "R_TS": ResistanceTable,
+    "R_TL": ResistanceTable,
+    "C_TS": CapacitanceTable,
+    "C_TL": CapacitanceTable,
+    "dU_dT": EntropyTable,
+}
 MOTOR_TABLES: dict[str, type[MotorTableEntry]] = {"friction": FrictionTable, "torque_factor": TorqueFactorTable}
 
 

@@ -15,15 +15,11 @@ from jaxmodel.base.errors import MeasurementError, UserError
 from jaxmodel.base.schema import with_schema
 from jaxmodel.case import plausible
 from jaxmodel.case.build import with_preset
-from jaxmodel.case.forms import MOTOR_TABLES, parse_case
+from jaxmodel.case.forms import CELL_TABLES, MOTOR_TABLES, CurveEntry, parse_case
 from jaxmodel.case.known import Known, MotorTable, Table, Tolerance, scalars
 from jaxmodel.case.measurements import file_label
 from jaxmodel.case.presets import why_not
 from jaxmodel.case.records import Case, Run
-
-_VALUE_KEYS = {"ocv": "voltage_V", "R_ints": "ohm", "R_TS": "ohm", "R_TL": "ohm", "C_TS": "farad", "C_TL": "farad"}
-_VALUE_KEYS |= {"dU_dT": "V_per_K"}
-_SD_KEYS = {"ocv": "sd_V", "dU_dT": "sd_V_per_K"}
 
 
 def write_case(case: Case, path: Path, comments: list[str] | None = None) -> None:
@@ -112,8 +108,11 @@ def _file_name(name: str) -> str:
 
 def _motor_table(name: str, table: MotorTable) -> dict[str, Any]:
     form = MOTOR_TABLES[name]
-    entry = {form.over_key: table.at.tolist(), form.value_key: table.values.tolist()}
-    return entry | ({} if table.sd is None else {form.sd_key: table.sd})
+    return {form.over_key: table.at.tolist()} | _values(form, table)
+
+
+def _values(form: type[CurveEntry], table: Table | MotorTable) -> dict[str, Any]:
+    return {form.value_key: table.values.tolist()} | ({} if table.sd is None else {form.sd_key: table.sd})
 
 
 def _stated_of(run: Run) -> dict[str, Any]:
@@ -142,8 +141,7 @@ def table_entry(name: str, table: Table) -> dict[str, Any]:
     entry: dict[str, Any] = {"soc": table.soc.tolist()}
     if table.temperature_degC is not None:
         entry["temperature_degC"] = table.temperature_degC.tolist()
-    entry[_VALUE_KEYS[name]] = table.values.tolist()
-    return entry | ({} if table.sd is None else {_SD_KEYS.get(name, "sd_relative"): table.sd})
+    return entry | _values(CELL_TABLES[name], table)
 
 
 def preset_entry(preset: str, path: Path) -> str:

@@ -9,8 +9,7 @@ import numpy as np
 
 from jaxmodel.fit.cache import FitCache
 from jaxmodel.fit.candidates import Candidate
-from jaxmodel.fit.coordinates import REACH_OF_ALL
-from jaxmodel.fit.estimate import NONE, Fit, best_amplitudes, rarer
+from jaxmodel.fit.estimate import NONE, Fit, best_amplitudes, evidence
 from jaxmodel.fit.likelihood import Likelihood
 from jaxmodel.fit.linearisation import log_evidence, solved
 from jaxmodel.fit.settings import SEED
@@ -124,9 +123,7 @@ class Comparison:
             likelihood: the weights.
             loose: unknowns whose stated values are not held to.
         """
-        spec = best_amplitudes(self.cache.view, fit.spec, fit.linear, likelihood)
-        precision = np.where(np.isin(spec.free, list(loose)), spec.precision / REACH_OF_ALL**2, spec.precision)
-        return log_evidence(fit.linear.under(likelihood), precision) - rarer(spec)
+        return evidence(self.cache.view, fit, likelihood, loose)
 
     def gain(self, richer: Fit, before: Fit) -> float:
         """Return the log evidence that a richer model gains over another, under the richer one's weights.

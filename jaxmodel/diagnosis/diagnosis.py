@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -22,6 +23,7 @@ from jaxmodel.diagnosis.held_out import confirmed, prediction_sd, worse
 from jaxmodel.diagnosis.residuals.statements import statements
 from jaxmodel.diagnosis.residuals.table import ChannelResiduals
 from jaxmodel.diagnosis.result import (
+    ChannelError,
     CurveFound,
     Diagnosis,
     Extrapolated,
@@ -160,7 +162,7 @@ def conclude(search: Search, found: Found, wanted: Sequence[str] = (), ordered: 
     last = ladder[-1]
     left = {"base": residuals_of(cache, ladder[1]), "final": residuals_of(cache, last)}
     groups = {label: cache.space.candidates[label].group for label in labels}
-    removes = {label: _removes(search, labels, label) for label in labels}
+    removes = _removes(search, labels)
     is_effect = [label for label in labels if groups[label] in ("effect", "sensor")]
     order = sorted(is_effect, key=lambda label: -found.tests[label].gain)
     named = [] if stays else [label for label in order if found.tests[label].named or label in wanted]
@@ -303,13 +305,21 @@ def _name(cache: FitCache, labels: Sequence[str]) -> str:
     return "+".join(cache.space.candidates[label].name for label in labels) or "base"
 
 
-def _removes(search: Search, labels: Sequence[str], label: str) -> dict[str, Removed]:
-    """Return by how much each channel's error is smaller with an addition than without it, as it was tested."""
-    after, lacking = (rung(search.cache, "", one, compared=True).errors for one in search.compared(labels, label))
-    return {
-        channel: Removed(lacking[channel].fit - one.fit, lacking[channel].check - one.check)
-        for channel, one in after.items()
-    }
+def _removes(search: Search, labels: Sequence[str]) -> dict[str, dict[str, Removed]]:
+    """Return by how much each channel's error is smaller with each addition than without it, as it was tested."""
+
+    @functools.cache
+    def errors(fit: Fit) -> dict[str, ChannelError]:
+        return rung(search.cache, "", fit, compared=True).errors
+
+    found = {}
+    for label in labels:
+        after, lacking = map(errors, search.compared(labels, label))
+        found[label] = {
+            channel: Removed(lacking[channel].fit - one.fit, lacking[channel].check - one.check)
+            for channel, one in after.items()
+        }
+    return found
 
 
 def _is_usual(curve: CurveFound) -> bool:

@@ -6,6 +6,7 @@ Nothing is fitted to held-out runs. They can only take away: a name that they co
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from jaxmodel.diagnosis.advice.remarks import extrapolated
 from jaxmodel.diagnosis.comparison import WORSE
 from jaxmodel.diagnosis.result import ChannelError
-from jaxmodel.diagnosis.rungs import evaluated_rows, rung
+from jaxmodel.diagnosis.rungs import evaluated_rows, rung, with_adjusted_starts
 from jaxmodel.diagnosis.search import Found, Search
 from jaxmodel.diagnosis.wording import amount
 from jaxmodel.fit.cache import FitCache
@@ -65,10 +66,10 @@ def _changes(
 def confirmed(search: Search, found: Found, keep: Sequence[str] = ()) -> Found:
     """Return what a search found without the additions that held-out runs contradict.
 
-    Held-out runs are predicted worse with such an addition than without it, and not within the tolerance. Where a model
-    leaves noise alone, less is enough: what it changes there must be seen there. An unknown law has no physics to speak
-    for it: it leaves if they are not predicted better. What an addition kept out may be needed without it: the search
-    goes on, and what it finds stays if held-out runs are predicted better with it.
+    Held-out runs are predicted worse with such an addition than without it, and not within the tolerance. Of runs
+    within the fitted conditions less is enough: what it changes there must be seen there. An unknown law has no physics
+    to speak for it: it leaves if they are not predicted better. What an addition kept out may be needed without it: the
+    search goes on, and what it finds stays if held-out runs are predicted better with it.
 
     Args:
         search: that found it.
@@ -128,17 +129,24 @@ def _in_vain(search: Search, model: Sequence[str], others: Sequence[str]) -> dic
     """
     cache, against = search.cache, {}
     outside = {one.file for one in extrapolated(cache.case)}
-    inside = [run for run in cache.case.runs if run.split == "check" and run.file not in outside]
+    runs = enumerate(cache.case.runs)
+    inside = {number: run for number, run in runs if run.split == "check" and run.file not in outside}
+    if not inside:
+        return {}
+
+    @functools.cache
+    def predicted(fit: Fit) -> dict[str, dict[str, np.ndarray]]:
+        return cache.space.predicted(fit.spec, with_adjusted_starts(cache, fit).x, list(inside))
+
     for label in others:
         richer, before = search.compared(model, label)
-        own, lacking = rung(cache, "", richer), rung(cache, "", before)
         gained, change = 0.0, 0.0
         for name, weight in richer.likelihood.channels.items():
-            for run in inside:
+            for run in inside.values():
                 if name not in run.measured.outputs:
                     continue
                 rows = evaluated_rows(run, cache.settings)
-                with_it, without = (one.predictions[run.name][name][rows] for one in (own, lacking))
+                with_it, without = (predicted(one)[run.name][name][rows] for one in (richer, before))
                 read = run.measured.outputs[name][rows]
                 gained += weight.root**2 * float(np.nansum((read - without) ** 2 - (read - with_it) ** 2))
                 change += weight.root**2 * float(np.sum((with_it - without)[np.isfinite(read)] ** 2))

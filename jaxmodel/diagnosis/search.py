@@ -34,6 +34,8 @@ REDUCED = 0.1
 FAR_LESS = 0.5
 # Log evidence by which data hardly tell two models apart: 20 to 1.
 NOT_TOLD = 3.0
+# What is fitted in the place of an addition, the best by score. Assumed.
+MOST_IN_PLACE = 2
 # Effects that are tried with another beside them, where none alone has enough evidence. Assumed.
 MOST_TOGETHER = 2
 
@@ -346,15 +348,19 @@ class Search(Comparison):
             model = tuple(label for label in model if label != needless)
         return model
 
+    def _in_place_of(self, model: tuple[str, ...], label: str) -> tuple[tuple[str, ...], list[str]]:
+        """Return a model without an addition, and the best effects and faults that could stand in its place."""
+        lacking = tuple(one for one in model if one != label)
+        gains = [one.label for one in self.cache.scores(lacking).gains() if self.may_enter(lacking, one.label)]
+        return lacking, [one for one in gains if one not in model and _alike(self.cache, one)][:MOST_IN_PLACE]
+
     def _exchanged(self, model: tuple[str, ...], keep: Sequence[str]) -> tuple[str, ...]:
         """Return the model with an addition exchanged for another where that has more evidence."""
         cache = self.cache
         for label in [one for one in model if one not in keep]:
             if not self.test(model, label).significant:
                 continue  # it is needed beside curves alone, and rivals are not compared there
-            lacking = tuple(one for one in model if one != label)
-            gains = [one for one in cache.scores(lacking).gains() if self.may_enter(lacking, one.label)]
-            rivals = [one.label for one in gains if one.label not in model and _alike(cache, one.label)][:2]
+            lacking, rivals = self._in_place_of(model, label)
             for rival in rivals:
                 other = cache.fit((*lacking, rival))
                 against, of_label = (self.odds_of(cache.space.candidates[one]) for one in (rival, label))
@@ -398,9 +404,7 @@ class Search(Comparison):
         """Return, for each addition, the models with something else in its place that the data do not rule out."""
         cache, found = self.cache, {}
         for label in [one for one in model if _alike(cache, one)]:
-            lacking = tuple(one for one in model if one != label)
-            gains = [one for one in cache.scores(lacking).gains() if self.may_enter(lacking, one.label)]
-            near = [one.label for one in gains if one.label not in model and _alike(cache, one.label)][:2]
+            lacking, near = self._in_place_of(model, label)
             own = cache.fit(model)
             others = [cache.fit((*lacking, one)) for one in near]
             found[label] = tuple(

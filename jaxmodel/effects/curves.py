@@ -401,7 +401,7 @@ CURVES: dict[str, type[Curve]] = {
     )
 }
 # These belong to the model that predicts, and not to the base against which effects are tested: each is what an effect
-# is too, and no table of a case states it.
+# is too, and most cases state no table of it.
 OF_NO_TABLE = (
     "entropy_curve",
     "series_energy",

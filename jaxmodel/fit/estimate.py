@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
+from jaxmodel.fit.coordinates import REACH_OF_ALL
 from jaxmodel.fit.gauss_newton import FLAT, Point, descend
 from jaxmodel.fit.likelihood import Likelihood, from_errors, from_tolerances
 from jaxmodel.fit.linearisation import Linearisation, log_evidence, solved
@@ -111,10 +112,15 @@ class Fit:
 
     def mean_squares(self, view: View) -> dict[str, float]:
         """Return the mean square error of each channel."""
-        return {
-            name: float(np.mean(np.concatenate([self.errors[rows] for rows in slices]) ** 2))
-            for name, slices in view.data.by_channel.items()
-        }
+        return mean_squares(view, self.errors)
+
+
+def mean_squares(view: View, errors: np.ndarray) -> dict[str, float]:
+    """Return the mean square of errors (readings,) by channel."""
+    return {
+        name: float(np.mean(np.concatenate([errors[rows] for rows in slices]) ** 2))
+        for name, slices in view.data.by_channel.items()
+    }
 
 
 def calibrate(
@@ -204,6 +210,20 @@ def rarer(spec: ModelSpec) -> float:
     """Return the log odds against amplitudes and spreads above their usual size."""
     sizes = (*spec.amplitudes.values(), *spec.spreads.values())
     return 0.5 * sum((max(0.0, float(np.log(a))) / RARER) ** 2 for a in sizes)
+
+
+def evidence(view: View, fit: Fit, likelihood: Likelihood, loose: Collection[int] = ()) -> float:
+    """Return the log evidence of a model under some weights, the amplitudes of its curves the best under them.
+
+    Args:
+        view: the readings.
+        fit: the model.
+        likelihood: the weights.
+        loose: unknowns whose stated values are not held to.
+    """
+    spec = best_amplitudes(view, fit.spec, fit.linear, likelihood)
+    precision = np.where(np.isin(spec.free, list(loose)), spec.precision / REACH_OF_ALL**2, spec.precision)
+    return log_evidence(fit.linear.under(likelihood), precision) - rarer(spec)
 
 
 def best_amplitudes(view: View, spec: ModelSpec, linear: Linearisation, likelihood: Likelihood) -> ModelSpec:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -10,13 +11,10 @@ import numpy as np
 from jaxmodel.case.known import Known, Table
 from jaxmodel.case.records import Case
 from jaxmodel.fit.cache import FitCache
-from jaxmodel.fit.estimate import STEPS, Fit, best_amplitudes, calibrate, rarer
+from jaxmodel.fit.estimate import STEPS, Fit, calibrate, evidence, mean_squares
 from jaxmodel.fit.estimates import Estimate, curves_of, estimates_of
 from jaxmodel.fit.fitted_case import FittedNumbers, fitted_case
 from jaxmodel.fit.gauss_newton import descend, errors_at
-from jaxmodel.fit.likelihood import Likelihood
-from jaxmodel.fit.linearisation import log_evidence
-from jaxmodel.fit.settings import Settings
 from jaxmodel.parameterisation.thermal_start import bounded
 
 # Which tables a scale multiplies.
@@ -32,7 +30,6 @@ ODDS = 3.0
 MOST_V_PER_K = 5e-4  # of the entropy (design)
 NO_WORSE = 1.02  # how far a channel's error may grow over that of the first case, beyond its tolerance (design)
 SHARE_SD = 0.3  # of the heat transfer beside a heat capacity that is held. Assumed.
-SETTINGS = Settings()
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -64,7 +61,7 @@ def calibrated(first: Case, curves: Sequence[str], tell: Callable[[str], None]) 
     """
     tell("calibration")
     kinetics = [one for one in KINETICS if one not in first.effects]
-    cache = FitCache(first, only=(*curves, *kinetics), settings=SETTINGS)
+    cache = FitCache(first, only=(*curves, *kinetics))
     spec, stated = cache.flexible(cache.space.spec(curves)), np.zeros(cache.space.layout.size)
     fit, held = calibrate(cache.view, spec, stated, cache.tolerances), False
     before = errors_at(cache.view, cache.space.problem(spec), spec, stated[None])[:, 0]
@@ -96,12 +93,12 @@ def _is_no_worse(cache: FitCache, fit: Fit, before: np.ndarray) -> bool:
         fit: the model.
         before: (readings,) errors of the first case.
     """
-    for name, slices in cache.view.data.by_channel.items():
-        then, now = (np.concatenate([errors[rows] for rows in slices]) for errors in (before, fit.errors))
-        limit = max(NO_WORSE * float(np.sqrt(np.mean(then**2))), cache.tolerances[name])
-        if float(np.sqrt(np.mean(now**2))) > limit:
-            return False
-    return True
+    then, now = mean_squares(cache.view, before), fit.mean_squares(cache.view)
+    return all(
+        math.sqrt(now[name]) <= max(NO_WORSE * math.sqrt(then[name]), tolerance)
+        for name, tolerance in cache.tolerances.items()
+        if name in now
+    )
 
 
 def _with_kinetics(cache: FitCache, before: Fit, label: str, held: bool) -> Fit:
@@ -122,12 +119,8 @@ def _with_kinetics(cache: FitCache, before: Fit, label: str, held: bool) -> Fit:
         points.append(descend(cache.view, spec, before.likelihood, x, steps=STEPS, flat=0.5))
     best = min(points, key=lambda one: one.objective)
     richer = calibrate(cache.view, spec, best.x, cache.tolerances, before.likelihood, fixed=held)
-
-    def evidence(fit: Fit, weights: Likelihood) -> float:
-        one = best_amplitudes(cache.view, fit.spec, fit.linear, weights)
-        return log_evidence(fit.linear.under(weights), one.precision) - rarer(one)
-
-    gains = [evidence(richer, one.likelihood) - evidence(before, one.likelihood) for one in (before, richer)]
+    weights = (before.likelihood, richer.likelihood)
+    gains = [evidence(cache.view, richer, one) - evidence(cache.view, before, one) for one in weights]
     return richer if min(gains) > ODDS else before
 
 

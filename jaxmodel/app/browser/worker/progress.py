@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from jaxmodel.app.browser.files import PROGRESS, STOP, write_json
-from jaxmodel.app.left import Left
+from jaxmodel.app.left import Left, of_part
 
 # Usual share of a job that is done when a part of it starts, by the first words of the part. Assumed.
 DONE_BY = {
@@ -62,9 +62,8 @@ class Progress:
         self._left.begin(now)
         if share is None:
             share = self._left.share
-        known = [start for start in DONE_BY.get(self._job["do"], {}) if now.startswith(start)]
-        if share is None and known:
-            share = DONE_BY[self._job["do"]][max(known, key=len)]
+        if share is None:
+            share = of_part(DONE_BY.get(self._job["do"], {}), now)
         if share is None and self._usual_s:
             share = min(self.elapsed_s / self._usual_s, 0.95)
         self._share = max(self._share, share or 0.0)
