@@ -19,7 +19,7 @@ from jaxmodel.model.ports import fold, touches
 
 # Which curves act on which tables, and whether they raise or lower them: a pair keeps its time constant where its
 # resistance is corrected.
-_TABLES_OF = {
+TABLES_OF = {
     "ocv_curve": {"ocv": 1.0},
     "series_resistance_curve": {"R_ints": 1.0},
     "short_resistance_curve": {"R_TS": 1.0, "C_TS": -1.0},
@@ -53,7 +53,7 @@ def corrected_tables(
     """
     by_table: dict[str, list[tuple[float, CurveAtKnots]]] = {}
     for curve in found:
-        for table, sign in _TABLES_OF.get(curve.label, {}).items():
+        for table, sign in TABLES_OF.get(curve.label, {}).items():
             by_table.setdefault(table, []).append((sign, curve))
     tables = {name: _corrected(name, model, curves, _HALVINGS if between else 0) for name, curves in by_table.items()}
     return tables, _notes(model, tables)

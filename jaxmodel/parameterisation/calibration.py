@@ -125,19 +125,19 @@ def _with_kinetics(cache: FitCache, before: Fit, label: str, held: bool) -> Fit:
 
 
 def _baked(cache: FitCache, fit: Fit) -> Calibrated:
-    """Return the case with the fitted numbers, its curves and scales in the tables."""
+    """Return the case with the fitted numbers, its curves and scales in the tables; what is stated as exact stays."""
     estimates, _ = estimates_of(cache, fit)
     case, _ = fitted_case(cache.case, FittedNumbers(estimates), fit.added, curves_of(cache, fit), between=False)
     tables, parameters = dict(case.tables), dict(case.parameters)
     for name, scaled in SCALED.items():
-        if name in estimates:
+        if name in estimates and all(tables[one].sd is not None for one in scaled if one in tables):
             known = parameters[name]
             for table in (one for one in scaled if one in tables):
                 tables[table] = dataclasses.replace(tables[table], values=known.value * tables[table].values)
             parameters[name] = Known(1.0, None if known.sd is None else known.sd / known.value)
     # The knots of a curve are those of its table but for how charge is counted.
     tables = {name: _at_knots(table, cache.case.tables[name].soc) for name, table in tables.items()}
-    if "dU_dT" in tables:
+    if "dU_dT" in tables and tables["dU_dT"].sd is not None:
         values = np.clip(tables["dU_dT"].values, -MOST_V_PER_K, MOST_V_PER_K)
         tables["dU_dT"] = dataclasses.replace(tables["dU_dT"], values=values)
     case = dataclasses.replace(case, tables=tables, parameters=parameters)

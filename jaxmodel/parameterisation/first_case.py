@@ -11,6 +11,7 @@ import numpy as np
 from jaxmodel.case.known import Known, Table
 from jaxmodel.case.records import Case, Run
 from jaxmodel.effects.curves import CURVES
+from jaxmodel.fit.tables import TABLES_OF
 from jaxmodel.parameterisation.linear import lagged
 from jaxmodel.parameterisation.linear_start import PACE, RESISTANCES, LinearStart, linear_start
 from jaxmodel.parameterisation.result import Extraction
@@ -130,10 +131,9 @@ def first_case(
 
 def _curves(case: Case, kept: dict[str, Table], heats: bool) -> tuple[str, ...]:
     """Return the curves of tables that may change, and of what effects of the case leave open."""
-    acts_on = {"short_resistance_curve": {"R_TS", "C_TS"}, "long_resistance_curve": {"R_TL", "C_TL"}}
     found = []
     for name, one in CURVES.items():
-        tables = acts_on.get(name, {one.table} if one.table else set())
+        tables = set(TABLES_OF.get(name, ()))
         if "cell" not in one.kinds or set(kept) & tables or not set(one.needs) <= set(case.effects):
             continue
         if "self_heating" in one.needs and not heats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -68,7 +69,9 @@ class Numbers:
         ohm = _at(tables[name if name in tables else f"R_T{name[-1]}"], soc, degC)
         farad = 1.0 if name in tables else _at(tables[f"C_T{name[-1]}"], soc, degC)
         energy, _ = self.energy(name)
-        value = ohm * farad * float(np.exp(energy * _colder(degC)))
+        # A scale is in its tables, or one of these is exact, and it is a number of the case.
+        scale = math.prod(self._found.case.parameters[one].value for one in _SCALES[name])
+        value = scale * ohm * farad * float(np.exp(energy * _colder(degC)))
         return value, sd * value
 
     def energy(self, name: str) -> tuple[float, float]:

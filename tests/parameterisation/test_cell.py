@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxmodel import Known, read_case, simulate_case
+from jaxmodel import Known, Table, read_case, simulate_case
 from jaxmodel.base.errors import FitError, MeasurementError
 from jaxmodel.parameterisation import Parameterisation, parameterise
 from jaxmodel.parameterisation.thermal_start import bounded
@@ -165,6 +165,22 @@ def test_exact_numbers_of_the_case_are_kept_but_for_the_age() -> None:
     # The resistance of an aged cell is that of its age: it must not age by the 300 cycles once more.
     assert found.case.parameters["cycles"].value == 0.0
     assert "age_included" in {one.code for one in found.remarks}
+
+
+def test_tables_that_the_case_states_as_exact_are_kept() -> None:
+    """A series resistance that is stated a tenth too small is told by its scale; its table and the entropy stay."""
+    frames = {"cold": made.pulses(5.0), "warm": made.pulses(25.0)}
+    exact = {
+        "R_ints": Table(np.array([0.0, 1.0]), np.full(2, made.R_0 / 1.1)),
+        "dU_dT": Table(np.array([0.0, 1.0]), np.full(2, 1e-4)),
+    }
+    case = dataclasses.replace(made.raw_cell(made.measured(frames)), tables=exact)
+    found = parameterise(case)
+    for name, table in exact.items():
+        np.testing.assert_array_equal(found.case.tables[name].values, table.values)
+    assert found.case.parameters["series_resistance_scale"].value == pytest.approx(1.1, rel=0.02)
+    told = found["R_ints at SOC 0.5, 25 degC"]
+    assert abs(told.value - made.R_0) < SIGMAS * told.sd + 0.02 * made.R_0
 
 
 @pytest.mark.parametrize(("change", "says"), [("voltage", "voltage_V"), ("check", "no fit run"), ("still", "current")])
