@@ -186,7 +186,9 @@ def _motor_tables(case: Case) -> list[Effect]:
     """
     if case.motor_tables and case.kind == "cell":
         name = next(iter(case.motor_tables))
-        raise ParameterError(f"{case.label}: [parameters] {name} is a table of a motor, and the case is of a cell.")
+        raise ParameterError(
+            f"{case.label}: [parameters] {name} is a table of a motor, and the case is of a cell; remove it."
+        )
     return [TABLES[name](table.at, table.values) for name, table in case.motor_tables.items()]
 
 

@@ -164,7 +164,9 @@ class CurrentGain(SensorEffect):
 
 
 class TemperatureOffset(SensorEffect):
-    """A thermometer reads c too much: by up to 2.2 K, a thermocouple of type K is within its class (IEC 60584)."""
+    """A thermometer reads c too much."""
+
+    # Not rare: a thermocouple of type K may be off by 1.5 K (class 1) or 2.5 K (class 2) by IEC 60584-1.
 
     name: ClassVar[str] = "temperature_offset"
     reads: ClassVar[str] = "temperature_degC"
