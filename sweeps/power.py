@@ -37,7 +37,7 @@ def powers(model: Model, state: State, inputs: Inputs) -> dict[str, Scalar]:
         voltage = cells.voltage(cell, current)
         return _of_battery(cell, current, voltage, 1.0) | {"work_W": current * voltage}
     if model.kind == "motor":
-        load = inputs["load_torque_Nm"]
+        load = robots.load_torque(p, inputs, model.effects)
         volts = inputs.get("voltage_V", jnp.zeros(()))
         motor = motors.evaluate(p, model.effects, state, ambient, load, jnp.ones(()), volts)
         lost = _of_motor(motor, load, 1.0)
@@ -45,7 +45,7 @@ def powers(model: Model, state: State, inputs: Inputs) -> dict[str, Scalar]:
         imposed = motor.torque_constant * speed * current + lost["copper_W"]
         source = current * volts if "voltage_V" in inputs else imposed
         return lost | {"source_W": source, "work_W": load * speed}
-    load = robots.load_torque(p, inputs)
+    load = robots.load_torque(p, inputs, model.effects)
     cell = cells.evaluate(p, model.curves, model.effects, state, ambient)
     motor = motors.evaluate(p, model.effects, state, ambient, load, inputs["duty"], jnp.zeros(()))
     accessories_A = robots.accessory_draw(p, inputs)

@@ -169,7 +169,7 @@ def _duty_for(speed_m_s: float, model: Model, inputs: Mapping[str, float], where
     if speed_m_s == 0.0:
         return 0.0
     p = model.parameters
-    torque = load_torque(p, {name: jnp.asarray(value) for name, value in inputs.items()})
+    torque = load_torque(p, {name: jnp.asarray(value) for name, value in inputs.items()}, model.effects)
     speed = speed_m_s * p.gear_ratio / p.wheel_radius_m
     current = (torque + p.tau_0 * jnp.sign(speed)) / p.k_tau
     duty = float((p.k_tau * speed + p.R_0 * current) / (p.n_series * p.nominal_cell_voltage_V))

@@ -331,6 +331,18 @@ def compensate(
     compensate_models(out, model or [], mission, pictures=not answer_only)
 
 
+@app.command(epilog="Example: jaxmodel torque left right --out results")
+def torque(
+    cases: Annotated[list[Path], typer.Argument(metavar="CASE...", help="One for each motor.", show_default=False)],
+    out: Out = Path("results"),
+    answer_only: AnswerOnly = False,
+) -> None:
+    """Find the torque that a load asked of each motor, from current and speed: by run, ground and side."""
+    from jaxmodel.app.commands.torque import torque
+
+    torque(cases, out, pictures=not answer_only)
+
+
 @app.command(epilog="Example: jaxmodel estimate CASE --out results")
 def estimate(
     case: CasePath,

@@ -27,6 +27,14 @@ Constants = Annotated[
         "--constant", metavar="NAME=VALUE", help="An input that never changes; repeatable.", show_default=False
     ),
 ]
+Load = Annotated[
+    str | None,
+    typer.Option(
+        metavar="LAW[:NAME=VALUE,...]",
+        help="What a load follows that is not measured: unknown, free, propeller, gravity, rolling.",
+        show_default=False,
+    ),
+]
 Rows = Annotated[
     str | None, typer.Option(metavar="CONDITION", help='Import these only, as "I_A > 0".', show_default=False)
 ]
@@ -76,6 +84,7 @@ def import_(
     column: Columns = None,
     unit: Units = None,
     constant: Constants = None,
+    load: Load = None,
     rows: Rows = None,
     sign: Sign = None,
     flip: Flip = None,
@@ -105,6 +114,7 @@ def import_(
         out,
         pairs={"column": column or [], "unit": unit or [], "constant": constant or []},
         title=title,
+        load=load,
         rows=rows,
         sign=sign,
         flip=tuple(flip or ()),

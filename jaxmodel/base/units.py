@@ -9,6 +9,7 @@ import numpy as np
 UNITS = {
     "m_s2": "m/s2",
     "rad_s": "rad/s",
+    "rad": "rad",
     "per_s": "1/s",
     "degC": "degC",
     "deg": "deg",

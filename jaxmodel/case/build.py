@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from jaxmodel.base.errors import EffectError, ParameterError, instead
-from jaxmodel.case.measurements import KINDS
 from jaxmodel.case.presets import Kind, read_preset, why_not
 from jaxmodel.case.records import Case, Run
 from jaxmodel.effects import CATALOGUE, own_effects
+from jaxmodel.effects.loads import GravityLoad
 from jaxmodel.effects.motor_tables import TABLES
 from jaxmodel.model.curves import CURVE_NAMES, CellCurves, Curve, Table, look_up_curves
 from jaxmodel.model.declaration import describe
@@ -161,7 +161,8 @@ def case_model(
         for name, table in case.tables.items()
         if name in (*CURVE_NAMES, "dU_dT")
     }
-    effects = tuple(make_effect(name, values, where, case.catalogue) for name, values in case.effects.items())
+    given = case.effects if run is None else case.effects | _first_position(case, run)
+    effects = tuple(make_effect(name, values, where, case.catalogue) for name, values in given.items())
     effects = (*_motor_tables(case), *effects)
     for effect in effects:
         if case.kind not in effect.kinds:
@@ -169,7 +170,7 @@ def case_model(
                 f"{where}: effect '{effect.name}' applies to {' and '.join(effect.kinds)}, "
                 f"not to kind '{case.kind}'; remove it."
             )
-        columns = [column for column in KINDS[case.kind].columns if column.endswith(effect.reads)]
+        columns = [column for column in case.vocabulary.columns if column.endswith(effect.reads)]
         if effect.column and effect.column not in columns:
             raise EffectError(
                 f"{where}: effect '{effect.name}' cannot act on the column '{effect.column}'."
@@ -190,6 +191,15 @@ def _motor_tables(case: Case) -> list[Effect]:
             f"{case.label}: [parameters] {name} is a table of a motor, and the case is of a cell; remove it."
         )
     return [TABLES[name](table.at, table.values) for name, table in case.motor_tables.items()]
+
+
+def _first_position(case: Case, run: Run) -> dict[str, dict[str, float | str]]:
+    """Return the effect of a weight on an arm with the first position that a run reads, if none is stated."""
+    name, field = GravityLoad.name, "initial_position_rad"
+    read = run.measured.outputs.get("position_rad")
+    if name not in case.effects or field in case.effects[name] or read is None or not np.isfinite(read[0]):
+        return {}
+    return {name: case.effects[name] | {field: float(read[0])}}
 
 
 def first_current(run: Run, known: Mapping[str, float]) -> float:

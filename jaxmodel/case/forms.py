@@ -306,6 +306,7 @@ class CaseEntry(Form):
 
     title: str = ""
     kind: Literal["cell", "motor", "robot"]
+    load: Literal["measured", "unknown", "free", "propeller", "gravity", "rolling"] | None = None
     preset: str = "paper"
     parameters: ParametersEntry = ParametersEntry()
     effects: dict[str, EffectEntry] = Field(default_factory=dict)

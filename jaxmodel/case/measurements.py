@@ -52,13 +52,13 @@ KINDS: dict[str, Kind] = {
         outputs=("voltage_V", "cell_temperature_degC", "soc"),
     ),
     "motor": Kind(
-        required_inputs=("load_torque_Nm", "ambient_degC"),
-        alternatives=(("voltage_V", "current_A"),),
+        required_inputs=("ambient_degC",),
+        alternatives=(("load_torque_Nm", "speed_rad_s"), ("voltage_V", "current_A")),
         outputs=("current_A", "speed_rad_s", "winding_temperature_degC", "case_temperature_degC"),
     ),
     "robot": Kind(
         required_inputs=("ambient_degC",),
-        alternatives=(("duty", "V_set"), ("load_torque_Nm", "incline_deg")),
+        alternatives=(("duty", "V_set"), ("load_torque_Nm", "incline_deg", "speed_rad_s")),
         optional_inputs=("acceleration_m_s2", "flipper_torque_Nm", "flipper_duty", "arm_torque_Nm", "arm_duty"),
         only_with={
             "acceleration_m_s2": "incline_deg",
@@ -79,6 +79,46 @@ KINDS: dict[str, Kind] = {
         ),
     ),
 }
+# What a case may say of its load, and the columns of a run that a law reads or predicts.
+LAWS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "free": ((), ()),
+    "propeller": ((), ()),
+    "gravity": ((), ("position_rad",)),
+    "rolling": (("incline_deg",), ()),
+}
+
+
+def vocabulary(kind: str, load: str = "") -> Kind:
+    """Return the columns of a kind of case, under what it says of its load.
+
+    A measured torque or incline loads the model. Without one, a measured speed drives it, so that nothing of the load
+    need be known (`load = "unknown"` if a torque is there too). A law takes the place of both: the speed is a reading,
+    and a measured torque is added to that of the law.
+
+    Args:
+        kind: a key of `KINDS`.
+        load: "", "measured", "unknown", or a key of `LAWS`.
+    """
+    known = KINDS[kind]
+    if not load or kind == "cell":
+        return known
+    (group,) = (group for group in known.alternatives if "load_torque_Nm" in group)
+    others = tuple(one for one in known.alternatives if one != group)
+    if load == "measured":
+        return dataclasses.replace(known, alternatives=(*others, tuple(n for n in group if n != "speed_rad_s")))
+    if load == "unknown":
+        return dataclasses.replace(known, alternatives=(*others, ("speed_rad_s",)))
+    inputs, outputs = LAWS[load]
+    only_with = {name: other for name, other in known.only_with.items() if other != "incline_deg"}
+    optional = tuple(name for name in known.optional_inputs if name != "acceleration_m_s2")
+    return dataclasses.replace(
+        known,
+        alternatives=others,
+        optional_inputs=(*optional, "load_torque_Nm", *inputs),
+        only_with={name: other for name, other in only_with.items() if name != "acceleration_m_s2"},
+        outputs=(*known.outputs, *outputs),
+    )
+
 
 _UNITLESS = {"duty": "numbers from -1 to 1", "V_set": "V, 0 to 5", "soc": "fractions of 1"}
 
@@ -103,13 +143,14 @@ class Measured:
     outputs: dict[str, np.ndarray]
 
 
-def read_measurements(path: Path, kind: str, ambient_degC: float | None = None) -> Measured:
+def read_measurements(path: Path, kind: str, ambient_degC: float | None = None, load: str = "") -> Measured:
     """Read and check the CSV of one run.
 
     Args:
         path: the CSV file: UTF-8, comma separated, `time_s` first; lines that start with '#' may precede the header.
         kind: a key of `KINDS`.
         ambient_degC: the ambient temperature of the whole run [degC], for a CSV without that column.
+        load: what the case says of its load, as of `vocabulary`.
 
     Returns:
         Times, inputs and outputs, in the units of the column names.
@@ -120,8 +161,9 @@ def read_measurements(path: Path, kind: str, ambient_degC: float | None = None) 
     label = file_label(path)
     header = run_csv.read_header(path, label)
     where = f"{label}, line {header.line}"
-    _check_header(header.names, kind, where)
-    inputs, outputs = _roles(header.names, kind, ambient_degC, where)
+    known = vocabulary(kind, load)
+    _check_header(header.names, kind, known, where)
+    inputs, outputs = _roles(header.names, kind, known, ambient_degC, where)
     columns = run_csv.read_numbers(path, header, label)
     if (count := columns["time_s"].size) < 2:
         raise MeasurementError(
@@ -135,7 +177,7 @@ def read_measurements(path: Path, kind: str, ambient_degC: float | None = None) 
     return _measured(columns, inputs, outputs, ambient_degC, label, place)
 
 
-def measurements_of(frame: pd.DataFrame, kind: str, ambient_degC: float | None, label: str) -> Measured:
+def measurements_of(frame: pd.DataFrame, kind: str, ambient_degC: float | None, label: str, load: str = "") -> Measured:
     """Check the table of one run.
 
     Args:
@@ -143,6 +185,7 @@ def measurements_of(frame: pd.DataFrame, kind: str, ambient_degC: float | None, 
         kind: a key of `KINDS`.
         ambient_degC: the ambient temperature of the whole run [degC], for a table without that column.
         label: how messages name the table.
+        load: what the case says of its load, as of `vocabulary`.
 
     Raises:
         MeasurementError: the table cannot be used; the message names row and column.
@@ -153,8 +196,9 @@ def measurements_of(frame: pd.DataFrame, kind: str, ambient_degC: float | None, 
     if "time_s" not in header:
         raise MeasurementError(f"{label} has no column 'time_s', the time in seconds of each row; add it.")
     header = ["time_s", *(name for name in header if name != "time_s")]
-    _check_header(header, kind, label)
-    inputs, outputs = _roles(header, kind, ambient_degC, label)
+    known = vocabulary(kind, load)
+    _check_header(header, kind, known, label)
+    inputs, outputs = _roles(header, kind, known, ambient_degC, label)
     if len(frame) < 2:
         raise MeasurementError(f"{label} has {len(frame)} rows; a run needs at least two.")
     columns = {name: _floats(pd.Series(frame[name]), f"{label}, column '{name}'") for name in header}
@@ -234,7 +278,7 @@ def read_utf8(path: Path) -> str:
         raise MeasurementError(f"{file_label(path)} is not UTF-8 text; save it again as UTF-8.") from error
 
 
-def _check_header(header: Sequence[str], kind: str, where: str) -> None:
+def _check_header(header: Sequence[str], kind: str, vocabulary: Kind, where: str) -> None:
     """Raise MeasurementError unless the header is time_s and then columns of this kind, each once."""
     if len(header) == 1 and any(separator in header[0] for separator in ";\t"):
         raise MeasurementError(f"{where}: the fields are not separated by commas; save with ',' and decimal points.")
@@ -242,7 +286,7 @@ def _check_header(header: Sequence[str], kind: str, where: str) -> None:
         raise MeasurementError(
             f"{where}: the first column is '{header[0]}'; it must be 'time_s', the time in seconds of each row."
         )
-    known = KINDS[kind].columns
+    known = vocabulary.columns
     for position, name in enumerate(header[1:], start=2):
         if not name:
             raise MeasurementError(f"{where}: column {position} has no name; name it or remove it.")
@@ -269,10 +313,9 @@ def _without_unit(column: str) -> str:
 
 
 def _roles(
-    header: Sequence[str], kind: str, ambient_degC: float | None, where: str
+    header: Sequence[str], kind: str, vocabulary: Kind, ambient_degC: float | None, where: str
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return which columns are inputs and which are outputs; raise MeasurementError where an input is lacking."""
-    vocabulary = KINDS[kind]
     if ambient_degC is not None and "ambient_degC" in header:
         raise MeasurementError(f"{where}: 'ambient_degC' is a column and a constant of this run; remove one of them.")
     given = {*header, "ambient_degC"} if ambient_degC is not None else set(header)

@@ -16,14 +16,16 @@ from jaxmodel.case.build import case_model, with_preset
 from jaxmodel.case.entries import entry_of
 from jaxmodel.case.forms import CaseEntry, EffectEntry, RunEntry, ToleranceEntry, parse_case
 from jaxmodel.case.known import Known, Tolerance, motor_tables, scalars, tables
+from jaxmodel.case.load import stated_load, with_law
 from jaxmodel.case.measurements import (
     AMBIENT_RANGE_DEGC,
-    KINDS,
+    Kind,
     Measured,
     file_label,
     measurements_of,
     read_measurements,
     read_utf8,
+    vocabulary,
 )
 from jaxmodel.case.presets import located, why_not
 from jaxmodel.case.records import Case, Run
@@ -55,7 +57,8 @@ def read_case(path: str | Path, *, own_effects: Iterable[type[Effect]] = ()) -> 
     sources = {run.file: file for run, file in zip(entry.runs, files, strict=True)}
 
     def measured(run: RunEntry) -> Measured:
-        return read_measurements(sources[run.file], entry.kind, run.ambient_degC)
+        load = stated_load(entry.load, entry.effects, entry.kind, where)
+        return read_measurements(sources[run.file], entry.kind, run.ambient_degC, load)
 
     return _case(entry, toml.parent.name, toml, where, files, measured, own_effects)
 
@@ -81,7 +84,9 @@ def case_of_frames(
     entry = entry_of(where, frames, check, runs, **stated)
 
     def measured(run: RunEntry) -> Measured:
-        return measurements_of(frames[run.file], entry.kind, run.ambient_degC, f"{where}, run '{run.file}'")
+        label = f"{where}, run '{run.file}'"
+        load = stated_load(entry.load, entry.effects, entry.kind, where)
+        return measurements_of(frames[run.file], entry.kind, run.ambient_degC, label, load)
 
     case = _case(entry, name, None, where, [None] * len(entry.runs), measured, own_effects)
     for run in case.runs:
@@ -111,9 +116,11 @@ def _case(
     """
     numbers = scalars(entry.parameters.__pydantic_extra__, f"{where}: [parameters]")
     default_soc = numbers.pop("initial_soc", Known(1.0))
-    _check_sensors(entry.sensors, entry.kind, where)
+    load = stated_load(entry.load, entry.effects, entry.kind, where)
+    known = vocabulary(entry.kind, load)
+    _check_sensors(entry.sensors, entry.kind, known, where)
     runs = tuple(
-        _run(run, file, entry.kind, default_soc, measured, f"{where}, the run of {run.file}: runs[{number}]")
+        _run(run, file, entry.kind, known, default_soc, measured, f"{where}, the run of {run.file}: runs[{number}]")
         for number, (run, file) in enumerate(zip(entry.runs, sources, strict=True), start=1)
     )
     case = Case(
@@ -128,13 +135,14 @@ def _case(
         sensors=dict(entry.sensors),
         runs=runs,
         cutoff=entry.cutoff.model_dump(exclude_none=True),
-        tolerance=_tolerance(entry.tolerance, entry.kind, f"{where}: [tolerance]"),
+        tolerance=_tolerance(entry.tolerance, entry.kind, known, f"{where}: [tolerance]"),
         effect_sd={name: sd for name, effect in entry.effects.items() if (sd := _effect_sd(effect))},
         own_effects=effects.own_effects(own),
         motor_tables=motor_tables(entry.parameters),
+        load=load,
     )
     # An unknown preset is refused when a model is built; reading the measurements needs none.
-    case = case if why_not(case.preset, case.kind) else with_preset(case)
+    case = with_law(case if why_not(case.preset, case.kind) else with_preset(case))
     plausible.check(case)
     return case
 
@@ -156,6 +164,7 @@ def _run(
     entry: RunEntry,
     file: Path | None,
     kind: str,
+    vocabulary: Kind,
     default_soc: Known,
     measured: Callable[[RunEntry], Measured],
     where: str,
@@ -172,7 +181,7 @@ def _run(
         measured=measured(entry),
         source=file,
         initial_cell_temperature=_initial_cell_temperature(entry, kind, where),
-        tolerance=_tolerance(entry.tolerance, kind, f"{where}.tolerance"),
+        tolerance=_tolerance(entry.tolerance, kind, vocabulary, f"{where}.tolerance"),
         ambient_degC=entry.ambient_degC,
     )
 
@@ -209,18 +218,18 @@ def _effect_sd(entry: EffectEntry) -> dict[str, float]:
     return {name: known.sd for name, known in entry.__pydantic_extra__.items() if known.sd is not None}
 
 
-def _tolerance(entries: Mapping[str, ToleranceEntry], kind: str, where: str) -> dict[str, Tolerance]:
+def _tolerance(entries: Mapping[str, ToleranceEntry], kind: str, vocabulary: Kind, where: str) -> dict[str, Tolerance]:
     """Return the tolerances by column; raise MeasurementError for a column that this kind cannot read."""
-    readings = KINDS[kind].outputs
+    readings = vocabulary.outputs
     for name in entries:
         if name not in readings:
             raise MeasurementError(f"{where}: a {kind} has no reading '{name}'.{instead(name, readings)}")
     return {name: Tolerance(entry.rms, entry.max) for name, entry in entries.items()}
 
 
-def _check_sensors(sensors: Mapping[str, float], kind: str, where: str) -> None:
+def _check_sensors(sensors: Mapping[str, float], kind: str, vocabulary: Kind, where: str) -> None:
     """Raise MeasurementError for a sensor whose column this kind does not have."""
-    columns = KINDS[kind].columns
+    columns = vocabulary.columns
     for name in sensors:
         if name not in columns:
             raise MeasurementError(f"{where}: [sensors]: a {kind} has no column '{name}'.{instead(name, columns)}")

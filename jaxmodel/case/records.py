@@ -19,7 +19,7 @@ from jaxmodel.base.errors import MeasurementError, nearest
 from jaxmodel.base.in_short import html_of, text_of
 from jaxmodel.base.late_binding import late_bound
 from jaxmodel.case.known import Known, MotorTable, Table, Tolerance
-from jaxmodel.case.measurements import Measured, file_label
+from jaxmodel.case.measurements import Kind, Measured, file_label, vocabulary
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.model.curves import CURVE_NAMES
 from jaxmodel.model.parameters import info
@@ -104,6 +104,7 @@ class Case:
         effect_sd: by effect and parameter, the sd of the value in `effects`; others are exact.
         own_effects: the user's own effect classes by name; they are used like those of the catalogue.
         motor_tables: curves of a motor by name (`friction`, `torque_factor`).
+        load: of a motor or robot: "measured", "unknown" or a law (docs/cases.md); "" where its columns say it.
 
     Example:
         >>> import pandas as pd
@@ -129,6 +130,7 @@ class Case:
     effect_sd: dict[str, dict[str, float]] = dataclasses.field(default_factory=dict)
     own_effects: Mapping[str, type[Effect]] = dataclasses.field(default_factory=dict)
     motor_tables: dict[str, MotorTable] = dataclasses.field(default_factory=dict)
+    load: str = ""
 
     @classmethod
     def from_dataframes(
@@ -136,6 +138,7 @@ class Case:
         frames: Mapping[Any, pd.DataFrame],
         *,
         kind: Literal["cell", "motor", "robot"],
+        load: str | None = None,
         name: str = "case",
         title: str = "",
         preset: str = "paper",
@@ -155,6 +158,7 @@ class Case:
             frames: by name of the run, a table with the columns of a run's CSV: `time_s` [s] (or as the index), inputs
                 and readings with their units in their names. Currents are positive on discharge.
             kind: "cell", "motor" or "robot".
+            load: of a motor or robot: "measured", "unknown", "free", "propeller", "gravity" or "rolling".
             name: of the case and its results.
             title: free text.
             preset: source of every parameter that is not stated here: a key of `jaxmodel.case.presets.PRESETS`, or the
@@ -177,7 +181,7 @@ class Case:
         """
         entries = {"parameters": {**(parameters or {}), **(tables or {})}, "effects": effects or {}}
         entries |= {"sensors": sensors or {}, "tolerance": tolerance or {}, "cutoff": cutoff or {}}
-        entries |= {"title": title, "kind": kind, "preset": preset}
+        entries |= {"title": title, "kind": kind, "preset": preset} | ({} if load is None else {"load": load})
         case_of_frames = late_bound("jaxmodel.case.reading:case_of_frames")
         return case_of_frames(frames, name, check, runs or {}, entries, own_effects)
 
@@ -185,6 +189,11 @@ class Case:
     def label(self) -> str:
         """Return the name of the case in messages: its file, or its name if it has none."""
         return f"case '{self.name}'" if self.path is None else file_label(self.path)
+
+    @property
+    def vocabulary(self) -> Kind:
+        """Return the columns that its runs may have."""
+        return vocabulary(self.kind, self.load)
 
     @property
     def catalogue(self) -> dict[str, type[Effect]]:

@@ -13,7 +13,6 @@ from jaxmodel.base.in_short import InShort
 from jaxmodel.base.progress import Stage, stages
 from jaxmodel.base.remark import Remark
 from jaxmodel.case.build import case_model, run_profile
-from jaxmodel.case.measurements import KINDS
 from jaxmodel.case.plotting import SimulationPlots
 from jaxmodel.case.records import Case, Run
 from jaxmodel.model.pieces import run_in_pieces
@@ -165,7 +164,7 @@ def simulate_case(
         for run in case.runs:
             tell(run.name)
             course = run_in_pieces(case_model(case, run, fidelity=fidelity), run_profile(run), cutoff)
-            usual = [name for name in KINDS[case.kind].outputs if name in course.readings]
+            usual = [name for name in case.vocabulary.outputs if name in course.readings]
             columns = {name: course.readings[name] for name in dict.fromkeys((*usual, *course.readings))}
             time_s = run.measured.time_s
             table = pd.DataFrame({"time_s": time_s} | columns | {"valid": course.valid}, copy=False)

@@ -24,7 +24,6 @@ import pandas as pd
 
 from jaxmodel.base.errors import MeasurementError, nearest
 from jaxmodel.base.progress import Stage, stages
-from jaxmodel.case.measurements import KINDS
 from jaxmodel.case.records import Case
 from jaxmodel.diagnosis.extended import extended_case
 from jaxmodel.diagnosis.findings import all_curves, run_found
@@ -230,7 +229,7 @@ class Investigation:
         """
         self._tell("scoring every candidate")
         scores, data = self.cache.scores(self._present), self.cache.view.data
-        outputs = KINDS[self.case.kind].outputs
+        outputs = self.case.vocabulary.outputs
         table = {
             "run": [self.case.runs[number].name for number in data.run],
             "channel": [outputs[number] for number in data.channel],

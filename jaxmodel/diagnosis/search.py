@@ -15,7 +15,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 import numpy as np
 
 from jaxmodel.diagnosis.comparison import ABOVE_NOISE, Comparison, Test
-from jaxmodel.effects.curves import CURVES
+from jaxmodel.effects.curves import CURVES, OF_NO_TABLE
 from jaxmodel.fit.cache import FitCache
 from jaxmodel.fit.estimate import NONE, Fit
 from jaxmodel.fit.lanes import at_once
@@ -316,7 +316,7 @@ class Search(Comparison):
         # What curves act through shows only with them: where heat is mostly reversible, a cell hardly warms without it.
         opening = [label for label in self._opening() if label not in model and self.may_enter(model, label)]
         likely = likely[: cache.settings.refitted_beside]
-        for label in (*opening, *(one for one in likely if one not in opening)):
+        for label in dict.fromkeys((*opening, *self._imitated(model), *likely)):
             cache.report(f"refitting with {label}, beside curves")
             if self._test(*self._beside(model, label), label).named:
                 return label
@@ -334,6 +334,17 @@ class Search(Comparison):
             and cache.base.likelihood.channels[channel].sd > ABOVE_NOISE * cache.noise[channel].sd
         ]
 
+    def _imitated(self, model: tuple[str, ...]) -> list[str]:
+        """Return the best effects that curves of no table with evidence imitate, by scores without them."""
+        cache = self.cache
+        curves = [label for label, test in self.curves(cache.fit(model, "beside")).items() if test.significant]
+        imitated = {name for label in curves if label in OF_NO_TABLE for name in CURVES[label].imitates}
+        known = [one for one in sorted(imitated) if one in cache.space.candidates and one not in model]
+        if not (known := [name for name in known if self.may_enter(model, name)]):
+            return []
+        gains = cache.scores_at(cache.fit(model, "beside", known), ("effect",)).gains_reweighed()
+        return [name for name in gains if name in known and gains[name] > 0.0][: cache.settings.refitted_beside]
+
     def _needed(self, model: tuple[str, ...], keep: Sequence[str]) -> tuple[str, ...]:
         """Return the model without additions that it does not need, the least needed first."""
         cache = self.cache
@@ -349,13 +360,21 @@ class Search(Comparison):
         return model
 
     def _in_place_of(self, model: tuple[str, ...], label: str) -> tuple[tuple[str, ...], list[str]]:
-        """Return a model without an addition, and the best effects and faults that could stand in its place."""
+        """Return a model without an addition, and the best effects and faults that do its work where it is."""
+        cache, fit = self.cache, self.cache.fit(model)
         lacking = tuple(one for one in model if one != label)
-        gains = [one.label for one in self.cache.scores(lacking).gains() if self.may_enter(lacking, one.label)]
-        return lacking, [one for one in gains if one not in model and _alike(self.cache, one)][:MOST_IN_PLACE]
+        of_label = set(cache.space.layout.of[label])
+        gains = cache.scores(model).in_place_of(
+            {at for at, place in enumerate(fit.spec.free) if place in of_label}, fit
+        )
+        alike = [one for one in gains if _alike(cache, one) and one not in model and self.may_enter(lacking, one)]
+        return lacking, sorted(alike, key=lambda one: -gains[one])[:MOST_IN_PLACE]
 
     def _exchanged(self, model: tuple[str, ...], keep: Sequence[str]) -> tuple[str, ...]:
-        """Return the model with an addition exchanged for another where that has more evidence."""
+        """Return the model with an addition exchanged for another where that has more evidence, beside curves too.
+
+        What heats a cell shows little of it before an entropy curve has bent the temperature.
+        """
         cache = self.cache
         for label in [one for one in model if one not in keep]:
             if not self.test(model, label).significant:
@@ -364,8 +383,13 @@ class Search(Comparison):
             for rival in rivals:
                 other = cache.fit((*lacking, rival))
                 against, of_label = (self.odds_of(cache.space.candidates[one]) for one in (rival, label))
-                is_better = self.better(other, cache.fit(model), against - of_label)
-                if is_better and self._test(other, cache.fit(lacking), rival).plausible:
+                odds = against - of_label - cache.settings.least_odds  # one of them is there: the likelier stands
+                if not self.better(other, cache.fit(model), odds):
+                    continue
+                beside = [cache.fit(one, "beside") for one in (other.added, model)]
+                if not self.is_exact(other) and not self.better(beside[0], beside[1], odds):
+                    continue
+                if self._test(other, cache.fit(lacking), rival).plausible:
                     cache.report(f"replacing {label} by {rival}")
                     model = other.added
                     break
@@ -407,12 +431,18 @@ class Search(Comparison):
             lacking, near = self._in_place_of(model, label)
             own = cache.fit(model)
             others = [cache.fit((*lacking, one)) for one in near]
-            found[label] = tuple(
-                one.added
-                for one in others
-                if self.evidence(own, own.likelihood) - self.evidence(one, own.likelihood) < NOT_TOLD
-            )
+            found[label] = tuple(one.added for one in others if not self._told(own, one))
         return found
+
+    def _told(self, own: Fit, other: Fit) -> bool:
+        """Return True if the data tell a model from another, as they are or beside curves of no table."""
+
+        def tells(one: Fit, another: Fit) -> bool:
+            return self.evidence(one, one.likelihood) - self.evidence(another, one.likelihood) >= NOT_TOLD
+
+        if tells(own, other) or self.is_exact(own):
+            return tells(own, other)
+        return tells(self.cache.fit(own.added, "beside"), self.cache.fit(other.added, "beside"))
 
 
 def _alike(cache: FitCache, label: str) -> bool:

@@ -13,6 +13,8 @@ MOTOR = ("motor", "robot")
 ROBOT = ("robot",)
 REFERENCE_DEGC = 20.0
 DIRECTION_RAD_S = 1.0  # a rotor faster than this has a direction
+# What runs must show for an effect to be told from others: power that flows both ways between motor and load.
+BACK_DRIVING = "back-driving"
 DIRECTION_DUTY = 0.02  # so has a bridge with more duty than this
 
 
@@ -181,6 +183,47 @@ class GearLoss(Effect):
     def load_torque(self, value: Scalar, context: MotorContext) -> Scalar:
         """Raise the load torque."""
         return value * (1.0 + self.e)
+
+
+class GearFriction(Effect):
+    """Teeth under load rub: dry friction in proportion to the load, so that driving takes more than back-driving gives.
+
+    The motor needs tau_l (1 + f) to drive a load and tau_l (1 - f) to hold one that drives it; it locks from f = 1 on.
+    The terms of external torque of models M3 to M6 of Duclusaud et al. 2024, arXiv 2410.08650.
+    """
+
+    name: ClassVar[str] = "gear_friction"
+    rare: ClassVar[bool] = True
+    kinds: ClassVar[tuple[str, ...]] = MOTOR
+    equation: ClassVar[str] = "tau_0 -> tau_0 + f |tau_l|"
+    distinguished_by: ClassVar[str] = BACK_DRIVING
+    f: Scalar = parameter(
+        0.1, unit="", meaning="friction over load torque", null=0.0, lower=0.0, upper=3.0, typical=(0.02, 0.5)
+    )
+
+    def coulomb_torque(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Rub in proportion to the load, at rest too."""
+        return value + self.f * jnp.abs(context.load_torque_Nm)
+
+
+class TorqueFriction(Effect):
+    """The first stages of a gear rub in proportion to the torque that the motor puts into them.
+
+    The term of motor torque of models M3 to M6 of Duclusaud et al. 2024, arXiv 2410.08650.
+    """
+
+    name: ClassVar[str] = "torque_friction"
+    rare: ClassVar[bool] = True
+    kinds: ClassVar[tuple[str, ...]] = MOTOR
+    equation: ClassVar[str] = "tau_0 -> tau_0 + f |k_tau i_a|"
+    distinguished_by: ClassVar[str] = BACK_DRIVING
+    f: Scalar = parameter(
+        0.1, unit="", meaning="friction over motor torque", null=0.0, lower=0.0, upper=0.9, typical=(0.02, 0.5)
+    )
+
+    def coulomb_torque(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Rub in proportion to the motor's torque, at rest too."""
+        return value + self.f * context.parameters.k_tau * jnp.abs(context.current_A)
 
 
 class PwmRipple(Effect):

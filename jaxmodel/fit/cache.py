@@ -10,7 +10,6 @@ import numpy as np
 
 from jaxmodel.base.errors import FitError
 from jaxmodel.base.units import unit_of
-from jaxmodel.case.measurements import KINDS
 from jaxmodel.case.records import Case
 from jaxmodel.effects.curves import CURVES, OF_NO_TABLE
 from jaxmodel.fit.data import collect
@@ -78,7 +77,7 @@ class FitCache:
         self.fit_runs = [number for number, run in enumerate(self.case.runs) if run.split == "fit"]
         if not any(name in self.case.runs[number].measured.outputs for name in self.noise for number in self.fit_runs):
             raise FitError(f"{self.case.label}: {_why_no_readings(self.case)}.")
-        outputs = KINDS[self.case.kind].outputs
+        outputs = self.case.vocabulary.outputs
         self.view = View(self.space, collect(self.space.fitted, self.noise, outputs, self.fit_runs, settings))
         self._fits: dict[tuple[Labels, Curves, Labels], Fit] = {}
         self._points: dict[tuple[Labels, str, Curves], tuple[np.ndarray, float]] = {}

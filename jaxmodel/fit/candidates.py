@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from jaxmodel.case.build import case_model
-from jaxmodel.case.records import Case
+from jaxmodel.case.records import Case, Run
 from jaxmodel.effects.curves import CURVES
+from jaxmodel.effects.drive import BACK_DRIVING
 from jaxmodel.effects.sensors import ClockShift
 from jaxmodel.effects.shifts import SHIFTS
 from jaxmodel.effects.specimen import scale_of, usual_range
@@ -43,6 +44,8 @@ _LEAST_SOC = 0.05
 _LEAST_K = 5.0
 # Least width of a usual range, as a share of its larger end; ratio of neighbouring shifts of a clock. Assumed.
 _LEAST_WIDTH, _NEXT_SHIFT = 1e-6, 2.0
+# Load and speed, and the share of rows in which power must flow each way to tell what rubs from what is lost. Assumed.
+_POWER, _BOTH_WAYS = ("load_torque_Nm", "speed_rad_s"), 0.02
 # Correlation length of a law, as a share of its span. Assumed.
 _LAW_CORRELATION = 0.25
 
@@ -226,12 +229,23 @@ def _effects(case: Case) -> Iterator[Candidate]:
 
 
 def is_distinguishable(case: Case, cls: type[Effect]) -> bool:
-    """Return True if runs differ in the parameter that an effect needs to be distinguished from a calibration."""
+    """Return True if runs differ in what tells an effect from a calibration: a parameter, or the way of power."""
     if not cls.distinguished_by:
         return True
+    if cls.distinguished_by == BACK_DRIVING:
+        return case.load == "gravity" or any(_drives_back(run) for run in case.runs if run.split == "fit")
     common = case.parameters.get(cls.distinguished_by)
     values = {(run.overrides.get(cls.distinguished_by) or common) for run in case.runs if run.split == "fit"}
     return len({None if one is None else one.value for one in values}) > 1
+
+
+def _drives_back(run: Run) -> bool:
+    """Return True if the load drives the motor in some rows of a run, and the motor the load in others."""
+    load, speed = (run.measured.inputs.get(name, run.measured.outputs.get(name)) for name in _POWER)
+    if load is None or speed is None:
+        return False
+    power = load * speed
+    return min(float(np.nanmean(power > 0.0)), float(np.nanmean(power < 0.0))) > _BOTH_WAYS
 
 
 def specimen_ranges(case: Case, cls: type[Effect]) -> dict[str, tuple[float, float]]:

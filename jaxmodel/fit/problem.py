@@ -14,7 +14,6 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxmodel.case.build import case_model, run_profile
-from jaxmodel.case.measurements import KINDS
 from jaxmodel.case.records import Case
 from jaxmodel.fit.candidates import Candidate
 from jaxmodel.fit.layout import Layout
@@ -352,7 +351,7 @@ def make_problem(
             **parts,
         ),
         switched=tuple(switched),
-        channels=KINDS[case.kind].outputs,
+        channels=case.vocabulary.outputs,
         shapes=shapes_of([rounded_length(last_step[None]) for last_step in np.asarray(tracks.last_step)], fit_runs),
     )
 

@@ -23,6 +23,8 @@ from jaxmodel.model.ports import Effect, fold
 from jaxmodel.model.robot import Inputs
 
 Readings = dict[str, Scalar]
+# Inputs that stand in the place of a state, or that an effect reads as one.
+IMPOSED = ("speed_rad_s", "incline_deg")
 
 
 class Model(InShort, eqx.Module):
@@ -61,6 +63,7 @@ def initial_state(model: Model, inputs: Inputs) -> State:
         state |= cells.initial_state(model.parameters)
     if model.kind in ("motor", "robot"):
         state |= motors.initial_state(model.parameters)
+        state |= {name: inputs[name] for name in state if name in IMPOSED and name in inputs}
     for effect in model.effects:
         state |= effect.initial_state(model.parameters, inputs["ambient_degC"])
     return state
@@ -111,7 +114,9 @@ def read(model: Model, state: State, inputs: Inputs) -> Readings:
     if motor is not None:
         name = "motor_current_A" if model.kind == "robot" else "current_A"
         readings[name] = state["motor_current_A"]
-        readings["speed_rad_s"] = state["speed_rad_s"]
+        readings["speed_rad_s"] = motor.context.speed_rad_s
+        for position in (value for name, value in state.items() if name.endswith(".position_rad")):
+            readings["position_rad"] = position
     if cell is not None:
         readings["cell_temperature_degC"] = cells.surface_temperature(cell)
     if motor is not None:
@@ -149,7 +154,7 @@ def true_inputs(model: Model, inputs: Inputs) -> Inputs:
 
 def _parts(model: Model, state: State, inputs: Inputs) -> tuple[Cell | None, Motor | None]:
     """Evaluate everything that depends only on the slow state; includes an effect's own inputs, 'effect.input'."""
-    state = state | {name: value for name, value in inputs.items() if "." in name}
+    state = state | {name: value for name, value in inputs.items() if "." in name or name in IMPOSED}
     ambient = inputs["ambient_degC"]
     cell = motor = None
     if model.kind in ("cell", "robot"):
@@ -160,7 +165,7 @@ def _parts(model: Model, state: State, inputs: Inputs) -> tuple[Cell | None, Mot
             model.effects,
             state,
             ambient,
-            inputs["load_torque_Nm"],
+            robots.load_torque(model.parameters, inputs, model.effects),
             duty=jnp.ones(()),
             pack_voltage_V=inputs.get("voltage_V", jnp.zeros(())),
         )
@@ -170,7 +175,7 @@ def _parts(model: Model, state: State, inputs: Inputs) -> tuple[Cell | None, Mot
             model.effects,
             state,
             ambient,
-            robots.load_torque(model.parameters, inputs),
+            robots.load_torque(model.parameters, inputs, model.effects),
             duty=inputs["duty"],
             pack_voltage_V=jnp.zeros(()),
         )
@@ -192,14 +197,22 @@ def _drive(
     if model.kind == "cell":
         return Drive(inputs["current_A"], zero, None, None)
     if model.kind == "motor":
-        if "voltage_V" in inputs:
 
-            def voltage(current):
-                return fold(model.effects, "bridge_voltage", inputs["voltage_V"], later[1].context)
+        def voltage(current):
+            return fold(model.effects, "bridge_voltage", inputs["voltage_V"], later[1].context)
 
-            armature = motors.run(now[1], later[1], voltage, voltage, duration, lead, expected)
+        if "voltage_V" not in inputs:
+            current = inputs["current_A"]
+            at_speed = "speed_rad_s" in inputs
+            armature = (
+                motors.run_imposed(later[1], current)
+                if at_speed
+                else motors.run_at_current(later[1], current, duration)
+            )
+        elif "speed_rad_s" in inputs:
+            armature = motors.run_at_speed(later[1], voltage, duration)
         else:
-            armature = motors.run_at_current(later[1], inputs["current_A"], duration)
+            armature = motors.run(now[1], later[1], voltage, voltage, duration, lead, expected)
         return Drive(zero, zero, later[1], armature)
 
     accessories = robots.accessory_draw(model.parameters, inputs)
@@ -207,7 +220,11 @@ def _drive(
     def terminal_voltage(parts):
         return lambda current: robots.bridge_voltage(parts[0], parts[1], accessories, current)
 
-    armature = motors.run(now[1], later[1], terminal_voltage(now), terminal_voltage(later), duration, lead, expected)
+    if "speed_rad_s" in inputs:
+        armature = motors.run_at_speed(later[1], terminal_voltage(later), duration)
+    else:
+        volts = terminal_voltage(now), terminal_voltage(later)
+        armature = motors.run(now[1], later[1], *volts, duration, lead, expected)
     cell, motor = later
     pack_voltage, pack_current = robots.pack(cell, motor, accessories, armature.mean_current_A)
     ratio = model.parameters.n_motors * inputs["duty"]

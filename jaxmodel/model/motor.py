@@ -10,9 +10,10 @@ import jax.numpy as jnp
 
 from jaxmodel.model.armature import ArmatureStep, Bend, Matrix, Pair, solve_pair, solve_speed, stable
 from jaxmodel.model.declaration import Scalar
-from jaxmodel.model.flow import Flow, State, relaxation
+from jaxmodel.model.flow import Flow, State, mean_exponential, relaxation
 from jaxmodel.model.parameters import Parameters
 from jaxmodel.model.ports import Effect, MotorContext, fold, touches
+from jaxmodel.model.root import rising_root
 
 TerminalVoltage = Callable[[Scalar], Scalar]
 # Shortest secant, as a share of its variable (and of 1 A or 1 rad/s): short enough to be a tangent, long enough to lose
@@ -24,7 +25,7 @@ CHORD_SHARE = 0.8
 # The ports whose values change with the current or speed within a step; without an effect on any the pair is linear.
 BENDING = (
     "armature_voltage_drop", "motor_torque", "coulomb_torque", "friction_torque", "bridge_voltage", "onboard_current",
-    "overpotential", "weakest_cell_voltage",
+    "overpotential", "weakest_cell_voltage", "load_drag", "load_friction",
 )  # fmt: skip
 # Speed in rad/s below which a rotor held by friction is at rest: its sign is a rounding error.
 STANDSTILL = 1e-9
@@ -39,6 +40,7 @@ class Motor(eqx.Module):
     inductance_H: Scalar
     torque_constant: Scalar
     load_torque_Nm: Scalar
+    inertia_kg_m2: Scalar
 
 
 def initial_state(parameters: Parameters) -> State:
@@ -74,7 +76,10 @@ def evaluate(
         pack_voltage_V=pack_voltage_V,
         current_A=state["motor_current_A"],
         speed_rad_s=state["speed_rad_s"],
+        load_torque_Nm=load_torque_Nm,
     )
+    load_torque = fold(effects, "load_torque", load_torque_Nm, context)
+    context = eqx.tree_at(lambda c: c.load_torque_Nm, context, load_torque)
     above_reference = winding - p.T_0
     return Motor(
         context=context,
@@ -82,7 +87,8 @@ def evaluate(
         winding_resistance_ohm=fold(effects, "winding_resistance", p.R_0 * (1.0 + p.psi_R * above_reference), context),
         inductance_H=p.L_a * (1.0 + p.psi_L * above_reference),
         torque_constant=fold(effects, "torque_constant", p.k_tau, context),
-        load_torque_Nm=fold(effects, "load_torque", load_torque_Nm, context),
+        load_torque_Nm=load_torque,
+        inertia_kg_m2=fold(effects, "inertia", p.J, context),
     )
 
 
@@ -91,12 +97,25 @@ def rates(motor: Motor, terminal_voltage_V: Scalar, pair: Pair) -> Pair:
 
     L_a di_a/dt = V_M - R i_a - k_e w - drops; J dw/dt = tau_D - tau_l - smooth friction.
     """
-    context = _running(motor, pair)
-    drop, torque = _voltage_drop(motor, pair), _driving_torque(motor, pair)
-    friction = fold(motor.effects, "friction_torque", jnp.zeros(()), context)
+    torque, resisting = _driving_torque(motor, pair), _smooth_resistance(motor, pair)
+    by_current = current_rate(motor, terminal_voltage_V, pair)
+    return Pair(by_current, (torque - motor.load_torque_Nm - resisting) / motor.inertia_kg_m2)
+
+
+def current_rate(motor: Motor, terminal_voltage_V: Scalar, pair: Pair) -> Scalar:
+    """Return di_a/dt in A/s at a voltage on the terminals, eq. 11."""
+    drop = _voltage_drop(motor, pair)
     ohmic, back_emf = motor.winding_resistance_ohm * pair.current, motor.torque_constant * pair.speed
-    across = terminal_voltage_V - ohmic - back_emf - drop
-    return Pair(across / motor.inductance_H, (torque - motor.load_torque_Nm - friction) / context.parameters.J)
+    return (terminal_voltage_V - ohmic - back_emf - drop) / motor.inductance_H
+
+
+def _smooth_resistance(motor: Motor, pair: Pair) -> Scalar:
+    """Return the torque in N m that grows smoothly with speed: of the motor's friction, and of its load."""
+    context = _running(motor, pair)
+    friction = fold(motor.effects, "friction_torque", jnp.zeros(()), context)
+    if touches(motor.effects, "load_drag"):
+        friction = friction + fold(motor.effects, "load_drag", jnp.zeros(()), context)
+    return friction
 
 
 def _running(motor: Motor, pair: Pair) -> MotorContext:
@@ -119,6 +138,15 @@ def _secant_end(start: Scalar, expected: Scalar, rate: Scalar) -> Scalar:
 
 
 def _coulomb_torque(motor: Motor, speed_rad_s: Scalar) -> Scalar:
+    """Return the size of all dry friction in N m: of the motor, and of its load."""
+    own = _own_friction(motor, speed_rad_s)
+    if not touches(motor.effects, "load_friction"):
+        return own
+    context = _running(motor, Pair(motor.context.current_A, speed_rad_s))
+    return own + fold(motor.effects, "load_friction", jnp.zeros(()), context)
+
+
+def _own_friction(motor: Motor, speed_rad_s: Scalar) -> Scalar:
     context = _running(motor, Pair(motor.context.current_A, speed_rad_s))
     return fold(motor.effects, "coulomb_torque", motor.context.parameters.tau_0, context)
 
@@ -146,7 +174,7 @@ def run(
             drop, saturation).
     """
     pair = Pair(now.context.current_A, now.context.speed_rad_s)
-    inertia = now.context.parameters.J
+    inertia = now.inertia_kg_m2
     volts_at_start = voltage_later(pair.current)
     at_start = rates(later, volts_at_start, pair)
     rate_now = at_start if now is later else rates(now, voltage_now(pair.current), pair)
@@ -178,7 +206,7 @@ def _secants(motor: Motor, voltage: TerminalVoltage, start: Pair, end: Pair, at_
     by_current = at_corner.plus(at_start, -1.0).times(1.0 / (end.current - start.current))
     by_speed = at_end.plus(at_corner, -1.0).times(1.0 / (end.speed - start.speed))
     level_slope = (_coulomb_torque(motor, end.speed) - level) / (end.speed - start.speed)
-    friction_slope = jnp.sign(start.speed) * level_slope / motor.context.parameters.J
+    friction_slope = jnp.sign(start.speed) * level_slope / motor.inertia_kg_m2
     return Matrix(by_current.current, by_speed.current, by_current.speed, by_speed.speed - friction_slope)
 
 
@@ -205,7 +233,7 @@ def _following_the_torque(jacobian: Matrix, motor: Motor, start: Pair, end: Pair
     the current falls, and the rotor would overshoot its equilibrium. There the torque follows approximately its chord
     to zero current. Shorter steps keep their secant, which gives a correct start and a correct heat of the inrush.
     """
-    inertia = motor.context.parameters.J
+    inertia = motor.inertia_kg_m2
 
     def chord(pair: Pair) -> Scalar:
         none = jnp.abs(pair.current) < SMALLEST_SECANT  # of a motor at rest, 1e-250 A
@@ -241,7 +269,57 @@ def run_at_current(motor: Motor, current_A: Scalar, duration: Scalar) -> Armatur
     ahead = _secant_end(speed, speed, rate)
     slope = (acceleration(ahead) - rate) / (ahead - speed)
     level = _coulomb_torque(motor, speed)
-    return solve_speed(current_A, speed, rate, jnp.minimum(slope, 0.0), level, motor.context.parameters.J, duration)
+    return solve_speed(current_A, speed, rate, jnp.minimum(slope, 0.0), level, motor.inertia_kg_m2, duration)
+
+
+def run_at_speed(motor: Motor, voltage: TerminalVoltage, duration: Scalar) -> ArmatureStep:
+    """Advance the current over a step with the voltage given and the speed imposed, eq. 11; eq. 13 is not used.
+
+    The current relaxes to i_e, where di_a/dt is zero, with the slope of di_a/dt between its start and i_e: exact if
+    eq. 11 is linear in the current, and at the end of a step far longer than L_a / R otherwise.
+    """
+    speed, start = motor.context.speed_rad_s, motor.context.current_A
+
+    def falling(current: Scalar) -> Scalar:
+        return current_rate(motor, voltage(current), Pair(current, speed))
+
+    ohmic = motor.winding_resistance_ohm / motor.inductance_H
+    rate = falling(start)
+    if touches(motor.effects, *BENDING):
+        settled = rising_root(lambda current: -falling(current), near=start, least_slope=ohmic)
+    else:
+        slope = jax.jvp(falling, (start,), (jnp.ones_like(start),))[1]
+        settled = start - rate / slope
+    away = start - settled
+    far = jnp.abs(away) > SMALLEST_SECANT * (1.0 + jnp.abs(start))
+    decay = jnp.where(far, rate / jnp.where(far, -away, 1.0), ohmic) * duration
+    mean = mean_exponential(decay)
+    return ArmatureStep(
+        current_A=settled + away * jnp.exp(-decay),
+        speed_rad_s=speed,
+        mean_current_A=settled + away * mean,
+        mean_speed_rad_s=speed,
+        current_variance_A2=away**2 * (mean_exponential(2.0 * decay) - mean**2),
+        coulomb_torque_Nm=_imposed_friction(motor),
+    )
+
+
+def run_imposed(motor: Motor, current_A: Scalar) -> ArmatureStep:
+    """Return a step with current and speed imposed: what is left to be found is heat."""
+    speed = motor.context.speed_rad_s
+    return ArmatureStep(current_A, speed, current_A, speed, jnp.zeros(()), _imposed_friction(motor))
+
+
+def shaft_torque(motor: Motor, pair: Pair) -> Scalar:
+    """Return what is left of the motor's torque for load and inertia in N m: less its own friction, eqs. 12 and 13."""
+    dry = jnp.where(jnp.abs(pair.speed) > STANDSTILL, jnp.sign(pair.speed), 0.0) * _own_friction(motor, pair.speed)
+    smooth = fold(motor.effects, "friction_torque", jnp.zeros(()), _running(motor, pair))
+    return _driving_torque(motor, pair) - dry - smooth
+
+
+def _imposed_friction(motor: Motor) -> Scalar:
+    speed = motor.context.speed_rad_s
+    return jnp.where(jnp.abs(speed) > STANDSTILL, jnp.sign(speed), 0.0) * _coulomb_torque(motor, speed)
 
 
 def loss(motor: Motor, step: ArmatureStep) -> Scalar:
@@ -251,7 +329,11 @@ def loss(motor: Motor, step: ArmatureStep) -> Scalar:
     """
     context = _running(motor, Pair(step.mean_current_A, step.mean_speed_rad_s))
     copper = (step.mean_current_A**2 + step.current_variance_A2) * motor.winding_resistance_ohm
-    friction = step.coulomb_torque_Nm + fold(motor.effects, "friction_torque", jnp.zeros(()), context)
+    dry = step.coulomb_torque_Nm
+    if touches(motor.effects, "load_friction"):  # what rubs outside of the motor does not warm it
+        every = _coulomb_torque(motor, step.mean_speed_rad_s)
+        dry = dry * _own_friction(motor, step.mean_speed_rad_s) / jnp.where(every > 0.0, every, 1.0)
+    friction = dry + fold(motor.effects, "friction_torque", jnp.zeros(()), context)
     return fold(motor.effects, "motor_loss", copper + friction * step.mean_speed_rad_s, context)
 
 

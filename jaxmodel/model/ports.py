@@ -62,6 +62,7 @@ class MotorContext(eqx.Module):
     pack_voltage_V: Scalar
     current_A: Scalar
     speed_rad_s: Scalar
+    load_torque_Nm: Scalar
 
 
 CELL_PORTS = {
@@ -91,6 +92,9 @@ MOTOR_PORTS = {
     "coulomb_torque": "N m; friction of constant size against the motion, also at standstill",
     "friction_torque": "N m; friction that grows smoothly with speed, signed as the speed",
     "load_torque": "N m; signed, active",
+    "load_drag": "N m; load that grows smoothly with speed, signed as the speed, which does not warm the motor",
+    "load_friction": "N m; load of constant size against the motion, also at standstill, which does not warm the motor",
+    "inertia": "kg m2; of rotor and load, at the motor's shaft",
     "motor_loss": "W that heat the winding; eq. 16",
     "bridge_voltage": "V at the motor's terminals; eq. 14",
     "onboard_current": "A; eq. 20",
@@ -109,7 +113,8 @@ class Effect(InShort, eqx.Module):
 
     `column` is the column of a sensor effect, "" for others; `reads` is the ending of its possible columns ("" for one
     effect on all outputs). `is_candidate` is False for what a case may state and no diagnosis looks for.
-    `distinguished_by` is the parameter that must differ between runs to distinguish the effect from a calibration.
+    `distinguished_by` is the parameter that must differ between runs to distinguish the effect from a calibration, or
+    `jaxmodel.effects.drive.BACK_DRIVING`.
     `rare` marks an effect that is seldom the cause: a diagnosis asks for more evidence. `needs` are names of effects
     without which a diagnosis does not try this one, where they are candidates of the case. `shown_by` is the quantity
     through which it acts if no input sets that: without a reading of it a diagnosis names the effect only where all

@@ -10,7 +10,7 @@ from jaxmodel.model.cell import Cell
 from jaxmodel.model.declaration import Scalar
 from jaxmodel.model.motor import Motor
 from jaxmodel.model.parameters import Parameters
-from jaxmodel.model.ports import MotorContext, fold, touches
+from jaxmodel.model.ports import Effect, MotorContext, fold, touches
 
 GRAVITY_M_S2 = 9.81
 Inputs = dict[str, Scalar]
@@ -42,10 +42,14 @@ def onboard_current(computer_A: Scalar, sensors_A: Scalar, converter_efficiency:
     return (computer_A + sensors_A) * (2.0 - converter_efficiency)
 
 
-def load_torque(p: Parameters, inputs: Inputs) -> Scalar:
-    """Return the load torque of one track motor: the input itself, or eq. 18 from incline and acceleration."""
-    if "load_torque_Nm" in inputs:
-        return inputs["load_torque_Nm"]
+def load_torque(p: Parameters, inputs: Inputs, effects: tuple[Effect, ...]) -> Scalar:
+    """Return the load torque of one motor: the input itself, or eq. 18 from incline and acceleration.
+
+    It is 0 where no input says it: the load is then a law (`jaxmodel.effects.loads`), or unknown beside a known speed.
+    A law with dry friction has the incline to itself.
+    """
+    if "load_torque_Nm" in inputs or "incline_deg" not in inputs or touches(effects, "load_friction"):
+        return inputs.get("load_torque_Nm", jnp.zeros(()))
     return track_torque(p, inputs["incline_deg"], inputs.get("acceleration_m_s2", jnp.zeros(())))
 
 

@@ -135,7 +135,7 @@ def track(model: Model, profile: Profile, steps: int | None = None) -> Track:
 
 def grid_of(model: Model, profile: Profile, jumped_s: float | None = None) -> Grid:
     """Return the steps of a profile for a model; `jumped_s` as of `jaxmodel.model.profile.make_grid`."""
-    if model.kind == "cell":
+    if model.kind == "cell" or "speed_rad_s" in profile.inputs:  # no rotor settles
         return make_grid(profile, None)
     p = jax.tree.map(np.asarray, model.parameters)
     electrical = float(np.min(p.L_a / p.R_0))

@@ -16,6 +16,7 @@
 from jaxmodel.operation.c_code import c_header, interpolation_error
 from jaxmodel.operation.compensation import Compensation, Reference, compensate, paper_rule_error
 from jaxmodel.operation.kalman import FilterOutput, Measured, Tuning, ekf
+from jaxmodel.operation.load import LoadEstimate, RunLoad, estimate_load, sides
 from jaxmodel.operation.mission import (
     LIMITS,
     SURFACES,
@@ -37,10 +38,12 @@ __all__ = [
     "Evaluation",
     "FilterOutput",
     "Limits",
+    "LoadEstimate",
     "Measured",
     "Mission",
     "PolynomialEstimator",
     "Reference",
+    "RunLoad",
     "Segment",
     "Tuning",
     "c_header",
@@ -49,6 +52,7 @@ __all__ = [
     "cost_per_step",
     "ekf",
     "endurance",
+    "estimate_load",
     "evaluate_estimators",
     "interpolation_error",
     "mission_profile",
@@ -58,4 +62,5 @@ __all__ = [
     "read_robots",
     "read_tunings",
     "run_polynomial",
+    "sides",
 ]

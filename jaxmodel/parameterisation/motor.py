@@ -10,11 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from scipy.optimize import lsq_linear
 
 from jaxmodel.base.errors import FitError
 from jaxmodel.base.remark import Remark
 from jaxmodel.case.build import with_preset
 from jaxmodel.case.known import Known
+from jaxmodel.case.load import free_number
 from jaxmodel.case.records import Case
 from jaxmodel.case.simulation import simulate_case
 from jaxmodel.fit.likelihood import autocorrelation_time
@@ -23,6 +25,7 @@ from jaxmodel.parameterisation.motor_electrical import electrical
 from jaxmodel.parameterisation.motor_friction import Mechanics, mechanics
 from jaxmodel.parameterisation.motor_refine import refine, refined_case
 from jaxmodel.parameterisation.motor_rows import MotorRows, dead_time, motor_rows
+from jaxmodel.parameterisation.motor_size import by_size
 from jaxmodel.parameterisation.motor_thermal import motor_thermal
 from jaxmodel.parameterisation.noise import sensor_noise
 from jaxmodel.parameterisation.result import Extraction, Parameterisation, absent
@@ -52,6 +55,10 @@ PLACES |= {name: ("", name) for name in ("R_0", "k_tau", "tau_0", "J", "L_a")}
 GAINED = 0.98  # of the error
 LATE_GAINED = 0.8  # of the error: what a dead time must leave at most. Assumed.
 UNKNOWN_SHARE = 0.5  # relative sd of a thermal resistance that neither case nor data tell. Assumed.
+USUAL = "a motor of this size: the paper's, scaled by its no-load speed"
+# Of a motor at the full speed of its propeller, what its winding drops as a share of the voltage: mean and sd. Between
+# the load of most efficiency and that of most power (0.5). Assumed.
+PROPELLER_DROP = (0.35, 0.15)
 LAG_ROWS = 4.0  # first value of the lag, in rows
 LAGGING = "lag L_a / R_0 between voltage and torque: inductance, or a filter of drive or sensor"
 READINGS = {"current_A": "A", "speed_rad_s": "rad/s", "winding_temperature_degC": "K", "case_temperature_degC": "K"}
@@ -67,7 +74,7 @@ def parameterise_motor(case: Case, progress: Callable[[str], None] | None = None
     if not fitted:
         raise FitError(f'{case.label}: there is no fit run; parameters are extracted from runs with split = "fit".')
     found, error = _extracted(case, progress)
-    if "clock_shift" not in case.effects and (late_s := dead_time(fitted)):
+    if "clock_shift" not in case.effects and (late_s := dead_time(case, fitted)):
         effects = case.effects | {"clock_shift": dict[str, float | str](d=late_s)}
         shifted = dataclasses.replace(case, effects=effects, effect_sd=case.effect_sd | {"clock_shift": {"d": late_s}})
         other, less = _extracted(shifted, progress, late_s)
@@ -89,7 +96,7 @@ def _extracted(
     tell = progress or (lambda stage: None)
     fitted = [run for run in case.runs if run.split == "fit"]
     late_s = float(case.effects.get("clock_shift", {}).get("d", 0.0))
-    runs = [motor_rows(run, late_s) for run in fitted]
+    runs = [motor_rows(case, run, late_s) for run in fitted]
     if not any(
         rows.speed_rad_s is not None or (rows.voltage_V is not None and rows.current_A is not None) for rows in runs
     ):
@@ -98,6 +105,7 @@ def _extracted(
         )
     stated = with_preset(case).parameters
     exact = {name: known for name, known in case.parameters.items() if known.sd is None}
+    usual: dict[str, Known] = {}
     tell("winding and torque constant")
     found, volts = electrical(runs, _stated(case, "psi_R"), _stated(case, "T_0"))
     if found_late_s:
@@ -109,13 +117,19 @@ def _extracted(
     def value(name: str) -> float:
         return numbers[name] if name in numbers else _stated(case, name)
 
-    if "k_tau" not in numbers and "k_tau" not in exact and (seen := _speed_constant(runs)):
-        found.append(seen)
-        numbers["k_tau"] = seen.value
+    if "k_tau" not in numbers and "k_tau" not in exact:
+        seen = [one for one in _without_current(runs, case.load == "propeller") if one.name not in exact]
+        found += seen
+        numbers |= {one.name: one.value for one in seen}
+    if {"k_tau"} & (numbers.keys() | exact.keys()):
+        resistance = value("R_0") if {"R_0"} & (numbers.keys() | stated.keys()) else None
+        usual = by_size(runs, value("k_tau"), resistance)
+        usual = {name: known for name, known in usual.items() if name not in stated and name not in numbers}
+        case = dataclasses.replace(case, parameters=case.parameters | usual)
     tell("friction and inertia")
-    turning = mechanics(runs, value("k_tau"), value("R_0"))
+    turning = mechanics([rows for rows in runs if rows.load_known], value("k_tau"), value("R_0"))
     if turning is not None:
-        found += [one for one in _mechanical(turning) if one.name not in exact]
+        found += [one for one in _mechanical(case, turning) if one.name not in exact]
     tell("heating")
     terms = turning.values if turning else {"tau_0": value("tau_0")}
 
@@ -129,15 +143,14 @@ def _extracted(
     found += [one for one in heat if one.name not in exact]
     noise = [one for column, unit in READINGS.items() if (one := sensor_noise(fitted, column, unit))]
     found += noise
-    if (
-        not {"J"} & (numbers.keys() | stated.keys() | {one.name for one in found})
-        and {"k_tau", "R_0"} <= numbers.keys()
-    ):
-        inertia = _usual_inertia(numbers["k_tau"], numbers["R_0"])
-        case = dataclasses.replace(case, parameters=case.parameters | {"J": Known(inertia, 0.5 * inertia)})
-        found.append(absent("J", inertia, UNITS["J"], "the mechanical time constant of the paper's motor", TESTS["J"]))
     have = {one.name for one in found}
-    found += [_absent(case, name, stated) for name in UNITS if name not in have and name not in exact]
+    found += [
+        absent(name, usual[name].value, UNITS[name], USUAL, TESTS[name], usual[name].sd or math.nan)
+        if name in usual
+        else _absent(case, name, stated)
+        for name in UNITS
+        if name not in have and name not in exact
+    ]
     points = {"electrical": volts, "friction": turning.points if turning else pd.DataFrame(), "thermal": warmed}
     points = {name: table for name, table in points.items() if len(table)}
     tell("output error of the forward model")
@@ -231,13 +244,15 @@ def _lag(case: Case, found: Sequence[Extraction]) -> tuple[Case, Extraction] | N
 
 def _places(case: Case, found: Sequence[Extraction]) -> dict[str, tuple[str, str]]:
     """Return the effect and field of each number that the forward model refines."""
+    free = free_number(case)
+    places = PLACES if free is None else PLACES | {_of_load(free): free[:2]}
     return {
-        one.name: PLACES[one.name]
+        one.name: places[one.name]
         for one in found
         if one.found
         and one.value
-        and one.name in PLACES
-        and (PLACES[one.name][0] in case.effects or one.name in case.parameters)
+        and one.name in places
+        and (places[one.name][0] in case.effects or one.name in case.parameters)
     }
 
 
@@ -247,47 +262,65 @@ def _stated(case: Case, name: str) -> float:
     return stated[name].value if name in stated else float(info(name).default)
 
 
-def _usual_inertia(k: float, R: float) -> float:
-    """Return the inertia at which the time constant R J / k^2 is that of the paper's motor [kg m2]."""
-    k_paper, R_paper, J_paper = (float(info(name).default) for name in ("k_tau", "R_0", "J"))
-    return J_paper * (k / k_paper) ** 2 * R_paper / R
+def _without_current(runs: Sequence[MotorRows], at_propeller: bool) -> list[Extraction]:
+    """Return k_tau from voltage and speed alone, and R_0 where a load is known, none negative.
 
-
-def _speed_constant(runs: Sequence[MotorRows]) -> Extraction | None:
-    """Return k_tau from voltage and speed alone: V = k w + B sgn(w) + C dw/dt.
-
-    It holds the loss that grows with speed.
+    V = k w + B sgn(w) + C dw/dt + D times the load, known or by its law up to a number; with a known one D is R_0 / k.
+    k holds the loss that grows with speed. Over the few speeds of a flight a propeller's torque looks like a back-EMF:
+    there the usual drop of such a motor decides (`PROPELLER_DROP`).
     """
     parts = [rows for rows in runs if rows.voltage_V is not None and rows.speed_rad_s is not None and rows.moving.any()]
     if not parts:
-        return None
+        return []
+    loaded = all(rows.law is None and float(np.ptp(rows.load_Nm)) > 0.0 for rows in parts)
     blocks, targets = [], []
     for rows in parts:
         at = rows.read & rows.moving
         assert rows.speed_rad_s is not None
         assert rows.voltage_V is not None
         speed = rows.speed_rad_s[at]
-        blocks.append(np.column_stack([speed, np.sign(speed), rows.rate[at]]))
+        lawful = [rows.load_Nm[at]] if loaded else [] if rows.law is None else [rows.law[at]]
+        blocks.append(np.column_stack([speed, np.sign(speed), rows.rate[at], *lawful]))
         targets.append(rows.voltage_V[at])
     matrix, volts = np.vstack(blocks), np.concatenate(targets)
     size = np.sqrt(np.mean(matrix**2, axis=0)) + 1e-30
-    values = np.linalg.lstsq(matrix / size, volts, rcond=None)[0] / size
-    left = volts - matrix @ values
+    scaled = matrix / size
+    left = volts - scaled @ lsq_linear(scaled, volts, (0.0, np.inf)).x
     ends = np.cumsum([0, *map(len, targets)])
     inflation = autocorrelation_time([left[a:b] for a, b in itertools.pairwise(ends)])
-    spread = np.linalg.pinv((matrix / size).T @ (matrix / size)) * float(left @ left) / left.size * inflation
-    sd = math.sqrt(spread[0, 0]) / size[0]
-    if not values[0] > sd:
-        return None
+    variance = float(left @ left) / left.size * inflation
+    if at_propeller and matrix.shape[1] > 3:
+        usual, spread = PROPELLER_DROP
+        top = float(np.max(np.abs(volts)))
+        weight = math.sqrt(variance) / (spread * top)
+        row = weight * np.max(np.abs(scaled), axis=0) * np.array([0.0, 0.0, 0.0, 1.0])
+        scaled, volts = np.vstack([scaled, row]), np.append(volts, weight * usual * top)
+    values = lsq_linear(scaled, volts, (0.0, np.inf)).x / size
+    sd = np.sqrt(np.diag(np.linalg.pinv(scaled.T @ scaled)) * variance) / size
+    k, names, samples = float(values[0]), tuple(rows.name for rows in parts), f"{left.size} rows"
+    if not k > sd[0]:
+        return []
     method = "voltage over speed, no current was measured: it holds the loss that grows with speed"
-    return Extraction("k_tau", float(values[0]), sd, "N m/A", tuple(r.name for r in parts), f"{left.size} rows", method)
+    found = [Extraction("k_tau", k, float(sd[0]), "N m/A", names, samples, method)]
+    if loaded and values[3] > sd[3]:
+        R, share = k * float(values[3]), math.hypot(sd[3] / values[3], sd[0] / k)
+        method = "voltage over speed and known load, no current was measured"
+        found.append(Extraction("R_0", R, R * share, "ohm", names, samples, method))
+    return found
 
 
-def _mechanical(turning: Mechanics) -> list[Extraction]:
+def _of_load(free: tuple[str, str, str]) -> str:
+    """Return what the free number of a load's law is called."""
+    return f"{free[0]}.{free[1]}"
+
+
+def _mechanical(case: Case, turning: Mechanics) -> list[Extraction]:
     samples = f"{len(turning.points)} rows, {turning.rms_Nm:.2g} N m left"
     method = "k i - load = friction + J dw/dt by least squares"
     units = {"tau_0": "N m", "J": "kg m2", "direction": "N m"} | {name: unit for name, (_, _, unit) in TERMS.items()}
     names = {"direction": "torque of constant sign", "b": "viscous friction b", "c": "windage c", "e": "gear loss e"}
+    if (free := free_number(case)) is not None:
+        units["load"], names["load"] = free[2], _of_load(free)
     return [
         Extraction(names.get(term, term), size, turning.sd[term], units[term], turning.runs, samples, method)
         for term, size in turning.values.items()
@@ -314,7 +347,11 @@ def _case(case: Case, found: Sequence[Extraction], turning: Mechanics | None, no
         if turning is not None and turning.values.get(term, 0.0) > 0.0 and effect not in effects:
             effects[effect] = {field: turning.values[term]}
             effect_sd[effect] = {field: turning.sd[term]}
-    if turning is not None and "direction" in turning.values and "torque_offset" not in effects:
+    if turning is not None and (free := free_number(case)) is not None and turning.values.get("load", 0.0) > 0.0:
+        effects[free[0]] = effects[free[0]] | {free[1]: turning.values["load"]}
+        effect_sd[free[0]] = effect_sd[free[0]] | {free[1]: turning.sd["load"]}
+    measured = any("load_torque_Nm" in run.measured.inputs for run in case.runs)
+    if turning is not None and "direction" in turning.values and "torque_offset" not in effects and measured:
         # The measured load is the true one plus c: a torque that always hinders one way is a load not measured.
         effects["torque_offset"] = {"column": "load_torque_Nm", "c": -turning.values["direction"]}
         effect_sd["torque_offset"] = {"c": turning.sd["direction"]}

@@ -32,7 +32,8 @@ class Mechanics:
     """Terms of the torque by name with sd, the readings, and what is left.
 
     Attributes:
-        values: `tau_0`, `b`, `c`, `e`, `direction` (a torque of constant sign), `J`.
+        values: `tau_0`, `b`, `c`, `e`, `direction` (a torque of constant sign), `J`, `load` (the free number of the
+            load's law).
         sd: of each.
         points: run, time_s, speed_rad_s, torque_Nm (what drives, without load), fit_Nm.
         rms_Nm: left.
@@ -75,7 +76,11 @@ def mechanics(runs: Sequence[MotorRows], k: float, R: float | None = None) -> Me
     columns = {"tau_0": np.sign(speed), "b": speed, "c": speed * np.abs(speed), "direction": np.ones(speed.size)}
     columns["e"] = np.concatenate([rows.load_Nm[at] for rows, at, _ in parts])
     # The inertia is the same in every choice; it needs accelerations that are more than noise.
-    always = ["tau_0", *(["J"] if any(rows.follows for rows, _, _ in parts) and np.std(rate) > 0.0 else [])]
+    lawful = all(rows.law is not None for rows, _, _ in parts)
+    if lawful:
+        columns["load"] = np.concatenate([rows.law[at] for rows, at, _ in parts if rows.law is not None])
+    follows = any(rows.follows for rows, _, _ in parts) and np.std(rate) > 0.0
+    always = ["tau_0", *(["load"] if lawful else []), *(["J"] if follows else [])]
     columns["J"] = rate
     possible = [name for name in EXTRA if _told_apart(columns, always, name)]
     best, chosen = math.inf, tuple(always)

@@ -8,7 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.signal import savgol_filter
 
-from jaxmodel.case.records import Run
+from jaxmodel.case.load import law_torque
+from jaxmodel.case.measurements import LAWS
+from jaxmodel.case.records import Case, Run
 
 FOLLOWED_S = 0.2  # a longer step between rows does not show the acceleration of a small motor
 STILL_SHARE = 0.01  # of the largest speed: below it the motor stands
@@ -34,6 +36,8 @@ class MotorRows:
         case_degC: the same.
         rate: dw/dt [rad/s^2]; zero where rows are too far apart to show it.
         follows: whether the rows show the acceleration.
+        law: torque [N m] for one unit of a free number of the load's law; None without one.
+        load_known: whether the load is measured, or follows a law.
     """
 
     name: str
@@ -47,6 +51,8 @@ class MotorRows:
     case_degC: np.ndarray | None
     rate: np.ndarray
     follows: bool
+    law: np.ndarray | None = None
+    load_known: bool = True
 
     @property
     def read(self) -> np.ndarray:
@@ -70,29 +76,34 @@ class MotorRows:
         return np.where(np.isfinite(self.winding_degC), self.winding_degC, otherwise)
 
 
-def motor_rows(run: Run, late_s: float = 0.0) -> MotorRows:
-    """Return the arrays of a run, whose readings come late by so many seconds."""
+def motor_rows(case: Case, run: Run, late_s: float = 0.0) -> MotorRows:
+    """Return the arrays of a run of a case, whose readings come late by so many seconds."""
     inputs, time_s = run.measured.inputs, run.measured.time_s
     outputs = {name: _earlier(time_s, values, late_s) for name, values in run.measured.outputs.items()}
     current = outputs.get("current_A", inputs.get("current_A"))
-    speed = outputs.get("speed_rad_s")
+    speed = outputs.get("speed_rad_s", inputs.get("speed_rad_s"))
     rate, follows = np.zeros(time_s.size), False
     if speed is not None and np.isfinite(speed).sum() > SMOOTHED_ROWS and np.median(np.diff(time_s)) <= FOLLOWED_S:
         there = np.isfinite(speed)
         filled = np.interp(time_s, time_s[there], speed[there])
         rate, follows = _rate(time_s, filled), True
+    load, law = inputs.get("load_torque_Nm", np.zeros(time_s.size)), None
+    if case.load in LAWS and speed is not None and (asked := law_torque(case, run, np.nan_to_num(speed), rate)):
+        load, law = (load + asked.known, None) if asked.per_unit is None else (load, asked.per_unit)
     return MotorRows(
         run.name,
         time_s,
         inputs.get("voltage_V"),
         current,
-        inputs.get("load_torque_Nm", np.zeros(time_s.size)),
+        load,
         inputs["ambient_degC"],
         speed,
         outputs.get("winding_temperature_degC"),
         outputs.get("case_temperature_degC"),
         rate,
         follows,
+        law,
+        "speed_rad_s" not in inputs,
     )
 
 
@@ -103,14 +114,15 @@ def _earlier(time_s: np.ndarray, values: np.ndarray, late_s: float) -> np.ndarra
     return np.interp(time_s + late_s, time_s, values, left=np.nan, right=np.nan)
 
 
-def dead_time(runs: Sequence[Run]) -> float:
+def dead_time(case: Case, runs: Sequence[Run]) -> float:
     """Return by how many seconds the speed of some runs comes after their voltage; 0 where it hardly does.
 
     Each shift of whole rows, to half of a run, is tried in V = k w + B sgn(w) + C dw/dt by least squares over all rows:
     a motor that neither turns nor speeds up under a voltage fits none of these terms. The shift must be longer than
     half of the local parabola of dw/dt, and leave a far smaller error.
     """
-    driven = [one for run in runs if (one := motor_rows(run)).voltage_V is not None and one.follows]
+    rows = [one for run in runs if (one := motor_rows(case, run)).follows and one.load_known]
+    driven = [one for one in rows if one.voltage_V is not None]
     if not driven:
         return 0.0
     step = float(np.median(np.concatenate([np.diff(one.time_s) for one in driven])))

@@ -192,7 +192,7 @@ ROBOT = "time_s,duty,load_torque_Nm,ambient_degC,pack_voltage_V\n"
         pytest.param(
             "motor",
             "time_s,voltage_V,ambient_degC\n0,1,20\n1,1,20\n",
-            ["line 1", "a motor needs the column 'load_torque_Nm'; add it."],
+            ["line 1", "a motor needs one of the columns 'load_torque_Nm' or 'speed_rad_s'; add one."],
             id="no load",
         ),
         pytest.param(

@@ -25,6 +25,7 @@ def import_files(
     out: Path,
     *,
     pairs: Mapping[str, Sequence[str]],
+    load: str | None = None,
     answer_only: bool = False,
     force: bool = False,
     **decisions: Any,
@@ -36,6 +37,7 @@ def import_files(
         kind: of the case.
         out: folder of the case.
         pairs: options of the form NAME=VALUE by their names: `column`, `unit`, `constant`.
+        load: a law, or one with its numbers as "gravity:mass_kg=0.5,arm_m=0.1".
         answer_only: leaves out the pictures.
         force: writes over a case that was edited since it was imported.
         decisions: other fields of `jaxmodel.data.importing.Options`.
@@ -46,7 +48,11 @@ def import_files(
     if kind not in KINDS:
         raise MeasurementError(f"--kind: there is no '{kind}'; use {', '.join(KINDS)}.{nearest(kind, KINDS)}")
     constants = [_pair(text, "constant") for text in pairs["constant"]]
+    law, _, numbers = (load or "").partition(":")
+    of_law = [_pair(text.strip(), "load") for text in numbers.split(",") if text.strip()]
     options = Options(
+        load=law or None,
+        load_numbers={name: _number(value, f"--load {name}") for name, value in of_law},
         columns=dict(_pair(text, "column") for text in pairs["column"]),
         units=dict(_pair(text, "unit") for text in pairs["unit"]),
         constants={name: _number(value, f"--constant {name}") for name, value in constants},

@@ -78,8 +78,8 @@ class Drive:
             found["current"] = _mean(np.abs(i)) / asked if asked > 0.0 else 1.0
         if v is None or not np.nanmax(np.abs(v)) > 0.0:
             return found
-        if w is not None:
-            carried = i if i is not None else (0.0 if load is None else load / self.k_tau)
+        if w is not None and (i is not None or load is not None):
+            carried = i if i is not None else np.asarray(load) / self.k_tau
             free = (v - self.R_0 * carried) / self.k_tau
             found["speed"] = _mean(w * free) / _mean(free**2)
             steps = np.diff(self.time_s)

@@ -28,6 +28,7 @@ from jaxmodel.data.importing.findings import Decision, Finding
 from jaxmodel.data.importing.logs import Log
 from jaxmodel.data.importing.options import Kind, Options
 from jaxmodel.data.importing.plotting import ImportPlots
+from jaxmodel.effects.loads import LAWS
 
 _LINE = 160
 
@@ -106,6 +107,8 @@ class Imported:
             kind=self.kind,
             name="imported",
             title=self.title,
+            load=self.options.load,
+            effects=self.effects(),
             preset=self.options.preset or "paper",
             parameters=self.parameters(),
             check=[run.log.name for run in self.runs if run.split == "check"],
@@ -138,6 +141,11 @@ class Imported:
         # A preset states a capacity of its own: a measured one takes precedence, an assumed one does not.
         of_files = {} if self.options.preset and not self.capacity_known else {"capacity_Ah": _entry(self.capacity)}
         return of_files | {"cycles": 0, "storage_months": 0}
+
+    def effects(self) -> dict[str, dict[str, float]]:
+        """Return the law of the load with the numbers that the user states of it."""
+        law = LAWS.get(self.options.load or "")
+        return {} if law is None else {law.name: dict(self.options.load_numbers)}
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -306,10 +314,14 @@ def _names(imported: Imported) -> list[str]:
 
 def _content(imported: Imported, names: list[str], folder: Path) -> dict[str, Any]:
     content: dict[str, Any] = {"title": imported.title, "kind": imported.kind}
+    if imported.options.load:
+        content["load"] = imported.options.load
     if imported.options.preset:
         content["preset"] = preset_entry(imported.options.preset, folder / "case.toml")
     if parameters := imported.parameters():
         content["parameters"] = parameters
+    if effects := imported.effects():
+        content["effects"] = effects
     content["runs"] = [
         {"file": f"{name}.csv", "split": run.split, **run.entries()}
         for run, name in zip(imported.runs, names, strict=True)

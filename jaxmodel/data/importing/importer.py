@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxmodel.base.errors import MeasurementError, nearest
 from jaxmodel.base.progress import Stage, stages
-from jaxmodel.case.measurements import KINDS, file_label
+from jaxmodel.case.measurements import KINDS, LAWS, file_label, vocabulary
 from jaxmodel.case.presets import located, read_preset, why_not
 from jaxmodel.data.importing import balance, charge, warm_start
 from jaxmodel.data.importing.ambient import fill, with_ambient
@@ -31,11 +31,12 @@ from jaxmodel.data.importing.mistakes import SWAPPED, exchanged, odd_units
 from jaxmodel.data.importing.motor_constants import constants_of
 from jaxmodel.data.importing.options import Kind, Options, checked
 from jaxmodel.data.importing.outliers import without_outliers
-from jaxmodel.data.importing.roles import MARKS
+from jaxmodel.data.importing.roles import MARKS, ROLES
 from jaxmodel.data.importing.runs import split
 from jaxmodel.data.importing.sign import motor_signs, robot_signs, settle
 from jaxmodel.data.importing.speed import with_speed
 
+LOAD = "load_torque_Nm"
 _ROBOT_SOC = charge.Stated(1.0, 0.05, "assumed: full")
 
 
@@ -106,9 +107,12 @@ def _imported(paths: Sequence[Path], kind: Kind, options: Options, ask: Ask | No
         logs = [log if (odd := exchanged(log)) is None else log.also(odd) for log in logs]
     logs = _signed(logs, kind, options, ask)
     runs = [run for log in logs for run in split(_scaled(log, kind, options), options)]
-    runs = [_complete(with_speed(run), kind, options, listed.get(run.source.name)) for run in runs]
+    runs = [
+        _complete(with_speed(run, keep=options.load == "gravity"), kind, options, listed.get(run.source.name))
+        for run in runs
+    ]
     tell(f"checking {len(runs)} runs")
-    runs = [run.also(*odd_things(run, kind)) for run in without_outliers(runs, kind)]
+    runs = [run.also(*odd_things(run, kind)) for run in without_outliers(runs, vocabulary(kind, options.load or ""))]
     return _assembled(runs, kind, options, ask, listed, general)
 
 
@@ -260,19 +264,19 @@ def _scaled(log: Log, kind: Kind, options: Options) -> Log:
 
 def _complete(run: Log, kind: Kind, options: Options, listed: Listed | None) -> Log:
     """Return a run with every input of its kind but the ambient temperature, without gaps in them."""
-    vocabulary = KINDS[kind]
+    known = vocabulary(kind, options.load or "")
+    of_case = {name: values for name, values in run.columns.items() if name in known.columns or name not in ROLES[kind]}
+    run = dataclasses.replace(run, columns=of_case)
     for name, value in options.constants.items():
-        if name not in vocabulary.columns:
-            raise MeasurementError(
-                f"constant: a {kind} has no column '{name}'; it has {', '.join(vocabulary.columns)}."
-            )
+        if name not in known.columns:
+            raise MeasurementError(f"constant: a {kind} has no column '{name}'; it has {', '.join(known.columns)}.")
         run = dataclasses.replace(run, columns=run.columns | {name: np.full(run.rows, float(value))})
         run = run.also(Decision(name, run.name, f"{value:g} throughout", "stated", "user"))
     for name, value in (listed.inputs if listed is not None else {}).items():
         if name not in run.columns and name != "ambient_degC":
             run = dataclasses.replace(run, columns=run.columns | {name: np.full(run.rows, value)})
             run = run.also(Decision(name, run.name, f"{value:g} throughout", "a list of files states it", "file"))
-    groups = [(name,) for name in vocabulary.required_inputs if name != "ambient_degC"] + list(vocabulary.alternatives)
+    groups = [(name,) for name in known.required_inputs if name != "ambient_degC"] + list(known.alternatives)
     for group in groups:
         if not any(name in run.columns for name in group):
             names = " or ".join(group)
@@ -280,23 +284,35 @@ def _complete(run: Log, kind: Kind, options: Options, listed: Listed | None) -> 
             raise MeasurementError(
                 f"{file_label(run.source)}: no column is {names}, which a {kind} needs; {columns_of(run.header)}; "
                 + (f"compute it with {computed}, or " if computed else "")
-                + f'name it with --column {group[0]}="NAME", or state --constant {group[0]}=VALUE for all of it.'
+                + f'name it with --column {group[0]}="NAME", or state --constant {group[0]}=VALUE for all of it'
+                + (f", or what the load follows with --load {', '.join(LAWS)}." if LOAD in group else ".")
             )
         present = [name for name in group if name in run.columns]
         for name in present[1:]:
-            if name not in vocabulary.outputs:  # a robot is driven by duty or by set voltage, not by both
+            if name not in known.outputs:  # a robot is driven by duty or by set voltage, not by both
                 columns = {key: values for key, values in run.columns.items() if key != name}
                 run = dataclasses.replace(run, columns=columns)
         run = fill(run, present[0])
+        if LOAD in group and present[0] == "speed_rad_s":
+            why = "no load torque is measured: the speed drives the model, and its mechanics is not tested"
+            run = run.also(Decision("load", run.name, "unknown", why, "user" if options.load else "assumed"))
     drives = {present for group in groups for present in [next(name for name in group if name in run.columns)]}
-    if not any(name in run.columns and name not in drives for name in vocabulary.outputs):
+    if not any(name in run.columns and name not in drives for name in known.outputs):
+        if {"current_A", "speed_rad_s"} <= drives and options.load == "unknown":
+            return run  # for `jaxmodel torque`
+        if {"current_A", "speed_rad_s"} <= drives:
+            raise MeasurementError(
+                f"{file_label(run.source)} has current and speed, and neither a voltage nor a load torque: nothing is "
+                "left that a model could predict. Import it with --load unknown, and `jaxmodel torque` gives its "
+                f"torque; or say what the load follows with --load {', '.join(LAWS)}."
+            )
         raise MeasurementError(
             f"{file_label(run.source)} has no reading that a {kind} predicts "
-            f"({', '.join(vocabulary.outputs)}); {columns_of(run.header)}; name one with "
-            "--column, as --column " + f'{vocabulary.outputs[0]}="NAME".'
+            f"({', '.join(known.outputs)}); {columns_of(run.header)}; name one with "
+            "--column, as --column " + f'{known.outputs[0]}="NAME".'
         )
-    for name in vocabulary.optional_inputs:
-        needs = vocabulary.only_with.get(name)
+    for name in known.optional_inputs:
+        needs = known.only_with.get(name)
         if name in run.columns and needs is not None and needs not in run.columns:
             columns = {key: values for key, values in run.columns.items() if key != name}
             run = dataclasses.replace(run, columns=columns)

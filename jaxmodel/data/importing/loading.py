@@ -179,7 +179,7 @@ def _may_be_a_log(chosen: Mapping[str, Role], names: Sequence[str]) -> bool:
 
 
 def _readings(kind: Kind) -> tuple[str, ...]:
-    groups = required(kind)
+    groups = required(kind, None)
     return (*(name for group in groups for name in group), *_SENSED)
 
 
@@ -192,7 +192,7 @@ def _lacking(chosen: Mapping[str, Role], kind: Kind, options: Options) -> list[s
     """Return what a case cannot do without and no name tells."""
     timed = bool(chosen.keys() & {"time_s", "stamp", "step_time"}) or options.seconds_per_row is not None
     lacking = [] if timed else ["time_s"]
-    wanted = [("current_A",), ("voltage_V",)] if kind == "cell" else required(kind)
+    wanted = [("current_A",), ("voltage_V",)] if kind == "cell" else required(kind, options.load)
     given = chosen.keys() | options.constants.keys()
     return lacking + [group[0] for group in wanted if not given.intersection(group)]
 

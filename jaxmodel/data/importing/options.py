@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Literal, get_args
 
 from jaxmodel.base.errors import MeasurementError, nearest
+from jaxmodel.case.measurements import LAWS
 
 Kind = Literal["cell", "motor", "robot"]
 Sign = Literal["discharge-positive", "charge-positive"]
@@ -31,6 +32,9 @@ class Options:
         rest_minutes: the shortest rest that ends a run, in minutes.
         check: names of the check runs; None for a proposal.
         ambient: ambient temperature [degC] of all runs.
+        load: of a motor or robot: "measured", "unknown", or the law that it follows: "free", "propeller", "gravity",
+            "rolling"; None for a torque if one is measured, else unknown.
+        load_numbers: of that law, by name: `{"mass_kg": 0.5, "arm_m": 0.1}`.
         constants: by input of the case, a value that holds throughout (`load_torque_Nm`: 0.0).
         initial_soc: state of charge at the start of all runs.
         capacity_Ah: capacity of the cell.
@@ -62,6 +66,8 @@ class Options:
     rest_minutes: float = 30.0
     check: tuple[str, ...] | None = None
     ambient: float | None = None
+    load: str | None = None
+    load_numbers: Mapping[str, float] = dataclasses.field(default_factory=dict)
     constants: Mapping[str, float] = dataclasses.field(default_factory=dict)
     initial_soc: float | None = None
     capacity_Ah: float | None = None
@@ -86,6 +92,7 @@ def checked(options: Options) -> Options:
         ("sign", options.sign, get_args(Sign)),
         ("split_at", options.split_at, get_args(SplitAt)),
         ("decimal", options.decimal, (".", ",")),
+        ("load", options.load, ("measured", "unknown", *LAWS)),
     ):
         if given is not None and given not in known:
             words = " or ".join(known)

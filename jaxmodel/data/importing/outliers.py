@@ -7,20 +7,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jaxmodel.case.measurements import KINDS
+from jaxmodel.case import measurements
 from jaxmodel.case.outliers import is_frequent, outlying, share_said, unfollowed
 from jaxmodel.data.importing.ambient import fill
 from jaxmodel.data.importing.findings import Finding
 from jaxmodel.data.importing.logs import Log, spans
 
 
-def without_outliers(runs: Sequence[Log], kind: str) -> list[Log]:
+def without_outliers(runs: Sequence[Log], known: measurements.Kind) -> list[Log]:
     """Return complete runs with outliers as missing readings, and what was found; see `case.outliers`."""
-    runs = [_held(run, kind) for run in runs]
+    runs = [_held(run, known) for run in runs]
     left = list(runs)
-    channels = ("ambient_degC", *KINDS[kind].outputs)
+    channels = ("ambient_degC", *known.outputs)
     for name in channels:
-        flags = {n: _outliers(run, kind, name) for n, run in enumerate(runs) if _is_reading(run, kind, name)}
+        flags = {n: _outliers(run, known, name) for n, run in enumerate(runs) if _is_reading(run, known, name)}
         left_out = [rows for rows in flags.values() if not is_frequent(rows)]
         count = sum(int(rows.sum()) for rows in left_out)
         said = share_said(count, count / max(sum(rows.size for rows in left_out), 1))
@@ -30,22 +30,21 @@ def without_outliers(runs: Sequence[Log], kind: str) -> list[Log]:
     return left
 
 
-def _is_reading(run: Log, kind: str, name: str) -> bool:
-    return name in run.columns and name not in _drives(run, kind)
+def _is_reading(run: Log, known: measurements.Kind, name: str) -> bool:
+    return name in run.columns and name not in _drives(run, known)
 
 
-def _drives(run: Log, kind: str) -> list[str]:
+def _drives(run: Log, known: measurements.Kind) -> list[str]:
     """Return the inputs that load the hardware."""
-    vocabulary = KINDS[kind]
-    chosen = [next((name for name in group if name in run.columns), "") for group in vocabulary.alternatives]
-    names = [*vocabulary.required_inputs, *chosen, *vocabulary.optional_inputs]
+    chosen = [next((name for name in group if name in run.columns), "") for group in known.alternatives]
+    names = [*known.required_inputs, *chosen, *known.optional_inputs]
     return [name for name in names if name in run.columns and name != "ambient_degC"]
 
 
-def _held(run: Log, kind: str) -> Log:
+def _held(run: Log, known: measurements.Kind) -> Log:
     """Return a run whose inputs have the neighbouring readings where nothing followed theirs."""
-    for name in _drives(run, kind):
-        outputs = {channel: run.columns[channel] for channel in KINDS[kind].outputs if _is_reading(run, kind, channel)}
+    for name in _drives(run, known):
+        outputs = {channel: run.columns[channel] for channel in known.outputs if _is_reading(run, known, channel)}
         rows = unfollowed(run.time_s, name, run.columns[name], outputs)
         if rows.any():
             count, first = int(rows.sum()), int(rows.argmax())
@@ -60,8 +59,8 @@ def _held(run: Log, kind: str) -> Log:
     return run
 
 
-def _outliers(run: Log, kind: str, name: str) -> np.ndarray:
-    inputs = {drive: run.columns[drive] for drive in _drives(run, kind)}
+def _outliers(run: Log, known: measurements.Kind, name: str) -> np.ndarray:
+    inputs = {drive: run.columns[drive] for drive in _drives(run, known)}
     return outlying(run.time_s, inputs, name, run.columns[name])
 
 

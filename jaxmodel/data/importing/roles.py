@@ -11,7 +11,7 @@ import pandas as pd
 
 from jaxmodel.base.errors import MeasurementError, nearest
 from jaxmodel.base.units import unit_of
-from jaxmodel.case.measurements import KINDS
+from jaxmodel.case.measurements import vocabulary
 from jaxmodel.data.importing.times import parse_times
 from jaxmodel.data.tables.names import is_set, matches, says_another
 from jaxmodel.data.tables.units import conversion, spelled
@@ -29,6 +29,7 @@ ROLES: dict[str, dict[str, str]] = {
         "voltage_V": "motor_voltage",
         "current_A": "motor_current",
         "load_torque_Nm": "load_torque",
+        "incline_deg": "incline",
         "speed_rad_s": "speed",
         "position_rad": "angle",
         "winding_temperature_degC": "winding_temperature",
@@ -300,8 +301,8 @@ def target_unit(target: str) -> str:
     return {"V_set": "V", "position_rad": "rad"}.get(target) or unit_of(target)
 
 
-def required(kind: str) -> tuple[tuple[str, ...], ...]:
-    """Return groups of columns of which a case of this kind needs one each, but for the ambient temperature."""
-    vocabulary = KINDS[kind]
-    single = tuple((name,) for name in vocabulary.required_inputs if name != "ambient_degC")
-    return single + tuple(vocabulary.alternatives)
+def required(kind: str, load: str | None) -> tuple[tuple[str, ...], ...]:
+    """Return groups of columns of which a case needs one each, but for the ambient temperature."""
+    known = vocabulary(kind, load or "")
+    single = tuple((name,) for name in known.required_inputs if name != "ambient_degC")
+    return single + tuple(known.alternatives)

@@ -19,15 +19,15 @@ _FEWEST_ROWS = 40
 _STEPS = 3.0
 
 
-def with_speed(run: Log) -> Log:
-    """Return a run without its angle, and with the speed where it has none.
+def with_speed(run: Log, *, keep: bool = False) -> Log:
+    """Return a run with the speed where it has none, and without its angle unless that is to be kept.
 
     The speed is the slope of cubics through windows of the angle (Savitzky and Golay), on evenly spaced times. The
     window is the one of least generalised cross-validation error.
     """
     if POSITION not in run.columns:
         return run
-    columns = {name: values for name, values in run.columns.items() if name != POSITION}
+    columns = {name: values for name, values in run.columns.items() if keep or name != POSITION}
     angle, without = run.columns[POSITION], dataclasses.replace(run, columns=columns)
     there = np.isfinite(angle) & np.isfinite(run.time_s)
     there[1:] &= np.diff(run.time_s) > 0.0

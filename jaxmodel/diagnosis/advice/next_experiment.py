@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from jaxmodel.case.known import Known
-from jaxmodel.case.measurements import KINDS, Measured
+from jaxmodel.case.measurements import Measured
 from jaxmodel.case.records import Case, Run
 from jaxmodel.fit.cache import FitCache
 from jaxmodel.fit.data import FitData, collect
@@ -194,7 +194,7 @@ class _Batch:
 
     def readings(self, space: ModelSpace) -> FitData:
         """Return the future readings, all zero."""
-        outputs = KINDS[self.case.kind].outputs
+        outputs = self.case.vocabulary.outputs
         return collect(self.case, self.noise, outputs, self.slots, space.settings)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from jaxmodel.case.measurements import KINDS
 from jaxmodel.case.records import Case
 from jaxmodel.case.signals import after_pauses
 from jaxmodel.fit.noise.instrument import NoiseModel, break_at_jumps, channel_noise, local_noise
@@ -25,7 +24,7 @@ def noise_of_case(case: Case) -> dict[str, NoiseModel]:
     for run in case.runs:
         inputs = np.stack(list(run.measured.inputs.values()), axis=1)
         calm[run.name] = break_at_jumps(after_pauses(run.measured.time_s), inputs, settling_rows=3)
-    for name in KINDS[case.kind].outputs:
+    for name in case.vocabulary.outputs:
         runs = [run for run in case.runs if name in run.measured.outputs]
         readings = [run.measured.outputs[name] for run in runs]
         if not runs or not any(np.isfinite(values).any() for values in readings):

@@ -8,7 +8,6 @@ import numpy as np
 
 from jaxmodel.base.errors import FitError, MeasurementError
 from jaxmodel.case.build import case_model, run_profile
-from jaxmodel.case.measurements import KINDS
 from jaxmodel.case.records import Case, Run
 from jaxmodel.model.pieces import run_in_pieces
 from jaxmodel.model.robot import duty_of_signal
@@ -26,7 +25,7 @@ def with_like_inputs(case: Case) -> Case:
         FitError: two runs have different inputs.
     """
     case = _with_duty(case)
-    optional = KINDS[case.kind].optional_inputs
+    optional = case.vocabulary.optional_inputs
     zeros = [name for name in optional if any(name in run.measured.inputs for run in case.runs)]
     runs = []
     for run in case.runs:

@@ -1,0 +1,161 @@
+"""`jaxmodel torque`: what a load asked of a motor that nobody measured, by run, ground and side."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from jaxmodel.app import terminal
+from jaxmodel.app.article import Picture, Section, Table, write_article
+from jaxmodel.app.commands.start import start
+from jaxmodel.base.atomic_files import write_whole
+from jaxmodel.case.reading import read_case
+from jaxmodel.operation.load import LoadEstimate, estimate_load, sides
+from jaxmodel.plots.load import load_by_group, load_of_run
+from jaxmodel.plots.style import png
+
+# A ratio of two motors is told as a difference from so many sd.
+TOLD_SD = 3.0
+_HOW = (
+    "The torque is what is left of eq. 13: torque constant times current, less the motor's own friction and what its "
+    "inertia takes. It counts at the motor's shaft, positive where it resists. The band of a row holds the noise of "
+    "current and speed; all rows share the uncertainty of the torque constant."
+)
+
+
+def torque(paths: Sequence[Path], out: Path, *, pictures: bool = True) -> None:
+    """Write a CSV of each motor's torque, `report.html` and pictures to `out`.
+
+    Args:
+        paths: cases, one for each motor, with current and speed.
+        out: the folder.
+        pictures: False writes neither pictures nor a page.
+
+    Raises:
+        UserError: a case cannot be used.
+    """
+    began = time.perf_counter()
+    cases = [read_case(path) for path in paths]
+    start(out)
+    found: list[LoadEstimate] = []
+    with terminal.stages("torque") as progress:
+        for case in cases:
+            progress(f"torque of {case.name}")
+            found.append(estimate_load(case))
+    for name, one in zip(_names(found), found, strict=True):
+        write_whole(out / f"torque-{name}.csv", one.to_dataframe().to_csv(index=False, float_format="%.6g"))
+    sections = [_groups(found), *([_sides(found)] if len(found) > 1 else [])]
+    if pictures:
+        sections.append(_runs(found))
+    write_article(
+        out,
+        "Torque of the load",
+        f"From current and speed; made in {time.perf_counter() - began:.0f} s",
+        _findings(found),
+        sections,
+        [path / "case.toml" if path.is_dir() else path for path in paths],
+        pictures=pictures,
+    )
+    for section in sections:
+        for table in (part for part in section.parts if isinstance(part, Table)):
+            terminal.table(table.name, table.head, table.rows, right=range(table.words, len(table.head)))
+    for line in _findings(found):
+        terminal.say(f"- {line}")
+    terminal.say(f"torque-*.csv{', and report.html,' if pictures else ''} are in {out}.")
+
+
+def _names(found: Sequence[LoadEstimate]) -> list[str]:
+    return [re.sub(r"\W+", "-", one.name) or f"motor-{number}" for number, one in enumerate(found, start=1)]
+
+
+def _number(value: float) -> str:
+    return f"{value:.3g}" if np.isfinite(value) else "-"
+
+
+def _groups(found: Sequence[LoadEstimate]) -> Section:
+    head = (
+        "motor",
+        "runs",
+        "count",
+        "torque [N m]",
+        "sd",
+        "varies by",
+        "speed [rad/s]",
+        "work [W]",
+        "drawn [W]",
+        "J/m",
+    )
+    columns = ("torque_Nm", "sd_Nm", "spread_Nm", "speed_rad_s", "work_W", "drawn_W", "J_per_m")
+    rows = [
+        (one.name, str(group), f"{int(row['runs'])}", *(_number(float(row[name])) for name in columns))
+        for one in found
+        for group, row in one.by_group().iterrows()
+    ]
+    picture = Picture("torque-by-group", png(load_by_group(found)), "Mean torque against the motion, with two sd.")
+    return Section("By ground", [_HOW, Table("torque", head, rows, words=2), picture])
+
+
+def _sides(found: Sequence[LoadEstimate]) -> Section:
+    table = sides(found)
+    rows = [
+        (
+            str(row["group"]),
+            f"{row['motor']} / {found[0].name}",
+            _number(float(row["ratio"])),
+            _number(float(row["sd"])),
+        )
+        for _, row in table.iterrows()
+    ]
+    return Section(
+        "One side against the other",
+        [
+            "Ratios of mean torques. The motors are taken as alike: a torque constant that is wrong for both is not in "
+            "the sd, one that is wrong for one of them looks like a load.",
+            Table("sides", ("runs", "of", "ratio", "sd"), rows, words=2),
+        ],
+    )
+
+
+def _runs(found: Sequence[LoadEstimate]) -> Section:
+    parts: list[Picture] = []
+    for name, one in zip(_names(found), found, strict=True):
+        for of_run in one.runs[:6]:
+            picture = png(load_of_run(one, of_run.run))
+            parts.append(Picture(f"torque-{name}-{of_run.run}", picture, f"{one.name}, {of_run.run}."))
+    return Section("Along the runs", parts)
+
+
+def _findings(found: Sequence[LoadEstimate]) -> list[str]:
+    lines = []
+    for one in found:
+        table = one.by_group().sort_values("torque_Nm", ascending=False)
+        first = table.iloc[0]
+        common = f"{100.0 * max(of_run.common for of_run in one.runs):.2g} %"
+        if len(table) > 1:
+            last = table.iloc[-1]
+            apart = float(np.hypot(first["sd_of_blocks_Nm"], last["sd_of_blocks_Nm"]))
+            told = first["torque_Nm"] - last["torque_Nm"] > TOLD_SD * apart
+            verb = "asks for most" if told else "asks for no more than the others beyond 3 sd; it has"
+            lines.append(
+                f"{one.name}: {table.index[0]} {verb}, {first['torque_Nm']:.3g} N m in the mean; "
+                f"{table.index[-1]} {last['torque_Nm']:.3g} N m. All share an sd of {common}."
+            )
+        else:
+            lines.append(
+                f"{one.name}: {first['torque_Nm']:.3g} ± {first['sd_Nm']:.2g} N m in the mean over {table.index[0]}, "
+                f"of which {common} are the torque constant's."
+            )
+    if len(found) > 1:
+        table = sides(found)
+        for motor, of_motor in table.groupby("motor"):
+            weights = 1.0 / of_motor["sd"] ** 2
+            mean = float((of_motor["ratio"] * weights).sum() / weights.sum())
+            between = float(of_motor["ratio"].std(ddof=1)) / len(of_motor) ** 0.5 if len(of_motor) > 1 else 0.0
+            sd = max(float(weights.sum()) ** -0.5, between)
+            differs = "asks for" if abs(mean - 1.0) > TOLD_SD * sd else "does not differ beyond 3 sd:"
+            lines.append(f"{motor} {differs} {mean:.3g} ± {sd:.2g} times the torque of {found[0].name}.")
+    return lines
