@@ -20,8 +20,10 @@ from jaxmodel.data.tables.delimited import Keep, read_delimited
 from jaxmodel.data.tables.json_tables import read_json
 from jaxmodel.data.tables.keyed_tables import Sheets
 from jaxmodel.data.tables.known_formats import known_format
+from jaxmodel.data.tables.labelled import is_labelled, read_labelled
 from jaxmodel.data.tables.labview import is_labview, read_labview
 from jaxmodel.data.tables.loggers import PACKAGES, read_logger
+from jaxmodel.data.tables.long_tables import form_of_long, read_long
 from jaxmodel.data.tables.matlab import read_matlab
 from jaxmodel.data.tables.mcap_messages import is_of_ros, read_mcap
 from jaxmodel.data.tables.raw_table import RawTable
@@ -116,6 +118,10 @@ def read_table(
         table = read_dataflash(path, keep)
     elif is_labview(path):
         table = read_labview(path, encoding)
+    elif delimiter is None and (form := form_of_long(path, encoding)) is not None:
+        table = read_long(path, form, keep)
+    elif delimiter is None and is_labelled(path, encoding):
+        table = read_labelled(path, encoding)
     else:
         table = read_delimited(path, keep=keep, rows=rows, encoding=encoding, delimiter=delimiter, decimal=decimal)
     if len(table.frame) == 0:
