@@ -67,7 +67,7 @@ def read_delimited(
         frame, losses = _read_by_pandas(path, layout, names, wanted, rows)
     else:
         frame, losses = _read_by_arrow(path, layout, names, wanted)
-    frame, repeats = _without_names(frame, dict(zip(names, layout.names, strict=True)))
+    frame, repeats = _without_names(frame, names, layout)
     frame, in_fields, more = _numbers(frame, dict(zip(names, layout.texts, strict=True)), layout)
     frame, in_lists = _spread(frame, {name: lists[name] for name in lists if name in frame}, chosen)
     units = units_in(names) | {name: unit for name, unit in zip(names, layout.units, strict=False) if unit}
@@ -214,14 +214,18 @@ def _pandas_table(path: Path, layout: Layout, names: list[str], rows: int | None
         raise MeasurementError(f"{file_label(path)} cannot be read as a table ({what}); export it again.") from error
 
 
-def _without_names(frame: pd.DataFrame, header: Mapping[str, str]) -> tuple[pd.DataFrame, list[str]]:
+def _without_names(frame: pd.DataFrame, names: Sequence[str], layout: Layout) -> tuple[pd.DataFrame, list[str]]:
     """Return a table without the rows that are its line of names again, as of a log that was begun anew."""
-    texts = [name for name in frame if frame[name].dtype.kind not in "iufb" and header.get(str(name))]
-    if not texts:
+    header = dict(zip(names, layout.names, strict=True))
+    of_text = dict(zip(names, layout.texts, strict=True))
+    texts = [str(name) for name in frame if frame[name].dtype.kind not in "iufb" and header.get(str(name))]
+    # A name among numbers makes text of them: where there is none, no row is looked at.
+    texts.sort(key=lambda name: of_text[name])
+    if not texts or of_text[texts[0]]:
         return frame, []
     again = np.ones(len(frame), dtype=bool)
     for name in texts:
-        again &= frame[name].astype("string").str.strip().eq(header[str(name)]).fillna(False).to_numpy(dtype=bool)
+        again &= frame[name].astype("string").str.strip().eq(header[name]).fillna(False).to_numpy(dtype=bool)
         if not again.any():
             return frame, []
     count = int(again.sum())
