@@ -265,7 +265,7 @@ def _numbers(
             continue
         if texts.get(str(name), False):
             columns[name] = column
-            if (found := with_units(column.astype("string"), layout.decimal)) is not None:
+            if (found := with_units(column, layout.decimal)) is not None:
                 columns[name], units[str(name)] = found
             continue
         text = column.astype("string")

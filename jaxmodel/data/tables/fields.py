@@ -16,7 +16,8 @@ _LIST = re.compile(r"\s*[\[({]\s*([^\[\](){}]*?)\s*[\])}]\s*")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _BETWEEN = re.compile(r"\s*[,;|]\s*|\s+")
 _WIDEST = 64  # numbers of a list that become columns
-_SURE = 0.9  # of the fields of a column
+_SURE = 0.9  # of the first fields of a column
+_FIRST = 400
 # Units that fields of one column may be in by turns, as a meter that changes its range writes them.
 _COMMON = ("A", "V", "W", "A h", "W h", "s", "degC", "N m", "rad/s")
 
@@ -40,10 +41,10 @@ def with_units(text: pd.Series, decimal: str = ".") -> tuple[np.ndarray, str] | 
         text: the fields; a field without a unit is missing.
         decimal: '.' or ','.
     """
-    first = text.dropna().head(200)
-    if first.empty or np.mean([has_unit(field) for field in first]) < _SURE:
+    first = text.iloc[:_FIRST].dropna()
+    if first.empty or np.mean([has_unit(str(field)) for field in first]) < _SURE:
         return None
-    parts = text.str.extract(_WITH_UNIT, expand=True)
+    parts = text.astype("string").str.extract(_WITH_UNIT, expand=True)
     numbers = parts[0].str.replace(",", ".", regex=False) if decimal == "," else parts[0]
     values, units = to_numbers(numbers), parts[1].fillna("")
     there = [unit for unit in units.unique() if is_unit(unit)]
