@@ -23,6 +23,14 @@ class Estimates(InShort):
         values: by name, in the parameter's unit.
         sd: standard deviations by name, in the same order.
         correlation: of the estimates, shape (parameters, parameters), in that order.
+
+    Example:
+        >>> import numpy as np
+        >>> from jaxmodel.sensitivity import Estimates
+        >>> values, sd = {"capacity_Ah": 3.0, "cycles": 100.0}, {"capacity_Ah": 0.03, "cycles": 20.0}
+        >>> found = Estimates(values, sd, np.array([[1.0, 0.4], [0.4, 1.0]]))
+        >>> found.sd["capacity_Ah"]
+        0.03
     """
 
     values: dict[str, float]

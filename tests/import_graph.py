@@ -17,7 +17,7 @@ from pathlib import Path
 NAME = "jaxmodel"
 AT_THE_TOP = ("sweeps", "sensitivity")  # rooms that are folders of the repository; links lead to them
 # From the bottom. Rooms of one floor do not import each other. The root, `jaxmodel/__init__.py`, is above all: it lists
-# what users import, and nothing imports it.
+# what users import, and nothing imports it. So is `jaxmodel/__main__.py`, which begins the command line.
 FLOORS = (
     ("base",),
     ("lanes",),
@@ -124,7 +124,10 @@ def graph_of(repository: Path) -> Graph:
 
 def arrows_down(graph: Graph, floors: Sequence[Sequence[str]] = FLOORS) -> list[str]:
     """Return every import of another room that is not on a lower floor, with its file and line."""
-    floor = {room: number for number, rooms in enumerate(floors) for room in rooms} | {"": len(floors)}
+    floor = {room: number for number, rooms in enumerate(floors) for room in rooms} | {
+        "": len(floors),
+        "__main__": len(floors),
+    }
     wrong = [f"{module}: its room has no floor" for module in graph.paths if room_of(module) not in floor]
     for module, imported in graph.arrows.items():
         for other, lines in imported.items():

@@ -34,18 +34,18 @@ EXAMPLES = list(examples())
 # what nobody makes, but a model or an analysis gives.
 WITHOUT = {
     "jaxmodel": {
-        "AnswerChanges", "CellContext", "Diagnosis", "Effect", "Extraction", "Flow", "Identification", "Investigation",
-        "MotorContext", "Parameterisation", "Question", "Scalar", "Settings", "compare", "compare_answers",
+        "AnswerChanges", "CellContext", "Diagnosis", "Extraction", "Identification", "Investigation",
+        "MotorContext", "Parameterisation", "Scalar", "compare", "compare_answers",
         "conclusion", "diagnose", "finish", "history", "identify", "keep_compiled_programs", "parameterise",
         "read_diagnosis", "write_preset", "write_report",
     },
-    "jaxmodel.effects": {"Effect", "SensorEffect", "Signal"},
+    "jaxmodel.effects": {"Signal"},
     "jaxmodel.operation": {
-        "Compensation", "Evaluation", "FilterOutput", "PolynomialEstimator", "c_header", "compensate", "cost_per_step",
+        "Compensation", "Evaluation", "FilterOutput", "PolynomialEstimator", "cost_per_step",
         "ekf", "evaluate_estimators", "interpolation_error", "paper_rule_error", "read_tunings",
     },
     "jaxmodel.plots": {"errors_by_run", "errors_of_models", "pulse_by_pulse"},
-    "jaxmodel.sensitivity": {"Estimates", "read_estimates"},
+    "jaxmodel.sensitivity": {"read_estimates"},
     "jaxmodel.sweeps": {"End", "Moment", "Step"},
 }  # fmt: skip
 

@@ -50,3 +50,8 @@ def test_the_switch_leaves_jax_alone() -> None:
         assert run.returncode == 0, run.stderr
         said[switch] = run.stdout.split()
     assert said == {"on": ["False", "True"], "off": ["True", "False"]}
+
+
+def test_the_package_runs_as_the_command() -> None:
+    said = subprocess.run([sys.executable, "-m", "jaxmodel", "--version"], capture_output=True, text=True, check=True)
+    assert said.stdout.startswith("jaxmodel ")

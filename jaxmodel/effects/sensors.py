@@ -17,7 +17,24 @@ CALIBRATION_DEGC = 25.0
 
 
 class SensorEffect(Effect):
-    """A fault of one sensor; `column` names the column of the measurements, "" all outputs."""
+    """A fault of one sensor; `column` names the column of the measurements, "" all outputs.
+
+    Example:
+        >>> from typing import ClassVar
+        >>> from jaxmodel import parameter
+        >>> from jaxmodel.effects import SensorEffect
+        >>> class Stuck(SensorEffect):
+        ...     name: ClassVar[str] = "stuck"
+        ...     kinds: ClassVar[tuple[str, ...]] = ("cell",)
+        ...     equation: ClassVar[str] = "reading = (1 - share) true + share value"
+        ...     value: float = parameter(25.0, unit="degC", meaning="where it sticks")
+        ...     share: float = parameter(0.5, unit="", meaning="how much", null=0.0, lower=0.0, upper=1.0)
+        ...
+        ...     def reading(self, value, context):
+        ...         return (1.0 - self.share) * value + self.share * self.value
+        >>> Stuck(column="cell_temperature_degC").label
+        'stuck:cell_temperature_degC'
+    """
 
     is_sensor: ClassVar[bool] = True
 

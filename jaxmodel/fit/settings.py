@@ -18,7 +18,14 @@ def _constant(value: Any, meaning: str, source: str = "assumed") -> Any:
 
 @dataclasses.dataclass(frozen=True)
 class Settings:
-    """The constants of a diagnosis; `dataclasses.replace` changes one."""
+    """The constants of a diagnosis; `dataclasses.replace` changes one.
+
+    Example:
+        >>> import dataclasses
+        >>> from jaxmodel import SETTINGS
+        >>> dataclasses.replace(SETTINGS, noise_contradiction=2.0).noise_contradiction
+        2.0
+    """
 
     # Sensor noise.
     noise_contradiction: float = _constant(

@@ -18,6 +18,13 @@ class Flow(eqx.Module):
     It uses the decay instead of the time constant, so that a relaxation may stop (hysteresis at zero current) with
     finite values and derivatives. Without a decay it is an integral. A known target is kept too: with it the solution
     needs one exponential and no division.
+
+    Example:
+        >>> import jax.numpy as jnp
+        >>> from jaxmodel import relaxation
+        >>> flow = relaxation(jnp.array(5.0), jnp.array(20.0))  # to 5, with 20 s
+        >>> float(flow.source / flow.decay)
+        5.0
     """
 
     source: Float[Array, ""]

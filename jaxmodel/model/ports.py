@@ -122,6 +122,20 @@ class Effect(InShort, eqx.Module):
     effects with internal state or delay. `switch` serves to test many effects at once: at 0 the effect is absent,
     exactly; at 1 it is present; the derivative at 0 is the direction in which it moves the model. None, the default,
     means 1.
+
+    Example:
+        >>> from typing import ClassVar
+        >>> from jaxmodel import Effect, parameter
+        >>> class SealDrag(Effect):
+        ...     name: ClassVar[str] = "seal_drag"
+        ...     kinds: ClassVar[tuple[str, ...]] = ("motor", "robot")
+        ...     equation: ClassVar[str] = "friction + b"
+        ...     b: float = parameter(1e-3, unit="N m", meaning="drag of the seal", null=0.0, lower=0.0)
+        ...
+        ...     def friction_torque(self, value, context):
+        ...         return value + self.b
+        >>> float(SealDrag(b=0.002).friction_torque(0.01, None))
+        0.012
     """
 
     name: ClassVar[str]

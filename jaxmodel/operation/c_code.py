@@ -70,6 +70,14 @@ def c_header(compensation: Compensation, model: str, error: float, *, integers: 
 
     Raises:
         ValueError: an axis is uneven.
+
+    Example:
+        >>> import numpy as np
+        >>> from jaxmodel import operation, preset_model
+        >>> robot = preset_model("paper", "robot")
+        >>> found = operation.compensate(robot, np.array([0.0, 20.0]), np.array([0.1, 0.175]))
+        >>> print(operation.c_header(found, "paper", 0.001, integers=True).splitlines()[1])
+         * Model: paper
     """
     ambient, torque = (_axis(axis) for axis in (100.0 * compensation.ambient_degC, 1e5 * compensation.load_torque_Nm))
     duty = np.where(np.isfinite(compensation.duty) & compensation.drives, compensation.duty, _NO_DUTY)

@@ -139,6 +139,14 @@ def compensate(
 
     Returns:
         The map, with simulated runs at the reference's duty and at the map's.
+
+    Example:
+        >>> import numpy as np
+        >>> from jaxmodel import operation, preset_model
+        >>> robot = preset_model("paper", "robot")
+        >>> found = operation.compensate(robot, np.array([0.0, 20.0]), np.array([0.1, 0.175]))
+        >>> found.duty[1].round(3).tolist()  # at 20 degC
+        [0.505, 0.3]
     """
     reference = reference or Reference()
     ambients, torques = (grid.ravel() for grid in np.meshgrid(ambient_degC, load_torque_Nm, indexing="ij"))

@@ -146,7 +146,7 @@ class Parameterisation:
 
     @property
     def plot(self) -> ParameterisationPlots:
-        """Return the pictures: `plot.all()`, `plot.extraction("rests")`, `plot.run("name")`."""
+        """Return the pictures: `plot.all()`, `plot.extraction("rests")`, `plot.curves("ocv")`, `plot.run("name")`."""
         return ParameterisationPlots(self)
 
     def write(self, folder: str | Path, *, pictures: bool = True) -> Path:

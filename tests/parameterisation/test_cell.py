@@ -12,6 +12,7 @@ from jaxmodel import Known, Table, read_case, simulate_case
 from jaxmodel.base.errors import FitError, MeasurementError
 from jaxmodel.parameterisation import Parameterisation, parameterise
 from jaxmodel.parameterisation.thermal_start import bounded
+from jaxmodel.plots.style import new_figure
 from tests.parameterisation import made
 
 SIGMAS = 4.0
@@ -202,6 +203,29 @@ def test_every_picture_is_drawn(found: Parameterisation) -> None:
     pictures = {name: found.plot.extraction(name) for name in found.points} | {"curves": found.plot.curves()}
     assert {"slow", "rests", "resistance", "relaxation", "fit", "curves"} <= pictures.keys()
     assert all(figure.axes for figure in pictures.values())
+
+
+def test_every_picture_is_drawn_on_axes_of_the_caller(found: Parameterisation) -> None:
+    own = new_figure(30.0, 8.0)
+    axes = own.subplots(1, 3)
+    run = str(found.points["fit"]["run"].iloc[0])
+    assert found.plot.extraction("rests", ax=axes[0]) is own
+    assert found.plot.extraction("fit", run, axes[1]) is own
+    assert found.plot.curves("ocv", axes[2]) is own
+    assert [len(one.lines) > 0 for one in axes] == [True] * 3
+    assert axes[1].get_title("left").startswith(run)
+
+
+def test_axes_of_the_caller_take_one_run_or_table(found: Parameterisation) -> None:
+    (axes,) = new_figure(9.0, 8.0).subplots(1, 1, squeeze=False).flat
+    with pytest.raises(MeasurementError, match=r"plot: 'fit' is of \d+ runs; name one for your axes, as run='"):
+        found.plot.extraction("fit", ax=axes)
+    with pytest.raises(MeasurementError, match=r"extraction 'rests' has no run 'slow'. It is not drawn run by run"):
+        found.plot.extraction("rests", "slow")
+    with pytest.raises(MeasurementError, match=r"name the table for your axes, as table='ocv'"):
+        found.plot.curves(ax=axes)
+    with pytest.raises(MeasurementError, match=r"no table 'R_int'. Did you mean 'R_ints'"):
+        found.plot.curves("R_int")
 
 
 def test_a_thermometer_that_never_moves_tells_of_no_noise() -> None:

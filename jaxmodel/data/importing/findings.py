@@ -76,6 +76,13 @@ class Question:
         option: the option of the command line that answers it, with what it takes.
         choices: possible answers; empty for a number.
         default: the answer to a bare return, "" for none.
+
+    Example:
+        >>> from jaxmodel import Question
+        >>> def ask(question: Question) -> str:  # as `import_case(..., ask=ask)`
+        ...     return question.choices[0] if question.choices else question.default
+        >>> ask(Question("log.csv: in which unit is column 'time'?", "--unit", ("s", "ms")))
+        's'
     """
 
     sentence: str

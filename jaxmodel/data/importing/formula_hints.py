@@ -10,13 +10,15 @@ from jaxmodel.data.tables.quantities import ELECTRICAL
 from jaxmodel.data.tables.units import conversion
 
 _DUTY = frozenset("duty throttle pwm".split())
+# What a current in multiples of the capacity per hour is called.
+_RATES = frozenset(["c rate", "crate", "c rates", "current c rate", "rate c", "current c", "c"])
 
 
 def hint_for(target: str, kind: str, header: Mapping[str, str]) -> str:
     """Return the option that computes a column of the case from others of the file; "" where none does.
 
-    The current of a cell is P / V. The mean voltage at a motor is the duty cycle times that of its supply, and its
-    speed that of its field over the number of pole pairs.
+    The current of a cell is P / V, or its rate times its capacity. The mean voltage at a motor is the duty cycle times
+    that of its supply, and its speed that of its field over the number of pole pairs.
 
     Args:
         target: the column of the case that is lacking.
@@ -26,7 +28,10 @@ def hint_for(target: str, kind: str, header: Mapping[str, str]) -> str:
     voltage = _first(header, lambda name: header[name] == "voltage_V")
     if kind == "cell" and target == "current_A":
         power = _first(header, lambda name: conversion(parse_name(name).unit, "W") is not None)
-        return _option(target, f"{_quoted(power)} / {_quoted(voltage)}") if power and voltage else ""
+        if power and voltage:
+            return _option(target, f"{_quoted(power)} / {_quoted(voltage)}")
+        rate = _first(header, lambda name: parse_name(name).words in _RATES)
+        return _option(target, f"{_quoted(rate)} * CAPACITY_AH") if rate else ""
     if kind == "motor" and target == "voltage_V":
         supply = voltage or _first(header, _is_supply)
         duty = _first(header, lambda name: bool(_DUTY & _words(name)))

@@ -19,13 +19,14 @@ from jaxmodel.data.importing.options import Kind, Options
 from jaxmodel.data.importing.roles import MARKS, Role, looks_like, required, roles_of, target_unit
 from jaxmodel.data.importing.single_cells import OF_CELLS, single_cells, with_single_cells
 from jaxmodel.data.importing.spectra import OnlySpectra, of_spectra, without_spectra
-from jaxmodel.data.importing.times import Times, counted_in, date_and_time, parse_times, unit_in_words
 from jaxmodel.data.tables import RawTable, read_table
 from jaxmodel.data.tables.known_formats import known_format
 from jaxmodel.data.tables.names import matches
 from jaxmodel.data.tables.raw_table import to_numbers, units_in
+from jaxmodel.data.tables.times import Times, counted_in, date_and_time, parse_times, unit_in_words
 from jaxmodel.data.tables.units import Conversion, conversion
 
+_MAY_BE_MS = 2.0  # whole numbers that rise by so much per row
 _SAMPLE_ROWS = 2000
 _NONE = "none"
 _SENSED = (
@@ -380,7 +381,12 @@ def _duration(seconds: float) -> str:
 def _unit_of_time(role: Role, times: Times, where: str) -> list[Finding]:
     if times.known_unit:
         return []
-    sentence = f"{where}: column '{role.column}' states no unit; it is taken as seconds (--unit \"{role.column}=min\")."
+    steps = np.diff(times.seconds[np.isfinite(times.seconds)])
+    step = float(np.median(steps)) if steps.size else 0.0
+    other = "ms" if step >= _MAY_BE_MS and step % 60.0 != 0.0 and not np.any(steps != np.round(steps)) else "min"
+    sentence = (
+        f"{where}: column '{role.column}' states no unit; it is taken as seconds (--unit \"{role.column}={other}\")."
+    )
     return [Finding("unit assumed", where, sentence, "warning", "time_s")]
 
 

@@ -12,8 +12,8 @@ import pandas as pd
 from jaxmodel.base.errors import MeasurementError, nearest
 from jaxmodel.base.units import unit_of
 from jaxmodel.case.measurements import vocabulary
-from jaxmodel.data.importing.times import parse_times
 from jaxmodel.data.tables.names import is_set, matches, says_another
+from jaxmodel.data.tables.times import parse_times
 from jaxmodel.data.tables.units import conversion, spelled
 
 # By kind and column of the case, the quantities that it may be.

@@ -6,7 +6,7 @@ import csv
 import dataclasses
 import re
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,8 @@ import pandas as pd
 from jaxmodel.base.errors import MeasurementError, reason
 from jaxmodel.case.measurements import file_label
 from jaxmodel.case.run_csv import worth_threads
+from jaxmodel.data.tables.fields import from_lists, names_of_list, with_units
+from jaxmodel.data.tables.preamble import CLOCK, interval_of, is_sampled_so, lacks_times
 from jaxmodel.data.tables.raw_table import RawTable, repeated_names, to_numbers, unique_names, units_in
 from jaxmodel.data.tables.sniffing import MISSING, Layout, layout_of
 
@@ -50,7 +52,12 @@ def read_delimited(
     layout = layout_of(path, encoding, delimiter)
     layout = dataclasses.replace(layout, decimal=decimal or layout.decimal)
     names = unique_names(layout.names)
-    wanted = list(names if keep is None else keep(names))
+    lists = {name: names_of_list(name, width) for name, width in zip(names, layout.widths, strict=True) if width}
+    owner = {one: name for name in names for one in lists.get(name, [name])}
+    interval_s = interval_of(layout.before, layout.names, layout.units) if lacks_times(names, layout.units) else None
+    made = [] if interval_s is None else [CLOCK]
+    chosen = list([*made, *owner] if keep is None else keep([*made, *owner]))
+    wanted = list(dict.fromkeys(owner[one] for one in chosen if one in owner))
     remarks: list[str] = []
     losses: list[str] = []
     if layout.indented:
@@ -60,11 +67,20 @@ def read_delimited(
         frame, losses = _read_by_pandas(path, layout, names, wanted, rows)
     else:
         frame, losses = _read_by_arrow(path, layout, names, wanted)
-    frame, more = _numbers(frame, dict(zip(names, layout.texts, strict=True)), layout)
+    frame, repeats = _without_names(frame, names, layout)
+    frame, in_fields, more = _numbers(frame, dict(zip(names, layout.texts, strict=True)), layout)
+    frame, in_lists = _spread(frame, {name: lists[name] for name in lists if name in frame}, chosen)
     units = units_in(names) | {name: unit for name, unit in zip(names, layout.units, strict=False) if unit}
+    units |= in_fields | {one: units[name] for one, name in in_lists.items() if name in units}
     units = {name: unit.strip("[](){}") for name, unit in units.items() if name in frame}
-    left_out = tuple(name for name in names if name not in wanted)
+    left_out = tuple(name for name in owner if name not in chosen)
     remarks = [_form(layout), *remarks]
+    if interval_s is not None and CLOCK in chosen and not is_sampled_so(frame, interval_s):
+        frame.insert(0, CLOCK, np.arange(len(frame)) * interval_s)
+        units[CLOCK] = "s"
+        remarks.append(
+            f"No column has times; '{CLOCK}' counts the {interval_s:g} s from row to row that its head states."
+        )
     return RawTable(
         frame,
         units,
@@ -73,7 +89,7 @@ def read_delimited(
         tuple(remarks),
         layout.first_line + 1,
         left_out=left_out,
-        losses=(*losses, *more),
+        losses=(*losses, *repeats, *more),
         repeated=repeated_names(layout.names),
     )
 
@@ -198,15 +214,59 @@ def _pandas_table(path: Path, layout: Layout, names: list[str], rows: int | None
         raise MeasurementError(f"{file_label(path)} cannot be read as a table ({what}); export it again.") from error
 
 
+def _without_names(frame: pd.DataFrame, names: Sequence[str], layout: Layout) -> tuple[pd.DataFrame, list[str]]:
+    """Return a table without the rows that are its line of names again, as of a log that was begun anew."""
+    header = dict(zip(names, layout.names, strict=True))
+    of_text = dict(zip(names, layout.texts, strict=True))
+    texts = [str(name) for name in frame if frame[name].dtype.kind not in "iufb" and header.get(str(name))]
+    # A name among numbers makes text of them: where there is none, no row is looked at.
+    texts.sort(key=lambda name: of_text[name])
+    if not texts or of_text[texts[0]]:
+        return frame, []
+    again = np.ones(len(frame), dtype=bool)
+    for name in texts:
+        again &= frame[name].astype("string").str.strip().eq(header[name]).fillna(False).to_numpy(dtype=bool)
+        if not again.any():
+            return frame, []
+    count = int(again.sum())
+    lines = "1 line that repeats" if count == 1 else f"{count:,} lines that repeat"
+    were = "was" if count == 1 else "were"
+    return frame[~again].reset_index(drop=True), [f"{lines} the names of the columns {were} left out."]
+
+
+def _spread(
+    frame: pd.DataFrame, lists: Mapping[str, Sequence[str]], chosen: Sequence[str]
+) -> tuple[pd.DataFrame, dict[str, str]]:
+    """Return a table with a column for each number of a list, and the name of the lists by those columns."""
+    if not lists:
+        return frame, {}
+    columns: dict[str, Any] = {}
+    for name in map(str, frame):
+        if name in lists:
+            columns |= dict(zip(lists[name], from_lists(frame[name], len(lists[name])), strict=True))
+        else:
+            columns[name] = frame[name]
+    there = [name for name in columns if name in chosen or name in frame]
+    return pd.DataFrame({name: columns[name] for name in there}), {one: name for name in lists for one in lists[name]}
+
+
 def _numbers(
     frame: pd.DataFrame, texts: dict[str, bool], layout: Layout
-) -> tuple[pd.DataFrame, list[str]]:  # fmt: skip
-    """Return a table with text turned into numbers where the first rows have numbers, and what was none of them."""
-    remarks, columns = [], {}
+) -> tuple[pd.DataFrame, dict[str, str], list[str]]:
+    """Return a table with text turned into numbers, the units that fields state by column, and what was no number.
+
+    Text becomes numbers where the first rows have numbers, with or without a unit behind them.
+    """
+    remarks, units, columns = [], {}, {}
     for name in frame:
         column = frame[name]
-        if texts.get(str(name), False) or column.dtype.kind == "f":
+        if column.dtype.kind == "f":
             columns[name] = column
+            continue
+        if texts.get(str(name), False):
+            columns[name] = column
+            if (found := with_units(column, layout.decimal)) is not None:
+                columns[name], units[str(name)] = found
             continue
         text = column.astype("string")
         if layout.thousands:
@@ -224,7 +284,7 @@ def _numbers(
                 f"({str(column.iloc[row])[:30]!r})."
             )
         columns[name] = values
-    return pd.DataFrame(columns, copy=False), remarks
+    return pd.DataFrame(columns, copy=False), units, remarks
 
 
 def _read_indented(

@@ -35,6 +35,7 @@ class Match(NamedTuple):
 
 _BRACKETS = re.compile(r"[(\[{]\s*([^()\[\]{}]*?)\s*[)\]}]")
 _TIME_FORM = re.compile(r"(d+[. ])?h+:m+(in)?:s+(\.m?s+|\.f+)?", re.IGNORECASE)
+_NUMBER = re.compile(r"[+-]?\d*[.,]?\d+([eE][+-]?\d+)?")
 _DIGITS = re.compile(r"\d+$")
 _SLASH = re.compile(r"^(?P<name>.+?)\s*/\s*(?P<unit>[^/\s()\[\]{}]+(/s2?|/min)?)$")
 _ENDING = re.compile(r"^(?P<name>.+?)[_\s](?P<unit>m_s2|rad_s|deg_s|m_s|[^\s_]+)$")
@@ -123,18 +124,21 @@ def is_set(column: str) -> bool:
 def are_units(fields: Sequence[str], above: Sequence[str]) -> bool:
     """Return whether a line states the units of the names in the line above it, and names nothing itself.
 
-    A word is a unit alone or in brackets; 'Time(s)' is a name. Where some are units that nobody knows, the words of the
-    line above must name more than those of this one; where all are, most of them must.
+    A word is a unit alone or in brackets; 'Time(s)' is a name, a number is neither. Where some are units that nobody
+    knows, the words of the line above must name more than those of this one; where all are, most of them must. Below
+    channels that name nothing ('X,CH1,CH2' above 'Sequence,Volt,Volt'), most words must be units.
 
     Args:
         fields: of the line.
         above: of the line above it; empty where there is none.
     """
-    filled = [field for field in fields if field.strip()]
+    filled = [field for field in fields if field.strip() and not _NUMBER.fullmatch(field.strip())]
     units = sum(_is_field_of_unit(field) for field in filled)
     if 2 * sum(bool(field.strip()) for field in above) <= len(filled):  # a title is no line of names
         return False
     here, there = _named(filled), _named(above)
+    if here == 0 and 2 * units > len(filled) and len({*above}) == len(above) > 0:
+        return True
     return units == len(filled) or (units > 0 and here < there) or (here == 0 and 2 * there > len(filled))
 
 

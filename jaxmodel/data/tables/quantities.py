@@ -44,7 +44,7 @@ ELSEWHERE = _of(
     "force thrust lift drag axis axes cmd power energy work capacity charge resistance impedance ocv frequency freq "
     "pressure altitude height humidity weight mass strain stress flow distance latitude longitude lat lon gps heading "
     "roll yaw gyro accelerometer magnetometer vibration noise efficiency cost rssi gain offset index count counter "
-    "number flag fault id kraft leistung energie kapazität druck gewicht 功率 能量 容量 力"
+    "number flag fault id rate crate kraft leistung energie kapazität druck gewicht 功率 能量 容量 力"
 )
 _COUNTED = _of("capacity energy charge power density resistance slope dv di dt dq std sigma integral")
 _AMBIENT = _of("ambient amb chamber room environment environmental air oven umgebung surroundings lab klima outside")
@@ -213,7 +213,7 @@ QUANTITIES: dict[str, Quantity] = {
         "rad",
         _names("position, angle, motor position, motor angle, shaft angle, encoder, encoder position, theta, winkel"),
         _of("position angle encoder winkel"),
-        without=WANTED,
+        without=WANTED | _of("speed velocity rpm"),
     ),
     "load_torque": Quantity(
         "N m",

@@ -20,14 +20,18 @@ from jaxmodel.data.tables.delimited import Keep, read_delimited
 from jaxmodel.data.tables.json_tables import read_json
 from jaxmodel.data.tables.keyed_tables import Sheets
 from jaxmodel.data.tables.known_formats import known_format
+from jaxmodel.data.tables.labelled import is_labelled, read_labelled
 from jaxmodel.data.tables.labview import is_labview, read_labview
 from jaxmodel.data.tables.loggers import PACKAGES, read_logger
+from jaxmodel.data.tables.long_tables import form_of_long, read_long
 from jaxmodel.data.tables.matlab import read_matlab
+from jaxmodel.data.tables.mavlink import read_mavlink
 from jaxmodel.data.tables.mcap_messages import is_of_ros, read_mcap
 from jaxmodel.data.tables.raw_table import RawTable
 from jaxmodel.data.tables.ros import SUFFIXES as ROS
 from jaxmodel.data.tables.ros import read_ros
 from jaxmodel.data.tables.spreadsheets import read_spreadsheet
+from jaxmodel.data.tables.ulog import is_ulog, read_ulog
 from jaxmodel.data.tables.unreadable import refuse_unreadable
 from jaxmodel.data.tables.wpilog import is_wpilog, read_wpilog
 
@@ -35,7 +39,7 @@ SPREADSHEETS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 COLUMNAR = (".parquet", ".pq", ".feather", ".arrow")
 TEXT = (".csv", ".tsv", ".txt", ".mpt", ".asc", ".log", ".lvm", ".bdf", "")
 JSON = (".json", ".jsonl", ".ndjson")
-SUFFIXES = (*TEXT, *SPREADSHEETS, *COLUMNAR, *JSON, ".mat", ".bin", ".wpilog", *ROS, *PACKAGES, ".gz")
+SUFFIXES = (*TEXT, *SPREADSHEETS, *COLUMNAR, *JSON, ".mat", ".bin", ".wpilog", ".tlog", ".ulg", *ROS, *PACKAGES, ".gz")
 """The endings of files that `read_table` knows; a file of another is taken as text."""
 
 # By the ending of their files, makers whose current is positive on charge. Their own manuals.
@@ -110,12 +114,20 @@ def read_table(
         table = read_mcap(path, keep)
     elif suffix in ROS:
         table = read_ros(path, keep)
+    elif suffix == ".tlog":
+        table = read_mavlink(path, keep)
+    elif is_ulog(path):
+        table = read_ulog(path, keep)
     elif is_wpilog(path):
         table = read_wpilog(path, keep)
     elif is_dataflash(path):
         table = read_dataflash(path, keep)
     elif is_labview(path):
         table = read_labview(path, encoding)
+    elif delimiter is None and (form := form_of_long(path, encoding)) is not None:
+        table = read_long(path, form, keep)
+    elif delimiter is None and is_labelled(path, encoding):
+        table = read_labelled(path, encoding)
     else:
         table = read_delimited(path, keep=keep, rows=rows, encoding=encoding, delimiter=delimiter, decimal=decimal)
     if len(table.frame) == 0:
@@ -157,7 +169,7 @@ def _suffix(path: Path) -> str:
         start = stream.read(8)
     if suffix == ".dat":
         return suffix if start.startswith(b"MDF") else ".txt"
-    if suffix in (*TEXT, ".bin", ".wpilog") or suffix not in SUFFIXES:
+    if suffix in (*TEXT, ".bin", ".wpilog", ".ulg") or suffix not in SUFFIXES:
         return next((ending for mark, ending in _STARTS if start.startswith(mark)), ".txt")
     if suffix in SPREADSHEETS and re.match(rb"[\w#\"\xef]", start) and not start.startswith(b"PK"):
         return ".txt"  # text that a cycler's software has called .xls

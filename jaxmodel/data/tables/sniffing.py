@@ -11,6 +11,7 @@ from pathlib import Path
 
 from jaxmodel.base.errors import MeasurementError
 from jaxmodel.case.measurements import file_label
+from jaxmodel.data.tables.fields import has_unit, width_of_lists, without_unit
 from jaxmodel.data.tables.names import are_units, of_two_lines
 
 _SAMPLE_BYTES = 4 << 20
@@ -60,6 +61,7 @@ class Layout:
         header_line: the line of the names, counted from 0; None where no line names them.
         first_line: the line of the first row, counted from 0.
         texts: by column, whether the first rows hold text there.
+        widths: by column, how many numbers each of its fields lists; 0 for a column without lists.
         before: the lines above the header.
         indented: three headers, each one field further in: tables of cycles, steps and records in one file.
     """
@@ -73,6 +75,7 @@ class Layout:
     header_line: int | None
     first_line: int
     texts: tuple[bool, ...]
+    widths: tuple[int, ...]
     before: tuple[str, ...]
     indented: bool = False
 
@@ -154,7 +157,7 @@ def layout_of(path: Path, encoding: str | None = None, delimiter: str | None = N
         raise MeasurementError(_no_table(path, lines))
     rows = [split(line, found) for line in lines[start : start + _ENOUGH_LINES] if line.strip()]
     rows = [row for row in rows if len(row) == count]
-    decimal, thousands = _marks([field for row in rows for field in row], found)
+    decimal, thousands = _marks([without_unit(field) for row in rows for field in row], found)
     header, units, indented = _header(lines, start, count, found)
     names = split(lines[header].lstrip("#%! "), found)[:count] if header is not None else []
     names = [name.strip() for name in names] + [""] * (count - len(names))
@@ -162,9 +165,10 @@ def layout_of(path: Path, encoding: str | None = None, delimiter: str | None = N
         above_it = split(lines[header - 1].lstrip("#%! "), found)
         names = of_two_lines(names, above_it if len(above_it) == count else [])
     texts = tuple(_is_text([row[place] for row in rows], thousands) for place in range(count))
+    widths = tuple(width_of_lists([row[place] for row in rows]) for place in range(count))
     before = tuple(lines[: start if header is None else header])
     return Layout(
-        encoding, found, decimal, thousands, tuple(names), units, header, start, texts, before, indented
+        encoding, found, decimal, thousands, tuple(names), units, header, start, texts, widths, before, indented
     )  # fmt: skip
 
 
@@ -221,6 +225,8 @@ def _goodness(fields: Sequence[str]) -> float:
             numbers += 1
         elif _DURATION.match(field) or _DATE.match(field) or field in MISSING or field.lower() in _NO_NUMBER:
             values += field != ""
+        elif has_unit(field) or width_of_lists([field]):
+            numbers += 1
         else:
             others += 1
     if numbers == 0 or numbers + values < others:
@@ -274,6 +280,8 @@ def _words_of(line: str, count: int, delimiter: str) -> list[str]:
     near = count - 1 <= len(fields) <= count + 1 or (len(fields) <= count and len(named) >= max(2, count // 2))
     if not near or not named or sum(_is_number(field) for field in named) > len(named) // 2:
         return []
+    if len(named) < count and any(_DURATION.match(field) or _DATE.match(field) for field in named):
+        return []  # 'Time','00:30:00': what is known of the whole table
     return fields
 
 

@@ -10,13 +10,10 @@ from jaxmodel.case.measurements import file_label
 _DECODE = "decode it with blackbox_decode, or export it as CSV from the Blackbox Explorer, and give the CSV"
 _STARTS = {
     b"H Product:Blackbox": f"is a binary log of a blackbox; {_DECODE}",
-    b"ULog\x01\x12\x35": "is a log of PX4; convert it with ulog2csv (of pyulog), and give the CSV of battery_status",
 }
 _ENDINGS = {
     ".bbl": f"is a binary log of a blackbox; {_DECODE}",
     ".bfl": f"is a binary log of a blackbox; {_DECODE}",
-    ".tlog": "is telemetry of MAVLink; give the .bin log of the flight controller, or a CSV of SYS_STATUS by "
-    "mavlogdump --format csv --types SYS_STATUS",
 }  # fmt: skip
 
 

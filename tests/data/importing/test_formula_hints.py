@@ -33,6 +33,18 @@ def test_the_current_of_a_power_analyser_is_power_over_voltage(tmp_path: Path):
     np.testing.assert_allclose(run.log.columns["current_A"], log.current_A, atol=1e-6)
 
 
+@pytest.mark.parametrize("name", ["C-rate (1/h)", "C-rate", "c_rate"])
+def test_a_rate_is_a_current_over_the_capacity(tmp_path: Path, name: str):
+    log, path = cell_log(), tmp_path / "rate.csv"
+    table = {"Time (s)": log.time_s, "Voltage (V)": log.voltage_V, name: log.current_A / 3.0}
+    pd.DataFrame(table).to_csv(path, index=False)
+    with pytest.raises(MeasurementError, match=r"CAPACITY_AH") as refused:
+        import_case(path, "cell", ambient=25.0)
+    formula = option_in(str(refused.value))["current_A"].replace("CAPACITY_AH", "3")
+    (run,) = import_case(path, "cell", ambient=25.0, columns={"current_A": formula}).runs
+    np.testing.assert_allclose(run.log.columns["current_A"], log.current_A, atol=1e-6)
+
+
 def test_a_controller_logs_the_supply_and_the_field(tmp_path: Path):
     """With 7 pole pairs the field turns 7 times as fast as the shaft; a fan of the supply's voltage is no motor's."""
     log, supply = motor_log(), 24.0

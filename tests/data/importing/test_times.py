@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from jaxmodel import import_case
 from jaxmodel.data.importing.ambient import temperature_in
-from jaxmodel.data.importing.times import parse_times
+from jaxmodel.data.tables.times import parse_times
+from tests.data.importing.benches import motor_log
 
 SECONDS = np.array([0.0, 1.5, 61.0, 3723.25, 90_061.0])
 
@@ -91,3 +95,13 @@ def test_any_duration_comes_back(seconds: list[int]):
 )
 def test_a_name_states_a_temperature_and_not_a_rate(name: str, first: float | None, found: float | None):
     assert temperature_in(name, first) == found
+
+
+def test_whole_numbers_that_are_taken_as_seconds_may_be_milliseconds(tmp_path: Path):
+    log = motor_log(step_s=0.02)
+    log = log.assign(Timestamp=np.arange(len(log)) * 20).drop(columns="time_s")
+    log.to_csv(tmp_path / "log.csv", index=False)
+    (finding,) = [
+        one for one in import_case(tmp_path / "log.csv", "motor", ambient=25.0).findings if one.what == "unit assumed"
+    ]
+    assert '--unit "Timestamp=ms"' in finding.sentence

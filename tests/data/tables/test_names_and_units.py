@@ -30,6 +30,7 @@ from jaxmodel.data.tables.units import SPELLINGS, conversion
         ("temperature_middle_degC", "cell_temperature", "degC"),
         ("Ambient Temperature / degC", "ambient_temperature", "degC"),
         ("speed_rpm", "speed", "rpm"),
+        ("Encoder Speed RPM 1", "speed", ""),
         ("Drehmoment [Nm]", "load_torque", "Nm"),
         ("winding_phaseA_temperature_degC", "winding_temperature", "degC"),
         ("LogTemp001 [°C]", "cell_temperature", "°C"),
