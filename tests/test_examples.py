@@ -41,8 +41,9 @@ WITHOUT = {
     },
     "jaxmodel.effects": {"Effect", "SensorEffect", "Signal"},
     "jaxmodel.operation": {
-        "Compensation", "Evaluation", "FilterOutput", "PolynomialEstimator", "c_header", "compensate", "cost_per_step",
-        "ekf", "evaluate_estimators", "interpolation_error", "paper_rule_error", "read_tunings",
+        "Compensation", "Consistency", "Evaluation", "FilterOutput", "PolynomialEstimator", "SinglePrecision",
+        "c_header", "compensate", "cost_per_step", "ekf", "evaluate_estimators", "interpolation_error",
+        "paper_rule_error", "read_tunings",
     },
     "jaxmodel.plots": {"errors_by_run", "errors_of_models", "pulse_by_pulse"},
     "jaxmodel.sensitivity": {"Estimates", "read_estimates"},

@@ -15,6 +15,8 @@
 
 from jaxmodel.operation.c_code import c_header, interpolation_error
 from jaxmodel.operation.compensation import Compensation, Reference, compensate, paper_rule_error
+from jaxmodel.operation.controller import SinglePrecision, single_precision
+from jaxmodel.operation.innovations import Consistency, consistency
 from jaxmodel.operation.kalman import FilterOutput, Measured, Tuning, ekf
 from jaxmodel.operation.mission import (
     LIMITS,
@@ -27,6 +29,7 @@ from jaxmodel.operation.mission import (
     read_mission,
 )
 from jaxmodel.operation.polynomial import PolynomialEstimator, polynomial_estimator, run_polynomial
+from jaxmodel.operation.preparation import for_estimation
 from jaxmodel.operation.robots import cells_in_parallel, read_robots
 from jaxmodel.operation.state_of_charge import Evaluation, cost_per_step, evaluate_estimators, read_tunings
 
@@ -34,6 +37,7 @@ __all__ = [
     "LIMITS",
     "SURFACES",
     "Compensation",
+    "Consistency",
     "Evaluation",
     "FilterOutput",
     "Limits",
@@ -42,14 +46,17 @@ __all__ = [
     "PolynomialEstimator",
     "Reference",
     "Segment",
+    "SinglePrecision",
     "Tuning",
     "c_header",
     "cells_in_parallel",
     "compensate",
+    "consistency",
     "cost_per_step",
     "ekf",
     "endurance",
     "evaluate_estimators",
+    "for_estimation",
     "interpolation_error",
     "mission_profile",
     "paper_rule_error",
@@ -58,4 +65,5 @@ __all__ = [
     "read_robots",
     "read_tunings",
     "run_polynomial",
+    "single_precision",
 ]
