@@ -75,13 +75,15 @@ class Evaluation(InShort):
         estimates: by check run, each estimator's state of charge over time_s from a start 30 % too low, beside soc, the
             reference; and the bands of the filters, named after them with ", sd".
         single_precision: the filter with temperature in float32 over the first check run, and what a step takes.
+        model: that the tunings are for: of the case, its table of the open-circuit voltage corrected by the fit runs.
     """
 
     tunings: dict[str, Tuning]
     polynomials: dict[str, PolynomialEstimator]
     errors: pd.DataFrame
     estimates: dict[str, dict[str, np.ndarray]]
-    single_precision: SinglePrecision
+    single_precision: SinglePrecision | None = None
+    model: Model | None = None
 
     def worst_errors(self, *, from_start: bool = True) -> pd.DataFrame:
         """Return the largest RMS error over the trials of each check run, a column for each estimator.
@@ -183,7 +185,7 @@ def _evaluated(case: Case, count: int, tunings: Mapping[str, Tuning] | None, rep
     first = trials(check[:1], with_temperature=True)[0]
     start = float(first.starts[1])
     single = single_precision(model, chosen[FILTER], first.measured, start)
-    return Evaluation(chosen, made, pd.DataFrame(rows), estimates, single)
+    return Evaluation(chosen, made, pd.DataFrame(rows), estimates, single, model)
 
 
 def _estimators_model(case: Case) -> Model:

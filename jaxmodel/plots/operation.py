@@ -190,9 +190,10 @@ def estimates(evaluation: Evaluation, most: int = 8) -> Figure:
     for axes, (label, columns) in zip(grid.flat, runs.items(), strict=False):
         minutes = columns["time_s"] / 60.0
         axes.plot(minutes, columns["soc"], color=BLACK, lw=2.2, label="reference")
-        low, high = (columns[FILTER] + by * columns[f"{FILTER}, sd"] for by in (-2.0, 2.0))
-        axes.fill_between(minutes, low, high, color=LINES[0], alpha=0.2, lw=0.0)
-        drawn = [name for name in columns if name in ESTIMATORS and name != COUNTED]
+        if f"{FILTER}, sd" in columns:
+            low, high = (columns[FILTER] + by * columns[f"{FILTER}, sd"] for by in (-2.0, 2.0))
+            axes.fill_between(minutes, low, high, color=LINES[0], alpha=0.2, lw=0.0)
+        drawn = [name for name in ESTIMATORS if name in columns and name != COUNTED]
         for name, colour in zip(drawn, LINES, strict=False):
             axes.plot(minutes, columns[name], color=colour, lw=1.1, label=name)
         axes.set_title(label, fontsize=8.0, fontweight="normal")

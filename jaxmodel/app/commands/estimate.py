@@ -192,10 +192,11 @@ def _findings(found: Evaluation, cost: Mapping[str, float]) -> list[str]:
         f"µs in a batch of {BATCH}, of the sigma-point filter {1e6 * cost['sigma points, alone']:.0f} µs alone; of the "
         f"polynomial {1e6 * cost['polynomial, alone']:.2f} and {1e6 * cost['polynomial, batch']:.4f} µs."
     )
-    single = found.single_precision
-    lines.append(
-        f"In float32 the charge differs by at most {single.soc_error:.1g} from float64 (rounding of a count alone: at "
-        f"most {single.count_bound:.1g}); a step takes {single.operations:,.0f} operations, {single.state_bytes:,} "
-        f"bytes of state, {single.working_bytes:,} of working memory and {single.table_bytes:,} of tables."
-    )
+    if (single := found.single_precision) is not None:
+        lines.append(
+            f"In float32 the charge differs by at most {single.soc_error:.1g} from float64 (rounding of a count alone: "
+            f"at most {single.count_bound:.1g}); a step takes {single.operations:,.0f} operations, "
+            f"{single.state_bytes:,} bytes of state, {single.working_bytes:,} of working memory and "
+            f"{single.table_bytes:,} of tables."
+        )
     return lines
