@@ -41,8 +41,8 @@ WITHOUT = {
     },
     "jaxmodel.effects": {"Signal"},
     "jaxmodel.operation": {
-        "Compensation", "Evaluation", "FilterOutput", "PolynomialEstimator", "cost_per_step",
-        "ekf", "evaluate_estimators", "interpolation_error", "paper_rule_error", "read_tunings",
+        "Compensation", "Consistency", "Evaluation", "FilterOutput", "PolynomialEstimator", "SinglePrecision",
+        "cost_per_step", "ekf", "evaluate_estimators", "interpolation_error", "paper_rule_error", "read_tunings",
     },
     "jaxmodel.plots": {"errors_by_run", "errors_of_models", "pulse_by_pulse"},
     "jaxmodel.sensitivity": {"read_estimates"},

@@ -15,6 +15,8 @@
 
 from jaxmodel.operation.c_code import c_header, interpolation_error
 from jaxmodel.operation.compensation import Compensation, Reference, compensate, paper_rule_error
+from jaxmodel.operation.controller import SinglePrecision, single_precision
+from jaxmodel.operation.innovations import Consistency, consistency
 from jaxmodel.operation.kalman import FilterOutput, Measured, Tuning, ekf
 from jaxmodel.operation.load import LoadEstimate, RunLoad, estimate_load, sides
 from jaxmodel.operation.mission import (
@@ -28,6 +30,7 @@ from jaxmodel.operation.mission import (
     read_mission,
 )
 from jaxmodel.operation.polynomial import PolynomialEstimator, polynomial_estimator, run_polynomial
+from jaxmodel.operation.preparation import for_estimation
 from jaxmodel.operation.robots import cells_in_parallel, read_robots
 from jaxmodel.operation.state_of_charge import Evaluation, cost_per_step, evaluate_estimators, read_tunings
 
@@ -35,6 +38,7 @@ __all__ = [
     "LIMITS",
     "SURFACES",
     "Compensation",
+    "Consistency",
     "Evaluation",
     "FilterOutput",
     "Limits",
@@ -45,15 +49,18 @@ __all__ = [
     "Reference",
     "RunLoad",
     "Segment",
+    "SinglePrecision",
     "Tuning",
     "c_header",
     "cells_in_parallel",
     "compensate",
+    "consistency",
     "cost_per_step",
     "ekf",
     "endurance",
     "estimate_load",
     "evaluate_estimators",
+    "for_estimation",
     "interpolation_error",
     "mission_profile",
     "paper_rule_error",
@@ -63,4 +70,5 @@ __all__ = [
     "read_tunings",
     "run_polynomial",
     "sides",
+    "single_precision",
 ]

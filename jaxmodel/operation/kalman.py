@@ -1,9 +1,10 @@
 """State of charge from current, voltage and temperature: an extended Kalman filter on the model's own step.
 
-The state is that of the model (charge, RC voltages, states of effects) and two numbers that no table holds: the
-scale of all resistances and a slowly varying offset of the open-circuit voltage, in which age, hysteresis and the
-current's own effect on resistance show. Process and reading are `jaxmodel.model.electrothermal.step` and `read`, their
-Jacobians `jax.jacfwd` of these. One filter is a scan; batches are `vmap` outside.
+The state is that of the model (charge, RC voltages, states of effects) and six numbers that no table holds: the scale
+of all that the load takes from the voltage; errors of the voltage that last a run, a part of the charge, and seconds to
+minutes; the scale of the capacity; and an offset of the current sensor. Process and reading are
+`jaxmodel.model.electrothermal.step` and `read`, their Jacobians `jax.jacfwd` of these. One filter is a scan; batches
+are `vmap` outside.
 """
 
 from __future__ import annotations
@@ -20,10 +21,18 @@ from jaxmodel.model.declaration import Scalar
 from jaxmodel.model.electrothermal import Model, initial_state, read, step
 from jaxmodel.model.names import with_values
 
-# Beside the model's states: the logarithm of the scale of all resistances, and the offset of V_oc in V.
-VARYING = ("log_scale", "offset_V")
+# Beside the model's states: logarithm of the scale of all resistances, offset of V_oc that varies and one that does
+# not, in V, logarithm of the scale of the capacity, offset of the current sensor as a share of the capacity in an hour
+# (1/h), and passing error in V.
+VARYING = ("log_scale", "offset_V", "bias_V", "log_capacity", "drift_per_h", "error_V")
+HYSTERESIS = "ocv_hysteresis.h"
+# Of a loop of which nobody knows where the cell stands: even between its branches, -1 and 1.
+HYSTERESIS_SD = 3.0**-0.5
 SOC_RANGE = (0.0, 1.0)  # outside it the curves are held constant, and readings say nothing of the charge
-FIRST_ROUNDS = 6
+FIRST_ROUNDS, FIRST_CHARGES = 6, 101  # of the iteration of the first reading, and where it may begin
+PAIRS = ("v_ts_V", "v_tl_V")
+SECANT = 0.1  # of the state of charge; assumed, a few knots of a table
+SHORTEST_S = 1e-9  # of a correlation: none, and no division by zero
 
 # Current, temperature and voltage of a row.
 Row = tuple[Array, Array, Array]
@@ -40,11 +49,18 @@ class Tuning(InShort, eqx.Module):
         start_sd: of the state of charge at the start.
         charge_sd: of the state of charge counted over an hour, by errors of current sensor and capacity.
         voltage_sd_V: of a reading, model error that changes from reading to reading included.
-        drop_share: further error of a reading, as a share of what the load takes from the open-circuit voltage.
+        drop_share: of a passing error of the model, as a share of what the load takes from the open-circuit voltage.
         scale_sd: of the logarithm of the scale of all resistances, a first-order Gauss-Markov process.
         scale_s: correlation time of that process.
         offset_sd_V: of the offset of the open-circuit voltage, a process of the same kind.
         offset_s: correlation time of that process.
+        capacity_sd: of the logarithm of the scale of the capacity, constant in a run. By default 0.1: a cell at the
+            usual end of its life, 80 % of its capacity, is two of these away (assumed).
+        current_sd: of a constant offset of the current sensor, as a share of the capacity in an hour (1/h). By default
+            0.003, some mA of a cell of 3 A h (assumed).
+        bias_sd_V: of a further offset of the open-circuit voltage, constant in a run.
+        error_s: correlation time of the passing error, a first-order Gauss-Markov process; 0, the default, makes it
+            white.
 
     Example:
         >>> from jaxmodel import operation
@@ -52,7 +68,7 @@ class Tuning(InShort, eqx.Module):
         <Tuning: scale_sd=0.1>
     """
 
-    start_sd: Scalar = eqx.field(default=0.2, converter=_as_array)
+    start_sd: Scalar = eqx.field(default=0.3, converter=_as_array)
     charge_sd: Scalar = eqx.field(default=0.01, converter=_as_array)
     voltage_sd_V: Scalar = eqx.field(default=0.01, converter=_as_array)
     drop_share: Scalar = eqx.field(default=0.1, converter=_as_array)
@@ -60,6 +76,10 @@ class Tuning(InShort, eqx.Module):
     scale_s: Scalar = eqx.field(default=1000.0, converter=_as_array)
     offset_sd_V: Scalar = eqx.field(default=0.02, converter=_as_array)
     offset_s: Scalar = eqx.field(default=1000.0, converter=_as_array)
+    capacity_sd: Scalar = eqx.field(default=0.1, converter=_as_array)
+    current_sd: Scalar = eqx.field(default=0.003, converter=_as_array)
+    bias_sd_V: Scalar = eqx.field(default=0.0, converter=_as_array)
+    error_s: Scalar = eqx.field(default=0.0, converter=_as_array)
 
 
 class Measured(InShort, eqx.Module):
@@ -95,7 +115,11 @@ class FilterOutput(InShort, eqx.Module):
         sd: its standard deviation by the filter's covariance.
         nis: normalised innovation squared; 1 on average where the filter is consistent. NaN without a reading.
         scale: of all resistances.
-        offset_V: of the open-circuit voltage.
+        offset_V: of the open-circuit voltage, what is constant in it included.
+        innovation: reading less prediction, by the sd that the filter expects of it; its square is `nis`.
+        capacity_scale: of the capacity.
+        capacity_sd: sd of the logarithm of that scale.
+        current_offset_A: what the current sensor reads too much.
     """
 
     soc: Array
@@ -103,6 +127,10 @@ class FilterOutput(InShort, eqx.Module):
     nis: Array
     scale: Array
     offset_V: Array
+    innovation: Array
+    capacity_scale: Array
+    capacity_sd: Array
+    current_offset_A: Array
 
 
 def state_names(model: Model) -> tuple[str, ...]:
@@ -125,18 +153,34 @@ def ekf(model: Model, tuning: Tuning, measured: Measured, start_soc: Scalar, pai
     Returns:
         Estimates of shape (rows,).
     """
+    begin, first_output, rows = first_corrected(model, tuning, measured, start_soc, pairs_sd_V)
+
+    def advance(carry: tuple[Array, Array], row: tuple[Array, Row]) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
+        return corrected_step(model, tuning, *carry, *row)
+
+    outputs = jax.lax.scan(advance, begin, rows)[1]
+    return FilterOutput(*(jnp.concatenate([one[None], rest]) for one, rest in zip(first_output, outputs, strict=True)))
+
+
+def corrected_step(
+    model: Model, tuning: Tuning, mean: Array, covariance: Array, duration: Array, row: Row
+) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
+    """Return mean and covariance after a step and its reading, and the output there."""
+    return _correct(model, tuning, *_predict(model, tuning, mean, covariance, duration, row), row)
+
+
+def first_corrected(
+    model: Model, tuning: Tuning, measured: Measured, start_soc: Scalar, pairs_sd_V: Scalar
+) -> tuple[tuple[Array, Array], tuple[Array, ...], tuple[Array, Row]]:
+    """Return mean and covariance after the first reading, the output there, and durations and columns of later rows."""
     duration = jnp.diff(measured.time_s)
     readings = (measured.current_A, measured.degC, measured.voltage_V)
     first, later = (jax.tree.map(lambda x, part=part: x[part], readings) for part in (0, slice(1, None)))
     before = _before_first_reading(model, tuning, first, jnp.asarray(start_soc, dtype=float), pairs_sd_V)
-    # A wrong start is far from where the curves were linearised: its first reading is linearised again and again.
-    begin, first_output = _correct(model, tuning, *before, first, rounds=FIRST_ROUNDS)
-
-    def advance(carry: tuple[Array, Array], row: tuple[Array, Row]) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
-        return _correct(model, tuning, *_predict(model, tuning, *carry, *row), row[1])
-
-    outputs = jax.lax.scan(advance, begin, (duration, later))[1]
-    return FilterOutput(*(jnp.concatenate([one[None], rest]) for one, rest in zip(first_output, outputs, strict=True)))
+    # A wrong start is far from where the curves should be linearised: the first reading is, where it is most probable.
+    near = _most_probable(model, tuning, *before, first)
+    begin, output = _correct(model, tuning, *before, first, near=near)
+    return begin, output, (duration, later)
 
 
 def _before_first_reading(
@@ -145,10 +189,13 @@ def _before_first_reading(
     """Return mean and covariance before the first reading."""
     names = state_names(model)
     state = initial_state(model, _inputs(first)) | {"soc": start_soc} | dict.fromkeys(VARYING, jnp.zeros(()))
-    known = dict.fromkeys(("v_ts_V", "v_tl_V"), pairs_sd_V)
+    known = dict.fromkeys(PAIRS, pairs_sd_V)
     known |= {"soc": tuning.start_sd, "log_scale": tuning.scale_sd, "offset_V": tuning.offset_sd_V}
-    variances = jnp.stack([jnp.asarray(known.get(name, 0.0), dtype=float) ** 2 for name in names])
+    known |= {"log_capacity": tuning.capacity_sd, "drift_per_h": tuning.current_sd, HYSTERESIS: HYSTERESIS_SD}
+    known["bias_V"] = tuning.bias_sd_V
     mean = jnp.stack([jnp.asarray(state[name], dtype=float) for name in names])
+    known["error_V"] = tuning.drop_share * _drop(model, mean, first)
+    variances = jnp.stack([jnp.asarray(known.get(name, 0.0), dtype=float) ** 2 for name in names])
     return mean, variances[:, None] * jnp.eye(len(names))
 
 
@@ -156,65 +203,118 @@ def _inputs(row: Row) -> dict[str, Array]:
     return {"current_A": row[0], "ambient_degC": row[1]}
 
 
-def _named(model: Model, x: Array) -> tuple[Model, dict[str, Array]]:
-    """Return the model with the varying numbers of a state vector in it, and its own states by name."""
+def _named(model: Model, x: Array) -> tuple[Model, dict[str, Array], dict[str, Array]]:
+    """Return the model with the varying numbers of a state vector in it, its own states, and the varying numbers.
+
+    RC pairs keep their time constants. The scale of what the current takes at once, and what concerns the count of
+    charge alone, are not in the model.
+    """
     values = dict(zip(state_names(model), x, strict=True))
-    factor = jnp.exp(values.pop("log_scale"))
-    p = model.parameters
+    varying = {name: values.pop(name) for name in VARYING}
+    factor, p = jnp.exp(varying["log_scale"]), model.parameters
     own = {
-        "series_resistance_scale": p.series_resistance_scale * factor,
         "rc_resistance_scale": p.rc_resistance_scale * factor,
-        # The pairs keep their time constants.
         "rc_capacitance_scale": p.rc_capacitance_scale / factor,
-        "ocv_offset_V": p.ocv_offset_V + values.pop("offset_V"),
+        "ocv_offset_V": p.ocv_offset_V + varying["offset_V"] + varying["bias_V"] + varying["error_V"],
     }
-    return with_values(model, own), values
+    return with_values(model, own), values, varying
+
+
+def _kept(tuning: Tuning, duration: Array) -> dict[str, Array]:
+    """Return the share of each Gauss-Markov process that is left after a step."""
+    seconds = {"log_scale": tuning.scale_s, "offset_V": tuning.offset_s, "error_V": tuning.error_s}
+    return {name: jnp.exp(-duration / jnp.maximum(of, SHORTEST_S)) for name, of in seconds.items()}
+
+
+def moved(model: Model, tuning: Tuning, x: Array, duration: Array, row: Row) -> Array:
+    """Return a state vector after a step: that of the model, and what varies nearer to its mean.
+
+    The charge moves by (dSOC + c dt)/q: dSOC is the model's, c the offset of the current, q the scale of the capacity.
+    """
+    keep = _kept(tuning, duration)
+    own, state, varying = _named(model, x)
+    here = _losing(state)
+    end = step(own, here, _inputs(row), duration)
+    counted = end["soc"] - here["soc"] + varying["drift_per_h"] * duration / 3600.0
+    end["soc"] = state["soc"] + counted * jnp.exp(-varying["log_capacity"])
+    before = state | varying
+    return jnp.stack([end[n] if n in end else before[n] * keep.get(n, 1.0) for n in state_names(model)])
+
+
+def added_variance(model: Model, tuning: Tuning, x: Array, duration: Array, row: Row) -> Array:
+    """Return the variance that a step to a state vector adds to each state: that of counting, and of what varies."""
+    keep = _kept(tuning, duration)
+    sd = {"log_scale": tuning.scale_sd, "offset_V": tuning.offset_sd_V}
+    sd["error_V"] = tuning.drop_share * _drop(model, x, row)
+    noise = {name: sd[name] ** 2 * (1.0 - keep[name] ** 2) for name in sd}
+    noise["soc"] = tuning.charge_sd**2 * duration / 3600.0
+    return jnp.stack([jnp.asarray(noise.get(name, 0.0), dtype=float) for name in state_names(model)])
+
+
+def expected_voltage(model: Model, x: Array, row: Row) -> Array:
+    """Return the voltage of a state vector: V = V(0) - s (V(0) - V(i)), s the scale of what the current takes at once.
+
+    So s scales the overpotentials of effects as it does resistances. The derivative by the charge is the secant of the
+    open-circuit voltage over a width of twice `SECANT`: between knots a table is rough, and a filter that trusts each
+    slope tells an offset of the voltage from an error of the charge by the roughness.
+    """
+    own, state, varying = _named(model, x)
+    inputs = _inputs(row)
+    resting = inputs | {"current_A": jnp.zeros(())}
+    here = _losing(state)
+    unloaded = read(own, here, resting)["voltage_V"]
+    lost = unloaded - read(own, here, inputs)["voltage_V"]
+    low, high = (jnp.clip(here["soc"] + by, *SOC_RANGE) for by in (-SECANT, SECANT))
+    across = [jax.lax.stop_gradient(read(own, here | {"soc": at}, resting)["voltage_V"]) for at in (low, high)]
+    slope = (across[1] - across[0]) / jnp.maximum(high - low, SECANT)  # beyond the range it is 0
+    return unloaded + slope * (state["soc"] - here["soc"]) - jnp.exp(varying["log_scale"]) * lost
+
+
+def _losing(state: dict[str, Array]) -> dict[str, Array]:
+    """Return the states for what the load takes, which is linearised as if it did not depend on the charge.
+
+    Resistances change with the charge by a few percent, as much as their tables err: a filter that reads the charge
+    off them is wrong, and sure of it. Only the open-circuit voltage tells the charge.
+    """
+    return state | {"soc": jax.lax.stop_gradient(state["soc"])}
+
+
+def _drop(model: Model, x: Array, row: Row) -> Array:
+    """Return what the load takes from the open-circuit voltage, in V."""
+    own, state, _ = _named(model, x)
+    relaxed = state | {name: jnp.zeros(()) for name in PAIRS}
+    at_rest = read(own, relaxed, _inputs(row) | {"current_A": jnp.zeros(())})["voltage_V"]
+    return at_rest - expected_voltage(model, x, row)
 
 
 def _predict(
     model: Model, tuning: Tuning, mean: Array, covariance: Array, duration: Array, row: Row
 ) -> tuple[Array, Array]:
     """Move mean and covariance over a step by the model's own, linearised at the mean."""
-    names = state_names(model)
-    keep = {"log_scale": jnp.exp(-duration / tuning.scale_s), "offset_V": jnp.exp(-duration / tuning.offset_s)}
 
     def move(x: Array) -> Array:
-        own, state = _named(model, x)
-        moved = step(own, state, _inputs(row), duration)
-        unchanged = dict(zip(names, x, strict=True))
-        return jnp.stack([moved[n] if n in moved else unchanged[n] * keep[n] for n in names])
+        return moved(model, tuning, x, duration, row)
 
-    noise = {
-        "soc": tuning.charge_sd**2 * duration / 3600.0,
-        "log_scale": tuning.scale_sd**2 * (1.0 - keep["log_scale"] ** 2),
-        "offset_V": tuning.offset_sd_V**2 * (1.0 - keep["offset_V"] ** 2),
-    }
-    added = jnp.stack([jnp.asarray(noise.get(name, 0.0), dtype=float) for name in names])
-    slope = jax.jacfwd(move)(mean)
-    covariance = _product(_product(slope, covariance), slope.T) + added[:, None] * jnp.eye(len(names))
-    return move(mean), covariance
+    slope, end = jax.jacfwd(move)(mean), move(mean)
+    added = added_variance(model, tuning, end, duration, row)
+    covariance = _product(_product(slope, covariance), slope.T) + added[:, None] * jnp.eye(mean.shape[0])
+    return end, covariance
 
 
 def _correct(
-    model: Model, tuning: Tuning, mean: Array, covariance: Array, row: Row, rounds: int = 1
+    model: Model, tuning: Tuning, mean: Array, covariance: Array, row: Row, near: Array | None = None
 ) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
     """Correct by a voltage (Joseph's form, which keeps the covariance positive); return both, and the output.
 
-    In further rounds the reading is linearised where the round before ended (iterated extended Kalman filter).
+    The reading is linearised at the mean; or first at `near`, and then where each round before ended (iterated
+    extended Kalman filter).
     """
-    names, voltage = state_names(model), row[2]
-    soc = names.index("soc")
+    voltage, soc = row[2], state_names(model).index("soc")
+    variance = tuning.voltage_sd_V**2
+    seen = jnp.isfinite(voltage)
 
     def reading(x: Array) -> Array:
-        own, state = _named(model, x)
-        return read(own, state, _inputs(row))["voltage_V"]
-
-    own, state = _named(model, mean)
-    unloaded = state | {name: jnp.zeros(()) for name in ("v_ts_V", "v_tl_V")}
-    at_rest = {"current_A": jnp.zeros(()), "ambient_degC": row[1]}
-    drop = read(own, unloaded, at_rest)["voltage_V"] - reading(mean)
-    variance = tuning.voltage_sd_V**2 + (tuning.drop_share * drop) ** 2
-    seen = jnp.isfinite(voltage)
+        return expected_voltage(model, x, row)
 
     def linearised(x: Array) -> tuple[Array, Array, Array, Array, Array]:
         along = jax.jacfwd(reading)(x)
@@ -222,29 +322,72 @@ def _correct(
         across = jnp.sum(covariance * along, axis=1)
         spread = jnp.sum(across * along) + variance
         gain = jnp.where(seen, across / spread, 0.0)
-        return along, innovation, spread, gain, _clipped(mean + gain * innovation, soc)
+        along_soc = covariance[:, soc] - gain * across[soc]
+        return along, innovation, spread, gain, within_range(mean + gain * innovation, along_soc, soc)
 
-    along, innovation, spread, gain, corrected = linearised(mean)
-    nis = jnp.where(seen, innovation**2 / spread, jnp.nan)
-    if rounds > 1:
-        nearer = jax.lax.fori_loop(0, rounds - 2, lambda _, x: linearised(x)[-1], corrected)
-        along, _, _, gain, corrected = linearised(nearer)
-    left = jnp.eye(len(names)) - gain[:, None] * along
+    if near is not None:
+        near = jax.lax.fori_loop(0, FIRST_ROUNDS - 1, lambda _, x: linearised(x)[-1], near)
+    along, innovation, spread, gain, corrected = linearised(mean if near is None else near)
+    normalised = jnp.where(seen, innovation / jnp.sqrt(spread), jnp.nan)
+    left = jnp.eye(mean.shape[0]) - gain[:, None] * along
     covariance = _product(_product(left, covariance), left.T) + variance * gain[:, None] * gain
-    output = (
-        corrected[soc],
-        jnp.sqrt(covariance[soc, soc]),
-        nis,
-        jnp.exp(corrected[names.index("log_scale")]),
-        corrected[names.index("offset_V")],
-    )
-    return (corrected, covariance), output
+    return (corrected, covariance), output_of(model, corrected, covariance, normalised)
 
 
-def _clipped(mean: Array, soc: int) -> Array:
-    """Keep the charge within its range; a wrong start must not leave it."""
+def _most_probable(model: Model, tuning: Tuning, mean: Array, covariance: Array, row: Row) -> Array:
+    """Return the mean before the first reading with the most probable state of charge after it, of all of its range.
+
+    Along the charge the reading may bend and turn, where a local search would end at the wrong place. The other states
+    are linearised at their means at each charge.
+    """
+    soc = state_names(model).index("soc")
     here = jnp.arange(mean.shape[0]) == soc
-    return jnp.where(here, jnp.clip(mean, *SOC_RANGE), mean)
+    rest = jnp.where(here[:, None] | here[None, :], 0.0, covariance)
+
+    def improbability(charge: Array) -> Array:
+        x = jnp.where(here, charge, mean)
+        along = jax.jacfwd(lambda at: expected_voltage(model, at, row))(x)
+        spread = jnp.sum(jnp.sum(rest * along, axis=1) * along) + tuning.voltage_sd_V**2
+        off = (row[2] - expected_voltage(model, x, row)) ** 2 / spread + jnp.log(spread)
+        return off + (charge - mean[soc]) ** 2 / covariance[soc, soc]
+
+    charges = jnp.append(jnp.linspace(*SOC_RANGE, FIRST_CHARGES), mean[soc])
+    best = charges[jnp.argmin(jax.vmap(improbability)(charges))]
+    return jnp.where(here & jnp.isfinite(row[2]), best, mean)
+
+
+def output_of(model: Model, mean: Array, covariance: Array, normalised: Array) -> tuple[Array, ...]:
+    """Return the fields of `FilterOutput` at a row."""
+    at = {name: place for place, name in enumerate(state_names(model))}
+    return (
+        mean[at["soc"]],
+        jnp.sqrt(covariance[at["soc"], at["soc"]]),
+        normalised**2,
+        jnp.exp(mean[at["log_scale"]]),
+        mean[at["offset_V"]] + mean[at["bias_V"]],
+        normalised,
+        jnp.exp(mean[at["log_capacity"]]),
+        jnp.sqrt(covariance[at["log_capacity"], at["log_capacity"]]),
+        mean[at["drift_per_h"]] * model.parameters.capacity_Ah,
+    )
+
+
+def within_range(mean: Array, covariance: Array, soc: int) -> Array:
+    """Return the mean with its charge within the range, and the other states where they then are most probable.
+
+    x - P_s (s - s_b)/P_ss, s_b the nearest charge of the range: the projection by the covariance of Simon and Chia
+    (IEEE Trans. Aerospace and Electronic Systems 38 (2002) 128). To move the charge alone would leave the others
+    corrected for a charge that cannot be.
+
+    Args:
+        mean: the states, shape (n,).
+        covariance: that of each state with the charge, shape (n,).
+        soc: place of the charge.
+    """
+    off = mean[soc] - jnp.clip(mean[soc], *SOC_RANGE)
+    share = covariance / jnp.where(covariance[soc] > 0.0, covariance[soc], 1.0)
+    share = jnp.where(jnp.arange(mean.shape[0]) == soc, 1.0, share)
+    return mean - share * off
 
 
 def _product(a: Array, b: Array) -> Array:

@@ -15,11 +15,11 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxmodel.base.in_short import InShort
-from jaxmodel.model.cell import cycle_resistance, storage_factor
-from jaxmodel.model.curves import Curve
+from jaxmodel.model.cell import Cell, evaluate, storage_factor
 from jaxmodel.model.declaration import Scalar
-from jaxmodel.model.electrothermal import Model
-from jaxmodel.operation.kalman import Measured
+from jaxmodel.model.electrothermal import Model, initial_state, read
+from jaxmodel.operation.kalman import HYSTERESIS, Measured
+from jaxmodel.operation.preparation import for_estimation
 
 ORDER = 3  # of the polynomial, as in the paper's Fig. 8
 FITTED_SOC = (0.1, 1.0)  # below, the open-circuit voltage falls too steeply for such a polynomial
@@ -34,7 +34,8 @@ class PolynomialEstimator(InShort):
         soc_of_volts: coefficients of the state of charge over the open-circuit voltage less `centre_V`, highest first.
         centre_V: mean voltage of the fit.
         degC: temperatures of the resistances.
-        series_ohm: series resistance at these temperatures.
+        series_ohm: what the current takes at once at these temperatures, by the current: series resistance and
+            overpotentials of effects, at a discharge in one hour.
         rc_ohm: resistance of both RC pairs at these temperatures.
         lag_s: mean time constant of the pairs.
         blend_s: time constant with which the count follows the voltage's state of charge.
@@ -54,7 +55,7 @@ class PolynomialEstimator(InShort):
 
 
 def polynomial_estimator(model: Model, degC: np.ndarray, blend_s: float, order: int = ORDER) -> PolynomialEstimator:
-    """Return the polynomial estimator of a cell's model, from its curves at some temperatures.
+    """Return the polynomial estimator of a cell's model with its effects, from its voltages at some temperatures.
 
     Args:
         model: of kind "cell".
@@ -70,25 +71,31 @@ def polynomial_estimator(model: Model, degC: np.ndarray, blend_s: float, order: 
         >>> len(estimator.soc_of_volts)
         4
     """
-    p, curves = model.parameters, model.curves
+    model, p = for_estimation(model), model.parameters
     soc = jnp.linspace(*FITTED_SOC, 91)
-    volts = np.asarray(jax.vmap(lambda s: curves.ocv(s, jnp.asarray(25.0)))(soc)) + float(p.ocv_offset_V)
+    one_hour_A = p.capacity_Ah * storage_factor(p.storage_months, p.storage_temperature_degC)
+
+    def at(charge: Scalar, celsius: Scalar) -> tuple[Array, Array, Cell]:
+        """Return the voltage without current, what the current of an hour's discharge takes of it, and the cell."""
+        inputs = {"current_A": jnp.zeros(()), "ambient_degC": celsius}
+        state = initial_state(model, inputs) | {"soc": charge}
+        if HYSTERESIS in state:
+            state[HYSTERESIS] = jnp.ones(())  # the branch of a discharge
+        volts = read(model, state, inputs)["voltage_V"]
+        loaded = read(model, state, inputs | {"current_A": one_hour_A})["voltage_V"]
+        return volts, volts - loaded, evaluate(p, model.curves, model.effects, state, celsius)
+
+    volts = np.asarray(jax.vmap(lambda s: at(s, jnp.asarray(25.0))[0])(soc))
     centre = float(volts.mean())
     polynomial = np.polyfit(volts - centre, np.asarray(soc), order)
     off = np.polyval(polynomial, volts - centre) - np.asarray(soc)
-
-    def at(curve: Curve, scale: Scalar) -> tuple[float, ...]:
-        return tuple(float(curve(jnp.asarray(_MIDDLE), jnp.asarray(t)) * scale) for t in degC)
-
-    series = tuple(
-        ohm + float(cycle_resistance(p.cycles) * p.series_resistance_scale)
-        for ohm in at(curves.R_ints, p.series_resistance_scale)
+    drops, cells = zip(
+        *(at(jnp.asarray(_MIDDLE), jnp.asarray(celsius, dtype=float))[1:] for celsius in degC), strict=True
     )
-    pairs = [np.array(at(curve, p.rc_resistance_scale)) for curve in (curves.R_TS, curves.R_TL)]
-    seconds = [
-        np.array(at(r, p.rc_resistance_scale)) * np.array(at(c, p.rc_capacitance_scale))
-        for r, c in ((curves.R_TS, curves.C_TS), (curves.R_TL, curves.C_TL))
-    ]
+    series = tuple(float(drop / one_hour_A) for drop in drops)
+    pairs = [np.array([float(getattr(cell.context, name)) for cell in cells]) for name in ("R_TS", "R_TL")]
+    farads = [np.array([float(getattr(cell.context, name)) for cell in cells]) for name in ("C_TS", "C_TL")]
+    seconds = [r * c for r, c in zip(pairs, farads, strict=True)]
     return PolynomialEstimator(
         soc_of_volts=tuple(map(float, polynomial)),
         centre_V=centre,
@@ -97,7 +104,7 @@ def polynomial_estimator(model: Model, degC: np.ndarray, blend_s: float, order: 
         rc_ohm=tuple(map(float, pairs[0] + pairs[1])),
         lag_s=float(np.mean((seconds[0] * pairs[0] + seconds[1] * pairs[1]) / (pairs[0] + pairs[1]))),
         blend_s=blend_s,
-        capacity_Ah=float(p.capacity_Ah * storage_factor(p.storage_months, p.storage_temperature_degC)),
+        capacity_Ah=float(one_hour_A),
         worst_fit=float(np.abs(off).max()),
     )
 

@@ -1,7 +1,7 @@
 """Estimators of the state of charge, tuned on the fit runs of a case and scored on its check runs.
 
-Five are compared: a Kalman filter and the paper's polynomial, each with the measured temperature and with 25 degC
-assumed, and coulomb counting.
+Six are compared: an extended Kalman filter and the paper's polynomial, each with the measured temperature and with 25
+degC assumed, a sigma-point filter with the tuning of the first, and coulomb counting.
 """
 
 from __future__ import annotations
@@ -28,16 +28,36 @@ from jaxmodel.case.build import case_model
 from jaxmodel.case.measurements import file_label, read_utf8
 from jaxmodel.case.records import Case
 from jaxmodel.model.electrothermal import Model
-from jaxmodel.operation.evaluation import FIXED_DEGC, Trial, filters, polynomials, trials, tune_filter, tune_polynomial
-from jaxmodel.operation.kalman import Measured, Tuning
+from jaxmodel.operation.calibration import calibrated
+from jaxmodel.operation.controller import SinglePrecision, single_precision
+from jaxmodel.operation.evaluation import (
+    FIXED_DEGC,
+    Trial,
+    filters,
+    polynomials,
+    rms,
+    trials,
+    tune_filter,
+    tune_polynomial,
+)
+from jaxmodel.operation.innovations import consistency
+from jaxmodel.operation.kalman import Measured, Tuning, ekf
 from jaxmodel.operation.polynomial import PolynomialEstimator, polynomial_estimator
+from jaxmodel.operation.preparation import for_estimation
+from jaxmodel.operation.sigma_points import cubature_filter
 
 FILTER, FILTER_FIXED = "filter, with temperature", "filter, 25 °C assumed"
 POLYNOMIAL, POLYNOMIAL_FIXED = "polynomial, with temperature", "polynomial, 25 °C assumed"
+SIGMA_POINTS = "sigma points, with temperature"
 COUNTED = "coulomb counting"
-ESTIMATORS = (FILTER, FILTER_FIXED, POLYNOMIAL, POLYNOMIAL_FIXED, COUNTED)
+ESTIMATORS = (FILTER, FILTER_FIXED, SIGMA_POINTS, POLYNOMIAL, POLYNOMIAL_FIXED, COUNTED)
+TARGET = 0.02
+COVERED = 0.95  # share of the time in which two standard deviations hold the truth, of a band that is right
 POLYNOMIAL_DEGC = (-20.0, -10.0, 0.0, 10.0, 20.0, 30.0)
 BATCH, BATCH_ROWS = 4096, 200
+# What a tuning of an older version lacks, at the values of that version.
+ADDED = {"capacity_sd": 0.0, "current_sd": 0.0, "bias_sd_V": 0.0, "error_s": 0.0}
+SCORED = ("innovation", "sd", "scale", "capacity_scale")
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -49,16 +69,21 @@ class Evaluation(InShort):
         polynomials: the two polynomial estimators, by name.
         errors: a line for each check run, trial, start and estimator: run; from, "start" or the state of charge where
             the trial begins; offset of the assumed start; estimator; rms and largest error after 15 minutes;
-            to_5_percent_s, after which the error stays within 0.05; and of filters nis, within_2_sd (share of the rows
-            within two standard deviations of the filter) and scale (of the resistances, median).
-        estimates: by check run, each estimator's state of charge over time_s from a start 20 % too low, beside soc, the
-            reference.
+            to_5_percent_s, after which the error stays within 0.05; and of filters nis, nis_low, nis_high and verdict
+            (see `consistency`), sd (of the state of charge, RMS), within_2_sd (share of the rows within two standard
+            deviations of the filter), scale (of the resistances, median) and capacity (its scale at the end).
+        estimates: by check run, each estimator's state of charge over time_s from a start 30 % too low, beside soc, the
+            reference; and the bands of the filters, named after them with ", sd".
+        single_precision: the filter with temperature in float32 over the first check run, and what a step takes.
+        model: that the tunings are for: of the case, its table of the open-circuit voltage corrected by the fit runs.
     """
 
     tunings: dict[str, Tuning]
     polynomials: dict[str, PolynomialEstimator]
     errors: pd.DataFrame
     estimates: dict[str, dict[str, np.ndarray]]
+    single_precision: SinglePrecision | None = None
+    model: Model | None = None
 
     def worst_errors(self, *, from_start: bool = True) -> pd.DataFrame:
         """Return the largest RMS error over the trials of each check run, a column for each estimator.
@@ -69,6 +94,24 @@ class Evaluation(InShort):
         chosen = self.errors[(self.errors["from"] == "start") == from_start]
         table = chosen.pivot_table(values="rms", index="run", columns="estimator", aggfunc="max", sort=False)
         return table.reindex(index=list(dict.fromkeys(self.errors["run"])), columns=list(ESTIMATORS))
+
+    def bands(self) -> pd.DataFrame:
+        """Return whether each filter's band tells its error, over the trials of each check run from its start.
+
+        Columns: run, estimator, rms and sd (the largest and its trial's), within_2_sd (least), verdict of the
+        innovations, and honest: the error is within 2 %, or the truth within two sd in 95 % of the time.
+        """
+        rows = []
+        filters_only = self.errors[
+            (self.errors["from"] == "start") & self.errors["estimator"].isin((FILTER, FILTER_FIXED, SIGMA_POINTS))
+        ]
+        for (run, name), trials_of in filters_only.groupby(["run", "estimator"], sort=False):
+            worst = trials_of.loc[trials_of["rms"].fillna(np.inf).idxmax()]
+            honest = bool(((trials_of["rms"] <= TARGET) | (trials_of["within_2_sd"] >= COVERED)).all())
+            least = float(trials_of["within_2_sd"].min())
+            rows.append((run, name, worst["rms"], worst["sd"], least, worst["nis"], worst["verdict"], honest))
+        columns = ["run", "estimator", "rms", "sd", "within_2_sd", "nis", "verdict", "honest"]
+        return pd.DataFrame(rows, columns=columns)
 
     def write_tunings(self, path: str | Path) -> None:
         """Write the filters' tunings as JSON, for `read_tunings`."""
@@ -106,7 +149,7 @@ def _evaluated(case: Case, count: int, tunings: Mapping[str, Tuning] | None, rep
         raise MeasurementError(
             f"{case.label}: estimate needs a case of kind cell with runs of both splits, fit and check."
         )
-    model = case_model(case)
+    model = _estimators_model(case)
     chosen = dict(tunings or {})
     for name, with_temperature in ((FILTER, True), (FILTER_FIXED, False)):
         if name not in chosen:
@@ -124,16 +167,31 @@ def _evaluated(case: Case, count: int, tunings: Mapping[str, Tuning] | None, rep
     }
     rows: list[dict[str, Any]] = []
     estimates: dict[str, dict[str, np.ndarray]] = {}
-    for with_temperature, names in ((True, (FILTER, POLYNOMIAL, COUNTED)), (False, (FILTER_FIXED, POLYNOMIAL_FIXED))):
+    chosen_or_same = chosen | {SIGMA_POINTS: chosen[FILTER]}
+    for with_temperature, names in (
+        (True, (FILTER, SIGMA_POINTS, POLYNOMIAL, COUNTED)),
+        (False, (FILTER_FIXED, POLYNOMIAL_FIXED)),
+    ):
         for trial in trials(check, with_temperature=with_temperature):
             report(f"scoring: {'with' if with_temperature else 'without'} the temperature, {trial.name}")
             for name in names:
-                soc, output = _estimate(model, trial, chosen.get(name), made.get(name))
+                soc, output = _estimate(model, trial, name, chosen_or_same.get(name), made.get(name))
                 rows += [_row(trial, name, start, soc, output) for start in range(len(trial.offsets))]
                 if trial.rested:
                     of_run = estimates.setdefault(trial.name, {"time_s": trial.time_s, "soc": trial.soc})
                     of_run[name] = soc[1][: trial.soc.size]
-    return Evaluation(chosen, made, pd.DataFrame(rows), estimates)
+                    if output:
+                        of_run[f"{name}, sd"] = output["sd"][1][: trial.soc.size]
+    first = trials(check[:1], with_temperature=True)[0]
+    start = float(first.starts[1])
+    single = single_precision(model, chosen[FILTER], first.measured, start)
+    return Evaluation(chosen, made, pd.DataFrame(rows), estimates, single, model)
+
+
+def _estimators_model(case: Case) -> Model:
+    """Return the model of a case as its estimators use it: see `for_estimation` and `calibrated`."""
+    fit = trials([run for run in case.runs if run.split == "fit"], with_temperature=True)
+    return calibrated(for_estimation(case_model(case)), [trial for trial in fit if trial.rested])
 
 
 def read_tunings(path: str | Path) -> dict[str, Tuning]:
@@ -156,13 +214,15 @@ def read_tunings(path: str | Path) -> dict[str, Tuning]:
         not isinstance(found, dict)
         or found.keys() != {FILTER, FILTER_FIXED}
         or not all(
-            isinstance(values, dict) and values.keys() == fields and all(map(_is_finite, values.values()))
+            isinstance(values, dict)
+            and fields - ADDED.keys() <= values.keys() <= fields
+            and all(map(_is_finite, values.values()))
             for values in found.values()
         )
     ):
         sentence = f"{file_label(path)} is not a tuning.json of `jaxmodel estimate`; name one that it wrote."
         raise MeasurementError(sentence)
-    return {name: Tuning(**values) for name, values in found.items()}
+    return {name: Tuning(**ADDED | values) for name, values in found.items()}
 
 
 def _is_finite(value: Any) -> bool:
@@ -170,21 +230,25 @@ def _is_finite(value: Any) -> bool:
 
 
 def _estimate(
-    model: Model, trial: Trial, tuning: Tuning | None, polynomial: PolynomialEstimator | None
+    model: Model, trial: Trial, name: str, tuning: Tuning | None, polynomial: PolynomialEstimator | None
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Return the state of charge from each start, shape (starts, rows), and a filter's further outputs."""
     if tuning is not None:
         one = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], tuning)
-        found = filters(model, one, trial.measured, trial.starts, trial.pairs_sd_V)
+        run = cubature_filter if name == SIGMA_POINTS else ekf
+        hysteresis = jnp.asarray(trial.hysteresis)
+        found = filters(model, one, trial.measured, trial.starts, trial.pairs_sd_V, hysteresis, run)
         output = jax.tree.map(lambda x: np.asarray(x)[0], found)
-        return output.soc, {"nis": output.nis, "sd": output.sd, "scale": output.scale}
+        return output.soc, {field: np.asarray(getattr(output, field)) for field in SCORED}
     if polynomial is not None:
         return np.asarray(polynomials(polynomial, trial.measured, trial.starts)), {}
-    return trial.soc + np.array(trial.offsets)[:, None], {}
+    return trial.soc + np.asarray(trial.starts)[:, None] - trial.soc[0], {}
 
 
 def _row(trial: Trial, name: str, start: int, soc: np.ndarray, output: Mapping[str, np.ndarray]) -> dict[str, Any]:
     error = np.abs(trial.late(soc[start]) - trial.late(trial.soc))
+    late = {field: trial.late(values[start]) for field, values in output.items()}
+    test = consistency(late.get("innovation", np.empty(0)))
     return {
         "run": trial.name,
         "from": "start" if trial.rested else f"{trial.soc[0]:.1f}",
@@ -193,9 +257,14 @@ def _row(trial: Trial, name: str, start: int, soc: np.ndarray, output: Mapping[s
         "rms": float(trial.errors(soc[start])),
         "largest": float(error.max()),
         "to_5_percent_s": trial.convergence_s(soc[start]),
-        "nis": float(np.nanmean(trial.late(output["nis"][start]))) if output else np.nan,
-        "within_2_sd": float(np.mean(error < 2.0 * trial.late(output["sd"][start]))) if output else np.nan,
-        "scale": float(np.median(trial.late(output["scale"][start]))) if output else np.nan,
+        "nis": test.nis,
+        "nis_low": test.low,
+        "nis_high": test.high,
+        "verdict": test.verdict,
+        "sd": rms(late["sd"]) if output else np.nan,
+        "within_2_sd": float(np.mean(error < 2.0 * late["sd"])) if output else np.nan,
+        "scale": float(np.median(late["scale"])) if output else np.nan,
+        "capacity": float(late["capacity_scale"][-1]) if output else np.nan,
     }
 
 
@@ -206,7 +275,7 @@ def cost_per_step(case: Case, evaluation: Evaluation) -> dict[str, float]:
         case: as in `evaluate_estimators`; its first check run is timed.
         evaluation: the estimators.
     """
-    model = case_model(case)
+    model = _estimators_model(case)
     first = next(run for run in case.runs if run.split == "check")
     measured: Measured = trials([first], with_temperature=True)[0].measured
     part = jax.tree.map(lambda x: x[:BATCH_ROWS], measured)
@@ -216,6 +285,7 @@ def cost_per_step(case: Case, evaluation: Evaluation) -> dict[str, float]:
     found = {}
     for name, call, steps in (
         ("filter, alone", lambda: filters(model, tuning, measured, alone, rested), measured.time_s.size),
+        ("sigma points, alone", lambda: filters(model, tuning, part, alone, rested, None, cubature_filter), BATCH_ROWS),
         ("filter, batch", lambda: filters(model, tuning, part, many, rested), BATCH * BATCH_ROWS),
         ("polynomial, alone", lambda: polynomials(polynomial, measured, alone), measured.time_s.size),
         ("polynomial, batch", lambda: polynomials(polynomial, part, many), BATCH * BATCH_ROWS),

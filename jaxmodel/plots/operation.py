@@ -17,7 +17,7 @@ from jaxmodel.model.electrothermal import Model
 from jaxmodel.model.simulation import simulate
 from jaxmodel.operation.compensation import Compensation
 from jaxmodel.operation.mission import Mission, mission_profile
-from jaxmodel.operation.state_of_charge import COUNTED, Evaluation
+from jaxmodel.operation.state_of_charge import COUNTED, ESTIMATORS, FILTER, Evaluation
 from jaxmodel.plots.style import (
     BLACK,
     BLUE,
@@ -174,7 +174,9 @@ def mission_round(model: Model, mission: Mission) -> Figure:
 
 @styled
 def estimates(evaluation: Evaluation, most: int = 8) -> Figure:
-    """Draw, for each check run, the measured state of charge and the estimates from a start 20 % too low.
+    """Draw, for each check run, the measured state of charge and the estimates from a start 30 % too low.
+
+    The shade is the filter's band of two standard deviations.
 
     Args:
         evaluation: of `jaxmodel.operation.evaluate_estimators`.
@@ -188,7 +190,10 @@ def estimates(evaluation: Evaluation, most: int = 8) -> Figure:
     for axes, (label, columns) in zip(grid.flat, runs.items(), strict=False):
         minutes = columns["time_s"] / 60.0
         axes.plot(minutes, columns["soc"], color=BLACK, lw=2.2, label="reference")
-        drawn = [name for name in columns if name not in ("time_s", "soc", COUNTED)]
+        if f"{FILTER}, sd" in columns:
+            low, high = (columns[FILTER] + by * columns[f"{FILTER}, sd"] for by in (-2.0, 2.0))
+            axes.fill_between(minutes, low, high, color=LINES[0], alpha=0.2, lw=0.0)
+        drawn = [name for name in ESTIMATORS if name in columns and name != COUNTED]
         for name, colour in zip(drawn, LINES, strict=False):
             axes.plot(minutes, columns[name], color=colour, lw=1.1, label=name)
         axes.set_title(label, fontsize=8.0, fontweight="normal")
@@ -213,7 +218,7 @@ def estimate_errors(evaluation: Evaluation, target: float = 0.02, ax: Axes | Non
     labels = [str(run) for run in errors.index]
     figure, axes = one_axes(ax, PAGE_CM, 4.0 + 0.75 * len(labels))
     places = np.arange(len(labels))[::-1]
-    for name, colour, marker in zip(errors.columns, LINES, "osv^D", strict=False):
+    for name, colour, marker in zip(errors.columns, LINES, "osPv^D", strict=False):
         axes.plot(100.0 * errors[name], places, marker, color=colour, label=name, markersize=5)
     axes.axvline(100.0 * target, color=BLACK, lw=1.0, ls="--", label=f"target {100 * target:g} %")
     axes.set_xscale("log")

@@ -133,14 +133,24 @@ def test_error_is_counted_after_the_time_to_converge() -> None:
 
 def test_tuning_is_the_best_of_those_drawn() -> None:
     trial = Trial("made", COLD, COLD_SOC, TIME_S, (0.0, -0.2), rested=True)
-    tuning, error = tune_filter(CELL, [trial], 2, lambda run: None)
+    tuning, score = tune_filter(CELL, [trial], 2, lambda run: None)
     drawn = draw_tunings(2)
     tracks = filters(CELL, drawn, COLD, trial.starts, trial.pairs_sd_V)
-    errors = np.sqrt(np.mean(trial.errors(np.asarray(tracks.soc)) ** 2, axis=1))
-    best = int(errors.argmin())
-    assert error <= errors[best] * (1.0 + 1e-9)
+    scores = np.mean(trial.log_scores(np.asarray(tracks.soc), np.asarray(tracks.sd)), axis=1)
+    best = int(scores.argmin())
+    assert score <= scores[best] + 1e-9
     # A second round looks near the best of the first.
     assert 1.0 / NEARER <= float(tuning.scale_s / drawn.scale_s[best]) <= NEARER
+
+
+def test_score_is_least_for_the_band_that_is_right() -> None:
+    """Of bands of errors of sd 0.03, the logarithmic score is least for 0.03: a narrow band does not win."""
+    soc = np.linspace(1.0, 0.2, ROWS)
+    trial = Trial("made", COLD, soc, TIME_S, (0.0,), rested=True)
+    estimate = soc + np.random.default_rng(3).normal(0.0, 0.03, ROWS)
+    bands = np.array([0.003, 0.01, 0.03, 0.09, 0.3])
+    scores = trial.log_scores(np.tile(estimate, (5, 1)), np.tile(bands[:, None], ROWS))
+    assert int(scores.argmin()) == 2
 
 
 def _run_of(soc: np.ndarray, **outputs: np.ndarray) -> Run:
