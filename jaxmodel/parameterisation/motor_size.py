@@ -20,6 +20,10 @@ from jaxmodel.parameterisation.motor_rows import MotorRows
 SD = {"R_0": 1.0, "L_a": 1.0, "J": 0.5, "R_wc": 0.5, "R_ca": 0.5, "tau_wc": 0.5, "tau_ca": 0.5}
 
 
+# Diameter over that of the paper's motor from which on numbers are scaled: nearer to it they are as good. Assumed.
+FAR_SMALLER = 0.5
+
+
 def paper_speed() -> float:
     """Return the no-load speed of the paper's motor [rad/s]: its supply of 6 cells of 3.8 V over k_tau."""
     supply = float(info("n_series").default) * float(info("nominal_cell_voltage_V").default)
@@ -27,7 +31,7 @@ def paper_speed() -> float:
 
 
 def by_size(runs: Sequence[MotorRows], k: float, R: float | None) -> dict[str, Known]:
-    """Return what a motor smaller than the paper's usually has; of one as large, or with a gear, the inertia alone.
+    """Return what a motor far smaller than the paper's usually has; of others, or with a gear, the inertia alone.
 
     That is the one at which R J/k^2 is the paper's, and needs the resistance.
 
@@ -41,7 +45,7 @@ def by_size(runs: Sequence[MotorRows], k: float, R: float | None) -> dict[str, K
     size = paper_speed() * k / volts if volts > 0.0 else math.inf
     if R is not None:
         size = min(size, (k**2 / R / (paper["k_tau"] ** 2 / paper["R_0"])) ** 0.2)
-    R = k**2 / (paper["k_tau"] ** 2 / paper["R_0"] * size**5) if R is None and size < 1.0 else R
+    R = k**2 / (paper["k_tau"] ** 2 / paper["R_0"] * size**5) if R is None and size < FAR_SMALLER else R
     if R is None:
         return {}
     found = {"J": paper["J"] * (k / paper["k_tau"]) ** 2 * paper["R_0"] / R}
@@ -53,5 +57,5 @@ def by_size(runs: Sequence[MotorRows], k: float, R: float | None) -> dict[str, K
         "tau_wc": paper["tau_wc"] * size,
         "tau_ca": paper["tau_ca"] * size,
     }
-    found |= small if size < 1.0 else {}
+    found |= small if size < FAR_SMALLER else {}
     return {name: Known(value, SD[name] * value) for name, value in found.items()}

@@ -21,6 +21,7 @@ from jaxmodel.case.build import case_model, with_preset
 from jaxmodel.case.known import Known
 from jaxmodel.case.measurements import Measured
 from jaxmodel.case.records import Case, Run
+from jaxmodel.effects.loads import LAWS
 from jaxmodel.model.cell import storage_factor
 from jaxmodel.model.parameters import info
 from jaxmodel.model.robot import accessory_draw, duty_of_signal, load_torque
@@ -139,13 +140,19 @@ def _motor_case(case: Case) -> Case | None:
     runs = []
     for run in case.runs:
         inputs, outputs, time_s = run.measured.inputs, run.measured.outputs, run.measured.time_s
+        at_speed = "speed_rad_s" in inputs
         if not _read(run, "pack_voltage_V") or not (_read(run, "motor_current_A") or _read(run, "speed_rad_s")):
             continue
         new = {
             "voltage_V": _duty(run) * _filled(time_s, outputs["pack_voltage_V"]),
-            "load_torque_Nm": _by_row(load_torque, case, run),
             "ambient_degC": inputs["ambient_degC"],
         }
+        if at_speed:
+            new["speed_rad_s"] = inputs["speed_rad_s"]
+        elif case.load not in LAWS:
+            new["load_torque_Nm"] = _by_row(lambda p, row: load_torque(p, row, ()), case, run)
+        else:
+            new |= {name: inputs[name] for name in ("load_torque_Nm", "incline_deg") if name in inputs}
         names = ("speed_rad_s", "winding_temperature_degC", "case_temperature_degC")
         read = {name: outputs[name] for name in names if name in outputs}
         if "motor_current_A" in outputs:
@@ -179,7 +186,13 @@ def _part(case: Case, kind, runs: list[Run]) -> Case | None:
     if not any(run.split == "fit" for run in runs):
         return None
     tables = case.tables if kind == "cell" else {}
-    return dataclasses.replace(case, kind=kind, runs=tuple(runs), tables=tables, effects={}, effect_sd={}, sensors={})
+    part = dataclasses.replace(case, kind=kind, runs=tuple(runs), tables=tables, effects={}, effect_sd={}, sensors={})
+    if kind == "cell":
+        return dataclasses.replace(part, load="")
+    if (law := LAWS.get(case.load)) is None:
+        return part
+    sd = {law.name: case.effect_sd[law.name]} if law.name in case.effect_sd else {}
+    return dataclasses.replace(part, effects={law.name: case.effects[law.name]}, effect_sd=sd)
 
 
 def _onboard(case: Case) -> Extraction:

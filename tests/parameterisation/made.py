@@ -95,8 +95,8 @@ def motor_frame() -> pd.DataFrame:
     return pd.DataFrame({"time_s": time, "voltage_V": volts, "load_torque_Nm": load, "ambient_degC": 25.0})
 
 
-def measured_motor(columns=("current_A", "speed_rad_s"), **other: float) -> pd.DataFrame:
-    frame = motor_frame()
+def measured_motor(columns=("current_A", "speed_rad_s"), load: float | None = None, **other: float) -> pd.DataFrame:
+    frame = motor_frame() if load is None else motor_frame().assign(load_torque_Nm=load)
     truth = Case.from_dataframes(
         {"steps": frame}, kind="motor", parameters=MOTOR | other, effects={"viscous_friction": {"b": VISCOUS}}
     )

@@ -58,8 +58,16 @@ def test_heating_without_a_thermometer_is_not_in_the_data(found: Parameterisatio
         assert found[name].test
 
 
-def test_without_a_current_the_resistance_is_not_in_the_data() -> None:
+def test_without_a_current_a_known_load_tells_the_resistance() -> None:
     frame = made.measured_motor(columns=("speed_rad_s",))
+    found = parameterise(Case.from_dataframes({"steps": frame}, kind="motor", parameters={"R_0": (0.3, 0.1)}))
+    assert found["R_0"].found
+    assert found["R_0"].value == pytest.approx(made.MOTOR["R_0"], rel=0.05)
+    assert not found["L_a"].found  # no lag is made up
+
+
+def test_without_a_current_and_a_load_the_resistance_is_not_in_the_data() -> None:
+    frame = made.measured_motor(columns=("speed_rad_s",), load=0.0)
     found = parameterise(Case.from_dataframes({"steps": frame}, kind="motor", parameters={"R_0": (0.3, 0.1)}))
     assert not found["R_0"].found
     assert "locked" in found["R_0"].test

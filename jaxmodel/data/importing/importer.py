@@ -128,7 +128,7 @@ def _read(
     readings = []
     for path in paths:
         others = [other.name for other in paths if other != path]
-        if others and path.is_file() and (listing := read_listing(path, others, KINDS[kind].required_inputs)):
+        if others and path.is_file() and (listing := read_listing(path, others, _inputs_of(kind))):
             listed |= listing
             found.append(Decision("list of files", "", file_label(path), "it names the other files", "file"))
         else:
@@ -151,6 +151,13 @@ def _read(
         if column and (column not in header or not (stated or target in MARKS)):
             raise MeasurementError(unmatched(target, column, header))
     return logs, listed, found
+
+
+def _inputs_of(kind: Kind) -> tuple[str, ...]:
+    """Return the inputs that a list of files may state: a number that holds throughout."""
+    known = KINDS[kind]
+    chosen = (name for group in known.alternatives for name in group if name not in known.outputs)
+    return (*known.required_inputs, *chosen)
 
 
 def _with_clocks(logs: Sequence[Log], options: Options, ask: Ask | None) -> tuple[list[Log], list[Finding]]:
@@ -305,6 +312,12 @@ def _complete(run: Log, kind: Kind, options: Options, listed: Listed | None) -> 
                 f"{file_label(run.source)} has current and speed, and neither a voltage nor a load torque: nothing is "
                 "left that a model could predict. Import it with --load unknown, and `jaxmodel torque` gives its "
                 f"torque; or say what the load follows with --load {', '.join(LAWS)}."
+            )
+        if "speed_rad_s" in drives and not options.load:
+            raise MeasurementError(
+                f"{file_label(run.source)} has no load torque, and no reading but the speed, which would drive the "
+                f"model in its place; say what the load follows with --load {', '.join(LAWS)}, or state --constant "
+                f"{LOAD}=VALUE for all of it."
             )
         raise MeasurementError(
             f"{file_label(run.source)} has no reading that a {kind} predicts "

@@ -195,6 +195,8 @@ def _lacking(chosen: Mapping[str, Role], kind: Kind, options: Options) -> list[s
     lacking = [] if timed else ["time_s"]
     wanted = [("current_A",), ("voltage_V",)] if kind == "cell" else required(kind, options.load)
     given = chosen.keys() | options.constants.keys()
+    # A torque may have an odd name: a speed stands in for it only where nobody knows of one.
+    given -= {"speed_rad_s"} if not options.load else set()
     return lacking + [group[0] for group in wanted if not given.intersection(group)]
 
 

@@ -214,8 +214,9 @@ def test_a_column_that_no_name_tells_is_asked_for(tmp_path: Path):
     path = write(tmp_path, log)
     imported = import_case(path, "motor", ambient=23.0, ask=lambda question: "brake")
     np.testing.assert_array_equal(imported.runs[0].log.columns["load_torque_Nm"], log.brake)
-    with pytest.raises(MeasurementError, match="no column is load_torque_Nm"):
-        import_case(path, "motor", ambient=23.0, ask=lambda question: "none")
+    unknown = import_case(path, "motor", ambient=23.0, ask=lambda question: "none")
+    assert "speed_rad_s" in unknown.case.runs[0].measured.inputs
+    assert any(one.about == "load" and one.value == "unknown" for one in unknown.decisions)
 
 
 @pytest.mark.parametrize(

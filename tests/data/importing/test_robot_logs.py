@@ -51,9 +51,12 @@ def test_every_column_of_a_robots_log_finds_its_place(tmp_path: Path, incline: b
 
 @pytest.mark.parametrize(
     ("without", "says"),
-    [("Duty cycle [%]", "no column is duty or V_set"), ("Load torque [N m]", "no column is load_torque_Nm or incline")],
+    [
+        (["Duty cycle [%]"], "no column is duty or V_set"),
+        (["Load torque [N m]", "Speed [rpm]"], "no column is load_torque_Nm or incline_deg or speed_rad_s.*--load"),
+    ],
 )
-def test_an_input_that_a_robot_needs_is_asked_for(tmp_path: Path, without: str, says: str):
+def test_an_input_that_a_robot_needs_is_asked_for(tmp_path: Path, without: list[str], says: str):
     log().drop(columns=without).to_csv(tmp_path / "drive.csv", index=False)
     with pytest.raises(MeasurementError, match=says):
         import_case(tmp_path / "drive.csv", "robot", ambient=20.0)

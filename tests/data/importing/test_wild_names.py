@@ -362,7 +362,7 @@ def test_lists_of_rows_of_json_are_runs_by_their_keys(wild: Wild):
     assert [run.log.rows for run in imported.runs] == [1200, 1200, 300, 300]
     assert set(imported.runs[2].log.columns["voltage_V"]) == {7.0}
     assert imported.runs[0].log.time_s[-1] == pytest.approx(5.995)
-    assert "load_torque_Nm" in saying("motor", path, ambient=22.0)
+    assert "--load" in saying("motor", path, ambient=22.0)
 
 
 LOG = cell_log()[["time_s", "current_A", "voltage_V"]]
