@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from jaxmodel.diagnosis.result import Rung, ToleranceUsed
 from jaxmodel.fit.cache import FitCache
 
@@ -24,14 +22,11 @@ def fit_for_purpose(cache: FitCache, last: Rung) -> dict[str, dict[str, bool]]:
     found: dict[str, dict[str, bool]] = {}
     for name, tolerance in tolerances(cache).items():
         for run in cache.case.runs:
-            if run.split != "check" or name not in run.measured.outputs:
+            error = last.by_run[name].get(run.name)
+            if run.split != "check" or error is None:
                 continue
             own = run.tolerance.get(name)
-            errors = run.measured.outputs[name] - last.predictions[run.name][name]
-            errors = errors[np.isfinite(errors)]
-            if errors.size:
-                rms, largest = float(np.sqrt(np.mean(errors**2))), float(np.max(np.abs(errors)))
-                limit = own.max if own is not None else tolerance.largest
-                within = rms <= (own.rms if own is not None else tolerance.rms)
-                found.setdefault(name, {})[run.name] = within and (limit is None or largest <= limit)
+            limit = own.max if own is not None else tolerance.largest
+            within = error.rms <= (own.rms if own is not None else tolerance.rms)
+            found.setdefault(name, {})[run.name] = within and (limit is None or error.worst <= limit)
     return found
