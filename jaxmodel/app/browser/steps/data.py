@@ -24,6 +24,14 @@ SIGNS = {
     "discharge-positive": "positive on discharge",
     "charge-positive": "positive on charge",
 }
+LOADS = {
+    "": "its measured torque, else unknown: the speed drives the model",
+    "free": "nothing",
+    "propeller": "a propeller",
+    "gravity": "a weight on an arm",
+    "rolling": "a vehicle that rolls",
+    "unknown": "unknown, whatever the file says",
+}
 SPLITS = {
     "auto": "at each file",
     "rests": "at long rests too",
@@ -135,6 +143,8 @@ def _form(context: Context, source: dict[str, Any]) -> None:
         for name in ("ambient", "capacity_Ah", "initial_soc") if form["kind"] == "cell" else ("ambient",):
             words, option = NUMBERS[name]
             field(words, _text(form.get(name)), lambda v, n=name: put(n, v), option, inputmode="decimal")
+        if form["kind"] != "cell":
+            select("The load is", LOADS, str(form.get("load") or ""), lambda v: put("load", v), "--load")
         with h("details"):
             h("summary", "Correct what was found")
             select("A positive current means", SIGNS, str(form.get("sign") or ""), lambda v: put("sign", v), "--sign")
@@ -166,7 +176,7 @@ def _text(value: Any) -> str:
 
 def _import(context: Context, form: dict[str, Any], source: dict[str, Any]) -> None:
     """Send the form; a number that is none is said by the importer's own sentence."""
-    options: dict[str, Any] = {name: form.get(name) or None for name in ("sign", "split_at", "preset")}
+    options: dict[str, Any] = {name: form.get(name) or None for name in ("sign", "split_at", "preset", "load")}
     for name in NUMBERS:
         options[name] = _number(form.get(name))
     options["columns"] = {name: value.strip() for name, value in form.get("columns", {}).items() if value.strip()}
