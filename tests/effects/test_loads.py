@@ -180,3 +180,28 @@ def test_any_step_is_stable(law, step_s: float):
     assert np.all(np.abs(speed) < 12.0 / K)
     if step_s > 0.5:
         assert speed[2] == pytest.approx(-speed[4], rel=1e-2)
+
+
+def test_teeth_take_more_to_drive_a_load_than_they_give_back():
+    """At a steady speed the current drives tau_l (1 + f) + tau_0 upwards, and holds tau_l (1 - f) - tau_0 downwards."""
+    rub = CATALOGUE["gear_friction"](f=0.4)
+    up, down = (
+        ran(Model("motor", effects=(rub,)), 0.01, 2.0, voltage_V=volts, load_torque_Nm=0.2)["current_A"][-1] * K
+        for volts in (12.0, -4.0)
+    )
+    assert up == pytest.approx(0.2 * 1.4 + TAU_0, rel=1e-6)
+    assert down == pytest.approx(0.2 * 0.6 - TAU_0, rel=1e-6)
+
+
+def test_a_gear_that_rubs_as_much_as_it_carries_locks():
+    found = ran(
+        Model("motor", effects=(CATALOGUE["gear_friction"](f=1.1),)), 0.01, 1.0, voltage_V=0.0, load_torque_Nm=0.3
+    )
+    assert np.abs(found["speed_rad_s"]).max() < 1e-9
+
+
+def test_friction_of_the_motor_side_follows_its_torque():
+    rub = CATALOGUE["torque_friction"](f=0.3)
+    found = ran(Model("motor", effects=(rub,)), 0.01, 3.0, voltage_V=12.0, load_torque_Nm=0.14)
+    current = found["current_A"][-1]
+    assert K * current * 0.7 == pytest.approx(0.14 + TAU_0, rel=1e-3)
