@@ -18,6 +18,7 @@ from jaxmodel.fit.gauss_newton import descend, errors_at
 from jaxmodel.fit.lanes import at_once
 from jaxmodel.fit.likelihood import Likelihood, from_tolerances
 from jaxmodel.fit.noise.contract import noise_of_case
+from jaxmodel.fit.noise.of_speed import with_noise_of_speed
 from jaxmodel.fit.preparation import prepared
 from jaxmodel.fit.scores import Scores
 from jaxmodel.fit.screen import Screen, screen
@@ -72,7 +73,7 @@ class FitCache:
         """
         self.settings, self._progress = settings, progress
         self.case, self.preparation = prepared(case)
-        self.noise = noise_of_case(self.case)
+        self.noise = with_noise_of_speed(self.case, noise_of_case(self.case))
         self.space = ModelSpace(self.case, without, settings, only)
         self.fit_runs = [number for number, run in enumerate(self.case.runs) if run.split == "fit"]
         if not any(name in self.case.runs[number].measured.outputs for name in self.noise for number in self.fit_runs):

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.special import chdtri, kolmogi
 
 from jaxmodel.case.records import Case
+from jaxmodel.fit.noise.of_speed import SPEED, speed_sd
 
 # Difference of neighbours, in sd, that counts as a jump.
 _JUMP = 6.0
@@ -23,6 +24,9 @@ _IMPROBABLE = 1e-3
 # An input is held if it is constant for so many rows; it is averaged if that is at least this share of the run.
 _LONG, _MOST = 8, 0.8
 
+# A speed within so many sd of zero, for so many rows, is that of a motor that stands. Assumed.
+_AT_REST, _ROWS_AT_REST = 4.0, 3
+
 
 def with_held_inputs(case: Case) -> Case:
     """Return a case with noisy inputs replaced by their means where they were held."""
@@ -30,8 +34,23 @@ def with_held_inputs(case: Case) -> Case:
     runs = []
     for run in case.runs:
         inputs = {n: held(v, noisy[n]) if n in noisy else v for n, v in run.measured.inputs.items()}
+        if SPEED in inputs:
+            inputs[SPEED] = at_rest(inputs[SPEED], speed_sd(case))
         runs.append(run.driven_by(inputs))
     return dataclasses.replace(case, runs=tuple(runs))
+
+
+def at_rest(speed: np.ndarray, sd: float) -> np.ndarray:
+    """Return a speed (rows,) that is exactly 0 where it cannot be told from that for some rows.
+
+    A motor that stands draws nothing; the noise of its speed would make it brake, and a voltage drop of the brushes,
+    which holds small currents back, would seem to explain that.
+    """
+    near = np.abs(speed) <= _AT_REST * sd
+    begins = np.append(0, np.flatnonzero(np.diff(near.astype(np.int8))) + 1)
+    rows = np.diff(np.append(begins, near.size))
+    long = np.repeat(rows >= _ROWS_AT_REST, rows)
+    return np.where(near & long, 0.0, speed)
 
 
 def held(values: np.ndarray, sd: float) -> np.ndarray:
