@@ -15,8 +15,9 @@ from jaxmodel.case.build import case_model
 from jaxmodel.case.records import Case, Run
 from jaxmodel.effects.loads import LAWS, GravityLoad
 from jaxmodel.effects.specimen import usual_range
+from jaxmodel.model import motor as motors
 from jaxmodel.model.declaration import describe
-from jaxmodel.model.ports import Effect, MotorContext, fold
+from jaxmodel.model.ports import Effect
 
 # By law, the number that the data are asked for where a case does not state it; the torque is proportional to it.
 FREE = {"propeller": "c", "gravity": "mass_kg"}
@@ -102,21 +103,9 @@ def _along(effect: Effect, case: Case, run: Run, speed: np.ndarray, rate: np.nda
 
     def asked(state, ambient, speed, rate):
         zero = jnp.zeros(())
-        context = MotorContext(
-            parameters=parameters,
-            state=state,
-            ambient_degC=ambient,
-            winding_degC=ambient,
-            case_degC=ambient,
-            duty=zero,
-            pack_voltage_V=zero,
-            current_A=zero,
-            speed_rad_s=speed,
-            load_torque_Nm=zero,
-        )
-        against = fold((effect,), "load_friction", zero, context) * jnp.sign(speed)
-        resisting = fold((effect,), "load_torque", zero, context) + fold((effect,), "load_drag", zero, context)
-        return resisting + against + fold((effect,), "inertia", zero, context) * rate
+        state = motors.initial_state(parameters) | state | {"speed_rad_s": speed}
+        motor = motors.evaluate(parameters, (effect,), state, ambient, zero, jnp.ones(()), zero)
+        return motors.asked_torque(motor, rate)
 
     return np.asarray(jax.vmap(asked)(*jax.tree.map(jnp.asarray, (states, inputs["ambient_degC"], speed, rate))))
 

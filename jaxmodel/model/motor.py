@@ -310,6 +310,14 @@ def run_imposed(motor: Motor, current_A: Scalar) -> ArmatureStep:
     return ArmatureStep(current_A, speed, current_A, speed, jnp.zeros(()), _imposed_friction(motor))
 
 
+def asked_torque(motor: Motor, rate_rad_s2: Scalar) -> Scalar:
+    """Return what a load asks of the shaft at the motor's speed in N m: torque, drag, dry friction and its inertia."""
+    context, speed = motor.context, motor.context.speed_rad_s
+    drag = fold(motor.effects, "load_drag", jnp.zeros(()), context)
+    dry = jnp.sign(speed) * fold(motor.effects, "load_friction", jnp.zeros(()), context)
+    return motor.load_torque_Nm + drag + dry + (motor.inertia_kg_m2 - context.parameters.J) * rate_rad_s2
+
+
 def shaft_torque(motor: Motor, pair: Pair) -> Scalar:
     """Return what is left of the motor's torque for load and inertia in N m: less its own friction, eqs. 12 and 13."""
     dry = jnp.where(jnp.abs(pair.speed) > STANDSTILL, jnp.sign(pair.speed), 0.0) * _own_friction(motor, pair.speed)
