@@ -181,7 +181,9 @@ class Case:
         """
         entries = {"parameters": {**(parameters or {}), **(tables or {})}, "effects": effects or {}}
         entries |= {"sensors": sensors or {}, "tolerance": tolerance or {}, "cutoff": cutoff or {}}
-        entries |= {"title": title, "kind": kind, "preset": preset} | ({} if load is None else {"load": load})
+        entries |= {"title": title, "kind": kind, "preset": preset}
+        if load is not None:
+            entries["load"] = load
         case_of_frames = late_bound("jaxmodel.case.reading:case_of_frames")
         return case_of_frames(frames, name, check, runs or {}, entries, own_effects)
 
