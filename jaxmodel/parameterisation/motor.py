@@ -234,10 +234,13 @@ def _growing_friction(case: Case, found: Sequence[Extraction]) -> tuple[Case, Ex
 def _lag(case: Case, found: Sequence[Extraction]) -> tuple[Case, Extraction] | None:
     """Return the case with an inductance that lags by some rows, to be refined.
 
-    None where the case states one, it is found already, or no run is driven by its voltage.
+    None where the case states one (a usual one of such a motor is not stated), it is found already, or no run is driven
+    by its voltage.
     """
     driven = [run for run in case.runs if run.split == "fit" and "voltage_V" in run.measured.inputs]
-    if any(one.name == "L_a" and one.found for one in found) or "L_a" in case.parameters or not driven:
+    of_case = [one for one in found if one.name == "L_a"]
+    usual = any(USUAL in one.method for one in of_case)
+    if any(one.found for one in of_case) or ("L_a" in case.parameters and not usual) or not driven:
         return None
     seconds = LAG_ROWS * float(np.median(np.concatenate([np.diff(run.measured.time_s) for run in driven])))
     first = seconds * _stated(case, "R_0")

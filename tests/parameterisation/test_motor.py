@@ -60,8 +60,8 @@ def test_heating_without_a_thermometer_is_not_in_the_data(found: Parameterisatio
         assert found[name].test
 
 
-def test_without_a_current_the_resistance_is_not_in_the_data() -> None:
-    frame = made.measured_motor(columns=("speed_rad_s",))
+def test_without_current_and_load_the_resistance_is_not_in_the_data() -> None:
+    frame = made.measured_motor(columns=("speed_rad_s",)).assign(load_torque_Nm=0.0)
     found = parameterise(Case.from_dataframes({"steps": frame}, kind="motor", parameters={"R_0": (0.3, 0.1)}))
     assert not found["R_0"].found
     assert "locked" in found["R_0"].test
