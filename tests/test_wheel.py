@@ -139,7 +139,7 @@ def test_the_package_index_would_take_both(built: Path) -> None:
 
 
 def test_metadata_are_whole(metadata: Message) -> None:
-    assert metadata["License-Expression"] == "Apache-2.0 AND CC-BY-SA-4.0"
+    assert metadata["License-Expression"] == "Apache-2.0 AND CC-BY-SA-4.0 AND MIT"
     assert metadata.get_all("License-File") == ["LICENSE", "LICENSE-DATA"]
     for field in ("Author", "Keywords", "Summary", "Requires-Python"):
         assert metadata[field], field

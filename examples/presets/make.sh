@@ -1,10 +1,11 @@
 #!/bin/sh
-# Presets from measured data, by the two commands alone: two of the package, and three that it does not hold.
+# Presets from measured data, by the two commands alone: three of the package, and three that it does not hold.
 # Usage: make.sh DATA_FOLDER OUT_FOLDER [NAME ...]; README.md says what DATA_FOLDER holds.
 set -eu
 data=$1 out=$2
 shift 2
 arts="ARTS-Lab, University of South Carolina, GitHub ARTS-Laboratory"
+here=$(cd "$(dirname "$0")" && pwd)
 panasonic=$data/panasonic_18650pf servo=$data/hobby_servo_lift
 
 preset() {  # NAME TITLE DATA LICENCE IMPORT_OPTION...
@@ -14,7 +15,7 @@ preset() {  # NAME TITLE DATA LICENCE IMPORT_OPTION...
     jaxmodel parameterise "$out/$name/case" --preset "$name" --data "$from" --licence "$licence" --out "$out/$name"
 }
 
-for name in ${*:-k2_lfp_26650 lg_mj1}; do
+for name in ${*:-k2_lfp_26650 lg_mj1 coreless_7x16}; do
     case $name in
     k2_lfp_26650)
         preset "$name" "K2 Energy 26650 LFP, 2.2 A h" \
@@ -24,6 +25,15 @@ for name in ${*:-k2_lfp_26650 lg_mj1}; do
         preset "$name" "LG INR18650-MJ1 that gave 2.9 A h" \
             "$arts/dataset-LG-MJ1-INR-18650-cell-characterization, commit 60490059" "CC BY-SA 4.0" \
             "$data"/lg_mj1_18650/*.csv --kind cell ;;
+    coreless_7x16)
+        # At full duty the motors have the voltage of the battery; at others the switch takes a share that is not known.
+        preset "$name" "7x16 mm coreless motor of a Crazyflie 2.1" \
+            "Bitcraze and IMRCLab, GitHub IMRCLab/crazyflie-system-id, commit 76a64de, data/bitcraze2021" "MIT" \
+            "$data"/crazyflie21_brushed/thrust_stand_cf21_stock_prop.csv --kind motor --load propeller --ambient 22 \
+            --rows "pwm > 0.965" --split-at steps --column step=pwm --seconds-per-row 0.25 \
+            --column "voltage_V=battery_voltage_V*pwm" --column "current_A=(current_A-0.19)/4" \
+            --column "speed_rad_s=(motor1_speed_rpm+motor2_speed_rpm+motor3_speed_rpm+motor4_speed_rpm)/4*0.10472" \
+            --preset "$here"/known_coreless_7x16.toml ;;
     panasonic_18650pf)
         preset "$name" "Panasonic NCR18650PF, 2.9 A h" \
             "P. Kollmeyer, Panasonic 18650PF Li-ion Battery Data, Mendeley Data v1, DOI 10.17632/wykht8y7tg.1; \

@@ -33,6 +33,7 @@ from jaxmodel.operation.polynomial import PolynomialEstimator, polynomial_estima
 from jaxmodel.operation.preparation import for_estimation
 from jaxmodel.operation.robots import cells_in_parallel, read_robots
 from jaxmodel.operation.state_of_charge import Evaluation, cost_per_step, evaluate_estimators, read_tunings
+from jaxmodel.operation.wear import Trend, Wear, trend
 
 __all__ = [
     "LIMITS",
@@ -50,7 +51,9 @@ __all__ = [
     "RunLoad",
     "Segment",
     "SinglePrecision",
+    "Trend",
     "Tuning",
+    "Wear",
     "c_header",
     "cells_in_parallel",
     "compensate",
@@ -71,4 +74,5 @@ __all__ = [
     "run_polynomial",
     "sides",
     "single_precision",
+    "trend",
 ]

@@ -17,6 +17,7 @@ from jaxmodel.base.remark import Remark
 from jaxmodel.case.build import with_preset
 from jaxmodel.case.known import Known
 from jaxmodel.case.load import free_number
+from jaxmodel.case.presets import read_preset
 from jaxmodel.case.records import Case
 from jaxmodel.case.simulation import simulate_case
 from jaxmodel.fit.likelihood import autocorrelation_time
@@ -104,10 +105,11 @@ def _extracted(
             f"{case.label}: no fit run has a speed, or voltage and current together; add 'speed_rad_s' or 'current_A'."
         )
     stated = with_preset(case).parameters
+    constant = _known_constant(case)
     exact = {name: known for name, known in case.parameters.items() if known.sd is None}
     usual: dict[str, Known] = {}
     tell("winding and torque constant")
-    found, volts = electrical(runs, _stated(case, "psi_R"), _stated(case, "T_0"))
+    found, volts = electrical(runs, _stated(case, "psi_R"), _stated(case, "T_0"), constant)
     if found_late_s:
         names = tuple(rows.name for rows in runs)
         found.append(Extraction(LATE, found_late_s, found_late_s, "s", names, "speed and voltage", "least squares"))
@@ -117,13 +119,13 @@ def _extracted(
     def value(name: str) -> float:
         return numbers[name] if name in numbers else _stated(case, name)
 
-    if "k_tau" not in numbers and "k_tau" not in exact:
-        seen = [one for one in _without_current(runs, case.load == "propeller") if one.name not in exact]
+    if "k_tau" not in numbers and not (constant is not None and "R_0" in numbers):
+        seen = [one for one in _without_current(runs, case.load == "propeller", constant) if one.name not in exact]
         found += seen
         numbers |= {one.name: one.value for one in seen}
-    if {"k_tau"} & (numbers.keys() | exact.keys()):
+    if constant is not None or "k_tau" in numbers:
         resistance = value("R_0") if {"R_0"} & (numbers.keys() | stated.keys()) else None
-        usual = by_size(runs, value("k_tau"), resistance)
+        usual = by_size(runs, value("k_tau"), resistance, blown=case.load == "propeller")
         usual = {name: known for name, known in usual.items() if name not in stated and name not in numbers}
         case = dataclasses.replace(case, parameters=case.parameters | usual)
     tell("friction and inertia")
@@ -189,7 +191,8 @@ def _refined(case: Case, found: list[Extraction], follows: bool) -> tuple[Case, 
         further = [one for one in (_growing_friction(case, found), _lag(case, found) if follows else None) if one]
     if "R_0" in names:
         unseen = better.values["R_0"] * _unseen_heat(refined_case(case, names, better))
-        better = dataclasses.replace(better, sd=better.sd | {"R_0": math.hypot(better.sd["R_0"], unseen)})
+        by_constant = 0.0 if "k_tau" in names else next(one.sd for one in found if one.name == "R_0")
+        better = dataclasses.replace(better, sd=better.sd | {"R_0": math.hypot(better.sd["R_0"], unseen, by_constant)})
     said = []
     for one in found:
         if one.name in names:
@@ -231,10 +234,13 @@ def _growing_friction(case: Case, found: Sequence[Extraction]) -> tuple[Case, Ex
 def _lag(case: Case, found: Sequence[Extraction]) -> tuple[Case, Extraction] | None:
     """Return the case with an inductance that lags by some rows, to be refined.
 
-    None where the case states one, it is found already, or no run is driven by its voltage.
+    None where the case states one (a usual one of such a motor is not stated), it is found already, or no run is driven
+    by its voltage.
     """
     driven = [run for run in case.runs if run.split == "fit" and "voltage_V" in run.measured.inputs]
-    if any(one.name == "L_a" and one.found for one in found) or "L_a" in case.parameters or not driven:
+    of_case = [one for one in found if one.name == "L_a"]
+    usual = any(USUAL in one.method for one in of_case)
+    if any(one.found for one in of_case) or ("L_a" in case.parameters and not usual) or not driven:
         return None
     seconds = LAG_ROWS * float(np.median(np.concatenate([np.diff(run.measured.time_s) for run in driven])))
     first = seconds * _stated(case, "R_0")
@@ -262,12 +268,18 @@ def _stated(case: Case, name: str) -> float:
     return stated[name].value if name in stated else float(info(name).default)
 
 
-def _without_current(runs: Sequence[MotorRows], at_propeller: bool) -> list[Extraction]:
+def _known_constant(case: Case) -> Known | None:
+    """Return the torque constant that a preset states, or the case as exact; a first value of the case is none."""
+    own = case.parameters.get("k_tau")
+    return own if own is not None and own.sd is None else read_preset(case.preset).parameters.get("k_tau")
+
+
+def _without_current(runs: Sequence[MotorRows], at_propeller: bool, known: Known | None = None) -> list[Extraction]:
     """Return k_tau from voltage and speed alone, and R_0 where a load is known, none negative.
 
     V = k w + B sgn(w) + C dw/dt + D times the load, known or by its law up to a number; with a known one D is R_0 / k.
     k holds the loss that grows with speed. Over the few speeds of a flight a propeller's torque looks like a back-EMF:
-    there the usual drop of such a motor decides (`PROPELLER_DROP`).
+    there the usual drop of such a motor decides (`PROPELLER_DROP`). A torque constant that is known stays as it is.
     """
     parts = [rows for rows in runs if rows.voltage_V is not None and rows.speed_rad_s is not None and rows.moving.any()]
     if not parts:
@@ -283,6 +295,8 @@ def _without_current(runs: Sequence[MotorRows], at_propeller: bool) -> list[Extr
         blocks.append(np.column_stack([speed, np.sign(speed), rows.rate[at], *lawful]))
         targets.append(rows.voltage_V[at])
     matrix, volts = np.vstack(blocks), np.concatenate(targets)
+    if known is not None:
+        return _resistance_by_load(matrix, volts, known, tuple(rows.name for rows in parts)) if loaded else []
     size = np.sqrt(np.mean(matrix**2, axis=0)) + 1e-30
     scaled = matrix / size
     left = volts - scaled @ lsq_linear(scaled, volts, (0.0, np.inf)).x
@@ -309,6 +323,23 @@ def _without_current(runs: Sequence[MotorRows], at_propeller: bool) -> list[Extr
     return found
 
 
+def _resistance_by_load(matrix: np.ndarray, volts: np.ndarray, known: Known, runs: tuple[str, ...]) -> list[Extraction]:
+    """Return R_0 at a known torque constant from columns speed, its sign, acceleration and known load."""
+    rest = matrix[:, 1:] / (np.sqrt(np.mean(matrix[:, 1:] ** 2, axis=0)) + 1e-30)
+    unit = float(np.sqrt(np.mean(matrix[:, 3] ** 2)))
+    beside = volts - known.value * matrix[:, 0]
+    per_load = lsq_linear(rest, beside, (0.0, np.inf)).x
+    left = beside - rest @ per_load
+    variance = float(left @ left) / left.size * autocorrelation_time([left])
+    spread = np.sqrt(np.diag(np.linalg.pinv(rest.T @ rest)) * variance)
+    if not per_load[2] > spread[2]:
+        return []
+    R = known.value * float(per_load[2]) / unit
+    share = math.hypot(spread[2] / per_load[2], (known.sd or 0.0) / known.value)
+    method = "voltage less k w over known load, k_tau as it is stated, no current was measured"
+    return [Extraction("R_0", R, R * share, "ohm", runs, f"{left.size} rows", method)]
+
+
 def _of_load(free: tuple[str, str, str]) -> str:
     """Return what the free number of a load's law is called."""
     return f"{free[0]}.{free[1]}"
@@ -330,7 +361,9 @@ def _mechanical(case: Case, turning: Mechanics) -> list[Extraction]:
 
 def _absent(case: Case, name: str, stated: dict[str, Known]) -> Extraction:
     known = stated.get(name)
-    where = "the case's stated value" if name in case.parameters else f"the preset '{Path(case.preset).name}'"
+    of_preset = known is not None and known == read_preset(case.preset).parameters.get(name)
+    own = name in case.parameters and not of_preset
+    where = "the case's stated value" if own else f"the preset '{Path(case.preset).name}'"
     value = known.value if known is not None else float(info(name).default)
     return absent(name, value, UNITS[name], where, TESTS[name], known.sd if known and known.sd else math.nan)
 

@@ -11,12 +11,14 @@ from jaxmodel.base import toml
 from jaxmodel.base.atomic_files import write_whole
 from jaxmodel.base.errors import MeasurementError
 from jaxmodel.base.schema import with_schema
-from jaxmodel.case.presets import PresetForm
+from jaxmodel.case.presets import PresetForm, read_form
 from jaxmodel.case.writing import table_entry
+from jaxmodel.effects.loads import LAWS
 from jaxmodel.parameterisation.result import Parameterisation
 
 KINDS = {"cell": ["cell", "robot"], "motor": ["motor"], "robot": ["robot"]}
 _REFIT = "joint refit of all curves"
+_LOADS = {law.name for law in LAWS.values() if law is not None}
 
 
 def write_preset(found: Parameterisation, path: Path, data: str, licence: str) -> None:
@@ -34,7 +36,7 @@ def write_preset(found: Parameterisation, path: Path, data: str, licence: str) -
     checked_name(path.stem)
     case = found.case
     held_out = _held_out(found, "".join(f", with {name}" for name in case.effects))
-    if case.effects:
+    if case.effects.keys() - _LOADS:
         held_out = _held_out(_without_effects(found), "") + held_out
     if not held_out:
         raise MeasurementError(
@@ -68,12 +70,18 @@ def _held_out(found: Parameterisation, added: str) -> list[dict[str, Any]]:
 
 
 def _without_effects(found: Parameterisation) -> Parameterisation:
-    """Return the numbers in a case without the effects that they were found with: what the preset alone is."""
+    """Return the numbers in a case without the effects that they were found with: what the preset alone is.
+
+    The law of a load that is not measured stays: without it there is nothing to compare.
+    """
     runs = tuple(
         dataclasses.replace(run, overrides={n: k for n, k in run.overrides.items() if n != "initial_hysteresis"})
         for run in found.case.runs
     )
-    return dataclasses.replace(found, case=dataclasses.replace(found.case, effects={}, effect_sd={}, runs=runs))
+    effects = {name: values for name, values in found.case.effects.items() if name in _LOADS}
+    effect_sd = {name: values for name, values in found.case.effect_sd.items() if name in _LOADS}
+    case = dataclasses.replace(found.case, effects=effects, effect_sd=effect_sd, runs=runs)
+    return dataclasses.replace(found, case=case)
 
 
 def checked_name(name: str) -> str:
@@ -90,6 +98,10 @@ def checked_name(name: str) -> str:
 def _entry(found: Parameterisation, name: str) -> dict[str, Any]:
     """Return value, sd and source of a parameter."""
     known = found.case.parameters[name]
+    preset = found.case.preset
+    kept = None if preset == "paper" else (read_form(preset).parameters.__pydantic_extra__ or {}).get(name)
+    if kept is not None and (kept.value, kept.sd) == (known.value, known.sd):
+        return kept.model_dump(exclude_none=True)
     extracted = next((one for one in found.extractions if one.name == name), None)
     if extracted is not None and not extracted.found:
         source = extracted.method

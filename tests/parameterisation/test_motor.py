@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -73,6 +75,29 @@ def test_without_a_current_and_a_load_the_resistance_is_not_in_the_data() -> Non
     assert "locked" in found["R_0"].test
     assert not found["L_a"].found  # no lag is made up
     assert found["k_tau"].value == pytest.approx(made.MOTOR["k_tau"], rel=0.05)
+
+
+def test_a_known_torque_constant_gives_the_resistance_that_one_speed_does_not() -> None:
+    """At one speed V = R i + k w has one equation for two numbers: R is (V - k w) / i, as sure as k is."""
+    random = np.random.default_rng(4)
+    k, R, speed, current = 7.6e-4, 1.05, 2400.0, 1.0
+    frame = pd.DataFrame({"time_s": np.arange(60.0), "voltage_V": R * current + k * speed, "ambient_degC": 20.0})
+    frame["current_A"] = current + 1e-3 * random.normal(size=60)
+    frame["speed_rad_s"] = speed + random.normal(size=60)
+    stated = {"k_tau": k, "psi_R": 0.0}
+    found = parameterise(Case.from_dataframes({"full": frame}, kind="motor", load="propeller", parameters=stated))
+    assert found["R_0"].value == pytest.approx(R, rel=2e-3)
+    assert not [one for one in found.extractions if one.name == "k_tau"]
+
+
+def test_a_preset_keeps_its_torque_constant_where_no_current_was_read(tmp_path: Path) -> None:
+    frame = made.measured_motor(columns=("speed_rad_s",)).drop(columns="load_torque_Nm")
+    head = 'title = "Sheet"\nkinds = ["motor"]\ndata = "data sheet"\nlicence = "none"\n'
+    (tmp_path / "sheet.toml").write_text(f"{head}[parameters]\nk_tau = {{ value = 0.03, sd = 0.003 }}\n", "utf-8")
+    case = Case.from_dataframes({"steps": frame}, kind="motor", load="propeller", preset=str(tmp_path / "sheet.toml"))
+    one = parameterise(case)["k_tau"]
+    assert (one.value, one.sd, one.found) == (0.03, 0.003, False)
+    assert "sheet.toml" in one.method
 
 
 def test_a_lag_between_voltage_and_speed_is_found() -> None:

@@ -13,8 +13,11 @@ from jaxmodel.app import terminal
 from jaxmodel.app.article import Picture, Section, Table, write_article
 from jaxmodel.app.commands.start import start
 from jaxmodel.base.atomic_files import write_whole
+from jaxmodel.base.errors import FitError
 from jaxmodel.case.reading import read_case
+from jaxmodel.case.records import Case
 from jaxmodel.operation.load import LoadEstimate, estimate_load, sides
+from jaxmodel.operation.wear import WHAT, Wear, trend
 from jaxmodel.plots.load import load_by_group, load_of_run
 from jaxmodel.plots.style import png
 
@@ -42,20 +45,26 @@ def torque(paths: Sequence[Path], out: Path, *, pictures: bool = True) -> None:
     cases = [read_case(path) for path in paths]
     start(out)
     found: list[LoadEstimate] = []
+    worn: list[Wear] = []
     with terminal.stages("torque") as progress:
         for case in cases:
             progress(f"torque of {case.name}")
             found.append(estimate_load(case))
+            progress(f"wear of {case.name}")
+            worn += _wear(case)
     for name, one in zip(_names(found), found, strict=True):
         write_whole(out / f"torque-{name}.csv", one.to_dataframe().to_csv(index=False, float_format="%.6g"))
     sections = [_groups(found), *([_sides(found)] if len(found) > 1 else [])]
+    if worn:
+        sections.append(_over_the_runs(worn))
     if pictures:
         sections.append(_runs(found))
+    findings = _findings(found) + [f"{one.name}: {line}" for one in worn for line in one.summary().splitlines()]
     write_article(
         out,
         "Torque of the load",
         f"From current and speed; made in {time.perf_counter() - began:.0f} s",
-        _findings(found),
+        findings,
         sections,
         [path / "case.toml" if path.is_dir() else path for path in paths],
         pictures=pictures,
@@ -63,7 +72,7 @@ def torque(paths: Sequence[Path], out: Path, *, pictures: bool = True) -> None:
     for section in sections:
         for table in (part for part in section.parts if isinstance(part, Table)):
             terminal.table(table.name, table.head, table.rows, right=range(table.words, len(table.head)))
-    for line in _findings(found):
+    for line in findings:
         terminal.say(f"- {line}")
     terminal.say(f"torque-*.csv{', and report.html,' if pictures else ''} are in {out}.")
 
@@ -116,6 +125,32 @@ def _sides(found: Sequence[LoadEstimate]) -> Section:
             "Ratios of mean torques. The motors are taken as alike: a torque constant that is wrong for both is not in "
             "the sd, one that is wrong for one of them looks like a load.",
             Table("sides", ("runs", "of", "ratio", "sd"), rows, words=2),
+        ],
+    )
+
+
+def _wear(case: Case) -> list[Wear]:
+    """Return what the runs of a case tell of its wear; nothing where they are too few, or give no number."""
+    try:
+        return [trend(case)]
+    except FitError:
+        return []
+
+
+def _over_the_runs(worn: Sequence[Wear]) -> Section:
+    head = ("motor", "number", "runs", "mean", "change [%]", "sd", "chance")
+    rows = []
+    for one in worn:
+        for line in one.trends:
+            change = [_number(100.0 * size) for size in line.change]
+            number = f"{WHAT[line.name]} [{line.unit}]"
+            rows.append((one.name, number, str(len(line.points)), _number(line.mean), *change, f"{line.chance:.2g}"))
+    return Section(
+        "Over the runs",
+        [
+            "Each run alone gives the numbers of the motor; a straight line goes through them, over their cycles or "
+            "order. Change is from the first run to the last; chance is how probable so large a one is without.",
+            Table("wear", head, rows, words=2),
         ],
     )
 

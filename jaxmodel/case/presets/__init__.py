@@ -31,6 +31,7 @@ PRESETS = {
     "samsung_30q": "Samsung INR18650-30Q, 3.0 A h",
     "lg_mj1": "LG INR18650-MJ1 that gave 2.9 A h",
     "k2_lfp_26650": "K2 Energy 26650 LFP, 2.2 A h",
+    "coreless_7x16": "7x16 mm coreless motor of a Crazyflie 2.1",
 }
 # The paper states no voltage at which its pack is empty: 2.7 V of a cell is assumed, as data sheets of lithium polymer
 # cells state it (Kokam, SLPB). With it the robot drives for the half hour of each of its tests at 20 degC.
