@@ -41,8 +41,9 @@ WITHOUT = {
     },
     "jaxmodel.effects": {"Signal"},
     "jaxmodel.operation": {
-        "Compensation", "Consistency", "Evaluation", "FilterOutput", "PolynomialEstimator", "SinglePrecision",
-        "cost_per_step", "ekf", "evaluate_estimators", "interpolation_error", "paper_rule_error", "read_tunings",
+        "Compensation", "Consistency", "Evaluation", "FilterOutput", "PolynomialEstimator", "RunLoad",
+        "SinglePrecision", "Trend", "cost_per_step", "ekf", "estimate_load", "evaluate_estimators",
+        "interpolation_error", "paper_rule_error", "read_tunings", "sides", "trend",
     },
     "jaxmodel.plots": {"errors_by_run", "errors_of_models", "pulse_by_pulse"},
     "jaxmodel.sensitivity": {"read_estimates"},

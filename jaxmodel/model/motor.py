@@ -137,17 +137,18 @@ def _secant_end(start: Scalar, expected: Scalar, rate: Scalar) -> Scalar:
     return start + jnp.where(jnp.abs(change) > ahead, change, jnp.where(rate < 0.0, -ahead, ahead))
 
 
-def _coulomb_torque(motor: Motor, speed_rad_s: Scalar) -> Scalar:
-    """Return the size of all dry friction in N m: of the motor, and of its load."""
-    own = _own_friction(motor, speed_rad_s)
+def _coulomb_torque(motor: Motor, speed_rad_s: Scalar, current_A: Scalar | None = None) -> Scalar:
+    """Return the size of all dry friction in N m: of the motor, and of its load; at another current than its own."""
+    own = _own_friction(motor, speed_rad_s, current_A)
     if not touches(motor.effects, "load_friction"):
         return own
     context = _running(motor, Pair(motor.context.current_A, speed_rad_s))
     return own + fold(motor.effects, "load_friction", jnp.zeros(()), context)
 
 
-def _own_friction(motor: Motor, speed_rad_s: Scalar) -> Scalar:
-    context = _running(motor, Pair(motor.context.current_A, speed_rad_s))
+def _own_friction(motor: Motor, speed_rad_s: Scalar, current_A: Scalar | None = None) -> Scalar:
+    current = motor.context.current_A if current_A is None else current_A
+    context = _running(motor, Pair(current, speed_rad_s))
     return fold(motor.effects, "coulomb_torque", motor.context.parameters.tau_0, context)
 
 
@@ -178,7 +179,8 @@ def run(
     volts_at_start = voltage_later(pair.current)
     at_start = rates(later, volts_at_start, pair)
     rate_now = at_start if now is later else rates(now, voltage_now(pair.current), pair)
-    level = _coulomb_torque(later, pair.speed)
+    # Teeth rub in proportion to the current: that of the middle of the step, where the first half has told it.
+    level = _coulomb_torque(later, pair.speed, None if now is later else expected.current)
     if now is not later and touches(later.effects, "coulomb_torque"):
         # The friction level below is that of the later state; its growth until then is missing at the start.
         direction = jnp.where(jnp.abs(pair.speed) > STANDSTILL, jnp.sign(pair.speed), 0.0)
@@ -205,7 +207,7 @@ def _secants(motor: Motor, voltage: TerminalVoltage, start: Pair, end: Pair, at_
     at_end = rates(motor, voltage(end.current), end)
     by_current = at_corner.plus(at_start, -1.0).times(1.0 / (end.current - start.current))
     by_speed = at_end.plus(at_corner, -1.0).times(1.0 / (end.speed - start.speed))
-    level_slope = (_coulomb_torque(motor, end.speed) - level) / (end.speed - start.speed)
+    level_slope = (_coulomb_torque(motor, end.speed) - _coulomb_torque(motor, start.speed)) / (end.speed - start.speed)
     friction_slope = jnp.sign(start.speed) * level_slope / motor.inertia_kg_m2
     return Matrix(by_current.current, by_speed.current, by_current.speed, by_speed.speed - friction_slope)
 

@@ -81,7 +81,7 @@ class LoadEstimate:
         >>> known = {"k_tau": (0.04, 0.002)}
         >>> case = Case.from_dataframes({"ride": frame}, kind="motor", load="unknown", parameters=known)
         >>> estimate_load(case)
-        <LoadEstimate case: 1 runs, 0.14 to 0.19 N m>
+        <LoadEstimate case: 1 runs, 0.11 to 0.19 N m>
     """
 
     name: str

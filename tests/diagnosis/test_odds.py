@@ -58,6 +58,8 @@ self_discharge             6.74      -   7.36  rare
 bridge_dead_time              -      -   7.36  rare
 brush_current_drop            -   6.67   7.36  rare
 directional_friction          -   6.67   7.36  rare
+gear_friction                 -   6.67   7.36  rare
+torque_friction               -   6.67   7.36  rare
 chamber_offset             6.74   6.67   7.36  rare
 current_gain               6.74   6.67   7.36  rare
 speed_gain                    -   6.67   7.36  rare

@@ -172,8 +172,9 @@ def imbalance_of_a_start(effect: str, load: float, parts: int = 1) -> float:
 @pytest.mark.parametrize("effect", ["", *BRUSHES, *(name for name in effects_of("motor") if name != "saturation")])
 @pytest.mark.parametrize("load", [0.02, 0.15])
 def test_what_a_start_takes_is_motion_load_or_heat(effect: str, load: float):
-    # A drop that bends all the way up leaves a little more of the step's error.
-    assert imbalance_of_a_start(effect, load) < (5e-6 if effect == "brush_current_drop" else 2e-6)
+    # A drop that bends all the way up, and friction that follows the inrush, leave a little more of the step's error.
+    bends = ("brush_current_drop", "torque_friction")
+    assert imbalance_of_a_start(effect, load) < (5e-6 if effect in bends else 2e-6)
 
 
 @pytest.mark.parametrize("load", [0.02, 0.15])
@@ -212,8 +213,9 @@ def test_what_leaves_the_chemistry_of_a_robot_is_load_motion_draw_or_heat(effect
     if effect == "self_discharge":
         inside = integral(open_circuit(soc) * pack_voltage / 6.0 / 200.0)
     pack = integral(pack_voltage * pack_current)
-    # The model gives a weak cell the heat of the others, not the little more of its own.
-    assert 6.0 * (released - heat - inside) == pytest.approx(pack, rel=5e-6 if effect == "cell_imbalance" else 2e-6)
+    # The model gives a weak cell the heat of the others, not the little more of its own; friction follows the inrush.
+    close = {"cell_imbalance": 5e-6, "torque_friction": 1e-5}.get(effect, 2e-6)
+    assert 6.0 * (released - heat - inside) == pytest.approx(pack, rel=close)
 
     onboard = integral(pack_voltage * (pack_current - 2.0 * duty * current))
     stored = 0.5 * 5.42e-5 * speed[-1] ** 2 + 0.5 * 7.2e-5 * current[-1] ** 2
@@ -229,8 +231,9 @@ def test_what_leaves_the_chemistry_of_a_robot_is_load_motion_draw_or_heat(effect
         ),
     }.get(effect, float)()
     one_motor = load * integral(speed) + stored + beside + STAGE * float(ran.states["x_case_K"][-1])
-    # As in a start of the motor alone, an inrush of twice i_s bends the torque within a step.
-    assert pack == pytest.approx(2.0 * one_motor + onboard, rel=1e-4 if effect == "saturation" else 2e-6)
+    # As in a start of the motor alone, an inrush of twice i_s bends the torque, or the friction, within a step.
+    bends = ("saturation", "torque_friction")
+    assert pack == pytest.approx(2.0 * one_motor + onboard, rel=1e-4 if effect in bends else 2e-6)
 
 
 def open_circuit(soc: np.ndarray) -> np.ndarray:
