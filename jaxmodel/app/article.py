@@ -9,6 +9,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from jaxmodel.app import terminal
 from jaxmodel.app.page import write_page
 from jaxmodel.base.atomic_files import write_whole
 from jaxmodel.base.provenance import provenance
@@ -84,6 +85,12 @@ def write_article(
         sections=[(section.title, [_part(part) for part in section.parts]) for section in sections],
         origin=provenance(files),
     )
+
+
+def print_tables(sections: Sequence[Section]) -> None:
+    """Print the tables of some sections at a terminal, under their names."""
+    for table in (part for section in sections for part in section.parts if isinstance(part, Table)):
+        terminal.table(table.name, table.head, table.rows, right=range(table.words, len(table.head)))
 
 
 def _part(part: str | Table | Picture) -> tuple[str, str | Table | Picture]:

@@ -13,14 +13,11 @@ import numpy as np
 from jaxmodel.base.errors import MeasurementError
 from jaxmodel.case.build import case_model
 from jaxmodel.case.records import Case, Run
-from jaxmodel.effects.loads import LAWS, GravityLoad
+from jaxmodel.effects.loads import LAWS, GravityLoad, Law
 from jaxmodel.effects.specimen import usual_range
 from jaxmodel.model import motor as motors
 from jaxmodel.model.declaration import describe
-from jaxmodel.model.ports import Effect
-
-# By law, the number that the data are asked for where a case does not state it; the torque is proportional to it.
-FREE = {"propeller": "c", "gravity": "mass_kg"}
+from jaxmodel.model.parameters import Parameters
 
 
 def stated_load(load: str | None, effects: Iterable[str], kind: str, where: str) -> str:
@@ -45,8 +42,7 @@ def with_law(case: Case) -> Case:
         return case
     stated: dict[str, float | str] = dict(case.effects.get(law.name, {}))
     effects, sd = dict(case.effects), dict(case.effect_sd)
-    free = FREE.get(case.load)
-    if free is not None and free not in stated:
+    if (free := law.free) and free not in stated:
         numbers = {name: known.value for name, known in case.parameters.items()}
         low, high = usual_range(describe(law)[free], numbers)
         middle = math.sqrt(low * high)
@@ -71,10 +67,10 @@ class LawTorque:
 
 def free_number(case: Case) -> tuple[str, str, str] | None:
     """Return effect, name and unit of the number that the data are asked for; None if the load has none."""
-    law, free = LAWS.get(case.load), FREE.get(case.load, "")
-    if law is None or free not in case.effect_sd.get(law.name, {}):
+    law = LAWS.get(case.load)
+    if law is None or law.free not in case.effect_sd.get(law.name, {}):
         return None
-    return law.name, free, describe(law)[free].unit
+    return law.name, law.free, describe(law)[law.free].unit
 
 
 def law_torque(case: Case, run: Run, speed_rad_s: np.ndarray, rate_rad_s2: np.ndarray) -> LawTorque | None:
@@ -89,14 +85,15 @@ def law_torque(case: Case, run: Run, speed_rad_s: np.ndarray, rate_rad_s2: np.nd
     law = LAWS.get(case.load)
     if law is None:
         return None
-    (effect,) = (one for one in case_model(case, run).effects if isinstance(one, law))
+    model = case_model(case, run)
+    (effect,) = (one for one in model.effects if isinstance(one, law))
     free = free_number(case)
-    given = _along(effect, case, run, speed_rad_s, rate_rad_s2)
+    given = _along(effect, model.parameters, run, speed_rad_s, rate_rad_s2)
     return LawTorque(given, None if free is None else given / float(getattr(effect, free[1])))
 
 
-def _along(effect: Effect, case: Case, run: Run, speed: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    parameters, inputs = case_model(case, run).parameters, run.measured.inputs
+def _along(effect: Law, parameters: Parameters, run: Run, speed: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    inputs = run.measured.inputs
     states = {"incline_deg": inputs["incline_deg"]} if "incline_deg" in inputs else {}
     if isinstance(effect, GravityLoad):
         states[f"{effect.name}.position_rad"] = _position(effect, run, speed)

@@ -79,8 +79,9 @@ KINDS: dict[str, Kind] = {
         ),
     ),
 }
-# What a case may say of its load, and the columns of a run that a law reads or predicts.
-LAWS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+# The laws that a load may follow, and the columns of a run that each reads and predicts; their torque is that of
+# `jaxmodel.effects.loads`, which needs JAX, as reading a table does not.
+COLUMNS_OF_LAWS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "free": ((), ()),
     "propeller": ((), ()),
     "gravity": ((), ("position_rad",)),
@@ -97,7 +98,7 @@ def vocabulary(kind: str, load: str = "") -> Kind:
 
     Args:
         kind: a key of `KINDS`.
-        load: "", "measured", "unknown", or a key of `LAWS`.
+        load: "", "measured", "unknown", or a key of `COLUMNS_OF_LAWS`.
     """
     known = KINDS[kind]
     if not load or kind == "cell":
@@ -108,14 +109,13 @@ def vocabulary(kind: str, load: str = "") -> Kind:
         return dataclasses.replace(known, alternatives=(*others, tuple(n for n in group if n != "speed_rad_s")))
     if load == "unknown":
         return dataclasses.replace(known, alternatives=(*others, ("speed_rad_s",)))
-    inputs, outputs = LAWS[load]
-    only_with = {name: other for name, other in known.only_with.items() if other != "incline_deg"}
-    optional = tuple(name for name in known.optional_inputs if name != "acceleration_m_s2")
+    inputs, outputs = COLUMNS_OF_LAWS[load]
+    of_slope = {name for name, other in known.only_with.items() if other == "incline_deg"}
     return dataclasses.replace(
         known,
         alternatives=others,
-        optional_inputs=(*optional, "load_torque_Nm", *inputs),
-        only_with={name: other for name, other in only_with.items() if name != "acceleration_m_s2"},
+        optional_inputs=(*(n for n in known.optional_inputs if n not in of_slope), "load_torque_Nm", *inputs),
+        only_with={name: other for name, other in known.only_with.items() if name not in of_slope},
         outputs=(*known.outputs, *outputs),
     )
 
@@ -278,7 +278,7 @@ def read_utf8(path: Path) -> str:
         raise MeasurementError(f"{file_label(path)} is not UTF-8 text; save it again as UTF-8.") from error
 
 
-def _check_header(header: Sequence[str], kind: str, vocabulary: Kind, where: str) -> None:
+def _check_header(header: Sequence[str], kind: str, known: Kind, where: str) -> None:
     """Raise MeasurementError unless the header is time_s and then columns of this kind, each once."""
     if len(header) == 1 and any(separator in header[0] for separator in ";\t"):
         raise MeasurementError(f"{where}: the fields are not separated by commas; save with ',' and decimal points.")
@@ -286,14 +286,14 @@ def _check_header(header: Sequence[str], kind: str, vocabulary: Kind, where: str
         raise MeasurementError(
             f"{where}: the first column is '{header[0]}'; it must be 'time_s', the time in seconds of each row."
         )
-    known = vocabulary.columns
+    columns = known.columns
     for position, name in enumerate(header[1:], start=2):
         if not name:
             raise MeasurementError(f"{where}: column {position} has no name; name it or remove it.")
         if name in header[: position - 1]:
             raise MeasurementError(f"{where}: there are two columns '{name}'; remove or rename one.")
-        if name not in known:
-            raise MeasurementError(f"{where}: a {kind} has no column '{name}'.{_remedy(name, known)}")
+        if name not in columns:
+            raise MeasurementError(f"{where}: a {kind} has no column '{name}'.{_remedy(name, columns)}")
 
 
 def _remedy(name: str, known: Sequence[str]) -> str:
@@ -313,26 +313,26 @@ def _without_unit(column: str) -> str:
 
 
 def _roles(
-    header: Sequence[str], kind: str, vocabulary: Kind, ambient_degC: float | None, where: str
+    header: Sequence[str], kind: str, known: Kind, ambient_degC: float | None, where: str
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return which columns are inputs and which are outputs; raise MeasurementError where an input is lacking."""
     if ambient_degC is not None and "ambient_degC" in header:
         raise MeasurementError(f"{where}: 'ambient_degC' is a column and a constant of this run; remove one of them.")
     given = {*header, "ambient_degC"} if ambient_degC is not None else set(header)
-    for name in vocabulary.required_inputs:
+    for name in known.required_inputs:
         if name not in given:
             constant = ", or write ambient_degC = ... under this run's [[runs]]" if name == "ambient_degC" else ""
             raise MeasurementError(f"{where}: a {kind} needs the column '{name}'; add it{constant}.")
-    inputs = [name for name in (*vocabulary.required_inputs, *vocabulary.optional_inputs) if name in given]
-    for group in vocabulary.alternatives:
+    inputs = [name for name in (*known.required_inputs, *known.optional_inputs) if name in given]
+    for group in known.alternatives:
         present = [name for name in group if name in given]
         choice = " or ".join(f"'{name}'" for name in group)
         if not present:
             raise MeasurementError(f"{where}: a {kind} needs one of the columns {choice}; add one.")
-        if any(name not in vocabulary.outputs for name in present[1:]):
+        if any(name not in known.outputs for name in present[1:]):
             raise MeasurementError(f"{where}: a {kind} is driven by {choice}, not by both; remove one.")
         inputs.append(present[0])
-    for name, other in vocabulary.only_with.items():
+    for name, other in known.only_with.items():
         if name in given and other not in given:
             raise MeasurementError(f"{where}: '{name}' is used only together with '{other}'; add that or remove this.")
-    return tuple(inputs), tuple(name for name in vocabulary.outputs if name in given and name not in inputs)
+    return tuple(inputs), tuple(name for name in known.outputs if name in given and name not in inputs)

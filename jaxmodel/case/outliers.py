@@ -22,6 +22,7 @@ from jaxmodel.case.signals import (
     detect_quantum,
     off_the_neighbours,
     robust_sd,
+    white_sd,
     without_readings,
 )
 
@@ -245,7 +246,7 @@ def _moved(loads: list[Values], before: np.ndarray, after: np.ndarray, comes_bac
         largest = float(np.abs(given).max(initial=0.0))
         if not largest or not before.size:
             continue
-        noise = _NOISE_RANGE * robust_sd(off_the_neighbours(given)) / np.sqrt(1.5)
+        noise = _NOISE_RANGE * white_sd(given)
         begin, end = np.maximum(before - _BESIDE, 0), np.minimum(after + _BESIDE, given.size - 1)
         for place, (one, last) in enumerate(zip(begin.tolist(), end.tolist(), strict=True)):
             window = given[one : last + 1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -56,8 +57,7 @@ def read_case(path: str | Path, *, own_effects: Iterable[type[Effect]] = ()) -> 
     files = _files(entry.runs, toml, where)
     sources = {run.file: file for run, file in zip(entry.runs, files, strict=True)}
 
-    def measured(run: RunEntry) -> Measured:
-        load = stated_load(entry.load, entry.effects, entry.kind, where)
+    def measured(run: RunEntry, load: str) -> Measured:
         return read_measurements(sources[run.file], entry.kind, run.ambient_degC, load)
 
     return _case(entry, toml.parent.name, toml, where, files, measured, own_effects)
@@ -83,9 +83,8 @@ def case_of_frames(
     frames = {str(run): frame for run, frame in frames.items()}
     entry = entry_of(where, frames, check, runs, **stated)
 
-    def measured(run: RunEntry) -> Measured:
+    def measured(run: RunEntry, load: str) -> Measured:
         label = f"{where}, run '{run.file}'"
-        load = stated_load(entry.load, entry.effects, entry.kind, where)
         return measurements_of(frames[run.file], entry.kind, run.ambient_degC, label, load)
 
     case = _case(entry, name, None, where, [None] * len(entry.runs), measured, own_effects)
@@ -100,7 +99,7 @@ def _case(
     path: Path | None,
     where: str,
     sources: Sequence[Path | None],
-    measured: Callable[[RunEntry], Measured],
+    measured: Callable[[RunEntry, str], Measured],
     own: Iterable[type[Effect]],
 ) -> Case:
     """Return the case of a checked form.
@@ -111,7 +110,7 @@ def _case(
         path: of its file.
         where: its name in messages.
         sources: the CSV of each run.
-        measured: returns the readings of a run.
+        measured: returns the readings of a run, under what the case says of its load.
         own: the user's own effect classes.
     """
     numbers = scalars(entry.parameters.__pydantic_extra__, f"{where}: [parameters]")
@@ -120,7 +119,15 @@ def _case(
     known = vocabulary(entry.kind, load)
     _check_sensors(entry.sensors, entry.kind, known, where)
     runs = tuple(
-        _run(run, file, entry.kind, known, default_soc, measured, f"{where}, the run of {run.file}: runs[{number}]")
+        _run(
+            run,
+            file,
+            entry.kind,
+            known,
+            default_soc,
+            functools.partial(measured, run, load),
+            f"{where}, the run of {run.file}: runs[{number}]",
+        )
         for number, (run, file) in enumerate(zip(entry.runs, sources, strict=True), start=1)
     )
     case = Case(
@@ -164,9 +171,9 @@ def _run(
     entry: RunEntry,
     file: Path | None,
     kind: str,
-    vocabulary: Kind,
+    known: Kind,
     default_soc: Known,
-    measured: Callable[[RunEntry], Measured],
+    measured: Callable[[], Measured],
     where: str,
 ) -> Run:
     """Return one run with its readings."""
@@ -178,10 +185,10 @@ def _run(
         label=entry.label,
         initial_soc=scalars(stated_soc, where).get("initial_soc", default_soc),
         overrides=scalars(entry.__pydantic_extra__, where),
-        measured=measured(entry),
+        measured=measured(),
         source=file,
         initial_cell_temperature=_initial_cell_temperature(entry, kind, where),
-        tolerance=_tolerance(entry.tolerance, kind, vocabulary, f"{where}.tolerance"),
+        tolerance=_tolerance(entry.tolerance, kind, known, f"{where}.tolerance"),
         ambient_degC=entry.ambient_degC,
     )
 
@@ -218,18 +225,18 @@ def _effect_sd(entry: EffectEntry) -> dict[str, float]:
     return {name: known.sd for name, known in entry.__pydantic_extra__.items() if known.sd is not None}
 
 
-def _tolerance(entries: Mapping[str, ToleranceEntry], kind: str, vocabulary: Kind, where: str) -> dict[str, Tolerance]:
+def _tolerance(entries: Mapping[str, ToleranceEntry], kind: str, known: Kind, where: str) -> dict[str, Tolerance]:
     """Return the tolerances by column; raise MeasurementError for a column that this kind cannot read."""
-    readings = vocabulary.outputs
+    readings = known.outputs
     for name in entries:
         if name not in readings:
             raise MeasurementError(f"{where}: a {kind} has no reading '{name}'.{instead(name, readings)}")
     return {name: Tolerance(entry.rms, entry.max) for name, entry in entries.items()}
 
 
-def _check_sensors(sensors: Mapping[str, float], kind: str, vocabulary: Kind, where: str) -> None:
+def _check_sensors(sensors: Mapping[str, float], kind: str, known: Kind, where: str) -> None:
     """Raise MeasurementError for a sensor whose column this kind does not have."""
-    columns = vocabulary.columns
+    columns = known.columns
     for name in sensors:
         if name not in columns:
             raise MeasurementError(f"{where}: [sensors]: a {kind} has no column '{name}'.{instead(name, columns)}")

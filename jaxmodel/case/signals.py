@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxmodel.case.records import Run
+from jaxmodel.model.robot import duty_of_signal
 
 MAD_OF_NORMAL = 0.6745
 # An interval so many times as long as those on both sides is a pause, across which readings are independent.
@@ -39,6 +40,17 @@ def robust_sd(values: np.ndarray) -> float:
     """Return a robust sd, missing values ignored; 0 without values."""
     values = values[np.isfinite(values)]
     return float(np.median(np.abs(values))) / MAD_OF_NORMAL if values.size else 0.0
+
+
+def white_sd(values: np.ndarray) -> float:
+    """Return the robust sd of white noise on a series, by how far values are off the mean of their neighbours."""
+    return robust_sd(off_the_neighbours(values)) / float(np.sqrt(1.5))
+
+
+def duty_of(run: Run) -> Values:
+    """Return the duty of a robot's run: its own input, or that of its operator's signal (eq. 22)."""
+    inputs = run.measured.inputs
+    return inputs["duty"] if "duty" in inputs else np.asarray(duty_of_signal(inputs["V_set"]))
 
 
 def calm(run: Run) -> Rows:

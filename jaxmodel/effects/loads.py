@@ -15,21 +15,31 @@ from jaxmodel.model.parameters import Parameters
 from jaxmodel.model.ports import CellContext, Effect, MotorContext
 from jaxmodel.model.robot import GRAVITY_M_S2
 
-DRIVEN = ("motor", "robot")
 # Of dry air at 20 degC and 101325 Pa (International Standard Atmosphere at that temperature).
 AIR_KG_M3 = 1.204
 
 
-class PropellerLoad(Effect):
+class Law(Effect):
+    """A law of a load: a case states it, and no diagnosis looks for it.
+
+    `free` is the number that the data are asked for where a case does not state it; the torque is proportional to it.
+    "" for none.
+    """
+
+    kinds: ClassVar[tuple[str, ...]] = ("motor", "robot")
+    is_candidate: ClassVar[bool] = False
+    free: ClassVar[str] = ""
+
+
+class PropellerLoad(Law):
     """A propeller or fan at rest in the air: a torque that grows with the square of the speed.
 
     c = C_Q rho D^5 / (4 pi^2) at rho = 1.204 kg/m3, for a propeller of diameter D and torque coefficient C_Q.
     """
 
     name: ClassVar[str] = "propeller_load"
-    kinds: ClassVar[tuple[str, ...]] = DRIVEN
     equation: ClassVar[str] = "tau_l += c (rho/1.204) w |w|"
-    is_candidate: ClassVar[bool] = False
+    free: ClassVar[str] = "c"
     c: Scalar = parameter(
         1e-6,
         unit="N m s2/rad2",
@@ -50,16 +60,15 @@ class PropellerLoad(Effect):
         return value + self.c * (self.air_kg_m3 / AIR_KG_M3) * speed * jnp.abs(speed)
 
 
-class GravityLoad(Effect):
+class GravityLoad(Law):
     """A weight on an arm: the torque follows its position, which is a state and can be read as `position_rad`.
 
     Position is 0 where the arm hangs, and counts at the arm: with a gear of ratio G it moves by w / G.
     """
 
     name: ClassVar[str] = "gravity_load"
-    kinds: ClassVar[tuple[str, ...]] = DRIVEN
     equation: ClassVar[str] = "tau_l += m g l sin(theta)/G, dtheta/dt = w/G, J += m l^2/G^2"
-    is_candidate: ClassVar[bool] = False
+    free: ClassVar[str] = "mass_kg"
     mass_kg: Scalar = parameter(
         0.5, unit="kg", meaning="mass on the arm", null=0.0, lower=0.0, upper=1e4, typical=(0.05, 5.0)
     )
@@ -94,7 +103,7 @@ class GravityLoad(Effect):
         return {f"{self.name}.position_rad": integral(motor.speed_rad_s / self.gear_ratio)}
 
 
-class RollingLoad(Effect):
+class RollingLoad(Law):
     """A vehicle on wheels or tracks by eq. 18: slope, rolling resistance, and the mass that the motor speeds up.
 
     Mass, friction coefficient, wheel radius, gear ratio and efficiency are parameters of the case; `incline_deg` is a
@@ -102,9 +111,7 @@ class RollingLoad(Effect):
     """
 
     name: ClassVar[str] = "rolling_load"
-    kinds: ClassVar[tuple[str, ...]] = DRIVEN
     equation: ClassVar[str] = "tau_l += s m g r (sin(th) + mu cos(th) sgn(w))/(G eta), J += s m r^2/(G^2 eta)"
-    is_candidate: ClassVar[bool] = False
     share: Scalar = parameter(
         1.0, unit="", meaning="share of mass_kg that one motor carries", null=0.0, lower=0.0, upper=1.0,
         typical=(0.2, 1.0),
@@ -133,10 +140,12 @@ class RollingLoad(Effect):
         return value + p.mass_kg * self._per_force(context) * p.wheel_radius_m / p.gear_ratio
 
 
-LAWS: dict[str, type[Effect] | None] = {
+LAWS: dict[str, type[Law] | None] = {
     "free": None,
     "propeller": PropellerLoad,
     "gravity": GravityLoad,
     "rolling": RollingLoad,
 }
 """By what a case calls the load: the effect that says its torque; None for a shaft that turns nothing."""
+LAW_EFFECTS = frozenset(law.name for law in LAWS.values() if law is not None)
+"""Names of these effects."""

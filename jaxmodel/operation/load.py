@@ -25,8 +25,9 @@ from jaxmodel.base.late_binding import late_bound
 from jaxmodel.case.build import case_model
 from jaxmodel.case.known import Known
 from jaxmodel.case.records import Case, Run
-from jaxmodel.case.signals import after_pauses, off_the_neighbours, robust_sd
+from jaxmodel.case.signals import after_pauses, duty_of, white_sd
 from jaxmodel.case.simulation import simulate_case
+from jaxmodel.effects.loads import LAW_EFFECTS
 from jaxmodel.model import motor as motors
 from jaxmodel.model.armature import Pair
 from jaxmodel.model.electrothermal import Model
@@ -161,8 +162,9 @@ def _driven_by_speed(case: Case) -> Case:
         outputs = {name: values for name, values in measured.outputs.items() if name != "speed_rad_s"}
         measured = dataclasses.replace(measured, inputs=inputs | {"speed_rad_s": held}, outputs=outputs)
         runs.append(dataclasses.replace(run, measured=measured))
-    laws = {name: values for name, values in case.effects.items() if not name.endswith("_load")}
-    return dataclasses.replace(case, runs=tuple(runs), effects=laws, load="unknown")
+    effects = {name: values for name, values in case.effects.items() if name not in LAW_EFFECTS}
+    sd = {name: values for name, values in case.effect_sd.items() if name in effects}
+    return dataclasses.replace(case, runs=tuple(runs), effects=effects, effect_sd=sd, load="unknown")
 
 
 def _of_run(case: Case, run: Run, simulated: pd.DataFrame) -> RunLoad:
@@ -187,22 +189,17 @@ def _of_run(case: Case, run: Run, simulated: pd.DataFrame) -> RunLoad:
 
 def _shaft_torque(model: Model, inputs: Mapping, simulated: pd.DataFrame, current: Array, speed: Array) -> Array:
     """Return what drives the load and the inertia [N m]: the motor's torque less its own friction, shape (rows,)."""
-    rise = {
-        "x_winding_K": jnp.asarray(
-            (simulated["winding_temperature_degC"] - simulated["case_temperature_degC"]).to_numpy()
-        ),
-        "x_case_K": jnp.asarray(simulated["case_temperature_degC"].to_numpy() - inputs["ambient_degC"]),
-    }
+    winding, case = (jnp.asarray(simulated[f"{name}_temperature_degC"].to_numpy()) for name in ("winding", "case"))
     ambient = jnp.asarray(inputs["ambient_degC"])
 
-    def one(winding, case, ambient, current, speed):
-        state = motors.initial_state(model.parameters) | {"x_winding_K": winding, "x_case_K": case}
+    def one(winding_K, case_K, ambient, current, speed):
+        state = motors.initial_state(model.parameters) | {"x_winding_K": winding_K, "x_case_K": case_K}
         state |= {"motor_current_A": current, "speed_rad_s": speed}
         zero = jnp.zeros(())
         motor = motors.evaluate(model.parameters, model.effects, state, ambient, zero, jnp.ones(()), zero)
         return motors.shaft_torque(motor, Pair(current, speed))
 
-    return jax.vmap(one)(rise["x_winding_K"], rise["x_case_K"], ambient, current, speed)
+    return jax.vmap(one)(winding - case, case - ambient, ambient, current, speed)
 
 
 def smoothed(
@@ -298,7 +295,7 @@ def group_of(name: str) -> str:
 
 
 def _noise(case: Case, column: str, values: np.ndarray) -> float:
-    return case.sensors.get(column) or robust_sd(off_the_neighbours(values)) / math.sqrt(1.5)
+    return case.sensors.get(column) or white_sd(values)
 
 
 def _common(case: Case) -> float:
@@ -310,12 +307,9 @@ def _common(case: Case) -> float:
 
 def _voltage(case: Case, run: Run, simulated: pd.DataFrame) -> np.ndarray | None:
     """Return the voltage at the motor's terminals [V]; None if it is not known."""
-    inputs, outputs = run.measured.inputs, run.measured.outputs
     if case.kind == "motor":
-        return inputs.get("voltage_V")
-    pack = outputs.get("pack_voltage_V", simulated["pack_voltage_V"].to_numpy())
-    duty = inputs["duty"] if "duty" in inputs else (inputs["V_set"] - 2.5) / 2.5
-    return duty * pack
+        return run.measured.inputs.get("voltage_V")
+    return duty_of(run) * run.measured.outputs.get("pack_voltage_V", simulated["pack_voltage_V"].to_numpy())
 
 
 def _metres(case: Case, run: Run, speed: np.ndarray) -> float:
@@ -382,3 +376,15 @@ def sides(estimates: Sequence[LoadEstimate]) -> pd.DataFrame:
                 {"group": group, "motor": other.name, "ratio": ratio, "sd": abs(ratio) * share, "sds_from_1": off}
             )
     return pd.DataFrame(rows)
+
+
+def pooled(ratios: pd.DataFrame) -> tuple[float, float]:
+    """Return the mean ratio of one motor over its groups, weighted by their sd, and its sd: by these or their scatter.
+
+    Args:
+        ratios: rows of `sides` of one motor.
+    """
+    weights = 1.0 / ratios["sd"] ** 2
+    mean = float((ratios["ratio"] * weights).sum() / weights.sum())
+    between = float(ratios["ratio"].std(ddof=1)) / math.sqrt(len(ratios)) if len(ratios) > 1 else 0.0
+    return mean, max(float(weights.sum()) ** -0.5, between)

@@ -108,6 +108,7 @@ def _extracted(
     constant = _known_constant(case)
     exact = {name: known for name, known in case.parameters.items() if known.sd is None}
     usual: dict[str, Known] = {}
+    lags = any(rows.follows for rows in runs) and "L_a" not in case.parameters
     tell("winding and torque constant")
     found, volts = electrical(runs, _stated(case, "psi_R"), _stated(case, "T_0"), constant)
     if found_late_s:
@@ -156,11 +157,11 @@ def _extracted(
     points = {"electrical": volts, "friction": turning.points if turning else pd.DataFrame(), "thermal": warmed}
     points = {name: table for name, table in points.items() if len(table)}
     tell("output error of the forward model")
-    said, found, error = _refined(_case(case, found, turning, noise), found, any(rows.follows for rows in runs))
+    said, found, error = _refined(_case(case, found, turning, noise), found, lags)
     return Parameterisation(said, tuple(found), points, _remarks(turning)), error
 
 
-def _refined(case: Case, found: list[Extraction], follows: bool) -> tuple[Case, list[Extraction], float]:
+def _refined(case: Case, found: list[Extraction], lags: bool) -> tuple[Case, list[Extraction], float]:
     """Return the case, the extractions and the error after the fit of the forward model to current and speed.
 
     Derivatives of a coarse log hide a friction that grows with speed, and show no lag between voltage and torque. The
@@ -169,13 +170,13 @@ def _refined(case: Case, found: list[Extraction], follows: bool) -> tuple[Case, 
     Args:
         case: with first values.
         found: so far.
-        follows: whether the rows show accelerations.
+        lags: whether the rows show accelerations, and no inductance is stated.
     """
     names = _places(case, found)
     better = refine(case, names)
     if better is None:
         return case, found, math.inf
-    further = [one for one in (_growing_friction(case, found), _lag(case, found) if follows else None) if one]
+    further = [one for one in (_growing_friction(case, found), _lag(case, found) if lags else None) if one]
     while further:
         tried = []
         for wider, term in further:
@@ -188,7 +189,7 @@ def _refined(case: Case, found: list[Extraction], follows: bool) -> tuple[Case, 
             break
         _, case, better, term = best
         names, found = names | {term.name: PLACES[term.name]}, [one for one in found if one.name != term.name] + [term]
-        further = [one for one in (_growing_friction(case, found), _lag(case, found) if follows else None) if one]
+        further = [one for one in (_growing_friction(case, found), _lag(case, found) if lags else None) if one]
     if "R_0" in names:
         unseen = better.values["R_0"] * _unseen_heat(refined_case(case, names, better))
         by_constant = 0.0 if "k_tau" in names else next(one.sd for one in found if one.name == "R_0")
@@ -234,13 +235,10 @@ def _growing_friction(case: Case, found: Sequence[Extraction]) -> tuple[Case, Ex
 def _lag(case: Case, found: Sequence[Extraction]) -> tuple[Case, Extraction] | None:
     """Return the case with an inductance that lags by some rows, to be refined.
 
-    None where the case states one (a usual one of such a motor is not stated), it is found already, or no run is driven
-    by its voltage.
+    None where it is found already, or no run is driven by its voltage.
     """
     driven = [run for run in case.runs if run.split == "fit" and "voltage_V" in run.measured.inputs]
-    of_case = [one for one in found if one.name == "L_a"]
-    usual = any(USUAL in one.method for one in of_case)
-    if any(one.found for one in of_case) or ("L_a" in case.parameters and not usual) or not driven:
+    if any(one.found for one in found if one.name == "L_a") or not driven:
         return None
     seconds = LAG_ROWS * float(np.median(np.concatenate([np.diff(run.measured.time_s) for run in driven])))
     first = seconds * _stated(case, "R_0")

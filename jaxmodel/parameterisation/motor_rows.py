@@ -9,7 +9,6 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from jaxmodel.case.load import law_torque
-from jaxmodel.case.measurements import LAWS
 from jaxmodel.case.records import Case, Run
 
 FOLLOWED_S = 0.2  # a longer step between rows does not show the acceleration of a small motor
@@ -88,7 +87,7 @@ def motor_rows(case: Case, run: Run, late_s: float = 0.0) -> MotorRows:
         filled = np.interp(time_s, time_s[there], speed[there])
         rate, follows = _rate(time_s, filled), True
     load, law = inputs.get("load_torque_Nm", np.zeros(time_s.size)), None
-    if case.load in LAWS and speed is not None and (asked := law_torque(case, run, np.nan_to_num(speed), rate)):
+    if speed is not None and (asked := law_torque(case, run, np.nan_to_num(speed), rate)):
         load, law = (load + asked.known, None) if asked.per_unit is None else (load, asked.per_unit)
     return MotorRows(
         run.name,

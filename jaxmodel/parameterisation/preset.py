@@ -13,12 +13,11 @@ from jaxmodel.base.errors import MeasurementError
 from jaxmodel.base.schema import with_schema
 from jaxmodel.case.presets import PresetForm, read_form
 from jaxmodel.case.writing import table_entry
-from jaxmodel.effects.loads import LAWS
+from jaxmodel.effects.loads import LAW_EFFECTS
 from jaxmodel.parameterisation.result import Parameterisation
 
 KINDS = {"cell": ["cell", "robot"], "motor": ["motor"], "robot": ["robot"]}
 _REFIT = "joint refit of all curves"
-_LOADS = {law.name for law in LAWS.values() if law is not None}
 
 
 def write_preset(found: Parameterisation, path: Path, data: str, licence: str) -> None:
@@ -36,7 +35,7 @@ def write_preset(found: Parameterisation, path: Path, data: str, licence: str) -
     checked_name(path.stem)
     case = found.case
     held_out = _held_out(found, "".join(f", with {name}" for name in case.effects))
-    if case.effects.keys() - _LOADS:
+    if case.effects.keys() - LAW_EFFECTS:
         held_out = _held_out(_without_effects(found), "") + held_out
     if not held_out:
         raise MeasurementError(
@@ -78,8 +77,8 @@ def _without_effects(found: Parameterisation) -> Parameterisation:
         dataclasses.replace(run, overrides={n: k for n, k in run.overrides.items() if n != "initial_hysteresis"})
         for run in found.case.runs
     )
-    effects = {name: values for name, values in found.case.effects.items() if name in _LOADS}
-    effect_sd = {name: values for name, values in found.case.effect_sd.items() if name in _LOADS}
+    effects = {name: values for name, values in found.case.effects.items() if name in LAW_EFFECTS}
+    effect_sd = {name: values for name, values in found.case.effect_sd.items() if name in LAW_EFFECTS}
     case = dataclasses.replace(found.case, effects=effects, effect_sd=effect_sd, runs=runs)
     return dataclasses.replace(found, case=case)
 

@@ -21,10 +21,11 @@ from jaxmodel.case.build import case_model, with_preset
 from jaxmodel.case.known import Known
 from jaxmodel.case.measurements import Measured
 from jaxmodel.case.records import Case, Run
+from jaxmodel.case.signals import duty_of
 from jaxmodel.effects.loads import LAWS
 from jaxmodel.model.cell import storage_factor
 from jaxmodel.model.parameters import info
-from jaxmodel.model.robot import accessory_draw, duty_of_signal, load_torque
+from jaxmodel.model.robot import accessory_draw, load_torque
 from jaxmodel.parameterisation.cell import AGE, parameterise_cell
 from jaxmodel.parameterisation.motor import parameterise_motor
 from jaxmodel.parameterisation.result import Extraction, Parameterisation, absent
@@ -144,7 +145,7 @@ def _motor_case(case: Case) -> Case | None:
         if not _read(run, "pack_voltage_V") or not (_read(run, "motor_current_A") or _read(run, "speed_rad_s")):
             continue
         new = {
-            "voltage_V": _duty(run) * _filled(time_s, outputs["pack_voltage_V"]),
+            "voltage_V": duty_of(run) * _filled(time_s, outputs["pack_voltage_V"]),
             "ambient_degC": inputs["ambient_degC"],
         }
         if at_speed:
@@ -177,11 +178,6 @@ def _by_row(relation: Callable, case: Case, run: Run) -> np.ndarray:
     return np.array(jax.vmap(lambda row: relation(parameters, row))(inputs))
 
 
-def _duty(run: Run) -> np.ndarray:
-    inputs = run.measured.inputs
-    return inputs["duty"] if "duty" in inputs else np.asarray(duty_of_signal(inputs["V_set"]))
-
-
 def _part(case: Case, kind, runs: list[Run]) -> Case | None:
     if not any(run.split == "fit" for run in runs):
         return None
@@ -203,7 +199,7 @@ def _onboard(case: Case) -> Extraction:
         if run.split != "fit" or not (_read(run, "pack_current_A") and _read(run, "motor_current_A")):
             continue
         limbs = _by_row(accessory_draw, case, run)
-        motors = _number(case, "n_motors") * _duty(run) * outputs["motor_current_A"]
+        motors = _number(case, "n_motors") * duty_of(run) * outputs["motor_current_A"]
         left = outputs["pack_current_A"] - motors - limbs
         values.append(left[np.isfinite(left)])
         names.append(run.name)

@@ -2,17 +2,30 @@
 
 from __future__ import annotations
 
+from typing import get_args, get_type_hints
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from jaxmodel.base.errors import MeasurementError
 from jaxmodel.case.build import case_model
+from jaxmodel.case.forms import CaseEntry
 from jaxmodel.case.load import law_torque
+from jaxmodel.case.measurements import COLUMNS_OF_LAWS
 from jaxmodel.case.reading import read_case
 from jaxmodel.case.records import Case
+from jaxmodel.effects.loads import LAWS
+from jaxmodel.model.declaration import describe
 
 TIME_S = np.arange(0.0, 1.0, 0.1)
+
+
+def test_a_law_has_its_columns_its_torque_and_its_word_in_a_case():
+    assert set(COLUMNS_OF_LAWS) == set(LAWS)
+    words = get_args(get_args(get_type_hints(CaseEntry)["load"])[0])
+    assert set(words) == {"measured", "unknown", *LAWS}
+    assert all(law is None or not law.free or law.free in describe(law) for law in LAWS.values())
 
 
 def made(load: str | None = None, effects=None, kind: str = "motor", **columns) -> Case:

@@ -12,7 +12,7 @@ from jaxmodel.model.electrothermal import Model
 from jaxmodel.model.parameters import Parameters
 from jaxmodel.model.profile import Profile
 from jaxmodel.model.simulation import simulate
-from jaxmodel.operation.load import estimate_load, group_of, sides, smoothed
+from jaxmodel.operation.load import estimate_load, group_of, pooled, sides, smoothed
 
 NOISE = {"current_A": 0.05, "speed_rad_s": 0.5}
 TIME_S = np.arange(0.0, 20.0, 0.01)
@@ -70,6 +70,19 @@ def test_a_side_that_is_worse_is_told(left):
     table = sides([estimate_load(left), estimate_load(right)])
     assert table["ratio"].to_numpy() == pytest.approx(1.3, abs=0.08)
     assert set(table["group"]) == {"road", "sand"}
+    mean, sd = pooled(table)
+    assert mean == pytest.approx(1.3, abs=0.08)
+    assert 0.0 < sd < table["sd"].max()
+
+
+def test_a_law_of_the_case_does_not_load_what_is_estimated():
+    """The torque of a propeller is found whether the case calls it one or not."""
+    speed = estimate_load(case({"a": frame(ASKED, 1)})).runs[0].table["load_torque_Nm"]
+    tables = {"a": frame(ASKED, 1)}
+    lawful = Case.from_dataframes(
+        tables, kind="motor", load="propeller", parameters={"k_tau": (0.0385, 0.001)}, sensors=NOISE
+    )
+    np.testing.assert_allclose(estimate_load(lawful).runs[0].table["load_torque_Nm"], speed)
 
 
 def test_the_common_share_is_that_of_the_torque_constant(left):

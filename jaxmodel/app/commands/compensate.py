@@ -12,7 +12,7 @@ import xarray as xr
 
 from jaxmodel import operation
 from jaxmodel.app import terminal
-from jaxmodel.app.article import Picture, Section, Table, percent, write_article
+from jaxmodel.app.article import Picture, Section, Table, percent, print_tables, write_article
 from jaxmodel.app.commands.start import start
 from jaxmodel.app.shipped import EXAMPLES
 from jaxmodel.base.atomic_files import write_whole
@@ -84,9 +84,7 @@ def compensate_models(out: Path, cases: Sequence[Path], mission_path: Path | Non
         [*(path / "case.toml" if path.is_dir() else path for path in paths), mission_path],
         pictures=pictures,
     )
-    for section in sections:
-        for table in (part for part in section.parts if isinstance(part, Table)):
-            terminal.table(table.name, table.head, table.rows, right=range(table.words, len(table.head)))
+    print_tables(sections)
     for line in lines:
         terminal.say(f"- {line}")
     terminal.say(f"Maps and headers{', and report.html,' if pictures else ''} are in {out}.")

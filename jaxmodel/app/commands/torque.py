@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from jaxmodel.app import terminal
-from jaxmodel.app.article import Picture, Section, Table, write_article
+from jaxmodel.app.article import Picture, Section, Table, print_tables, write_article
 from jaxmodel.app.commands.start import start
 from jaxmodel.base.atomic_files import write_whole
 from jaxmodel.base.errors import FitError
 from jaxmodel.case.reading import read_case
 from jaxmodel.case.records import Case
-from jaxmodel.operation.load import LoadEstimate, estimate_load, sides
+from jaxmodel.operation.load import LoadEstimate, estimate_load, pooled, sides
 from jaxmodel.operation.wear import WHAT, Wear, trend
 from jaxmodel.plots.load import load_by_group, load_of_run
 from jaxmodel.plots.style import png
@@ -69,9 +69,7 @@ def torque(paths: Sequence[Path], out: Path, *, pictures: bool = True) -> None:
         [path / "case.toml" if path.is_dir() else path for path in paths],
         pictures=pictures,
     )
-    for section in sections:
-        for table in (part for part in section.parts if isinstance(part, Table)):
-            terminal.table(table.name, table.head, table.rows, right=range(table.words, len(table.head)))
+    print_tables(sections)
     for line in findings:
         terminal.say(f"- {line}")
     terminal.say(f"torque-*.csv{', and report.html,' if pictures else ''} are in {out}.")
@@ -187,10 +185,7 @@ def _findings(found: Sequence[LoadEstimate]) -> list[str]:
     if len(found) > 1:
         table = sides(found)
         for motor, of_motor in table.groupby("motor"):
-            weights = 1.0 / of_motor["sd"] ** 2
-            mean = float((of_motor["ratio"] * weights).sum() / weights.sum())
-            between = float(of_motor["ratio"].std(ddof=1)) / len(of_motor) ** 0.5 if len(of_motor) > 1 else 0.0
-            sd = max(float(weights.sum()) ** -0.5, between)
+            mean, sd = pooled(of_motor)
             differs = "asks for" if abs(mean - 1.0) > TOLD_SD * sd else "does not differ beyond 3 sd:"
             lines.append(f"{motor} {differs} {mean:.3g} ± {sd:.2g} times the torque of {found[0].name}.")
     return lines

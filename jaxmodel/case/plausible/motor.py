@@ -16,6 +16,7 @@ from jaxmodel.case.plausible.cell import open_circuit
 from jaxmodel.case.plausible.finding import Finding, Mend, column, number, place
 from jaxmodel.case.plausible.load import Steady, load_of
 from jaxmodel.case.records import Case, Run
+from jaxmodel.case.signals import duty_of
 
 MENDS = (
     Mend("speed_rad_s", math.pi / 30.0, "it is in rpm", todo="multiply speed_rad_s by 0.10472 (pi / 30)"),
@@ -102,12 +103,9 @@ def drive_of(case: Case, run: Run) -> Drive | None:
     """Return a run's motor: of a robot one track motor, whose voltage is the duty times the pack's (eq. 14)."""
     voltage, current = column(run, "voltage_V"), column(run, "current_A")
     if case.kind == "robot":
-        current, pack, duty = column(run, "motor_current_A"), column(run, "pack_voltage_V"), column(run, "duty")
-        if duty is None:
-            signal = column(run, "V_set")
-            duty = None if signal is None else (signal - 2.5) / 2.5
+        current, pack, duty = column(run, "motor_current_A"), column(run, "pack_voltage_V"), duty_of(run)
         nominal = number(case, "n_series", run) * float(np.median(open_circuit(case)[1]))
-        voltage = None if duty is None else duty * (nominal if pack is None else pack)
+        voltage = duty * (nominal if pack is None else pack)
     speed, load = column(run, "speed_rad_s"), column(run, "load_torque_Nm")
     for one in (voltage, current, speed):
         if one is not None and np.sum(np.isfinite(one)) < _FEWEST:

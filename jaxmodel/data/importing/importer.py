@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxmodel.base.errors import MeasurementError, nearest
 from jaxmodel.base.progress import Stage, stages
-from jaxmodel.case.measurements import KINDS, LAWS, file_label, vocabulary
+from jaxmodel.case.measurements import COLUMNS_OF_LAWS, KINDS, file_label, vocabulary
 from jaxmodel.case.presets import located, read_preset, why_not
 from jaxmodel.data.importing import balance, charge, warm_start
 from jaxmodel.data.importing.ambient import fill, with_ambient
@@ -37,6 +37,7 @@ from jaxmodel.data.importing.sign import motor_signs, robot_signs, settle
 from jaxmodel.data.importing.speed import with_speed
 
 LOAD = "load_torque_Nm"
+_LAWS = ", ".join(COLUMNS_OF_LAWS)
 _ROBOT_SOC = charge.Stated(1.0, 0.05, "assumed: full")
 
 
@@ -292,7 +293,7 @@ def _complete(run: Log, kind: Kind, options: Options, listed: Listed | None) -> 
                 f"{file_label(run.source)}: no column is {names}, which a {kind} needs; {columns_of(run.header)}; "
                 + (f"compute it with {computed}, or " if computed else "")
                 + f'name it with --column {group[0]}="NAME", or state --constant {group[0]}=VALUE for all of it'
-                + (f", or what the load follows with --load {', '.join(LAWS)}." if LOAD in group else ".")
+                + (f", or what the load follows with --load {_LAWS}." if LOAD in group else ".")
             )
         present = [name for name in group if name in run.columns]
         for name in present[1:]:
@@ -311,12 +312,12 @@ def _complete(run: Log, kind: Kind, options: Options, listed: Listed | None) -> 
             raise MeasurementError(
                 f"{file_label(run.source)} has current and speed, and neither a voltage nor a load torque: nothing is "
                 "left that a model could predict. Import it with --load unknown, and `jaxmodel torque` gives its "
-                f"torque; or say what the load follows with --load {', '.join(LAWS)}."
+                f"torque; or say what the load follows with --load {_LAWS}."
             )
         if "speed_rad_s" in drives and not options.load:
             raise MeasurementError(
                 f"{file_label(run.source)} has no load torque, and no reading but the speed, which would drive the "
-                f"model in its place; say what the load follows with --load {', '.join(LAWS)}, or state --constant "
+                f"model in its place; say what the load follows with --load {_LAWS}, or state --constant "
                 f"{LOAD}=VALUE for all of it."
             )
         raise MeasurementError(

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Literal, get_args
 
 from jaxmodel.base.errors import MeasurementError, nearest
-from jaxmodel.case.measurements import LAWS
+from jaxmodel.case.measurements import COLUMNS_OF_LAWS
 
 Kind = Literal["cell", "motor", "robot"]
 Sign = Literal["discharge-positive", "charge-positive"]
@@ -92,7 +92,7 @@ def checked(options: Options) -> Options:
         ("sign", options.sign, get_args(Sign)),
         ("split_at", options.split_at, get_args(SplitAt)),
         ("decimal", options.decimal, (".", ",")),
-        ("load", options.load, ("measured", "unknown", *LAWS)),
+        ("load", options.load, ("measured", "unknown", *COLUMNS_OF_LAWS)),
     ):
         if given is not None and given not in known:
             words = " or ".join(known)

@@ -14,7 +14,7 @@ import numpy as np
 
 from jaxmodel.case.build import case_model, run_profile
 from jaxmodel.case.records import Case, Run
-from jaxmodel.case.signals import off_the_neighbours, robust_sd
+from jaxmodel.case.signals import robust_sd, white_sd
 from jaxmodel.fit.noise.instrument import NoiseModel
 from jaxmodel.fit.settings import SEED
 from jaxmodel.model.pieces import run_in_pieces
@@ -51,8 +51,7 @@ def speed_sd(case: Case) -> float:
     """Return the sd of a speed that is an input [rad/s]: stated, else by how far rows are off their neighbours."""
     if SPEED in case.sensors:
         return case.sensors[SPEED]
-    off = [robust_sd(off_the_neighbours(run.measured.inputs[SPEED])) for run in case.runs]
-    return min(off) / math.sqrt(1.5)
+    return min(white_sd(run.measured.inputs[SPEED]) for run in case.runs)
 
 
 def _short(run: Run) -> Run:

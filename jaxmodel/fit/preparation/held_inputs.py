@@ -31,11 +31,12 @@ _AT_REST, _ROWS_AT_REST = 4.0, 3
 def with_held_inputs(case: Case) -> Case:
     """Return a case with noisy inputs replaced by their means where they were held."""
     noisy = {name: sd for name, sd in case.sensors.items() if name in case.runs[0].measured.inputs}
+    speed_noise = speed_sd(case) if SPEED in case.runs[0].measured.inputs else 0.0
     runs = []
     for run in case.runs:
         inputs = {n: held(v, noisy[n]) if n in noisy else v for n, v in run.measured.inputs.items()}
         if SPEED in inputs:
-            inputs[SPEED] = at_rest(inputs[SPEED], speed_sd(case))
+            inputs[SPEED] = at_rest(inputs[SPEED], speed_noise)
         runs.append(run.driven_by(inputs))
     return dataclasses.replace(case, runs=tuple(runs))
 
