@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxmodel.base.errors import MeasurementError, nearest
+from jaxmodel.base.errors import MeasurementError, instead, nearest
 from jaxmodel.base.progress import Stage, stages
 from jaxmodel.case.measurements import COLUMNS_OF_LAWS, KINDS, file_label, vocabulary
 from jaxmodel.case.presets import located, read_preset, why_not
@@ -35,6 +35,8 @@ from jaxmodel.data.importing.roles import MARKS, ROLES
 from jaxmodel.data.importing.runs import split
 from jaxmodel.data.importing.sign import motor_signs, robot_signs, settle
 from jaxmodel.data.importing.speed import with_speed
+from jaxmodel.effects.loads import LAWS
+from jaxmodel.model.declaration import describe
 
 LOAD = "load_torque_Nm"
 _LAWS = ", ".join(COLUMNS_OF_LAWS)
@@ -82,6 +84,7 @@ def import_case(
     if unknown := [name for name in decisions if name not in known]:
         raise MeasurementError(f"import_case: there is no decision '{unknown[0]}'.{nearest(unknown[0], known)}")
     options = checked(dataclasses.replace(options or Options(), **decisions))
+    _check_load(kind, options)
     if options.preset:
         options = dataclasses.replace(options, preset=located(options.preset, Path()))
         if problem := why_not(str(options.preset), kind):
@@ -93,6 +96,17 @@ def import_case(
             tell(f"writing {len(imported.runs)} runs")
             imported.write(out)
     return imported
+
+
+def _check_load(kind: Kind, options: Options) -> None:
+    """Raise MeasurementError for a load of a cell, and for a number that its law does not have."""
+    if kind == "cell" and options.load:
+        raise MeasurementError("load: a cell turns nothing; remove --load.")
+    law = LAWS.get(options.load or "")
+    known = {} if law is None else describe(law)
+    for name in options.load_numbers:
+        if name not in known:
+            raise MeasurementError(f"load: {options.load} has no number '{name}'.{instead(name, known)}")
 
 
 def _imported(paths: Sequence[Path], kind: Kind, options: Options, ask: Ask | None, tell: Stage) -> Imported:

@@ -271,3 +271,19 @@ def test_decisions_and_findings_are_data(tmp_path: Path):
         assert set(one.to_dict()) == {field.name for field in dataclasses.fields(one)}
     assert len(imported.to_dataframe()) == 1
     assert "parameterise" in imported.summary()
+
+
+@pytest.mark.parametrize(
+    ("kind", "given", "parts"),
+    [
+        ("cell", {"load": "free"}, ["a cell turns nothing", "remove --load"]),
+        ("motor", {"load": "gravity", "load_numbers": {"mass": 1.0}}, ["gravity has no number 'mass'", "'mass_kg'"]),
+        ("motor", {"load": "free", "load_numbers": {"c": 1.0}}, ["free has no number 'c'", "Remove it"]),
+    ],
+)
+def test_a_load_that_cannot_be_is_one_sentence(tmp_path: Path, kind, given: dict, parts: list[str]):
+    path = write(tmp_path, motor_log())
+    with pytest.raises(MeasurementError) as error:
+        import_case(path, kind, ambient=23.0, **given)
+    for part in parts:
+        assert part in str(error.value)
