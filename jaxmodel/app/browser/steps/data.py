@@ -25,7 +25,7 @@ SIGNS = {
     "charge-positive": "positive on charge",
 }
 LOADS = {
-    "": "its measured torque, else unknown: the speed drives the model",
+    "": "the measured torque, else unknown",
     "free": "nothing",
     "propeller": "a propeller",
     "gravity": "a weight on an arm",
