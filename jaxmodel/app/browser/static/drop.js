@@ -6,8 +6,8 @@ export default {
       <p><b>Drop files here</b> or
         <label class="link">choose them<input type="file" multiple class="unseen" @change="chosen"
           aria-label="Choose files of a bench or of a case"></label></p>
-      <p class="soft">Logs of a cycler or bench (CSV, text, Excel, MATLAB, Parquet), or a case: case.toml with its CSV
-        files.</p>
+      <p class="soft">Logs of a cycler, a bench or a robot (CSV, text, Excel, MATLAB, Parquet, ArduPilot, PX4, WPILib), or
+        a case: case.toml with its CSV files.</p>
       <p v-if="busy" role="status">Taking {{ busy }}</p>
       <p v-for="sentence in refused" class="sentence" role="alert">{{ sentence }}</p>
     </div>`,
