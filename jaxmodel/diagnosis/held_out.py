@@ -22,7 +22,7 @@ from jaxmodel.fit.cache import FitCache
 from jaxmodel.fit.data import collect
 from jaxmodel.fit.estimate import Fit
 from jaxmodel.fit.gauss_newton import linearised
-from jaxmodel.fit.likelihood import autocorrelation_time
+from jaxmodel.fit.likelihood import ChannelWeight
 from jaxmodel.fit.space import View
 
 # Chi-square of a change of predictions from which held-out readings show whether it is true: 2 of 100 that are true do
@@ -148,7 +148,7 @@ def _in_vain(search: Search, model: Sequence[str], others: Sequence[str]) -> dic
         for name, weight in richer.likelihood.channels.items():
             with_it, without = (_misses(cache, inside.values(), predicted(one), name) for one in (richer, before))
             if with_it:
-                lowered, moved = _of_chi_square(weight.sd, with_it, without)
+                lowered, moved = _of_chi_square(weight, with_it, without)
                 gained, change = gained + lowered, change + moved
         if change > CHANGED and gained < 0.0:
             against[label] = change, "it changes what is predicted of check runs, and predicts none of them better"
@@ -168,17 +168,19 @@ def _misses(
     return [one for one in found if one.size]
 
 
-def _of_chi_square(sd: float, with_it: Sequence[np.ndarray], without: Sequence[np.ndarray]) -> tuple[float, float]:
+def _of_chi_square(
+    weight: ChannelWeight, with_it: Sequence[np.ndarray], without: Sequence[np.ndarray]
+) -> tuple[float, float]:
     """Return by how much an addition lowers chi-square of a channel, and chi-square of the change of its predictions.
 
     Args:
-        sd: of the errors of fitted runs.
+        weight: of the channel in fitted runs.
         with_it: errors of held-out runs with the addition, by run.
         without: those without it.
     """
     squares = [sum(float(one @ one) for one in errors) for errors in (with_it, without)]
-    least = min((with_it, without), key=lambda errors: sum(float(one @ one) for one in errors))
-    spread = max(sd**2, min(squares) / sum(one.size for one in least)) * autocorrelation_time(least)
+    left = min(squares) / sum(one.size for one in with_it)
+    spread = max(weight.sd**2, left) * weight.inflation
     moved = sum(float(np.sum((one - other) ** 2)) for one, other in zip(with_it, without, strict=True))
     return (squares[1] - squares[0]) / spread, moved / spread
 
