@@ -103,7 +103,8 @@ def _proposals(conditions: Sequence[Condition]) -> Iterator[_Proposal]:
     for profile, levels in loads:
         if len(levels) == 2:
             yield _one_of_two(profile, levels, f"the fit has one {profile} only")
-    charges = [n for n, one in enumerate(conditions) if one.direction == "charge"]
+    # A slow charge stays: half of its distance from the slow discharge is the hysteresis.
+    charges = [n for n, one in enumerate(conditions) if one.direction == "charge" and not one.slow]
     yield _Proposal(charges, "all charges", "what differs between charge and discharge is not fitted")
 
 
