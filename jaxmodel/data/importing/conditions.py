@@ -36,6 +36,7 @@ class Condition:
         changing: whether the ambient temperature changes in the run.
         unit: of the rate.
         slow: one constant current for so long that it shows the open-circuit voltage of a cell.
+        cycles: that the cell had done; None where nothing tells, or where it did not age.
     """
 
     ambient_degC: float | None
@@ -45,6 +46,7 @@ class Condition:
     changing: bool = False
     unit: str = "A"
     slow: bool = False
+    cycles: float | None = None
 
     def words(self, capacity_Ah: float | None = None) -> str:
         """Return the condition for a label: '25 degC, constant current, 1C discharge'."""
@@ -54,6 +56,8 @@ class Condition:
             parts.append(f"{_of_capacity(self.rate / capacity_Ah)} {self.direction}".rstrip())
         elif self.rate:
             parts.append(f"{self.rate:.3g} {self.unit}".rstrip())
+        if self.cycles is not None:
+            parts.append(f"cycle {self.cycles:g}")
         return ", ".join(parts)
 
 
