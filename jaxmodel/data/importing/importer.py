@@ -35,6 +35,7 @@ from jaxmodel.data.importing.roles import MARKS, ROLES
 from jaxmodel.data.importing.runs import split
 from jaxmodel.data.importing.sign import motor_signs, robot_signs, settle
 from jaxmodel.data.importing.speed import with_speed
+from jaxmodel.data.importing.supply import odd_voltages
 from jaxmodel.effects.loads import LAWS
 from jaxmodel.model.declaration import describe
 
@@ -418,6 +419,7 @@ def _assembled(
     general += _about_capacity(capacity, full, options)
     warmth = [one.ambient_degC for one in done]
     general += odd_units([one.log for one in done], warmth, capacity, full, options)
+    general += odd_voltages([one.log for one in done], options) if kind == "motor" else []
     constants = {} if kind != "motor" or options.preset else constants_of([run for run, _ in warmed])
     general += [Decision(n, "", f"{k.value:.4g} ± {k.sd:.2g}", k.why, "assumed") for n, k in constants.items()]
     return Imported(kind, tuple(done), options, capacity, full, constants, tuple(general))
