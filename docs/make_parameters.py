@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from jaxmodel.base.remark import CODES
-from jaxmodel.effects import CATALOGUE, battery, drive, sensors
+from jaxmodel.effects import CATALOGUE, battery, controllers, drive, motion, sensors
 from jaxmodel.effects.curves import CURVES
 from jaxmodel.effects.shifts import SHIFTS
 from jaxmodel.effects.specimen import SIZES
@@ -28,6 +28,15 @@ GROUPS = {
     drive: (
         "Motor, gear, bridge, electronics",
         "T_w is the winding's temperature, T_c the case's, w the rotor's speed.",
+    ),
+    motion: (
+        "Motion both ways",
+        "Tried where a run reverses four times and more, in rows of 50 ms at most.",
+    ),
+    controllers: (
+        "Servo",
+        "Of [a case that states a controller](cases.md#the-drive); no diagnosis looks for them. Gains are those of a "
+        "drive that sets the current (A) or the voltage (V).",
     ),
     sensors: (
         "Sensors",

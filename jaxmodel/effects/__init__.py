@@ -14,7 +14,7 @@ import inspect
 from collections.abc import Iterable
 
 from jaxmodel.base.errors import EffectError
-from jaxmodel.effects import battery, drive, loads, sensors
+from jaxmodel.effects import battery, controllers, drive, loads, motion, sensors
 from jaxmodel.effects.order import refuse_what_comes_later
 from jaxmodel.effects.sensors import SensorEffect
 from jaxmodel.effects.specimen import scale_of
@@ -24,7 +24,7 @@ from jaxmodel.model.sensors import Signal
 
 _DECLARED = [
     cls
-    for module in (battery, drive, loads, sensors)
+    for module in (battery, drive, motion, loads, controllers, sensors)
     for _, cls in inspect.getmembers(module, inspect.isclass)
     if issubclass(cls, Effect) and hasattr(cls, "name") and cls.__module__ == module.__name__
 ]
