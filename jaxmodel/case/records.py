@@ -21,6 +21,7 @@ from jaxmodel.base.late_binding import late_bound
 from jaxmodel.case.known import Known, MotorTable, Table, Tolerance
 from jaxmodel.case.measurements import OPEN, Kind, Measured, Servo, file_label, vocabulary
 from jaxmodel.effects import CATALOGUE
+from jaxmodel.effects.controllers import SERVO
 from jaxmodel.model.curves import CURVE_NAMES
 from jaxmodel.model.parameters import info
 from jaxmodel.model.ports import Effect
@@ -206,8 +207,8 @@ class Case:
 
     @property
     def catalogue(self) -> dict[str, type[Effect]]:
-        """Return every effect that may act in the case by name: the catalogue and the user's own."""
-        return {**CATALOGUE, **self.own_effects}
+        """Return every effect that may act in the case by name: the catalogue, a servo's and the user's own."""
+        return {**CATALOGUE, **SERVO, **self.own_effects}
 
     @property
     def files(self) -> list[Path]:

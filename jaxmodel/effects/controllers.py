@@ -117,3 +117,5 @@ class SpeedController(Controller):
 
 CONTROLLERS: dict[str, type[Controller]] = {"position": PositionController, "speed": SpeedController}
 """By what a case calls the controller: its effect."""
+SERVO: dict[str, type[Effect]] = {cls.name: cls for cls in (ShaftPosition, *CONTROLLERS.values())}
+"""What a case of a servo adds to its model, by name; without the columns of its runs there is none of it."""

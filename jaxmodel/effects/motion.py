@@ -132,3 +132,31 @@ class Backlash(Effect):
     def flows(self, cell: CellContext | None, motor: MotorContext | None, heat_W: Scalar) -> dict[str, Flow]:
         """Take up the gap in the direction of motion."""
         return {} if motor is None else {f"{self.name}.e": _followed(motor.speed_rad_s, self.g)}
+
+
+class Compliance(Effect):
+    """Shaft and gear twist under the load: its position lags behind the motor's by c tau_l.
+
+    The static part of a flexible joint, below its resonance; what the load's own inertia asks is not in tau_l. M. W.
+    Spong, Modeling and control of elastic joint robots, ASME J. Dyn. Syst. Meas. Control 109 (1987) 310.
+    """
+
+    name: ClassVar[str] = "compliance"
+    rare: ClassVar[bool] = True
+    kinds: ClassVar[tuple[str, ...]] = ("motor",)
+    equation: ClassVar[str] = "theta -> theta - c tau_l"
+    distinguished_by: ClassVar[str] = LOST_MOTION
+    c: Scalar = parameter(
+        0.2,
+        unit="rad/(N m)",
+        meaning="twist over load torque",
+        null=0.0,
+        lower=0.0,
+        upper=1e6,
+        typical=(0.02, 1.0),  # of an arm or gear that twists by 0.1 to 6 degrees at the motor's torque; assumed
+        scales="1/torque",
+    )
+
+    def output_position(self, value: Scalar, context: MotorContext) -> Scalar:
+        """Lag by the twist."""
+        return value - self.c * context.load_torque_Nm

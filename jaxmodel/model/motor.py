@@ -81,10 +81,12 @@ def evaluate(
         step_s=jnp.zeros(()),
     )
     if (position := turned(state)) is not None:
-        position = fold(effects, "output_position", position, context)
         context = eqx.tree_at(lambda c: c.position_rad, context, position)
     load_torque = fold(effects, "load_torque", load_torque_Nm, context)
     context = eqx.tree_at(lambda c: c.load_torque_Nm, context, load_torque)
+    if position is not None:
+        position = fold(effects, "output_position", position, context)
+        context = eqx.tree_at(lambda c: c.position_rad, context, position)
     above_reference = winding - p.T_0
     return Motor(
         context=context,

@@ -12,6 +12,7 @@ from jaxmodel import Case, import_case, read_case, simulate_case
 from jaxmodel.base.errors import MeasurementError
 from jaxmodel.case.build import case_model
 from jaxmodel.case.measurements import Servo, vocabulary
+from jaxmodel.operation.load import estimate_load
 
 ROWS = 400
 TIME = 1e-3 * np.arange(ROWS)
@@ -97,6 +98,16 @@ def test_a_cell_has_no_drive():
 def test_a_closed_loop_without_its_reference_is_refused():
     with pytest.raises(MeasurementError, match="a motor needs the column 'reference_position_rad'"):
         servo_case(frame(position_rad=REFERENCE))
+
+
+def test_what_the_load_asked_is_found_in_a_closed_loop_too():
+    """The controller is set aside: what it set was read, and so was the speed."""
+    truth = simulate_case(servo_case(frame(reference_position_rad=REFERENCE, load_torque_Nm=0.01, position_rad=0.0)))
+    read = {name: truth[0].table[name] for name in ("current_A", "speed_rad_s", "position_rad")}
+    found = estimate_load(servo_case(frame(reference_position_rad=REFERENCE, **read)))
+    moving = np.abs(found.runs[0].table["speed_rad_s"]) > 50.0
+    assert moving.sum() > 100
+    assert found.runs[0].table["load_torque_Nm"][moving].mean() == pytest.approx(0.01, abs=0.003)
 
 
 def log(folder: Path) -> Path:

@@ -28,11 +28,12 @@ STATED = {
 TRUE = STATED | {"J": Known(9.7e-5), "tau_0": Known(0.0215)}
 VISCOUS = {"viscous_friction": {"b": 2e-4}}
 LOOP = {"position_controller": {"k_p": 4.0, "k_d": 0.04}}
-KEPT = ("presliding", "directional_drag", "backlash", "stribeck_friction", "current_offset", "windage")
+KEPT = ("presliding", "directional_drag", "backlash", "compliance", "stribeck_friction", "current_offset", "windage")
 PLANTED: dict[str, dict[str, Any]] = {
     "presliding": {"s": 1.0, "d": 0.2},
     "directional_drag": {"b_d": 4e-5},
     "backlash": {"g": 0.05},
+    "compliance": {"c": 1.0},
 }
 
 
@@ -43,7 +44,8 @@ def servo(hidden: Mapping[str, Mapping[str, Any]], *, turns: bool = True) -> Cas
         time_s = STEP_S * np.arange(ROWS)
         wave = np.random.default_rng(number).uniform(2.0, 6.0, 3)
         swing = 4.0 * sum(np.sin(w * time_s) for w in wave) if turns else 5.0 * time_s
-        inputs = {"reference_position_rad": swing, "ambient_degC": np.full(ROWS, 20.0)}
+        load = 0.01 * np.sin(7.0 * time_s)  # measured, and of another rhythm than the motion
+        inputs = {"reference_position_rad": swing, "load_torque_Nm": load, "ambient_degC": np.full(ROWS, 20.0)}
         true = run_of(number, inputs, {name: np.full(ROWS, swing[0]) for name in NOISE}, step_s=STEP_S)
         known = drive_of(case_of("motor", TRUE, [true]), VISCOUS | LOOP | hidden)
         found = simulate(case_model(known, true), run_profile(true)).readings

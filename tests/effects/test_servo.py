@@ -1,4 +1,4 @@
-"""Controllers, friction before sliding, drag by direction and backlash: closed forms and independent integrations."""
+"""Controllers, presliding, drag by direction, backlash, compliance: closed forms and independent integrations."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jaxmodel.effects import CATALOGUE
-from jaxmodel.effects.controllers import PositionController, ShaftPosition, SpeedController
-from jaxmodel.effects.motion import Backlash, DirectionalDrag, Presliding
+from jaxmodel.effects.controllers import SERVO, PositionController, ShaftPosition, SpeedController
+from jaxmodel.effects.loads import GravityLoad
+from jaxmodel.effects.motion import Backlash, Compliance, DirectionalDrag, Presliding
 from jaxmodel.model.electrothermal import Model
 from jaxmodel.model.parameters import Parameters
 from jaxmodel.model.ports import Effect
@@ -33,6 +34,11 @@ def ran(effects: tuple[Effect, ...], step_s: float, seconds: float, tau_0: float
 
 def loop(**gains: float) -> tuple[Effect, ...]:
     return ShaftPosition(), PositionController(**gains, column="current_A")
+
+
+def test_what_a_servo_adds_is_not_combined_with_the_catalogue():
+    assert not SERVO.keys() & CATALOGUE.keys()
+    assert not any(cls.is_candidate for cls in SERVO.values())
 
 
 def test_a_position_loop_follows_its_differential_equation():
@@ -159,7 +165,20 @@ def test_backlash_loses_its_gap_at_a_reversal():
     assert np.ptp(behind["position_rad"][first]) < 0.2 * np.ptp(motor["position_rad"][first])
 
 
-@pytest.mark.parametrize("effect", [Presliding(s=0.0), DirectionalDrag(b_d=0.0), Backlash(g=0.0)])
+def test_a_shaft_twists_in_proportion_to_its_load():
+    """A weight held at 0.5 rad, and the same measured torque on a shaft without one."""
+    weight = {"mass_kg": 0.5, "arm_m": 0.1, "initial_position_rad": 0.5}
+    asked = 0.5 * 9.81 * 0.1 * np.sin(0.5)
+    held = ran((GravityLoad(**weight), Compliance(c=0.3)), 1e-3, 0.01, tau_0=1.0, current_A=asked / K)
+    assert held["position_rad"][-1] == pytest.approx(0.5 - 0.3 * asked, abs=1e-6)
+    twisted, stiff = (
+        ran((ShaftPosition(), *more), 1e-3, 1.0, current_A=1.5, load_torque_Nm=0.01)["position_rad"]
+        for more in ((Compliance(c=0.3),), ())
+    )
+    np.testing.assert_allclose(stiff - twisted, 0.003, rtol=1e-9)
+
+
+@pytest.mark.parametrize("effect", [Presliding(s=0.0), DirectionalDrag(b_d=0.0), Backlash(g=0.0), Compliance(c=0.0)])
 def test_at_its_null_an_effect_is_not_there(effect: Effect):
     inputs = {"current_A": lambda t: np.sin(9.0 * t)}
     base, found = (ran((ShaftPosition(), *more), 0.01, 2.0, **inputs) for more in ((), (effect,)))
