@@ -9,7 +9,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from jaxmodel.base.remark import CODES
-from jaxmodel.effects import CATALOGUE, battery, drive, sensors
+from jaxmodel.effects import CATALOGUE, battery, drive, motion, sensors
+from jaxmodel.effects.controllers import SERVO
 from jaxmodel.effects.curves import CURVES
 from jaxmodel.effects.shifts import SHIFTS
 from jaxmodel.effects.specimen import SIZES
@@ -28,6 +29,10 @@ GROUPS = {
     drive: (
         "Motor, gear, bridge, electronics",
         "T_w is the winding's temperature, T_c the case's, w the rotor's speed.",
+    ),
+    motion: (
+        "Motion both ways",
+        "Tried where a run reverses four times and more, in rows of 50 ms at most.",
     ),
     sensors: (
         "Sensors",
@@ -104,6 +109,15 @@ of a factor. A single knot is a number that does not depend on the variable.
 
 {_effects(CURVES.values())}
 {_curve_values()}"""
+    )
+    parts.append(
+        f"""## Servo
+
+Not in the catalogue: they belong to [a case that states its drive](cases.md#the-drive), and no diagnosis looks for
+them. Gains are those of a drive that sets the current (A) or the voltage (V).
+
+{_effects(SERVO.values())}
+{_effect_parameters(SERVO.values())}"""
     )
     parts.append(
         f"""## Shifts

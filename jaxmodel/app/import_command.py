@@ -35,6 +35,18 @@ Load = Annotated[
         show_default=False,
     ),
 ]
+Drive = Annotated[
+    str | None,
+    typer.Option(metavar="voltage|current", help="What the drive of a motor sets.", show_default=False),
+]
+Controller = Annotated[
+    str | None,
+    typer.Option(
+        metavar="position|speed:k_p=VALUE,...",
+        help="Of a closed loop: the reference is its input.",
+        show_default=False,
+    ),
+]
 Rows = Annotated[
     str | None, typer.Option(metavar="CONDITION", help='Import these only, as "I_A > 0".', show_default=False)
 ]
@@ -85,6 +97,8 @@ def import_(
     unit: Units = None,
     constant: Constants = None,
     load: Load = None,
+    drive: Drive = None,
+    controller: Controller = None,
     rows: Rows = None,
     sign: Sign = None,
     flip: Flip = None,
@@ -115,6 +129,8 @@ def import_(
         pairs={"column": column or [], "unit": unit or [], "constant": constant or []},
         title=title,
         load=load,
+        drive=drive,
+        controller=controller,
         rows=rows,
         sign=sign,
         flip=tuple(flip or ()),

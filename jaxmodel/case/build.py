@@ -15,6 +15,7 @@ import numpy as np
 from jaxmodel.base.errors import EffectError, ParameterError, instead
 from jaxmodel.case.presets import Kind, read_preset, why_not
 from jaxmodel.case.records import Case, Run
+from jaxmodel.case.servo import servo_effects
 from jaxmodel.effects import CATALOGUE, own_effects
 from jaxmodel.effects.loads import GravityLoad
 from jaxmodel.effects.motor_tables import TABLES
@@ -164,6 +165,8 @@ def case_model(
     given = case.effects if run is None else case.effects | _first_position(case, run)
     effects = tuple(make_effect(name, values, where, case.catalogue) for name, values in given.items())
     effects = (*_motor_tables(case), *effects)
+    if case.kind == "motor":
+        effects = servo_effects(case, run, effects)
     for effect in effects:
         if case.kind not in effect.kinds:
             raise EffectError(

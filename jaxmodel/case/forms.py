@@ -307,6 +307,8 @@ class CaseEntry(Form):
     title: str = ""
     kind: Literal["cell", "motor", "robot"]
     load: Literal["measured", "unknown", "free", "propeller", "gravity", "rolling"] | None = None
+    drive: Literal["voltage", "current"] | None = None
+    controller: Literal["position", "speed"] | None = None
     preset: str = "paper"
     parameters: ParametersEntry = ParametersEntry()
     effects: dict[str, EffectEntry] = Field(default_factory=dict)

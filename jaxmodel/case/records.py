@@ -19,8 +19,9 @@ from jaxmodel.base.errors import MeasurementError, nearest
 from jaxmodel.base.in_short import html_of, text_of
 from jaxmodel.base.late_binding import late_bound
 from jaxmodel.case.known import Known, MotorTable, Table, Tolerance
-from jaxmodel.case.measurements import Kind, Measured, file_label, vocabulary
+from jaxmodel.case.measurements import OPEN, Kind, Measured, Servo, file_label, vocabulary
 from jaxmodel.effects import CATALOGUE
+from jaxmodel.effects.controllers import SERVO
 from jaxmodel.model.curves import CURVE_NAMES
 from jaxmodel.model.parameters import info
 from jaxmodel.model.ports import Effect
@@ -105,6 +106,7 @@ class Case:
         own_effects: the user's own effect classes by name; they are used like those of the catalogue.
         motor_tables: curves of a motor by name (`friction`, `torque_factor`).
         load: of a motor or robot: "measured", "unknown" or a law (docs/cases.md); "" where its columns say it.
+        servo: what it says of the drive of its motor.
 
     Example:
         >>> import pandas as pd
@@ -131,6 +133,7 @@ class Case:
     own_effects: Mapping[str, type[Effect]] = dataclasses.field(default_factory=dict)
     motor_tables: dict[str, MotorTable] = dataclasses.field(default_factory=dict)
     load: str = ""
+    servo: Servo = OPEN
 
     @classmethod
     def from_dataframes(
@@ -139,6 +142,8 @@ class Case:
         *,
         kind: Literal["cell", "motor", "robot"],
         load: str | None = None,
+        drive: str | None = None,
+        controller: str | None = None,
         name: str = "case",
         title: str = "",
         preset: str = "paper",
@@ -159,6 +164,8 @@ class Case:
                 and readings with their units in their names. Currents are positive on discharge.
             kind: "cell", "motor" or "robot".
             load: of a motor or robot: "measured", "unknown", "free", "propeller", "gravity" or "rolling".
+            drive: of a motor: "current" or "voltage", what its drive sets; by default the columns say it.
+            controller: "position" or "speed", of a closed loop; its gains are those of an effect.
             name: of the case and its results.
             title: free text.
             preset: source of every parameter that is not stated here: a key of `jaxmodel.case.presets.PRESETS`, or the
@@ -184,6 +191,7 @@ class Case:
         entries |= {"title": title, "kind": kind, "preset": preset}
         if load is not None:
             entries["load"] = load
+        entries |= {name: said for name, said in (("drive", drive), ("controller", controller)) if said is not None}
         case_of_frames = late_bound("jaxmodel.case.reading:case_of_frames")
         return case_of_frames(frames, name, check, runs or {}, entries, own_effects)
 
@@ -195,12 +203,12 @@ class Case:
     @property
     def vocabulary(self) -> Kind:
         """Return the columns that its runs may have."""
-        return vocabulary(self.kind, self.load)
+        return vocabulary(self.kind, self.load, self.servo)
 
     @property
     def catalogue(self) -> dict[str, type[Effect]]:
-        """Return every effect that may act in the case by name: the catalogue and the user's own."""
-        return {**CATALOGUE, **self.own_effects}
+        """Return every effect that may act in the case by name: the catalogue, a servo's and the user's own."""
+        return {**CATALOGUE, **SERVO, **self.own_effects}
 
     @property
     def files(self) -> list[Path]:

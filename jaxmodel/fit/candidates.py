@@ -15,7 +15,7 @@ from scipy.linalg import block_diag
 from jaxmodel.case.build import case_model
 from jaxmodel.case.records import Case, Run
 from jaxmodel.effects.curves import CURVES
-from jaxmodel.effects.drive import BACK_DRIVING
+from jaxmodel.effects.drive import BACK_DRIVING, LOST_MOTION, REVERSING
 from jaxmodel.effects.sensors import ClockShift
 from jaxmodel.effects.shifts import SHIFTS
 from jaxmodel.effects.specimen import scale_of, usual_range
@@ -46,6 +46,9 @@ _LEAST_K = 5.0
 _LEAST_WIDTH, _NEXT_SHIFT = 1e-6, 2.0
 # Load and speed, and the share of rows in which power must flow each way to tell what rubs from what is lost. Assumed.
 _POWER, _BOTH_WAYS = ("load_torque_Nm", "speed_rad_s"), 0.02
+# A run shows what a reversal does if it has so many, at speeds above this share of the largest, and rows no farther
+# apart in s: a rotor turns round in some 10 ms. Assumed.
+_REVERSALS, _MOVES, _FOLLOWED_S = 4, 0.02, 0.05
 # Correlation length of a law, as a share of its span. Assumed.
 _LAW_CORRELATION = 0.25
 
@@ -234,9 +237,23 @@ def is_distinguishable(case: Case, cls: type[Effect]) -> bool:
         return True
     if cls.distinguished_by == BACK_DRIVING:
         return case.load == "gravity" or any(_drives_back(run) for run in case.runs if run.split == "fit")
+    if cls.distinguished_by in (REVERSING, LOST_MOTION):
+        fitted = [run for run in case.runs if run.split == "fit"]
+        seen = [run for run in fitted if cls.distinguished_by == REVERSING or "position_rad" in run.measured.outputs]
+        return any(_reverses(run) for run in seen)
     common = case.parameters.get(cls.distinguished_by)
     values = {(run.overrides.get(cls.distinguished_by) or common) for run in case.runs if run.split == "fit"}
     return len({None if one is None else one.value for one in values}) > 1
+
+
+def _reverses(run: Run) -> bool:
+    """Return True if a run turns both ways, often enough and in rows that follow a reversal."""
+    columns = run.measured.inputs | run.measured.outputs
+    speed = next((columns[name] for name in ("speed_rad_s", "reference_speed_rad_s") if name in columns), None)
+    if speed is None or float(np.median(np.diff(run.measured.time_s))) > _FOLLOWED_S:
+        return False
+    moving = speed[np.abs(np.nan_to_num(speed)) > _MOVES * float(np.nanmax(np.abs(speed)))]
+    return int(np.count_nonzero(np.diff(np.sign(moving)))) >= _REVERSALS
 
 
 def _drives_back(run: Run) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxmodel.base.errors import MeasurementError, instead, nearest
 from jaxmodel.base.progress import Stage, stages
-from jaxmodel.case.measurements import COLUMNS_OF_LAWS, KINDS, file_label, vocabulary
+from jaxmodel.case.measurements import COLUMNS_OF_LAWS, KINDS, OPEN, file_label, vocabulary
 from jaxmodel.case.presets import located, read_preset, why_not
 from jaxmodel.data.importing import ageing, balance, charge, warm_start
 from jaxmodel.data.importing.ambient import fill, with_ambient
@@ -31,11 +31,12 @@ from jaxmodel.data.importing.mistakes import SWAPPED, exchanged, odd_units
 from jaxmodel.data.importing.motor_constants import constants_of
 from jaxmodel.data.importing.options import Kind, Options, checked
 from jaxmodel.data.importing.outliers import without_outliers
-from jaxmodel.data.importing.roles import MARKS, ROLES
+from jaxmodel.data.importing.roles import MARKS, ONLY_STATED, ROLES
 from jaxmodel.data.importing.runs import split
 from jaxmodel.data.importing.sign import motor_signs, robot_signs, settle
 from jaxmodel.data.importing.speed import with_speed
 from jaxmodel.data.importing.supply import odd_voltages
+from jaxmodel.effects.controllers import CONTROLLERS
 from jaxmodel.effects.loads import LAWS
 from jaxmodel.model.declaration import describe
 
@@ -86,6 +87,8 @@ def import_case(
         raise MeasurementError(f"import_case: there is no decision '{unknown[0]}'.{nearest(unknown[0], known)}")
     options = checked(dataclasses.replace(options or Options(), **decisions))
     _check_load(kind, options)
+    if options.drive == "current":  # what is in V is then no voltage of the winding
+        options = dataclasses.replace(options, columns={"voltage_V": "", **options.columns})
     if options.preset:
         options = dataclasses.replace(options, preset=located(options.preset, Path()))
         if problem := why_not(str(options.preset), kind):
@@ -100,7 +103,7 @@ def import_case(
 
 
 def _check_load(kind: Kind, options: Options) -> None:
-    """Raise MeasurementError for a load of a cell, and for a number that its law does not have."""
+    """Raise MeasurementError for a load or drive of another kind, and for a number that its law does not have."""
     if kind == "cell" and options.load:
         raise MeasurementError("load: a cell turns nothing; remove --load.")
     law = LAWS.get(options.load or "")
@@ -108,6 +111,17 @@ def _check_load(kind: Kind, options: Options) -> None:
     for name in options.load_numbers:
         if name not in known:
             raise MeasurementError(f"load: {options.load} has no number '{name}'.{instead(name, known)}")
+    if kind != "motor" and options.servo != OPEN:
+        raise MeasurementError(f"drive: that of a {kind} is not modelled; remove --drive and --controller.")
+    gains = describe(CONTROLLERS[options.controller]) if options.controller else {}
+    for name in options.controller_numbers:
+        if name not in gains:
+            raise MeasurementError(f"controller: {options.controller} has no number '{name}'.{instead(name, gains)}")
+    if gains and not options.controller_numbers:
+        raise MeasurementError(
+            f"controller: {options.controller} has no gains; state them, as in --controller "
+            f"{options.controller}:k_p=10."
+        )
 
 
 def _imported(paths: Sequence[Path], kind: Kind, options: Options, ask: Ask | None, tell: Stage) -> Imported:
@@ -122,13 +136,14 @@ def _imported(paths: Sequence[Path], kind: Kind, options: Options, ask: Ask | No
     if kind == "cell":
         logs = [log if (odd := exchanged(log)) is None else log.also(odd) for log in logs]
     logs = _signed(logs, kind, options, ask)
+    known = vocabulary(kind, options.load or "", options.servo)
     runs = [run for log in logs for run in split(_scaled(log, kind, options), options)]
     runs = [
-        _complete(with_speed(run, keep=options.load == "gravity"), kind, options, listed.get(run.source.name))
+        _complete(with_speed(run, keep="position_rad" in known.outputs), kind, options, listed.get(run.source.name))
         for run in runs
     ]
     tell(f"checking {len(runs)} runs")
-    runs = [run.also(*odd_things(run, kind)) for run in without_outliers(runs, vocabulary(kind, options.load or ""))]
+    runs = [run.also(*odd_things(run, kind)) for run in without_outliers(runs, known)]
     return _assembled(runs, kind, options, ask, listed, general)
 
 
@@ -287,8 +302,12 @@ def _scaled(log: Log, kind: Kind, options: Options) -> Log:
 
 def _complete(run: Log, kind: Kind, options: Options, listed: Listed | None) -> Log:
     """Return a run with every input of its kind but the ambient temperature, without gaps in them."""
-    known = vocabulary(kind, options.load or "")
-    of_case = {name: values for name, values in run.columns.items() if name in known.columns or name not in ROLES[kind]}
+    known = vocabulary(kind, options.load or "", options.servo)
+    of_case = {
+        name: values
+        for name, values in run.columns.items()
+        if name in known.columns or name not in (*ROLES[kind], *ONLY_STATED)
+    }
     run = dataclasses.replace(run, columns=of_case)
     for name, value in options.constants.items():
         if name not in known.columns:

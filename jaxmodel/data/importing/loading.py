@@ -193,7 +193,7 @@ def _lacking(chosen: Mapping[str, Role], kind: Kind, options: Options) -> list[s
     """Return what a case cannot do without and no name tells."""
     timed = bool(chosen.keys() & {"time_s", "stamp", "step_time"}) or options.seconds_per_row is not None
     lacking = [] if timed else ["time_s"]
-    wanted = [("current_A",), ("voltage_V",)] if kind == "cell" else required(kind, options.load)
+    wanted = [("current_A",), ("voltage_V",)] if kind == "cell" else required(kind, options.load, options.servo)
     given = chosen.keys() | options.constants.keys()
     # A torque may have an odd name: a speed stands in for it only where nobody knows of one.
     given -= {"speed_rad_s"} if not options.load else set()

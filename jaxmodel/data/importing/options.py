@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Literal, get_args
 
 from jaxmodel.base.errors import MeasurementError, nearest
-from jaxmodel.case.measurements import COLUMNS_OF_LAWS
+from jaxmodel.case.measurements import COLUMNS_OF_LAWS, REFERENCES, SET_BY, Servo
 
 Kind = Literal["cell", "motor", "robot"]
 Sign = Literal["discharge-positive", "charge-positive"]
@@ -35,6 +35,9 @@ class Options:
         load: of a motor or robot: "measured", "unknown", or the law that it follows: "free", "propeller", "gravity",
             "rolling"; None for a torque if one is measured, else unknown.
         load_numbers: of that law, by name: `{"mass_kg": 0.5, "arm_m": 0.1}`.
+        drive: of a motor: "current" or "voltage", what its drive sets; None for what the columns say.
+        controller: of a motor: "position" or "speed", of a closed loop.
+        controller_numbers: its gains, by name: `{"k_p": 40.0, "k_d": 0.2, "limit": 10.0}`.
         constants: by input of the case, a value that holds throughout (`load_torque_Nm`: 0.0).
         initial_soc: state of charge at the start of all runs.
         capacity_Ah: capacity of the cell.
@@ -68,6 +71,9 @@ class Options:
     ambient: float | None = None
     load: str | None = None
     load_numbers: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    drive: str | None = None
+    controller: str | None = None
+    controller_numbers: Mapping[str, float] = dataclasses.field(default_factory=dict)
     constants: Mapping[str, float] = dataclasses.field(default_factory=dict)
     initial_soc: float | None = None
     capacity_Ah: float | None = None
@@ -81,6 +87,11 @@ class Options:
     delimiter: str | None = None
     decimal: str | None = None
 
+    @property
+    def servo(self) -> Servo:
+        """What is said of the drive of a motor."""
+        return Servo(self.drive or "", self.controller or "")
+
 
 def checked(options: Options) -> Options:
     """Return options whose words are known and whose numbers can be.
@@ -93,6 +104,8 @@ def checked(options: Options) -> Options:
         ("split_at", options.split_at, get_args(SplitAt)),
         ("decimal", options.decimal, (".", ",")),
         ("load", options.load, ("measured", "unknown", *COLUMNS_OF_LAWS)),
+        ("drive", options.drive, tuple(SET_BY)),
+        ("controller", options.controller, tuple(REFERENCES)),
     ):
         if given is not None and given not in known:
             words = " or ".join(known)
