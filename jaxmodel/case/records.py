@@ -20,6 +20,7 @@ from jaxmodel.base.in_short import html_of, text_of
 from jaxmodel.base.late_binding import late_bound
 from jaxmodel.case.known import Known, MotorTable, Table, Tolerance
 from jaxmodel.case.measurements import Kind, Measured, file_label, vocabulary
+from jaxmodel.case.specimens import Specimen
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.model.curves import CURVE_NAMES
 from jaxmodel.model.parameters import info
@@ -45,6 +46,7 @@ class Run:
         initial_cell_temperature: at the first row, degC; None if not stated.
         tolerance: by column, the acceptable error in this run; that of the case for other columns.
         ambient_degC: the stated constant ambient temperature of this run; None if it is a column.
+        specimen: which of several like motors or cells was measured, as "left"; "" where the case has one alone.
 
     Example:
         >>> from jaxmodel import read_case
@@ -65,6 +67,7 @@ class Run:
     initial_cell_temperature: Known | None = None
     tolerance: dict[str, Tolerance] = dataclasses.field(default_factory=dict)
     ambient_degC: float | None = None
+    specimen: str = ""
 
     def driven_by(self, inputs: Mapping[str, np.ndarray]) -> Run:
         """Return the run with other inputs and unchanged readings."""
@@ -105,6 +108,7 @@ class Case:
         own_effects: the user's own effect classes by name; they are used like those of the catalogue.
         motor_tables: curves of a motor by name (`friction`, `torque_factor`).
         load: of a motor or robot: "measured", "unknown" or a law (docs/cases.md); "" where its columns say it.
+        specimens: by the specimens that its runs name, what each has of its own.
 
     Example:
         >>> import pandas as pd
@@ -131,6 +135,7 @@ class Case:
     own_effects: Mapping[str, type[Effect]] = dataclasses.field(default_factory=dict)
     motor_tables: dict[str, MotorTable] = dataclasses.field(default_factory=dict)
     load: str = ""
+    specimens: dict[str, Specimen] = dataclasses.field(default_factory=dict)
 
     @classmethod
     def from_dataframes(
@@ -148,6 +153,7 @@ class Case:
         sensors: Mapping[str, float] | None = None,
         tolerance: Mapping[str, Any] | None = None,
         cutoff: Mapping[str, float] | None = None,
+        specimens: Mapping[str, Mapping[str, Any]] | None = None,
         check: Collection[Any] = (),
         runs: Mapping[Any, Mapping[str, Any]] | None = None,
         own_effects: Iterable[type[Effect]] = (),
@@ -169,9 +175,10 @@ class Case:
             sensors: by column, the sd of its noise.
             tolerance: by column, the acceptable error: an rms, or `{"rms": , "max": }`.
             cutoff: end of a discharge: `soc`, `voltage_V`.
+            specimens: by name of a motor or cell, the entries of its [specimens.NAME] block.
             check: names of the check runs; all others are fit runs.
             runs: by name of a run, the entries of its [[runs]] block in case.toml: `initial_soc`, `label`,
-                `ambient_degC`, `initial_cell_temperature_degC`, and parameters that are different in it.
+                `ambient_degC`, `initial_cell_temperature_degC`, `specimen`, and parameters that are different in it.
             own_effects: your own effect classes, used like those of the catalogue.
 
         Raises:
@@ -181,7 +188,7 @@ class Case:
         """
         entries = {"parameters": {**(parameters or {}), **(tables or {})}, "effects": effects or {}}
         entries |= {"sensors": sensors or {}, "tolerance": tolerance or {}, "cutoff": cutoff or {}}
-        entries |= {"title": title, "kind": kind, "preset": preset}
+        entries |= {"title": title, "kind": kind, "preset": preset, "specimens": specimens or {}}
         if load is not None:
             entries["load"] = load
         case_of_frames = late_bound("jaxmodel.case.reading:case_of_frames")
