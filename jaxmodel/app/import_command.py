@@ -52,6 +52,15 @@ Check = Annotated[
         "--check", metavar="RUN", help='Hold out this run, or those of a pattern "*_n20*".', show_default=False
     ),
 ]
+Motors = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--motor",
+        metavar="NAME",
+        help="Of several motors in one log this one only, as left or motor1; repeatable.",
+        show_default=False,
+    ),
+]
 Ambient = Annotated[float | None, typer.Option(metavar="DEGC", help="Of all runs.", show_default=False)]
 InitialSoc = Annotated[float | None, typer.Option(help="At the start of all runs.", show_default=False)]
 Capacity = Annotated[float | None, typer.Option(metavar="AH", help="Of the cell.", show_default=False)]
@@ -90,6 +99,7 @@ def import_(
     flip: Flip = None,
     split_at: SplitAt = "auto",
     rest_minutes: RestMinutes = 30.0,
+    motor: Motors = None,
     check: Check = None,
     ambient: Ambient = None,
     initial_soc: InitialSoc = None,
@@ -120,6 +130,7 @@ def import_(
         flip=tuple(flip or ()),
         split_at=split_at,
         rest_minutes=rest_minutes,
+        motors=tuple(motor or ()),
         check=None if check is None else tuple(check),
         ambient=ambient,
         initial_soc=initial_soc,

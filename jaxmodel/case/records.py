@@ -214,6 +214,28 @@ class Case:
         """Return the files that the case was read from."""
         return [path for path in (self.path, *(run.source for run in self.runs)) if path is not None]
 
+    def of_specimens(self) -> dict[str, Case]:
+        """Return a case for each motor or cell that its runs name, by that name; one of a single one is itself.
+
+        Example:
+            >>> import pandas as pd
+            >>> from jaxmodel import Case
+            >>> rows = {"time_s": [0.0, 1.0], "voltage_V": 6.0, "speed_rad_s": 100.0, "current_A": 1.0}
+            >>> frame = pd.DataFrame(rows | {"ambient_degC": 20.0})
+            >>> sides = {side: {"specimen": side} for side in ("left", "right")}
+            >>> case = Case.from_dataframes({"left": frame, "right": frame}, kind="motor", load="unknown", runs=sides)
+            >>> list(case.of_specimens())
+            ['left', 'right']
+        """
+        if not self.specimens:
+            return {self.name: self}
+        return {
+            name: dataclasses.replace(
+                self, name=name, specimens={name: own}, runs=tuple(run for run in self.runs if run.specimen == name)
+            )
+            for name, own in self.specimens.items()
+        }
+
     def to_dataframes(self) -> dict[str, pd.DataFrame]:
         """Return the runs as tables by name: `time_s`, inputs and readings."""
         return {run.name: run.to_dataframe() for run in self.runs}

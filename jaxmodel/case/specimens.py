@@ -98,6 +98,17 @@ def runs_of(case: Case, specimen: str) -> tuple[int, ...]:
     return tuple(number for number, run in enumerate(case.runs) if run.specimen == specimen)
 
 
+def together(name: str, specimen: str) -> str:
+    """Return what runs of several specimens that were logged together have in common: their name without the specimen.
+
+    Args:
+        name: of a run, as 'ride_left'.
+        specimen: of the run, as 'left'.
+    """
+    before, mark, after = name.rpartition(f"_{specimen}") if specimen else ("", "", name)
+    return f"{before}{after}" if mark else name
+
+
 def in_words(kind: str, specimen: str) -> str:
     """Return what a sentence calls a specimen: 'the left motor', 'motor 2', 'cell B07'."""
     if kind in specimen:

@@ -115,7 +115,7 @@ def specimens(runs: Sequence[Log]) -> Finding | None:
         return None
     some = ", ".join(sorted(found))
     sentence = (
-        f"The file names point to {len(found)} pieces of hardware ({some}), and a case holds one: import each of them "
-        "separately, unless they are alike enough for your purpose."
+        f"The file names point to {len(found)} pieces of hardware ({some}), and the runs of a case are taken to be of "
+        'one: write specimen = "..." in each of [[runs]] to have them compared, or import each of them separately.'
     )
     return Finding("several specimens", "", sentence, "warning")

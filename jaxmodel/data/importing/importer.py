@@ -15,7 +15,7 @@ from jaxmodel.case.measurements import COLUMNS_OF_LAWS, KINDS, file_label, vocab
 from jaxmodel.case.presets import located, read_preset, why_not
 from jaxmodel.data.importing import balance, charge, warm_start
 from jaxmodel.data.importing.ambient import fill, with_ambient
-from jaxmodel.data.importing.check_runs import splits_of
+from jaxmodel.data.importing.check_runs import splits_of_motors
 from jaxmodel.data.importing.checks import odd_things
 from jaxmodel.data.importing.clock import with_clock
 from jaxmodel.data.importing.conditions import Condition, condition_of, specimens
@@ -84,7 +84,7 @@ def import_case(
     if unknown := [name for name in decisions if name not in known]:
         raise MeasurementError(f"import_case: there is no decision '{unknown[0]}'.{nearest(unknown[0], known)}")
     options = checked(dataclasses.replace(options or Options(), **decisions))
-    _check_load(kind, options)
+    _check_kind(kind, options)
     if options.preset:
         options = dataclasses.replace(options, preset=located(options.preset, Path()))
         if problem := why_not(str(options.preset), kind):
@@ -98,8 +98,10 @@ def import_case(
     return imported
 
 
-def _check_load(kind: Kind, options: Options) -> None:
-    """Raise MeasurementError for a load of a cell, and for a number that its law does not have."""
+def _check_kind(kind: Kind, options: Options) -> None:
+    """Raise MeasurementError for what only a motor has, and for a number that a law of its load does not have."""
+    if kind != "motor" and options.motors:
+        raise MeasurementError(f"motor: a log is parted into its motors with --kind motor; remove it for a {kind}.")
     if kind == "cell" and options.load:
         raise MeasurementError("load: a cell turns nothing; remove --load.")
     law = LAWS.get(options.load or "")
@@ -394,9 +396,9 @@ def _assembled(
         starts = [_ROBOT_SOC] * len(warmed)
     if options.initial_soc is not None and kind != "motor":
         starts = [charge.Stated(options.initial_soc, 0.02, "stated")] * len(warmed)
-    splits, why = splits_of([run for run, _ in warmed], conditions, options.check)
+    splits, why = splits_of_motors([run for run, _ in warmed], conditions, options.check)
     general = [*general, *why]
-    if several := specimens([run for run, _ in warmed]):
+    if several := specimens([run for run, _ in warmed if not run.specimen]):
         general.append(several)
     done = []
     for (run, ambient), condition, start, part in zip(warmed, conditions, starts, splits, strict=True):

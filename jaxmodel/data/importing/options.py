@@ -30,6 +30,7 @@ class Options:
         split_at: where runs begin: "files" for each file, "rests" after each long rest too, "steps" at each new cycle
             or step too; "auto" for each file and each restart of its clock.
         rest_minutes: the shortest rest that ends a run, in minutes.
+        motors: which of several motors of one log are imported, as "left" or "motor1"; by default all.
         check: names of the check runs; None for a proposal.
         ambient: ambient temperature [degC] of all runs.
         load: of a motor or robot: "measured", "unknown", or the law that it follows: "free", "propeller", "gravity",
@@ -64,6 +65,7 @@ class Options:
     flip: tuple[str, ...] = ()
     split_at: str = "auto"
     rest_minutes: float = 30.0
+    motors: tuple[str, ...] = ()
     check: tuple[str, ...] | None = None
     ambient: float | None = None
     load: str | None = None
