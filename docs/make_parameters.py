@@ -11,6 +11,7 @@ from pathlib import Path
 from jaxmodel.base.remark import CODES
 from jaxmodel.effects import CATALOGUE, battery, drive, sensors
 from jaxmodel.effects.curves import CURVES
+from jaxmodel.effects.differences import DIFFERENCES
 from jaxmodel.effects.shifts import SHIFTS
 from jaxmodel.effects.specimen import SIZES
 from jaxmodel.fit.settings import table as settings_table
@@ -106,7 +107,14 @@ of a factor. A single knot is a number that does not depend on the variable.
 {_curve_values()}"""
     )
     parts.append(
-        f"""## Shifts
+        f"""## Differences
+
+Differences are not in the catalogue either. A difference is what one of several motors or cells of a case has of its
+own, in all of its runs ([Several motors or cells](cases.md#several-motors-or-cells)).
+
+{_effects(DIFFERENCES.values())}
+{_effect_parameters(DIFFERENCES.values())}
+## Shifts
 
 Shifts are not in the catalogue either. A shift is one parameter that differs in a single run, for example a contact
 resistance, the air flow around the cell, or the zero point of a sensor.

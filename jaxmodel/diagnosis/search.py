@@ -281,7 +281,8 @@ class Search(Comparison):
         """Return the model with two more effects that are needed only beside each other; None if there are none.
 
         While much is missed few errors are independent, and what explains half of them has little evidence: cells of
-        some age have lost capacity and conduct worse. Once both are in, each is asked as in any model.
+        some age have lost capacity and conduct worse, and of four motors two may differ. Once both are in, each is
+        asked as in any model.
 
         Args:
             model: whose errors are beyond tolerance, and to which no single effect may be added.
@@ -295,7 +296,7 @@ class Search(Comparison):
             for test in tests.values()
             if test.gain > cache.settings.least_odds
             and test.enters
-            and cache.space.candidates[test.label].group == "effect"
+            and cache.space.candidates[test.label].group in ("effect", "specimen")
             and self._reduces_what_is_missed(model, test.label)
         ]
         for first in sorted(likely, key=lambda one: one.odds - one.gain)[:MOST_TOGETHER]:

@@ -318,8 +318,7 @@ def _specimen_sentence(one: SpecimenFound, kind: str, with_errors: bool) -> str:
     else:
         size = with_sd(Estimate(abs(one.value), one.sd, one.unit))
         what = f"its {split_unit(column)[0]} reads {size} {way} than {theirs}"
-    rivals = [_rival(rival) for rival in one.cannot_tell_apart_from]
-    doubt = f"; {join(rivals, 'or')} would explain it as well" if rivals else ""
+    doubt = f"; {_rivals(one, kind)} would explain it as well" if one.cannot_tell_apart_from else ""
     takes = removed(one.removes) if with_errors else ""
     return _capital(f"{who} differs: {what}{doubt}{takes and f'; this {takes}'}.")
 
@@ -332,10 +331,16 @@ def _by_a_factor(log: float, sd: float, way: str) -> str:
     return f"{with_sd(Estimate(100.0 * abs(factor - 1.0), 100.0 * factor * sd, '%'))} {way} than"
 
 
-def _rival(label: str) -> str:
-    """Return what might stand for a difference: 'another friction of left', or an effect by its name."""
-    what = WHAT.get(label.partition("@")[0].partition(":")[0])
-    return f"another {what} of {label.partition('@')[2]}" if what else effect_name(label)
+def _rivals(one: SpecimenFound, kind: str) -> str:
+    """Return what might stand for a difference: 'another torque constant or resistance', or an effect by its name."""
+    parts = [label.partition("@") for label in one.cannot_tell_apart_from]
+    own = [WHAT[name.partition(":")[0]] for name, _, owner in parts if owner == one.specimen]
+    said = [f"another {join(own, 'or')}"] if own else []
+    for name, _, owner in parts:
+        what = WHAT.get(name.partition(":")[0])
+        if owner != one.specimen:
+            said.append(f"another {what} of {in_words(kind, owner)}" if what else effect_name(name))
+    return join(said, "or")
 
 
 def number(value: float, digits: int = 3) -> str:

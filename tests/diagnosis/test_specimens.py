@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -88,6 +89,36 @@ def test_the_answer_of_unequal_motors_is_read_and_simulated_again(unequal: Diagn
             # The start of a check run is adjusted to its first readings, which a case does not hold.
             exact = 1e-6 if one.run.split == "fit" else 2e-2
             assert left == pytest.approx(unequal.final.by_run[channel][one.run.name].rms, rel=exact)
+
+
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        (
+            {"value": np.log(0.8), "sd": 0.01},
+            "The right motor differs: its resistance is 20.00 ± 0.80 % lower than that of the left motor.",
+        ),
+        (
+            {"name": "friction_difference", "value": np.log(3.0), "sd": 0.01, "others": ()},
+            "The right motor differs: its friction is 3.000 ± 0.030 times as stated.",
+        ),
+        (
+            {"name": "thermometer_difference:winding_temperature_degC", "factor": False, "value": -2.0, "sd": 0.1,
+             "unit": "K"},
+            "The right motor differs: its winding temperature reads 2.00 ± 0.10 K lower than that of the left motor.",
+        ),
+        (
+            {"specimen": "motor1", "value": 0.1, "sd": 0.05, "others": ("motor2", "motor3", "motor4"),
+             "cannot_tell_apart_from": ("friction_difference@motor1", "load_difference@motor1",
+                                        "resistance_difference@motor3", "brush_drop")},
+            "Motor 1 differs: its resistance is 10.5 ± 5.5 % higher than that of the others; another friction or load, "
+            "another resistance of motor 3 or brush_drop would explain it as well.",
+        ),
+    ],
+)  # fmt: skip
+def test_a_difference_is_said_in_one_sentence(unequal: Diagnosis, changed: dict, sentence: str):
+    found = dataclasses.replace(unequal.specimens[0], **changed)
+    assert specimen_sentences(dataclasses.replace(unequal, specimens=(found,)), with_errors=False) == [sentence]
 
 
 def test_one_of_four_that_rubs_twice_as_much_is_told():
