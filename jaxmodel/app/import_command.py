@@ -69,6 +69,9 @@ Preset = Annotated[str | None, typer.Option(help="For what the files do not tell
 SecondsPerRow = Annotated[float | None, typer.Option(help="For files without a clock.", show_default=False)]
 CellsInSeries = Annotated[int, typer.Option(help="Of a module, to divide its voltage by.")]
 ParallelCells = Annotated[int, typer.Option(help="Of a module, to divide its current by.")]
+EachCell = Annotated[
+    bool, typer.Option("--each-cell", help="Of a module: a run of each cell whose voltage is logged, not their mean.")
+]
 Sheet = Annotated[
     list[str] | None,
     typer.Option(
@@ -108,6 +111,7 @@ def import_(
     seconds_per_row: SecondsPerRow = None,
     cells_in_series: CellsInSeries = 1,
     parallel_cells: ParallelCells = 1,
+    each_cell: EachCell = False,
     sheet: Sheet = None,
     encoding: Encoding = None,
     delimiter: Delimiter = None,
@@ -139,6 +143,7 @@ def import_(
         seconds_per_row=seconds_per_row,
         cells_in_series=cells_in_series,
         parallel_cells=parallel_cells,
+        each_cell=each_cell,
         sheet=tuple(sheet) if sheet else None,
         encoding=encoding,
         delimiter=delimiter,

@@ -18,9 +18,8 @@ import pandas as pd
 from jaxmodel.base.errors import MeasurementError, nearest
 from jaxmodel.base.in_short import html_of, text_of
 from jaxmodel.base.late_binding import late_bound
-from jaxmodel.case.known import Known, MotorTable, Table, Tolerance
+from jaxmodel.case.known import Known, MotorTable, Specimen, Table, Tolerance
 from jaxmodel.case.measurements import Kind, Measured, file_label, vocabulary
-from jaxmodel.case.specimens import Specimen
 from jaxmodel.effects import CATALOGUE
 from jaxmodel.model.curves import CURVE_NAMES
 from jaxmodel.model.parameters import info

@@ -2,39 +2,19 @@
 
 from __future__ import annotations
 
-import dataclasses
 import re
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from jaxmodel.base.errors import MeasurementError, instead
-from jaxmodel.base.in_short import InShort
 from jaxmodel.case.forms import EffectEntry, SpecimenEntry
-from jaxmodel.case.known import Known, scalars
+from jaxmodel.case.known import Known, Specimen, scalars
+from jaxmodel.case.records import Case, Run
 from jaxmodel.effects.differences import DIFFERENCES
 from jaxmodel.model.declaration import describe
 
-if TYPE_CHECKING:
-    from jaxmodel.case.records import Case, Run
-
 # Names of places on a vehicle, which stand before the word.
 _SIDE = re.compile(r"(^|_)(left|right|front|rear|back|middle)(_|$)")
-Values = dict[str, dict[str, float | str]]
-
-
-@dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class Specimen(InShort):
-    """What one of several specimens has of its own.
-
-    Attributes:
-        parameters: of the case that are different in all its runs.
-        effects: differences of `jaxmodel.effects.differences.DIFFERENCES`: their numbers, and the column of a sensor's.
-        effect_sd: by difference and number, the sd of the value in `effects`; others are exact.
-    """
-
-    parameters: dict[str, Known] = dataclasses.field(default_factory=dict)
-    effects: Values = dataclasses.field(default_factory=dict)
-    effect_sd: dict[str, dict[str, float]] = dataclasses.field(default_factory=dict)
 
 
 def specimens_of(entries: Mapping[str, SpecimenEntry], named: Sequence[str], where: str) -> dict[str, Specimen]:

@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from jaxmodel.case.build import case_model
-from jaxmodel.case.known import Known
+from jaxmodel.case.known import Known, Specimen
 from jaxmodel.case.records import Case, Run
-from jaxmodel.case.specimens import Specimen, difference_label
+from jaxmodel.case.specimens import difference_label
 from jaxmodel.effects.differences import DIFFERENCES
 from jaxmodel.fit.estimates import CurveAtKnots, Estimate
 from jaxmodel.fit.tables import corrected_motor_tables, corrected_tables

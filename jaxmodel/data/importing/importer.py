@@ -102,6 +102,8 @@ def _check_kind(kind: Kind, options: Options) -> None:
     """Raise MeasurementError for what only a motor has, and for a number that a law of its load does not have."""
     if kind != "motor" and options.motors:
         raise MeasurementError(f"motor: a log is parted into its motors with --kind motor; remove it for a {kind}.")
+    if options.each_cell and (kind != "cell" or options.cells_in_series > 1):
+        raise MeasurementError("each cell: it is for --kind cell, and without --cells-in-series; remove one of them.")
     if kind == "cell" and options.load:
         raise MeasurementError("load: a cell turns nothing; remove --load.")
     law = LAWS.get(options.load or "")

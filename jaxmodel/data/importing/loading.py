@@ -17,10 +17,11 @@ from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
 from jaxmodel.data.importing.formula_hints import of_a_controller
 from jaxmodel.data.importing.formulas import computed, unmatched, wanted
 from jaxmodel.data.importing.logs import Log, columns_of
-from jaxmodel.data.importing.motors import OneMotor, by_motor, motors_in
+from jaxmodel.data.importing.motors import by_motor, motors_in
+from jaxmodel.data.importing.one_specimen import OneSpecimen
 from jaxmodel.data.importing.options import Kind, Options
 from jaxmodel.data.importing.roles import MARKS, Role, looks_like, required, roles_of, target_unit
-from jaxmodel.data.importing.single_cells import OF_CELLS, single_cells, with_single_cells
+from jaxmodel.data.importing.single_cells import OF_CELLS, by_cell, single_cells, with_single_cells
 from jaxmodel.data.importing.spectra import OnlySpectra, of_spectra, without_spectra
 from jaxmodel.data.tables import RawTable, read_table
 from jaxmodel.data.tables.known_formats import known_format
@@ -80,7 +81,7 @@ def load(
 
     def keep(names: Sequence[str]) -> Sequence[str]:
         in_order[:] = names
-        if kind == "motor" and (options.motors or motors_in(names, options)):
+        if options.each_cell or (kind == "motor" and (options.motors or motors_in(names, options))):
             return names
         known = known_format(names)
         columns = known.plain(names) if known else {}
@@ -100,35 +101,38 @@ def load(
     table = read_table(path, columns=keep, **form)
     motors = by_motor(table, options) if kind == "motor" else []
     if len(motors) > 1 or options.motors:
-        return _of_motors(motors, options, ask, elsewhere)
+        return _of_specimens(motors, kind, options, ask, elsewhere)
+    if options.each_cell:
+        return _of_specimens(by_cell(table, options), kind, options, ask, elsewhere)
     return _logs(table, kind, options, ask, elsewhere, in_order, form)
 
 
-def _of_motors(motors: Sequence[OneMotor], options: Options, ask: Ask | None, elsewhere: Collection[str]) -> list[Log]:
-    """Return the logs of the motors of one file; what is found in each of them is told once."""
+def _of_specimens(
+    specimens: Sequence[OneSpecimen], kind: Kind, options: Options, ask: Ask | None, elsewhere: Collection[str]
+) -> list[Log]:
+    """Return the logs of the motors or cells of one file; what is found in each of them is told once."""
     logs: list[Log] = []
     told: set[str] = set()
-    for motor in _of_one_unit(motors, options):
-        for log in _logs(motor.table, "motor", options, ask, elsewhere):
-            told_of_one = {one.sentence for one in log.findings}
-            log = dataclasses.replace(log, findings=tuple(one for one in log.findings if one.sentence not in told))
-            told |= told_of_one
-            name = f"{log.name}_{motor.name}" if motor.name else log.name
-            logs.append(dataclasses.replace(log, name=name, specimen=motor.name).also(*motor.found))
+    for one in _of_one_unit(specimens, kind, options):
+        for log in _logs(one.table, kind, options, ask, elsewhere):
+            new = tuple(finding for finding in log.findings if finding.sentence not in told)
+            told |= {finding.sentence for finding in new}
+            name = f"{log.name}_{one.name}" if one.name else log.name
+            logs.append(dataclasses.replace(log, name=name, specimen=one.name, findings=new).also(*one.found))
     return logs
 
 
-def _of_one_unit(motors: Sequence[OneMotor], options: Options) -> list[OneMotor]:
-    """Return the motors of one file with the units of columns that state none, by the readings of all of them.
+def _of_one_unit(specimens: Sequence[OneSpecimen], kind: Kind, options: Options) -> list[OneSpecimen]:
+    """Return the motors or cells of one file with the units of columns that state none, by the readings of all of them.
 
     A propeller that turns slower than the others would else be in rad/s, where these are in 1/min.
     """
-    tables = [motor.table for motor in motors]
+    tables = [one.table for one in specimens]
     first = tables[0]
     names = [str(name) for name in first.frame]
     known = _units_to_match(names, units_in(names) | dict(first.units), options)
     units, found = {}, []
-    for target, role in roles_of(names, known, "motor", options.columns, first.plain).items():
+    for target, role in roles_of(names, known, kind, options.columns, first.plain).items():
         columns = [table.frame[role.column] for table in tables if role.column in table.frame]
         if target in MARKS or role.column in known or not all(column.dtype.kind in "iuf" for column in columns):
             continue
@@ -141,11 +145,11 @@ def _of_one_unit(motors: Sequence[OneMotor], options: Options) -> list[OneMotor]
             found.append(_unit_assumed(first.label, role, guessed, change, unit))
     return [
         dataclasses.replace(
-            motor,
-            table=dataclasses.replace(motor.table, units={**units, **motor.table.units}),
-            found=(*motor.found, *found) if motor is motors[0] else motor.found,
+            one,
+            table=dataclasses.replace(one.table, units={**units, **one.table.units}),
+            found=(*one.found, *found) if one is specimens[0] else one.found,
         )
-        for motor in motors
+        for one in specimens
     ]
 
 

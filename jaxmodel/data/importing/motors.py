@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 
 from jaxmodel.base.errors import MeasurementError, instead, listed
 from jaxmodel.data.importing.findings import Decision, Finding
+from jaxmodel.data.importing.one_specimen import OneSpecimen
 from jaxmodel.data.importing.options import Options
 from jaxmodel.data.importing.roles import ROLES, roles_of
 from jaxmodel.data.tables import RawTable
@@ -36,21 +37,6 @@ _MARK = re.compile(
 )
 # What a log has of all motors together is not that of one.
 _OF_ONE = ("current_A", "load_torque_Nm")
-
-
-@dataclasses.dataclass(frozen=True)
-class OneMotor:
-    """The columns of one motor of a log.
-
-    Attributes:
-        name: "left", "front_left", "motor1"; "" for a log of one motor.
-        table: its own columns, named as if it were the only one, and those of all.
-        found: what is to be said.
-    """
-
-    name: str
-    table: RawTable
-    found: tuple[Finding | Decision, ...] = ()
 
 
 def motors_in(names: Sequence[str], options: Options) -> dict[str, dict[str, str]]:
@@ -82,7 +68,7 @@ def motors_in(names: Sequence[str], options: Options) -> dict[str, dict[str, str
     return own if is_of_motor else {}
 
 
-def by_motor(table: RawTable, options: Options) -> list[OneMotor]:
+def by_motor(table: RawTable, options: Options) -> list[OneSpecimen]:
     """Return the motors of a log, each with a table of its own; a log of one motor as it is.
 
     Args:
@@ -99,14 +85,14 @@ def by_motor(table: RawTable, options: Options) -> list[OneMotor]:
                 f"{table.label}: motor: its columns are not of several motors, as left_... and right_... or motor1_... "
                 "and motor2_... are; leave --motor out."
             )
-        return [OneMotor("", table)]
+        return [OneSpecimen("", table)]
     for motor in options.motors:
         if motor not in own:
             raise MeasurementError(f"{table.label}: motor: there is no '{motor}'.{instead(motor, own)}")
     chosen = [motor for motor in own if motor in options.motors] if options.motors else list(own)
     left, about_left = _of_all_together(table, own, options)
     named = chosen if len(chosen) > 1 else [""]
-    motors = [OneMotor(name, _of_one(table, own, motor, left)) for name, motor in zip(named, chosen, strict=True)]
+    motors = [OneSpecimen(name, _of_one(table, own, motor, left)) for name, motor in zip(named, chosen, strict=True)]
     called = listed(dict.fromkeys(bare for motor in chosen for bare in own[motor].values()), 6)
     why = f"columns name them, and are called {called} without it; each is a run, one alone is --motor {chosen[0]}"
     if options.motors:

@@ -43,6 +43,7 @@ class Options:
         seconds_per_row: time from row to row [s], for files without a clock.
         cells_in_series: by which a voltage is divided, for a module that is modelled as one cell.
         parallel_cells: by which a current is divided, for the same.
+        each_cell: each column of a single cell is a run of a cell of its own, in place of their mean.
         accept_unsettled_sign: keep the sign of the file where physics cannot settle it.
         sheet: of spreadsheets; of MATLAB files the variable, of JSON the key; names, or patterns such as 'run*'.
         encoding: of text.
@@ -77,6 +78,7 @@ class Options:
     seconds_per_row: float | None = None
     cells_in_series: int = 1
     parallel_cells: int = 1
+    each_cell: bool = False
     accept_unsettled_sign: bool = False
     sheet: str | tuple[str, ...] | None = None
     encoding: str | None = None
