@@ -264,6 +264,7 @@ class Case:
             f"tables: {', '.join([*self.tables, *self.motor_tables]) or 'none'}",
             *([f"formulas of the paper's cell: {', '.join(self.formulas)}"] if self.formulas else []),
             f"effects: {', '.join(self.effects) or 'none'}",
+            *([f"specimens: {', '.join(self.specimens)}"] if self.specimens else []),
             self.to_dataframe().to_string(index=False, max_colwidth=60),
         ]
         return "\n".join(lines)

@@ -13,6 +13,8 @@ from jaxmodel.case.reading import read_case
 from jaxmodel.case.records import Case
 from jaxmodel.case.simulation import simulate_case
 from jaxmodel.diagnosis.answer import answer
+from jaxmodel.diagnosis.answers import differences_of
+from jaxmodel.diagnosis.changes import bands
 from jaxmodel.diagnosis.diagnosis import diagnose
 from jaxmodel.diagnosis.result import Diagnosis
 from jaxmodel.diagnosis.saved import read_diagnosis
@@ -165,3 +167,8 @@ def test_unknowns_of_a_specimen_act_in_its_runs_alone():
     assert acts["friction_difference.s[left]"] == left
     assert acts["friction_difference.s[right]"] == right
     assert acts["k_tau"] == [True] * 4
+
+
+def test_a_difference_is_in_the_history_and_among_changes(unequal: Diagnosis):
+    assert bands(answer(unequal)).keys() == {"resistance_difference@right"}
+    assert differences_of(answer(unequal)) == ["resistance_difference@right"]
