@@ -10,7 +10,7 @@ from jaxmodel.base.errors import MeasurementError, instead, listed
 from jaxmodel.data.importing.findings import Decision, Finding
 from jaxmodel.data.importing.one_specimen import OneSpecimen
 from jaxmodel.data.importing.options import Options
-from jaxmodel.data.importing.roles import ROLES, roles_of
+from jaxmodel.data.importing.roles import roles_of
 from jaxmodel.data.tables import RawTable
 from jaxmodel.data.tables.raw_table import units_in
 
@@ -35,6 +35,8 @@ _MARK = re.compile(
     rf"|(?P<word>{_any('motor', 'mot', 'wheel', 'propeller', 'prop', 'rotor', 'esc')})[ _.\[-]?(?P<number>\d{{1,2}})\]?"
     rf"(?![0-9])|[Mm](?P<short>\d{{1,2}})(?![A-Za-z0-9]))"
 )
+# What each of several motors has: one motor may have two thermometers.
+_TELLING = {"current_A", "voltage_V", "speed_rad_s", "load_torque_Nm", "position_rad"}
 # What a log has of all motors together is not that of one.
 _OF_ONE = ("current_A", "load_torque_Nm")
 
@@ -42,8 +44,8 @@ _OF_ONE = ("current_A", "load_torque_Nm")
 def motors_in(names: Sequence[str], options: Options) -> dict[str, dict[str, str]]:
     """Return by motor its columns, and what each is called without its motor; empty where there is only one.
 
-    Two motors have a column that differs in their name alone, and that a motor's case may hold. Where the user names
-    such a column, a motor is meant already.
+    Two motors have a column that differs in their name alone and is of a current, voltage, speed, torque or angle, or
+    that a formula of the user names. Where the user names a column of one motor, that motor is meant already.
 
     Args:
         names: of the columns of a file.
@@ -64,7 +66,7 @@ def motors_in(names: Sequence[str], options: Options) -> dict[str, dict[str, str
         return {}
     known = roles_of([*common], units_in(common), "motor", {})
     stated = " ".join(options.columns.values())
-    is_of_motor = known.keys() & ROLES["motor"].keys() or any(_word(bare).search(stated) for bare in common)
+    is_of_motor = known.keys() & _TELLING or any(_word(bare).search(stated) for bare in common)
     return own if is_of_motor else {}
 
 

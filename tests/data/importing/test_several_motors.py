@@ -66,6 +66,7 @@ def test_motors_are_recognised_by_names(names: tuple[str, ...], motors: list[str
         ("motor1_current_A", "motor2_speed_rad_s"),  # nothing that both have
         ("cell_1_V", "cell_2_V", "cell_3_V"),
         ("voltage_1", "voltage_2", "current_1"),
+        ("temp_m1_degC", "temp_m2_degC", "current_A", "voltage_V"),  # two thermometers
         ("left_x", "right_x", "current_A"),  # nothing that a case of a motor holds
         ("acc_m_s2", "area_m2", "current_A"),
         ("motor_current_A", "motor_speed_rpm", "motor_temp_1_degC"),
