@@ -61,6 +61,15 @@ Motors = Annotated[
         show_default=False,
     ),
 ]
+Specimens = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--specimen",
+        metavar="NAME=PATTERN",
+        help='Of several motors or cells the files of this one, as A="motorA_*"; repeatable.',
+        show_default=False,
+    ),
+]
 Ambient = Annotated[float | None, typer.Option(metavar="DEGC", help="Of all runs.", show_default=False)]
 InitialSoc = Annotated[float | None, typer.Option(help="At the start of all runs.", show_default=False)]
 Capacity = Annotated[float | None, typer.Option(metavar="AH", help="Of the cell.", show_default=False)]
@@ -103,6 +112,7 @@ def import_(
     split_at: SplitAt = "auto",
     rest_minutes: RestMinutes = 30.0,
     motor: Motors = None,
+    specimen: Specimens = None,
     check: Check = None,
     ambient: Ambient = None,
     initial_soc: InitialSoc = None,
@@ -126,7 +136,7 @@ def import_(
         files,
         kind,
         out,
-        pairs={"column": column or [], "unit": unit or [], "constant": constant or []},
+        pairs={"column": column or [], "unit": unit or [], "constant": constant or [], "specimen": specimen or []},
         title=title,
         load=load,
         rows=rows,

@@ -36,7 +36,7 @@ def import_files(
         files: as `jaxmodel.data.importing.import_case` takes them; a folder stands for all its files.
         kind: of the case.
         out: folder of the case.
-        pairs: options of the form NAME=VALUE by their names: `column`, `unit`, `constant`.
+        pairs: options of the form NAME=VALUE by their names: `column`, `unit`, `constant`, `specimen`.
         load: a law, or one with its numbers as "gravity:mass_kg=0.5,arm_m=0.1".
         answer_only: leaves out the pictures.
         force: writes over a case that was edited since it was imported.
@@ -55,6 +55,7 @@ def import_files(
         load_numbers={name: _number(value, f"--load {name}") for name, value in of_law},
         columns=dict(_pair(text, "column") for text in pairs["column"]),
         units=dict(_pair(text, "unit") for text in pairs["unit"]),
+        specimens=dict(_pair(text, "specimen") for text in pairs.get("specimen", ())),
         constants={name: _number(value, f"--constant {name}") for name, value in constants},
         **decisions,
     )

@@ -18,7 +18,7 @@ from jaxmodel.data.importing.ambient import fill, with_ambient
 from jaxmodel.data.importing.check_runs import splits_of_motors
 from jaxmodel.data.importing.checks import odd_things
 from jaxmodel.data.importing.clock import with_clock
-from jaxmodel.data.importing.conditions import Condition, condition_of, specimens
+from jaxmodel.data.importing.conditions import Condition, condition_of, specimens, with_specimens
 from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
 from jaxmodel.data.importing.formula_hints import hint_for
 from jaxmodel.data.importing.formulas import unmatched
@@ -120,7 +120,7 @@ def _imported(paths: Sequence[Path], kind: Kind, options: Options, ask: Ask | No
     general += copies(logs)
     logs, clockless = _with_clocks(logs, options, ask)
     general += clockless
-    logs = joined(logs)
+    logs = with_specimens(joined(logs), options.specimens)
     _refuse_no_voltage(logs, kind, options)
     if kind == "cell":
         logs = [log if (odd := exchanged(log)) is None else log.also(odd) for log in logs]

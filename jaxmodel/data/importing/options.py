@@ -31,6 +31,7 @@ class Options:
             or step too; "auto" for each file and each restart of its clock.
         rest_minutes: the shortest rest that ends a run, in minutes.
         motors: which of several motors of one log are imported, as "left" or "motor1"; by default all.
+        specimens: by name of one of several motors or cells, which files are of it, as a pattern: `{"A": "motorA_*"}`.
         check: names of the check runs; None for a proposal.
         ambient: ambient temperature [degC] of all runs.
         load: of a motor or robot: "measured", "unknown", or the law that it follows: "free", "propeller", "gravity",
@@ -67,6 +68,7 @@ class Options:
     split_at: str = "auto"
     rest_minutes: float = 30.0
     motors: tuple[str, ...] = ()
+    specimens: Mapping[str, str] = dataclasses.field(default_factory=dict)
     check: tuple[str, ...] | None = None
     ambient: float | None = None
     load: str | None = None

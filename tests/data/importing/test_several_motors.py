@@ -171,3 +171,40 @@ def test_each_motor_keeps_a_run_to_fit(tmp_path: Path):
         imported(*rides(tmp_path), check=("*_left",))
     (only,) = rides(tmp_path, 1)
     assert [run.split for run in imported(only).runs] == ["fit", "fit"]
+
+
+def bench(folder: Path, *names: str) -> list[Path]:
+    """Files of one motor each."""
+    columns = ("motor_voltage_V", "motor_current_A", "motor_speed_rad_s")
+    return [log(folder, name, *columns, scale=1.0 + 0.001 * n) for n, name in enumerate(names)]
+
+
+def test_specimens_in_files_of_their_own_are_stated_by_patterns(tmp_path: Path):
+    paths = bench(tmp_path, "step_a", "ramp_a", "hold_a", "step_b", "ramp_b", "hold_b")
+    found = imported(*paths, specimens={"A": "*_a", "B": "*_b"})
+    assert [run.log.specimen for run in found.runs] == ["A"] * 3 + ["B"] * 3
+    for motor in ("A", "B"):
+        assert any(run.split == "fit" for run in found.runs if run.log.specimen == motor)
+    assert list(found.case.specimens) == ["A", "B"]
+
+
+@pytest.mark.parametrize(
+    ("names", "stated", "words"),
+    [
+        (("step_a", "step_c"), {"A": "*_a"}, "step_c.csv: specimen: the file is of none of them"),
+        (("step_a", "step_b"), {"A": "*_a", "B": "step_*"}, "step_a.csv: specimen: the file is of A and B"),
+        (("step_a",), {"A": "*_a", "B": "*_b"}, "no file is called '*_b'"),
+    ],
+)
+def test_specimens_that_do_not_fit_the_files_are_refused(tmp_path: Path, names, stated, words: str):
+    with pytest.raises(MeasurementError) as found:
+        imported(*bench(tmp_path, *names), specimens=stated)
+    assert words in str(found.value)
+
+
+def test_names_that_point_to_several_motors_are_told_with_what_to_do(tmp_path: Path):
+    (said,) = [
+        one for one in imported(*bench(tmp_path, "motor1_step", "motor2_step")).findings
+        if one.what == "several specimens"
+    ]  # fmt: skip
+    assert "--specimen" in said.sentence
