@@ -36,6 +36,8 @@ VERDICT_TITLES = {
 
 # Channels that a sentence names one by one.
 MOST_CHANNELS = 3
+# A change of an error by less than this share of the noise is not worth a word beside a difference of a specimen.
+_SEEN = 0.02
 _ONE_LINE = 48  # letters in a legend or at the head of a column
 
 
@@ -304,10 +306,19 @@ def specimen_sentences(diagnosis: Diagnosis, *, with_errors: bool = True) -> lis
         diagnosis: its result.
         with_errors: say by how much it reduces the errors, too.
     """
-    return [_specimen_sentence(one, diagnosis.case.kind, with_errors) for one in diagnosis.specimens]
+
+    def shown(one: SpecimenFound) -> dict[str, Removed]:
+        return {
+            channel: change
+            for channel, change in one.removes.items()
+            if np.nanmax(np.abs([change.fit, change.check, 0.0])) > _SEEN * diagnosis.noise[channel].sd
+        }
+
+    kind = diagnosis.case.kind
+    return [_specimen_sentence(one, kind, removed(shown(one)) if with_errors else "") for one in diagnosis.specimens]
 
 
-def _specimen_sentence(one: SpecimenFound, kind: str, with_errors: bool) -> str:
+def _specimen_sentence(one: SpecimenFound, kind: str, takes: str) -> str:
     who = in_words(kind, one.specimen)
     name, _, column = one.name.partition(":")
     way = "higher" if one.value > 0.0 else "lower"
@@ -319,7 +330,6 @@ def _specimen_sentence(one: SpecimenFound, kind: str, with_errors: bool) -> str:
         size = with_sd(Estimate(abs(one.value), one.sd, one.unit))
         what = f"its {split_unit(column)[0]} reads {size} {way} than {theirs}"
     doubt = f"; {_rivals(one, kind)} would explain it as well" if one.cannot_tell_apart_from else ""
-    takes = removed(one.removes) if with_errors else ""
     return _capital(f"{who} differs: {what}{doubt}{takes and f'; this {takes}'}.")
 
 

@@ -75,6 +75,9 @@ def test_a_resistance_that_is_higher_is_told_with_its_motor(unequal: Diagnosis):
     assert sentence.startswith("The right motor differs: its resistance is 29.")
     assert sentence.endswith("% higher than that of the left motor.")
     assert verdict_sentence(unequal).startswith(sentence)
+    (longer,) = specimen_sentences(unequal)
+    assert "reduces the error of speed by 0.37" in longer
+    assert "current" not in longer  # it moves by some uA of 50 mA of noise
     assert sentence in unequal.summary()
 
 
