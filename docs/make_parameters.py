@@ -12,6 +12,7 @@ from jaxmodel.base.remark import CODES
 from jaxmodel.effects import CATALOGUE, battery, drive, motion, sensors
 from jaxmodel.effects.controllers import SERVO
 from jaxmodel.effects.curves import CURVES
+from jaxmodel.effects.differences import DIFFERENCES
 from jaxmodel.effects.shifts import SHIFTS
 from jaxmodel.effects.specimen import SIZES
 from jaxmodel.fit.settings import table as settings_table
@@ -120,7 +121,14 @@ them. Gains are those of a drive that sets the current (A) or the voltage (V).
 {_effect_parameters(SERVO.values())}"""
     )
     parts.append(
-        f"""## Shifts
+        f"""## Differences
+
+Differences are not in the catalogue either. A difference is what one of several motors or cells of a case has of its
+own, in all of its runs ([Several motors or cells](cases.md#several-motors-or-cells)).
+
+{_effects(DIFFERENCES.values())}
+{_effect_parameters(DIFFERENCES.values())}
+## Shifts
 
 Shifts are not in the catalogue either. A shift is one parameter that differs in a single run, for example a contact
 resistance, the air flow around the cell, or the zero point of a sensor.

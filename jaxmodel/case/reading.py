@@ -32,6 +32,7 @@ from jaxmodel.case.measurements import (
 from jaxmodel.case.presets import located, why_not
 from jaxmodel.case.records import Case, Run
 from jaxmodel.case.servo import stated_servo
+from jaxmodel.case.specimens import specimens_of
 from jaxmodel.model.ports import Effect
 
 
@@ -151,6 +152,7 @@ def _case(
         motor_tables=motor_tables(entry.parameters),
         load=load,
         servo=servo,
+        specimens=specimens_of(entry.specimens, [run.specimen for run in entry.runs], where),
     )
     # An unknown preset is refused when a model is built; reading the measurements needs none.
     case = with_law(case if why_not(case.preset, case.kind) else with_preset(case))
@@ -194,6 +196,7 @@ def _run(
         initial_cell_temperature=_initial_cell_temperature(entry, kind, where),
         tolerance=_tolerance(entry.tolerance, kind, known, f"{where}.tolerance"),
         ambient_degC=entry.ambient_degC,
+        specimen=entry.specimen,
     )
 
 

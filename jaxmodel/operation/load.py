@@ -28,6 +28,7 @@ from jaxmodel.case.measurements import OPEN, REFERENCES, SET_BY
 from jaxmodel.case.records import Case, Run
 from jaxmodel.case.signals import after_pauses, duty_of, white_sd
 from jaxmodel.case.simulation import simulate_case
+from jaxmodel.case.specimens import together
 from jaxmodel.effects.controllers import SERVO
 from jaxmodel.effects.loads import LAW_EFFECTS
 from jaxmodel.model import motor as motors
@@ -197,7 +198,9 @@ def _of_run(case: Case, run: Run, simulated: pd.DataFrame) -> RunLoad:
     table = table.assign(load_torque_Nm=torque, sd_Nm=sd, work_W=torque * speed)
     if (voltage := _voltage(case, run, simulated)) is not None:
         table["drawn_W"] = voltage * current
-    return RunLoad(run.name, group_of(run.name), table, _common(case), _metres(case, run, speed))
+    return RunLoad(
+        run.name, group_of(together(run.name, run.specimen)), table, _common(case), _metres(case, run, speed)
+    )
 
 
 def _shaft_torque(model: Model, inputs: Mapping, simulated: pd.DataFrame, current: Array, speed: Array) -> Array:

@@ -37,7 +37,7 @@ def import_files(
         files: as `jaxmodel.data.importing.import_case` takes them; a folder stands for all its files.
         kind: of the case.
         out: folder of the case.
-        pairs: options of the form NAME=VALUE by their names: `column`, `unit`, `constant`.
+        pairs: options of the form NAME=VALUE by their names: `column`, `unit`, `constant`, `specimen`.
         load: a law, or one with its numbers as "gravity:mass_kg=0.5,arm_m=0.1".
         controller: "position" or "speed" with its gains, as "position:k_p=40,k_d=0.2,limit=10".
         answer_only: leaves out the pictures.
@@ -59,6 +59,7 @@ def import_files(
         controller_numbers=gains,
         columns=dict(_pair(text, "column") for text in pairs["column"]),
         units=dict(_pair(text, "unit") for text in pairs["unit"]),
+        specimens=dict(_pair(text, "specimen") for text in pairs.get("specimen", ())),
         constants={name: _number(value, f"--constant {name}") for name, value in constants},
         **decisions,
     )

@@ -61,6 +61,8 @@ class ImportedRun:
     def entries(self) -> dict[str, Any]:
         """Return the run's entries of case.toml."""
         stated: dict[str, Any] = {"label": self.label}
+        if self.log.specimen:
+            stated["specimen"] = self.log.specimen
         if self.ambient_degC is not None:
             stated["ambient_degC"] = self.ambient_degC
         if self.start is not None:

@@ -15,10 +15,10 @@ from jaxmodel.case.measurements import COLUMNS_OF_LAWS, KINDS, OPEN, file_label,
 from jaxmodel.case.presets import located, read_preset, why_not
 from jaxmodel.data.importing import ageing, balance, charge, warm_start
 from jaxmodel.data.importing.ambient import fill, with_ambient
-from jaxmodel.data.importing.check_runs import splits_of
+from jaxmodel.data.importing.check_runs import splits_of_motors
 from jaxmodel.data.importing.checks import odd_things
 from jaxmodel.data.importing.clock import with_clock
-from jaxmodel.data.importing.conditions import Condition, condition_of, specimens
+from jaxmodel.data.importing.conditions import Condition, condition_of, specimens, with_specimens
 from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
 from jaxmodel.data.importing.formula_hints import hint_for
 from jaxmodel.data.importing.formulas import unmatched
@@ -86,7 +86,7 @@ def import_case(
     if unknown := [name for name in decisions if name not in known]:
         raise MeasurementError(f"import_case: there is no decision '{unknown[0]}'.{nearest(unknown[0], known)}")
     options = checked(dataclasses.replace(options or Options(), **decisions))
-    _check_load(kind, options)
+    _check_kind(kind, options)
     if options.drive == "current":  # what is in V is then no voltage of the winding
         options = dataclasses.replace(options, columns={"voltage_V": "", **options.columns})
     if options.preset:
@@ -102,8 +102,12 @@ def import_case(
     return imported
 
 
-def _check_load(kind: Kind, options: Options) -> None:
-    """Raise MeasurementError for a load or drive of another kind, and for a number that its law does not have."""
+def _check_kind(kind: Kind, options: Options) -> None:
+    """Raise MeasurementError for what another kind has, and for a number that a load or a controller does not have."""
+    if kind != "motor" and options.motors:
+        raise MeasurementError(f"motor: a log is parted into its motors with --kind motor; remove it for a {kind}.")
+    if options.each_cell and (kind != "cell" or options.cells_in_series > 1):
+        raise MeasurementError("each cell: it is for --kind cell, and without --cells-in-series; remove one of them.")
     if kind == "cell" and options.load:
         raise MeasurementError("load: a cell turns nothing; remove --load.")
     law = LAWS.get(options.load or "")
@@ -131,7 +135,7 @@ def _imported(paths: Sequence[Path], kind: Kind, options: Options, ask: Ask | No
     general += copies(logs)
     logs, clockless = _with_clocks(logs, options, ask)
     general += clockless
-    logs = joined(logs)
+    logs = with_specimens(joined(logs), options.specimens)
     _refuse_no_voltage(logs, kind, options)
     if kind == "cell":
         logs = [log if (odd := exchanged(log)) is None else log.also(odd) for log in logs]
@@ -401,7 +405,7 @@ def _assembled(
         dataclasses.replace(condition_of(run, ambient), cycles=number)
         for (run, ambient), number in zip(warmed, cycles, strict=True)
     ]
-    splits, why = splits_of([run for run, _ in warmed], conditions, options.check)
+    splits, why = splits_of_motors([run for run, _ in warmed], conditions, options.check)
     general = [*general, *ageing.told(cycles), *why]
     capacity, full = None, False
     capacities: list[charge.Stated | None] = [None] * len(warmed)
@@ -424,7 +428,7 @@ def _assembled(
         starts = [_ROBOT_SOC] * len(warmed)
     if options.initial_soc is not None and kind != "motor":
         starts = [charge.Stated(options.initial_soc, 0.02, "stated")] * len(warmed)
-    if several := specimens([run for run, _ in warmed]):
+    if several := specimens([run for run, _ in warmed if not run.specimen]):
         general.append(several)
     done = []
     for (run, ambient), condition, start, part, left_Ah in zip(

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,9 +17,11 @@ from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
 from jaxmodel.data.importing.formula_hints import of_a_controller
 from jaxmodel.data.importing.formulas import computed, unmatched, wanted
 from jaxmodel.data.importing.logs import Log, columns_of
+from jaxmodel.data.importing.motors import by_motor, motors_in
+from jaxmodel.data.importing.one_specimen import OneSpecimen
 from jaxmodel.data.importing.options import Kind, Options
 from jaxmodel.data.importing.roles import MARKS, Role, looks_like, required, roles_of, target_unit
-from jaxmodel.data.importing.single_cells import OF_CELLS, single_cells, with_single_cells
+from jaxmodel.data.importing.single_cells import OF_CELLS, by_cell, single_cells, with_single_cells
 from jaxmodel.data.importing.spectra import OnlySpectra, of_spectra, without_spectra
 from jaxmodel.data.tables import RawTable, read_table
 from jaxmodel.data.tables.known_formats import known_format
@@ -77,6 +81,8 @@ def load(
 
     def keep(names: Sequence[str]) -> Sequence[str]:
         in_order[:] = names
+        if options.each_cell or (kind == "motor" and (options.motors or motors_in(names, options))):
+            return names
         known = known_format(names)
         columns = known.plain(names) if known else {}
         units = units_in(names) | {name: unit for name, (_, unit) in columns.items() if unit}
@@ -92,14 +98,96 @@ def load(
         )
 
     form = {name: getattr(options, name) for name in ("sheet", "encoding", "delimiter", "decimal")}
-    table, kept = computed(read_table(path, columns=keep, **form), options)
+    table = read_table(path, columns=keep, **form)
+    motors = by_motor(table, options) if kind == "motor" else []
+    if len(motors) > 1 or options.motors:
+        return _of_specimens(motors, kind, options, ask, elsewhere)
+    if options.each_cell:
+        return _of_specimens(by_cell(table, options), kind, options, ask, elsewhere)
+    return _logs(table, kind, options, ask, elsewhere, in_order, form)
+
+
+def _of_specimens(
+    specimens: Sequence[OneSpecimen], kind: Kind, options: Options, ask: Ask | None, elsewhere: Collection[str]
+) -> list[Log]:
+    """Return the logs of the motors or cells of one file; what is found in each of them is told once."""
+    logs: list[Log] = []
+    told: set[str] = set()
+    for one in _of_one_unit(specimens, kind, options):
+        for log in _logs(one.table, kind, options, ask, elsewhere):
+            new = tuple(finding for finding in log.findings if finding.sentence not in told)
+            told |= {finding.sentence for finding in new}
+            name = f"{log.name}_{one.name}" if one.name else log.name
+            logs.append(dataclasses.replace(log, name=name, specimen=one.name, findings=new).also(*one.found))
+    return logs
+
+
+def _of_one_unit(specimens: Sequence[OneSpecimen], kind: Kind, options: Options) -> list[OneSpecimen]:
+    """Return the motors or cells of one file with the units of columns that state none, by the readings of all of them.
+
+    A propeller that turns slower than the others would else be in rad/s, where these are in 1/min.
+    """
+    tables = [one.table for one in specimens]
+    first = tables[0]
+    names = [str(name) for name in first.frame]
+    known = _units_to_match(names, units_in(names) | dict(first.units), options)
+    units, found = {}, []
+    for target, role in roles_of(names, known, kind, options.columns, first.plain).items():
+        columns = [table.frame[role.column] for table in tables if role.column in table.frame]
+        if target in MARKS or role.column in known or not all(column.dtype.kind in "iuf" for column in columns):
+            continue
+        values = np.concatenate([column.to_numpy(dtype=float) for column in columns])
+        change, guessed = guess_unit(values, target_unit(target))
+        if guessed:
+            other = {"V": "mV", "degC": "K", "": "%", "rad/s": "1/min"}
+            unit = target_unit(target)
+            units[role.column] = unit if change == Conversion(1.0) else other[unit]
+            found.append(_unit_assumed(first.label, role, guessed, change, unit))
+    return [
+        dataclasses.replace(
+            one,
+            table=dataclasses.replace(one.table, units={**units, **one.table.units}),
+            found=(*one.found, *found) if one is specimens[0] else one.found,
+        )
+        for one in specimens
+    ]
+
+
+def _unit_assumed(where: str, role: Role, guessed: str, change: Conversion, target: str) -> Finding:
+    sentence = f"{where}: column '{role.column}' states no unit; {guessed}. Correct it with --unit if it is another."
+    weight = "warning" if change != Conversion(1.0) or target == "rad/s" else "note"
+    return Finding("unit assumed", where, sentence, weight, role.target)
+
+
+def _logs(
+    table: RawTable,
+    kind: Kind,
+    options: Options,
+    ask: Ask | None,
+    elsewhere: Collection[str],
+    in_order: Sequence[str] = (),
+    form: Mapping[str, Any] | None = None,
+) -> list[Log]:
+    """Return the logs of a table: as `load`.
+
+    Args:
+        table: of a file.
+        kind: of the case.
+        options: decisions of the user.
+        ask: answers which column is meant where none is found.
+        elsewhere: columns of the case that a list of files states.
+        in_order: all columns of the file, those that were not read too.
+        form: how the file was read, to read all of it.
+    """
+    path = table.source
+    table, kept = computed(table, options)
     table, left_out = _without_spectra(table)
     seen = list(dict.fromkeys([*in_order, *(str(name) for name in table.frame if name != table.key)]))
     units = dict(table.units) | {name: unit for name, unit in options.units.items() if name in table.frame}
     to_match = _units_to_match(seen, units_in(seen) | dict(table.units), options)
     chosen = roles_of(seen, to_match, kind, options.columns, table.plain)
     if any(role.column in table.left_out for role in chosen.values()):  # units below the names speak for others
-        table, kept = computed(read_table(path, **form), options)
+        table, kept = computed(read_table(path, **(form or {})), options)
         table, left_out = _without_spectra(table)
     if (lacking := _lacking(chosen, kind, options)) and _may_be_a_log(chosen, seen):
         named = {role.column for role in chosen.values()}
@@ -411,11 +499,7 @@ def _converted(
     if not unit:
         change, guessed = guess_unit(values, target)
         if guessed:
-            sentence = (
-                f"{where}: column '{role.column}' states no unit; {guessed}. Correct it with --unit if it is another."
-            )
-            weight = "warning" if change != Conversion(1.0) or target == "rad/s" else "note"
-            found.append(Finding("unit assumed", where, sentence, weight, role.target))
+            found.append(_unit_assumed(where, role, guessed, change, target))
     else:
         known = conversion(unit, target)
         if known is None:

@@ -30,6 +30,8 @@ class Options:
         split_at: where runs begin: "files" for each file, "rests" after each long rest too, "steps" at each new cycle
             or step too; "auto" for each file and each restart of its clock.
         rest_minutes: the shortest rest that ends a run, in minutes.
+        motors: which of several motors of one log are imported, as "left" or "motor1"; by default all.
+        specimens: by name of one of several motors or cells, which files are of it, as a pattern: `{"A": "motorA_*"}`.
         check: names of the check runs; None for a proposal.
         ambient: ambient temperature [degC] of all runs.
         load: of a motor or robot: "measured", "unknown", or the law that it follows: "free", "propeller", "gravity",
@@ -45,6 +47,7 @@ class Options:
         seconds_per_row: time from row to row [s], for files without a clock.
         cells_in_series: by which a voltage is divided, for a module that is modelled as one cell.
         parallel_cells: by which a current is divided, for the same.
+        each_cell: each column of a single cell is a run of a cell of its own, in place of their mean.
         accept_unsettled_sign: keep the sign of the file where physics cannot settle it.
         sheet: of spreadsheets; of MATLAB files the variable, of JSON the key; names, or patterns such as 'run*'.
         encoding: of text.
@@ -67,6 +70,8 @@ class Options:
     flip: tuple[str, ...] = ()
     split_at: str = "auto"
     rest_minutes: float = 30.0
+    motors: tuple[str, ...] = ()
+    specimens: Mapping[str, str] = dataclasses.field(default_factory=dict)
     check: tuple[str, ...] | None = None
     ambient: float | None = None
     load: str | None = None
@@ -81,6 +86,7 @@ class Options:
     seconds_per_row: float | None = None
     cells_in_series: int = 1
     parallel_cells: int = 1
+    each_cell: bool = False
     accept_unsettled_sign: bool = False
     sheet: str | tuple[str, ...] | None = None
     encoding: str | None = None
