@@ -369,11 +369,9 @@ def _immaterial(cache: FitCache, test: Test, removes: dict[str, Removed]) -> Imm
             f"resistance, explain the fit runs nearly as well (log evidence {test.gain:+.1f} of {test.odds:.1f} needed)"
         )
         return Immaterial(name, removes, sentence)
-    return Immaterial(
-        name,
-        removes,
-        f"{name}: it is significant on the fit runs (log evidence {test.gain:+.1f}), but {test.why_not()}",
-    )
+    against = test.why_not() or "beside the rest of the model it is not needed"
+    sentence = f"{name}: it is significant on the fit runs (log evidence {test.gain:+.1f}), but {against}"
+    return Immaterial(name, removes, sentence)
 
 
 def _sensors(cache: FitCache) -> dict[str, Sensor]:

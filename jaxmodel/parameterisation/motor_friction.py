@@ -122,7 +122,8 @@ def _told_apart(columns: dict[str, np.ndarray], always: Sequence[str], name: str
     """Return whether a term differs from those that are there by more than rounding."""
     known = np.column_stack([columns[one] for one in always])
     fit = known @ np.linalg.lstsq(known, columns[name], rcond=None)[0]
-    return float(np.std(columns[name] - fit)) > 0.02 * float(np.sqrt(np.mean(columns[name] ** 2)) + 1e-30)
+    left, whole = (float(np.mean(one**2)) for one in (columns[name] - fit, columns[name]))
+    return left > 0.02**2 * whole
 
 
 def _solve(columns: dict[str, np.ndarray], names: Sequence[str], torque: np.ndarray, kept=slice(None)):

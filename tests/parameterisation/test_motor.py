@@ -11,6 +11,7 @@ import pytest
 from jaxmodel import Case
 from jaxmodel.base.errors import FitError
 from jaxmodel.parameterisation import Parameterisation, parameterise
+from jaxmodel.parameterisation.motor_friction import _told_apart
 from tests.parameterisation import made
 
 SIGMAS = 4.0
@@ -155,3 +156,11 @@ def test_runs_of_a_motor_with_another_brake_contradict_each_other(viscous: float
     if expected:
         assert "one motor for all of off, half leaves" in said[0]
         assert said[0].numbers["alone"] < 0.25 * said[0].numbers["together"]
+
+
+def test_a_constant_torque_is_told_apart_where_the_motor_turns_both_ways() -> None:
+    speed = np.concatenate([np.linspace(10.0, 100.0, 50), -np.linspace(10.0, 100.0, 50)])
+    columns = {"tau_0": np.sign(speed), "direction": np.ones(speed.size)}
+    assert _told_apart(columns, ["tau_0"], "direction")
+    one_way = {name: values[:50] for name, values in columns.items()}
+    assert not _told_apart(one_way, ["tau_0"], "direction"), "it is friction there"
