@@ -14,7 +14,7 @@ from jaxmodel.base.progress import Stage, stages
 from jaxmodel.case.measurements import COLUMNS_OF_LAWS, KINDS, file_label, vocabulary
 from jaxmodel.case.presets import located, read_preset, why_not
 from jaxmodel.data.importing import balance, charge, warm_start
-from jaxmodel.data.importing.ambient import fill, with_ambient
+from jaxmodel.data.importing.ambient import contradictions, fill, with_ambient
 from jaxmodel.data.importing.check_runs import splits_of
 from jaxmodel.data.importing.checks import odd_things
 from jaxmodel.data.importing.clock import with_clock
@@ -360,6 +360,7 @@ def _assembled(
     """Return runs with ambient temperature, state of charge, label and split, and what the case states."""
     warmed: list[tuple[Log, float | None]] = []
     stated = options.ambient
+    contradicted = [] if stated is None else [*contradictions(runs, stated, kind == "cell")]
     for run in runs:
         of_list = listed.get(run.source.name)
         run, ambient = with_ambient(run, stated, of_list.ambient_degC if of_list else None)
@@ -377,7 +378,7 @@ def _assembled(
             run, ambient = with_ambient(run, stated, None)
         warmed.append((run, ambient))
     conditions = [condition_of(run, ambient) for run, ambient in warmed]
-    general = [*general]
+    general = [*general, *contradicted]
     capacity, full = None, False
     starts: list[charge.Stated | None] = [None] * len(warmed)
     if kind == "cell":

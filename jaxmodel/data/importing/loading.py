@@ -11,6 +11,8 @@ import pandas as pd
 
 from jaxmodel.base.errors import MeasurementError, listed
 from jaxmodel.base.units import LARGEST
+from jaxmodel.data.importing.bare_units import WHY as OF_A_UNIT
+from jaxmodel.data.importing.bare_units import bare_temperatures, with_bare_temperatures
 from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
 from jaxmodel.data.importing.formula_hints import of_a_controller
 from jaxmodel.data.importing.formulas import computed, unmatched, wanted
@@ -44,6 +46,7 @@ _WHY = {
     "only one in its unit": "the only column in its unit",
     "stated": "stated",
     "looks like it": "by its readings",
+    OF_A_UNIT: "its name is a unit",
     OF_CELLS: "of the columns of single cells",
 }
 _STATES = (
@@ -87,9 +90,8 @@ def load(
             return names
         if lacking and any(target not in options.columns for target in lacking):
             return names  # what no name tells is looked for in the readings
-        return list(
-            dict.fromkeys([*(role.column for role in chosen.values()), *single_cells(names, units), *of_spectra(names)])
-        )
+        of_roles = (role.column for role in chosen.values())
+        return [*dict.fromkeys([*of_roles, *single_cells(names, units), *of_spectra(names), *bare_temperatures(names)])]
 
     form = {name: getattr(options, name) for name in ("sheet", "encoding", "delimiter", "decimal")}
     table, kept = computed(read_table(path, columns=keep, **form), options)
@@ -105,6 +107,8 @@ def load(
         named = {role.column for role in chosen.values()}
         free = [name for name in table.frame if name not in {*named, *table.plain, table.key}]
         chosen |= looks_like(pd.DataFrame(table.frame[free]).head(_SAMPLE_ROWS), units, kind, lacking)
+    chosen, of_names, unsure = with_bare_temperatures(table, chosen, kind, options.columns)
+    units = of_names | units
     table, chosen, of_cells = with_single_cells(table, chosen, kind, options)
     units |= {name: unit for name, unit in table.units.items() if name not in units}
     if not any(target in chosen for target in _readings(kind)):
@@ -122,7 +126,9 @@ def load(
     units, told = _with_units_of_time(table, chosen, units, kind, ask)
     header = _header(chosen, seen, units)
     logs = [_log(part, name, kind, chosen, units, header) for name, part in table.tables()]
-    return [log.also(*kept, *left_out, *of_cells, *told) if place == 0 else log for place, log in enumerate(logs)]
+    return [
+        log.also(*kept, *left_out, *of_cells, *unsure, *told) if place == 0 else log for place, log in enumerate(logs)
+    ]
 
 
 def _without_spectra(table: RawTable) -> tuple[RawTable, list[Finding]]:
@@ -385,10 +391,10 @@ def _unit_of_time(role: Role, times: Times, where: str) -> list[Finding]:
         return []
     steps = np.diff(times.seconds[np.isfinite(times.seconds)])
     step = float(np.median(steps)) if steps.size else 0.0
-    other = "ms" if step >= _MAY_BE_MS and step % 60.0 != 0.0 and not np.any(steps != np.round(steps)) else "min"
-    sentence = (
-        f"{where}: column '{role.column}' states no unit; it is taken as seconds (--unit \"{role.column}={other}\")."
-    )
+    whole = not np.any(steps != np.round(steps))
+    others = ["ms"] if whole and step >= _MAY_BE_MS and step % 60.0 else ["ms", "min"] if whole else ["min"]
+    instead = " or ".join(f'--unit "{role.column}={other}"' for other in others)
+    sentence = f"{where}: column '{role.column}' states no unit; it is taken as seconds ({instead})."
     return [Finding("unit assumed", where, sentence, "warning", "time_s")]
 
 

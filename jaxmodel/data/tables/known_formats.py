@@ -61,6 +61,14 @@ def _columns(**kinds: Mapping[str, str]) -> tuple[tuple[re.Pattern[str], str, st
     return tuple(found)
 
 
+# Of both forms of its lines, under the names of `icharger`.
+_OF_ICHARGER = _columns(
+    nothing={
+        r"supply \[mv\]": "mV",
+        r"charger temperature \[degc\]": "degC",
+        r"counted charge \[mah\]": "mA h",
+    }
+)
 _POSITIVE_ON_CHARGE = "Battery Data Format: its current is positive on charge."
 # Sources: the Battery Data Format's list of labels; VESC Tool's `mobile/` and `vescinterface.cpp`, which write the log;
 # blackbox-tools' `blackbox_decode.c` and the Blackbox Explorer's `csv-exporter.js`; EdgeTX's `logs.cpp`.
@@ -135,6 +143,19 @@ FORMATS = (
         ),
         current_positive_on="discharge",
         remark="OpenTX or EdgeTX: its current is positive on discharge.",
+    ),
+    KnownFormat(
+        "iCharger",
+        _all("supply [mv]", "charger temperature [degc]", "time [ms]"),
+        columns=_OF_ICHARGER,
+        current_positive_on="charge",
+        remark="iCharger: its current is positive on charge.",
+    ),
+    KnownFormat(
+        "iCharger at its serial port",
+        _all("supply [mv]", "charger temperature [degc]", "battery voltage [mv]"),
+        columns=_OF_ICHARGER,
+        remark="iCharger at its serial port: it sends a line each second or two and no clock (--seconds-per-row).",
     ),
 )  # fmt: skip
 

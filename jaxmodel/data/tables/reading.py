@@ -17,6 +17,7 @@ from jaxmodel.case.measurements import file_label
 from jaxmodel.data.tables.columnar import read_columnar
 from jaxmodel.data.tables.dataflash import is_dataflash, read_dataflash
 from jaxmodel.data.tables.delimited import Keep, read_delimited
+from jaxmodel.data.tables.icharger import is_icharger, read_icharger
 from jaxmodel.data.tables.json_tables import read_json
 from jaxmodel.data.tables.keyed_tables import Sheets
 from jaxmodel.data.tables.known_formats import known_format
@@ -124,6 +125,8 @@ def read_table(
         table = read_dataflash(path, keep)
     elif is_labview(path):
         table = read_labview(path, encoding)
+    elif delimiter is None and is_icharger(path):
+        table = read_icharger(path)
     elif delimiter is None and (form := form_of_long(path, encoding)) is not None:
         table = read_long(path, form, keep)
     elif delimiter is None and is_labelled(path, encoding):

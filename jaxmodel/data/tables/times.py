@@ -23,6 +23,7 @@ _SERIAL = (29_000.0, 73_500.0)
 _SERIAL_EPOCH_DAYS = 25_569.0
 # Words of a name that tell the unit of whole numbers.
 _IN_NAMES = {
+    "s": ("s", "sec", "secs", "second", "seconds"),
     "ms": ("ms", "msec", "msecs", "milli", "millis", "millisec", "milliseconds", "millisecond"),
     "µs": ("us", "µs", "usec", "usecs", "micro", "micros", "microsec", "microseconds", "microsecond"),
     "ns": ("ns", "nsec", "nano", "nanos", "nanoseconds", "nanosecond"),
@@ -35,7 +36,7 @@ _COUNTED = 1000.0
 # read each 0.1 s to 1000 s, a motor or robot each 0.1 ms to some seconds.
 _MICROS_OF_CELLS, _MICROS_OF_MOTORS = (1e5, 1e6), (5e3, 1e5)
 # Whole numbers that rise by so much per row may be seconds or ms: of a cell and of what moves (assumed).
-_DOUBTFUL_OF_CELLS, _DOUBTFUL_OF_MOTORS = 100.0, 10.0
+_DOUBTFUL_OF_CELLS, _DOUBTFUL_OF_MOTORS = 100.0, 2.0
 
 
 class Times(NamedTuple):
@@ -86,7 +87,7 @@ def counted_in(values: np.ndarray, moves: bool) -> Counted | None:
     least = _DOUBTFUL_OF_MOTORS if moves else _DOUBTFUL_OF_CELLS
     # Seconds begin at 0 and go by whole minutes; an uptime or the time of day begins anywhere.
     days = float(np.ptp(there)) > 86_400.0
-    if step < least or (minutes and not moves) or not (days or there[0] > _COUNTED):
+    if step < least or (not moves and (minutes or not (days or there[0] > _COUNTED))):
         return None
     return Counted("ms", said, False)
 
