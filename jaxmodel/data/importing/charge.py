@@ -269,12 +269,19 @@ def _by_logged_soc(found: Sequence[Count]) -> Stated | None:
             continue
         low, high = there[np.argmin(soc[there])], there[np.argmax(soc[there])]
         share, moved = float(soc[high] - soc[low]), float(count.out_Ah[low] - count.out_Ah[high])
-        if share > _LEAST_SHARE and moved > 0.0:
-            parts.append((share, moved / share, count.run.name))
+        if share > 0.0 and moved > 0.0:
+            parts.append((share, moved, count.run.name))
     if not parts:
         return None
-    share, capacity, name = max(parts)
-    return Stated(capacity, capacity * _LOGGED_SD * 2.0**0.5 / share, f"by the log's own state of charge, in {name}")
+    share, moved, where = max(parts)
+    ends = 2  # of the SOC, each with its sd
+    if share <= _LEAST_SHARE:  # runs that each move little tell it together
+        share, moved = sum(part[0] for part in parts), sum(part[1] for part in parts)
+        where, ends = f"{len(parts)} runs", 2 * len(parts)
+    if share <= _LEAST_SHARE:
+        return None
+    capacity = moved / share
+    return Stated(capacity, capacity * _LOGGED_SD * ends**0.5 / share, f"by the log's own state of charge, in {where}")
 
 
 def _guess(found: Sequence[Count]) -> Stated:

@@ -25,11 +25,12 @@ from jaxmodel.data.tables import RawTable, read_table
 from jaxmodel.data.tables.known_formats import known_format
 from jaxmodel.data.tables.names import matches
 from jaxmodel.data.tables.raw_table import to_numbers, units_in
-from jaxmodel.data.tables.times import Times, counted_in, date_and_time, parse_times, unit_in_words
+from jaxmodel.data.tables.times import counted_in, date_and_time, parse_times, unit_by_stamps, unit_in_words
 from jaxmodel.data.tables.units import Conversion, conversion
 
 _MAY_BE_MS = 2.0  # whole numbers that rise by so much per row
 _SAMPLE_ROWS = 2000
+_CLEAR = 10.0  # by so many times one of two counts of charge rises more than the other where it tells the direction
 _NONE = "none"
 _SENSED = (
     "voltage_V",
@@ -37,6 +38,7 @@ _SENSED = (
     "pack_current_A",
     "motor_current_A",
     "speed_rad_s",
+    "position_rad",
     "cell_temperature_degC",
     "winding_temperature_degC",
 )
@@ -253,10 +255,11 @@ def _log(
             found.append(Finding("repeated name", where, sentence, "warning", target))
     if kind == "motor" and not any(role.why == "stated" for role in chosen.values() if role.target == "voltage_V"):
         found += of_a_controller(where, header)
-    discharged = None
-    role = chosen.get("discharged_Ah") if kind == "cell" else None  # of a pack, and not of a motor's current
-    if role and conversion(unit := units.get(role.column, "A h"), "A h"):
-        discharged = _converted(table, role, unit, "A h", where, [])
+    counts: dict[str, np.ndarray] = {}
+    for target in ("discharged_Ah", "charged_Ah") if kind == "cell" else ():  # of a pack, and not of a motor's current
+        role = chosen.get(target)
+        if role and conversion(unit := units.get(role.column, "A h"), "A h"):
+            counts[target] = _converted(table, role, unit, "A h", where, [])
     log = Log(
         name,
         table.source,
@@ -266,9 +269,10 @@ def _log(
             key: _marks(pd.Series(table.frame[chosen[key].column]), key)
             for key in ("step", "cycle", "state")
             if key in chosen
-        },
+        }
+        | ({"counted": _counted(counts)} if len(counts) == 2 else {}),
         log.stamp_s,
-        discharged,
+        counts.get("discharged_Ah"),
         log.time_is_of_step,
         header=header,
     )
@@ -313,6 +317,7 @@ def _clocked(
 ) -> Log:
     """Return a log that has the clock only: elapsed time, and time stamps where the file has them."""
     where, elapsed, stamp, of_step = table.label, None, None, False
+    unitless: Role | None = None  # the column of elapsed times that states no unit
     date, clock = chosen.get("stamp"), chosen.get("time_s")
     if date and clock and (both := date_and_time(table.frame[date.column], table.frame[clock.column])):
         found.append(Decision("clock", where, f"columns '{date.column}' and '{clock.column}'", both.form, "file"))
@@ -337,17 +342,18 @@ def _clocked(
         if times.absolute:
             stamp = times.seconds if stamp is None else stamp
         elif elapsed is None:
-            elapsed, of_step = times.seconds, target == "step_time"
-            found += _unit_of_time(role, times, where)
+            elapsed, of_step, unitless = times.seconds, target == "step_time", None if times.known_unit else role
         if role.why == "looks like it":
             found += [one for one in _about(role, "", where) if isinstance(one, Finding)]
+    if unitless is not None and elapsed is not None:
+        found += _unit_of_time(unitless, elapsed, where)
     return Log("", table.source, np.empty(0) if elapsed is None else elapsed, {}, {}, stamp, None, of_step)
 
 
 def _with_units_of_time(
     table: RawTable, chosen: Mapping[str, Role], units: Mapping[str, str], kind: Kind, ask: Ask | None
 ) -> tuple[dict[str, str], list[Finding]]:
-    """Return units with those of clocks of whole numbers that state none, by name, size and steps, and what is said.
+    """Return units with those of clocks that state none, by name, stamps, size and steps, and what is said.
 
     Raises:
         MeasurementError: one may be seconds or something else, and nobody is there to ask.
@@ -359,6 +365,8 @@ def _with_units_of_time(
             continue
         if named := unit_in_words(name):
             units[name] = named
+        elif (told := _unit_by_stamps(table, chosen, units, name)) is not None:
+            units[name] = told
         elif counted := counted_in(column.to_numpy(dtype=float), kind != "cell"):
             units[name] = counted.unit if counted.sure else _asked_unit(table.label, name, column, counted.why, ask)
             if counted.sure:
@@ -368,6 +376,19 @@ def _with_units_of_time(
                 )
                 found.append(Finding("unit assumed", table.label, sentence, "warning", "time_s"))
     return units, found
+
+
+def _unit_by_stamps(
+    table: RawTable, chosen: Mapping[str, Role], units: Mapping[str, str], name: str
+) -> str | None:  # fmt: skip
+    """Return the unit of a clock that states none, by time stamps in another column."""
+    role = chosen.get("stamp")
+    if role is None or role.column == name:
+        return None
+    stamps = parse_times(pd.Series(table.frame[role.column]), units.get(role.column, ""))
+    if stamps is None or not stamps.absolute:
+        return None
+    return unit_by_stamps(table.frame[name].to_numpy(dtype=float), stamps.seconds)
 
 
 def _asked_unit(where: str, name: str, column: pd.Series, why: str, ask: Ask | None) -> str:
@@ -386,10 +407,8 @@ def _duration(seconds: float) -> str:
     return f"{seconds:.2g} s"
 
 
-def _unit_of_time(role: Role, times: Times, where: str) -> list[Finding]:
-    if times.known_unit:
-        return []
-    steps = np.diff(times.seconds[np.isfinite(times.seconds)])
+def _unit_of_time(role: Role, elapsed: np.ndarray, where: str) -> list[Finding]:
+    steps = np.diff(elapsed[np.isfinite(elapsed)])
     step = float(np.median(steps)) if steps.size else 0.0
     whole = not np.any(steps != np.round(steps))
     others = ["ms"] if whole and step >= _MAY_BE_MS and step % 60.0 else ["ms", "min"] if whole else ["min"]
@@ -480,6 +499,15 @@ def _marks(column: pd.Series, key: str) -> np.ndarray:
     else:
         table = np.array([_state(str(word)) for word in words], dtype=float)
     return np.append(table, 0.0 if key == "state" else np.nan)[codes]
+
+
+def _counted(counts: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return the state of each row by which of the two counts of charge rises: where neither does, as above it."""
+    rises = (np.nan_to_num(np.diff(counts[n], prepend=counts[n][:1])) for n in ("charged_Ah", "discharged_Ah"))
+    into, out = (np.maximum(one, 0.0) for one in rises)
+    clear = np.maximum(into, out) > _CLEAR * np.minimum(into, out)
+    state = pd.Series(np.where(clear, np.sign(into - out), np.nan))
+    return state.replace(0.0, np.nan).ffill().bfill().fillna(0.0).to_numpy(dtype=float)
 
 
 def _state(word: str) -> float:

@@ -62,6 +62,7 @@ MARKS = {
     "step": "step",
     "cycle": "cycle",
     "discharged_Ah": "discharged_charge",
+    "charged_Ah": "charged_charge",
 }
 # Words of names that tell a clock, and of such that are none though they rise (a word ends at an underscore).
 _WORD = r"(?i)(?<![a-zµ])(?:{})(?![a-z])"
@@ -300,7 +301,7 @@ def is_warmth(values: np.ndarray) -> bool:
 
 def target_unit(target: str) -> str:
     """Return the unit of a column of a case."""
-    if target == "discharged_Ah":
+    if target in ("discharged_Ah", "charged_Ah"):
         return "A h"
     return {"V_set": "V", "position_rad": "rad"}.get(target) or unit_of(target)
 

@@ -17,6 +17,8 @@ _REST = 0.01
 _FEWEST_ROWS = 10
 # A gap lasts so many times as long as the median of so many intervals on each side, and so long at least [s].
 _GAP, _AROUND, _LEAST_GAP_S = 100.0, 5, 30.0
+# Where the row before it rests, so many times, and so long at least [s].
+_GAP_OF_REST, _LEAST_REST_S = 1000.0, 3600.0
 _LOADS = ("current_A", "pack_current_A", "motor_current_A", "duty")
 
 
@@ -81,9 +83,10 @@ def _why(log: Log, options: Options, gaps: list[int]) -> str:
 
 
 def _after_gaps(log: Log) -> list[int]:
-    """Return the rows that follow gaps with load on both sides, a hundred times as long as the rows around them.
+    """Return the loaded rows after gaps a hundred times as long as the rows around them, after a rest a thousand times.
 
-    What flowed meanwhile is not known. A log that is thinned has long intervals side by side, and no gap.
+    What flowed meanwhile is not known, and it is not what the row after the gap has. A log that is thinned has long
+    intervals side by side, and no gap.
     """
     load = next((log.columns[name] for name in _LOADS if name in log.columns), None)
     if load is None or log.rows < 2 * _AROUND:
@@ -92,10 +95,10 @@ def _after_gaps(log: Log) -> list[int]:
     size = np.abs(np.nan_to_num(load))
     loaded = size > _REST * float(size.max())
     found = []
-    for row in np.flatnonzero((apart > _LEAST_GAP_S) & loaded[:-1] & loaded[1:]).tolist():
+    for row in np.flatnonzero((apart > np.where(loaded[:-1], _LEAST_GAP_S, _LEAST_REST_S)) & loaded[1:]).tolist():
         before, after = apart[max(row - _AROUND, 0) : row], apart[row + 1 : row + 1 + _AROUND]
         usual = max((float(np.median(part)) for part in (before, after) if part.size), default=np.inf)
-        if apart[row] >= _GAP * usual and row + 1 not in log.restarts:
+        if apart[row] >= (_GAP if loaded[row] else _GAP_OF_REST) * usual and row + 1 not in log.restarts:
             found.append(row + 1)
     return found
 
@@ -105,7 +108,7 @@ def _about_gaps(log: Log, gaps: list[int], where: str) -> Finding:
     longest = max(gaps, key=lambda row: apart[row - 1])
     many = len(gaps) > 1
     sentence = (
-        f"{where}: {len(gaps)} {'gaps' if many else 'gap'} in time with load on both sides, "
+        f"{where}: {len(gaps)} {'gaps' if many else 'gap'} in time before a load, "
         f"{'the longest ' if many else ''}of {apart[longest - 1]:.5g} s from {log.time_s[longest - 1]:.6g} s (rows "
         f"are usually {np.median(apart):.3g} s apart); {'each' if many else 'it'} ends a run, and no charge is counted "
         "over it. --split-at files keeps one run."

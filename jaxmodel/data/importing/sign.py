@@ -21,6 +21,8 @@ _SETTLED, _CERTAIN = 3.0, 20.0
 _FEWEST_STEPS = 3
 # Below this share of the largest current a cell rests, and below this one a number has no sign (an offset).
 _REST, _NO_SIGN = 0.02, 0.01
+# A step of the voltage by so much [V] is no noise of a tester (assumed).
+_CLEAR_STEP_V = 0.01
 # A block of load whose voltage moves by so much [V] tells its direction.
 _CLEAR_V = 4e-3
 # A state column counts where it names the direction in so large a share of the loaded rows.
@@ -39,12 +41,14 @@ class Evidence(NamedTuple):
         agreeing: of those, how many fit "positive on discharge".
         resistance_ohm: median of -dV/dI over the steps; NaN without steps.
         trend: correlation of the voltage with the charge taken out, negated; 0 if there is none.
+        clear: of the steps, how many move the voltage so far that no noise does; where they are few, each counts twice.
     """
 
     steps: int
     agreeing: int
     resistance_ohm: float
     trend: float
+    clear: int = 0
 
     @property
     def strength(self) -> float:
@@ -54,7 +58,8 @@ class Evidence(NamedTuple):
     @property
     def odds(self) -> float:
         """Return how much more the readings speak for "positive on discharge": above 1 for it, below 1 against."""
-        votes = (self.agreeing + 1.0) / (self.steps - self.agreeing + 1.0)
+        weight = 2.0 if self.clear == self.steps < _FEWEST_STEPS else 1.0
+        votes = (weight * self.agreeing + 1.0) / (weight * (self.steps - self.agreeing) + 1.0)
         return votes * 10.0 ** (2.0 * self.trend)
 
     def sentence(self) -> str:
@@ -93,7 +98,8 @@ def evidence(log: Log) -> Evidence:
         resistance = -moved[steps] / change[steps]
     agreeing = int(np.sum(resistance > 0.0))
     median = float(np.median(resistance)) if resistance.size else np.nan
-    return Evidence(int(steps.sum()), agreeing, median, _trend(time_s, current, voltage, largest))
+    clear = int(np.sum(np.abs(moved[steps]) >= _CLEAR_STEP_V))
+    return Evidence(int(steps.sum()), agreeing, median, _trend(time_s, current, voltage, largest), clear)
 
 
 def _trend(time_s: np.ndarray, current: np.ndarray, voltage: np.ndarray, largest: float) -> float:
@@ -115,14 +121,20 @@ def pooled(parts: Sequence[Evidence]) -> Evidence:
     with_steps = [one for one in parts if one.steps]
     resistance = float(np.median([one.resistance_ohm for one in with_steps])) if with_steps else np.nan
     trends = [one.trend for one in parts if one.trend != 0.0]
-    return Evidence(steps, agreeing, resistance, float(np.mean(trends)) if trends else 0.0)
+    clear = sum(one.clear for one in parts)
+    return Evidence(steps, agreeing, resistance, float(np.mean(trends)) if trends else 0.0, clear)
 
 
 def with_state(log: Log) -> Log:
-    """Return a log whose current has the sign of its state column: positive on discharge."""
-    current, state = log.columns["current_A"], log.marks.get("state")
-    if state is None:
-        return log
+    """Return a log whose current has the sign of its state column, or of its counts of charge."""
+    for key, what in (("state", "its state column"), ("counted", "its count of charge")):
+        if key in log.marks and not _settled(log):
+            log = _with_state(log, log.marks[key], what)
+    return log
+
+
+def _with_state(log: Log, state: np.ndarray, what: str) -> Log:
+    current = log.columns["current_A"]
     loaded = np.nan_to_num(np.abs(current)) > _REST * _largest(current)
     charge, discharge = loaded & (state > 0.0), loaded & (state < 0.0)
     if not (charge.any() or discharge.any()) or np.mean((charge | discharge)[loaded]) < _TOLD_BY_STATE:
@@ -131,12 +143,12 @@ def with_state(log: Log) -> Log:
         size = np.abs(current)
         # Where the state tells no direction, as in a step of constant voltage, the file's own number stays.
         signed = np.where(charge, -size, np.where(discharge, size, current))
-        value, why = "positive on discharge, by state", "the current has no sign in the file, and its state column has"
+        value, why = "positive on discharge, by state", f"the current has no sign in the file, and {what} tells it"
     else:
         against = int(np.sum(current[discharge] < 0.0) + np.sum(current[charge] > 0.0))
         reverse = 2 * against > int(np.sum(charge | discharge))
         signed = -current if reverse else current
-        value, why = _VALUES[not reverse], "its state column tells charge from discharge"
+        value, why = _VALUES[not reverse], f"{what} tells charge from discharge"
     decision = Decision(_ABOUT, log.name, value, why, "file")
     return dataclasses.replace(log, columns=log.columns | {"current_A": signed}).also(decision)
 

@@ -17,6 +17,7 @@ from jaxmodel.base.errors import MeasurementError, reason
 from jaxmodel.case.measurements import file_label
 from jaxmodel.case.run_csv import worth_threads
 from jaxmodel.data.tables.fields import from_lists, names_of_list, with_units
+from jaxmodel.data.tables.known_formats import maker_in
 from jaxmodel.data.tables.preamble import CLOCK, interval_of, is_sampled_so, lacks_times
 from jaxmodel.data.tables.raw_table import RawTable, repeated_names, to_numbers, unique_names, units_in
 from jaxmodel.data.tables.sniffing import MISSING, Layout, layout_of
@@ -81,6 +82,8 @@ def read_delimited(
         remarks.append(
             f"No column has times; '{CLOCK}' counts the {interval_s:g} s from row to row that its head states."
         )
+    if maker := maker_in(layout.before):
+        remarks.append(f"{maker}: its current is positive on charge.")
     return RawTable(
         frame,
         units,
@@ -91,6 +94,7 @@ def read_delimited(
         left_out=left_out,
         losses=(*losses, *repeats, *more),
         repeated=repeated_names(layout.names),
+        current_positive_on="charge" if maker else None,
     )
 
 

@@ -40,6 +40,7 @@ _DIGITS = re.compile(r"\d+$")
 _SLASH = re.compile(r"^(?P<name>.+?)\s*/\s*(?P<unit>[^/\s()\[\]{}]+(/s2?|/min)?)$")
 _ENDING = re.compile(r"^(?P<name>.+?)[_\s](?P<unit>m_s2|rad_s|deg_s|m_s|[^\s_]+)$")
 # A word at the end of a name that is a unit: of one letter only after an underscore, so that 'Ch A' is no current.
+_IN = re.compile(r"^(?P<name>.+?)\s+in\s+(?P<unit>\S+)$", re.IGNORECASE)
 _LETTERS = frozenset("sAVCKFWhd%")
 _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _SEPARATORS = re.compile(r"[\W_]+")
@@ -47,7 +48,7 @@ _SEPARATORS = re.compile(r"[\W_]+")
 
 @functools.lru_cache(maxsize=4096)
 def parse_name(column: str) -> Name:
-    """Return the words and the unit of a column's name: 'Voltage(V)', 'I/mA', 'Test Time / s', 'current_mA'."""
+    """Return the words and the unit of a column's name: 'Voltage(V)', 'I/mA', 'Test Time / s', 'Angle in deg'."""
     text = " ".join(column.split()).strip("# \"'")
     # A column may be called by its unit alone: 'Nm'. 'V' is a name of a voltage first.
     if spelled(text) and not text.isdigit() and _words(text) not in _whole_names():
@@ -58,6 +59,8 @@ def parse_name(column: str) -> Name:
             if states_unit(found[1]):
                 return Name(_words(f"{text[: found.start()]} {text[found.end() :]}"), found[1])
     if (found := _SLASH.match(text)) and is_unit(found["unit"]):
+        return Name(_words(found["name"]), found["unit"])
+    if (found := _IN.match(text)) and is_unit(found["unit"]) and not found["unit"].isdigit():
         return Name(_words(found["name"]), found["unit"])
     if (found := _ENDING.match(text)) and spelled(unit := found["unit"]) and not unit.isdigit():
         if (len(unit) > 1 or (unit in _LETTERS and "_" in text)) and unit not in ("Volt", "Amp", "C1"):

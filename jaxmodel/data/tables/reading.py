@@ -18,7 +18,7 @@ from jaxmodel.data.tables.columnar import read_columnar
 from jaxmodel.data.tables.dataflash import is_dataflash, read_dataflash
 from jaxmodel.data.tables.delimited import Keep, read_delimited
 from jaxmodel.data.tables.icharger import is_icharger, read_icharger
-from jaxmodel.data.tables.json_tables import read_json
+from jaxmodel.data.tables.json_tables import is_json, read_json
 from jaxmodel.data.tables.keyed_tables import Sheets
 from jaxmodel.data.tables.known_formats import known_format
 from jaxmodel.data.tables.labelled import is_labelled, read_labelled
@@ -170,8 +170,12 @@ def _suffix(path: Path) -> str:
     suffix = path.suffix.lower()
     with path.open("rb") as stream:
         start = stream.read(8)
+    if suffix == ".dat" and start.startswith(b"MDF"):
+        return suffix
+    if suffix in (*TEXT, ".dat") and is_json(path):
+        return ".json"
     if suffix == ".dat":
-        return suffix if start.startswith(b"MDF") else ".txt"
+        return ".txt"
     if suffix in (*TEXT, ".bin", ".wpilog", ".ulg") or suffix not in SUFFIXES:
         return next((ending for mark, ending in _STARTS if start.startswith(mark)), ".txt")
     if suffix in SPREADSHEETS and re.match(rb"[\w#\"\xef]", start) and not start.startswith(b"PK"):

@@ -44,6 +44,7 @@ _THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?([eE][+-]?\d+)?$")
 _THOUSANDS_POINT = re.compile(r"[+-]?\d{1,3}(\.\d{3})+(,\d*)([eE][+-]?\d+)?$")
 _DURATION = re.compile(r"[+-]?(\d+\s*d(ays?)?\s+)?\d+:\d{1,2}(:\d{1,2}([.,:]\d*)?)?$", re.IGNORECASE)
 _DATE = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}([T ]\s*\d.*)?$")
+_HEX = re.compile(r"\b0x[\dA-Fa-f]{2,}\b")
 _NO_NUMBER = frozenset("inf -inf +inf infinity".split())
 
 
@@ -280,6 +281,8 @@ def _words_of(line: str, count: int, delimiter: str) -> list[str]:
     near = count - 1 <= len(fields) <= count + 1 or (len(fields) <= count and len(named) >= max(2, count // 2))
     if not near or not named or sum(_is_number(field) for field in named) > len(named) // 2:
         return []
+    if any(_HEX.search(field) for field in named):
+        return []  # what a program prints between the rows
     if len(named) < count and any(_DURATION.match(field) or _DATE.match(field) for field in named):
         return []  # 'Time','00:30:00': what is known of the whole table
     return fields

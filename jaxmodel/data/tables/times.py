@@ -39,6 +39,11 @@ _MICROS_OF_CELLS, _MICROS_OF_MOTORS = (1e5, 1e6), (5e3, 1e5)
 _DOUBTFUL_OF_CELLS, _DOUBTFUL_OF_MOTORS = 100.0, 2.0
 
 
+# Elapsed times are in a unit whose size the time stamps beside them have within this share, over so many steps.
+_SIZES = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86_400.0, "ms": 1e-3, "µs": 1e-6}
+_SAME_UNIT, _FEWEST_STEPS = 0.05, 5
+
+
 class Times(NamedTuple):
     """Times in seconds; `absolute` ones are seconds since 1970. `form` says how they were written."""
 
@@ -90,6 +95,25 @@ def counted_in(values: np.ndarray, moves: bool) -> Counted | None:
     if step < least or (not moves and (minutes or not (days or there[0] > _COUNTED))):
         return None
     return Counted("ms", said, False)
+
+
+def unit_by_stamps(elapsed: np.ndarray, stamps: np.ndarray) -> str | None:
+    """Return the unit of elapsed times that state none, by the time stamps beside them.
+
+    Args:
+        elapsed: of each row; it may begin anew.
+        stamps: of the same rows [s].
+
+    Returns:
+        None where the stamps fit no unit.
+    """
+    both = np.isfinite(elapsed) & np.isfinite(stamps)
+    steps, seconds = np.diff(elapsed[both]), np.diff(stamps[both])
+    on = (steps > 0.0) & (seconds >= 0.0)
+    if on.sum() < _FEWEST_STEPS or not float(seconds[on].sum()) > 0.0:
+        return None
+    ratio = float(seconds[on].sum()) / float(steps[on].sum())
+    return next((unit for unit, size in _SIZES.items() if abs(ratio / size - 1.0) < _SAME_UNIT), None)
 
 
 def parse_times(column: pd.Series, unit: str) -> Times | None:

@@ -1,0 +1,243 @@
+"""Small habits of loggers, cyclers and programs of users: names, clocks, counts, marks and fields."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from jaxmodel import import_case, read_table
+from jaxmodel.base.errors import MeasurementError
+from jaxmodel.data.importing import Imported
+from jaxmodel.data.tables.names import parse_name
+from jaxmodel.data.tables.times import unit_by_stamps
+from tests.data.importing.benches import cell_log, motor_log, stamps
+
+
+def write(folder: Path, frame: pd.DataFrame, name: str = "log.csv", head: str = "", **form: Any) -> Path:
+    path = folder / name
+    path.write_text(head + frame.to_csv(index=False, **form), encoding="utf-8")
+    return path
+
+
+def about(imported: Imported, what: str) -> list[str]:
+    return [one.sentence for one in imported.findings if one.what == what]
+
+
+# Names and units
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "Tempo_s,Corrente_A,Tensao_V,Temperatura_C",
+        "Tiempo (s),Corriente (A),Tensión (V),Temperatura (°C)",
+        "Temps écoulé [s],Courant [A],Tension [V],Température [°C]",
+        "Time in s,Current in A,Potential in V,Temperature in °C",
+        "Cumulative Time,mAmps,Volts,T1[\ufffdC]",
+    ],
+)
+def test_names_in_other_words_are_known(tmp_path: Path, names: str):
+    log = cell_log()[["time_s", "current_A", "voltage_V", "temperature_degC"]]
+    scaled = log.assign(current_A=1000.0 * log.current_A) if "mAmps" in names else log
+    imported = import_case(write(tmp_path, scaled.set_axis(names.split(","), axis=1)), "cell", ambient=25.0)
+    run = imported.runs[0].log
+    for target, name in (
+        ("current_A", "current_A"),
+        ("voltage_V", "voltage_V"),
+        ("cell_temperature_degC", "temperature_degC"),
+    ):
+        np.testing.assert_allclose(run.columns[target], log[name], err_msg=target)
+    np.testing.assert_allclose(run.time_s, log.time_s)
+    assert not about(imported, "column by its looks")
+
+
+def test_a_unit_may_stand_behind_in():
+    assert parse_name("Angle in deg") == ("angle", "deg")
+    assert parse_name("Voltage in total") == ("voltage in total", "")
+
+
+def test_an_encoder_without_a_voltage_is_asked_for_its_voltage(tmp_path: Path):
+    log = motor_log()
+    angle = np.degrees(np.cumsum(log.speed_rad_s) * 0.01)
+    path = write(tmp_path, pd.DataFrame({"Timestamp": log.time_s, "Angle in deg": angle}))
+    options: dict[str, Any] = {"ambient": 20.0, "constants": {"load_torque_Nm": 0.0}}
+    with pytest.raises(MeasurementError, match=r"no column is voltage_V .*--constant voltage_V=VALUE"):
+        import_case(path, "motor", **options)
+    options["constants"] = {"load_torque_Nm": 0.0, "voltage_V": 12.0}
+    assert "speed_rad_s" in import_case(path, "motor", **options).runs[0].log.columns
+
+
+# Clocks
+
+
+@pytest.mark.parametrize(("unit", "seconds"), [("min", 60.0), ("h", 3600.0), ("ms", 1e-3), ("s", 1.0), ("d", 86_400.0)])
+def test_time_stamps_tell_the_unit_of_elapsed_times(tmp_path: Path, unit: str, seconds: float):
+    log = cell_log()
+    form = "%Y-%m-%d %H:%M:%S"
+    frame = log.drop(columns=["time_s", "step"]).assign(TestTime=log.time_s / seconds + 0.0, Stamp=stamps(log, form))
+    imported = import_case(write(tmp_path, frame), "cell", ambient=25.0)
+    np.testing.assert_allclose(imported.runs[0].log.time_s, log.time_s, atol=1e-6)
+    assert not about(imported, "unit assumed") + about(imported, "clock drift")
+    assert any(one.about == "clock" and one.why == f"numbers in {unit}" for one in imported.decisions)
+
+
+def test_stamps_that_fit_no_unit_tell_none():
+    assert unit_by_stamps(np.arange(9.0), 17.0 * np.arange(9.0)) is None
+    assert unit_by_stamps(np.arange(3.0), np.arange(3.0)) is None
+
+
+def test_stamps_rounded_to_the_hundredth_of_a_day_do_not_jump(tmp_path: Path):
+    log = cell_log()
+    days = np.round(43_374.42 + log.time_s / 86_400.0, 2)
+    path = write(tmp_path, log.drop(columns="step").assign(date_stamp=days))
+    assert not about(import_case(path, "cell", ambient=25.0), "clock jump")
+
+
+def test_a_night_between_two_drives_is_no_load(tmp_path: Path):
+    log = cell_log()[:400].drop(columns="step")
+    rest = log[:1].assign(time_s=4000.0, current_A=0.0)
+    later = log[62:300].assign(time_s=lambda part: part.time_s + 40_000.0)
+    path = write(tmp_path, pd.concat([log[60:380], rest, later]))
+    imported = import_case(path, "cell", ambient=25.0)
+    assert [run.log.rows for run in imported.runs] == [321, 238]
+    assert "no charge is counted over it" in about(imported, "gap")[0]
+
+
+# The sign of the current
+
+
+def counted(log: pd.DataFrame, step_s: float = 10.0) -> pd.DataFrame:
+    into, out = (np.maximum(sign * log.current_A, 0.0).cumsum() * step_s / 3600.0 for sign in (-1.0, 1.0))
+    return log.drop(columns="step").assign(Charge_Capacity=into, Discharge_Capacity=out, current_A=log.current_A.abs())
+
+
+def test_a_testers_counts_of_charge_tell_magnitudes_apart(tmp_path: Path):
+    log = cell_log()
+    imported = import_case(write(tmp_path, counted(log)), "cell", ambient=25.0)
+    np.testing.assert_allclose(imported.runs[0].log.columns["current_A"], log.current_A)
+    assert any("its count of charge tells it" in one.why for one in imported.decisions)
+
+
+def test_a_charge_whose_voltage_falls_at_first_is_a_charge_by_its_count(tmp_path: Path):
+    log = cell_log()[542:].reset_index(drop=True)
+    drop = np.where(log.current_A < 0.0, -0.3 + 0.15 * (log.index > 400), 0.0)
+    imported = import_case(write(tmp_path, counted(log.assign(voltage_V=log.voltage_V + drop))), "cell", ambient=25.0)
+    np.testing.assert_allclose(imported.runs[0].log.columns["current_A"], log.current_A)
+    assert not about(imported, "charge count")
+
+
+@pytest.mark.parametrize(
+    "head", ["EC-Lab ASCII FILE\nNb header lines : 3\n\n", "~Resultfile from Basytec Battery Test System\n~\n"]
+)
+def test_a_maker_who_names_itself_in_the_head_fixes_the_sign(tmp_path: Path, head: str):
+    log = cell_log()[50:90].assign(voltage_V=3.7, current_A=lambda part: -part.current_A)
+    frame = log[["time_s", "current_A", "voltage_V"]].set_axis(["time/s", "I/A", "Ecell/V"], axis=1)
+    imported = import_case(write(tmp_path, frame, "log.txt", head, sep="\t"), "cell", ambient=25.0, capacity_Ah=3.0)
+    assert imported.runs[0].log.columns["current_A"].max() == 6.0
+    assert any("its current is positive on charge" in one.why for one in imported.decisions)
+
+
+def test_one_clear_step_of_the_voltage_settles_the_sign(tmp_path: Path):
+    log = cell_log()[30:64].drop(columns="step")
+    step = log.assign(voltage_V=np.where(log.current_A > 0.0, 3.95, 4.0))
+    run = import_case(write(tmp_path, step), "cell", ambient=25.0).runs[0].log
+    assert run.columns["current_A"].max() == 6.0
+    small = log.assign(voltage_V=np.where(log.current_A > 0.0, 3.998, 4.0))
+    with pytest.raises(MeasurementError, match="--sign"):
+        import_case(write(tmp_path, small), "cell", ambient=25.0)
+
+
+# Files
+
+
+def test_lines_of_json_are_read_whatever_the_file_is_called(tmp_path: Path):
+    log = cell_log()[["time_s", "current_A", "voltage_V"]]
+    path = tmp_path / "LOG.TXT"
+    path.write_text("\n".join(json.dumps(row) for row in log.to_dict("records")))
+    np.testing.assert_allclose(import_case(path, "cell", ambient=25.0).runs[0].log.columns["voltage_V"], log.voltage_V)
+    path.write_text(json.dumps(log.to_dict("list"), indent=1))
+    assert len(read_table(path).frame) == len(log)
+    path.write_text("[Summary]\nmade by: nobody\n[Data]\n" + log.to_csv(index=False))
+    assert read_table(path).format == "text"
+
+
+def vesc(log: pd.DataFrame) -> pd.DataFrame:
+    """Readings under the names of libraries that ask a VESC for them."""
+    return pd.DataFrame(
+        {
+            "t": log.time_s / 100.0,
+            "avgMotorCurrent": 2.0 * log.current_A.abs(),
+            "avgInputCurrent": log.current_A.abs(),
+            "dutyCycleNow": 0.5,
+            "rpm": 7000.0,
+            "inpVoltage": 4.0 * log.voltage_V,
+            "mosfet_temp": 40.7,
+            "wattHours": 0.04,
+        }
+    )
+
+
+def test_the_rpm_of_a_vesc_is_electrical(tmp_path: Path):
+    path = write(tmp_path, vesc(cell_log()))
+    with pytest.raises(MeasurementError, match="no column is load_torque_Nm"):
+        import_case(path, "robot", ambient=20.0)
+    imported = import_case(path, "robot", ambient=20.0, columns={"speed_rad_s": "rpm * 0.10472 / 7"})
+    columns = imported.runs[0].log.columns
+    assert {"pack_voltage_V", "pack_current_A", "motor_current_A", "duty"} <= columns.keys()
+    np.testing.assert_allclose(columns["speed_rad_s"], 104.72)
+    assert any("rpm * 0.10472 / PAIRS" in one.value for one in imported.decisions)
+
+
+def test_a_log_of_leaf_spy_is_its_mean_cell(tmp_path: Path):
+    log = cell_log().assign(current_A=lambda f: 20.0 * f.current_A)
+    soc = 1.0 - np.cumsum(log.current_A) * 10.0 / 3600.0 / 60.0
+    cells = {f"CP{n}": (-1 if n % 3 else 1) * (1000.0 * log.voltage_V).round().astype(int) for n in range(1, 97)}
+    frame = pd.DataFrame(
+        {
+            "Date/Time": stamps(log, "%d/%m/%Y %H:%M"),
+            "Gids": 343,
+            "SOC": (1e6 * soc).round().astype(int),
+            "Pack Volts": 96.0 * log.voltage_V,
+            "Pack Amps": log.current_A,
+            "Pack T1 F": 77.0,
+            "Pack T1 C": log.temperature_degC,
+            "Pack T3 C": "none",
+            **cells,
+            "12v Bat Amps": 0.75,
+            "Ambient": 8,
+            "epoch time": 1_580_372_664 + log.time_s.astype(int),
+            "Speed1": 3683,
+        }
+    )
+    imported = import_case(write(tmp_path, frame), "cell", ambient=25.0)
+    columns = imported.runs[0].log.columns
+    np.testing.assert_allclose(columns["voltage_V"], log.voltage_V, atol=1e-3)
+    np.testing.assert_allclose(columns["current_A"], log.current_A)
+    np.testing.assert_allclose(columns["soc"], soc, atol=1e-5)
+    np.testing.assert_allclose(imported.runs[0].log.time_s, log.time_s)
+
+
+def test_what_a_program_prints_between_rows_is_no_line_of_names(tmp_path: Path):
+    path = tmp_path / "monitor.log"
+    rows = [f"{4000 - 3 * n} {330 - n} {200 + n % 7}" for n in range(60)]
+    path.write_text("\n".join(["START", "EEPROM values=0x22 0x67 0x7E", *rows]))
+    assert [*read_table(path).frame] == ["column 1", "column 2", "column 3"]
+
+
+def test_drives_that_each_move_little_tell_the_capacity_together(tmp_path: Path):
+    log = cell_log(step_s=5.0)
+    paths = []
+    for name, begin in (("a", 400), ("b", 600)):
+        part = log[begin : begin + 110].assign(
+            soc=lambda f: 100.0 - 100.0 * (f.current_A.cumsum() * 5.0 / 3600.0) / 3.0
+        )
+        paths.append(write(tmp_path, part.drop(columns="step"), f"{name}.csv"))
+    imported = import_case(paths, "cell", ambient=25.0)
+    assert imported.capacity is not None
+    assert imported.capacity.value == pytest.approx(3.0, rel=0.05)
+    assert imported.capacity.why == "by the log's own state of charge, in 2 runs"
