@@ -32,6 +32,8 @@ _STATED_K, _AT_REST_K = 2.0, 5.0
 # Below this share of its largest current hardware rests.
 _REST = 0.02
 _CURRENTS = ("current_A", "pack_current_A", "motor_current_A")
+# What a program sets; where fewer rows than this share have it, it is a message of its own.
+_SET, _SENT = ("voltage_V", "duty", "V_set"), 0.2
 _MOST_NAMED = 4  # runs in one sentence
 
 
@@ -181,18 +183,23 @@ def _filled(run: Log) -> Log:
 
 
 def fill(run: Log, name: str) -> Log:
-    """Return a run without gaps in an input: interpolated between its neighbours, and held at the ends."""
+    """Return a run without gaps in an input: interpolated between its neighbours, and held at the ends.
+
+    What is set seldom, as by messages of their own, is held until it is set anew.
+    """
     values = run.columns[name]
     there = np.isfinite(values)
     if there.all():
         return run
-    filled = np.interp(run.time_s, run.time_s[there], values[there])
     lost = int((~there).sum())
     weight = "warning" if lost > 0.01 * there.size else "note"
-    sentence = (
-        f"{run.name}: {name} is missing in {lost:,} of {there.size:,} rows; an input has no gaps, so it is "
-        "interpolated "
-        "between its neighbours."
-    )
+    sentence = f"{run.name}: {name} is missing in {lost:,} of {there.size:,} rows; an input has no gaps, so it is "
+    if name in _SET and there.mean() < _SENT:  # a message that is sent when it changes
+        last = np.maximum.accumulate(np.where(there, np.arange(there.size), -1))
+        filled = np.where(last < 0, 0.0, values[last])
+        sentence += "held until it is set anew, and 0 before it is set."
+    else:
+        filled = np.interp(run.time_s, run.time_s[there], values[there])
+        sentence += "interpolated between its neighbours."
     found = Finding("gap in an input", run.name, sentence, weight, name, numbers={"rows": float(lost)})
     return dataclasses.replace(run, columns=run.columns | {name: filled}).also(found)

@@ -334,10 +334,11 @@ def _complete(run: Log, kind: Kind, options: Options, listed: Listed | None) -> 
                 f"model in its place; say what the load follows with --load {_LAWS}, or state --constant "
                 f"{LOAD}=VALUE for all of it."
             )
+        lacking = [name for name in known.outputs if name not in drives]
+        driven = f" beside {', '.join(sorted(drives))}, which would drive the model" if drives else ""
         raise MeasurementError(
-            f"{file_label(run.source)} has no reading that a {kind} predicts "
-            f"({', '.join(known.outputs)}); {columns_of(run.header)}; name one with "
-            "--column, as --column " + f'{known.outputs[0]}="NAME".'
+            f"{file_label(run.source)} has no reading that a {kind} predicts ({', '.join(lacking)}){driven}; "
+            f'{columns_of(run.header)}; name one with --column, as --column {lacking[0]}="NAME".'
         )
     for name in known.optional_inputs:
         needs = known.only_with.get(name)

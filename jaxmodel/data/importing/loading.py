@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -25,13 +26,14 @@ from jaxmodel.data.tables import RawTable, read_table
 from jaxmodel.data.tables.known_formats import known_format
 from jaxmodel.data.tables.names import matches
 from jaxmodel.data.tables.raw_table import to_numbers, units_in
-from jaxmodel.data.tables.times import counted_in, date_and_time, parse_times, unit_by_stamps, unit_in_words
+from jaxmodel.data.tables.times import Times, counted_in, date_and_time, parse_times, unit_by_stamps, unit_in_words
 from jaxmodel.data.tables.units import Conversion, conversion
 
 _MAY_BE_MS = 2.0  # whole numbers that rise by so much per row
 _SAMPLE_ROWS = 2000
 _CLEAR = 10.0  # by so many times one of two counts of charge rises more than the other where it tells the direction
 _NONE = "none"
+_ABSOLUTE_ZERO_DEGC = -273.15
 _SENSED = (
     "voltage_V",
     "pack_voltage_V",
@@ -92,7 +94,8 @@ def load(
             return names
         if lacking and any(target not in options.columns for target in lacking):
             return names  # what no name tells is looked for in the readings
-        of_roles = (role.column for role in chosen.values())
+        of_roles = [role.column for role in chosen.values()]
+        of_roles += chosen["stamp"].others if "stamp" in chosen else ()
         return [*dict.fromkeys([*of_roles, *single_cells(names, units), *of_spectra(names), *bare_temperatures(names)])]
 
     form = {name: getattr(options, name) for name in ("sheet", "encoding", "delimiter", "decimal")}
@@ -237,11 +240,9 @@ def _log(
                 Finding("empty column", where, f"{where}: column '{role.column}' is empty and left out.", column=target)
             )
             continue
-        if target.endswith("_degC") and not np.any(
-            np.nan_to_num(pd.Series(table.frame[role.column]).to_numpy(dtype=float))
-        ):
+        if target.endswith("_degC") and (no_sensor := _no_sensor(pd.Series(table.frame[role.column]), values)):
             sentence = (
-                f"{where}: column '{role.column}' is 0 throughout, as of a sensor that is not there; it is left out."
+                f"{where}: column '{role.column}' is {no_sensor}, as of a sensor that is not there; it is left out."
             )
             found.append(Finding("no sensor", where, sentence, "warning", target))
             continue
@@ -286,6 +287,13 @@ def _log(
         why = table.remarks[-1].split(". ")[0].rstrip(".")
         found.append(Decision("convention", where, table.current_positive_on, why, "file"))
     return log.also(*found)
+
+
+def _no_sensor(raw: pd.Series, degC: np.ndarray) -> str:
+    """Return what a thermometer that is not there reads: 0, or colder than all that is; "" for one that is there."""
+    if not np.any(np.nan_to_num(raw.to_numpy(dtype=float))):
+        return "0 throughout"
+    return f"{np.nanmedian(degC):.4g} degC" if float(np.nanmedian(degC)) < _ABSOLUTE_ZERO_DEGC else ""
 
 
 def _about(role: Role, unit: str, where: str) -> list[Finding | Decision]:
@@ -335,6 +343,8 @@ def _clocked(
                 f'--unit "{role.column}=s", or name another with --column {target}="NAME".'
             )
         times = parse_times(pd.Series(table.frame[role.column]), unit)
+        if target == "stamp" and (times is None or not times.absolute):
+            role, times = _other_stamp(table, role, units) or (role, times)
         if times is None:
             continue
         times = times._replace(seconds=np.where(np.abs(times.seconds) > LARGEST, np.nan, times.seconds))
@@ -348,6 +358,16 @@ def _clocked(
     if unitless is not None and elapsed is not None:
         found += _unit_of_time(unitless, elapsed, where)
     return Log("", table.source, np.empty(0) if elapsed is None else elapsed, {}, {}, stamp, None, of_step)
+
+
+def _other_stamp(table: RawTable, role: Role, units: Mapping[str, str]) -> tuple[Role, Times] | None:
+    """Return the first of the further columns of time stamps that holds some; None where none does."""
+    for name in role.others:
+        if name in table.frame:
+            times = parse_times(pd.Series(table.frame[name]), units.get(name, ""))
+            if times is not None and times.absolute:
+                return dataclasses.replace(role, column=name, others=()), times
+    return None
 
 
 def _with_units_of_time(
@@ -476,6 +496,8 @@ def guess_unit(values: np.ndarray, target: str) -> tuple[Conversion, str]:
     middle, largest = (float(np.median(there)), float(there.max())) if there.size else (0.0, 0.0)
     if target == "V" and middle > 1000.0:
         return Conversion(1e-3), f"its median is {middle:.4g}, taken as mV"
+    if target == "A" and largest > 1000.0:
+        return Conversion(1e-3), f"it goes up to {largest:.4g}, taken as mA"
     if target == "degC" and 200.0 < middle < 420.0:
         return Conversion(1.0, -273.15), f"its median is {middle:.4g}, taken as K"
     if target == "" and largest > 1.5:

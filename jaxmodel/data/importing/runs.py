@@ -19,6 +19,8 @@ _FEWEST_ROWS = 10
 _GAP, _AROUND, _LEAST_GAP_S = 100.0, 5, 30.0
 # Where the row before it rests, so many times, and so long at least [s].
 _GAP_OF_REST, _LEAST_REST_S = 1000.0, 3600.0
+# A load goes on over a gap if it changes by this share at most, and was within the second one of it for long before.
+_SAME_LOAD, _LIKE_LOAD = 0.2, 0.5
 _LOADS = ("current_A", "pack_current_A", "motor_current_A", "duty")
 
 
@@ -91,16 +93,27 @@ def _after_gaps(log: Log) -> list[int]:
     load = next((log.columns[name] for name in _LOADS if name in log.columns), None)
     if load is None or log.rows < 2 * _AROUND:
         return []
+    load = np.nan_to_num(load)
     apart = np.diff(log.time_s)
-    size = np.abs(np.nan_to_num(load))
+    size = np.abs(load)
     loaded = size > _REST * float(size.max())
-    found = []
+    found: list[int] = []
     for row in np.flatnonzero((apart > np.where(loaded[:-1], _LEAST_GAP_S, _LEAST_REST_S)) & loaded[1:]).tolist():
         before, after = apart[max(row - _AROUND, 0) : row], apart[row + 1 : row + 1 + _AROUND]
         usual = max((float(np.median(part)) for part in (before, after) if part.size), default=np.inf)
-        if apart[row] >= (_GAP if loaded[row] else _GAP_OF_REST) * usual and row + 1 not in log.restarts:
+        long = apart[row] >= (_GAP if loaded[row] else _GAP_OF_REST) * usual
+        if long and row + 1 not in log.restarts and not _goes_on(log.time_s, load, row, max([0, *found])):
             found.append(row + 1)
     return found
+
+
+def _goes_on(time_s: np.ndarray, load: np.ndarray, row: int, begin: int) -> bool:
+    """Return whether a load that is much the same after a gap was held for longer than the gap before it."""
+    if abs(load[row + 1] - load[row]) > _SAME_LOAD * abs(load[row]):
+        return False
+    others = np.flatnonzero(np.abs(load[begin:row] - load[row]) > _LIKE_LOAD * abs(load[row]))
+    since = begin + (int(others[-1]) + 1 if others.size else 0)
+    return bool(time_s[row] - time_s[since] >= time_s[row + 1] - time_s[row])
 
 
 def _about_gaps(log: Log, gaps: list[int], where: str) -> Finding:

@@ -219,6 +219,12 @@ def _with_blocks(log: Log) -> Log:
     return log.also(Decision(_ABOUT, log.name, value, why, "physics"))
 
 
+def _by_looks(log: Log) -> bool:
+    """Return whether nothing but their looks tells which columns are current and voltage: then steps must agree."""
+    looks = {finding.column for finding in log.findings if finding.what == "column by its looks"}
+    return {"current_A", "voltage_V"} <= looks
+
+
 def _settled(log: Log) -> bool:
     return any(decision.about == _ABOUT for decision in log.decisions)
 
@@ -239,7 +245,7 @@ def settle(logs: Sequence[Log], stated: str | None, accept: bool) -> list[Log]:
     """
     logs = [with_state(log) for log in logs]
     if stated is None:
-        logs = [log if _settled(log) else _with_blocks(log) for log in logs]
+        logs = [log if _settled(log) or _by_looks(log) else _with_blocks(log) for log in logs]
     free = [log for log in logs if not _settled(log)]
     found = {id(log): evidence(log) for log in free}
     # What one-signed files say of themselves says nothing of the bench: it may log magnitudes.

@@ -73,8 +73,9 @@ def read_delimited(
     frame, in_lists = _spread(frame, {name: lists[name] for name in lists if name in frame}, chosen)
     units = units_in(names) | {name: unit for name, unit in zip(names, layout.units, strict=False) if unit}
     units |= in_fields | {one: units[name] for one, name in in_lists.items() if name in units}
-    units = {name: unit.strip("[](){}") for name, unit in units.items() if name in frame}
     left_out = tuple(name for name in owner if name not in chosen)
+    # Those of columns that were not read may speak for them.
+    units = {name: unit.strip("[](){}") for name, unit in units.items() if name in frame or name in left_out}
     remarks = [_form(layout), *remarks]
     if interval_s is not None and CLOCK in chosen and not is_sampled_so(frame, interval_s):
         frame.insert(0, CLOCK, np.arange(len(frame)) * interval_s)
@@ -110,6 +111,7 @@ def _form(layout: Layout) -> str:
 def _for_pandas(layout: Layout, rows: int | None) -> bool:
     return (
         rows is not None
+        or layout.broken
         or layout.delimiter == " "
         or layout.thousands is not None
         or layout.decimal == layout.delimiter

@@ -56,7 +56,8 @@ def parse_name(column: str) -> Name:
     brackets = list(_BRACKETS.finditer(text))
     for states_unit in (_is_unit, _looks_like_unit):
         for found in brackets:
-            if states_unit(found[1]):
+            at_end = not text[found.end() :].strip()
+            if states_unit(found[1]) and (at_end or states_unit is _is_unit):
                 return Name(_words(f"{text[: found.start()]} {text[found.end() :]}"), found[1])
     if (found := _SLASH.match(text)) and is_unit(found["unit"]):
         return Name(_words(found["name"]), found["unit"])

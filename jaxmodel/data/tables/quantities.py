@@ -54,6 +54,8 @@ HEAT = _of("temperature temp temperatur température temperatura thermocouple tc
 # A controller counts the turns of the field: as many times those of the shaft as the motor has pole pairs.
 ELECTRICAL = _of("e erpm electrical")
 _GEARED = _of("motor winding coil stator")
+# Whose voltage is a signal.
+_SENSORS = _of("encoder sensor hall shunt potentiometer pot tacho tach photodiode thermistor ntc signal adc ain")
 _PACK = frozenset(["battery", "bat", "batt", "pack", "bat volt"])  # by its unit, 'Battery (V)' is a voltage
 _ELECTRONICS = _of("mos mosfet mosfets fet fets esc controller inverter driver board pcb cpu mcu imu baro chip tube")
 
@@ -63,13 +65,15 @@ QUANTITIES: dict[str, Quantity] = {
         _names(
             "time, test time, total time, elapsed time, t, time elapsed, run time, running time, prog "
             "time, program time,"
-            "prog time sum, total test time, test, elapsed, relative test time, zeit, prüfzeit, temps, x value,"
+            "prog time sum, total test time, test, elapsed, relative test time, zeit, prüfzeit, temps, x value, x axis,"
             "time since start, duration, time s, test time second, 总时间, 测试时间, seconds, secs, sec,"
             "cumulative time, accumulated time, tempo, tiempo, temps écoulé, tempo totale, tempo total, t now, tnow,"
             "now, t rel, t elapsed, t total, t run, t abs, t sec, t test"
         ),
         _of("time zeit tempo tiempo"),
-        without=_of("step stamp date day clock unix utc real system absolute dpt charge discharge rest relative")
+        without=_of(
+            "step stamp date day clock unix utc real system absolute dpt charge discharge rest relative start end"
+        )
         | WANTED,
         with_unit=_of("test"),
     ),
@@ -113,7 +117,7 @@ QUANTITIES: dict[str, Quantity] = {
             "batt voltage, bat volt, vbat, vbatt, vpack, v pack, battery, bat, batt, pack"
         ),
         _of("voltage volts spannung 电压 ewe ecell tension tensión tensao tensão tensione voltaje"),
-        without=WANTED | _COUNTED | _of("group aux open ocv"),
+        without=WANTED | _COUNTED | _SENSORS | _of("group aux open ocv"),
         with_unit=_PACK,
     ),
     "state": Quantity(
@@ -160,11 +164,11 @@ QUANTITIES: dict[str, Quantity] = {
             "temperature measured, temperature t1,"
             "aux temperature 1, aux temperature 1 1, temperature 1, temp 1, t1, tc1, t cell, t surf, t surface, evtemp,"
             "cell temp 1, temp1, ntc1, ntc 1, ntc, battery t1, temperature1, aux temperature, 温度, 辅温, celltemp,"
-            "can, temperature t1 celsius, cell, surface, cell surface"
+            "can, temperature t1 celsius, cell, surface, cell surface, aux 1, aux"
         ),
         HEAT | _of("t"),
         without=_AMBIENT | WANTED | _GEARED | _ELECTRONICS,
-        with_unit=frozenset(["cell", "surface", "cell surface"]),
+        with_unit=frozenset(["cell", "surface", "cell surface", "aux 1", "aux"]),
     ),
     "ambient_temperature": Quantity(
         "degC",
@@ -202,7 +206,7 @@ QUANTITIES: dict[str, Quantity] = {
             "tension, tensión, tensao, tensão, tensione, voltaje"
         ),
         _of("voltage volts spannung tension tensión tensao tensão tensione voltaje"),
-        without=WANTED | _of("battery pack cell deck"),
+        without=WANTED | _SENSORS | _of("battery pack cell deck"),
     ),
     "motor_current": Quantity(
         "A",

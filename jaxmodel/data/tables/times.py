@@ -13,6 +13,7 @@ from jaxmodel.data.tables.raw_table import to_numbers
 from jaxmodel.data.tables.units import conversion
 
 _DURATION = re.compile(r"^\s*[+-]?(\d+\s*d(ays?)?[\s.]*)?\d+:\d{1,2}(:\d{1,2}([.,:]\d*)?)?\s*$", re.IGNORECASE)
+_IN_AN_HOUR = re.compile(r"^\s*[0-5]?\d:[0-5]\d[.,]\d+\s*$")
 _PARTS = r"^\s*(?:(?P<days>\d+)\s*d(?:ays?)?[\s.]*)?(?P<a>\d+):(?P<b>\d{1,2})(?::(?P<c>\d{1,2}(?:[.,:]\d*)?))?\s*$"
 _DATE = re.compile(r"^\s*\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}\s*$")
 _TIME_OF_DAY = re.compile(r"^\s*([01]?\d|2[0-3]):\d{2}(:\d{2}([.,]\d+)?)?(\s*[ap]\.?m\.?)?\s*$", re.IGNORECASE)
@@ -133,6 +134,8 @@ def parse_times(column: pd.Series, unit: str) -> Times | None:
     first = text.dropna().head(_SAMPLE)
     if first.empty:
         return None
+    if first.str.match(_IN_AN_HOUR).mean() > 0.99:
+        return Times(_within_hours(text), False, "minutes and seconds, as a spreadsheet shows times; hours are counted")
     if first.str.match(_DURATION).mean() > 0.9:
         return Times(_durations(text), False, "durations as h:min:s")
     return _of_dates(text, first)
@@ -197,6 +200,14 @@ def _durations(text: pd.Series) -> np.ndarray:
     of_hours = first * 3600.0 + second * 60.0 + np.nan_to_num(third)
     seconds = np.where(np.isnan(third), first * 60.0 + second, of_hours)
     return np.nan_to_num(days) * 86_400.0 + seconds
+
+
+def _within_hours(text: pd.Series) -> np.ndarray:
+    """Return times such as '59:58.5' in seconds; where they begin anew, another hour has passed."""
+    parts = text.str.replace(",", ".", regex=False).str.split(":", expand=True)
+    seconds = 60.0 * to_numbers(parts[0]) + to_numbers(parts[1])
+    back = np.nan_to_num(np.diff(pd.Series(seconds).ffill().to_numpy(dtype=float), prepend=seconds[0])) < -1800.0
+    return seconds + 3600.0 * np.cumsum(back)
 
 
 def _of_dates(text: pd.Series, first: pd.Series) -> Times | None:

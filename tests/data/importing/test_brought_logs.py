@@ -241,3 +241,112 @@ def test_drives_that_each_move_little_tell_the_capacity_together(tmp_path: Path)
     assert imported.capacity is not None
     assert imported.capacity.value == pytest.approx(3.0, rel=0.05)
     assert imported.capacity.why == "by the log's own state of charge, in 2 runs"
+
+
+# Gaps and messages of their own clock
+
+
+def test_a_constant_current_goes_on_over_a_logger_that_slept(tmp_path: Path):
+    log = cell_log(step_s=2.0).drop(columns="step")
+    held = log[(log.time_s < 3000.0) | (log.time_s > 3600.0)]
+    assert len(import_case(write(tmp_path, held), "cell", ambient=25.0).runs) == 1
+    short = log[((log.time_s > 1860.0) & (log.time_s < 2100.0)) | (log.time_s > 4000.0)]
+    assert len(import_case(write(tmp_path, short), "cell", ambient=25.0).runs) == 2
+
+
+def test_a_voltage_that_is_sent_once_is_held(tmp_path: Path):
+    log = motor_log()
+    sent = pd.Series(np.nan, index=log.index)
+    sent[[100, 300]] = [3.0, 0.0]
+    frame = log[["time_s", "speed_rad_s"]].assign(command=sent)
+    columns = {"voltage_V": "command"}
+    imported = import_case(
+        write(tmp_path, frame), "motor", ambient=25.0, columns=columns, constants={"load_torque_Nm": 0.0}
+    )
+    voltage = imported.runs[0].log.columns["voltage_V"]
+    assert set(voltage[:100]) == {0.0}
+    assert set(voltage[100:300]) == {3.0}
+    assert set(voltage[300:]) == {0.0}
+    assert "held until it is set anew" in about(imported, "gap in an input")[0]
+
+
+# Times and columns of a second choice
+
+
+def test_minutes_and_seconds_of_a_spreadsheet_go_on_after_an_hour(tmp_path: Path):
+    log = cell_log()
+    texts = [f"{int(s // 60) % 60:02d}:{s % 60:04.1f}" for s in log.time_s + 2583.0]
+    frame = log.drop(columns=["time_s", "step"])
+    frame.insert(0, "datetime", texts)
+    imported = import_case(write(tmp_path, frame), "cell", ambient=25.0)
+    np.testing.assert_allclose(imported.runs[0].log.time_s - imported.runs[0].log.time_s[0], log.time_s)
+
+
+def test_another_column_of_time_stamps_stands_in(tmp_path: Path):
+    log = cell_log()
+    frame = log.drop(columns=["time_s", "step"]).assign(datetime="unknown", timestamp=1_684_230_233 + log.time_s)
+    np.testing.assert_allclose(import_case(write(tmp_path, frame), "cell", ambient=25.0).runs[0].log.time_s, log.time_s)
+
+
+def test_a_bracket_in_the_middle_of_a_name_is_no_unit():
+    assert parse_name("knee[ActPack]:motor_current").unit == ""
+    assert parse_name("Speed (rot/fortnight)").unit == "rot/fortnight"
+
+
+def test_a_scope_calls_its_clock_an_axis(tmp_path: Path):
+    log = cell_log()[["time_s", "voltage_V", "current_A"]]
+    path = write(tmp_path, log.set_axis(["second", "Volt", "Ampere"], axis=1), head="x-axis,1,2\n")
+    run = import_case(path, "cell", ambient=25.0).runs[0].log
+    np.testing.assert_allclose(run.time_s, log.time_s)
+    np.testing.assert_allclose(run.columns["current_A"], log.current_A)
+
+
+def test_the_signal_of_an_encoder_is_no_voltage_of_a_motor(tmp_path: Path):
+    log = motor_log()[["time_s", "current_A"]].assign(encoder_V=3.39)
+    with pytest.raises(MeasurementError, match=r"beside current_A.*--column speed_rad_s="):
+        import_case(write(tmp_path, log), "motor", ambient=25.0, constants={"load_torque_Nm": 0.0})
+
+
+def test_units_in_columns_of_their_own_count(tmp_path: Path):
+    log = cell_log()
+    frame = log[["time_s", "current_A", "voltage_V"]].assign(**{"Aux #1": log.temperature_degC, " Units": " C  "})
+    run = import_case(write(tmp_path, frame, sep="\t"), "cell", ambient=25.0).runs[0].log
+    np.testing.assert_allclose(run.columns["cell_temperature_degC"], log.temperature_degC)
+    absent = import_case(write(tmp_path, frame.assign(**{"Aux #1": -2501.7}), sep="\t"), "cell", ambient=25.0)
+    assert "-2502 degC, as of a sensor that is not there" in about(absent, "no sensor")[0]
+
+
+def test_replies_of_an_instrument_that_end_in_a_new_line_are_one_row(tmp_path: Path):
+    log = cell_log()
+    path = tmp_path / "log.csv"
+    rows = [
+        f'{n},{t},"{u:+.5E}\n",{i}'
+        for n, (t, u, i) in enumerate(zip(log.time_s, log.voltage_V, log.current_A, strict=True))
+    ]
+    path.write_text("\n".join([",time_s,voltage,current", *rows]))
+    run = import_case(path, "cell", ambient=25.0).runs[0].log
+    np.testing.assert_allclose(run.columns["voltage_V"], log.voltage_V, atol=1e-4)
+    np.testing.assert_allclose(run.columns["current_A"], log.current_A)
+
+
+def test_microvolts_of_a_shunt_are_no_voltage_of_a_motor(tmp_path: Path):
+    log = motor_log().assign(voltage_V=lambda f: 1e-8 * f.voltage_V)
+    with pytest.raises(MeasurementError, match="which no motor has: state the --unit"):
+        import_case(write(tmp_path, log), "motor", ambient=25.0)
+
+
+def test_a_current_of_thousands_without_a_unit_is_in_milliamperes(tmp_path: Path):
+    log = cell_log().drop(columns="step")
+    frame = log.assign(current_A=1000.0 * log.current_A).rename(columns={"current_A": "current"})
+    imported = import_case(write(tmp_path, frame), "cell", ambient=25.0)
+    np.testing.assert_allclose(imported.runs[0].log.columns["current_A"], log.current_A)
+    assert "taken as mA" in about(imported, "unit assumed")[0]
+
+
+def test_columns_that_only_look_like_a_cell_must_agree(tmp_path: Path):
+    random = np.random.default_rng(5)
+    columns = [np.arange(300) * 60, 1700 + random.normal(0.0, 60.0, 300), np.abs(random.normal(0.0, 0.5, 300))]
+    path = tmp_path / "log.csv"
+    pd.DataFrame(np.column_stack(columns)).to_csv(path, index=False, header=False)
+    with pytest.raises(MeasurementError, match="sign of the current is not settled"):
+        import_case(path, "cell", ambient=25.0)
