@@ -1,4 +1,4 @@
-"""Columns that are called by a unit of temperature alone: 'degC', or 'C', which may be something else too."""
+"""Columns whose unit alone says that they are temperatures: 'degC', 'Surface Ave. (C)', or 'C', which may be none."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from jaxmodel.data.importing.findings import Finding
 from jaxmodel.data.importing.options import Kind
 from jaxmodel.data.importing.roles import ROLES, Role, is_warmth
 from jaxmodel.data.tables import RawTable
-from jaxmodel.data.tables.names import matches
-from jaxmodel.data.tables.units import conversion
+from jaxmodel.data.tables.names import matches, says_another
+from jaxmodel.data.tables.units import conversion, spelled
 
-WHY = "its name is a unit"
+WHY, ONLY = "its name is a unit", "the only one in a unit of temperature"
 _NUMBERED = re.compile(r"\s*\d+$")  # the second of two columns of one name
 # A letter alone may be a capacity, a constant or a force as well.
 _DOUBTFUL = frozenset(["c", "k", "f"])
@@ -26,6 +26,17 @@ def bare_temperatures(names: Sequence[str]) -> dict[str, str]:
     """Return the columns that are called by a unit of temperature alone, each with that unit."""
     units = {name: _NUMBERED.sub("", name.strip("[](){} ")) for name in names}
     return {name: unit for name, unit in units.items() if unit and conversion(unit, "degC") is not None}
+
+
+def only_temperature(names: Sequence[str], units: Mapping[str, str]) -> str:
+    """Return the only column in a unit of temperature, if its name does not say what else is so warm; "" for none."""
+    warm = [name for name in names if (unit := units.get(name, "")) and _is_celsius(unit)]
+    silent = [name for name in warm if not says_another(name, ("cell_temperature", "case_temperature"), units[name])]
+    return silent[0] if len(warm) == 1 and silent else ""
+
+
+def _is_celsius(unit: str) -> bool:
+    return spelled(unit) in ("degC", "degF")
 
 
 def with_bare_temperatures(
@@ -44,9 +55,14 @@ def with_bare_temperatures(
     by_quantity = {quantity: target for target, quantity in ROLES[kind].items()}
     targets = [by_quantity[match.quantity] for match in matches("temperature", "degC") if match.quantity in by_quantity]
     open_targets = [target for target in targets if target not in chosen and target not in stated]
-    if not bare or not open_targets:
+    if not open_targets:
         return dict(chosen), {}, []
     target = open_targets[0]
+    alone = only_temperature([*map(str, table.frame)], table.units)
+    if not bare and alone and not any(name.endswith("_degC") for name in chosen):
+        return {**chosen, target: Role(target, alone, ONLY)}, {}, []
+    if not bare:
+        return dict(chosen), {}, []
     sure = [name for name, unit in bare.items() if _is_sure(pd.Series(table.frame[name]), unit)]
     if sure:
         return {**chosen, target: Role(target, sure[0], WHY, tuple(sure[1:]))}, {sure[0]: bare[sure[0]]}, []

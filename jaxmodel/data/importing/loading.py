@@ -12,8 +12,9 @@ import pandas as pd
 
 from jaxmodel.base.errors import MeasurementError, listed
 from jaxmodel.base.units import LARGEST
+from jaxmodel.data.importing.bare_units import ONLY as ONLY_WARM
 from jaxmodel.data.importing.bare_units import WHY as OF_A_UNIT
-from jaxmodel.data.importing.bare_units import bare_temperatures, with_bare_temperatures
+from jaxmodel.data.importing.bare_units import bare_temperatures, only_temperature, with_bare_temperatures
 from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
 from jaxmodel.data.importing.formula_hints import of_a_controller
 from jaxmodel.data.importing.formulas import computed, unmatched, wanted
@@ -51,6 +52,7 @@ _WHY = {
     "stated": "stated",
     "looks like it": "by its readings",
     OF_A_UNIT: "its name is a unit",
+    ONLY_WARM: "the only column in a unit of temperature",
     OF_CELLS: "of the columns of single cells",
 }
 _STATES = (
@@ -96,6 +98,7 @@ def load(
             return names  # what no name tells is looked for in the readings
         of_roles = [role.column for role in chosen.values()]
         of_roles += chosen["stamp"].others if "stamp" in chosen else ()
+        of_roles += [warm] if (warm := only_temperature(names, units)) else []
         return [*dict.fromkeys([*of_roles, *single_cells(names, units), *of_spectra(names), *bare_temperatures(names)])]
 
     form = {name: getattr(options, name) for name in ("sheet", "encoding", "delimiter", "decimal")}

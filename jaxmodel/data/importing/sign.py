@@ -25,6 +25,8 @@ _REST, _NO_SIGN = 0.02, 0.01
 _CLEAR_STEP_V = 0.01
 # A block of load whose voltage moves by so much [V] tells its direction.
 _CLEAR_V = 4e-3
+# A single reading so far from both neighbours [V] is none of a cell's.
+_SPIKE_V = 0.5
 # A state column counts where it names the direction in so large a share of the loaded rows.
 _TOLD_BY_STATE = 0.5
 _ABOUT = "sign of the current"
@@ -173,7 +175,7 @@ def blocks(log: Log) -> list[tuple[slice, float]]:
     if voltage is None:
         return []
     there = np.flatnonzero(np.isfinite(current) & np.isfinite(voltage))
-    size, volts, time_s = np.abs(current[there]), voltage[there], log.time_s[there]
+    size, volts, time_s = np.abs(current[there]), _without_spikes(voltage[there]), log.time_s[there]
     loaded = size > _REST * _largest(current)
     changes = np.diff(loaded.astype(np.int8)) != 0
     for key in ("step", "cycle"):
@@ -191,6 +193,15 @@ def blocks(log: Log) -> list[tuple[slice, float]]:
             said += float(volts[end] - volts[end - 1])
         result.append((slice(int(there[begin]), int(there[end - 1]) + 1), said))
     return result
+
+
+def _without_spikes(volts: np.ndarray) -> np.ndarray:
+    """Return voltages in which a reading far from both neighbours, as a first row of 0 V, is that of its neighbours."""
+    if volts.size < 3:
+        return volts
+    places = np.clip(np.arange(volts.size), 1, volts.size - 2)
+    middle = np.median([volts[places - 1], volts[places], volts[places + 1]], axis=0)
+    return np.where(np.abs(volts - middle) > _SPIKE_V, middle, volts)
 
 
 def _with_blocks(log: Log) -> Log:

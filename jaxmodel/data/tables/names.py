@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from jaxmodel.data.tables.quantities import ELSEWHERE, HEAT, NOT_MEASURED, QUANTITIES, WANTED, Quantity
+from jaxmodel.data.tables.quantities import ELSEWHERE, HEAT, MEASURED, NOT_MEASURED, QUANTITIES, WANTED, Quantity
 from jaxmodel.data.tables.units import conversion, is_unit, spelled
 
 
@@ -122,7 +122,8 @@ def says_another(column: str, quantities: Sequence[str] = (), unit: str = "") ->
 
 def is_set(column: str) -> bool:
     """Return whether a column's name says that it is set or supplied, and not measured."""
-    return bool(_tokens(parse_name(column).words) & NOT_MEASURED)
+    tokens = _tokens(parse_name(column).words)
+    return bool(tokens & NOT_MEASURED) and not tokens & MEASURED
 
 
 def are_units(fields: Sequence[str], above: Sequence[str]) -> bool:
@@ -212,7 +213,8 @@ def _rank(words: str, unit: str, quantity: Quantity) -> int:
         return -1
     if quantity.also and not any(token in quantity.also for token in tokens):
         return -1
-    return (200 if any(token in NOT_MEASURED for token in tokens) else 100) + len(tokens)
+    set_ = any(token in NOT_MEASURED for token in tokens) and not any(token in MEASURED for token in tokens)
+    return (200 if set_ else 100) + len(tokens)
 
 
 def _fits(unit: str, quantity: Quantity) -> bool | None:

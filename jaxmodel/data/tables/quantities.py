@@ -38,6 +38,7 @@ def _names(text: str) -> tuple[str, ...]:
 
 # Words of what is wanted rather than measured.
 NOT_MEASURED = _of("command commanded set drive input applied nominal supply control")
+MEASURED = _of("measured actual sensed gemessen")  # speaks against the words above
 WANTED = _of("setpoint reference ref goal target limit max min maximum minimum desired soll error range cutoff")
 # Words of what no column of a case holds: such a column is never taken for one by its unit or its readings.
 ELSEWHERE = _of(
@@ -68,11 +69,12 @@ QUANTITIES: dict[str, Quantity] = {
             "prog time sum, total test time, test, elapsed, relative test time, zeit, prüfzeit, temps, x value, x axis,"
             "time since start, duration, time s, test time second, 总时间, 测试时间, seconds, secs, sec,"
             "cumulative time, accumulated time, tempo, tiempo, temps écoulé, tempo totale, tempo total, t now, tnow,"
-            "now, t rel, t elapsed, t total, t run, t abs, t sec, t test"
+            "now, millis, micros, milliseconds, t rel, t elapsed, t total, t run, t abs, t sec, t test"
         ),
         _of("time zeit tempo tiempo"),
         without=_of(
-            "step stamp date day clock unix utc real system absolute dpt charge discharge rest relative start end"
+            "step stamp date day clock unix utc real system absolute dpt charge discharge rest relative start end go "
+            "left remaining"
         )
         | WANTED,
         with_unit=_of("test"),
@@ -99,7 +101,7 @@ QUANTITIES: dict[str, Quantity] = {
             "current, i, amps, cell current, battery current, measured current, current measured, amp, "
             "amperes, cur, strom,"
             "stromstärke, courant, corriente, corrente, intensidad, intensité, i cell, i batt, i bat, i battery,"
-            "current ampere, 电流, 电流值, curr,"
+            "current ampere, im, 电流, 电流值, curr,"
             "pack current, bat current, batt current, bat curr, ibat, ipack, i pack, battery, bat, batt, pack"
         ),
         _of("current amps strom 电流 curr corrente corriente courant"),
@@ -113,7 +115,7 @@ QUANTITIES: dict[str, Quantity] = {
             "measured voltage, voltage measured, spannung, zellspannung, tension, tensión, tensao, tensão, tensione,"
             "voltaje, potential, u cell, u batt, "
             "v batt, v cell,"
-            "voltage volt, 电压, 电压值, ewe v, pack voltage, total voltage, sum voltage, bat voltage,"
+            "voltage volt, vf, 电压, 电压值, ewe v, pack voltage, total voltage, sum voltage, bat voltage,"
             "batt voltage, bat volt, vbat, vbatt, vpack, v pack, battery, bat, batt, pack"
         ),
         _of("voltage volts spannung 电压 ewe ecell tension tensión tensao tensão tensione voltaje"),
@@ -206,7 +208,7 @@ QUANTITIES: dict[str, Quantity] = {
             "tension, tensión, tensao, tensão, tensione, voltaje"
         ),
         _of("voltage volts spannung tension tensión tensao tensão tensione voltaje"),
-        without=WANTED | _SENSORS | _of("battery pack cell deck"),
+        without=WANTED | _SENSORS | _of("battery pack cell deck bus vbus"),
     ),
     "motor_current": Quantity(
         "A",
@@ -225,14 +227,14 @@ QUANTITIES: dict[str, Quantity] = {
             "drehzahl, rotor speed, speed measured, measured speed, encoder speed, w, vel, velocidad, velocidade,"
             "vitesse, velocità"
         ),
-        _of("speed velocity rpm omega drehzahl velocidad velocidade vitesse velocità"),
+        _of("speed velocity vel rpm omega drehzahl velocidad velocidade vitesse velocità"),
         without=WANTED | ELECTRICAL | _of("wheel"),
     ),
     "angle": Quantity(
         "rad",
         _names("position, angle, motor position, motor angle, shaft angle, encoder, encoder position, theta, winkel"),
         _of("position angle encoder winkel"),
-        without=WANTED | _of("speed velocity rpm"),
+        without=WANTED | _of("speed velocity vel rpm"),
     ),
     "load_torque": Quantity(
         "N m",

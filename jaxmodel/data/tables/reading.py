@@ -31,6 +31,7 @@ from jaxmodel.data.tables.mcap_messages import is_of_ros, read_mcap
 from jaxmodel.data.tables.raw_table import RawTable
 from jaxmodel.data.tables.ros import SUFFIXES as ROS
 from jaxmodel.data.tables.ros import read_ros
+from jaxmodel.data.tables.serial_monitor import is_serial_monitor, without_arrows
 from jaxmodel.data.tables.spreadsheets import read_spreadsheet
 from jaxmodel.data.tables.ulog import is_ulog, read_ulog
 from jaxmodel.data.tables.unreadable import refuse_unreadable
@@ -99,6 +100,11 @@ def read_table(
             )
         return dataclasses.replace(table, source=path)
     refuse_unreadable(path)
+    if path.suffix.lower() in TEXT and is_serial_monitor(path, encoding):
+        with tempfile.TemporaryDirectory() as folder:
+            inside = without_arrows(path, Path(folder), encoding)
+            table = read_table(inside, columns=columns, rows=rows, sheet=sheet, delimiter=delimiter, decimal=decimal)
+        return dataclasses.replace(table, source=path)
     keep = _keeper(columns, path)
     suffix = _suffix(path)
     if suffix in SPREADSHEETS:

@@ -47,6 +47,7 @@ _THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?([eE][+-]?\d+)?$")
 _THOUSANDS_POINT = re.compile(r"[+-]?\d{1,3}(\.\d{3})+(,\d*)([eE][+-]?\d+)?$")
 _DURATION = re.compile(r"[+-]?(\d+\s*d(ays?)?\s+)?\d+:\d{1,2}(:\d{1,2}([.,:]\d*)?)?$", re.IGNORECASE)
 _DATE = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}([T ]\s*\d.*)?$")
+_MARK = re.compile(r"\[?\w+\]?[\s,;]*")
 _HEX = re.compile(r"\b0x[\dA-Fa-f]{2,}\b")
 _NO_NUMBER = frozenset("inf -inf +inf infinity".split())
 
@@ -302,6 +303,8 @@ def _header(
 ) -> tuple[int | None, tuple[str, ...], bool]:  # fmt: skip
     """Return the line of the names, the units of a line below it, and whether headers are indented."""
     above = [number for number in range(start - 1, max(start - 6, -1), -1) if lines[number].strip(" \t#%\r\n")]
+    if len(above) > 1 and _MARK.fullmatch(lines[above[0]].strip()) and len(split(lines[above[1]], delimiter)) == count:
+        above = above[1:]  # '[Data]' or 'trace_values' between names and rows
     words = [_words_of(lines[number], count, delimiter) for number in above[:2]]
     if not words or not words[0]:
         return None, (), False

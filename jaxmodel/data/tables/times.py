@@ -13,6 +13,7 @@ from jaxmodel.data.tables.raw_table import to_numbers
 from jaxmodel.data.tables.units import conversion
 
 _DURATION = re.compile(r"^\s*[+-]?(\d+\s*d(ays?)?[\s.]*)?\d+:\d{1,2}(:\d{1,2}([.,:]\d*)?)?\s*$", re.IGNORECASE)
+_COLON_MS = re.compile(r"(\s\d{1,2}:\d\d:\d\d):(\d{1,6})$")  # of a stamp, as loggers of benches write it
 _IN_AN_HOUR = re.compile(r"^\s*[0-5]?\d:[0-5]\d[.,]\d+\s*$")
 _PARTS = r"^\s*(?:(?P<days>\d+)\s*d(?:ays?)?[\s.]*)?(?P<a>\d+):(?P<b>\d{1,2})(?::(?P<c>\d{1,2}(?:[.,:]\d*)?))?\s*$"
 _DATE = re.compile(r"^\s*\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}\s*$")
@@ -130,7 +131,7 @@ def parse_times(column: pd.Series, unit: str) -> Times | None:
         return Times(column.dt.total_seconds().to_numpy(dtype=float), False, "durations")
     if column.dtype.kind in "iufb":
         return _of_numbers(column.to_numpy(dtype=float), unit)
-    text = column.astype("string")
+    text = column.astype("string").str.replace(_COLON_MS, r"\1.\2", regex=True)
     first = text.dropna().head(_SAMPLE)
     if first.empty:
         return None

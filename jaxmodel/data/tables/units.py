@@ -64,6 +64,8 @@ _TARGETS = {
 }
 
 
+# What a potential is measured against: 'V vs. Li/Li+'.
+_AGAINST = re.compile(r"\s+vs\b.*$", re.IGNORECASE)
 # Between the units of a compound one, and powers of them.
 _BETWEEN = re.compile(r"[\s./*·⋅^-]+|[\d²³]+")
 
@@ -78,7 +80,8 @@ class Conversion(NamedTuple):
 def spelled(unit: str) -> str | None:
     """Return pint's spelling of a unit of this list, None if it is not in it."""
     text = " ".join(unit.replace("μ", "µ").replace("Ω", "ω").split()).strip("[](){}")
-    return _MEGA.get(text) or SPELLINGS.get(text.lower())
+    text = _AGAINST.sub("", text)
+    return _MEGA.get(text) or SPELLINGS.get(text.lower()) or SPELLINGS.get(text.lower().removesuffix("."))
 
 
 def is_unit(text: str) -> bool:

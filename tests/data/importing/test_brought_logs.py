@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+import scipy.io
 
 from jaxmodel import import_case, read_table
 from jaxmodel.base.errors import MeasurementError
@@ -350,3 +351,127 @@ def test_columns_that_only_look_like_a_cell_must_agree(tmp_path: Path):
     pd.DataFrame(np.column_stack(columns)).to_csv(path, index=False, header=False)
     with pytest.raises(MeasurementError, match="sign of the current is not settled"):
         import_case(path, "cell", ambient=25.0)
+
+
+# Loggers of benches and consoles
+
+
+@pytest.mark.parametrize("names", [None, "millis;volt;mA"])
+@pytest.mark.parametrize("blanks", [False, True])
+def test_a_serial_monitor_puts_a_time_before_each_line(tmp_path: Path, names: str | None, blanks: bool):
+    log = cell_log()
+    rows = [
+        f"{1000 * t:.0f};{u};{1000 * i:.0f}" for t, u, i in zip(log.time_s, log.voltage_V, log.current_A, strict=True)
+    ]
+    mark = " " if blanks else ";"
+    lines = [line.replace(";", mark) for line in ([names] if names else []) + rows]
+    path = tmp_path / "console.txt"
+    arrival = stamps(pd.DataFrame({"time_s": np.arange(len(lines)) * 10.0}), "%H:%M:%S.250")
+    path.write_text("\n".join(f"{at} -> {line}" for at, line in zip(arrival, lines, strict=True)))
+    run = import_case(path, "cell", ambient=25.0).runs[0].log
+    np.testing.assert_allclose(run.time_s, log.time_s)
+    np.testing.assert_allclose(run.columns["current_A"], log.current_A)
+    np.testing.assert_allclose(run.columns["voltage_V"], log.voltage_V)
+
+
+def test_milliseconds_behind_a_colon_are_parts_of_a_second(tmp_path: Path):
+    log = cell_log()
+    scan = pd.DataFrame(
+        {
+            "Time": stamps(log, "%m/%d/%Y %H:%M:%S:250"),
+            "101 <Voltage> (VDC)": log.voltage_V,
+            "102 <Current> (ADC)": log.current_A,
+            "103 <Surface> (C)": log.temperature_degC,
+        }
+    )
+    imported = import_case(write(tmp_path, scan, head="Data Logger\n\n"), "cell", ambient=25.0)
+    run = imported.runs[0].log
+    np.testing.assert_allclose(run.time_s, log.time_s)
+    np.testing.assert_allclose(run.columns["cell_temperature_degC"], log.temperature_degC)
+    assert any(one.why == "the only column in a unit of temperature" for one in imported.decisions)
+
+
+def test_two_columns_in_degrees_are_not_guessed(tmp_path: Path):
+    log = cell_log()[["time_s", "current_A", "voltage_V"]].assign(**{"left (C)": 25.0, "right (C)": 26.0})
+    columns = import_case(write(tmp_path, log), "cell", ambient=25.0).runs[0].log.columns
+    assert "cell_temperature_degC" not in columns
+
+
+def test_the_time_to_go_is_no_clock(tmp_path: Path):
+    log = cell_log()
+    frame = log[["voltage_V", "current_A"]].assign(**{"Time to go": np.nan})
+    frame.insert(0, "Europe/Vienna (+01:00)", stamps(log, "%Y-%m-%d %H:%M:%S"))
+    np.testing.assert_allclose(import_case(write(tmp_path, frame), "cell", ambient=25.0).runs[0].log.time_s, log.time_s)
+
+
+def test_a_mark_between_names_and_rows_hides_no_names(tmp_path: Path):
+    log = motor_log()
+    body = log[["time_s", "voltage_V", "current_A", "speed_rad_s"]].to_csv(index=False, header=False)
+    rows = "".join(f",{line}\n" for line in body.splitlines())
+    head = "origin,host\n\ntrace_title,time,Voltage,Current,Speed\ntrace_unit,s,V,A,rad/s\ntrace_values\n"
+    path = tmp_path / "desk.csv"
+    path.write_text(head + rows)
+    run = import_case(path, "motor", ambient=25.0).runs[0].log
+    np.testing.assert_allclose(run.columns["speed_rad_s"], log.speed_rad_s)
+    np.testing.assert_allclose(run.columns["voltage_V"], log.voltage_V)
+
+
+def test_the_velocity_of_an_encoder_is_no_angle_and_a_bus_no_winding(tmp_path: Path):
+    log = motor_log()
+    frame = pd.DataFrame(
+        {
+            "time": log.time_s,
+            "vbus_voltage": 24.0,
+            "axis0.current_control.Iq_measured": log.current_A,
+            "axis0.encoder.vel_estimate": log.speed_rad_s / 2.0 / np.pi,
+            "axis0.encoder.pos_estimate": np.cumsum(log.speed_rad_s) * 0.01 / 2.0 / np.pi,
+        }
+    )
+    with pytest.raises(MeasurementError, match="neither a voltage nor a load torque"):
+        import_case(write(tmp_path, frame), "motor", ambient=25.0)
+    imported = import_case(write(tmp_path, frame), "motor", ambient=25.0, columns={"voltage_V": "vbus_voltage"})
+    assert {"speed_rad_s", "current_A"} <= imported.runs[0].log.columns.keys()
+    assert not about(imported, "commanded")
+
+
+def test_a_potential_against_a_reference_is_in_volts(tmp_path: Path):
+    log = cell_log()
+    rows = zip(log.time_s, log.voltage_V, log.current_A, strict=True)
+    body = "\n".join(f"\t{n}\t{t:g}\t{u}\t0\t{i}" for n, (t, u, i) in enumerate(rows))
+    path = tmp_path / "discharge.DTA"
+    path.write_text("EXPLAIN\nTAG\tPWR800\nCURVE\tTABLE\n\tPt\tT\tVf\tVu\tIm\n\t#\ts\tV vs. Ref.\tV\tA\n" + body)
+    run = import_case(path, "cell", ambient=25.0).runs[0].log
+    np.testing.assert_allclose(run.columns["voltage_V"], log.voltage_V)
+    np.testing.assert_allclose(run.time_s, log.time_s)
+
+
+def test_elements_of_cell_arrays_are_runs(tmp_path: Path):
+    log = cell_log()
+    parts = [log, log[:900], log[:950]]
+    cells = {}
+    for name, column in {"t": "time_s", "It": "current_A", "Vt": "voltage_V"}.items():
+        cells[name] = np.empty((3, 1), dtype=object)
+        for place, part in enumerate(parts):
+            cells[name][place, 0] = part[column].to_numpy()[:, None]
+    other = np.empty((3, 1), dtype=object)
+    other[:, 0] = [np.arange(5.0), np.arange(6.0), np.arange(7.0)]
+    path = tmp_path / "tests.mat"
+    scipy.io.savemat(path, {**cells, "Pulses": other})
+    columns = {"current_A": "It", "voltage_V": "Vt", "time_s": "t"}
+    runs = import_case(path, "cell", ambient=25.0, columns=columns).runs
+    assert [(run.log.name, run.log.rows) for run in runs] == [
+        ("tests-run 1", 1022),
+        ("tests-run 2", 900),
+        ("tests-run 3", 950),
+    ]
+    scipy.io.savemat(path, {"meas": log[["time_s", "current_A", "voltage_V"]].to_numpy()})
+    assert read_table(path).key == ""
+
+
+def test_a_first_row_of_0_V_is_no_charge(tmp_path: Path):
+    log = cell_log()[:450].drop(columns="step").reset_index(drop=True)
+    log.loc[0, "voltage_V"] = 0.0
+    log.loc[:59, "current_A"] = 0.0
+    log.loc[1:5, "current_A"] = 2.0
+    run = import_case(write(tmp_path, log), "cell", ambient=25.0, capacity_Ah=3.0).runs[0].log
+    assert run.columns["current_A"].min() == 0.0
