@@ -41,8 +41,7 @@ _RESTED_S = 600.0
 _PULSE_H, _PULSE_V = 0.1, 0.1
 # Of the SOC, from which what a log states of it tells the capacity, and is better than a guess.
 _LEAST_SHARE, _LEAST_HINT = 0.2, 0.05
-# By how much the voltage of a plateau changes over all of the SOC at least [V], and the largest capacity of a guess.
-_FLATTEST_V, _LARGEST_GUESS_AH = 0.05, 5000.0
+_LARGEST_GUESS_AH = 5000.0
 _SLOW = 1.0 / 15.0  # of the capacity per hour: such a current hardly moves the voltage
 
 
@@ -302,7 +301,7 @@ def _guess(found: Sequence[Count]) -> Stated:
         return Stated(1.25 * moved, 0.625 * moved, why)
     why = f"a pulse of {_in_words(moved)} does not tell the capacity"
     if swing > 1e-3:  # layered oxides lose about 1 V per unit of SOC, the plateau of another cell far less
-        value = min(moved / max(swing, _FLATTEST_V), _LARGEST_GUESS_AH)
+        value = min(moved / swing, max(_LARGEST_GUESS_AH, moved))
         return Stated(value, value, f"{why}; assumed by how its resting voltage changes")
     return Stated(one.rate_A, one.rate_A, f"{why}; the charge of its current in one hour is assumed")
 
