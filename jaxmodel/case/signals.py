@@ -31,6 +31,17 @@ def after_pauses(time_s: Values) -> Rows:
     return np.append(True, rows > PAUSE * np.maximum(beside[:-2], beside[2:]))[: time_s.size]
 
 
+def represented_s(time_s: Values) -> Values:
+    """Return the seconds that each of at least two rows represents: half of the time to its neighbours.
+
+    Nothing was read in a pause: the rows beside it represent no more than those beside them.
+    """
+    apart = np.diff(time_s)
+    beside = np.pad(apart, 1, mode="edge" if apart.size < 2 else "reflect")
+    apart = np.where(after_pauses(time_s)[1:], np.maximum(beside[:-2], beside[2:]), apart)
+    return np.maximum(0.5 * (np.append(apart[0], apart) + np.append(apart, apart[-1])), 1e-9)
+
+
 def off_the_neighbours(values: np.ndarray) -> np.ndarray:
     """Return the difference of each value from the mean of its two neighbours."""
     return values[1:-1] - 0.5 * (values[:-2] + values[2:])

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
+from jaxmodel.case.records import Run
 from jaxmodel.diagnosis.advice.remarks import extrapolated
 from jaxmodel.diagnosis.comparison import WORSE
 from jaxmodel.diagnosis.result import ChannelError
@@ -21,6 +22,7 @@ from jaxmodel.fit.cache import FitCache
 from jaxmodel.fit.data import collect
 from jaxmodel.fit.estimate import Fit
 from jaxmodel.fit.gauss_newton import linearised
+from jaxmodel.fit.likelihood import ChannelWeight
 from jaxmodel.fit.space import View
 
 # Chi-square of a change of predictions from which held-out readings show whether it is true: 2 of 100 that are true do
@@ -124,8 +126,10 @@ def _in_vain(search: Search, model: Sequence[str], others: Sequence[str]) -> dic
     """Return the additions that change predictions of held-out runs and make none better.
 
     With chi-square of the held-out readings and K that of the change d of their predictions, an addition that is true
-    lowers chi-square by K, within 2 sqrt(K): it is contradicted if it does not, and K exceeds `CHANGED`. Runs outside
-    the conditions that were fitted are left out: there whatever else is off speaks louder.
+    lowers chi-square by K, within 2 sqrt(K): it is contradicted if it does not, and K exceeds `CHANGED`. Held-out
+    readings are weighted by what a model misses of them, if that is more than it misses of the fitted ones: a change
+    that is small beside what else is missing there says nothing. Runs outside the conditions that were fitted are left
+    out: there whatever else is off speaks louder.
     """
     cache, against = search.cache, {}
     outside = {one.file for one in extrapolated(cache.case)}
@@ -142,17 +146,43 @@ def _in_vain(search: Search, model: Sequence[str], others: Sequence[str]) -> dic
         richer, before = search.compared(model, label)
         gained, change = 0.0, 0.0
         for name, weight in richer.likelihood.channels.items():
-            for run in inside.values():
-                if name not in run.measured.outputs:
-                    continue
-                rows = evaluated_rows(run, cache.settings)
-                with_it, without = (predicted(one)[run.name][name][rows] for one in (richer, before))
-                read = run.measured.outputs[name][rows]
-                gained += weight.root**2 * float(np.nansum((read - without) ** 2 - (read - with_it) ** 2))
-                change += weight.root**2 * float(np.sum((with_it - without)[np.isfinite(read)] ** 2))
+            with_it, without = (_misses(cache, inside.values(), predicted(one), name) for one in (richer, before))
+            if with_it:
+                lowered, moved = _of_chi_square(weight, with_it, without)
+                gained, change = gained + lowered, change + moved
         if change > CHANGED and gained < 0.0:
             against[label] = change, "it changes what is predicted of check runs, and predicts none of them better"
     return against
+
+
+def _misses(
+    cache: FitCache, runs: Iterable[Run], predictions: Mapping[str, Mapping[str, np.ndarray]], channel: str
+) -> list[np.ndarray]:
+    """Return measured minus predicted of a channel in each run that reads it, without the rows that are empty."""
+    found = []
+    for run in runs:
+        if channel in run.measured.outputs:
+            rows = evaluated_rows(run, cache.settings)
+            missed = run.measured.outputs[channel][rows] - predictions[run.name][channel][rows]
+            found.append(missed[np.isfinite(run.measured.outputs[channel][rows])])
+    return [one for one in found if one.size]
+
+
+def _of_chi_square(
+    weight: ChannelWeight, with_it: Sequence[np.ndarray], without: Sequence[np.ndarray]
+) -> tuple[float, float]:
+    """Return by how much an addition lowers chi-square of a channel, and chi-square of the change of its predictions.
+
+    Args:
+        weight: of the channel in fitted runs.
+        with_it: errors of held-out runs with the addition, by run.
+        without: those without it.
+    """
+    squares = [sum(float(one @ one) for one in errors) for errors in (with_it, without)]
+    left = min(squares) / sum(one.size for one in with_it)
+    spread = max(weight.sd**2, left) * weight.inflation
+    moved = sum(float(np.sum((one - other) ** 2)) for one, other in zip(with_it, without, strict=True))
+    return (squares[1] - squares[0]) / spread, moved / spread
 
 
 def _raises(channels: Sequence[str], before: Mapping[str, ChannelError], after: Mapping[str, ChannelError]) -> str:

@@ -10,6 +10,7 @@ import pandas as pd
 
 from jaxmodel.base.units import unit_of
 from jaxmodel.case.records import Run
+from jaxmodel.case.signals import represented_s
 from jaxmodel.diagnosis.residuals.conditions import time_since_load_changed
 from jaxmodel.diagnosis.residuals.table import ChannelResiduals
 from jaxmodel.diagnosis.result import ChannelError, RunError, Rung
@@ -189,7 +190,7 @@ def residuals_of(cache: FitCache, one: Rung) -> list[ChannelResiduals]:
             columns = {
                 "run": np.full(kept.size, number),
                 "time_s": time_s,
-                "weight_s": np.maximum(np.gradient(time_s), 1e-9) if kept.size > 1 else np.ones(1),
+                "weight_s": represented_s(time_s),
                 "error": values[kept] - predicted[channel][kept],
             } | {f"condition {n}": v for n, v in given.items()}
             for name, column in columns.items():

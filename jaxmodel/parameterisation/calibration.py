@@ -65,10 +65,14 @@ def calibrated(first: Case, curves: Sequence[str], tell: Callable[[str], None]) 
     spec, stated = cache.flexible(cache.space.spec(curves)), np.zeros(cache.space.layout.size)
     fit, held = calibrate(cache.view, spec, stated, cache.tolerances), False
     before = errors_at(cache.view, cache.space.problem(spec), spec, stated[None])[:, 0]
-    if not _is_no_worse(cache, fit, before):
-        # A thermometer's errors last so long that it has few independent readings. Where a voltage is missed by far,
-        # their weight may fall from round to round until they count for nothing: errors of a tolerance are the weights.
-        fit, held = calibrate(cache.view, spec, stated, cache.tolerances, fixed=True), True
+    if _is_beyond(cache, fit) or not _is_no_worse(cache, fit, before):
+        # Errors that last leave few independent readings. Where much is missed, their weight may fall from round to
+        # round until they count for nothing beside what is stated: errors of a tolerance are the weights.
+        other = calibrate(cache.view, spec, stated, cache.tolerances, fixed=True)
+        held = not _is_no_worse(cache, fit, before) or (
+            _is_no_worse(cache, other, fit.errors) and not _is_no_worse(cache, fit, other.errors)
+        )
+        fit = other if held else fit
     for gain in cache.scores_at(fit, ("effect",)).gains() if kinetics else ():
         if gain.log_evidence > ODDS:
             tell(f"calibration with {gain.label}")
@@ -99,6 +103,12 @@ def _is_no_worse(cache: FitCache, fit: Fit, before: np.ndarray) -> bool:
         for name, tolerance in cache.tolerances.items()
         if name in now
     )
+
+
+def _is_beyond(cache: FitCache, fit: Fit) -> bool:
+    """Return True if a channel's error is beyond its tolerance."""
+    squares = fit.mean_squares(cache.view)
+    return any(math.sqrt(squares[name]) > size for name, size in cache.tolerances.items() if name in squares)
 
 
 def _with_kinetics(cache: FitCache, before: Fit, label: str, held: bool) -> Fit:

@@ -54,6 +54,9 @@ LATE = "dead time of the readings"
 PLACES |= {"torque of constant sign": ("torque_offset", "c"), LATE: ("clock_shift", "d")}
 PLACES |= {name: ("", name) for name in ("R_0", "k_tau", "tau_0", "J", "L_a")}
 GAINED = 0.98  # of the error
+# Runs contradict each other if together they leave so much of the scatter of their readings, and each alone so small a
+# share of that; of more runs not each is fitted alone. Assumed.
+MISSED, ALONE, MOST_ALONE = 0.1, 0.25, 8
 LATE_GAINED = 0.8  # of the error: what a dead time must leave at most. Assumed.
 UNKNOWN_SHARE = 0.5  # relative sd of a thermal resistance that neither case nor data tell. Assumed.
 USUAL = "a motor of this size: the paper's, scaled by its no-load speed"
@@ -80,8 +83,36 @@ def parameterise_motor(case: Case, progress: Callable[[str], None] | None = None
         shifted = dataclasses.replace(case, effects=effects, effect_sd=case.effect_sd | {"clock_shift": {"d": late_s}})
         other, less = _extracted(shifted, progress, late_s)
         if less < LATE_GAINED * error:
-            return other
-    return found
+            found, error = other, less
+    contradicting = _contradicting(case, error)
+    return dataclasses.replace(found, remarks=(*found.remarks, *contradicting)) if contradicting else found
+
+
+def _contradicting(case: Case, error: float) -> tuple[Remark, ...]:
+    """Say that the fit runs contradict each other, if each of them alone is fitted well and all together are not.
+
+    Args:
+        case: before anything was found.
+        error: relative error of the forward model that was fitted to all of them.
+    """
+    fitted = [run for run in case.runs if run.split == "fit"]
+    if not 1 < len(fitted) <= MOST_ALONE or not MISSED < error < math.inf:
+        return ()
+    alone = 0.0
+    for run in fitted:
+        try:
+            alone = max(alone, _extracted(dataclasses.replace(case, runs=(run,)), None)[1])
+        except FitError:  # it lacks what another run has
+            return ()
+        if alone > ALONE * error:
+            return ()
+    names = ", ".join(run.name for run in fitted)
+    sentence = (
+        f"The fit runs contradict each other: a motor fitted to one of them alone leaves at most {alone:.1%} of its "
+        f"readings' scatter, one motor for all of {names} leaves {error:.0%}. They are of different motors or loads: "
+        "state the load of each (load_torque_Nm, or --load with a law), or import them separately."
+    )
+    return (Remark(sentence, "runs_contradict", names, alone=alone, together=error),)
 
 
 def _extracted(

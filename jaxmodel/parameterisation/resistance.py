@@ -11,6 +11,9 @@ from jaxmodel.parameterisation.result import Extraction
 from jaxmodel.parameterisation.rows import Rows
 from jaxmodel.parameterisation.segments import steps
 
+# Resistance of a cell times its capacity: 150 mV of drop at 1C. Assumed.
+USUAL_OHM_AH = 0.15
+
 
 def step_resistances(runs: Sequence[Rows], capacity_Ah: float, noise_V: float) -> pd.DataFrame:
     """Return a row for each step: run, time_s, step_s, soc, degC, change_A, ohm, sd.
@@ -32,6 +35,17 @@ def step_resistances(runs: Sequence[Rows], capacity_Ah: float, noise_V: float) -
     return found.query("ohm > 0.0").reset_index(drop=True) if len(found) else found
 
 
+def typical_ohm(found: pd.DataFrame, capacity_Ah: float) -> float:
+    """Return the resistance of a cell half full: the median of its steps there, or that of a cell of its capacity."""
+    middle = _in_the_middle(found) if len(found) else found
+    return float(np.median(middle["ohm"].to_numpy())) if len(middle) else USUAL_OHM_AH / capacity_Ah
+
+
+def _in_the_middle(found: pd.DataFrame) -> pd.DataFrame:
+    """Return the steps away from empty and full, where the first sample after a step holds a part of the curve."""
+    return found.query("0.3 <= soc <= 0.9")
+
+
 def first_sample(found: pd.DataFrame) -> list[Extraction]:
     """Return the median resistance by rounded temperature, of the middle of the charge."""
     said = []
@@ -39,7 +53,7 @@ def first_sample(found: pd.DataFrame) -> list[Extraction]:
         return said
     groups = found.assign(T=(found["degC"] / 5.0).round() * 5.0)
     for T, group in groups.groupby("T"):
-        middle = group.query("0.3 <= soc <= 0.9")
+        middle = _in_the_middle(group)
         middle = middle if len(middle) >= 3 else group
         ohm = middle["ohm"].to_numpy()
         median = float(np.median(ohm))

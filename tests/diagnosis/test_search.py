@@ -15,6 +15,7 @@ from jaxmodel.diagnosis.investigation import Investigation
 from jaxmodel.diagnosis.rungs import rung
 from jaxmodel.diagnosis.search import Search
 from jaxmodel.fit.cache import FitCache
+from jaxmodel.fit.likelihood import ChannelWeight
 from tests.diagnosis.made_cases import SMALL_KEPT, all_but, cache_of, made_cell, small_cell
 
 SIGNIFICANT = comparison.Test("self_heating", 50.0, 8.0, 1.0, 9.0, True, True, ())
@@ -106,6 +107,16 @@ def test_held_out_runs_speak_for_what_they_show(tmp_path: Path):
     found = search.run()
     assert found.final.added == ("ocv_hysteresis",)
     assert confirmed(search, found).final.added == ("ocv_hysteresis",)
+
+
+def test_what_is_missing_on_held_out_runs_weighs_a_change_of_their_prediction():
+    """A change of 5 mV in 200 independent readings is much beside 1 mV of noise, and nothing beside 50 mV of error."""
+    weight = ChannelWeight(0.001, 1.0, 200)
+    noise, change = np.random.default_rng(1).normal(size=200), 0.005 * np.ones(200)
+    for left, lowered, moved in ((0.001, -5000.0, 5000.0), (0.05, 0.0, 2.0)):
+        gained, chi_square = held_out._of_chi_square(weight, [left * noise + change], [left * noise])
+        assert gained == pytest.approx(lowered, rel=0.3, abs=2.0)
+        assert chi_square == pytest.approx(moved, rel=0.3)
 
 
 def test_another_search_goes_on_without_what_held_out_runs_contradict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

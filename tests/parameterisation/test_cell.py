@@ -6,11 +6,13 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from jaxmodel import Known, Table, read_case, simulate_case
 from jaxmodel.base.errors import FitError, MeasurementError
 from jaxmodel.parameterisation import Parameterisation, parameterise
+from jaxmodel.parameterisation.resistance import typical_ohm
 from jaxmodel.parameterisation.thermal_start import bounded
 from jaxmodel.plots.style import new_figure
 from tests.parameterisation import made
@@ -235,3 +237,12 @@ def test_a_thermometer_that_never_moves_tells_of_no_noise() -> None:
         for name, frame in made.measured({"slow": made.slow(1.0), "pulses": made.pulses(25.0)}).items()
     }
     assert "cell_temperature_degC" not in parameterise(made.raw_cell(frames)).case.sensors
+
+
+def test_the_gap_between_slow_branches_is_less_the_drop_over_a_cell_that_is_half_full() -> None:
+    """The first samples of steps at empty and full hold a part of the curve: 0.3 ohm there is none of the cell's."""
+    at_the_ends = pd.DataFrame({"soc": [0.0, 1.0], "ohm": [0.3, 0.3]})
+    assert typical_ohm(at_the_ends, 3.0) == pytest.approx(0.05)
+    with_pulses = pd.concat([at_the_ends, pd.DataFrame({"soc": [0.4, 0.5, 0.6], "ohm": [0.03, 0.031, 0.034]})])
+    assert typical_ohm(with_pulses, 3.0) == pytest.approx(0.031)
+    assert typical_ohm(pd.DataFrame(), 3.0) == pytest.approx(0.05)

@@ -124,3 +124,34 @@ def test_heating_gives_thermal_resistances() -> None:
 def test_a_motor_without_readings_is_refused() -> None:
     with pytest.raises(FitError, match="speed_rad_s"):
         parameterise(Case.from_dataframes({"steps": made.motor_frame()}, kind="motor"))
+
+
+def stepped(viscous: float, seed: int) -> pd.DataFrame:
+    """A step of the voltage, no current: a motor of 0.05 V s/rad and 1 ohm that rubs in proportion to its speed."""
+    time_s = np.arange(0.0, 6.0, 0.01)
+    volts = np.where(time_s < 2.0, 5.0, 15.0)
+    gain, lag_s = 0.05 / (0.05**2 + viscous), 1e-4 / (0.05**2 + viscous)
+    speed = np.full(time_s.size, 5.0 * gain)
+    for row in range(1, time_s.size):
+        speed[row] = speed[row - 1] + 0.01 * (gain * volts[row] - speed[row - 1]) / lag_s
+    noise = 0.05 * np.random.default_rng(seed).normal(size=time_s.size)
+    return pd.DataFrame(
+        {
+            "time_s": time_s,
+            "voltage_V": volts,
+            "speed_rad_s": speed + noise,
+            "load_torque_Nm": 0.0,
+            "ambient_degC": 22.0,
+        }
+    )
+
+
+@pytest.mark.parametrize(("viscous", "expected"), [(2e-3, True), (1e-4, False)])
+def test_runs_of_a_motor_with_another_brake_contradict_each_other(viscous: float, expected: bool) -> None:
+    frames = {"off": stepped(1e-4, 1), "half": stepped(viscous, 2)}
+    found = parameterise(Case.from_dataframes(frames, kind="motor", name="made"))
+    said = [remark for remark in found.remarks if remark.code == "runs_contradict"]
+    assert bool(said) is expected
+    if expected:
+        assert "one motor for all of off, half leaves" in said[0]
+        assert said[0].numbers["alone"] < 0.25 * said[0].numbers["together"]

@@ -36,7 +36,7 @@ def capacities(found: Sequence[Count], capacity: Stated) -> tuple[Stated, list[F
         found: the charge of each run.
         capacity: of the largest full discharge, or stated.
     """
-    amounts = [Amount(*pair) for one in found for pair in full_discharges(one) if _comparable(one, capacity.value)]
+    amounts = [Amount(*pair) for one in found for pair in full_discharges(one) if comparable(one, capacity.value)]
     if len(amounts) < 2:
         return capacity, []
     charges = np.array([amount.charge_Ah for amount in amounts])
@@ -73,7 +73,8 @@ def capacities(found: Sequence[Count], capacity: Stated) -> tuple[Stated, list[F
     return capacity, [finding]
 
 
-def _comparable(count: Count, capacity_Ah: float) -> bool:
+def comparable(count: Count, capacity_Ah: float) -> bool:
+    """Return whether the charge of a run may be held against that of another: warm, steady, and not fast."""
     warm = count.ambient_degC is None or count.ambient_degC >= _WARM_DEGC
     current = np.abs(np.nan_to_num(count.run.columns["current_A"]))
     discharging = current[(count.run.columns["current_A"] > 0.0) & (current > 0.05 * current.max())]

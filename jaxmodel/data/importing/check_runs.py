@@ -20,6 +20,8 @@ from jaxmodel.data.importing.logs import Log
 # Ambient temperatures within so much [K] are one condition, and loads within this factor. Assumed.
 _SAME_K, _SAME_RATE = 4.0, 1.25
 _OF_ONE_LOAD = ("constant current", "constant voltage", "pulses")
+# From so many ages on, of a cell that ages, one of so many is held out, neither the first nor the last. Assumed.
+_FEWEST_AGES, _OF_AGES = 4, 4
 _LISTED = 6  # runs that a decision names
 _CELL_WAYS = ("discharge", "charge")
 
@@ -81,6 +83,9 @@ def splits_of(
 
 def _proposals(conditions: Sequence[Condition]) -> Iterator[_Proposal]:
     """Yield what may be held out, the best first: what lies between others is what a model is asked for first."""
+    aged = sorted((one.cycles, number) for number, one in enumerate(conditions) if one.cycles is not None)
+    if len(aged) >= _FEWEST_AGES:
+        yield _Proposal(sorted(number for _, number in aged[2:-1:_OF_AGES]), "ages between others")
     warmth, loads = _by_warmth(conditions), list(_by_load(conditions))
     yield from _between("ambient temperature [degC]", warmth)
     for profile, levels in loads:
@@ -103,7 +108,8 @@ def _proposals(conditions: Sequence[Condition]) -> Iterator[_Proposal]:
     for profile, levels in loads:
         if len(levels) == 2:
             yield _one_of_two(profile, levels, f"the fit has one {profile} only")
-    charges = [n for n, one in enumerate(conditions) if one.direction == "charge"]
+    # A slow charge stays: half of its distance from the slow discharge is the hysteresis.
+    charges = [n for n, one in enumerate(conditions) if one.direction == "charge" and not one.slow]
     yield _Proposal(charges, "all charges", "what differs between charge and discharge is not fitted")
 
 
@@ -138,10 +144,10 @@ def _one_of_two(what: str, levels: dict[float, list[int]], cost: str) -> _Propos
 
 
 def _kinds(conditions: Sequence[Condition]) -> list[tuple[object, ...]]:
-    """Return of each run what it has in common with its repetitions: temperature, profile, load and direction."""
+    """Return of each run what it has in common with its repetitions: temperature, profile, load, direction and age."""
     warmth = {n: level for level, group in _by_warmth(conditions).items() for n in group}
     loads = {n: level for _, levels in _by_load(conditions) for level, group in levels.items() for n in group}
-    return [(warmth.get(n), one.profile, loads.get(n), one.direction) for n, one in enumerate(conditions)]
+    return [(warmth.get(n), one.profile, loads.get(n), one.direction, one.cycles) for n, one in enumerate(conditions)]
 
 
 def _by_warmth(conditions: Sequence[Condition]) -> dict[float, list[int]]:

@@ -16,6 +16,7 @@ from jaxmodel.data.importing.logs import Log
 _CHANGING_K = 8.0
 _CONSTANT = 0.7  # share of loaded rows near the middle current, from which a run has one constant current
 _OF_LEVELS = 0.8
+_SLOW_S = 8.0 * 3600.0  # of one constant current, from which it shows the open-circuit voltage. Assumed: C/8.
 _STRAIGHT = 0.995  # correlation of load and time from which a run is a ramp
 _SPECIMEN = re.compile(
     r"(?<![a-z])(cell|specimen|sample|battery|b|s|motor|module)[_ -]?(\d{1,4})(?![a-z0-9])", re.IGNORECASE
@@ -34,6 +35,8 @@ class Condition:
         direction: "discharge" or "charge" of a cell, "forward" or "reverse" of a motor; "" for both.
         changing: whether the ambient temperature changes in the run.
         unit: of the rate.
+        slow: one constant current for so long that it shows the open-circuit voltage of a cell.
+        cycles: that the cell had done; None where nothing tells, or where it did not age.
     """
 
     ambient_degC: float | None
@@ -42,6 +45,8 @@ class Condition:
     direction: str
     changing: bool = False
     unit: str = "A"
+    slow: bool = False
+    cycles: float | None = None
 
     def words(self, capacity_Ah: float | None = None) -> str:
         """Return the condition for a label: '25 degC, constant current, 1C discharge'."""
@@ -51,6 +56,8 @@ class Condition:
             parts.append(f"{_of_capacity(self.rate / capacity_Ah)} {self.direction}".rstrip())
         elif self.rate:
             parts.append(f"{self.rate:.3g} {self.unit}".rstrip())
+        if self.cycles is not None:
+            parts.append(f"cycle {self.cycles:g}")
         return ", ".join(parts)
 
 
@@ -95,7 +102,8 @@ def condition_of(run: Log, ambient: float | None) -> Condition:
     turns = "speed_rad_s" in run.columns or not name.endswith("_A")
     ways = ("reverse", "forward") if turns else ("charge", "discharge")
     direction = "" if min(below, above) > 0.05 * (below + above) else ways[above > below]
-    return Condition(warmth, profile, middle, direction, changing, unit_of(name))
+    slow = profile == "constant current" and float(weight[loaded].sum()) > _SLOW_S
+    return Condition(warmth, profile, middle, direction, changing, unit_of(name), slow)
 
 
 def _share_of_levels(load: np.ndarray, weight: np.ndarray, largest: float) -> float:

@@ -45,6 +45,7 @@ class ImportedRun:
         start: state of charge at the first row; None for a motor.
         condition: under which it was measured.
         rises: of a motor that begins warm, by parameter of the case [K].
+        capacity: that the cell had left; None where all runs have that of the case.
     """
 
     log: Log
@@ -54,6 +55,7 @@ class ImportedRun:
     start: Stated | None
     condition: Condition
     rises: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    capacity: Stated | None = None
 
     def entries(self) -> dict[str, Any]:
         """Return the run's entries of case.toml."""
@@ -62,6 +64,10 @@ class ImportedRun:
             stated["ambient_degC"] = self.ambient_degC
         if self.start is not None:
             stated["initial_soc"] = _entry(self.start)
+        if self.capacity is not None:
+            stated["capacity_Ah"] = _entry(self.capacity)
+        if self.condition.cycles is not None:
+            stated["cycles"] = self.condition.cycles
         return stated | dict(self.rises)
 
 

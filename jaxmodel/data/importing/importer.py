@@ -13,7 +13,7 @@ from jaxmodel.base.errors import MeasurementError, instead, nearest
 from jaxmodel.base.progress import Stage, stages
 from jaxmodel.case.measurements import COLUMNS_OF_LAWS, KINDS, file_label, vocabulary
 from jaxmodel.case.presets import located, read_preset, why_not
-from jaxmodel.data.importing import balance, charge, warm_start
+from jaxmodel.data.importing import ageing, balance, charge, warm_start
 from jaxmodel.data.importing.ambient import contradictions, fill, with_ambient
 from jaxmodel.data.importing.check_runs import splits_of
 from jaxmodel.data.importing.checks import odd_things
@@ -378,16 +378,26 @@ def _assembled(
             stated = _number(ask(question), question)
             run, ambient = with_ambient(run, stated, None)
         warmed.append((run, ambient))
-    conditions = [condition_of(run, ambient) for run, ambient in warmed]
-    general = [*general, *contradicted]
+    cycles = ageing.cycles_of([run for run, _ in warmed]) if kind == "cell" else [None] * len(warmed)
+    conditions = [
+        dataclasses.replace(condition_of(run, ambient), cycles=number)
+        for (run, ambient), number in zip(warmed, cycles, strict=True)
+    ]
+    splits, why = splits_of([run for run, _ in warmed], conditions, options.check)
+    general = [*general, *contradicted, *ageing.told(cycles), *why]
     capacity, full = None, False
+    capacities: list[charge.Stated | None] = [None] * len(warmed)
     starts: list[charge.Stated | None] = [None] * len(warmed)
     if kind == "cell":
         counts = charge.counts([run for run, _ in warmed], [one.ambient_degC for one in conditions])
         capacity, full = charge.capacity_of(counts, options.capacity_Ah, _of_preset(options.preset))
         first = charge.starts_of(counts, capacity, full)
         general += charge.against_the_log(counts, first, capacity, full)
-        capacity, apart = balance.capacities(counts, capacity)
+        of_run = {run.name: number for number, (run, _) in enumerate(warmed)}
+        places = [of_run[count.run.name] for count in counts]
+        left, faded = ageing.capacities_of(counts, [cycles[n] for n in places], [splits[n] for n in places])
+        capacities = [None if n not in places else left[places.index(n)] for n in range(len(warmed))]
+        capacity, apart = (ageing.as_aged(capacity, left), faded) if faded else balance.capacities(counts, capacity)
         first, capacity, unbalanced = balance.starts(counts, first, capacity)
         general += [*apart, *unbalanced]
         known = {count.run.name: start for count, start in zip(counts, first, strict=True)}
@@ -396,17 +406,17 @@ def _assembled(
         starts = [_ROBOT_SOC] * len(warmed)
     if options.initial_soc is not None and kind != "motor":
         starts = [charge.Stated(options.initial_soc, 0.02, "stated")] * len(warmed)
-    splits, why = splits_of([run for run, _ in warmed], conditions, options.check)
-    general = [*general, *why]
     if several := specimens([run for run, _ in warmed]):
         general.append(several)
     done = []
-    for (run, ambient), condition, start, part in zip(warmed, conditions, starts, splits, strict=True):
+    for (run, ambient), condition, start, part, left_Ah in zip(
+        warmed, conditions, starts, splits, capacities, strict=True
+    ):
         of_list = listed.get(run.source.name)
         label = _label(condition, of_list, None if capacity is None else capacity.value)
         rises = {} if kind == "cell" else warm_start.rises_of(run, ambient)
         run = warm_start.told(run if start is None else charge.told(run, start), rises)
-        done.append(ImportedRun(run, part, label, ambient, start, condition, rises))
+        done.append(ImportedRun(run, part, label, ambient, start, condition, rises, left_Ah))
     general += _about_capacity(capacity, full, options)
     warmth = [one.ambient_degC for one in done]
     general += odd_units([one.log for one in done], warmth, capacity, full, options)

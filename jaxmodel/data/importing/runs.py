@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxmodel.base.errors import MeasurementError
 from jaxmodel.case.measurements import file_label
+from jaxmodel.data.importing.ambient import THERMOMETERS
 from jaxmodel.data.importing.findings import Decision, Finding
 from jaxmodel.data.importing.logs import Log
 from jaxmodel.data.importing.options import Options
@@ -21,6 +22,8 @@ _GAP, _AROUND, _LEAST_GAP_S = 100.0, 5, 30.0
 _GAP_OF_REST, _LEAST_REST_S = 1000.0, 3600.0
 # A load goes on over a gap if it changes by this share at most, and was within the second one of it for long before.
 _SAME_LOAD, _LIKE_LOAD = 0.2, 0.5
+# Over a gap without load a cell's temperature changes by so many kelvins only if that of its surroundings did. Assumed.
+_OTHER_SURROUNDINGS_K = 5.0
 _LOADS = ("current_A", "pack_current_A", "motor_current_A", "duty")
 
 
@@ -51,7 +54,11 @@ def split(log: Log, options: Options) -> list[Log]:
     found: list[Finding | Decision] = []
     if short := len(pieces) - len(long):
         rows = sum(piece.rows for piece in pieces) - sum(piece.rows for piece in long)
-        sentence = f"{where}: {short} parts of fewer than {_FEWEST_ROWS} rows ({rows} rows in all) are left out."
+        parts = "1 part" if short == 1 else f"{short} parts"
+        sentence = (
+            f"{where}: {parts} of fewer than {_FEWEST_ROWS} rows ({rows} {'row' if rows == 1 else 'rows'} in all) "
+            f"{'is' if short == 1 else 'are'} left out."
+        )
         found.append(Finding("short parts", where, sentence, "warning", numbers={"rows": float(rows)}))
     if gaps:
         found.append(_about_gaps(log, gaps, where))
@@ -81,14 +88,16 @@ def _from_zero(piece: Log) -> Log:
 def _why(log: Log, options: Options, gaps: list[int]) -> str:
     begins = "where its clock begins anew" if log.restarts or not gaps else ""
     begins = {"rests": "at rests", "steps": "at cycles or steps"}.get(options.split_at, begins)
-    return " and ".join([*([begins] if begins else []), *(["after gaps under load"] if gaps else [])])
+    return " and ".join([*([begins] if begins else []), *(["after gaps"] if gaps else [])])
 
 
 def _after_gaps(log: Log) -> list[int]:
-    """Return the loaded rows after gaps a hundred times as long as the rows around them, after a rest a thousand times.
+    """Return the rows that follow gaps a hundred times as long as the rows around them, after which all is unknown.
 
-    What flowed meanwhile is not known, and it is not what the row after the gap has. A log that is thinned has long
-    intervals side by side, and no gap.
+    With load on both sides, what flowed meanwhile is not known, unless a load was held for longer than the gap and is
+    there after it. After a rest it is not what the row after the gap has, if that is loaded and the gap a thousand
+    times as long as the rows. Without load, the surroundings are not known, if no column is their temperature and the
+    cell has another. A log that is thinned has long intervals side by side, and no gap.
     """
     load = next((log.columns[name] for name in _LOADS if name in log.columns), None)
     if load is None or log.rows < 2 * _AROUND:
@@ -97,12 +106,15 @@ def _after_gaps(log: Log) -> list[int]:
     apart = np.diff(log.time_s)
     size = np.abs(load)
     loaded = size > _REST * float(size.max())
+    both, other = loaded[:-1] & loaded[1:], _other_surroundings(log)
+    begun = ~loaded[:-1] & loaded[1:] & (apart > _LEAST_REST_S)
     found: list[int] = []
-    for row in np.flatnonzero((apart > np.where(loaded[:-1], _LEAST_GAP_S, _LEAST_REST_S)) & loaded[1:]).tolist():
+    for row in np.flatnonzero((apart > _LEAST_GAP_S) & (both | other | begun)).tolist():
         before, after = apart[max(row - _AROUND, 0) : row], apart[row + 1 : row + 1 + _AROUND]
         usual = max((float(np.median(part)) for part in (before, after) if part.size), default=np.inf)
-        long = apart[row] >= (_GAP if loaded[row] else _GAP_OF_REST) * usual
-        if long and row + 1 not in log.restarts and not _goes_on(log.time_s, load, row, max([0, *found])):
+        if apart[row] < (_GAP if both[row] or other[row] else _GAP_OF_REST) * usual or row + 1 in log.restarts:
+            continue
+        if other[row] or not both[row] or not _goes_on(log.time_s, load, row, max([0, *found])):
             found.append(row + 1)
     return found
 
@@ -116,12 +128,23 @@ def _goes_on(time_s: np.ndarray, load: np.ndarray, row: int, begin: int) -> bool
     return bool(time_s[row] - time_s[since] >= time_s[row + 1] - time_s[row])
 
 
+def _other_surroundings(log: Log) -> np.ndarray:
+    """Return between which rows the surroundings changed, as far as the hardware's own temperature tells."""
+    warmth = next((log.columns[name] for name in THERMOMETERS if name in log.columns), None)
+    if warmth is None or "ambient_degC" in log.columns:
+        return np.zeros(log.rows - 1, dtype=bool)
+    return np.abs(np.diff(warmth)) > _OTHER_SURROUNDINGS_K
+
+
 def _about_gaps(log: Log, gaps: list[int], where: str) -> Finding:
     apart = np.diff(log.time_s)
     longest = max(gaps, key=lambda row: apart[row - 1])
     many = len(gaps) > 1
+    moved = _other_surroundings(log)[np.array(gaps) - 1]
+    what = {0: "before a load", len(gaps): "after which the temperature is another"}
     sentence = (
-        f"{where}: {len(gaps)} {'gaps' if many else 'gap'} in time before a load, "
+        f"{where}: {len(gaps)} {'gaps' if many else 'gap'} in time "
+        f"{what.get(int(moved.sum()), 'before a load, or after which the temperature is another')}, "
         f"{'the longest ' if many else ''}of {apart[longest - 1]:.5g} s from {log.time_s[longest - 1]:.6g} s (rows "
         f"are usually {np.median(apart):.3g} s apart); {'each' if many else 'it'} ends a run, and no charge is counted "
         "over it. --split-at files keeps one run."

@@ -244,6 +244,21 @@ def test_no_charge_is_counted_over_a_gap_and_a_thinned_log_has_none(tmp_path: Pa
     assert len(imported(tmp_path, log=thinned, options={"capacity_Ah": 2.0}).runs) == 1
 
 
+def test_a_run_ends_where_a_cell_at_rest_has_another_temperature_after_a_gap(tmp_path: Path):
+    """A row of the next day's program at 11 degC is none of a run at 25 degC."""
+    log = cell([(60.0, 0.0), (1200.0, 2.0), (300.0, 0.0)], 1.0, step_s=5.0)
+    warmth = np.where(log.index == log.index[-1], 11.4, 25.0)
+    late = log.assign(time_s=log.time_s + 40_000.0 * (warmth < 20.0), cell_temperature_degC=warmth)
+    one = imported(tmp_path, log=late, options={"capacity_Ah": 2.0})
+    assert [run.log.rows for run in one.runs] == [len(log) - 1]
+    assert "after which the temperature is another" in sentences(one, "gap")[0]
+    assert "1 part of fewer than 10 rows (1 row in all) is left out" in sentences(one, "short parts")[0]
+    told = imported(tmp_path, log=late.assign(ambient_degC=warmth), options={"capacity_Ah": 2.0})
+    assert [run.log.rows for run in told.runs] == [len(log)], "a column says what the surroundings are"
+    warm = imported(tmp_path, log=late.assign(cell_temperature_degC=25.0), options={"capacity_Ah": 2.0})
+    assert [run.log.rows for run in warm.runs] == [len(log)]
+
+
 def test_a_pulse_does_not_tell_the_capacity(wild: Wild, tmp_path: Path):
     one = import_case(wild("11-pulse-without-capacity"), "cell", ambient=22.0, out=tmp_path / "case")
     (said,) = sentences(one, "capacity")

@@ -44,6 +44,20 @@ def spoilt(frame: pd.DataFrame, column: str, rows: list[int], value: float) -> p
     return frame.assign(**{column: frame[column].where(~frame.index.isin(rows), value)})
 
 
+def test_the_only_slow_charge_is_fitted_and_the_only_fast_one_held_out(tmp_path: Path) -> None:
+    """Half of the gap between slow branches is the hysteresis: without one of them there is none."""
+    for hours, expected in ((20.0, set()), (1.0, {"charge"})):
+        frames = {}
+        for name, sign in (("charge", -1.0), ("discharge", 1.0)):
+            passed = np.linspace(0.0, 1.0, 400)
+            soc = passed if sign < 0.0 else 1.0 - passed
+            volts = 3.0 + 1.1 * soc - sign * 0.05 / hours - sign * 0.01
+            ends = [0.0] + [sign * 2.0 / hours] * 398 + [0.0]
+            frame = pd.DataFrame({"time_s": 3600.0 * hours * passed, "current_A": ends, "voltage_V": volts})
+            frames[name] = frame.assign(voltage_V=np.where(frame.current_A == 0.0, 3.0 + 1.1 * soc, volts))
+        assert held(imported(tmp_path, frames, "cell", capacity_Ah=2.0)) == expected
+
+
 @pytest.mark.parametrize("kind", ["ramp", "step"])
 def test_a_spike_of_a_speed_is_named_and_left_out(tmp_path: Path, kind: str) -> None:
     clean = motor_run(kind, 24.0)

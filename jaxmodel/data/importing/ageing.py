@@ -1,0 +1,102 @@
+"""Runs over the life of a cell: how many cycles it had done in each, and what capacity it had left.
+
+A joint model of a young and an old cell needs both: without them what ages is taken for errors of the tables.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from jaxmodel.data.importing.balance import comparable
+from jaxmodel.data.importing.charge import Count, Stated, full_discharges
+from jaxmodel.data.importing.findings import Decision
+from jaxmodel.data.importing.logs import Log
+
+# Fewer cycles do not age a cell by what a log shows; of capacities so far apart an older cell has less. Assumed.
+_LEAST_CYCLES, _FADED = 20.0, 0.03
+# sd of a capacity that was counted, as a share of it: as of a slow discharge. Assumed.
+_COUNTED_SD = 0.02
+# Loads within this factor leave alike charge in a cell, and temperatures within so much [K]. Assumed.
+_SAME_RATE, _SAME_K = 1.5, 8.0
+
+
+def cycles_of(runs: Sequence[Log]) -> list[float | None]:
+    """Return the number of cycles that the cell had done in each run; None for all where the files do not count them.
+
+    Each run is of one cycle, and first and last are so far apart that the cell may have aged.
+    """
+    found: list[float] = []
+    for run in runs:
+        marks = run.marks.get("cycle", np.empty(0))
+        marks = np.unique(marks[np.isfinite(marks)])
+        if marks.size != 1:
+            return [None] * len(runs)
+        found.append(float(marks[0]))
+    apart = max(found, default=0.0) - min(found, default=0.0)
+    return list(found) if apart >= _LEAST_CYCLES and min(found) >= 0.0 else [None] * len(runs)
+
+
+def capacities_of(
+    counts: Sequence[Count], cycles: Sequence[float | None], splits: Sequence[str]
+) -> tuple[list[Stated | None], list[Decision]]:
+    """Return the capacity that the cell had left in each run, if its full discharges show that it fades; else None.
+
+    That of a run that is held out, or that is no full discharge, lies between those of younger and older fitted runs:
+    a prediction does not know how long the run will last.
+
+    Args:
+        counts: the charge of each run.
+        cycles: that the cell had done in each.
+        splits: "fit" or "check" of each.
+    """
+    nothing: tuple[list[Stated | None], list[Decision]] = ([None] * len(counts), [])
+    measured = {
+        place: max(charge for _, charge in full_discharges(count))
+        for place, count in enumerate(counts)
+        if splits[place] == "fit" and cycles[place] is not None and full_discharges(count)
+    }
+    if len(measured) < 2:
+        return nothing
+    largest = max(measured.values())
+    of = [counts[place] for place in measured if comparable(counts[place], largest)]
+    rates = [one.rate_A for one in of]
+    warmth = [one.ambient_degC for one in of if one.ambient_degC is not None]
+    alike = len(of) == len(measured) and max(rates) <= _SAME_RATE * min(rates) and np.ptp(warmth or [0.0]) <= _SAME_K
+    if not alike or largest - min(measured.values()) < _FADED * largest:
+        return nothing
+    order = sorted(measured, key=lambda place: float(cycles[place] or 0.0))
+    at, left = (np.array([float(of[place] or 0.0) for place in order]) for of in (cycles, measured))
+    found: list[Stated | None] = []
+    for place, number in enumerate(cycles):
+        value = measured.get(place, float(np.interp(float(number or 0.0), at, left)))
+        why = "its full discharge" if place in measured else "between those of younger and older runs"
+        found.append(Stated(value, _COUNTED_SD * value, why))
+    decision = Decision(
+        "capacity of each run",
+        "",
+        f"{left[0]:.4g} to {left[-1]:.4g} A h over {at[0]:g} to {at[-1]:g} cycles",
+        "by its own full discharge; of check runs, between those of fit runs",
+        "file",
+    )
+    return found, [decision]
+
+
+def told(cycles: Sequence[float | None]) -> list[Decision]:
+    """Return what is decided on the age of the cell."""
+    known = [number for number in cycles if number is not None]
+    if not known:
+        return []
+    span = f"{min(known):g} to {max(known):g}"
+    return [Decision("cycles of each run", "", span, "the files count them: an older cell is another", "file")]
+
+
+def as_aged(capacity: Stated, left: Sequence[Stated | None]) -> Stated:
+    """Return the capacity of the cell that was least aged, where the runs state how it fades."""
+    known = [one for one in left if one is not None]
+    if not known or capacity.why == "stated":
+        return capacity
+    largest = max(known, key=lambda one: one.value)
+    return dataclasses.replace(capacity, value=largest.value, sd=largest.sd)
