@@ -475,3 +475,11 @@ def test_a_first_row_of_0_V_is_no_charge(tmp_path: Path):
     log.loc[1:5, "current_A"] = 2.0
     run = import_case(write(tmp_path, log), "cell", ambient=25.0, capacity_Ah=3.0).runs[0].log
     assert run.columns["current_A"].min() == 0.0
+
+
+def test_a_motor_that_turns_at_no_voltage_is_doubted(tmp_path: Path):
+    log = motor_log().assign(voltage_V=0.0)
+    imported = import_case(write(tmp_path, log), "motor", ambient=25.0)
+    (sentence,) = about(imported, "no drive")
+    assert "voltage_V is 0 in every row" in sentence
+    assert not about(import_case(write(tmp_path, motor_log()), "motor", ambient=25.0), "no drive")
