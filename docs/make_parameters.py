@@ -9,8 +9,10 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from jaxmodel.base.remark import CODES
-from jaxmodel.effects import CATALOGUE, battery, drive, sensors
+from jaxmodel.effects import CATALOGUE, battery, drive, motion, sensors
+from jaxmodel.effects.controllers import SERVO
 from jaxmodel.effects.curves import CURVES
+from jaxmodel.effects.differences import DIFFERENCES
 from jaxmodel.effects.shifts import SHIFTS
 from jaxmodel.effects.specimen import SIZES
 from jaxmodel.fit.settings import table as settings_table
@@ -28,6 +30,10 @@ GROUPS = {
     drive: (
         "Motor, gear, bridge, electronics",
         "T_w is the winding's temperature, T_c the case's, w the rotor's speed.",
+    ),
+    motion: (
+        "Motion both ways",
+        "Tried where a run reverses four times and more, in rows of 50 ms at most.",
     ),
     sensors: (
         "Sensors",
@@ -106,7 +112,23 @@ of a factor. A single knot is a number that does not depend on the variable.
 {_curve_values()}"""
     )
     parts.append(
-        f"""## Shifts
+        f"""## Servo
+
+Not in the catalogue: they belong to [a case that states its drive](cases.md#the-drive), and no diagnosis looks for
+them. Gains are those of a drive that sets the current (A) or the voltage (V).
+
+{_effects(SERVO.values())}
+{_effect_parameters(SERVO.values())}"""
+    )
+    parts.append(
+        f"""## Differences
+
+Differences are not in the catalogue either. A difference is what one of several motors or cells of a case has of its
+own, in all of its runs ([Several motors or cells](cases.md#several-motors-or-cells)).
+
+{_effects(DIFFERENCES.values())}
+{_effect_parameters(DIFFERENCES.values())}
+## Shifts
 
 Shifts are not in the catalogue either. A shift is one parameter that differs in a single run, for example a contact
 resistance, the air flow around the cell, or the zero point of a sensor.

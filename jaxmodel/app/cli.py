@@ -333,7 +333,9 @@ def compensate(
 
 @app.command(epilog="Example: jaxmodel torque left right --out results")
 def torque(
-    cases: Annotated[list[Path], typer.Argument(metavar="CASE...", help="One for each motor.", show_default=False)],
+    cases: Annotated[
+        list[Path], typer.Argument(metavar="CASE...", help="One for each motor, or of several.", show_default=False)
+    ],
     out: Out = Path("results"),
     answer_only: AnswerOnly = False,
 ) -> None:

@@ -35,6 +35,18 @@ Load = Annotated[
         show_default=False,
     ),
 ]
+Drive = Annotated[
+    str | None,
+    typer.Option(metavar="voltage|current", help="What the drive of a motor sets.", show_default=False),
+]
+Controller = Annotated[
+    str | None,
+    typer.Option(
+        metavar="position|speed:k_p=VALUE,...",
+        help="Of a closed loop: the reference is its input.",
+        show_default=False,
+    ),
+]
 Rows = Annotated[
     str | None, typer.Option(metavar="CONDITION", help='Import these only, as "I_A > 0".', show_default=False)
 ]
@@ -52,6 +64,24 @@ Check = Annotated[
         "--check", metavar="RUN", help='Hold out this run, or those of a pattern "*_n20*".', show_default=False
     ),
 ]
+Motors = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--motor",
+        metavar="NAME",
+        help="Of several motors in one log this one only, as left or motor1; repeatable.",
+        show_default=False,
+    ),
+]
+Specimens = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--specimen",
+        metavar="NAME=PATTERN",
+        help='Of several motors or cells the files of this one, as A="motorA_*"; repeatable.',
+        show_default=False,
+    ),
+]
 Ambient = Annotated[float | None, typer.Option(metavar="DEGC", help="Of all runs.", show_default=False)]
 InitialSoc = Annotated[float | None, typer.Option(help="At the start of all runs.", show_default=False)]
 Capacity = Annotated[float | None, typer.Option(metavar="AH", help="Of the cell.", show_default=False)]
@@ -60,6 +90,9 @@ Preset = Annotated[str | None, typer.Option(help="For what the files do not tell
 SecondsPerRow = Annotated[float | None, typer.Option(help="For files without a clock.", show_default=False)]
 CellsInSeries = Annotated[int, typer.Option(help="Of a module, to divide its voltage by.")]
 ParallelCells = Annotated[int, typer.Option(help="Of a module, to divide its current by.")]
+EachCell = Annotated[
+    bool, typer.Option("--each-cell", help="Of a module: a run of each cell whose voltage is logged, not their mean.")
+]
 Sheet = Annotated[
     list[str] | None,
     typer.Option(
@@ -85,11 +118,15 @@ def import_(
     unit: Units = None,
     constant: Constants = None,
     load: Load = None,
+    drive: Drive = None,
+    controller: Controller = None,
     rows: Rows = None,
     sign: Sign = None,
     flip: Flip = None,
     split_at: SplitAt = "auto",
     rest_minutes: RestMinutes = 30.0,
+    motor: Motors = None,
+    specimen: Specimens = None,
     check: Check = None,
     ambient: Ambient = None,
     initial_soc: InitialSoc = None,
@@ -98,6 +135,7 @@ def import_(
     seconds_per_row: SecondsPerRow = None,
     cells_in_series: CellsInSeries = 1,
     parallel_cells: ParallelCells = 1,
+    each_cell: EachCell = False,
     sheet: Sheet = None,
     encoding: Encoding = None,
     delimiter: Delimiter = None,
@@ -112,14 +150,17 @@ def import_(
         files,
         kind,
         out,
-        pairs={"column": column or [], "unit": unit or [], "constant": constant or []},
+        pairs={"column": column or [], "unit": unit or [], "constant": constant or [], "specimen": specimen or []},
         title=title,
         load=load,
+        drive=drive,
+        controller=controller,
         rows=rows,
         sign=sign,
         flip=tuple(flip or ()),
         split_at=split_at,
         rest_minutes=rest_minutes,
+        motors=tuple(motor or ()),
         check=None if check is None else tuple(check),
         ambient=ambient,
         initial_soc=initial_soc,
@@ -128,6 +169,7 @@ def import_(
         seconds_per_row=seconds_per_row,
         cells_in_series=cells_in_series,
         parallel_cells=parallel_cells,
+        each_cell=each_cell,
         sheet=tuple(sheet) if sheet else None,
         encoding=encoding,
         delimiter=delimiter,

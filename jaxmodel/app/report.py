@@ -35,6 +35,7 @@ from jaxmodel.diagnosis.wording import (
     physics_of,
     removed,
     run_sentence,
+    specimen_sentences,
     verdict_title,
     with_sd,
 )
@@ -75,6 +76,7 @@ def report_content(diagnosis: Diagnosis, pictures: Mapping[str, bytes]) -> dict[
         "ladder": ladder_tables(diagnosis),
         "named": [_named(diagnosis, effect) for effect in diagnosis.effects],
         "where_base": _by_channel(diagnosis.where_base, case.runs),
+        "specimens": specimen_sentences(diagnosis),
         "curves": [_sentence(curve_sentence(curve)) for curve in diagnosis.curves],
         "off_runs": [run_sentence(run) for run in diagnosis.runs],
         "strained": [row for row in parameters if row["strained"]],

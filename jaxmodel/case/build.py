@@ -15,7 +15,10 @@ import numpy as np
 from jaxmodel.base.errors import EffectError, ParameterError, instead
 from jaxmodel.case.presets import Kind, read_preset, why_not
 from jaxmodel.case.records import Case, Run
+from jaxmodel.case.servo import servo_effects
+from jaxmodel.case.specimens import differences, own_parameters
 from jaxmodel.effects import CATALOGUE, own_effects
+from jaxmodel.effects.differences import DIFFERENCES
 from jaxmodel.effects.loads import GravityLoad
 from jaxmodel.effects.motor_tables import TABLES
 from jaxmodel.model.curves import CURVE_NAMES, CellCurves, Curve, Table, look_up_curves
@@ -145,7 +148,7 @@ def case_model(
     case = with_preset(case)
     known: dict[str, Any] = {name: entry.value for name, entry in case.parameters.items()}
     if run is not None:
-        known |= {name: entry.value for name, entry in run.overrides.items()}
+        known |= {name: entry.value for name, entry in (own_parameters(case, run) | run.overrides).items()}
         known["initial_soc"] = run.initial_soc.value
         if run.initial_cell_temperature is not None:
             ambient = float(run.measured.inputs["ambient_degC"][0])
@@ -163,7 +166,10 @@ def case_model(
     }
     given = case.effects if run is None else case.effects | _first_position(case, run)
     effects = tuple(make_effect(name, values, where, case.catalogue) for name, values in given.items())
-    effects = (*_motor_tables(case), *effects)
+    own = (make_effect(name, values, where, DIFFERENCES) for name, values in differences(case, run))
+    effects = (*_motor_tables(case), *effects, *own)
+    if case.kind == "motor":
+        effects = servo_effects(case, run, effects)
     for effect in effects:
         if case.kind not in effect.kinds:
             raise EffectError(

@@ -255,6 +255,15 @@ class EffectEntry(Form):
     column: str | None = None
 
 
+class SpecimenEntry(Form):
+    """`[specimens.NAME]`: what one of several motors or cells has of its own; any further key is a parameter."""
+
+    model_config = ConfigDict(extra="allow")
+    further_keys = TABLE
+    __pydantic_extra__: dict[str, KnownEntry] = Field(init=False)  # type: ignore[override]
+    effects: dict[str, EffectEntry] = Field(default_factory=dict)
+
+
 class ToleranceEntry(Form):
     """The acceptable error: its rms (`0.01`), or rms and maximum (`{ rms = , max = }`)."""
 
@@ -288,6 +297,7 @@ class RunEntry(Form):
     file: str = Field(min_length=1)
     split: Literal["fit", "check"]
     label: str = ""
+    specimen: str = ""
     initial_soc: KnownEntry | None = None
     initial_cell_temperature_degC: KnownEntry | None = None
     ambient_degC: Number | None = None
@@ -307,12 +317,15 @@ class CaseEntry(Form):
     title: str = ""
     kind: Literal["cell", "motor", "robot"]
     load: Literal["measured", "unknown", "free", "propeller", "gravity", "rolling"] | None = None
+    drive: Literal["voltage", "current"] | None = None
+    controller: Literal["position", "speed"] | None = None
     preset: str = "paper"
     parameters: ParametersEntry = ParametersEntry()
     effects: dict[str, EffectEntry] = Field(default_factory=dict)
     sensors: dict[str, Positive] = Field(default_factory=dict)
     tolerance: dict[str, ToleranceEntry] = Field(default_factory=dict)
     cutoff: CutoffEntry = CutoffEntry()
+    specimens: dict[str, SpecimenEntry] = Field(default_factory=dict)
     runs: list[RunEntry] = Field(default=[], validate_default=True)
 
     @field_validator("runs", mode="before")

@@ -65,6 +65,21 @@ class MotorTable(InShort):
     sd: float | None = None
 
 
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Specimen(InShort):
+    """What one of several specimens has of its own.
+
+    Attributes:
+        parameters: of the case that are different in all its runs.
+        effects: differences of `jaxmodel.effects.differences.DIFFERENCES`: their numbers, and the column of a sensor's.
+        effect_sd: by difference and number, the sd of the value in `effects`; others are exact.
+    """
+
+    parameters: dict[str, Known] = dataclasses.field(default_factory=dict)
+    effects: dict[str, dict[str, float | str]] = dataclasses.field(default_factory=dict)
+    effect_sd: dict[str, dict[str, float]] = dataclasses.field(default_factory=dict)
+
+
 @dataclasses.dataclass(frozen=True)
 class Tolerance:
     """The acceptable error of a reading, in its unit: rms, and maximum (None: any)."""

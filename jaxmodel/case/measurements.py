@@ -11,6 +11,7 @@ import itertools
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -89,18 +90,42 @@ COLUMNS_OF_LAWS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 }
 
 
-def vocabulary(kind: str, load: str = "") -> Kind:
-    """Return the columns of a kind of case, under what it says of its load.
+# What a drive sets, and what the reference of a controller is.
+SET_BY = {"voltage": "voltage_V", "current": "current_A"}
+REFERENCES = {"position": "reference_position_rad", "speed": "reference_speed_rad_s"}
+
+
+class Servo(NamedTuple):
+    """What a case says of the drive of its motor.
+
+    Attributes:
+        drive: a key of `SET_BY`; "" where the columns of a run say it.
+        controller: a key of `REFERENCES`; "" for an open loop.
+    """
+
+    drive: str = ""
+    controller: str = ""
+
+
+OPEN = Servo()
+
+
+def vocabulary(kind: str, load: str = "", servo: Servo = OPEN) -> Kind:
+    """Return the columns of a kind of case, under what it says of its load and drive.
 
     A measured torque or incline loads the model. Without one, a measured speed drives it, so that nothing of the load
     need be known (`load = "unknown"` if a torque is there too). A law takes the place of both: the speed is a reading,
     and a measured torque is added to that of the law.
 
+    The position of a motor whose drive is stated is a reading. Under a controller its reference is the input, and what
+    the drive sets is a reading.
+
     Args:
         kind: a key of `KINDS`.
         load: "", "measured", "unknown", or a key of `COLUMNS_OF_LAWS`.
+        servo: what the case says of its drive.
     """
-    known = KINDS[kind]
+    known = _of_drive(KINDS[kind], servo) if kind == "motor" else KINDS[kind]
     if not load or kind == "cell":
         return known
     (group,) = (group for group in known.alternatives if "load_torque_Nm" in group)
@@ -116,7 +141,26 @@ def vocabulary(kind: str, load: str = "") -> Kind:
         alternatives=others,
         optional_inputs=(*(n for n in known.optional_inputs if n not in of_slope), "load_torque_Nm", *inputs),
         only_with={name: other for name, other in known.only_with.items() if name not in of_slope},
-        outputs=(*known.outputs, *outputs),
+        outputs=tuple(dict.fromkeys((*known.outputs, *outputs))),
+    )
+
+
+def _of_drive(known: Kind, servo: Servo) -> Kind:
+    if servo == OPEN:
+        return known
+    (group,) = (group for group in known.alternatives if "voltage_V" in group)
+    others = tuple(one for one in known.alternatives if one != group)
+    outputs = (*known.outputs, "position_rad")
+    if servo.controller:
+        required = (*known.required_inputs, REFERENCES[servo.controller])
+        read = outputs if servo.drive == "current" else ("voltage_V", *outputs)
+        return dataclasses.replace(known, required_inputs=required, alternatives=others, outputs=read)
+    set_by = SET_BY[servo.drive]
+    return dataclasses.replace(
+        known,
+        required_inputs=(*known.required_inputs, set_by),
+        alternatives=others,
+        outputs=tuple(name for name in outputs if name != set_by),
     )
 
 
@@ -143,7 +187,9 @@ class Measured:
     outputs: dict[str, np.ndarray]
 
 
-def read_measurements(path: Path, kind: str, ambient_degC: float | None = None, load: str = "") -> Measured:
+def read_measurements(
+    path: Path, kind: str, ambient_degC: float | None = None, load: str = "", servo: Servo = OPEN
+) -> Measured:
     """Read and check the CSV of one run.
 
     Args:
@@ -151,6 +197,7 @@ def read_measurements(path: Path, kind: str, ambient_degC: float | None = None, 
         kind: a key of `KINDS`.
         ambient_degC: the ambient temperature of the whole run [degC], for a CSV without that column.
         load: what the case says of its load, as of `vocabulary`.
+        servo: what it says of its drive.
 
     Returns:
         Times, inputs and outputs, in the units of the column names.
@@ -161,7 +208,7 @@ def read_measurements(path: Path, kind: str, ambient_degC: float | None = None, 
     label = file_label(path)
     header = run_csv.read_header(path, label)
     where = f"{label}, line {header.line}"
-    known = vocabulary(kind, load)
+    known = vocabulary(kind, load, servo)
     _check_header(header.names, kind, known, where)
     inputs, outputs = _roles(header.names, kind, known, ambient_degC, where)
     columns = run_csv.read_numbers(path, header, label)
@@ -177,7 +224,9 @@ def read_measurements(path: Path, kind: str, ambient_degC: float | None = None, 
     return _measured(columns, inputs, outputs, ambient_degC, label, place)
 
 
-def measurements_of(frame: pd.DataFrame, kind: str, ambient_degC: float | None, label: str, load: str = "") -> Measured:
+def measurements_of(
+    frame: pd.DataFrame, kind: str, ambient_degC: float | None, label: str, load: str = "", servo: Servo = OPEN
+) -> Measured:
     """Check the table of one run.
 
     Args:
@@ -186,6 +235,7 @@ def measurements_of(frame: pd.DataFrame, kind: str, ambient_degC: float | None, 
         ambient_degC: the ambient temperature of the whole run [degC], for a table without that column.
         label: how messages name the table.
         load: what the case says of its load, as of `vocabulary`.
+        servo: what it says of its drive.
 
     Raises:
         MeasurementError: the table cannot be used; the message names row and column.
@@ -196,7 +246,7 @@ def measurements_of(frame: pd.DataFrame, kind: str, ambient_degC: float | None, 
     if "time_s" not in header:
         raise MeasurementError(f"{label} has no column 'time_s', the time in seconds of each row; add it.")
     header = ["time_s", *(name for name in header if name != "time_s")]
-    known = vocabulary(kind, load)
+    known = vocabulary(kind, load, servo)
     _check_header(header, kind, known, label)
     inputs, outputs = _roles(header, kind, known, ambient_degC, label)
     if len(frame) < 2:

@@ -22,6 +22,7 @@ from jaxmodel.case.measurements import (
     AMBIENT_RANGE_DEGC,
     Kind,
     Measured,
+    Servo,
     file_label,
     measurements_of,
     read_measurements,
@@ -30,6 +31,8 @@ from jaxmodel.case.measurements import (
 )
 from jaxmodel.case.presets import located, why_not
 from jaxmodel.case.records import Case, Run
+from jaxmodel.case.servo import stated_servo
+from jaxmodel.case.specimens import specimens_of
 from jaxmodel.model.ports import Effect
 
 
@@ -57,8 +60,8 @@ def read_case(path: str | Path, *, own_effects: Iterable[type[Effect]] = ()) -> 
     files = _files(entry.runs, toml, where)
     sources = {run.file: file for run, file in zip(entry.runs, files, strict=True)}
 
-    def measured(run: RunEntry, load: str) -> Measured:
-        return read_measurements(sources[run.file], entry.kind, run.ambient_degC, load)
+    def measured(run: RunEntry, load: str, servo: Servo) -> Measured:
+        return read_measurements(sources[run.file], entry.kind, run.ambient_degC, load, servo)
 
     return _case(entry, toml.parent.name, toml, where, files, measured, own_effects)
 
@@ -83,9 +86,9 @@ def case_of_frames(
     frames = {str(run): frame for run, frame in frames.items()}
     entry = entry_of(where, frames, check, runs, **stated)
 
-    def measured(run: RunEntry, load: str) -> Measured:
+    def measured(run: RunEntry, load: str, servo: Servo) -> Measured:
         label = f"{where}, run '{run.file}'"
-        return measurements_of(frames[run.file], entry.kind, run.ambient_degC, label, load)
+        return measurements_of(frames[run.file], entry.kind, run.ambient_degC, label, load, servo)
 
     case = _case(entry, name, None, where, [None] * len(entry.runs), measured, own_effects)
     for run in case.runs:
@@ -99,7 +102,7 @@ def _case(
     path: Path | None,
     where: str,
     sources: Sequence[Path | None],
-    measured: Callable[[RunEntry, str], Measured],
+    measured: Callable[[RunEntry, str, Servo], Measured],
     own: Iterable[type[Effect]],
 ) -> Case:
     """Return the case of a checked form.
@@ -110,13 +113,14 @@ def _case(
         path: of its file.
         where: its name in messages.
         sources: the CSV of each run.
-        measured: returns the readings of a run, under what the case says of its load.
+        measured: returns the readings of a run, under what the case says of its load and drive.
         own: the user's own effect classes.
     """
     numbers = scalars(entry.parameters.__pydantic_extra__, f"{where}: [parameters]")
     default_soc = numbers.pop("initial_soc", Known(1.0))
     load = stated_load(entry.load, entry.effects, entry.kind, where)
-    known = vocabulary(entry.kind, load)
+    servo = stated_servo(entry.drive, entry.controller, entry.effects, entry.kind, load, where)
+    known = vocabulary(entry.kind, load, servo)
     _check_sensors(entry.sensors, entry.kind, known, where)
     runs = tuple(
         _run(
@@ -125,7 +129,7 @@ def _case(
             entry.kind,
             known,
             default_soc,
-            functools.partial(measured, run, load),
+            functools.partial(measured, run, load, servo),
             f"{where}, the run of {run.file}: runs[{number}]",
         )
         for number, (run, file) in enumerate(zip(entry.runs, sources, strict=True), start=1)
@@ -147,6 +151,8 @@ def _case(
         own_effects=effects.own_effects(own),
         motor_tables=motor_tables(entry.parameters),
         load=load,
+        servo=servo,
+        specimens=specimens_of(entry.specimens, [run.specimen for run in entry.runs], where),
     )
     # An unknown preset is refused when a model is built; reading the measurements needs none.
     case = with_law(case if why_not(case.preset, case.kind) else with_preset(case))
@@ -190,6 +196,7 @@ def _run(
         initial_cell_temperature=_initial_cell_temperature(entry, kind, where),
         tolerance=_tolerance(entry.tolerance, kind, known, f"{where}.tolerance"),
         ambient_degC=entry.ambient_degC,
+        specimen=entry.specimen,
     )
 
 

@@ -18,9 +18,10 @@ import pandas as pd
 from jaxmodel.base.errors import MeasurementError, nearest
 from jaxmodel.base.in_short import html_of, text_of
 from jaxmodel.base.late_binding import late_bound
-from jaxmodel.case.known import Known, MotorTable, Table, Tolerance
-from jaxmodel.case.measurements import Kind, Measured, file_label, vocabulary
+from jaxmodel.case.known import Known, MotorTable, Specimen, Table, Tolerance
+from jaxmodel.case.measurements import OPEN, Kind, Measured, Servo, file_label, vocabulary
 from jaxmodel.effects import CATALOGUE
+from jaxmodel.effects.controllers import SERVO
 from jaxmodel.model.curves import CURVE_NAMES
 from jaxmodel.model.parameters import info
 from jaxmodel.model.ports import Effect
@@ -45,6 +46,7 @@ class Run:
         initial_cell_temperature: at the first row, degC; None if not stated.
         tolerance: by column, the acceptable error in this run; that of the case for other columns.
         ambient_degC: the stated constant ambient temperature of this run; None if it is a column.
+        specimen: which of several like motors or cells was measured, as "left"; "" where the case has one alone.
 
     Example:
         >>> from jaxmodel import read_case
@@ -65,6 +67,7 @@ class Run:
     initial_cell_temperature: Known | None = None
     tolerance: dict[str, Tolerance] = dataclasses.field(default_factory=dict)
     ambient_degC: float | None = None
+    specimen: str = ""
 
     def driven_by(self, inputs: Mapping[str, np.ndarray]) -> Run:
         """Return the run with other inputs and unchanged readings."""
@@ -105,6 +108,8 @@ class Case:
         own_effects: the user's own effect classes by name; they are used like those of the catalogue.
         motor_tables: curves of a motor by name (`friction`, `torque_factor`).
         load: of a motor or robot: "measured", "unknown" or a law (docs/cases.md); "" where its columns say it.
+        servo: what it says of the drive of its motor.
+        specimens: by the specimens that its runs name, what each has of its own.
 
     Example:
         >>> import pandas as pd
@@ -131,6 +136,8 @@ class Case:
     own_effects: Mapping[str, type[Effect]] = dataclasses.field(default_factory=dict)
     motor_tables: dict[str, MotorTable] = dataclasses.field(default_factory=dict)
     load: str = ""
+    servo: Servo = OPEN
+    specimens: dict[str, Specimen] = dataclasses.field(default_factory=dict)
 
     @classmethod
     def from_dataframes(
@@ -139,6 +146,8 @@ class Case:
         *,
         kind: Literal["cell", "motor", "robot"],
         load: str | None = None,
+        drive: str | None = None,
+        controller: str | None = None,
         name: str = "case",
         title: str = "",
         preset: str = "paper",
@@ -148,6 +157,7 @@ class Case:
         sensors: Mapping[str, float] | None = None,
         tolerance: Mapping[str, Any] | None = None,
         cutoff: Mapping[str, float] | None = None,
+        specimens: Mapping[str, Mapping[str, Any]] | None = None,
         check: Collection[Any] = (),
         runs: Mapping[Any, Mapping[str, Any]] | None = None,
         own_effects: Iterable[type[Effect]] = (),
@@ -159,6 +169,8 @@ class Case:
                 and readings with their units in their names. Currents are positive on discharge.
             kind: "cell", "motor" or "robot".
             load: of a motor or robot: "measured", "unknown", "free", "propeller", "gravity" or "rolling".
+            drive: of a motor: "current" or "voltage", what its drive sets; by default the columns say it.
+            controller: "position" or "speed", of a closed loop; its gains are those of an effect.
             name: of the case and its results.
             title: free text.
             preset: source of every parameter that is not stated here: a key of `jaxmodel.case.presets.PRESETS`, or the
@@ -169,9 +181,10 @@ class Case:
             sensors: by column, the sd of its noise.
             tolerance: by column, the acceptable error: an rms, or `{"rms": , "max": }`.
             cutoff: end of a discharge: `soc`, `voltage_V`.
+            specimens: by name of a motor or cell, the entries of its [specimens.NAME] block.
             check: names of the check runs; all others are fit runs.
             runs: by name of a run, the entries of its [[runs]] block in case.toml: `initial_soc`, `label`,
-                `ambient_degC`, `initial_cell_temperature_degC`, and parameters that are different in it.
+                `ambient_degC`, `initial_cell_temperature_degC`, `specimen`, and parameters that are different in it.
             own_effects: your own effect classes, used like those of the catalogue.
 
         Raises:
@@ -181,9 +194,10 @@ class Case:
         """
         entries = {"parameters": {**(parameters or {}), **(tables or {})}, "effects": effects or {}}
         entries |= {"sensors": sensors or {}, "tolerance": tolerance or {}, "cutoff": cutoff or {}}
-        entries |= {"title": title, "kind": kind, "preset": preset}
+        entries |= {"title": title, "kind": kind, "preset": preset, "specimens": specimens or {}}
         if load is not None:
             entries["load"] = load
+        entries |= {name: said for name, said in (("drive", drive), ("controller", controller)) if said is not None}
         case_of_frames = late_bound("jaxmodel.case.reading:case_of_frames")
         return case_of_frames(frames, name, check, runs or {}, entries, own_effects)
 
@@ -195,17 +209,39 @@ class Case:
     @property
     def vocabulary(self) -> Kind:
         """Return the columns that its runs may have."""
-        return vocabulary(self.kind, self.load)
+        return vocabulary(self.kind, self.load, self.servo)
 
     @property
     def catalogue(self) -> dict[str, type[Effect]]:
-        """Return every effect that may act in the case by name: the catalogue and the user's own."""
-        return {**CATALOGUE, **self.own_effects}
+        """Return every effect that may act in the case by name: the catalogue, a servo's and the user's own."""
+        return {**CATALOGUE, **SERVO, **self.own_effects}
 
     @property
     def files(self) -> list[Path]:
         """Return the files that the case was read from."""
         return [path for path in (self.path, *(run.source for run in self.runs)) if path is not None]
+
+    def of_specimens(self) -> dict[str, Case]:
+        """Return a case for each motor or cell that its runs name, by that name; one of a single one is itself.
+
+        Example:
+            >>> import pandas as pd
+            >>> from jaxmodel import Case
+            >>> rows = {"time_s": [0.0, 1.0], "voltage_V": 6.0, "speed_rad_s": 100.0, "current_A": 1.0}
+            >>> frame = pd.DataFrame(rows | {"ambient_degC": 20.0})
+            >>> sides = {side: {"specimen": side} for side in ("left", "right")}
+            >>> case = Case.from_dataframes({"left": frame, "right": frame}, kind="motor", load="unknown", runs=sides)
+            >>> list(case.of_specimens())
+            ['left', 'right']
+        """
+        if not self.specimens:
+            return {self.name: self}
+        return {
+            name: dataclasses.replace(
+                self, name=name, specimens={name: own}, runs=tuple(run for run in self.runs if run.specimen == name)
+            )
+            for name, own in self.specimens.items()
+        }
 
     def to_dataframes(self) -> dict[str, pd.DataFrame]:
         """Return the runs as tables by name: `time_s`, inputs and readings."""
@@ -236,6 +272,7 @@ class Case:
             f"tables: {', '.join([*self.tables, *self.motor_tables]) or 'none'}",
             *([f"formulas of the paper's cell: {', '.join(self.formulas)}"] if self.formulas else []),
             f"effects: {', '.join(self.effects) or 'none'}",
+            *([f"specimens: {', '.join(self.specimens)}"] if self.specimens else []),
             self.to_dataframe().to_string(index=False, max_colwidth=60),
         ]
         return "\n".join(lines)

@@ -20,6 +20,7 @@ from jaxmodel.case.known import Known, MotorTable, Table, Tolerance, scalars
 from jaxmodel.case.measurements import file_label
 from jaxmodel.case.presets import why_not
 from jaxmodel.case.records import Case, Run
+from jaxmodel.case.specimens import specimen_entry
 
 
 def write_case(case: Case, path: Path, comments: list[str] | None = None) -> None:
@@ -46,15 +47,18 @@ def write_case(case: Case, path: Path, comments: list[str] | None = None) -> Non
 def _content(case: Case, path: Path, files: list[Path]) -> dict[str, Any]:
     """Return what the TOML file of a case holds, with the CSV of each run."""
     content: dict[str, Any] = {"title": case.title, "kind": case.kind} | ({"load": case.load} if case.load else {})
+    content |= {name: said for name, said in case.servo._asdict().items() if said}
     content["preset"] = preset_entry(case.preset, path)
     content["parameters"] = {name: _known(known) for name, known in case.parameters.items()}
     content["parameters"] |= {name: table_entry(name, table) for name, table in case.tables.items()}
     content["parameters"] |= {name: _motor_table(name, table) for name, table in case.motor_tables.items()}
     content["effects"] = {name: _effect(values, case.effect_sd.get(name, {})) for name, values in case.effects.items()}
     content |= {"sensors": case.sensors, "tolerance": _tolerances(case.tolerance), "cutoff": case.cutoff}
+    content["specimens"] = {name: own for name, one in case.specimens.items() if (own := specimen_entry(one))}
     content = {name: entry for name, entry in content.items() if entry or name in ("title", "parameters")}
     content["runs"] = [
         {"file": _from(path, file), "split": run.split, "label": run.label}
+        | ({"specimen": run.specimen} if run.specimen else {})
         | ({} if case.kind == "motor" else {"initial_soc": _known(run.initial_soc)})
         | ({} if run.ambient_degC is None else {"ambient_degC": run.ambient_degC})
         | _stated_of(run)

@@ -92,6 +92,7 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
             }
             for curve in diagnosis.curves
         ],
+        **({"specimens": _specimens(diagnosis)} if diagnosis.specimens else {}),
         "runs": [
             {
                 "file": run.file,
@@ -123,6 +124,23 @@ def answer(diagnosis: Diagnosis) -> dict[str, Any]:
         "remarks": list(diagnosis.remarks),
         "findings": findings(diagnosis.remarks),
     }
+
+
+def _specimens(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """Return what each motor or cell has of its own, ready for JSON."""
+    return [
+        {
+            "specimen": one.specimen,
+            "difference": one.name,
+            "value": number(one.value),
+            "sd": number(one.sd),
+            "unit": one.unit or "log of a factor",
+            "others": list(one.others),
+            "cannot_tell_apart_from": list(one.cannot_tell_apart_from),
+            "removes": {c: _split(removes) for c, removes in one.removes.items()},
+        }
+        for one in diagnosis.specimens
+    ]
 
 
 def findings(remarks: Iterable[Remark]) -> list[dict[str, Any]]:

@@ -93,7 +93,7 @@ def history(folder: str | Path) -> pd.DataFrame:
 def _row(one: Answer) -> dict[str, Any]:
     made_from = one.get("origin", {})
     row = {name: made_from.get(name, "") for name in ("made", "version")}
-    row |= {"verdict": one["verdict"], "named": ", ".join(map(label_of, one["effects"]))}
+    row |= {"verdict": one["verdict"], "named": ", ".join([*map(label_of, one["effects"]), *differences_of(one)])}
     row |= {"possible": ", ".join(one.get("possible", ()))}
     for channel, error in one["error"].items():
         check = error["after"]["check"]
@@ -105,6 +105,11 @@ def label_of(effect: Mapping[str, Any]) -> str:
     """Return the label of a named effect of an answer: its name, with its column where it has one."""
     column = effect["parameters"].get("column")
     return f"{effect['name']}:{column}" if column else effect["name"]
+
+
+def differences_of(one: Answer) -> list[str]:
+    """Return the labels of what single motors or cells of an answer have of their own."""
+    return [f"{found['difference']}@{found['specimen']}" for found in one.get("specimens", ())]
 
 
 def data_in_short(one: Answer) -> str:

@@ -13,7 +13,7 @@ import pandas as pd
 
 from jaxmodel.base.units import difference_unit, split_unit
 from jaxmodel.diagnosis.answer import rows_of
-from jaxmodel.diagnosis.answers import Answer, answer_of, data_in_short, label_of
+from jaxmodel.diagnosis.answers import Answer, answer_of, data_in_short, differences_of, label_of
 from jaxmodel.diagnosis.result import Diagnosis
 from jaxmodel.diagnosis.wording import amount, effect_name, join
 
@@ -124,6 +124,7 @@ def _table(rows: Iterator[tuple[Any, ...]], columns: tuple[str, ...]) -> pd.Data
 def bands(one: Answer) -> dict[str, tuple[str, float]]:
     """Return the band of each effect of the final model of an answer, and its probability, NaN where it has none."""
     found = {label_of(effect): (NAMED, _float(effect["probability"])) for effect in one["effects"]}
+    found |= {label: (NAMED, float("nan")) for label in differences_of(one)}
     return found | {label: (POSSIBLE, float("nan")) for label in one.get("possible", ()) if label not in found}
 
 

@@ -203,10 +203,10 @@ class Comparison:
         if not exact:
             odds += self.cache.settings.odds_beside_model_error
         worse, material = self._errors(richer, before)
-        if self.is_noise(richer) and candidate.run >= 0:
+        if self.is_noise(richer) and candidate.runs:
             # A shift of one run must be seen in that run: of a model that is not quite the cell, some run is always a
-            # little off.
-            material = self._shifts(richer, before, candidate.run)
+            # little off. The same holds for a specimen.
+            material = self._shifts(richer, before, candidate.runs)
         elif exact:
             material = True  # what is significant is all that there was to explain
         share = 1.0 if exact else self._share_of_bags(richer, before) if gained > odds else 0.0
@@ -273,11 +273,11 @@ class Comparison:
         together = np.prod([max(after[name], 1e-300) / max(earlier[name], 1e-300) for name in after])
         return (tuple(dict.fromkeys(worse)) if together > PAID_FOR else ()), material
 
-    def _shifts(self, richer: Fit, before: Fit, run: int) -> bool:
-        """Return True if the error of a channel in one run falls by enough to be seen beside its noise."""
+    def _shifts(self, richer: Fit, before: Fit, runs: Collection[int]) -> bool:
+        """Return True if the error of a channel in one of some runs falls by enough to be seen beside its noise."""
         data = self.cache.view.data
         for (_, number), rows in data.chains:
-            if number == run:
+            if number in runs:
                 removed = np.mean(before.errors[rows] ** 2) - np.mean(richer.errors[rows] ** 2)
                 if removed > (SEEN * data.sd[rows][0]) ** 2:
                     return True

@@ -18,7 +18,14 @@ from jaxmodel.diagnosis.advice.law_file import law_file
 from jaxmodel.diagnosis.advice.next_experiment import best_of_each, propose
 from jaxmodel.diagnosis.comparison import Test
 from jaxmodel.diagnosis.decision import ChannelEvidence, Evidence, decide
-from jaxmodel.diagnosis.findings import all_curves, curve_found, law_found, run_found, unknown_sentence
+from jaxmodel.diagnosis.findings import (
+    all_curves,
+    curve_found,
+    law_found,
+    run_found,
+    specimen_found,
+    unknown_sentence,
+)
 from jaxmodel.diagnosis.held_out import confirmed, prediction_sd, worse
 from jaxmodel.diagnosis.residuals.statements import statements
 from jaxmodel.diagnosis.residuals.table import ChannelResiduals
@@ -165,6 +172,8 @@ def conclude(search: Search, found: Found, wanted: Sequence[str] = (), ordered: 
     removes = _removes(search, labels)
     is_effect = [label for label in labels if groups[label] in ("effect", "sensor")]
     order = sorted(is_effect, key=lambda label: -found.tests[label].gain)
+    of_specimens = [label for label in labels if groups[label] == "specimen"]
+    differ = [label for label in of_specimens if found.tests[label].named or label in wanted]
     named = [] if stays else [label for label in order if found.tests[label].named or label in wanted]
     laws = [law_found(cache, found.final, label, removes[label]) for label in labels if groups[label] == "law"]
     tests = search.curves(found.final)
@@ -248,10 +257,18 @@ def conclude(search: Search, found: Found, wanted: Sequence[str] = (), ordered: 
             for label in labels
             if groups[label] == "run" and found.tests[label].named
         ),
+        specimens=tuple(
+            specimen_found(cache, last, label, _not_told_apart(cache, found, label), removes[label])
+            for label in differ
+            if not stays
+        ),
         immaterial=tuple(
             _immaterial(cache, one, {})
-            for one in (*(found.tests[label] for label in order if label not in named), *found.refused.values())
-            if cache.space.candidates[one.label].group in ("effect", "sensor")
+            for one in (
+                *(found.tests[label] for label in (*order, *of_specimens) if label not in (*named, *differ)),
+                *found.refused.values(),
+            )
+            if cache.space.candidates[one.label].group in ("effect", "sensor", "specimen")
         ),
         remaining=_remaining(cache, last_fit, last, left["final"]),
         extrapolated=extrapolated,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jaxmodel.diagnosis.result import CurveFound, Estimate, Removed, RunFound, Rung
+from jaxmodel.diagnosis.result import CurveFound, Estimate, Removed, RunFound, Rung, SpecimenFound
 from jaxmodel.effects.curves import Curve
 from jaxmodel.fit.cache import FitCache
 from jaxmodel.fit.estimate import Fit
@@ -71,3 +71,20 @@ def run_found(cache: FitCache, fit: Fit, last: Rung, label: str, removes: dict[s
     names = {"contact_resistance": "series_resistance_ohm", "friction_shift": "friction_torque_Nm"}
     parameter = names.get(candidate.effect.name, candidate.effect.label)
     return RunFound(label, run.name, run.file, parameter, estimate.value, estimate.sd, estimate.unit, removes)
+
+
+def specimen_found(
+    cache: FitCache, last: Rung, label: str, rivals: tuple[str, ...], removes: dict[str, Removed]
+) -> SpecimenFound:
+    """Return what one specimen has of its own."""
+    candidates = cache.space.candidates
+    one = candidates[label]
+    found = last.estimates.get(f"{one.coordinates[0].name}[{one.specimen}]", Estimate(np.nan, np.nan, ""))
+    alike = {
+        candidates[other].specimen for other in last.added if candidates[other].effect.label == one.effect.label
+    } | {name for name, own in cache.case.specimens.items() if one.effect.name in own.effects}
+    others = tuple(name for name in cache.case.specimens if name not in alike)
+    return SpecimenFound(
+        label, one.specimen, one.effect.label, not one.effect.is_sensor, found.value, found.sd, found.unit, others,
+        rivals, removes,
+    )  # fmt: skip

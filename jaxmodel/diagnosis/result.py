@@ -206,6 +206,33 @@ class RunFound:
 
 
 @dataclasses.dataclass(frozen=True)
+class SpecimenFound:
+    """What one of several like motors or cells has of its own.
+
+    Attributes:
+        label: of the difference, 'resistance_difference@left'.
+        specimen: as the runs name it.
+        name: of the difference, with its column where it has one.
+        factor: whether the value is the logarithm of a factor.
+        value, sd, unit: of the difference from the other specimens.
+        others: specimens of which the same difference was not found; it is from what the case states where none is.
+        cannot_tell_apart_from: what explains the readings as well in its place.
+        removes: reduction of the error by channel.
+    """
+
+    label: str
+    specimen: str
+    name: str
+    factor: bool
+    value: float
+    sd: float
+    unit: str
+    others: tuple[str, ...]
+    cannot_tell_apart_from: tuple[str, ...]
+    removes: dict[str, Removed]
+
+
+@dataclasses.dataclass(frozen=True)
 class Immaterial:
     """A significant candidate that was not added; the sentence says why."""
 
@@ -285,7 +312,7 @@ class Diagnosis:
         scores: of all candidates at the calibrated base model.
         critical_z: the score that the largest of all candidates exceeds by chance in one of twenty cases.
         remarks: on the data and the fit.
-        curves, runs, immaterial, remaining, extrapolated, tolerance: see their classes.
+        curves, specimens, runs, immaterial, remaining, extrapolated, tolerance: see their classes.
         fit_for_purpose: by channel and check run, whether the error is within tolerance.
         where_base: sentences on where the calibrated base model fails, by channel.
         errors: a row for each channel of each run.
@@ -320,6 +347,7 @@ class Diagnosis:
     law_source: str | None = None
     corrections: tuple[CurveFound, ...] = ()
     ordered: tuple[str, ...] = ()
+    specimens: tuple[SpecimenFound, ...] = ()
 
     @property
     def base(self) -> Rung:

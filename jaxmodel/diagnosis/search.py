@@ -17,9 +17,11 @@ import numpy as np
 from jaxmodel.diagnosis.comparison import ABOVE_NOISE, Comparison, Test
 from jaxmodel.effects.curves import CURVES, OF_NO_TABLE
 from jaxmodel.fit.cache import FitCache
+from jaxmodel.fit.candidates import SHIFTED
 from jaxmodel.fit.estimate import NONE, Fit
 from jaxmodel.fit.lanes import at_once
 from jaxmodel.fit.scores import Gain
+from jaxmodel.fit.screen import SINGLE
 
 # Every cell has charge transfer and diffusion: they come before what explains less than what is missed most.
 KINETICS = ("charge_transfer", "slow_diffusion")
@@ -170,6 +172,7 @@ class Search(Comparison):
                 if group[one.label] == "run":
                     of_kind.setdefault(cache.space.candidates[one.label].effect.label, one)
             runs += list(of_kind.values())[: settings.refitted_runs]
+            runs += [one for one in one_ranking if group[one.label] == "specimen"][: settings.refitted_effects]
         # Where a model leaves noise alone, a score is what a refit gains. Where it leaves more, a score only ranks: it
         # is bounded by half the number of independent errors.
         quiet = self.is_noise(cache.fit(model))
@@ -248,11 +251,15 @@ class Search(Comparison):
         return (best.label if best else None), {test.label: test for _, test in found}
 
     def _of_all_runs(self, entering: Sequence[tuple[float, Test]]) -> Test | None:
-        """Return the first of some tests; in place of a shift of one run, an effect that data hardly tell from it."""
+        """Return the first of some tests, or what acts in more runs and data hardly tell from it.
+
+        In place of a shift of one run that is a difference of one specimen, and in place of both an effect.
+        """
         candidates = self.cache.space.candidates
-        of_all = [(over, test) for over, test in entering if candidates[test.label].group != "run"]
-        if of_all and of_all[0][0] > entering[0][0] - NOT_TOLD:
-            return of_all[0][1]
+        for alone in (SHIFTED, ("run",)):
+            wider = [(over, test) for over, test in entering if candidates[test.label].group not in alone]
+            if wider and wider[0][0] > entering[0][0] - NOT_TOLD:
+                return wider[0][1]
         return entering[0][1] if entering else None
 
     def _may_be_significant(self, before: Fit, label: str, left: float) -> bool:
@@ -274,7 +281,8 @@ class Search(Comparison):
         """Return the model with two more effects that are needed only beside each other; None if there are none.
 
         While much is missed few errors are independent, and what explains half of them has little evidence: cells of
-        some age have lost capacity and conduct worse. Once both are in, each is asked as in any model.
+        some age have lost capacity and conduct worse, and of four motors two may differ. Once both are in, each is
+        asked as in any model.
 
         Args:
             model: whose errors are beyond tolerance, and to which no single effect may be added.
@@ -288,7 +296,7 @@ class Search(Comparison):
             for test in tests.values()
             if test.gain > cache.settings.least_odds
             and test.enters
-            and cache.space.candidates[test.label].group == "effect"
+            and cache.space.candidates[test.label].group in ("effect", "specimen")
             and self._reduces_what_is_missed(model, test.label)
         ]
         for first in sorted(likely, key=lambda one: one.odds - one.gain)[:MOST_TOGETHER]:
@@ -311,7 +319,7 @@ class Search(Comparison):
         cache = self.cache
         if self.is_noise(cache.fit(model)) or (not model and cache.is_within_tolerance(cache.fit(model))):
             return None
-        gains = cache.scores_at(cache.fit(model, "beside"), ("effect", "sensor", "run")).gains_reweighed()
+        gains = cache.scores_at(cache.fit(model, "beside"), SINGLE).gains_reweighed()
         likely = [label for label, gain in gains.items() if gain > 0.0 and self.may_enter(model, label)]
         # What curves act through shows only with them: where heat is mostly reversible, a cell hardly warms without it.
         opening = [label for label in self._opening() if label not in model and self.may_enter(model, label)]
@@ -429,10 +437,17 @@ class Search(Comparison):
         cache, found = self.cache, {}
         for label in [one for one in model if _alike(cache, one)]:
             lacking, near = self._in_place_of(model, label)
+            near = [one for one in near if not self._says_the_same(one, label)]
             own = cache.fit(model)
             others = [cache.fit((*lacking, one)) for one in near]
             found[label] = tuple(one.added for one in others if not self._told(own, one))
         return found
+
+    def _says_the_same(self, one: str, other: str) -> bool:
+        """Return True for the same difference of either of two specimens: one has more where the other has less."""
+        first, second = (self.cache.space.candidates[label] for label in (one, other))
+        of_two = len(self.cache.case.specimens) == 2 and bool(first.specimen and second.specimen)
+        return of_two and first.effect.label == second.effect.label
 
     def _told(self, own: Fit, other: Fit) -> bool:
         """Return True if the data tell a model from another, as they are or beside curves of no table."""
@@ -446,4 +461,4 @@ class Search(Comparison):
 
 
 def _alike(cache: FitCache, label: str) -> bool:
-    return cache.space.candidates[label].group in ("effect", "sensor")
+    return cache.space.candidates[label].group in ("effect", "sensor", "specimen")

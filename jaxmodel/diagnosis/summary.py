@@ -17,6 +17,7 @@ from jaxmodel.diagnosis.wording import (
     named_sentence,
     number,
     run_sentence,
+    specimen_sentences,
     verdict_sentence,
 )
 
@@ -38,6 +39,7 @@ def summary(diagnosis: Diagnosis) -> list[str]:
     if not diagnosis.effects and diagnosis.candidates:
         probability = diagnosis.candidates[0][1]
         lines.append(f"Most probable model: {most_probable(diagnosis)} (probability {probability:.2f}).")
+    lines += [f"Found: {sentence}" for sentence in specimen_sentences(diagnosis)]
     lines += [f"Correction: {curve_sentence(curve)}" for curve in diagnosis.curves]
     lines += [f"Correction: {run_sentence(run)}" for run in diagnosis.runs]
     lines += [error_sentence(diagnosis, channel) for channel in diagnosis.noise]

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from jaxmodel.base.units import difference_unit, readable, split_unit
+from jaxmodel.case.specimens import in_words
 from jaxmodel.diagnosis.headline import STRONG, above_tolerance, failing_runs, reservations
 from jaxmodel.diagnosis.result import (
     ChannelError,
@@ -19,7 +20,9 @@ from jaxmodel.diagnosis.result import (
     Removed,
     RunFound,
     Rung,
+    SpecimenFound,
 )
+from jaxmodel.effects.differences import WHAT
 from jaxmodel.model.ports import Effect
 
 VERDICT_TITLES = {
@@ -33,6 +36,8 @@ VERDICT_TITLES = {
 
 # Channels that a sentence names one by one.
 MOST_CHANNELS = 3
+# A change of an error by less than this share of the noise is not worth a word beside a difference of a specimen.
+_SEEN = 0.02
 _ONE_LINE = 48  # letters in a legend or at the head of a column
 
 
@@ -48,8 +53,10 @@ def verdict_title(diagnosis: Diagnosis) -> str:
         return "The model stays as stated"
     if diagnosis.verdict == "adequate" and not _is_good_enough(diagnosis):
         return "No missing effect found, but an error is above tolerance"
-    if diagnosis.verdict == "adequate" and (diagnosis.curves or diagnosis.runs):
-        differs = [*(["a table"] if diagnosis.curves else []), *(["a run"] if diagnosis.runs else [])]
+    if diagnosis.verdict == "adequate" and (diagnosis.curves or diagnosis.runs or diagnosis.specimens):
+        specimens = dict.fromkeys(one.specimen for one in diagnosis.specimens)
+        differs = [in_words(diagnosis.case.kind, name) for name in specimens]
+        differs += [*(["a table"] if diagnosis.curves else []), *(["a run"] if diagnosis.runs else [])]
         return f"No effect is missing, but {join(differs)} {'differ' if len(differs) > 1 else 'differs'}"
     if diagnosis.verdict in ("missing_effect", "sensor_fault") and not is_established(diagnosis):
         return "An effect may be missing" if diagnosis.verdict == "missing_effect" else "A sensor may be faulty"
@@ -62,7 +69,15 @@ def is_established(diagnosis: Diagnosis) -> bool:
 
 
 def verdict_sentence(diagnosis: Diagnosis, *, plain: bool = False) -> str:
-    """Return the verdict in one sentence; a plain one has no probability, and calls the base model the model."""
+    """Return the verdict in one sentence; a plain one has no probability, and calls the base model the model.
+
+    A sentence for each specimen that differs comes before it.
+    """
+    differ = specimen_sentences(diagnosis, with_errors=False)
+    return " ".join([*differ, _verdict(diagnosis, plain)])
+
+
+def _verdict(diagnosis: Diagnosis, plain: bool) -> str:
     named = join([effect_name(one.label) if plain else _with_probability(one) for one in diagnosis.effects])
     model = "model" if plain else "base model"
     doubt = "" if not diagnosis.effects or is_established(diagnosis) else "not established: "
@@ -103,7 +118,8 @@ def _is_good_enough(diagnosis: Diagnosis) -> bool:
 def _adequate(diagnosis: Diagnosis, base: str) -> str:
     if not _is_good_enough(diagnosis):
         return f"The data show no missing effect, but {exceeding(diagnosis)}."
-    model = "with the corrections below the model" if diagnosis.curves or diagnosis.runs else "the final model"
+    corrected = diagnosis.curves or diagnosis.runs or diagnosis.specimens
+    model = "with the corrections below the model" if corrected else "the final model"
     if not any(_exceeds(diagnosis.base.errors[name], one.rms) for name, one in diagnosis.tolerance.items()):
         model = f"the calibrated {base}"
     limits = []
@@ -151,10 +167,14 @@ def _with_probability(effect: NamedEffect) -> str:
 
 
 def effect_name(label: str) -> str:
-    """Return a label in words: 'current_offset:current_A' is 'current_offset of current_A', 'r@x' is 'r in x'."""
+    """Return a label in words: 'current_offset:current_A' is 'current_offset of current_A', 'r@x' is 'r in x'.
+
+    A difference of a specimen is 'resistance_difference of left'.
+    """
     if is_law(label):
         return f"a law of {label}"
-    return label.replace(":", " of ").replace("@", " in ")
+    owned = " of " if label.partition("@")[0].partition(":")[0] in WHAT else " in "
+    return label.replace(":", " of ").replace("@", owned)
 
 
 def physics_of(effect: type[Effect]) -> str:
@@ -277,6 +297,60 @@ def run_in_short(run: RunFound) -> str:
     value = with_sd(Estimate(scale * run.value, scale * run.sd, unit))
     sign = "" if value.startswith("-") or not np.isfinite(run.value) else "+"
     return f"{run.run}: {what}{where and f' of {where}'} differs by {sign}{value}"
+
+
+def specimen_sentences(diagnosis: Diagnosis, *, with_errors: bool = True) -> list[str]:
+    """Say which motor or cell differs, in what and by how much: one sentence for each difference.
+
+    Args:
+        diagnosis: its result.
+        with_errors: say by how much it reduces the errors, too.
+    """
+
+    def shown(one: SpecimenFound) -> dict[str, Removed]:
+        return {
+            channel: change
+            for channel, change in one.removes.items()
+            if np.nanmax(np.abs([change.fit, change.check, 0.0])) > _SEEN * diagnosis.noise[channel].sd
+        }
+
+    kind = diagnosis.case.kind
+    return [_specimen_sentence(one, kind, removed(shown(one)) if with_errors else "") for one in diagnosis.specimens]
+
+
+def _specimen_sentence(one: SpecimenFound, kind: str, takes: str) -> str:
+    who = in_words(kind, one.specimen)
+    name, _, column = one.name.partition(":")
+    way = "higher" if one.value > 0.0 else "lower"
+    others = [in_words(kind, other) for other in one.others]
+    theirs = f"that of {join(others) if len(others) < MOST_CHANNELS else 'the others'}" if others else "as stated"
+    if one.factor:
+        what = f"its {WHAT[name]} is {_by_a_factor(one.value, one.sd, way)} {theirs}"
+    else:
+        size = with_sd(Estimate(abs(one.value), one.sd, one.unit))
+        what = f"its {split_unit(column)[0]} reads {size} {way} than {theirs}"
+    doubt = f"; {_rivals(one, kind)} would explain it as well" if one.cannot_tell_apart_from else ""
+    return _capital(f"{who} differs: {what}{doubt}{takes and f'; this {takes}'}.")
+
+
+def _by_a_factor(log: float, sd: float, way: str) -> str:
+    """Return '30 ± 1 % higher', or '2.03 ± 0.04 times' where it is more than twice or less than half."""
+    factor = float(np.exp(log))
+    if abs(log) > np.log(1.9):
+        return f"{with_sd(Estimate(factor, factor * sd, ''))} times"
+    return f"{with_sd(Estimate(100.0 * abs(factor - 1.0), 100.0 * factor * sd, '%'))} {way} than"
+
+
+def _rivals(one: SpecimenFound, kind: str) -> str:
+    """Return what might stand for a difference: 'another torque constant or resistance', or an effect by its name."""
+    parts = [label.partition("@") for label in one.cannot_tell_apart_from]
+    own = [WHAT[name.partition(":")[0]] for name, _, owner in parts if owner == one.specimen]
+    said = [f"another {join(own, 'or')}"] if own else []
+    for name, _, owner in parts:
+        what = WHAT.get(name.partition(":")[0])
+        if owner != one.specimen:
+            said.append(f"another {what} of {in_words(kind, owner)}" if what else effect_name(name))
+    return join(said, "or")
 
 
 def number(value: float, digits: int = 3) -> str:

@@ -14,7 +14,8 @@ import inspect
 from collections.abc import Iterable
 
 from jaxmodel.base.errors import EffectError
-from jaxmodel.effects import battery, drive, loads, sensors
+from jaxmodel.effects import battery, drive, loads, motion, sensors
+from jaxmodel.effects.controllers import SERVO
 from jaxmodel.effects.order import refuse_what_comes_later
 from jaxmodel.effects.sensors import SensorEffect
 from jaxmodel.effects.specimen import scale_of
@@ -24,7 +25,7 @@ from jaxmodel.model.sensors import Signal
 
 _DECLARED = [
     cls
-    for module in (battery, drive, loads, sensors)
+    for module in (battery, drive, motion, loads, sensors)
     for _, cls in inspect.getmembers(module, inspect.isclass)
     if issubclass(cls, Effect) and hasattr(cls, "name") and cls.__module__ == module.__name__
 ]
@@ -51,7 +52,7 @@ def own_effects(classes: Iterable[type[Effect]]) -> dict[str, type[Effect]]:
             raise EffectError(f"{cls!r} is not an effect; give a class derived from jaxmodel.Effect.")
         if missing := _missing(cls):
             raise EffectError(f"{cls.__name__} has no {missing}; docs/your_own_effect.md shows a complete one.")
-        if cls.name in CATALOGUE or cls.name in found:
+        if cls.name in CATALOGUE or cls.name in SERVO or cls.name in found:
             raise EffectError(f"{cls.__name__}: an effect called '{cls.name}' exists already; give it another name.")
         refuse_what_comes_later(cls)
         found[cls.name] = cls

@@ -13,8 +13,9 @@ MOTOR = ("motor", "robot")
 ROBOT = ("robot",)
 REFERENCE_DEGC = 20.0
 DIRECTION_RAD_S = 1.0  # a rotor faster than this has a direction
-# What runs must show for an effect to be told from others: power that flows both ways between motor and load.
-BACK_DRIVING = "back-driving"
+# What runs must show for an effect to be told from others: power that flows both ways between motor and load, and
+# motion both ways, in a position that is read or not.
+BACK_DRIVING, REVERSING, LOST_MOTION = "back-driving", "reversing", "lost motion"
 DIRECTION_DUTY = 0.02  # so has a bridge with more duty than this
 
 

@@ -89,8 +89,7 @@ class GravityLoad(Law):
 
     def load_torque(self, value: Scalar, context: MotorContext) -> Scalar:
         """Add the torque of the weight."""
-        position = context.state[f"{self.name}.position_rad"]
-        return value + self.mass_kg * GRAVITY_M_S2 * self.arm_m * jnp.sin(position) / self.gear_ratio
+        return value + self.mass_kg * GRAVITY_M_S2 * self.arm_m * jnp.sin(context.position_rad) / self.gear_ratio
 
     def inertia(self, value: Scalar, context: MotorContext) -> Scalar:
         """Add that of the weight, at the motor's shaft."""

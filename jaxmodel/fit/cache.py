@@ -252,11 +252,11 @@ class FitCache:
         )
 
     def _rank(self, label: str) -> tuple[int, int]:
-        """Return the place of a candidate: effects, faults of sensors and shifts of runs, each by scores over the base.
+        """Return the place of a candidate: effects, faults, differences and shifts, each by scores over the base.
 
         What is tried on top of a model mostly comes after what is in it, so that few other models need be fitted.
         """
-        order = ("effect", "sensor", "run", "law").index(self.space.candidates[label].group)
+        order = ("effect", "sensor", "specimen", "run", "law").index(self.space.candidates[label].group)
         return order, self._ranks.get(label, len(self._ranks))
 
     @functools.cached_property

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any, Literal
 
@@ -14,8 +15,11 @@ from scipy.linalg import block_diag
 
 from jaxmodel.case.build import case_model
 from jaxmodel.case.records import Case, Run
+from jaxmodel.case.specimens import difference_label, runs_of
 from jaxmodel.effects.curves import CURVES
-from jaxmodel.effects.drive import BACK_DRIVING
+from jaxmodel.effects.differences import DIFFERENCES
+from jaxmodel.effects.drive import BACK_DRIVING, LOST_MOTION, REVERSING
+from jaxmodel.effects.loads import LAW_EFFECTS
 from jaxmodel.effects.sensors import ClockShift
 from jaxmodel.effects.shifts import SHIFTS
 from jaxmodel.effects.specimen import scale_of, usual_range
@@ -46,10 +50,15 @@ _LEAST_K = 5.0
 _LEAST_WIDTH, _NEXT_SHIFT = 1e-6, 2.0
 # Load and speed, and the share of rows in which power must flow each way to tell what rubs from what is lost. Assumed.
 _POWER, _BOTH_WAYS = ("load_torque_Nm", "speed_rad_s"), 0.02
+# A run shows what a reversal does if it has so many, at speeds above this share of the largest, and rows no farther
+# apart in s: a rotor turns round in some 10 ms. Assumed.
+_REVERSALS, _MOVES, _FOLLOWED_S = 4, 0.02, 0.05
 # Correlation length of a law, as a share of its span. Assumed.
 _LAW_CORRELATION = 0.25
 
-Group = Literal["effect", "sensor", "curve", "run", "law"]
+Group = Literal["effect", "sensor", "curve", "specimen", "run", "law"]
+# Groups of a number that differs in some runs alone: its prior is about nothing, and it needs no switch.
+SHIFTED = ("specimen", "run")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,8 +66,8 @@ class Candidate:
     """One candidate, and how it is scored and fitted.
 
     Attributes:
-        label: its name; 'a:b' with a column, 'a@run' for one run, 'port(variable)' for an unknown law.
-        group: effect, sensor fault, curve, shift of one run, or unknown law.
+        label: its name; 'a:b' with a column, 'a@run' for one run or specimen, 'port(variable)' for an unknown law.
+        group: effect, sensor fault, curve, difference of one specimen, shift of one run, or unknown law.
         effect: its effect in the model; candidates may share one.
         coordinates: its unknowns; the first is its amplitude.
         probes: for each variant of its shape, the coordinates at which its direction is computed.
@@ -69,6 +78,9 @@ class Candidate:
             optimum.
         has_amplitude: False if no value of the first parameter makes the effect vanish.
         run: index of its run, -1 for all.
+        specimen: the motor or cell that differs; "" for none.
+        runs: indices of the runs that a shift or difference acts in; empty for all.
+        absent: indices of the runs of other specimens.
         is_vector: its unknowns are the coordinates of a curve or a law.
         mix: matrix from all coordinates of the vector to its values.
         offset: index of its first unknown among those of the vector.
@@ -91,6 +103,9 @@ class Candidate:
     reach: float = 0.0
     has_amplitude: bool = True
     run: int = -1
+    specimen: str = ""
+    runs: tuple[int, ...] = ()
+    absent: tuple[int, ...] = ()
     is_vector: bool = False
     mix: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0)), compare=False)
     offset: int = 0
@@ -203,7 +218,7 @@ def candidates(case: Case, ranges: Mapping[str, tuple[float, float]]) -> list[Ca
 
     Curves come first: at a shared port an effect acts on the corrected relation.
     """
-    return [*_curves(case, ranges), *_effects(case), *_of_runs(case)]
+    return [*_curves(case, ranges), *_effects(case), *_of_specimens(case), *_of_runs(case)]
 
 
 def _effects(case: Case) -> Iterator[Candidate]:
@@ -234,9 +249,23 @@ def is_distinguishable(case: Case, cls: type[Effect]) -> bool:
         return True
     if cls.distinguished_by == BACK_DRIVING:
         return case.load == "gravity" or any(_drives_back(run) for run in case.runs if run.split == "fit")
+    if cls.distinguished_by in (REVERSING, LOST_MOTION):
+        fitted = [run for run in case.runs if run.split == "fit"]
+        seen = [run for run in fitted if cls.distinguished_by == REVERSING or "position_rad" in run.measured.outputs]
+        return any(_reverses(run) for run in seen)
     common = case.parameters.get(cls.distinguished_by)
     values = {(run.overrides.get(cls.distinguished_by) or common) for run in case.runs if run.split == "fit"}
     return len({None if one is None else one.value for one in values}) > 1
+
+
+def _reverses(run: Run) -> bool:
+    """Return True if a run turns both ways, often enough and in rows that follow a reversal."""
+    columns = run.measured.inputs | run.measured.outputs
+    speed = next((columns[name] for name in ("speed_rad_s", "reference_speed_rad_s") if name in columns), None)
+    if speed is None or float(np.median(np.diff(run.measured.time_s))) > _FOLLOWED_S:
+        return False
+    moving = speed[np.abs(np.nan_to_num(speed)) > _MOVES * float(np.nanmax(np.abs(speed)))]
+    return int(np.count_nonzero(np.diff(np.sign(moving)))) >= _REVERSALS
 
 
 def _drives_back(run: Run) -> bool:
@@ -346,29 +375,66 @@ def _of_runs(case: Case) -> Iterator[Candidate]:
     fit_runs = [number for number, run in enumerate(case.runs) if run.split == "fit"]
     if len(fit_runs) < 2:
         return
+    # What shows in the only run of a motor or cell is a difference of that specimen.
+    of_specimens = Counter(case.runs[number].specimen for number in fit_runs)
+    for effect, usual in _absent(case, SHIFTS):
+        shift = make_candidate(effect, usual)
+        for number in fit_runs:
+            run = case.runs[number]
+            if run.specimen and of_specimens[run.specimen] == 1:
+                continue
+            yield dataclasses.replace(
+                shift,
+                label=f"{effect.label}@{run.name}",
+                group="run",
+                run=number,
+                runs=(number,),
+                probes=(tuple(0.5 for _ in shift.coordinates),),
+            )
+
+
+def _of_specimens(case: Case) -> Iterator[Candidate]:
+    """Yield what each of several motors or cells may have of its own, if it has a fit run."""
+    fitted = [run.specimen for run in case.runs if run.split == "fit" and run.specimen]
+    specimens = list(dict.fromkeys(fitted))
+    if len(specimens) < 2:
+        return
+    follows_law = any(name in LAW_EFFECTS for name in case.effects)
+    for effect, usual in _absent(case, DIFFERENCES):
+        if effect.name == "load_difference" and not follows_law:
+            continue
+        one = make_candidate(effect, usual)
+        for specimen in specimens:
+            stated = case.specimens[specimen].effects
+            if effect.label in {difference_label(name, values) for name, values in stated.items()}:
+                continue
+            runs = runs_of(case, specimen)
+            yield dataclasses.replace(
+                one,
+                label=f"{effect.label}@{specimen}",
+                group="specimen",
+                specimen=specimen,
+                runs=runs,
+                absent=tuple(number for number in range(len(case.runs)) if number not in runs),
+                probes=(tuple(0.5 for _ in one.coordinates),),
+            )
+
+
+def _absent(case: Case, classes: Mapping[str, type[Effect]]) -> Iterator[tuple[Effect, dict[str, tuple[float, float]]]]:
+    """Yield effects at their null, those of sensors for every possible column, with their usual ranges."""
     columns = _columns(case)
-    for cls in SHIFTS.values():
+    for cls in classes.values():
         if case.kind not in cls.kinds:
             continue
-        # In other runs the shift is at its null.
-        absent: dict[str, Any] = {name: info.null for name, info in describe(cls).items()}
+        null: dict[str, Any] = {name: info.null for name, info in describe(cls).items()}
         if cls.is_sensor and cls.column == "":
-            effects = [cls(column=column, **absent) for column in columns if column.endswith(cls.reads)]
+            effects = [cls(column=column, **null) for column in columns if column.endswith(cls.reads)]
         else:
-            effects = [cls(**absent)]
+            effects = [cls(**null)]
         for effect in effects:
             usual = specimen_ranges(case, cls)
-            if has_collapsed(usual):
-                continue
-            shift = make_candidate(effect, usual)
-            for number in fit_runs:
-                yield dataclasses.replace(
-                    shift,
-                    label=f"{effect.label}@{case.runs[number].name}",
-                    group="run",
-                    run=number,
-                    probes=(tuple(0.5 for _ in shift.coordinates),),
-                )
+            if not has_collapsed(usual):
+                yield effect, usual
 
 
 def laws(

@@ -78,13 +78,13 @@ def estimates_of(cache: FitCache, fit: Fit) -> tuple[dict[str, Estimate], tuple[
     estimates, far = {}, []
     knots = {place for _, first, last, _ in layout.vectors for place in range(first, last)}
     for place, sd, pull in zip(fit.spec.free, fit.sd, fit.pulls, strict=True):
-        coordinate, run = layout.coordinates[place], layout.runs[place]
+        coordinate = layout.coordinates[place]
         if place in knots:
             continue
         is_undetermined = coordinate.name in _FAINT_STARTS and sd > 0.98 and abs(pull) < 0.05
         if is_undetermined:  # an initial state that affects no reading
             continue
-        name = coordinate.name + (f"[{cache.case.runs[run].name}]" if run >= 0 else "")
+        name = layout.name_of(place)
         x = fit.x[place]
         estimates[name] = Estimate(coordinate.number(x), coordinate.slope(x) * sd, units.get(coordinate.name, ""))
         if abs(pull) > cache.settings.strained:

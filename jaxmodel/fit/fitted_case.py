@@ -8,8 +8,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from jaxmodel.case.build import case_model
-from jaxmodel.case.known import Known
+from jaxmodel.case.known import Known, Specimen
 from jaxmodel.case.records import Case, Run
+from jaxmodel.case.specimens import difference_label
+from jaxmodel.effects.differences import DIFFERENCES
 from jaxmodel.fit.estimates import CurveAtKnots, Estimate
 from jaxmodel.fit.tables import corrected_motor_tables, corrected_tables
 from jaxmodel.model.declaration import ParameterInfo, describe
@@ -28,6 +30,7 @@ def fitted_case(
     curves: Sequence[CurveAtKnots] = (),
     *,
     between: bool = True,
+    differ: Sequence[str] = (),
 ) -> tuple[Case, list[str]]:
     """Return the case with a model's parameters, effects, starts and tables, each with its sd; and notes on its tables.
 
@@ -39,6 +42,7 @@ def fitted_case(
         added: effects of the model that the case does not have.
         curves: its corrections of tables and relations; unknown laws are left out.
         between: tables get points between the knots of a curve, where a line between these is not accurate enough.
+        differ: differences of specimens in the model that the case does not have, as 'resistance_difference@left'.
     """
     catalogue = case.catalogue
     values = {name: dict(of_effect) for name, of_effect in case.effects.items()}
@@ -56,6 +60,7 @@ def fitted_case(
     parameters = {name: fitted.known(name, before, info(name)) for name, before in case.parameters.items()}
     runs = [fitted.run(run) for run in case.runs]
     found = dataclasses.replace(case, parameters=parameters, effects=values, effect_sd=effect_sd, runs=tuple(runs))
+    found = dataclasses.replace(found, specimens=_specimens(case, fitted, differ))
     tables, notes = corrected_tables(case_model(found, runs[0]), curves, between=between)
     cycles = {run.overrides["cycles"].value if "cycles" in run.overrides else None for run in runs}
     if "R_ints" in tables and len(cycles) > 1:
@@ -64,6 +69,22 @@ def fitted_case(
         )
     motor_tables = case.motor_tables | corrected_motor_tables(case, curves)
     return dataclasses.replace(found, tables=case.tables | tables, motor_tables=motor_tables), notes
+
+
+def _specimens(case: Case, fitted: FittedNumbers, differ: Sequence[str]) -> dict[str, Specimen]:
+    """Return the specimens of a case with what each has of its own in a model."""
+    found = {}
+    for name, own in case.specimens.items():
+        parameters = {one: fitted.known(f"{one}[{name}]", known, info(one)) for one, known in own.parameters.items()}
+        values = {one: dict(numbers) for one, numbers in own.effects.items()}
+        sd = {one: dict(numbers) for one, numbers in own.effect_sd.items()}
+        labels = [difference_label(one, own.effects[one]) for one in own.effect_sd]
+        labels += [label.partition("@")[0] for label in differ if label.partition("@")[2] == name]
+        for label in labels:
+            one = label.partition(":")[0]
+            fitted.put_effect(label, list(describe(DIFFERENCES[one])), DIFFERENCES, values, sd, f"[{name}]")
+        found[name] = Specimen(parameters, values, sd)
+    return found
 
 
 def _put_details(
@@ -130,13 +151,23 @@ class FittedNumbers:
         catalogue: Mapping[str, type[Effect]],
         values: dict[str, dict[str, float | str]],
         effect_sd: dict[str, dict[str, float]],
+        of: str = "",
     ) -> None:
-        """Put the fitted parameters of an effect among the values and sd of a case's effects."""
+        """Put the fitted parameters of an effect among the values and sd of a case's effects.
+
+        Args:
+            label: of the effect, with its column where it has one.
+            fields: its parameters.
+            catalogue: effects by name.
+            values: of the effects, by name and parameter.
+            effect_sd: of these values.
+            of: what its estimates have after their name: the specimen in brackets.
+        """
         name, _, column = label.partition(":")
         table = describe(catalogue[name])
         own = values.setdefault(name, {})
         for field in fields:
-            known = f"{label}.{field}"
+            known = f"{label}.{field}{of}"
             if known not in self._estimates:
                 continue
             own[field] = self.number(known, 0.0, table[field])

@@ -12,6 +12,8 @@ from jaxtyping import Array
 from jaxmodel.base.errors import FitError
 from jaxmodel.case.known import Known
 from jaxmodel.case.records import Case
+from jaxmodel.case.specimens import difference_label, own_parameters, runs_of
+from jaxmodel.effects.differences import DIFFERENCES
 from jaxmodel.fit.candidates import Candidate
 from jaxmodel.fit.coordinates import Coordinate, known_coordinate
 from jaxmodel.model.declaration import ParameterInfo, describe
@@ -33,7 +35,9 @@ class Layout:
     Attributes:
         coordinates: one for each unknown.
         runs: for each unknown its run, or -1 for all runs.
-        fixed_in: for each unknown the runs that state an exact value of their own.
+        fixed_in: for each unknown the runs that it does not act in: they state an exact value of their own, or are of
+            another specimen.
+        owners: for each unknown the run or specimen that it is of, "" for none.
         base: number of unknowns of the base model; those of candidates follow.
         of: indices of each candidate's unknowns, by label.
         vectors: unknowns that form one vector of the model: (name, first, one past the last, mix).
@@ -42,6 +46,7 @@ class Layout:
     coordinates: tuple[Coordinate, ...]
     runs: tuple[int, ...]
     fixed_in: tuple[tuple[int, ...], ...]
+    owners: tuple[str, ...]
     base: int
     of: dict[str, tuple[int, ...]]
     vectors: tuple[tuple[str, int, int, np.ndarray], ...]
@@ -55,6 +60,11 @@ class Layout:
     def names(self) -> tuple[str, ...]:
         """Return the names of the unknowns."""
         return tuple(coordinate.name for coordinate in self.coordinates)
+
+    def name_of(self, place: int) -> str:
+        """Return the name of an unknown, with the run or specimen that it is of in brackets."""
+        owner = self.owners[place]
+        return self.names[place] + (f"[{owner}]" if owner else "")
 
     @property
     def targets(self) -> tuple[tuple[str, tuple[int, ...]], ...]:
@@ -84,9 +94,11 @@ def make_layout(case: Case, candidates: Sequence[Candidate]) -> Layout:
     Raises:
         FitError: the case declares nothing uncertain.
     """
-    coordinates, runs, fixed_in = [], [], []
+    coordinates, runs, fixed_in, owners = [], [], [], []
 
-    def add(name: str, known: Known, about: ParameterInfo, run: int = -1, fixed: tuple[int, ...] = ()) -> None:
+    def add(
+        name: str, known: Known, about: ParameterInfo, run: int = -1, fixed: tuple[int, ...] = (), specimen: str = ""
+    ) -> None:
         assert known.sd is not None
         coordinate = known_coordinate(name, known.value, known.sd, about, run)
         if name == "initial_soc" and "ocv" in case.tables:
@@ -94,11 +106,25 @@ def make_layout(case: Case, candidates: Sequence[Candidate]) -> Layout:
         coordinates.append(coordinate)
         runs.append(run)
         fixed_in.append(fixed)
+        owners.append(case.runs[run].name if run >= 0 else specimen)
+
+    def exact_in(name: str) -> set[int]:
+        return {i for i, r in enumerate(case.runs) if name in r.overrides and r.overrides[name].sd is None}
 
     for name, known in case.parameters.items():
         if known.sd is not None:
-            fixed = tuple(i for i, r in enumerate(case.runs) if name in r.overrides and r.overrides[name].sd is None)
-            add(name, known, info(name), -1, fixed)
+            fixed = exact_in(name) | {i for i, r in enumerate(case.runs) if name in own_parameters(case, r)}
+            add(name, known, info(name), -1, tuple(sorted(fixed)))
+    for specimen, own in case.specimens.items():
+        others = set(range(len(case.runs))) - set(runs_of(case, specimen))
+        for name, known in own.parameters.items():
+            if known.sd is not None:
+                add(name, known, info(name), -1, tuple(sorted(others | exact_in(name))), specimen)
+        for name, sds in own.effect_sd.items():
+            label = difference_label(name, own.effects[name])
+            for field, sd in sds.items():
+                known = Known(float(own.effects[name][field]), sd)
+                add(f"{label}.{field}", known, describe(DIFFERENCES[name])[field], -1, tuple(sorted(others)), specimen)
     for name, sds in case.effect_sd.items():
         table, column = describe(case.catalogue[name]), case.effects[name].get("column", "")
         for field, sd in sds.items():
@@ -129,12 +155,16 @@ def make_layout(case: Case, candidates: Sequence[Candidate]) -> Layout:
             first = len(coordinates)
             coordinates.extend(candidate.unknowns)
             runs.extend([candidate.run] * len(candidate.unknowns))
-            fixed_in.extend([()] * len(candidate.unknowns))
+            fixed_in.extend([candidate.absent] * len(candidate.unknowns))
+            owner = candidate.specimen or (case.runs[candidate.run].name if candidate.run >= 0 else "")
+            owners.extend([owner] * len(candidate.unknowns))
             if candidate.is_vector:
                 vectors[vector] = (vector, first, len(coordinates), candidate.mix)
         first += candidate.offset
         of[candidate.label] = tuple(range(first, first + len(candidate.coordinates)))
-    return Layout(tuple(coordinates), tuple(runs), tuple(fixed_in), base, of, tuple(vectors.values()))
+    return Layout(
+        tuple(coordinates), tuple(runs), tuple(fixed_in), tuple(owners), base, of, tuple(vectors.values())
+    )  # fmt: skip
 
 
 def _within(coordinate: Coordinate, known: Known, soc: np.ndarray) -> Coordinate:

@@ -15,6 +15,7 @@ from jaxtyping import Array
 
 from jaxmodel.case.build import case_model, run_profile
 from jaxmodel.case.records import Case
+from jaxmodel.case.specimens import stated_differences
 from jaxmodel.fit.candidates import Candidate
 from jaxmodel.fit.layout import Layout
 from jaxmodel.fit.shapes import rounded_length, rounded_rows, rounded_steps, shapes_of
@@ -323,9 +324,9 @@ def make_problem(
     """
     bare = [case_model(case, run) for run in case.runs]
     tracks, times = _tracks([with_effects(model, fine_for) for model in bare], case)
-    effects, switched = [], []
+    effects, switched, stated = [], [], stated_differences(case)
     for candidate in candidates:
-        if candidate.effect.label in [effect.label for effect in effects]:
+        if candidate.effect.label in [*stated, *(effect.label for effect in effects)]:
             continue
         effect = candidate.effect
         if candidate.is_switched:

@@ -16,7 +16,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from jaxmodel.fit.candidates import Candidate
+from jaxmodel.fit.candidates import SHIFTED, Candidate
 from jaxmodel.fit.data import FitData
 from jaxmodel.fit.estimate import Fit
 from jaxmodel.fit.likelihood import Likelihood
@@ -155,7 +155,7 @@ class Scores:
             return None
         length = np.sqrt(squared)
         z = float(score[0]) / length
-        if candidate.group == "run":
+        if candidate.group in SHIFTED:
             log = 0.5 * z**2 * squared / (1.0 + squared) - 0.5 * np.log1p(squared)
             at = np.array([float(score[0]) / (squared + 1.0)])
             return Gain(way.label, float(log), z**2, at, 1.0, z, self._base_step(place, at), at)
@@ -219,7 +219,7 @@ class Scores:
         single = [
             place.start
             for way, place in zip(self.directions, self.places, strict=True)
-            if not self.candidates[way.label].is_vector and self.candidates[way.label].group != "run"
+            if not self.candidates[way.label].is_vector and self.candidates[way.label].group not in SHIFTED
         ]
         inner = self.projected[np.ix_(single, single)]
         length = np.sqrt(np.maximum(np.diag(inner), 0.0))
@@ -238,7 +238,7 @@ class Scores:
         lengths: dict[str, list[float]] = {}
         for way, place in zip(self.directions, self.places, strict=True):
             candidate = self.candidates[way.label]
-            if candidate.is_vector or candidate.group == "run":
+            if candidate.is_vector or candidate.group in SHIFTED:
                 continue
             first = candidate.coordinates[0]
             smallest = float(np.exp(-first.spread)) if first.logarithmic else 0.2
@@ -286,7 +286,7 @@ class Scores:
         taken = [(slice(0, self.count), self.precision)]
         # Physics allows one sign only, and the readings ask for the other: nothing is added.
         if not candidate.one_sided or self.projected[place.start, -1] > 0.0:
-            is_free = not candidate.is_vector and candidate.group != "run"
+            is_free = not candidate.is_vector and candidate.group not in SHIFTED
             taken.append((place, np.full(place.stop - place.start, 0.0 if is_free else best.amplitude**-2.0)))
         return self._left(taken)
 

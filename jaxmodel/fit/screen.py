@@ -12,12 +12,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jaxmodel.fit.candidates import Candidate
+from jaxmodel.fit.candidates import SHIFTED, Candidate
 from jaxmodel.fit.gauss_newton import linearised
 from jaxmodel.fit.lanes import LANES
 from jaxmodel.fit.problem import Lane
 from jaxmodel.fit.space import ModelSpec, View
 
+# Groups of what a search adds one by one.
+SINGLE = ("effect", "sensor", *SHIFTED)
 SWITCH_STEP = 1e-3
 # Step of a curve's knot, in sd of its usual size.
 KNOT_STEP = 1e-3
@@ -59,7 +61,7 @@ class Screen:
     directions: tuple[Direction, ...]
 
 
-def screen(view: View, spec: ModelSpec, x: np.ndarray, groups: Sequence[str] = ("effect", "sensor", "run")) -> Screen:
+def screen(view: View, spec: ModelSpec, x: np.ndarray, groups: Sequence[str] = SINGLE) -> Screen:
     """Return the sensitivities, at a calibrated model, to every candidate of some groups that is not in it.
 
     Args:
@@ -82,9 +84,9 @@ def screen(view: View, spec: ModelSpec, x: np.ndarray, groups: Sequence[str] = (
             for number in range(len(one.coordinates)):
                 made.append((one, (), number, len(lanes), KNOT_STEP))
                 lanes.append(_lane(view, spec, x, one, number))
-        elif one.group == "run":
-            # One lane for all runs: each shift moves the readings of its run only.
-            key = ("run", one.effect.label)
+        elif one.group in SHIFTED:
+            # One lane for all runs or specimens: each shift moves the readings of its own only.
+            key = (one.group, one.effect.label)
             if key not in together:
                 together[key] = len(lanes)
                 lanes.append(spec.lane(x))
@@ -138,8 +140,8 @@ def _directions(view: View, made: Sequence[tuple], answers: np.ndarray):
             if np.all(np.isfinite(columns)) and np.linalg.norm(columns) > 0.0:
                 yield Direction(one.label, (), columns)
             continue
-        if one.group == "run":
-            mine = view.data.run == one.run
+        if one.group in SHIFTED:
+            mine = np.isin(view.data.run, one.runs)
             columns = np.where(mine, answers[lane - 1], 0.0)[:, None] / step
             number += 1
             if np.all(np.isfinite(columns)) and np.linalg.norm(columns) > 0.0:

@@ -11,6 +11,7 @@ import numpy as np
 from jaxmodel.base.errors import EffectError, nearest
 from jaxmodel.case.build import case_model, own_effect_hint, run_profile
 from jaxmodel.case.records import Case
+from jaxmodel.case.specimens import stated_differences
 from jaxmodel.fit.candidates import Candidate, candidates, laws
 from jaxmodel.fit.data import FitData
 from jaxmodel.fit.lanes import at_places, predictions
@@ -135,7 +136,8 @@ class ModelSpace:
         """Return the part of a problem that has the effects of a model alone."""
         effects = tuple(sorted({self.candidates[label].effect.label for label in spec.labels}))
         if (id(whole), effects) not in self._own:
-            candidates = {one.effect.label for one in self.candidates.values()}
+            # What one specimen states is in the models of all, and a candidate of another.
+            candidates = {one.effect.label for one in self.candidates.values()} - stated_differences(self.case)
             self._own[id(whole), effects] = whole.without(candidates - set(effects))
         return self._own[id(whole), effects]
 

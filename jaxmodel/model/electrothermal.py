@@ -19,12 +19,12 @@ from jaxmodel.model.declaration import Scalar
 from jaxmodel.model.flow import State, advance
 from jaxmodel.model.motor import Motor
 from jaxmodel.model.parameters import Parameters
-from jaxmodel.model.ports import Effect, fold
+from jaxmodel.model.ports import Effect, fold, touches
 from jaxmodel.model.robot import Inputs
 
 Readings = dict[str, Scalar]
 # Inputs that stand in the place of a state, or that an effect reads as one.
-IMPOSED = ("speed_rad_s", "incline_deg")
+IMPOSED = ("speed_rad_s", "incline_deg", "reference_position_rad", "reference_speed_rad_s")
 
 
 class Model(InShort, eqx.Module):
@@ -115,8 +115,10 @@ def read(model: Model, state: State, inputs: Inputs) -> Readings:
         name = "motor_current_A" if model.kind == "robot" else "current_A"
         readings[name] = state["motor_current_A"]
         readings["speed_rad_s"] = motor.context.speed_rad_s
-        for position in (value for name, value in state.items() if name.endswith(".position_rad")):
-            readings["position_rad"] = position
+        if motors.turned(state) is not None:
+            readings["position_rad"] = motor.context.position_rad
+        if (set_by := _controlled(model)) == "voltage_V":
+            readings[set_by] = fold(model.effects, "command", jnp.zeros(()), motor.context)
     if cell is not None:
         readings["cell_temperature_degC"] = cells.surface_temperature(cell)
     if motor is not None:
@@ -182,6 +184,11 @@ def _parts(model: Model, state: State, inputs: Inputs) -> tuple[Cell | None, Mot
     return cell, motor
 
 
+def _controlled(model: Model) -> str:
+    """Return what a controller sets, `current_A` or `voltage_V`; "" without one."""
+    return next((effect.column for effect in model.effects if hasattr(effect, "command")), "")
+
+
 def _drive(
     model: Model,
     inputs: Inputs,
@@ -194,6 +201,12 @@ def _drive(
     """Solve the fast quantities from the state `now` over a span whose slow coefficients are those of `later`."""
     zero = jnp.zeros(())
     expected = Pair(zero, zero) if first is None else Pair(first.current_A, first.speed_rad_s)
+    if model.kind != "cell" and touches(model.effects, "friction_torque"):
+        same = now[1] is later[1]
+        later = (later[0], motors.over(later[1], duration - lead))
+        now = later if same else (now[0], motors.over(now[1], duration))
+    if set_by := _controlled(model):
+        inputs = inputs | {set_by: fold(model.effects, "command", zero, later[1].context)}
     if model.kind == "cell":
         return Drive(inputs["current_A"], zero, None, None)
     if model.kind == "motor":

@@ -77,9 +77,16 @@ def evaluate(
         current_A=state["motor_current_A"],
         speed_rad_s=state["speed_rad_s"],
         load_torque_Nm=load_torque_Nm,
+        position_rad=jnp.zeros(()),
+        step_s=jnp.zeros(()),
     )
+    if (position := turned(state)) is not None:
+        context = eqx.tree_at(lambda c: c.position_rad, context, position)
     load_torque = fold(effects, "load_torque", load_torque_Nm, context)
     context = eqx.tree_at(lambda c: c.load_torque_Nm, context, load_torque)
+    if position is not None:
+        position = fold(effects, "output_position", position, context)
+        context = eqx.tree_at(lambda c: c.position_rad, context, position)
     above_reference = winding - p.T_0
     return Motor(
         context=context,
@@ -90,6 +97,16 @@ def evaluate(
         load_torque_Nm=load_torque,
         inertia_kg_m2=fold(effects, "inertia", p.J, context),
     )
+
+
+def turned(state: State) -> Scalar | None:
+    """Return the position of the motor in rad, where one of the states is one; at the output of its gear."""
+    return next((value for name, value in state.items() if name.endswith(".position_rad")), None)
+
+
+def over(motor: Motor, duration: Scalar) -> Motor:
+    """Return the motor with the seconds over which its ports are to be evaluated."""
+    return eqx.tree_at(lambda m: m.context.step_s, motor, duration)
 
 
 def rates(motor: Motor, terminal_voltage_V: Scalar, pair: Pair) -> Pair:

@@ -50,7 +50,9 @@ class CellContext(eqx.Module):
 class MotorContext(eqx.Module):
     """The quantities available to an effect on a port of the motor, its bridge or the on-board electronics.
 
-    Kind motor has no duty and no pack: there the duty is 1 and the pack voltage is the terminal voltage.
+    Kind motor has no duty and no pack: there the duty is 1 and the pack voltage is the terminal voltage. `position_rad`
+    is that of the load, up to `output_position` that of the motor, and 0 where no state of the model is a position.
+    `step_s` is the time for which a value holds, 0 where nothing is integrated.
     """
 
     parameters: Parameters
@@ -63,6 +65,8 @@ class MotorContext(eqx.Module):
     current_A: Scalar
     speed_rad_s: Scalar
     load_torque_Nm: Scalar
+    position_rad: Scalar
+    step_s: Scalar
 
 
 CELL_PORTS = {
@@ -97,6 +101,8 @@ MOTOR_PORTS = {
     "inertia": "kg m2; of rotor and load, at the motor's shaft",
     "motor_loss": "W that heat the winding; eq. 16",
     "bridge_voltage": "V at the motor's terminals; eq. 14",
+    "command": "A or V that a controller sets; 0 without one",
+    "output_position": "rad; of the load, which lags behind the motor by what lies between them",
     "onboard_current": "A; eq. 20",
 }
 SENSOR_PORTS = {

@@ -30,6 +30,7 @@ SETTLED = 5.0
 # A rotor slower than this still draws its inrush while the winding warms: its resistance is not constant over a step.
 # A start from rest by 14 V then ends a row within 1 mA and 0.01 rad/s (29 mA and 0.036 rad/s without).
 SLOW_ROTOR_S, WARMING_STEP_SHARE = 0.03, 1.0 / 16.0
+LOOP_SHARE = 0.25  # longest step of a closed loop, as a share of its time constant
 WARMING_S = 0.2  # in which the inrush warms a winding: the first steps are no longer, however slow the rotor
 
 
@@ -103,6 +104,15 @@ class Grid:
             duration_s=np.append(self.duration_s, np.zeros(extra)),
             row=np.append(self.row, np.full(extra, self.row[-1])),
         )
+
+    def cut(self, longest_s: float) -> Grid:
+        """Return the same grid with every step cut into equal ones of at most so many seconds."""
+        count = np.maximum(np.ceil(self.duration_s / longest_s), 1)
+        _refuse_too_many(count)
+        step, _ = _parts(count.astype(int))
+        row = self.row[step]
+        last = np.cumsum(np.bincount(row - 1, minlength=self.last_step.size)) - 1
+        return dataclasses.replace(self, duration_s=(self.duration_s / count)[step], row=row, last_step=last)
 
 
 class Track(eqx.Module):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 
 import equinox as eqx
 import jax
@@ -16,12 +17,13 @@ from jaxmodel.lanes.xla_kernel import holds_constants
 from jaxmodel.model.declaration import Scalar
 from jaxmodel.model.electrothermal import Model, Readings, initial_state, read, step, valid
 from jaxmodel.model.flow import State
-from jaxmodel.model.ports import touches
+from jaxmodel.model.ports import Effect, touches
 from jaxmodel.model.possible import possible
 from jaxmodel.model.profile import (
     BENDING_STEP_SHARE,
     GROWTH,
     GROWTH_SATURATING,
+    LOOP_SHARE,
     SLOW_ROTOR_S,
     WARMING_S,
     WARMING_STEP_SHARE,
@@ -137,6 +139,9 @@ def grid_of(model: Model, profile: Profile, jumped_s: float | None = None) -> Gr
     """Return the steps of a profile for a model; `jumped_s` as of `jaxmodel.model.profile.make_grid`."""
     if model.kind == "cell" or "speed_rad_s" in profile.inputs:  # no rotor settles
         return make_grid(profile, None)
+    for effect in model.effects:
+        if hasattr(effect, "command"):
+            return _in_closed_loop(model, profile, effect)
     p = jax.tree.map(np.asarray, model.parameters)
     electrical = float(np.min(p.L_a / p.R_0))
     bends = touches(model.effects, "armature_voltage_drop")
@@ -147,6 +152,20 @@ def grid_of(model: Model, profile: Profile, jumped_s: float | None = None) -> Gr
         shortest = min(shortest if bends else max(shortest, SLOW_ROTOR_S), WARMING_S)
         return make_grid(profile, electrical, (shortest, longest), WARMING_STEP_SHARE, growth, jumped_s)
     return make_grid(profile, electrical, (shortest, longest) if bends else None, BENDING_STEP_SHARE, growth, jumped_s)
+
+
+def _in_closed_loop(model: Model, profile: Profile, controller: Effect) -> Grid:
+    """Return the steps of a motor under a controller: a row each, or as many as its loop needs.
+
+    The loop settles with k_tau k_d / J and oscillates with sqrt(k_tau k_p / J), where the controller sets the current;
+    where it sets the voltage, k_tau / R_0 stands in the place of k_tau.
+    """
+    p, gains = jax.tree.map(np.asarray, (model.parameters, controller))
+    per_unit = p.k_tau / p.J / (p.R_0 if controller.column == "voltage_V" else 1.0)
+    fastest = np.max(per_unit * gains.k_p)
+    if hasattr(gains, "k_d"):
+        fastest = max(math.sqrt(fastest), float(np.max(per_unit * gains.k_d)))
+    return make_grid(profile, None).cut(LOOP_SHARE / max(float(fastest), 1e-9))
 
 
 def simulate(model: Model, profile: Profile, cutoff: Cutoff | None = None) -> Trajectory:

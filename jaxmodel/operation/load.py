@@ -24,9 +24,12 @@ from jaxmodel.base.in_short import InShort
 from jaxmodel.base.late_binding import late_bound
 from jaxmodel.case.build import case_model
 from jaxmodel.case.known import Known
+from jaxmodel.case.measurements import OPEN, REFERENCES, SET_BY
 from jaxmodel.case.records import Case, Run
 from jaxmodel.case.signals import after_pauses, duty_of, white_sd
 from jaxmodel.case.simulation import simulate_case
+from jaxmodel.case.specimens import together
+from jaxmodel.effects.controllers import SERVO
 from jaxmodel.effects.loads import LAW_EFFECTS
 from jaxmodel.model import motor as motors
 from jaxmodel.model.armature import Pair
@@ -154,17 +157,28 @@ def _driven_by_speed(case: Case) -> Case:
         speed = measured.inputs.get("speed_rad_s", measured.outputs.get("speed_rad_s"))
         if speed is None:
             raise MeasurementError(f"{run.file}: the load is found from current and speed; add the column speed_rad_s.")
-        there = np.isfinite(speed)
-        held = np.interp(measured.time_s, measured.time_s[there], speed[there])
-        inputs = {
-            name: values for name, values in measured.inputs.items() if name not in ("load_torque_Nm", "incline_deg")
-        }
-        outputs = {name: values for name, values in measured.outputs.items() if name != "speed_rad_s"}
-        measured = dataclasses.replace(measured, inputs=inputs | {"speed_rad_s": held}, outputs=outputs)
+        of_load = ("load_torque_Nm", "incline_deg", *REFERENCES.values())
+        inputs = {name: values for name, values in measured.inputs.items() if name not in of_load}
+        inputs["speed_rad_s"] = _filled(measured.time_s, speed)
+        if case.servo.controller:  # what it set was read
+            drive = SET_BY[case.servo.drive or "voltage"]
+            if drive not in measured.outputs:
+                raise MeasurementError(
+                    f"{run.file}: the load is found from what the drive set; add the column {drive}."
+                )
+            inputs[drive] = _filled(measured.time_s, measured.outputs[drive])
+        outputs = {name: values for name, values in measured.outputs.items() if name not in inputs}
+        measured = dataclasses.replace(measured, inputs=inputs, outputs=outputs)
         runs.append(dataclasses.replace(run, measured=measured))
-    effects = {name: values for name, values in case.effects.items() if name not in LAW_EFFECTS}
+    effects = {name: values for name, values in case.effects.items() if name not in LAW_EFFECTS | SERVO.keys()}
     sd = {name: values for name, values in case.effect_sd.items() if name in effects}
-    return dataclasses.replace(case, runs=tuple(runs), effects=effects, effect_sd=sd, load="unknown")
+    return dataclasses.replace(case, runs=tuple(runs), effects=effects, effect_sd=sd, load="unknown", servo=OPEN)
+
+
+def _filled(time_s: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return readings with what is missing between its neighbours."""
+    there = np.isfinite(values)
+    return np.interp(time_s, time_s[there], values[there])
 
 
 def _of_run(case: Case, run: Run, simulated: pd.DataFrame) -> RunLoad:
@@ -184,7 +198,9 @@ def _of_run(case: Case, run: Run, simulated: pd.DataFrame) -> RunLoad:
     table = table.assign(load_torque_Nm=torque, sd_Nm=sd, work_W=torque * speed)
     if (voltage := _voltage(case, run, simulated)) is not None:
         table["drawn_W"] = voltage * current
-    return RunLoad(run.name, group_of(run.name), table, _common(case), _metres(case, run, speed))
+    return RunLoad(
+        run.name, group_of(together(run.name, run.specimen)), table, _common(case), _metres(case, run, speed)
+    )
 
 
 def _shaft_torque(model: Model, inputs: Mapping, simulated: pd.DataFrame, current: Array, speed: Array) -> Array:

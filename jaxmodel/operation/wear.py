@@ -149,8 +149,13 @@ def trend(case: Case) -> Wear:
         case: of a motor, with current and speed; with voltage for R_0 and k_tau, with a known load for the friction.
 
     Raises:
-        FitError: fewer than four runs, or no run has current and speed.
+        FitError: fewer than four runs, runs of several motors, or no run has current and speed.
     """
+    if len(case.specimens) > 1:
+        raise FitError(
+            f"{case.label}: its runs are of {len(case.specimens)} motors ({', '.join(case.specimens)}), and a trend is "
+            "of one; give one of case.of_specimens()."
+        )
     if len(case.runs) < LEAST_RUNS:
         raise FitError(f"{case.label}: {len(case.runs)} runs tell no trend; give {LEAST_RUNS} or more.")
     found: dict[str, list[tuple[Run, float, float]]] = {name: [] for name in WHAT}

@@ -20,7 +20,9 @@ from jaxmodel.case.load import free_number
 from jaxmodel.case.presets import read_preset
 from jaxmodel.case.records import Case
 from jaxmodel.case.simulation import simulate_case
+from jaxmodel.effects.controllers import CONTROLLERS
 from jaxmodel.fit.likelihood import autocorrelation_time
+from jaxmodel.model.declaration import describe
 from jaxmodel.model.parameters import info
 from jaxmodel.parameterisation.motor_electrical import electrical
 from jaxmodel.parameterisation.motor_friction import Mechanics, mechanics
@@ -175,6 +177,7 @@ def _extracted(
         runs, value("R_0"), value("psi_R"), value("T_0"), friction, {name: known.value for name, known in exact.items()}
     )
     found += [one for one in heat if one.name not in exact]
+    found += _gains(case, tuple(rows.name for rows in runs))
     noise = [one for column, unit in READINGS.items() if (one := sensor_noise(fitted, column, unit))]
     found += noise
     have = {one.name for one in found}
@@ -281,6 +284,9 @@ def _places(case: Case, found: Sequence[Extraction]) -> dict[str, tuple[str, str
     """Return the effect and field of each number that the forward model refines."""
     free = free_number(case)
     places = PLACES if free is None else PLACES | {_of_load(free): free[:2]}
+    for one in _gains(case, ()):
+        effect, field = one.name.split(".")
+        places = places | {one.name: (effect, field)}
     return {
         one.name: places[one.name]
         for one in found
@@ -289,6 +295,26 @@ def _places(case: Case, found: Sequence[Extraction]) -> dict[str, tuple[str, str
         and one.name in places
         and (places[one.name][0] in case.effects or one.name in case.parameters)
     }
+
+
+def _gains(case: Case, runs: tuple[str, ...]) -> list[Extraction]:
+    """Return the gains of a controller that the case leaves to the data, as it states them."""
+    if not case.servo.controller:
+        return []
+    effect = CONTROLLERS[case.servo.controller]
+    units = {name: one.unit for name, one in describe(effect).items()}
+    return [
+        Extraction(
+            f"{effect.name}.{name}",
+            float(case.effects[effect.name][name]),
+            sd,
+            units[name],
+            runs,
+            "all rows",
+            "as stated",
+        )
+        for name, sd in case.effect_sd.get(effect.name, {}).items()
+    ]
 
 
 def _stated(case: Case, name: str) -> float:

@@ -19,7 +19,7 @@ from jaxmodel.case.records import Case
 from jaxmodel.case.simulation import simulate_case
 from jaxmodel.fit.likelihood import autocorrelation_time
 
-CHANNELS = ("current_A", "speed_rad_s")
+CHANNELS = ("current_A", "voltage_V", "speed_rad_s")  # a voltage is a reading under a controller
 MOST_CALLS = 12
 STEP = 1e-3
 LEAST_GAIN = 0.999  # of the misfit: else the first values stay

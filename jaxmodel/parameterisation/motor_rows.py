@@ -26,7 +26,7 @@ class MotorRows:
     Attributes:
         name: of the run.
         time_s: increasing times [s].
-        voltage_V: at the terminals; None where the run is driven by its current.
+        voltage_V: at the terminals, measured or what a controller set; None where the run is driven by its current.
         current_A: measured, or the input; None where there is none.
         load_Nm: against the motor.
         ambient_degC: of the surroundings.
@@ -92,7 +92,7 @@ def motor_rows(case: Case, run: Run, late_s: float = 0.0) -> MotorRows:
     return MotorRows(
         run.name,
         time_s,
-        inputs.get("voltage_V"),
+        inputs.get("voltage_V", outputs.get("voltage_V")),
         current,
         load,
         inputs["ambient_degC"],

@@ -13,10 +13,13 @@ from jaxmodel.base.errors import MeasurementError
 from jaxmodel.base.schema import with_schema
 from jaxmodel.case.presets import PresetForm, read_form
 from jaxmodel.case.writing import table_entry
+from jaxmodel.effects.controllers import SERVO
 from jaxmodel.effects.loads import LAW_EFFECTS
 from jaxmodel.parameterisation.result import Parameterisation
 
 KINDS = {"cell": ["cell", "robot"], "motor": ["motor"], "robot": ["robot"]}
+# Effects that a case states and that no data find.
+STATED = LAW_EFFECTS | SERVO.keys()
 _REFIT = "joint refit of all curves"
 
 
@@ -35,7 +38,7 @@ def write_preset(found: Parameterisation, path: Path, data: str, licence: str) -
     checked_name(path.stem)
     case = found.case
     held_out = _held_out(found, "".join(f", with {name}" for name in case.effects))
-    if case.effects.keys() - LAW_EFFECTS:
+    if case.effects.keys() - STATED:
         held_out = _held_out(_without_effects(found), "") + held_out
     if not held_out:
         raise MeasurementError(
@@ -71,14 +74,14 @@ def _held_out(found: Parameterisation, added: str) -> list[dict[str, Any]]:
 def _without_effects(found: Parameterisation) -> Parameterisation:
     """Return the numbers in a case without the effects that they were found with: what the preset alone is.
 
-    The law of a load that is not measured stays: without it there is nothing to compare.
+    The law of a load that is not measured stays, and so does a controller: without them there is nothing to compare.
     """
     runs = tuple(
         dataclasses.replace(run, overrides={n: k for n, k in run.overrides.items() if n != "initial_hysteresis"})
         for run in found.case.runs
     )
-    effects = {name: values for name, values in found.case.effects.items() if name in LAW_EFFECTS}
-    effect_sd = {name: values for name, values in found.case.effect_sd.items() if name in LAW_EFFECTS}
+    effects = {name: values for name, values in found.case.effects.items() if name in STATED}
+    effect_sd = {name: values for name, values in found.case.effect_sd.items() if name in STATED}
     case = dataclasses.replace(found.case, effects=effects, effect_sd=effect_sd, runs=runs)
     return dataclasses.replace(found, case=case)
 

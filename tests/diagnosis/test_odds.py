@@ -21,51 +21,55 @@ from tests.diagnosis.made_cases import cache_of, small_cell
 KINDS = ("cell", "motor", "robot")
 TABLE = """
 effect                     cell  motor  robot  rare  needs
-arrhenius_resistance       3.74      -   4.36
-capacity_temperature       3.74      -   4.36
-cell_imbalance                -      -   4.36
-charge_transfer            3.74      -   4.36
-entropic_ocv               3.74      -   4.36
-ocv_hysteresis             3.74      -   4.36
-rate_capacity              3.74      -   4.36
-resistance_ageing          3.74      -   4.36
-self_heating               3.74      -   4.36
-slow_diffusion             3.74      -   4.36
-bridge_resistance             -      -   4.36
-brush_drop                    -   3.67   4.36
-constant_power_load           -      -   4.36
-friction_temperature          -   3.67   4.36
-gear_loss                     -   3.67   4.36
-magnet_temperature            -   3.67   4.36
-onboard_temperature           -      -   4.36
-pwm_ripple                    -      -   4.36
-saturation                    -   3.67   4.36
-stribeck_friction             -   3.67   4.36
-viscous_friction              -   3.67   4.36
-windage                       -   3.67   4.36
-clock_shift                3.74   3.67   4.36
-current_offset             3.74   3.67   4.36
-temperature_lag            3.74   3.67   4.36
-temperature_offset         3.74   3.67   4.36
-voltage_gain               3.74   3.67   4.36
-voltage_offset             3.74   3.67   4.36
-arrhenius_polarisation     6.74      -   7.36  rare  arrhenius_resistance
-capacity_fade              6.74      -   7.36  rare
-contact_drift              6.74      -   7.36  rare
-contact_heating            6.74      -   7.36  rare
-core_temperature           6.74      -   7.36  rare
-self_discharge             6.74      -   7.36  rare
-bridge_dead_time              -      -   7.36  rare
-brush_current_drop            -   6.67   7.36  rare
-directional_friction          -   6.67   7.36  rare
-gear_friction                 -   6.67   7.36  rare
-torque_friction               -   6.67   7.36  rare
-chamber_offset             6.74   6.67   7.36  rare
-current_gain               6.74   6.67   7.36  rare
-speed_gain                    -   6.67   7.36  rare
-temperature_gain           6.74   6.67   7.36  rare
-torque_gain                   -   6.67   7.36  rare
-torque_offset                 -   6.67   7.36  rare
+arrhenius_resistance       3.74      -   4.37
+capacity_temperature       3.74      -   4.37
+cell_imbalance                -      -   4.37
+charge_transfer            3.74      -   4.37
+entropic_ocv               3.74      -   4.37
+ocv_hysteresis             3.74      -   4.37
+rate_capacity              3.74      -   4.37
+resistance_ageing          3.74      -   4.37
+self_heating               3.74      -   4.37
+slow_diffusion             3.74      -   4.37
+bridge_resistance             -      -   4.37
+brush_drop                    -   3.69   4.37
+constant_power_load           -      -   4.37
+friction_temperature          -   3.69   4.37
+gear_loss                     -   3.69   4.37
+magnet_temperature            -   3.69   4.37
+onboard_temperature           -      -   4.37
+pwm_ripple                    -      -   4.37
+saturation                    -   3.69   4.37
+stribeck_friction             -   3.69   4.37
+viscous_friction              -   3.69   4.37
+windage                       -   3.69   4.37
+clock_shift                3.74   3.69   4.37
+current_offset             3.74   3.69   4.37
+temperature_lag            3.74   3.69   4.37
+temperature_offset         3.74   3.69   4.37
+voltage_gain               3.74   3.69   4.37
+voltage_offset             3.74   3.69   4.37
+arrhenius_polarisation     6.74      -   7.37  rare  arrhenius_resistance
+capacity_fade              6.74      -   7.37  rare
+contact_drift              6.74      -   7.37  rare
+contact_heating            6.74      -   7.37  rare
+core_temperature           6.74      -   7.37  rare
+self_discharge             6.74      -   7.37  rare
+bridge_dead_time              -      -   7.37  rare
+brush_current_drop            -   6.69   7.37  rare
+directional_friction          -   6.69   7.37  rare
+gear_friction                 -   6.69   7.37  rare
+torque_friction               -   6.69   7.37  rare
+backlash                      -   6.69      -  rare
+compliance                    -   6.69      -  rare
+directional_drag              -   6.69   7.37  rare
+presliding                    -   6.69   7.37  rare
+chamber_offset             6.74   6.69   7.37  rare
+current_gain               6.74   6.69   7.37  rare
+speed_gain                    -   6.69   7.37  rare
+temperature_gain           6.74   6.69   7.37  rare
+torque_gain                   -   6.69   7.37  rare
+torque_offset                 -   6.69   7.37  rare
 """
 
 OWN = '''

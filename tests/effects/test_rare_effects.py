@@ -57,7 +57,7 @@ def lost(profile: Profile, *effects: Effect) -> np.ndarray:
 
 def test_rare_effects_come_last():
     assert list(CATALOGUE)[-len(RARE) :] == RARE
-    assert len(RARE) == 17
+    assert len(RARE) == 21
     assert not any(cls.rare for name, cls in CATALOGUE.items() if name not in RARE)
 
 

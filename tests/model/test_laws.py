@@ -240,7 +240,7 @@ def open_circuit(soc: np.ndarray) -> np.ndarray:
     return -1.031 * np.exp(-35.0 * soc) + 3.685 + soc * (0.2156 + soc * (-0.1178 + soc * 0.3201))
 
 
-@pytest.mark.parametrize("effect", ["", *(name for name in effects_of("motor") if name != "directional_friction")])
+@pytest.mark.parametrize("effect", ["", *(name for name in effects_of("motor") if not name.startswith("directional_"))])
 def test_a_motor_driven_backwards_mirrors_itself(effect: str):
     """Nothing in the motor knows left from right: currents and speeds change sign, temperatures do not."""
     drive = staircase(3, 60, 12.0)

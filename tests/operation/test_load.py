@@ -75,6 +75,18 @@ def test_a_side_that_is_worse_is_told(left):
     assert 0.0 < sd < table["sd"].max()
 
 
+def test_two_motors_of_one_case_are_compared_by_ground():
+    frames = {"road_1_left": frame(ASKED, 1), "road_1_right": frame(1.3 * ASKED, 3)}
+    runs = {name: {"specimen": name.rpartition("_")[2]} for name in frames}
+    both = Case.from_dataframes(frames, kind="motor", load="unknown", sensors=NOISE, runs=runs)
+    parts = both.of_specimens()
+    assert list(parts) == ["left", "right"]
+    table = sides([estimate_load(one) for one in parts.values()])
+    assert table[["group", "motor"]].to_numpy().tolist() == [["road", "right"]]
+    assert table["ratio"].to_numpy() == pytest.approx(1.3, abs=0.08)
+    assert both.runs[0].specimen == parts["left"].runs[0].specimen == "left"
+
+
 def test_a_law_of_the_case_does_not_load_what_is_estimated():
     """The torque of a propeller is found whether the case calls it one or not."""
     speed = estimate_load(case({"a": frame(ASKED, 1)})).runs[0].table["load_torque_Nm"]

@@ -82,6 +82,15 @@ def test_loads_in_order_are_not_wear():
     assert "not told apart" in line.sentence()
 
 
+def test_a_trend_is_of_one_motor():
+    frames = {f"day_{day}_{side}": frame(day) for day in range(4) for side in ("left", "right")}
+    runs = {name: {"specimen": name.rpartition("_")[2]} for name in frames}
+    both = Case.from_dataframes(frames, kind="motor", load="measured", parameters=TRUE, runs=runs)
+    with pytest.raises(FitError, match=r"its runs are of 2 motors \(left, right\)"):
+        trend(both)
+    assert len(trend(both.of_specimens()["left"]).trends[0].points) == 4
+
+
 def test_three_runs_tell_no_trend():
     with pytest.raises(FitError, match="3 runs tell no trend"):
         trend(case({f"day_{day}": frame(day) for day in range(3)}))

@@ -30,6 +30,7 @@ from jaxmodel.diagnosis.wording import (
     join,
     named_sentence,
     run_sentence,
+    specimen_sentences,
     verdict_sentence,
 )
 
@@ -176,6 +177,8 @@ def print_diagnosis(diagnosis: Diagnosis) -> None:
         terminal.say(line)
     for effect in diagnosis.effects:
         terminal.say(f"Found: {named_sentence(effect)}")
+    for sentence in specimen_sentences(diagnosis):
+        terminal.say(f"Found: {sentence}")
     for sentence in (*map(curve_sentence, diagnosis.curves), *map(run_sentence, diagnosis.runs)):
         terminal.say(f"Correction: {sentence}")
     for channel, one in diagnosis.remaining.items():

@@ -26,6 +26,7 @@ def import_files(
     *,
     pairs: Mapping[str, Sequence[str]],
     load: str | None = None,
+    controller: str | None = None,
     answer_only: bool = False,
     force: bool = False,
     **decisions: Any,
@@ -36,8 +37,9 @@ def import_files(
         files: as `jaxmodel.data.importing.import_case` takes them; a folder stands for all its files.
         kind: of the case.
         out: folder of the case.
-        pairs: options of the form NAME=VALUE by their names: `column`, `unit`, `constant`.
+        pairs: options of the form NAME=VALUE by their names: `column`, `unit`, `constant`, `specimen`.
         load: a law, or one with its numbers as "gravity:mass_kg=0.5,arm_m=0.1".
+        controller: "position" or "speed" with its gains, as "position:k_p=40,k_d=0.2,limit=10".
         answer_only: leaves out the pictures.
         force: writes over a case that was edited since it was imported.
         decisions: other fields of `jaxmodel.data.importing.Options`.
@@ -48,13 +50,16 @@ def import_files(
     if kind not in KINDS:
         raise MeasurementError(f"--kind: there is no '{kind}'; use {', '.join(KINDS)}.{nearest(kind, KINDS)}")
     constants = [_pair(text, "constant") for text in pairs["constant"]]
-    law, _, numbers = (load or "").partition(":")
-    of_law = [_pair(text.strip(), "load") for text in numbers.split(",") if text.strip()]
+    law, of_law = _with_numbers(load, "load")
+    loop, gains = _with_numbers(controller, "controller")
     options = Options(
-        load=law or None,
-        load_numbers={name: _number(value, f"--load {name}") for name, value in of_law},
+        load=law,
+        load_numbers=of_law,
+        controller=loop,
+        controller_numbers=gains,
         columns=dict(_pair(text, "column") for text in pairs["column"]),
         units=dict(_pair(text, "unit") for text in pairs["unit"]),
+        specimens=dict(_pair(text, "specimen") for text in pairs.get("specimen", ())),
         constants={name: _number(value, f"--constant {name}") for name, value in constants},
         **decisions,
     )
@@ -111,6 +116,13 @@ def _pair(text: str, option: str) -> tuple[str, str]:
     if not equals or not name.strip():
         raise MeasurementError(f"--{option} {text}: give NAME=VALUE.")
     return name.strip(), value.strip().strip("\"'")
+
+
+def _with_numbers(text: str | None, option: str) -> tuple[str | None, dict[str, float]]:
+    """Return the name and the numbers of 'gravity:mass_kg=0.5,arm_m=0.1'; None for none."""
+    name, _, numbers = (text or "").partition(":")
+    pairs = [_pair(one.strip(), option) for one in numbers.split(",") if one.strip()]
+    return name or None, {key: _number(value, f"--{option} {key}") for key, value in pairs}
 
 
 def _number(text: str, option: str) -> float:

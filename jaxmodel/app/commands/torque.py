@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import time
 from collections.abc import Sequence
@@ -34,7 +35,7 @@ def torque(paths: Sequence[Path], out: Path, *, pictures: bool = True) -> None:
     """Write a CSV of each motor's torque, `report.html` and pictures to `out`.
 
     Args:
-        paths: cases, one for each motor, with current and speed.
+        paths: cases with current and speed, one for each motor, or one of several.
         out: the folder.
         pictures: False writes neither pictures nor a page.
 
@@ -42,7 +43,7 @@ def torque(paths: Sequence[Path], out: Path, *, pictures: bool = True) -> None:
         UserError: a case cannot be used.
     """
     began = time.perf_counter()
-    cases = [read_case(path) for path in paths]
+    cases = [of_motor for path in paths for of_motor in _of_motors(read_case(path), alone=len(paths) == 1)]
     start(out)
     found: list[LoadEstimate] = []
     worn: list[Wear] = []
@@ -73,6 +74,15 @@ def torque(paths: Sequence[Path], out: Path, *, pictures: bool = True) -> None:
     for line in findings:
         terminal.say(f"- {line}")
     terminal.say(f"torque-*.csv{', and report.html,' if pictures else ''} are in {out}.")
+
+
+def _of_motors(case: Case, alone: bool) -> list[Case]:
+    """Return a case for each motor, with the name of its case too where there are several."""
+    parts = case.of_specimens()
+    return [
+        one if alone or one is case else dataclasses.replace(one, name=f"{case.name} {name}")
+        for name, one in parts.items()
+    ]
 
 
 def _names(found: Sequence[LoadEstimate]) -> list[str]:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from jaxmodel.base.errors import MeasurementError, listed, nearest
+from jaxmodel.case.specimens import together
 from jaxmodel.data.importing.conditions import Condition
 from jaxmodel.data.importing.findings import Decision, Finding
 from jaxmodel.data.importing.logs import Log
@@ -78,6 +79,60 @@ def splits_of(
             "than another condition would."
         )
         found.append(Finding("no check condition", "", sentence, "warning"))
+    return splits, found
+
+
+def splits_of_motors(
+    runs: Sequence[Log], conditions: Sequence[Condition], stated: Sequence[str] | None
+) -> tuple[list[str], list[Finding | Decision]]:
+    """Return "fit" or "check" for each run, and why, where several motors were logged together.
+
+    What was logged together is held out together: the same ride of another motor is no other condition.
+
+    Args:
+        runs: as `splits_of`, with their specimens.
+        conditions: of each.
+        stated: names of check runs, with their motor or without it for all of them.
+
+    Raises:
+        MeasurementError: as `splits_of`, or a motor would have no run to fit.
+    """
+    if not any(run.specimen for run in runs):
+        return splits_of(runs, conditions, stated)
+    rides = [together(run.name, run.specimen) for run in runs]
+    if stated is None:
+        first = [rides.index(ride) for ride in dict.fromkeys(rides)]
+        once = [dataclasses.replace(runs[number], name=rides[number]) for number in first]
+        of_rides, found = splits_of(once, [conditions[number] for number in first], None)
+        by_ride = dict(zip(dict.fromkeys(rides), of_rides, strict=True))
+        splits = [by_ride[ride] for ride in rides]
+    else:
+        wanted: list[str] = []
+        for pattern in stated:
+            plain = pattern.removesuffix(".csv")
+            of_ride = [r.name for r, ride in zip(runs, rides, strict=True) if fnmatch.fnmatchcase(ride, plain)]
+            wanted += of_ride or [pattern]
+        splits, found = splits_of(runs, conditions, wanted)
+    return _each_is_fitted(runs, splits, found, stated is not None)
+
+
+def _each_is_fitted(
+    runs: Sequence[Log], splits: list[str], found: list[Finding | Decision], stated: bool
+) -> tuple[list[str], list[Finding | Decision]]:
+    """Return splits in which each motor has a run to fit: one alone of its motor is not held out.
+
+    Raises:
+        MeasurementError: the user holds it out.
+    """
+    for motor in dict.fromkeys(run.specimen for run in runs):
+        mine = [number for number, run in enumerate(runs) if run.specimen == motor]
+        if any(splits[number] == "fit" for number in mine):
+            continue
+        if stated:
+            raise MeasurementError(f"check: every run of {motor} would be held out, and none left to fit; name fewer.")
+        splits = ["fit" if number in mine else split for number, split in enumerate(splits)]
+        sentence = f"Each run of {motor} would be held out, so all of them are fitted; repeat one for a check run."
+        found = [*found, Finding("no check run", "", sentence, "warning")]
     return splits, found
 
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import fnmatch
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from jaxmodel.base.errors import MeasurementError
 from jaxmodel.base.units import unit_of
-from jaxmodel.data.importing.findings import Finding
+from jaxmodel.case.measurements import file_label
+from jaxmodel.data.importing.findings import Decision, Finding
 from jaxmodel.data.importing.logs import Log
 
 # An ambient temperature that moves by more [K] is no condition.
@@ -113,6 +116,39 @@ def _share_of_levels(load: np.ndarray, weight: np.ndarray, largest: float) -> fl
     return float(times[:6].sum() / max(times.sum(), 1e-12))
 
 
+def with_specimens(logs: Sequence[Log], stated: Mapping[str, str]) -> list[Log]:
+    """Return logs with the motor or cell that each is of, as the user states it.
+
+    Args:
+        logs: of files.
+        stated: by name of a specimen, a pattern of file names.
+
+    Raises:
+        MeasurementError: a file is of none or of two of them, or a pattern is of no file.
+    """
+    if not stated:
+        return list(logs)
+    found = []
+    for log in logs:
+        mine = [name for name, pattern in stated.items() if _is_meant(log, pattern)]
+        if len(mine) != 1 or log.specimen:
+            what = "several motors or cells by itself" if log.specimen else f"{' and '.join(mine) or 'none of them'}"
+            raise MeasurementError(
+                f"{file_label(log.source)}: specimen: the file is of {what}; state --specimen so that each is of one."
+            )
+        decision = Decision("specimen", log.name, mine[0], "stated", "user")
+        found.append(dataclasses.replace(log, specimen=mine[0]).also(decision))
+    if lacking := [name for name in stated if name not in {log.specimen for log in found}]:
+        raise MeasurementError(
+            f"specimen: no file is called '{stated[lacking[0]]}'; correct the pattern of {lacking[0]}."
+        )
+    return found
+
+
+def _is_meant(log: Log, pattern: str) -> bool:
+    return any(fnmatch.fnmatchcase(name, pattern) for name in (log.name, log.source.stem, log.source.name))
+
+
 def specimens(runs: Sequence[Log]) -> Finding | None:
     """Return what names of files say of several pieces of hardware, which a case does not hold."""
     found: dict[str, list[str]] = {}
@@ -123,7 +159,7 @@ def specimens(runs: Sequence[Log]) -> Finding | None:
         return None
     some = ", ".join(sorted(found))
     sentence = (
-        f"The file names point to {len(found)} pieces of hardware ({some}), and a case holds one: import each of them "
-        "separately, unless they are alike enough for your purpose."
+        f"The file names point to {len(found)} pieces of hardware ({some}), and the runs of a case are taken to be of "
+        'one: state each with --specimen NAME="PATTERN" to have them compared, or import each of them separately.'
     )
     return Finding("several specimens", "", sentence, "warning")

@@ -28,6 +28,7 @@ from jaxmodel.data.importing.findings import Decision, Finding
 from jaxmodel.data.importing.logs import Log
 from jaxmodel.data.importing.options import Kind, Options
 from jaxmodel.data.importing.plotting import ImportPlots
+from jaxmodel.effects.controllers import CONTROLLERS
 from jaxmodel.effects.loads import LAWS
 
 _LINE = 160
@@ -60,6 +61,8 @@ class ImportedRun:
     def entries(self) -> dict[str, Any]:
         """Return the run's entries of case.toml."""
         stated: dict[str, Any] = {"label": self.label}
+        if self.log.specimen:
+            stated["specimen"] = self.log.specimen
         if self.ambient_degC is not None:
             stated["ambient_degC"] = self.ambient_degC
         if self.start is not None:
@@ -114,6 +117,8 @@ class Imported:
             name="imported",
             title=self.title,
             load=self.options.load,
+            drive=self.options.drive,
+            controller=self.options.controller,
             effects=self.effects(),
             preset=self.options.preset or "paper",
             parameters=self.parameters(),
@@ -149,9 +154,10 @@ class Imported:
         return of_files | {"cycles": 0, "storage_months": 0}
 
     def effects(self) -> dict[str, dict[str, float]]:
-        """Return the law of the load with the numbers that the user states of it."""
-        law = LAWS.get(self.options.load or "")
-        return {} if law is None else {law.name: dict(self.options.load_numbers)}
+        """Return the law of the load and the controller with the numbers that the user states of them."""
+        law, loop = LAWS.get(self.options.load or ""), CONTROLLERS.get(self.options.controller or "")
+        stated = {} if law is None else {law.name: dict(self.options.load_numbers)}
+        return stated if loop is None else stated | {loop.name: dict(self.options.controller_numbers)}
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -322,6 +328,7 @@ def _content(imported: Imported, names: list[str], folder: Path) -> dict[str, An
     content: dict[str, Any] = {"title": imported.title, "kind": imported.kind}
     if imported.options.load:
         content["load"] = imported.options.load
+    content |= {name: said for name, said in imported.options.servo._asdict().items() if said}
     if imported.options.preset:
         content["preset"] = preset_entry(imported.options.preset, folder / "case.toml")
     if parameters := imported.parameters():

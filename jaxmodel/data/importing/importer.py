@@ -11,14 +11,14 @@ import numpy as np
 
 from jaxmodel.base.errors import MeasurementError, instead, nearest
 from jaxmodel.base.progress import Stage, stages
-from jaxmodel.case.measurements import COLUMNS_OF_LAWS, KINDS, file_label, vocabulary
+from jaxmodel.case.measurements import COLUMNS_OF_LAWS, KINDS, OPEN, file_label, vocabulary
 from jaxmodel.case.presets import located, read_preset, why_not
 from jaxmodel.data.importing import ageing, balance, charge, warm_start
 from jaxmodel.data.importing.ambient import contradictions, fill, with_ambient
-from jaxmodel.data.importing.check_runs import splits_of
+from jaxmodel.data.importing.check_runs import splits_of_motors
 from jaxmodel.data.importing.checks import odd_things
 from jaxmodel.data.importing.clock import with_clock
-from jaxmodel.data.importing.conditions import Condition, condition_of, specimens
+from jaxmodel.data.importing.conditions import Condition, condition_of, specimens, with_specimens
 from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
 from jaxmodel.data.importing.formula_hints import hint_for
 from jaxmodel.data.importing.formulas import unmatched
@@ -31,10 +31,12 @@ from jaxmodel.data.importing.mistakes import SWAPPED, exchanged, odd_units
 from jaxmodel.data.importing.motor_constants import constants_of
 from jaxmodel.data.importing.options import Kind, Options, checked
 from jaxmodel.data.importing.outliers import without_outliers
-from jaxmodel.data.importing.roles import MARKS, ROLES
+from jaxmodel.data.importing.roles import MARKS, ONLY_STATED, ROLES
 from jaxmodel.data.importing.runs import split
 from jaxmodel.data.importing.sign import motor_signs, robot_signs, settle
 from jaxmodel.data.importing.speed import with_speed
+from jaxmodel.data.importing.supply import odd_voltages
+from jaxmodel.effects.controllers import CONTROLLERS
 from jaxmodel.effects.loads import LAWS
 from jaxmodel.model.declaration import describe
 
@@ -84,7 +86,9 @@ def import_case(
     if unknown := [name for name in decisions if name not in known]:
         raise MeasurementError(f"import_case: there is no decision '{unknown[0]}'.{nearest(unknown[0], known)}")
     options = checked(dataclasses.replace(options or Options(), **decisions))
-    _check_load(kind, options)
+    _check_kind(kind, options)
+    if options.drive == "current":  # what is in V is then no voltage of the winding
+        options = dataclasses.replace(options, columns={"voltage_V": "", **options.columns})
     if options.preset:
         options = dataclasses.replace(options, preset=located(options.preset, Path()))
         if problem := why_not(str(options.preset), kind):
@@ -98,8 +102,12 @@ def import_case(
     return imported
 
 
-def _check_load(kind: Kind, options: Options) -> None:
-    """Raise MeasurementError for a load of a cell, and for a number that its law does not have."""
+def _check_kind(kind: Kind, options: Options) -> None:
+    """Raise MeasurementError for what another kind has, and for a number that a load or a controller does not have."""
+    if kind != "motor" and options.motors:
+        raise MeasurementError(f"motor: a log is parted into its motors with --kind motor; remove it for a {kind}.")
+    if options.each_cell and (kind != "cell" or options.cells_in_series > 1):
+        raise MeasurementError("each cell: it is for --kind cell, and without --cells-in-series; remove one of them.")
     if kind == "cell" and options.load:
         raise MeasurementError("load: a cell turns nothing; remove --load.")
     law = LAWS.get(options.load or "")
@@ -107,6 +115,17 @@ def _check_load(kind: Kind, options: Options) -> None:
     for name in options.load_numbers:
         if name not in known:
             raise MeasurementError(f"load: {options.load} has no number '{name}'.{instead(name, known)}")
+    if kind != "motor" and options.servo != OPEN:
+        raise MeasurementError(f"drive: that of a {kind} is not modelled; remove --drive and --controller.")
+    gains = describe(CONTROLLERS[options.controller]) if options.controller else {}
+    for name in options.controller_numbers:
+        if name not in gains:
+            raise MeasurementError(f"controller: {options.controller} has no number '{name}'.{instead(name, gains)}")
+    if gains and not options.controller_numbers:
+        raise MeasurementError(
+            f"controller: {options.controller} has no gains; state them, as in --controller "
+            f"{options.controller}:k_p=10."
+        )
 
 
 def _imported(paths: Sequence[Path], kind: Kind, options: Options, ask: Ask | None, tell: Stage) -> Imported:
@@ -116,18 +135,19 @@ def _imported(paths: Sequence[Path], kind: Kind, options: Options, ask: Ask | No
     general += copies(logs)
     logs, clockless = _with_clocks(logs, options, ask)
     general += clockless
-    logs = joined(logs)
+    logs = with_specimens(joined(logs), options.specimens)
     _refuse_no_voltage(logs, kind, options)
     if kind == "cell":
         logs = [log if (odd := exchanged(log)) is None else log.also(odd) for log in logs]
     logs = _signed(logs, kind, options, ask)
+    known = vocabulary(kind, options.load or "", options.servo)
     runs = [run for log in logs for run in split(_scaled(log, kind, options), options)]
     runs = [
-        _complete(with_speed(run, keep=options.load == "gravity"), kind, options, listed.get(run.source.name))
+        _complete(with_speed(run, keep="position_rad" in known.outputs), kind, options, listed.get(run.source.name))
         for run in runs
     ]
     tell(f"checking {len(runs)} runs")
-    runs = [run.also(*odd_things(run, kind)) for run in without_outliers(runs, vocabulary(kind, options.load or ""))]
+    runs = [run.also(*odd_things(run, kind)) for run in without_outliers(runs, known)]
     return _assembled(runs, kind, options, ask, listed, general)
 
 
@@ -286,8 +306,12 @@ def _scaled(log: Log, kind: Kind, options: Options) -> Log:
 
 def _complete(run: Log, kind: Kind, options: Options, listed: Listed | None) -> Log:
     """Return a run with every input of its kind but the ambient temperature, without gaps in them."""
-    known = vocabulary(kind, options.load or "")
-    of_case = {name: values for name, values in run.columns.items() if name in known.columns or name not in ROLES[kind]}
+    known = vocabulary(kind, options.load or "", options.servo)
+    of_case = {
+        name: values
+        for name, values in run.columns.items()
+        if name in known.columns or name not in (*ROLES[kind], *ONLY_STATED)
+    }
     run = dataclasses.replace(run, columns=of_case)
     for name, value in options.constants.items():
         if name not in known.columns:
@@ -383,7 +407,7 @@ def _assembled(
         dataclasses.replace(condition_of(run, ambient), cycles=number)
         for (run, ambient), number in zip(warmed, cycles, strict=True)
     ]
-    splits, why = splits_of([run for run, _ in warmed], conditions, options.check)
+    splits, why = splits_of_motors([run for run, _ in warmed], conditions, options.check)
     general = [*general, *contradicted, *ageing.told(cycles), *why]
     capacity, full = None, False
     capacities: list[charge.Stated | None] = [None] * len(warmed)
@@ -406,7 +430,7 @@ def _assembled(
         starts = [_ROBOT_SOC] * len(warmed)
     if options.initial_soc is not None and kind != "motor":
         starts = [charge.Stated(options.initial_soc, 0.02, "stated")] * len(warmed)
-    if several := specimens([run for run, _ in warmed]):
+    if several := specimens([run for run, _ in warmed if not run.specimen]):
         general.append(several)
     done = []
     for (run, ambient), condition, start, part, left_Ah in zip(
@@ -420,6 +444,7 @@ def _assembled(
     general += _about_capacity(capacity, full, options)
     warmth = [one.ambient_degC for one in done]
     general += odd_units([one.log for one in done], warmth, capacity, full, options)
+    general += odd_voltages([one.log for one in done], options) if kind == "motor" else []
     constants = {} if kind != "motor" or options.preset else constants_of([run for run, _ in warmed])
     general += [Decision(n, "", f"{k.value:.4g} ± {k.sd:.2g}", k.why, "assumed") for n, k in constants.items()]
     return Imported(kind, tuple(done), options, capacity, full, constants, tuple(general))

@@ -29,7 +29,8 @@ def joined(logs: Sequence[Log]) -> list[Log]:
     others = [log for log in logs if not any(log is one for one in electrical)]
     result = list(electrical)
     for other in others:
-        place = _partner(other, electrical)
+        # What is of one motor of a file is no second logger of another.
+        place = _partner(other, electrical) if not other.specimen else None
         if place is None:
             result.append(other)
             continue
@@ -53,6 +54,8 @@ def copies(logs: Sequence[Log]) -> list[Finding]:
 
 
 def _same(one: Log, other: Log) -> bool:
+    if one.specimen != other.specimen and one.source == other.source:  # two motors that do the same
+        return False
     if one.rows != other.rows or one.rows < _FEWEST_ROWS or one.columns.keys() != other.columns.keys():
         return False
     pairs = [(values, other.columns[name]) for name, values in one.columns.items()]

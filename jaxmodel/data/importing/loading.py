@@ -6,6 +6,7 @@ import dataclasses
 import re
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,18 +20,20 @@ from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
 from jaxmodel.data.importing.formula_hints import of_a_controller
 from jaxmodel.data.importing.formulas import computed, unmatched, wanted
 from jaxmodel.data.importing.logs import Log, columns_of
+from jaxmodel.data.importing.motors import by_motor, motors_in
+from jaxmodel.data.importing.one_specimen import OneSpecimen
 from jaxmodel.data.importing.options import Kind, Options
 from jaxmodel.data.importing.roles import MARKS, Role, looks_like, required, roles_of, target_unit
-from jaxmodel.data.importing.single_cells import OF_CELLS, single_cells, with_single_cells
+from jaxmodel.data.importing.single_cells import OF_CELLS, by_cell, single_cells, with_single_cells
 from jaxmodel.data.importing.spectra import OnlySpectra, of_spectra, without_spectra
+from jaxmodel.data.importing.units_of_time import about_unit, other_stamp, with_units_of_time
 from jaxmodel.data.tables import RawTable, read_table
 from jaxmodel.data.tables.known_formats import known_format
 from jaxmodel.data.tables.names import matches
 from jaxmodel.data.tables.raw_table import to_numbers, units_in
-from jaxmodel.data.tables.times import Times, counted_in, date_and_time, parse_times, unit_by_stamps, unit_in_words
+from jaxmodel.data.tables.times import date_and_time, parse_times
 from jaxmodel.data.tables.units import Conversion, conversion
 
-_MAY_BE_MS = 2.0  # whole numbers that rise by so much per row
 _SAMPLE_ROWS = 2000
 _CLEAR = 10.0  # by so many times one of two counts of charge rises more than the other where it tells the direction
 _NONE = "none"
@@ -86,6 +89,8 @@ def load(
 
     def keep(names: Sequence[str]) -> Sequence[str]:
         in_order[:] = names
+        if options.each_cell or (kind == "motor" and (options.motors or motors_in(names, options))):
+            return names
         known = known_format(names)
         columns = known.plain(names) if known else {}
         units = units_in(names) | {name: unit for name, (_, unit) in columns.items() if unit}
@@ -102,14 +107,96 @@ def load(
         return [*dict.fromkeys([*of_roles, *single_cells(names, units), *of_spectra(names), *bare_temperatures(names)])]
 
     form = {name: getattr(options, name) for name in ("sheet", "encoding", "delimiter", "decimal")}
-    table, kept = computed(read_table(path, columns=keep, **form), options)
+    table = read_table(path, columns=keep, **form)
+    motors = by_motor(table, options) if kind == "motor" else []
+    if len(motors) > 1 or options.motors:
+        return _of_specimens(motors, kind, options, ask, elsewhere)
+    if options.each_cell:
+        return _of_specimens(by_cell(table, options), kind, options, ask, elsewhere)
+    return _logs(table, kind, options, ask, elsewhere, in_order, form)
+
+
+def _of_specimens(
+    specimens: Sequence[OneSpecimen], kind: Kind, options: Options, ask: Ask | None, elsewhere: Collection[str]
+) -> list[Log]:
+    """Return the logs of the motors or cells of one file; what is found in each of them is told once."""
+    logs: list[Log] = []
+    told: set[str] = set()
+    for one in _of_one_unit(specimens, kind, options):
+        for log in _logs(one.table, kind, options, ask, elsewhere):
+            new = tuple(finding for finding in log.findings if finding.sentence not in told)
+            told |= {finding.sentence for finding in new}
+            name = f"{log.name}_{one.name}" if one.name else log.name
+            logs.append(dataclasses.replace(log, name=name, specimen=one.name, findings=new).also(*one.found))
+    return logs
+
+
+def _of_one_unit(specimens: Sequence[OneSpecimen], kind: Kind, options: Options) -> list[OneSpecimen]:
+    """Return the motors or cells of one file with the units of columns that state none, by the readings of all of them.
+
+    A propeller that turns slower than the others would else be in rad/s, where these are in 1/min.
+    """
+    tables = [one.table for one in specimens]
+    first = tables[0]
+    names = [str(name) for name in first.frame]
+    known = _units_to_match(names, units_in(names) | dict(first.units), options)
+    units, found = {}, []
+    for target, role in roles_of(names, known, kind, options.columns, first.plain).items():
+        columns = [table.frame[role.column] for table in tables if role.column in table.frame]
+        if target in MARKS or role.column in known or not all(column.dtype.kind in "iuf" for column in columns):
+            continue
+        values = np.concatenate([column.to_numpy(dtype=float) for column in columns])
+        change, guessed = guess_unit(values, target_unit(target))
+        if guessed:
+            other = {"V": "mV", "degC": "K", "": "%", "rad/s": "1/min"}
+            unit = target_unit(target)
+            units[role.column] = unit if change == Conversion(1.0) else other[unit]
+            found.append(_unit_assumed(first.label, role, guessed, change, unit))
+    return [
+        dataclasses.replace(
+            one,
+            table=dataclasses.replace(one.table, units={**units, **one.table.units}),
+            found=(*one.found, *found) if one is specimens[0] else one.found,
+        )
+        for one in specimens
+    ]
+
+
+def _unit_assumed(where: str, role: Role, guessed: str, change: Conversion, target: str) -> Finding:
+    sentence = f"{where}: column '{role.column}' states no unit; {guessed}. Correct it with --unit if it is another."
+    weight = "warning" if change != Conversion(1.0) or target == "rad/s" else "note"
+    return Finding("unit assumed", where, sentence, weight, role.target)
+
+
+def _logs(
+    table: RawTable,
+    kind: Kind,
+    options: Options,
+    ask: Ask | None,
+    elsewhere: Collection[str],
+    in_order: Sequence[str] = (),
+    form: Mapping[str, Any] | None = None,
+) -> list[Log]:
+    """Return the logs of a table: as `load`.
+
+    Args:
+        table: of a file.
+        kind: of the case.
+        options: decisions of the user.
+        ask: answers which column is meant where none is found.
+        elsewhere: columns of the case that a list of files states.
+        in_order: all columns of the file, those that were not read too.
+        form: how the file was read, to read all of it.
+    """
+    path = table.source
+    table, kept = computed(table, options)
     table, left_out = _without_spectra(table)
     seen = list(dict.fromkeys([*in_order, *(str(name) for name in table.frame if name != table.key)]))
     units = dict(table.units) | {name: unit for name, unit in options.units.items() if name in table.frame}
     to_match = _units_to_match(seen, units_in(seen) | dict(table.units), options)
     chosen = roles_of(seen, to_match, kind, options.columns, table.plain)
     if any(role.column in table.left_out for role in chosen.values()):  # units below the names speak for others
-        table, kept = computed(read_table(path, **form), options)
+        table, kept = computed(read_table(path, **(form or {})), options)
         table, left_out = _without_spectra(table)
     if (lacking := _lacking(chosen, kind, options)) and _may_be_a_log(chosen, seen):
         named = {role.column for role in chosen.values()}
@@ -131,7 +218,7 @@ def load(
         for target in _lacking(chosen, kind, options):
             if target not in elsewhere and target not in options.columns:
                 chosen |= _asked(target, table, chosen, ask)
-    units, told = _with_units_of_time(table, chosen, units, kind, ask)
+    units, told = with_units_of_time(table, chosen, units, kind, ask)
     header = _header(chosen, seen, units)
     logs = [_log(part, name, kind, chosen, units, header) for name, part in table.tables()]
     return [
@@ -207,7 +294,7 @@ def _lacking(chosen: Mapping[str, Role], kind: Kind, options: Options) -> list[s
     """Return what a case cannot do without and no name tells."""
     timed = bool(chosen.keys() & {"time_s", "stamp", "step_time"}) or options.seconds_per_row is not None
     lacking = [] if timed else ["time_s"]
-    wanted = [("current_A",), ("voltage_V",)] if kind == "cell" else required(kind, options.load)
+    wanted = [("current_A",), ("voltage_V",)] if kind == "cell" else required(kind, options.load, options.servo)
     given = chosen.keys() | options.constants.keys()
     # A torque may have an odd name: a speed stands in for it only where nobody knows of one.
     given -= {"speed_rad_s"} if not options.load else set()
@@ -347,7 +434,7 @@ def _clocked(
             )
         times = parse_times(pd.Series(table.frame[role.column]), unit)
         if target == "stamp" and (times is None or not times.absolute):
-            role, times = _other_stamp(table, role, units) or (role, times)
+            role, times = other_stamp(table, role, units) or (role, times)
         if times is None:
             continue
         times = times._replace(seconds=np.where(np.abs(times.seconds) > LARGEST, np.nan, times.seconds))
@@ -359,85 +446,8 @@ def _clocked(
         if role.why == "looks like it":
             found += [one for one in _about(role, "", where) if isinstance(one, Finding)]
     if unitless is not None and elapsed is not None:
-        found += _unit_of_time(unitless, elapsed, where)
+        found += about_unit(unitless, elapsed, where)
     return Log("", table.source, np.empty(0) if elapsed is None else elapsed, {}, {}, stamp, None, of_step)
-
-
-def _other_stamp(table: RawTable, role: Role, units: Mapping[str, str]) -> tuple[Role, Times] | None:
-    """Return the first of the further columns of time stamps that holds some; None where none does."""
-    for name in role.others:
-        if name in table.frame:
-            times = parse_times(pd.Series(table.frame[name]), units.get(name, ""))
-            if times is not None and times.absolute:
-                return dataclasses.replace(role, column=name, others=()), times
-    return None
-
-
-def _with_units_of_time(
-    table: RawTable, chosen: Mapping[str, Role], units: Mapping[str, str], kind: Kind, ask: Ask | None
-) -> tuple[dict[str, str], list[Finding]]:
-    """Return units with those of clocks that state none, by name, stamps, size and steps, and what is said.
-
-    Raises:
-        MeasurementError: one may be seconds or something else, and nobody is there to ask.
-    """
-    units, found = dict(units), []
-    for name in dict.fromkeys(chosen[target].column for target in ("time_s", "stamp", "step_time") if target in chosen):
-        column = pd.Series(table.frame[name])
-        if name in units or column.dtype.kind not in "iuf":
-            continue
-        if named := unit_in_words(name):
-            units[name] = named
-        elif (told := _unit_by_stamps(table, chosen, units, name)) is not None:
-            units[name] = told
-        elif counted := counted_in(column.to_numpy(dtype=float), kind != "cell"):
-            units[name] = counted.unit if counted.sure else _asked_unit(table.label, name, column, counted.why, ask)
-            if counted.sure:
-                sentence = (
-                    f"{table.label}: column '{name}' states no unit; it is taken as {counted.unit} ({counted.why}). "
-                    f'Correct it with --unit "{name}=s" if it is another.'
-                )
-                found.append(Finding("unit assumed", table.label, sentence, "warning", "time_s"))
-    return units, found
-
-
-def _unit_by_stamps(
-    table: RawTable, chosen: Mapping[str, Role], units: Mapping[str, str], name: str
-) -> str | None:  # fmt: skip
-    """Return the unit of a clock that states none, by time stamps in another column."""
-    role = chosen.get("stamp")
-    if role is None or role.column == name:
-        return None
-    stamps = parse_times(pd.Series(table.frame[role.column]), units.get(role.column, ""))
-    if stamps is None or not stamps.absolute:
-        return None
-    return unit_by_stamps(table.frame[name].to_numpy(dtype=float), stamps.seconds)
-
-
-def _asked_unit(where: str, name: str, column: pd.Series, why: str, ask: Ask | None) -> str:
-    span = float(column.max() - column.min())
-    lasts = " or ".join(f"{_duration(span * by)} if in {unit}" for unit, by in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)))
-    sentence = f"{where}: column '{name}' states no unit ({why}), and the log lasts {lasts}"
-    if ask is None:
-        raise MeasurementError(f'{sentence}; state --unit "{name}=ms", "{name}=s" or "{name}=us".')
-    return ask(Question(f"{sentence}. What is it?", f'--unit "{name}=UNIT"', ("ms", "s", "us"), "ms"))
-
-
-def _duration(seconds: float) -> str:
-    for size, name in ((86_400.0, "days"), (3600.0, "h"), (60.0, "min")):
-        if seconds >= 2.0 * size:
-            return f"{seconds / size:.2g} {name}"
-    return f"{seconds:.2g} s"
-
-
-def _unit_of_time(role: Role, elapsed: np.ndarray, where: str) -> list[Finding]:
-    steps = np.diff(elapsed[np.isfinite(elapsed)])
-    step = float(np.median(steps)) if steps.size else 0.0
-    whole = not np.any(steps != np.round(steps))
-    others = ["ms"] if whole and step >= _MAY_BE_MS and step % 60.0 else ["ms", "min"] if whole else ["min"]
-    instead = " or ".join(f'--unit "{role.column}={other}"' for other in others)
-    sentence = f"{where}: column '{role.column}' states no unit; it is taken as seconds ({instead})."
-    return [Finding("unit assumed", where, sentence, "warning", "time_s")]
 
 
 def _converted(
@@ -459,11 +469,7 @@ def _converted(
     if not unit:
         change, guessed = guess_unit(values, target)
         if guessed:
-            sentence = (
-                f"{where}: column '{role.column}' states no unit; {guessed}. Correct it with --unit if it is another."
-            )
-            weight = "warning" if change != Conversion(1.0) or target == "rad/s" else "note"
-            found.append(Finding("unit assumed", where, sentence, weight, role.target))
+            found.append(_unit_assumed(where, role, guessed, change, target))
     else:
         known = conversion(unit, target)
         if known is None:

@@ -33,6 +33,7 @@ class Log:
         findings: what was found so far.
         decisions: what was settled so far.
         header: by column of the file, the column of the case that it became, '' for none.
+        specimen: which of several motors of one file it is of; "" for a file of one.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Log:
     findings: tuple[Finding, ...] = ()
     decisions: tuple[Decision, ...] = ()
     header: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    specimen: str = ""
 
     @property
     def rows(self) -> int:

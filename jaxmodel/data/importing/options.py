@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Literal, get_args
 
 from jaxmodel.base.errors import MeasurementError, nearest
-from jaxmodel.case.measurements import COLUMNS_OF_LAWS
+from jaxmodel.case.measurements import COLUMNS_OF_LAWS, REFERENCES, SET_BY, Servo
 
 Kind = Literal["cell", "motor", "robot"]
 Sign = Literal["discharge-positive", "charge-positive"]
@@ -30,11 +30,16 @@ class Options:
         split_at: where runs begin: "files" for each file, "rests" after each long rest too, "steps" at each new cycle
             or step too; "auto" for each file and each restart of its clock.
         rest_minutes: the shortest rest that ends a run, in minutes.
+        motors: which of several motors of one log are imported, as "left" or "motor1"; by default all.
+        specimens: by name of one of several motors or cells, which files are of it, as a pattern: `{"A": "motorA_*"}`.
         check: names of the check runs; None for a proposal.
         ambient: ambient temperature [degC] of all runs.
         load: of a motor or robot: "measured", "unknown", or the law that it follows: "free", "propeller", "gravity",
             "rolling"; None for a torque if one is measured, else unknown.
         load_numbers: of that law, by name: `{"mass_kg": 0.5, "arm_m": 0.1}`.
+        drive: of a motor: "current" or "voltage", what its drive sets; None for what the columns say.
+        controller: of a motor: "position" or "speed", of a closed loop.
+        controller_numbers: its gains, by name: `{"k_p": 40.0, "k_d": 0.2, "limit": 10.0}`.
         constants: by input of the case, a value that holds throughout (`load_torque_Nm`: 0.0).
         initial_soc: state of charge at the start of all runs.
         capacity_Ah: capacity of the cell.
@@ -42,6 +47,7 @@ class Options:
         seconds_per_row: time from row to row [s], for files without a clock.
         cells_in_series: by which a voltage is divided, for a module that is modelled as one cell.
         parallel_cells: by which a current is divided, for the same.
+        each_cell: each column of a single cell is a run of a cell of its own, in place of their mean.
         accept_unsettled_sign: keep the sign of the file where physics cannot settle it.
         sheet: of spreadsheets; of MATLAB files the variable, of JSON the key; names, or patterns such as 'run*'.
         encoding: of text.
@@ -64,10 +70,15 @@ class Options:
     flip: tuple[str, ...] = ()
     split_at: str = "auto"
     rest_minutes: float = 30.0
+    motors: tuple[str, ...] = ()
+    specimens: Mapping[str, str] = dataclasses.field(default_factory=dict)
     check: tuple[str, ...] | None = None
     ambient: float | None = None
     load: str | None = None
     load_numbers: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    drive: str | None = None
+    controller: str | None = None
+    controller_numbers: Mapping[str, float] = dataclasses.field(default_factory=dict)
     constants: Mapping[str, float] = dataclasses.field(default_factory=dict)
     initial_soc: float | None = None
     capacity_Ah: float | None = None
@@ -75,11 +86,17 @@ class Options:
     seconds_per_row: float | None = None
     cells_in_series: int = 1
     parallel_cells: int = 1
+    each_cell: bool = False
     accept_unsettled_sign: bool = False
     sheet: str | tuple[str, ...] | None = None
     encoding: str | None = None
     delimiter: str | None = None
     decimal: str | None = None
+
+    @property
+    def servo(self) -> Servo:
+        """What is said of the drive of a motor."""
+        return Servo(self.drive or "", self.controller or "")
 
 
 def checked(options: Options) -> Options:
@@ -93,6 +110,8 @@ def checked(options: Options) -> Options:
         ("split_at", options.split_at, get_args(SplitAt)),
         ("decimal", options.decimal, (".", ",")),
         ("load", options.load, ("measured", "unknown", *COLUMNS_OF_LAWS)),
+        ("drive", options.drive, tuple(SET_BY)),
+        ("controller", options.controller, tuple(REFERENCES)),
     ):
         if given is not None and given not in known:
             words = " or ".join(known)

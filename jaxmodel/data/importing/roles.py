@@ -11,7 +11,7 @@ import pandas as pd
 
 from jaxmodel.base.errors import MeasurementError, nearest
 from jaxmodel.base.units import unit_of
-from jaxmodel.case.measurements import vocabulary
+from jaxmodel.case.measurements import OPEN, REFERENCES, Servo, vocabulary
 from jaxmodel.data.tables.names import is_set, matches, says_another
 from jaxmodel.data.tables.times import parse_times
 from jaxmodel.data.tables.units import conversion, spelled
@@ -53,6 +53,8 @@ ROLES: dict[str, dict[str, str]] = {
         "soc": "soc",
     },
 }
+# Columns of a motor's case that no name tells: a log may have several references.
+ONLY_STATED = tuple(REFERENCES.values())
 # Columns that are no readings and yet tell how a file is to be read.
 MARKS = {
     "time_s": "time",
@@ -131,9 +133,10 @@ def roles_of(
         MeasurementError: the user names a column of the case that there is not.
     """
     targets = {**ROLES[kind], **MARKS}
+    told = ONLY_STATED if kind == "motor" else ()
     for target in stated:
-        if target not in targets:
-            known = [*targets]
+        if target not in targets and target not in told:
+            known = [*targets, *told]
             hint = nearest(target, known) or f" They are {', '.join(known)}."
             raise MeasurementError(f"column: a {kind} has no column '{target}'.{hint}")
     found: dict[str, Role] = {}
@@ -303,11 +306,11 @@ def target_unit(target: str) -> str:
     """Return the unit of a column of a case."""
     if target in ("discharged_Ah", "charged_Ah"):
         return "A h"
-    return {"V_set": "V", "position_rad": "rad"}.get(target) or unit_of(target)
+    return {"V_set": "V"}.get(target) or ("rad" if target.endswith("_rad") else unit_of(target))
 
 
-def required(kind: str, load: str | None) -> tuple[tuple[str, ...], ...]:
+def required(kind: str, load: str | None, servo: Servo = OPEN) -> tuple[tuple[str, ...], ...]:
     """Return groups of columns of which a case needs one each, but for the ambient temperature."""
-    known = vocabulary(kind, load or "")
+    known = vocabulary(kind, load or "", servo)
     single = tuple((name,) for name in known.required_inputs if name != "ambient_degC")
     return single + tuple(known.alternatives)

@@ -9,9 +9,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 
+from jaxmodel.base.errors import MeasurementError
 from jaxmodel.data.importing.findings import Decision, Finding
+from jaxmodel.data.importing.one_specimen import OneSpecimen
 from jaxmodel.data.importing.options import Kind, Options
-from jaxmodel.data.importing.roles import Role
+from jaxmodel.data.importing.roles import Role, roles_of
 from jaxmodel.data.tables import RawTable
 from jaxmodel.data.tables.names import is_set, parse_name
 from jaxmodel.data.tables.units import conversion, spelled
@@ -50,6 +52,40 @@ def single_cells(names: Sequence[str], units: Mapping[str, str]) -> list[str]:
     return found if len(found) >= _FEWEST else []
 
 
+def by_cell(table: RawTable, options: Options) -> list[OneSpecimen]:
+    """Return the single cells of a log, each with a table of its own in which its voltage is the only one.
+
+    Args:
+        table: of a file.
+        options: decisions of the user.
+
+    Raises:
+        MeasurementError: it has no columns of single cells.
+    """
+    cells = single_cells([str(name) for name in table.frame if table.frame[name].dtype.kind in "iuf"], table.units)
+    volts = {name: _volts(table.frame[name].to_numpy(dtype=float), table.units.get(name, "")) for name in cells}
+    there = [name for name in cells if float(np.mean(_inside(volts[name]))) > 0.5]
+    if len(there) < _FEWEST:
+        raise MeasurementError(
+            f"{table.label}: each cell: no columns hold voltages of single cells, as cell_1_V and cell_2_V do; leave "
+            "--each-cell out."
+        )
+    others = table.frame.drop(columns=cells)
+    of_pack = [role.column for target, role in roles_of([*map(str, others)], table.units, "cell", {}).items()
+               if target == "voltage_V"]  # fmt: skip
+    others = others.drop(columns=of_pack)
+    units = {name: unit for name, unit in table.units.items() if name in others} | {"voltage_V": "V"}
+    done = Decision("cells", table.label, f"{there[0]} to {there[-1]}", "each is a run of a cell of its own", "user")
+    found = [
+        OneSpecimen(
+            f"cell{int(_NUMBER.findall(parse_name(name).words)[0])}",
+            dataclasses.replace(table, frame=others.assign(voltage_V=volts[name]), units=units),
+        )
+        for name in there
+    ]
+    return [dataclasses.replace(found[0], found=(done,)), *found[1:]]
+
+
 def with_single_cells(
     table: RawTable, chosen: Mapping[str, Role], kind: Kind, options: Options
 ) -> tuple[RawTable, dict[str, Role], list[Finding | Decision]]:
@@ -75,7 +111,7 @@ def with_single_cells(
     if not cells or stated or has_pack or (kind == "cell" and options.cells_in_series > 1):
         return table, dict(chosen), []
     values = np.stack([_volts(table.frame[name].to_numpy(dtype=float), table.units.get(name, "")) for name in cells])
-    inside = (values > _LOWEST_V) & (values < _HIGHEST_V)
+    inside = _inside(values)
     there = np.flatnonzero(inside.mean(axis=1) > 0.5)
     whole = np.isfinite(values[there]).all(axis=0)
     if len(there) < _FEWEST or not whole.any():
@@ -108,6 +144,11 @@ def _of_pack(chosen: dict[str, Role], kind: Kind) -> dict[str, Role]:
         return chosen
     others = {target: one for target, one in chosen.items() if target != "motor_current_A"}
     return others | {"pack_current_A": dataclasses.replace(role, target="pack_current_A")}
+
+
+def _inside(volts: np.ndarray) -> np.ndarray:
+    """Return where readings are of a cell that is there."""
+    return (volts > _LOWEST_V) & (volts < _HIGHEST_V)
 
 
 def _volts(values: np.ndarray, unit: str) -> np.ndarray:

@@ -303,11 +303,9 @@ def _is_proportional(name: str, number: float) -> bool:
 
 
 def names_of(cache: FitCache) -> tuple[str, ...]:
-    """Return the names of all unknowns, those of one run with its name in brackets."""
-    layout, runs = cache.space.layout, cache.case.runs
-    return tuple(
-        name + (f"[{runs[run].name}]" if run >= 0 else "") for name, run in zip(layout.names, layout.runs, strict=True)
-    )
+    """Return the names of all unknowns, those of one run or specimen with its name in brackets."""
+    layout = cache.space.layout
+    return tuple(map(layout.name_of, range(layout.size)))
 
 
 def _parts(fit: Fit, runs: Sequence[int], sensors: Sequence[str]) -> np.ndarray:

@@ -35,10 +35,11 @@ def extended_case(
     """
     fitted = FittedNumbers(final.estimates)
     added = [label for label in final.added if "@" not in label and not is_law(label)]
-    extended, notes = fitted_case(case, fitted, added, curves)
+    differ = [label for label in final.added if "@" in label and label.partition("@")[2] in case.specimens]
+    extended, notes = fitted_case(case, fitted, added, curves, differ=differ)
     shifted = {run.label: run for run in found_runs}
     runs = list(extended.runs)
-    for label in (label for label in final.added if "@" in label):
+    for label in (label for label in final.added if "@" in label and label not in differ):
         if label in shifted and label.partition("@")[0] in _HELD_BY_A_RUN:
             runs = [_shifted(run, shifted[label], extended.parameters, fitted) for run in runs]
         else:

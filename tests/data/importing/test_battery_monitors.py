@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from jaxmodel import import_case
+from jaxmodel.base.errors import MeasurementError
 from tests.data.importing.benches import cell_log, stamps
 
 OFFSETS_V = np.array([0.004, -0.003, 0.0, -0.001])
@@ -99,3 +100,31 @@ def test_a_column_of_stamps_is_a_clock_whatever_it_is_called(tmp_path: Path):
     np.testing.assert_allclose(run.columns["current_A"], log.current_A)
     np.testing.assert_allclose(run.columns["cell_temperature_degC"], log.temperature_degC)
     assert any("the readings of 'Europe/Amsterdam (+02:00)' look like it" in one.sentence for one in imported.findings)
+
+
+def test_each_cell_may_be_a_run_of_its_own(tmp_path: Path):
+    path, log = tmp_path / "pack.csv", cell_log()
+    path.write_text(monitor(log, "Cell{}(mV)", 1000.0, spare=True))
+    imported = import_case(path, "cell", ambient=25.0, capacity_Ah=3.0, each_cell=True)
+    assert [(run.log.name, run.log.specimen) for run in imported.runs] == [
+        (f"pack_cell{n}", f"cell{n}") for n in (1, 2, 3, 4)
+    ]
+    for run, off in zip(imported.runs, OFFSETS_V, strict=True):
+        np.testing.assert_allclose(run.log.columns["voltage_V"], log.voltage_V + off)
+        np.testing.assert_allclose(run.log.columns["current_A"], log.current_A)
+    assert list(imported.case.specimens) == ["cell1", "cell2", "cell3", "cell4"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "given", "words"),
+    [
+        ("cell", {}, "no columns hold voltages of single cells"),
+        ("cell", {"cells_in_series": 4}, "without --cells-in-series"),
+        ("motor", {}, "it is for --kind cell"),
+    ],
+)
+def test_cells_that_are_not_there_are_refused(tmp_path: Path, kind: str, given: dict, words: str):
+    path, log = tmp_path / "one.csv", cell_log()
+    log.to_csv(path, index=False)
+    with pytest.raises(MeasurementError, match=words):
+        import_case(path, kind, ambient=25.0, each_cell=True, **given)

@@ -10,6 +10,7 @@ from jaxmodel.app.browser.html import button, h
 GROUPS = {
     "Effects": "physics that the base model leaves out",
     "Sensors": "a fault of an instrument",
+    "Single specimens": "one motor or cell of several that is unlike the others",
     "Single runs": "something that differs in one run alone",
 }
 _SHOWN = 4  # candidates of a group before "more"

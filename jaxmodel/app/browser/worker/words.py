@@ -12,7 +12,7 @@ from jaxmodel.base.units import difference_unit, split_unit
 from jaxmodel.diagnosis.wording import amount, join
 from jaxmodel.fit.candidates import Candidate
 
-GROUPS = {"effect": "Effects", "sensor": "Sensors", "run": "Single runs"}
+GROUPS = {"effect": "Effects", "sensor": "Sensors", "specimen": "Single specimens", "run": "Single runs"}
 NO_REASON = "These runs give no reason to add it."
 # A candidate is said to help a channel if it takes away this share of its error.
 _HELPS = 0.02
@@ -20,12 +20,13 @@ _HELPS = 0.02
 
 def title_of(candidate: Candidate) -> str:
     """Return what a candidate is called on the page: 'Self heating', 'Voltage offset of voltage'."""
-    name, _, run = candidate.label.partition("@")
+    name, _, owner = candidate.label.partition("@")
     name, _, column = name.partition(":")
     words = name.replace("_", " ")
     words = re.sub(r"\b(ocv|rc|pwm)\b", lambda found: found[0].upper(), f"{words[:1].upper()}{words[1:]}", flags=re.I)
     of_column = f" of {split_unit(column)[0]}" if column else ""
-    return f"{words}{of_column}{f' in {run}' if run else ''}"
+    owned = f" {'of' if candidate.specimen else 'in'} {owner}" if owner else ""
+    return f"{words}{of_column}{owned}"
 
 
 def in_words(sentence: str, names: Iterable[str]) -> str:
