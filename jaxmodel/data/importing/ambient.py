@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -25,6 +26,15 @@ _LETTER = re.compile(r"(?<![A-Za-z0-9.])(?P<sign>[nm-]?)(?P<number>\d{1,2})_?C(?
 _AGREE_K, _AGREE_OF_LETTER_K = 15.0, 8.0
 THERMOMETERS = ("cell_temperature_degC", "case_temperature_degC", "winding_temperature_degC")
 _COLDEST, _WARMEST = -90.0, 200.0
+# An ambient temperature that is stated may differ by so much [K] from a name or a column, and from a thermometer of the
+# hardware at rest.
+_STATED_K, _AT_REST_K = 2.0, 5.0
+# Below this share of its largest current hardware rests.
+_REST = 0.02
+_CURRENTS = ("current_A", "pack_current_A", "motor_current_A")
+# What a program sets; where fewer rows than this share have it, it is a message of its own.
+_SET, _SENT = ("voltage_V", "duty", "V_set"), 0.2
+_MOST_NAMED = 4  # runs in one sentence
 
 
 def with_ambient(run: Log, stated: float | None, listed: float | None) -> tuple[Log, float | None]:
@@ -66,6 +76,63 @@ def with_ambient(run: Log, stated: float | None, listed: float | None) -> tuple[
     )
     found = Finding("ambient", run.name, sentence, "warning", "ambient_degC")
     return run.also(Decision("ambient_degC", run.name, f"{value:g}", why, "assumed"), found), value
+
+
+def contradictions(runs: Sequence[Log], stated: float, cells: bool) -> Iterator[Finding]:
+    """Yield what speaks against an ambient temperature that the user states for all runs.
+
+    Args:
+        runs: with every column that the files have.
+        stated: by the user [degC].
+        cells: whether they are of a cell; what turns is often warm of an earlier run.
+    """
+    begins = {
+        run.name
+        for run, before in zip(runs, [None, *runs], strict=False)
+        if before is None or before.source != run.source
+    }
+
+    def named(run: Log) -> float | None:
+        return _named(run, None, any(name in run.columns for name in _TURNING))[0]
+
+    def column(run: Log) -> float | None:
+        values = run.columns.get("ambient_degC", np.zeros(0))
+        return float(np.nanmedian(values)) if np.isfinite(values).any() else None
+
+    evidence: tuple[tuple[str, str, float, Callable[[Log], float | None]], ...] = (
+        ("what files or folders are called", "the names count", _STATED_K, named),
+        ("the column of the ambient temperature", "the column counts", _STATED_K, column),
+        ("the thermometer at rest", "each run takes its first reading", _AT_REST_K, at_rest),
+    )
+    told: set[str] = set()
+    for source, instead, within, reading in evidence:
+        read = [(run.name, value) for run in runs if (value := reading(run)) is not None and run.name not in told]
+        if reading is at_rest:  # a later run of a file begins warm of the one before it
+            read = [(name, value) for name, value in read if name in begins]
+        apart = {name: value for name, value in read if abs(value - stated) > within}
+        if not apart or (reading is at_rest and not cells and len(apart) < len(read)):
+            continue
+        told |= apart.keys()
+        some = ", ".join(f"{name} ({value:.3g} degC)" for name, value in [*apart.items()][:_MOST_NAMED])
+        more = f" and {len(apart) - _MOST_NAMED} more runs" if len(apart) > _MOST_NAMED else ""
+        sentence = (
+            f"--ambient {stated:g} contradicts {source} in {some}{more}, and an error of the ambient temperature looks "
+            f"like missing physics; leave --ambient out, and {instead}."
+        )
+        numbers = {"stated_degC": stated, "runs": float(len(apart))}
+        yield Finding("ambient contradicted", "", sentence, "warning", "ambient_degC", numbers=numbers)
+
+
+def at_rest(run: Log) -> float | None:
+    """Return the temperature of a run's hardware before its first load [degC]; None where it begins under load."""
+    first = first_reading(run)
+    current = next((run.columns[name] for name in _CURRENTS if name in run.columns), None)
+    if first is None or current is None or not np.isfinite(current).any():
+        return first
+    loaded = np.abs(current) > _REST * np.nanmax(np.abs(current))
+    rests = int(np.argmax(loaded)) if loaded.any() else loaded.size
+    values = next(run.columns[name] for name in THERMOMETERS if name in run.columns)[:rests]
+    return float(np.nanmedian(values)) if np.isfinite(values).any() else None
 
 
 def _named(run: Log, first: float | None, turns: bool) -> tuple[float | None, str]:
@@ -116,18 +183,23 @@ def _filled(run: Log) -> Log:
 
 
 def fill(run: Log, name: str) -> Log:
-    """Return a run without gaps in an input: interpolated between its neighbours, and held at the ends."""
+    """Return a run without gaps in an input: interpolated between its neighbours, and held at the ends.
+
+    What is set seldom, as by messages of their own, is held until it is set anew.
+    """
     values = run.columns[name]
     there = np.isfinite(values)
     if there.all():
         return run
-    filled = np.interp(run.time_s, run.time_s[there], values[there])
     lost = int((~there).sum())
     weight = "warning" if lost > 0.01 * there.size else "note"
-    sentence = (
-        f"{run.name}: {name} is missing in {lost:,} of {there.size:,} rows; an input has no gaps, so it is "
-        "interpolated "
-        "between its neighbours."
-    )
+    sentence = f"{run.name}: {name} is missing in {lost:,} of {there.size:,} rows; an input has no gaps, so it is "
+    if name in _SET and there.mean() < _SENT:  # a message that is sent when it changes
+        last = np.maximum.accumulate(np.where(there, np.arange(there.size), -1))
+        filled = np.where(last < 0, 0.0, values[last])
+        sentence += "held until it is set anew, and 0 before it is set."
+    else:
+        filled = np.interp(run.time_s, run.time_s[there], values[there])
+        sentence += "interpolated between its neighbours."
     found = Finding("gap in an input", run.name, sentence, weight, name, numbers={"rows": float(lost)})
     return dataclasses.replace(run, columns=run.columns | {name: filled}).also(found)

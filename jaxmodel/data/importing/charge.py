@@ -39,7 +39,9 @@ _REST, _FLOOR = 0.02, 0.0025
 _RESTED_S = 600.0
 # A run that is loaded for less [h], or whose resting voltage changes by less [V], tells no capacity (assumed).
 _PULSE_H, _PULSE_V = 0.1, 0.1
-_LEAST_SHARE = 0.2  # of the SOC, from which what a log states of it tells the capacity
+# Of the SOC, from which what a log states of it tells the capacity, and is better than a guess.
+_LEAST_SHARE, _LEAST_HINT = 0.2, 0.05
+_LARGEST_GUESS_AH = 5000.0
 _SLOW = 1.0 / 15.0  # of the capacity per hour: such a current hardly moves the voltage
 
 
@@ -254,13 +256,13 @@ def capacity_of(
         return Stated(best, sd, f"{which} from full to the cut-off, in {one.run.name}"), True
     if of_preset is not None:
         return of_preset, False
-    if (logged := _by_logged_soc(found)) is not None:
+    if (logged := _by_logged_soc(found, _LEAST_SHARE)) is not None:
         return logged, True
-    return _guess(found), False
+    return _by_logged_soc(found, _LEAST_HINT) or _guess(found), False
 
 
-def _by_logged_soc(found: Sequence[Count]) -> Stated | None:
-    """Return the capacity by the SOC that a log states and the charge that it moves meanwhile."""
+def _by_logged_soc(found: Sequence[Count], least: float) -> Stated | None:
+    """Return the capacity by the SOC that a log states and the charge that it moves meanwhile: more than a share."""
     parts = []
     for count in found:
         soc = count.run.columns.get("soc")
@@ -269,12 +271,19 @@ def _by_logged_soc(found: Sequence[Count]) -> Stated | None:
             continue
         low, high = there[np.argmin(soc[there])], there[np.argmax(soc[there])]
         share, moved = float(soc[high] - soc[low]), float(count.out_Ah[low] - count.out_Ah[high])
-        if share > _LEAST_SHARE and moved > 0.0:
-            parts.append((share, moved / share, count.run.name))
+        if share > 0.0 and moved > 0.0:
+            parts.append((share, moved, count.run.name))
     if not parts:
         return None
-    share, capacity, name = max(parts)
-    return Stated(capacity, capacity * _LOGGED_SD * 2.0**0.5 / share, f"by the log's own state of charge, in {name}")
+    share, moved, where = max(parts)
+    ends = 2  # of the SOC, each with its sd
+    if share <= least:  # runs that each move little tell it together
+        share, moved = sum(part[0] for part in parts), sum(part[1] for part in parts)
+        where, ends = f"{len(parts)} runs", 2 * len(parts)
+    if share <= least:
+        return None
+    capacity = moved / share
+    return Stated(capacity, capacity * _LOGGED_SD * ends**0.5 / share, f"by the log's own state of charge, in {where}")
 
 
 def _guess(found: Sequence[Count]) -> Stated:
@@ -291,8 +300,9 @@ def _guess(found: Sequence[Count]) -> Stated:
         why = "assumed: 1.25 times the charge that the longest run moves; no discharge goes from full to the cut-off"
         return Stated(1.25 * moved, 0.625 * moved, why)
     why = f"a pulse of {_in_words(moved)} does not tell the capacity"
-    if swing > 1e-3:  # layered oxides lose about 1 V per unit of SOC
-        return Stated(moved / swing, moved / swing, f"{why}; assumed by how its resting voltage changes")
+    if swing > 1e-3:  # layered oxides lose about 1 V per unit of SOC, the plateau of another cell far less
+        value = min(moved / swing, max(_LARGEST_GUESS_AH, moved))
+        return Stated(value, value, f"{why}; assumed by how its resting voltage changes")
     return Stated(one.rate_A, one.rate_A, f"{why}; the charge of its current in one hour is assumed")
 
 

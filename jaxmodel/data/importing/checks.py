@@ -217,7 +217,8 @@ def _counter(run: Log) -> Iterator[Finding]:
     only_out = float(np.sum(np.maximum(current, 0.0) * interval))
     read = float(counted[-1] - counted[0])
     net = float(np.sum(current * interval))  # some testers count charge back
-    if max(read, only_out) <= 0.0 or min(abs(read - only_out), abs(read - net)) <= 0.03 * max(read, only_out):
+    gross = float(np.sum(np.abs(current) * interval))  # a charge beside which some mA s of discharge are nothing
+    if gross <= 0.0 or min(abs(read - only_out), abs(read - net)) <= 0.03 * max(read, only_out, 0.1 * gross):
         return
     sentence = (
         f"{run.name}: the tester counts {read:.4g} A h of discharge, and current and clock give {only_out:.4g} A h; "

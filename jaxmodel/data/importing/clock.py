@@ -256,7 +256,9 @@ def _against_stamps(log: Log, where: str) -> Log:
     elapsed, read = log.time_s[there], stamps[there]
     off = (read - read[0]) - (elapsed - elapsed[0])
     resolution = float(np.median(np.diff(np.unique(read)))) if np.ptp(read) > 0.0 else 1.0
-    jumps = np.abs(np.diff(off)) > max(_SLACK_S, 2.0 * min(resolution, 60.0))
+    # Stamps that repeat are rounded, to the hundredth of a day in some files; others are late by no more than a minute.
+    rounded = float(np.mean(np.diff(read) == 0.0)) > _COARSE
+    jumps = np.abs(np.diff(off)) > max(_SLACK_S, 2.0 * (resolution if rounded else min(resolution, 60.0)))
     found: list[Finding | Decision] = []
     if jumps.any():
         places = np.flatnonzero(jumps)

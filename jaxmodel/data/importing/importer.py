@@ -14,7 +14,7 @@ from jaxmodel.base.progress import Stage, stages
 from jaxmodel.case.measurements import COLUMNS_OF_LAWS, KINDS, OPEN, file_label, vocabulary
 from jaxmodel.case.presets import located, read_preset, why_not
 from jaxmodel.data.importing import ageing, balance, charge, warm_start
-from jaxmodel.data.importing.ambient import fill, with_ambient
+from jaxmodel.data.importing.ambient import contradictions, fill, with_ambient
 from jaxmodel.data.importing.check_runs import splits_of_motors
 from jaxmodel.data.importing.checks import odd_things
 from jaxmodel.data.importing.clock import with_clock
@@ -358,10 +358,11 @@ def _complete(run: Log, kind: Kind, options: Options, listed: Listed | None) -> 
                 f"model in its place; say what the load follows with --load {_LAWS}, or state --constant "
                 f"{LOAD}=VALUE for all of it."
             )
+        lacking = [name for name in known.outputs if name not in drives]
+        driven = f" beside {', '.join(sorted(drives))}, which would drive the model" if drives else ""
         raise MeasurementError(
-            f"{file_label(run.source)} has no reading that a {kind} predicts "
-            f"({', '.join(known.outputs)}); {columns_of(run.header)}; name one with "
-            "--column, as --column " + f'{known.outputs[0]}="NAME".'
+            f"{file_label(run.source)} has no reading that a {kind} predicts ({', '.join(lacking)}){driven}; "
+            f'{columns_of(run.header)}; name one with --column, as --column {lacking[0]}="NAME".'
         )
     for name in known.optional_inputs:
         needs = known.only_with.get(name)
@@ -384,6 +385,7 @@ def _assembled(
     """Return runs with ambient temperature, state of charge, label and split, and what the case states."""
     warmed: list[tuple[Log, float | None]] = []
     stated = options.ambient
+    contradicted = [] if stated is None else [*contradictions(runs, stated, kind == "cell")]
     for run in runs:
         of_list = listed.get(run.source.name)
         run, ambient = with_ambient(run, stated, of_list.ambient_degC if of_list else None)
@@ -406,7 +408,7 @@ def _assembled(
         for (run, ambient), number in zip(warmed, cycles, strict=True)
     ]
     splits, why = splits_of_motors([run for run, _ in warmed], conditions, options.check)
-    general = [*general, *ageing.told(cycles), *why]
+    general = [*general, *contradicted, *ageing.told(cycles), *why]
     capacity, full = None, False
     capacities: list[charge.Stated | None] = [None] * len(warmed)
     starts: list[charge.Stated | None] = [None] * len(warmed)

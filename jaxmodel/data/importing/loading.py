@@ -13,6 +13,9 @@ import pandas as pd
 
 from jaxmodel.base.errors import MeasurementError, listed
 from jaxmodel.base.units import LARGEST
+from jaxmodel.data.importing.bare_units import ONLY as ONLY_WARM
+from jaxmodel.data.importing.bare_units import WHY as OF_A_UNIT
+from jaxmodel.data.importing.bare_units import bare_temperatures, only_temperature, with_bare_temperatures
 from jaxmodel.data.importing.findings import Ask, Decision, Finding, Question
 from jaxmodel.data.importing.formula_hints import of_a_controller
 from jaxmodel.data.importing.formulas import computed, unmatched, wanted
@@ -23,22 +26,25 @@ from jaxmodel.data.importing.options import Kind, Options
 from jaxmodel.data.importing.roles import MARKS, Role, looks_like, required, roles_of, target_unit
 from jaxmodel.data.importing.single_cells import OF_CELLS, by_cell, single_cells, with_single_cells
 from jaxmodel.data.importing.spectra import OnlySpectra, of_spectra, without_spectra
+from jaxmodel.data.importing.units_of_time import about_unit, other_stamp, with_units_of_time
 from jaxmodel.data.tables import RawTable, read_table
 from jaxmodel.data.tables.known_formats import known_format
 from jaxmodel.data.tables.names import matches
 from jaxmodel.data.tables.raw_table import to_numbers, units_in
-from jaxmodel.data.tables.times import Times, counted_in, date_and_time, parse_times, unit_in_words
+from jaxmodel.data.tables.times import date_and_time, parse_times
 from jaxmodel.data.tables.units import Conversion, conversion
 
-_MAY_BE_MS = 2.0  # whole numbers that rise by so much per row
 _SAMPLE_ROWS = 2000
+_CLEAR = 10.0  # by so many times one of two counts of charge rises more than the other where it tells the direction
 _NONE = "none"
+_ABSOLUTE_ZERO_DEGC = -273.15
 _SENSED = (
     "voltage_V",
     "pack_voltage_V",
     "pack_current_A",
     "motor_current_A",
     "speed_rad_s",
+    "position_rad",
     "cell_temperature_degC",
     "winding_temperature_degC",
 )
@@ -48,6 +54,8 @@ _WHY = {
     "only one in its unit": "the only column in its unit",
     "stated": "stated",
     "looks like it": "by its readings",
+    OF_A_UNIT: "its name is a unit",
+    ONLY_WARM: "the only column in a unit of temperature",
     OF_CELLS: "of the columns of single cells",
 }
 _STATES = (
@@ -93,9 +101,10 @@ def load(
             return names
         if lacking and any(target not in options.columns for target in lacking):
             return names  # what no name tells is looked for in the readings
-        return list(
-            dict.fromkeys([*(role.column for role in chosen.values()), *single_cells(names, units), *of_spectra(names)])
-        )
+        of_roles = [role.column for role in chosen.values()]
+        of_roles += chosen["stamp"].others if "stamp" in chosen else ()
+        of_roles += [warm] if (warm := only_temperature(names, units)) else []
+        return [*dict.fromkeys([*of_roles, *single_cells(names, units), *of_spectra(names), *bare_temperatures(names)])]
 
     form = {name: getattr(options, name) for name in ("sheet", "encoding", "delimiter", "decimal")}
     table = read_table(path, columns=keep, **form)
@@ -193,6 +202,8 @@ def _logs(
         named = {role.column for role in chosen.values()}
         free = [name for name in table.frame if name not in {*named, *table.plain, table.key}]
         chosen |= looks_like(pd.DataFrame(table.frame[free]).head(_SAMPLE_ROWS), units, kind, lacking)
+    chosen, of_names, unsure = with_bare_temperatures(table, chosen, kind, options.columns)
+    units = of_names | units
     table, chosen, of_cells = with_single_cells(table, chosen, kind, options)
     units |= {name: unit for name, unit in table.units.items() if name not in units}
     if not any(target in chosen for target in _readings(kind)):
@@ -207,10 +218,12 @@ def _logs(
         for target in _lacking(chosen, kind, options):
             if target not in elsewhere and target not in options.columns:
                 chosen |= _asked(target, table, chosen, ask)
-    units, told = _with_units_of_time(table, chosen, units, kind, ask)
+    units, told = with_units_of_time(table, chosen, units, kind, ask)
     header = _header(chosen, seen, units)
     logs = [_log(part, name, kind, chosen, units, header) for name, part in table.tables()]
-    return [log.also(*kept, *left_out, *of_cells, *told) if place == 0 else log for place, log in enumerate(logs)]
+    return [
+        log.also(*kept, *left_out, *of_cells, *unsure, *told) if place == 0 else log for place, log in enumerate(logs)
+    ]
 
 
 def _without_spectra(table: RawTable) -> tuple[RawTable, list[Finding]]:
@@ -317,11 +330,9 @@ def _log(
                 Finding("empty column", where, f"{where}: column '{role.column}' is empty and left out.", column=target)
             )
             continue
-        if target.endswith("_degC") and not np.any(
-            np.nan_to_num(pd.Series(table.frame[role.column]).to_numpy(dtype=float))
-        ):
+        if target.endswith("_degC") and (no_sensor := _no_sensor(pd.Series(table.frame[role.column]), values)):
             sentence = (
-                f"{where}: column '{role.column}' is 0 throughout, as of a sensor that is not there; it is left out."
+                f"{where}: column '{role.column}' is {no_sensor}, as of a sensor that is not there; it is left out."
             )
             found.append(Finding("no sensor", where, sentence, "warning", target))
             continue
@@ -335,10 +346,11 @@ def _log(
             found.append(Finding("repeated name", where, sentence, "warning", target))
     if kind == "motor" and not any(role.why == "stated" for role in chosen.values() if role.target == "voltage_V"):
         found += of_a_controller(where, header)
-    discharged = None
-    role = chosen.get("discharged_Ah") if kind == "cell" else None  # of a pack, and not of a motor's current
-    if role and conversion(unit := units.get(role.column, "A h"), "A h"):
-        discharged = _converted(table, role, unit, "A h", where, [])
+    counts: dict[str, np.ndarray] = {}
+    for target in ("discharged_Ah", "charged_Ah") if kind == "cell" else ():  # of a pack, and not of a motor's current
+        role = chosen.get(target)
+        if role and conversion(unit := units.get(role.column, "A h"), "A h"):
+            counts[target] = _converted(table, role, unit, "A h", where, [])
     log = Log(
         name,
         table.source,
@@ -348,9 +360,10 @@ def _log(
             key: _marks(pd.Series(table.frame[chosen[key].column]), key)
             for key in ("step", "cycle", "state")
             if key in chosen
-        },
+        }
+        | ({"counted": _counted(counts)} if len(counts) == 2 else {}),
         log.stamp_s,
-        discharged,
+        counts.get("discharged_Ah"),
         log.time_is_of_step,
         header=header,
     )
@@ -364,6 +377,13 @@ def _log(
         why = table.remarks[-1].split(". ")[0].rstrip(".")
         found.append(Decision("convention", where, table.current_positive_on, why, "file"))
     return log.also(*found)
+
+
+def _no_sensor(raw: pd.Series, degC: np.ndarray) -> str:
+    """Return what a thermometer that is not there reads: 0, or colder than all that is; "" for one that is there."""
+    if not np.any(np.nan_to_num(raw.to_numpy(dtype=float))):
+        return "0 throughout"
+    return f"{np.nanmedian(degC):.4g} degC" if float(np.nanmedian(degC)) < _ABSOLUTE_ZERO_DEGC else ""
 
 
 def _about(role: Role, unit: str, where: str) -> list[Finding | Decision]:
@@ -395,6 +415,7 @@ def _clocked(
 ) -> Log:
     """Return a log that has the clock only: elapsed time, and time stamps where the file has them."""
     where, elapsed, stamp, of_step = table.label, None, None, False
+    unitless: Role | None = None  # the column of elapsed times that states no unit
     date, clock = chosen.get("stamp"), chosen.get("time_s")
     if date and clock and (both := date_and_time(table.frame[date.column], table.frame[clock.column])):
         found.append(Decision("clock", where, f"columns '{date.column}' and '{clock.column}'", both.form, "file"))
@@ -412,6 +433,8 @@ def _clocked(
                 f'--unit "{role.column}=s", or name another with --column {target}="NAME".'
             )
         times = parse_times(pd.Series(table.frame[role.column]), unit)
+        if target == "stamp" and (times is None or not times.absolute):
+            role, times = other_stamp(table, role, units) or (role, times)
         if times is None:
             continue
         times = times._replace(seconds=np.where(np.abs(times.seconds) > LARGEST, np.nan, times.seconds))
@@ -419,65 +442,12 @@ def _clocked(
         if times.absolute:
             stamp = times.seconds if stamp is None else stamp
         elif elapsed is None:
-            elapsed, of_step = times.seconds, target == "step_time"
-            found += _unit_of_time(role, times, where)
+            elapsed, of_step, unitless = times.seconds, target == "step_time", None if times.known_unit else role
         if role.why == "looks like it":
             found += [one for one in _about(role, "", where) if isinstance(one, Finding)]
+    if unitless is not None and elapsed is not None:
+        found += about_unit(unitless, elapsed, where)
     return Log("", table.source, np.empty(0) if elapsed is None else elapsed, {}, {}, stamp, None, of_step)
-
-
-def _with_units_of_time(
-    table: RawTable, chosen: Mapping[str, Role], units: Mapping[str, str], kind: Kind, ask: Ask | None
-) -> tuple[dict[str, str], list[Finding]]:
-    """Return units with those of clocks of whole numbers that state none, by name, size and steps, and what is said.
-
-    Raises:
-        MeasurementError: one may be seconds or something else, and nobody is there to ask.
-    """
-    units, found = dict(units), []
-    for name in dict.fromkeys(chosen[target].column for target in ("time_s", "stamp", "step_time") if target in chosen):
-        column = pd.Series(table.frame[name])
-        if name in units or column.dtype.kind not in "iuf":
-            continue
-        if named := unit_in_words(name):
-            units[name] = named
-        elif counted := counted_in(column.to_numpy(dtype=float), kind != "cell"):
-            units[name] = counted.unit if counted.sure else _asked_unit(table.label, name, column, counted.why, ask)
-            if counted.sure:
-                sentence = (
-                    f"{table.label}: column '{name}' states no unit; it is taken as {counted.unit} ({counted.why}). "
-                    f'Correct it with --unit "{name}=s" if it is another.'
-                )
-                found.append(Finding("unit assumed", table.label, sentence, "warning", "time_s"))
-    return units, found
-
-
-def _asked_unit(where: str, name: str, column: pd.Series, why: str, ask: Ask | None) -> str:
-    span = float(column.max() - column.min())
-    lasts = " or ".join(f"{_duration(span * by)} if in {unit}" for unit, by in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)))
-    sentence = f"{where}: column '{name}' states no unit ({why}), and the log lasts {lasts}"
-    if ask is None:
-        raise MeasurementError(f'{sentence}; state --unit "{name}=ms", "{name}=s" or "{name}=us".')
-    return ask(Question(f"{sentence}. What is it?", f'--unit "{name}=UNIT"', ("ms", "s", "us"), "ms"))
-
-
-def _duration(seconds: float) -> str:
-    for size, name in ((86_400.0, "days"), (3600.0, "h"), (60.0, "min")):
-        if seconds >= 2.0 * size:
-            return f"{seconds / size:.2g} {name}"
-    return f"{seconds:.2g} s"
-
-
-def _unit_of_time(role: Role, times: Times, where: str) -> list[Finding]:
-    if times.known_unit:
-        return []
-    steps = np.diff(times.seconds[np.isfinite(times.seconds)])
-    step = float(np.median(steps)) if steps.size else 0.0
-    other = "ms" if step >= _MAY_BE_MS and step % 60.0 != 0.0 and not np.any(steps != np.round(steps)) else "min"
-    sentence = (
-        f"{where}: column '{role.column}' states no unit; it is taken as seconds (--unit \"{role.column}={other}\")."
-    )
-    return [Finding("unit assumed", where, sentence, "warning", "time_s")]
 
 
 def _converted(
@@ -535,6 +505,8 @@ def guess_unit(values: np.ndarray, target: str) -> tuple[Conversion, str]:
     middle, largest = (float(np.median(there)), float(there.max())) if there.size else (0.0, 0.0)
     if target == "V" and middle > 1000.0:
         return Conversion(1e-3), f"its median is {middle:.4g}, taken as mV"
+    if target == "A" and largest > 1000.0:
+        return Conversion(1e-3), f"it goes up to {largest:.4g}, taken as mA"
     if target == "degC" and 200.0 < middle < 420.0:
         return Conversion(1.0, -273.15), f"its median is {middle:.4g}, taken as K"
     if target == "" and largest > 1.5:
@@ -558,6 +530,15 @@ def _marks(column: pd.Series, key: str) -> np.ndarray:
     else:
         table = np.array([_state(str(word)) for word in words], dtype=float)
     return np.append(table, 0.0 if key == "state" else np.nan)[codes]
+
+
+def _counted(counts: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return the state of each row by which of the two counts of charge rises: where neither does, as above it."""
+    rises = (np.nan_to_num(np.diff(counts[n], prepend=counts[n][:1])) for n in ("charged_Ah", "discharged_Ah"))
+    into, out = (np.maximum(one, 0.0) for one in rises)
+    clear = np.maximum(into, out) > _CLEAR * np.minimum(into, out)
+    state = pd.Series(np.where(clear, np.sign(into - out), np.nan))
+    return state.replace(0.0, np.nan).ffill().bfill().fillna(0.0).to_numpy(dtype=float)
 
 
 def _state(word: str) -> float:

@@ -24,7 +24,8 @@ class Log:
         source: the file.
         time_s: of each row [s], NaN where the file has none, shape (rows,); empty where the file has no clock.
         columns: by column of the case, in its unit; NaN where there is no reading.
-        marks: `step`, `cycle` and `state` by row where the file has them, as numbers.
+        marks: `step`, `cycle` and `state` by row where the file has them, as numbers; `counted` is a state by the
+            tester's own counts of charge.
         stamp_s: time stamps as seconds since 1970, NaN where there is none; None where the file has none.
         discharged_Ah: the tester's own count of the charge taken out; None where the file has none.
         time_is_of_step: whether `time_s` begins anew with each step.

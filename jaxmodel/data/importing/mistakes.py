@@ -86,6 +86,7 @@ def odd_units(
         yield from _milliamperes(runs, capacity, known, options)
     yield from _fahrenheit(runs, ambient_degC, capacity is not None, options)
     yield from _torque(runs, options)
+    yield from _no_drive(runs)
 
 
 def _milliamperes(runs: Sequence[Log], capacity: Stated, known: bool, options: Options) -> Iterator[Finding]:
@@ -142,6 +143,22 @@ def _fahrenheit(
             f'"{_column(run, name)}=degF".'
         )
         yield Finding("odd temperature", "", sentence, "warning", name, numbers={"degC": first})
+
+
+def _no_drive(runs: Sequence[Log]) -> Iterator[Finding]:
+    """Yield that a motor turns though its voltage is 0 throughout, as of a channel that nothing was connected to."""
+    for run in runs:
+        voltage, speed = run.columns.get("voltage_V"), run.columns.get("speed_rad_s")
+        if voltage is None or speed is None or np.any(np.nan_to_num(voltage)):
+            continue
+        fastest = float(np.nanmax(np.abs(speed), initial=0.0))
+        if fastest == 0.0:
+            continue
+        sentence = (
+            f"{run.name}: voltage_V is 0 in every row, and speed_rad_s goes up to {fastest:.3g} rad/s; if nothing was "
+            'connected to that channel, name another with --column voltage_V="NAME", or leave the run out.'
+        )
+        yield Finding("no drive", run.name, sentence, "warning", "voltage_V")
 
 
 def _as_celsius(degF: float) -> float:

@@ -31,6 +31,14 @@ def constants_of(runs: Sequence[Log]) -> dict[str, Stated]:
     fast = there & (np.abs(speed) > _SLOW * np.nanmax(np.abs(speed), initial=0.0))
     if fast.sum() < 5:
         return {}
+    found = _of_rows(runs, voltage, speed, fast)
+    largest = (float(np.max(np.abs(voltage[there]))), float(np.max(np.abs(speed[there]))))
+    for name, stated in found.items():
+        _check(name, stated.value, *largest)
+    return found
+
+
+def _of_rows(runs: Sequence[Log], voltage: np.ndarray, speed: np.ndarray, fast: np.ndarray) -> dict[str, Stated]:
     current, load = _pooled(runs, "current_A"), _pooled(runs, "load_torque_Nm")
     if current is not None and np.isfinite(current[fast]).sum() > 5:
         resistance, constant = _slopes(voltage, current, speed)
@@ -44,16 +52,16 @@ def constants_of(runs: Sequence[Log]) -> dict[str, Stated]:
     constant = float(np.median(voltage[fast] / speed[fast]))
     if constant <= 0.0:
         return {}
-    _check(constant, float(np.max(np.abs(voltage[there]))), float(np.max(np.abs(speed[there]))))
     return {"k_tau": Stated(constant, _SD_ALONE * constant, "first value: the median of V / w of the faster rows")}
 
 
-def _check(constant: float, voltage: float, speed: float) -> None:
-    range_ = info("k_tau")
-    if not range_.lower <= constant <= range_.upper:
+def _check(name: str, value: float, voltage: float, speed: float) -> None:
+    range_ = info(name)
+    if not range_.lower <= value <= range_.upper:
+        unit = "V s/rad" if name == "k_tau" else "ohm"
         raise MeasurementError(
-            f"The voltage of at most {voltage:.3g} V and the speed of at most {speed:.3g} rad/s give k_tau = "
-            f"{constant:.2g} V s/rad, which no motor has: state the --unit or the --column of one of them."
+            f"The voltage of at most {voltage:.3g} V and the speed of at most {speed:.3g} rad/s give {name} = "
+            f"{value:.2g} {unit}, which no motor has: state the --unit or the --column of one of them."
         )
 
 

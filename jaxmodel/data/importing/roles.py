@@ -64,6 +64,7 @@ MARKS = {
     "step": "step",
     "cycle": "cycle",
     "discharged_Ah": "discharged_charge",
+    "charged_Ah": "charged_charge",
 }
 # Words of names that tell a clock, and of such that are none though they rise (a word ends at an underscore).
 _WORD = r"(?i)(?<![a-zµ])(?:{})(?![a-z])"
@@ -82,6 +83,8 @@ _NO_CLOCK = re.compile(
 # Units that stand for one quantity of a bench: the only column in V is the voltage. Of temperatures there are several,
 # and a frequency is no speed.
 _TELLING = ("A", "V", "rad/s", "N m")
+# A column that is called by one of these units alone is the clock.
+_OF_CLOCKS = frozenset(["s", "ms", "us", "µs"])
 # Units of an energy, which is no torque though it has its dimension.
 _ENERGY = re.compile(r"[WJwj]|cal")
 _UNSURE = 100  # ranks of `matches` from here on are of names that only contain a word of the quantity
@@ -150,7 +153,8 @@ def roles_of(
     for position, name in enumerate(names):
         if name in taken:
             continue
-        for match in matches(plain.get(name, name), units.get(name, "")):
+        called = "time" if name.strip("[](){} ") in _OF_CLOCKS else name
+        for match in matches(plain.get(name, called), units.get(name, "")):
             if match.quantity in by_quantity:
                 some = unknown if match.unit_unknown else ranked
                 some[by_quantity[match.quantity]].append((match.rank, position, name))
@@ -238,7 +242,7 @@ def looks_like(
     numbers = {name: values for name, values in numbers.items() if not timed[name]}
     if kind != "cell":
         return found
-    for target, test in (("voltage_V", _is_voltage), ("current_A", _is_current), ("cell_temperature_degC", _is_warmth)):
+    for target, test in (("voltage_V", _is_voltage), ("current_A", _is_current), ("cell_temperature_degC", is_warmth)):
         fitting = [name for name, values in numbers.items() if target in missing and test(values)]
         if fitting:
             found[target] = Role(target, fitting[0], "looks like it", tuple(fitting[1:]))
@@ -290,7 +294,8 @@ def _is_current(values: np.ndarray) -> bool:
     return bool(largest > 0.0 and not _rises(there) and (rests > 0.02 or (there.min() < 0.0 < there.max())))
 
 
-def _is_warmth(values: np.ndarray) -> bool:
+def is_warmth(values: np.ndarray) -> bool:
+    """Return whether a column moves as a temperature in degC does."""
     there = values[np.isfinite(values)]
     low, high = float(there.min()), float(there.max())
     steps = np.abs(np.diff(there))
@@ -299,7 +304,7 @@ def _is_warmth(values: np.ndarray) -> bool:
 
 def target_unit(target: str) -> str:
     """Return the unit of a column of a case."""
-    if target == "discharged_Ah":
+    if target in ("discharged_Ah", "charged_Ah"):
         return "A h"
     return {"V_set": "V"}.get(target) or ("rad" if target.endswith("_rad") else unit_of(target))
 

@@ -18,6 +18,10 @@ _REST = 0.01
 _FEWEST_ROWS = 10
 # A gap lasts so many times as long as the median of so many intervals on each side, and so long at least [s].
 _GAP, _AROUND, _LEAST_GAP_S = 100.0, 5, 30.0
+# Where the row before it rests, so many times, and so long at least [s].
+_GAP_OF_REST, _LEAST_REST_S = 1000.0, 3600.0
+# A load goes on over a gap if it changes by this share at most, and was within the second one of it for long before.
+_SAME_LOAD, _LIKE_LOAD = 0.2, 0.5
 # Over a gap without load a cell's temperature changes by so many kelvins only if that of its surroundings did. Assumed.
 _OTHER_SURROUNDINGS_K = 5.0
 _LOADS = ("current_A", "pack_current_A", "motor_current_A", "duty")
@@ -90,23 +94,38 @@ def _why(log: Log, options: Options, gaps: list[int]) -> str:
 def _after_gaps(log: Log) -> list[int]:
     """Return the rows that follow gaps a hundred times as long as the rows around them, after which all is unknown.
 
-    With load on both sides, what flowed meanwhile is not known. Without, the surroundings are not, if no column is
-    their temperature and the cell has another. A log that is thinned has long intervals side by side, and no gap.
+    With load on both sides, what flowed meanwhile is not known, unless a load was held for longer than the gap and is
+    there after it. After a rest it is not what the row after the gap has, if that is loaded and the gap a thousand
+    times as long as the rows. Without load, the surroundings are not known, if no column is their temperature and the
+    cell has another. A log that is thinned has long intervals side by side, and no gap.
     """
     load = next((log.columns[name] for name in _LOADS if name in log.columns), None)
     if load is None or log.rows < 2 * _AROUND:
         return []
+    load = np.nan_to_num(load)
     apart = np.diff(log.time_s)
-    size = np.abs(np.nan_to_num(load))
+    size = np.abs(load)
     loaded = size > _REST * float(size.max())
-    unknown = (loaded[:-1] & loaded[1:]) | _other_surroundings(log)
-    found = []
-    for row in np.flatnonzero((apart > _LEAST_GAP_S) & unknown).tolist():
+    both, other = loaded[:-1] & loaded[1:], _other_surroundings(log)
+    begun = ~loaded[:-1] & loaded[1:] & (apart > _LEAST_REST_S)
+    found: list[int] = []
+    for row in np.flatnonzero((apart > _LEAST_GAP_S) & (both | other | begun)).tolist():
         before, after = apart[max(row - _AROUND, 0) : row], apart[row + 1 : row + 1 + _AROUND]
         usual = max((float(np.median(part)) for part in (before, after) if part.size), default=np.inf)
-        if apart[row] >= _GAP * usual and row + 1 not in log.restarts:
+        if apart[row] < (_GAP if both[row] or other[row] else _GAP_OF_REST) * usual or row + 1 in log.restarts:
+            continue
+        if other[row] or not both[row] or not _goes_on(log.time_s, load, row, max([0, *found])):
             found.append(row + 1)
     return found
+
+
+def _goes_on(time_s: np.ndarray, load: np.ndarray, row: int, begin: int) -> bool:
+    """Return whether a load that is much the same after a gap was held for longer than the gap before it."""
+    if abs(load[row + 1] - load[row]) > _SAME_LOAD * abs(load[row]):
+        return False
+    others = np.flatnonzero(np.abs(load[begin:row] - load[row]) > _LIKE_LOAD * abs(load[row]))
+    since = begin + (int(others[-1]) + 1 if others.size else 0)
+    return bool(time_s[row] - time_s[since] >= time_s[row + 1] - time_s[row])
 
 
 def _other_surroundings(log: Log) -> np.ndarray:
@@ -122,10 +141,10 @@ def _about_gaps(log: Log, gaps: list[int], where: str) -> Finding:
     longest = max(gaps, key=lambda row: apart[row - 1])
     many = len(gaps) > 1
     moved = _other_surroundings(log)[np.array(gaps) - 1]
-    what = {0: "with load on both sides", len(gaps): "after which the temperature is another"}
+    what = {0: "before a load", len(gaps): "after which the temperature is another"}
     sentence = (
         f"{where}: {len(gaps)} {'gaps' if many else 'gap'} in time "
-        f"{what.get(int(moved.sum()), 'under load, or after which the temperature is another')}, "
+        f"{what.get(int(moved.sum()), 'before a load, or after which the temperature is another')}, "
         f"{'the longest ' if many else ''}of {apart[longest - 1]:.5g} s from {log.time_s[longest - 1]:.6g} s (rows "
         f"are usually {np.median(apart):.3g} s apart); {'each' if many else 'it'} ends a run, and no charge is counted "
         "over it. --split-at files keeps one run."

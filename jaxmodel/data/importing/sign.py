@@ -21,8 +21,12 @@ _SETTLED, _CERTAIN = 3.0, 20.0
 _FEWEST_STEPS = 3
 # Below this share of the largest current a cell rests, and below this one a number has no sign (an offset).
 _REST, _NO_SIGN = 0.02, 0.01
+# A step of the voltage by so much [V] is no noise of a tester (assumed).
+_CLEAR_STEP_V = 0.01
 # A block of load whose voltage moves by so much [V] tells its direction.
 _CLEAR_V = 4e-3
+# A single reading so far from both neighbours [V] is none of a cell's.
+_SPIKE_V = 0.5
 # A state column counts where it names the direction in so large a share of the loaded rows.
 _TOLD_BY_STATE = 0.5
 _ABOUT = "sign of the current"
@@ -39,12 +43,14 @@ class Evidence(NamedTuple):
         agreeing: of those, how many fit "positive on discharge".
         resistance_ohm: median of -dV/dI over the steps; NaN without steps.
         trend: correlation of the voltage with the charge taken out, negated; 0 if there is none.
+        clear: of the steps, how many move the voltage so far that no noise does; where they are few, each counts twice.
     """
 
     steps: int
     agreeing: int
     resistance_ohm: float
     trend: float
+    clear: int = 0
 
     @property
     def strength(self) -> float:
@@ -54,7 +60,8 @@ class Evidence(NamedTuple):
     @property
     def odds(self) -> float:
         """Return how much more the readings speak for "positive on discharge": above 1 for it, below 1 against."""
-        votes = (self.agreeing + 1.0) / (self.steps - self.agreeing + 1.0)
+        weight = 2.0 if self.clear == self.steps < _FEWEST_STEPS else 1.0
+        votes = (weight * self.agreeing + 1.0) / (weight * (self.steps - self.agreeing) + 1.0)
         return votes * 10.0 ** (2.0 * self.trend)
 
     def sentence(self) -> str:
@@ -93,7 +100,8 @@ def evidence(log: Log) -> Evidence:
         resistance = -moved[steps] / change[steps]
     agreeing = int(np.sum(resistance > 0.0))
     median = float(np.median(resistance)) if resistance.size else np.nan
-    return Evidence(int(steps.sum()), agreeing, median, _trend(time_s, current, voltage, largest))
+    clear = int(np.sum(np.abs(moved[steps]) >= _CLEAR_STEP_V))
+    return Evidence(int(steps.sum()), agreeing, median, _trend(time_s, current, voltage, largest), clear)
 
 
 def _trend(time_s: np.ndarray, current: np.ndarray, voltage: np.ndarray, largest: float) -> float:
@@ -115,14 +123,20 @@ def pooled(parts: Sequence[Evidence]) -> Evidence:
     with_steps = [one for one in parts if one.steps]
     resistance = float(np.median([one.resistance_ohm for one in with_steps])) if with_steps else np.nan
     trends = [one.trend for one in parts if one.trend != 0.0]
-    return Evidence(steps, agreeing, resistance, float(np.mean(trends)) if trends else 0.0)
+    clear = sum(one.clear for one in parts)
+    return Evidence(steps, agreeing, resistance, float(np.mean(trends)) if trends else 0.0, clear)
 
 
 def with_state(log: Log) -> Log:
-    """Return a log whose current has the sign of its state column: positive on discharge."""
-    current, state = log.columns["current_A"], log.marks.get("state")
-    if state is None:
-        return log
+    """Return a log whose current has the sign of its state column, or of its counts of charge."""
+    for key, what in (("state", "its state column"), ("counted", "its count of charge")):
+        if key in log.marks and not _settled(log):
+            log = _with_state(log, log.marks[key], what)
+    return log
+
+
+def _with_state(log: Log, state: np.ndarray, what: str) -> Log:
+    current = log.columns["current_A"]
     loaded = np.nan_to_num(np.abs(current)) > _REST * _largest(current)
     charge, discharge = loaded & (state > 0.0), loaded & (state < 0.0)
     if not (charge.any() or discharge.any()) or np.mean((charge | discharge)[loaded]) < _TOLD_BY_STATE:
@@ -131,12 +145,12 @@ def with_state(log: Log) -> Log:
         size = np.abs(current)
         # Where the state tells no direction, as in a step of constant voltage, the file's own number stays.
         signed = np.where(charge, -size, np.where(discharge, size, current))
-        value, why = "positive on discharge, by state", "the current has no sign in the file, and its state column has"
+        value, why = "positive on discharge, by state", f"the current has no sign in the file, and {what} tells it"
     else:
         against = int(np.sum(current[discharge] < 0.0) + np.sum(current[charge] > 0.0))
         reverse = 2 * against > int(np.sum(charge | discharge))
         signed = -current if reverse else current
-        value, why = _VALUES[not reverse], "its state column tells charge from discharge"
+        value, why = _VALUES[not reverse], f"{what} tells charge from discharge"
     decision = Decision(_ABOUT, log.name, value, why, "file")
     return dataclasses.replace(log, columns=log.columns | {"current_A": signed}).also(decision)
 
@@ -161,7 +175,7 @@ def blocks(log: Log) -> list[tuple[slice, float]]:
     if voltage is None:
         return []
     there = np.flatnonzero(np.isfinite(current) & np.isfinite(voltage))
-    size, volts, time_s = np.abs(current[there]), voltage[there], log.time_s[there]
+    size, volts, time_s = np.abs(current[there]), _without_spikes(voltage[there]), log.time_s[there]
     loaded = size > _REST * _largest(current)
     changes = np.diff(loaded.astype(np.int8)) != 0
     for key in ("step", "cycle"):
@@ -179,6 +193,15 @@ def blocks(log: Log) -> list[tuple[slice, float]]:
             said += float(volts[end] - volts[end - 1])
         result.append((slice(int(there[begin]), int(there[end - 1]) + 1), said))
     return result
+
+
+def _without_spikes(volts: np.ndarray) -> np.ndarray:
+    """Return voltages in which a reading far from both neighbours, as a first row of 0 V, is that of its neighbours."""
+    if volts.size < 3:
+        return volts
+    places = np.clip(np.arange(volts.size), 1, volts.size - 2)
+    middle = np.median([volts[places - 1], volts[places], volts[places + 1]], axis=0)
+    return np.where(np.abs(volts - middle) > _SPIKE_V, middle, volts)
 
 
 def _with_blocks(log: Log) -> Log:
@@ -207,6 +230,12 @@ def _with_blocks(log: Log) -> Log:
     return log.also(Decision(_ABOUT, log.name, value, why, "physics"))
 
 
+def _by_looks(log: Log) -> bool:
+    """Return whether nothing but their looks tells which columns are current and voltage: then steps must agree."""
+    looks = {finding.column for finding in log.findings if finding.what == "column by its looks"}
+    return {"current_A", "voltage_V"} <= looks
+
+
 def _settled(log: Log) -> bool:
     return any(decision.about == _ABOUT for decision in log.decisions)
 
@@ -227,7 +256,7 @@ def settle(logs: Sequence[Log], stated: str | None, accept: bool) -> list[Log]:
     """
     logs = [with_state(log) for log in logs]
     if stated is None:
-        logs = [log if _settled(log) else _with_blocks(log) for log in logs]
+        logs = [log if _settled(log) or _by_looks(log) else _with_blocks(log) for log in logs]
     free = [log for log in logs if not _settled(log)]
     found = {id(log): evidence(log) for log in free}
     # What one-signed files say of themselves says nothing of the bench: it may log magnitudes.

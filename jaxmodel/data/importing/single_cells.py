@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import pandas as pd
 
 from jaxmodel.base.errors import MeasurementError
 from jaxmodel.data.importing.findings import Decision, Finding
@@ -18,7 +19,7 @@ from jaxmodel.data.tables.names import is_set, parse_name
 from jaxmodel.data.tables.units import conversion, spelled
 
 # Words without their number: "cell 1", "cell voltage 1", "vcell1", "cell 01 volt".
-_CELL = re.compile(r"(.* )?(v ?)?(cell|zelle|单体|电芯)s?( ?(v|volts?|voltages?|spannung|电压))?|v ?(c|cell)")
+_CELL = re.compile(r"(.* )?(v ?)?(cell|cp|zelle|单体|电芯)s?( ?(v|volts?|voltages?|spannung|电压))?|v ?(c|cell)")
 _NUMBER = re.compile(r"\d+")
 _FEWEST = 2
 # A column without a reading within these is of a cell that the pack does not have [V].
@@ -120,9 +121,8 @@ def with_single_cells(
     what = "mean" if kind == "cell" else "sum"
     name = f"{what} of {len(used)} cells"
     made = np.mean(volts, axis=0) if kind == "cell" else np.sum(volts, axis=0)
-    table = dataclasses.replace(
-        table, frame=table.frame.assign(**{name: made}), units={**table.units, name: "V"}
-    )  # fmt: skip
+    frame = pd.concat([table.frame, pd.Series(made, name=name, index=table.frame.index)], axis=1)
+    table = dataclasses.replace(table, frame=frame, units={**table.units, name: "V"})
     spread = np.ptp(volts[:, whole], axis=0)
     lowest = used[int(np.argmin(np.mean(volts[:, whole], axis=1)))]
     sentence = (
@@ -153,6 +153,7 @@ def _inside(volts: np.ndarray) -> np.ndarray:
 
 def _volts(values: np.ndarray, unit: str) -> np.ndarray:
     """Return readings of one cell in V; without a unit, such above 100 are mV."""
+    values = np.abs(values)  # some monitors mark a cell that they balance by a minus
     change = conversion(unit, "V") if unit and spelled(unit) else None
     if change is not None:
         return values * change.factor + change.offset

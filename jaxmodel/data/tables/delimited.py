@@ -17,6 +17,7 @@ from jaxmodel.base.errors import MeasurementError, reason
 from jaxmodel.case.measurements import file_label
 from jaxmodel.case.run_csv import worth_threads
 from jaxmodel.data.tables.fields import from_lists, names_of_list, with_units
+from jaxmodel.data.tables.known_formats import maker_in
 from jaxmodel.data.tables.preamble import CLOCK, interval_of, is_sampled_so, lacks_times
 from jaxmodel.data.tables.raw_table import RawTable, repeated_names, to_numbers, unique_names, units_in
 from jaxmodel.data.tables.sniffing import MISSING, Layout, layout_of
@@ -72,8 +73,9 @@ def read_delimited(
     frame, in_lists = _spread(frame, {name: lists[name] for name in lists if name in frame}, chosen)
     units = units_in(names) | {name: unit for name, unit in zip(names, layout.units, strict=False) if unit}
     units |= in_fields | {one: units[name] for one, name in in_lists.items() if name in units}
-    units = {name: unit.strip("[](){}") for name, unit in units.items() if name in frame}
     left_out = tuple(name for name in owner if name not in chosen)
+    # Those of columns that were not read may speak for them.
+    units = {name: unit.strip("[](){}") for name, unit in units.items() if name in frame or name in left_out}
     remarks = [_form(layout), *remarks]
     if interval_s is not None and CLOCK in chosen and not is_sampled_so(frame, interval_s):
         frame.insert(0, CLOCK, np.arange(len(frame)) * interval_s)
@@ -81,6 +83,8 @@ def read_delimited(
         remarks.append(
             f"No column has times; '{CLOCK}' counts the {interval_s:g} s from row to row that its head states."
         )
+    if maker := maker_in(layout.before):
+        remarks.append(f"{maker}: its current is positive on charge.")
     return RawTable(
         frame,
         units,
@@ -91,6 +95,7 @@ def read_delimited(
         left_out=left_out,
         losses=(*losses, *repeats, *more),
         repeated=repeated_names(layout.names),
+        current_positive_on="charge" if maker else None,
     )
 
 
@@ -106,6 +111,7 @@ def _form(layout: Layout) -> str:
 def _for_pandas(layout: Layout, rows: int | None) -> bool:
     return (
         rows is not None
+        or layout.broken
         or layout.delimiter == " "
         or layout.thousands is not None
         or layout.decimal == layout.delimiter

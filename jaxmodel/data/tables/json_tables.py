@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import codecs
 import json
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -19,10 +21,28 @@ from jaxmodel.data.tables.raw_table import RawTable, to_numbers, unique_names, u
 _DEEPEST = 8
 # A number takes some 100 bytes as an object of Python.
 _MOST_BYTES = 1 << 29
+_HEAD = 1 << 16
 _NAMES = ("columns", "names", "fields", "header", "headers", "labels")
 _OWN_NAMES = ("name", "label", "id", "title", "test")
 # Rows of FRC SysId, which have no names. Its docs/data-collection.md: other mechanisms than a drivetrain have four.
 _SYSID = ("time (s)", "voltage (V)", "position (rev)", "velocity (rev/s)")
+
+
+def is_json(path: Path) -> bool:
+    """Return whether a file is JSON or JSON lines, whatever it is called: by its first line, or by both of its ends."""
+    with path.open("rb") as stream:
+        head = stream.read(_HEAD).removeprefix(codecs.BOM_UTF8).lstrip()
+        if head[:1] not in (b"{", b"["):
+            return False
+        stream.seek(max(path.stat().st_size - _HEAD, 0))
+        tail = stream.read().rstrip()
+    first = head.splitlines()[0].rstrip()
+    try:
+        return isinstance(json.loads(first), dict | list)
+    except ValueError:  # it goes on in the next line, or is no JSON, as '[Settings]'
+        return (first[:1], tail[-1:]) in ((b"{", b"}"), (b"[", b"]")) and re.match(
+            rb'[{[]\s*(["{[\d-]|$)', first
+        ) is not None
 
 
 def read_json(path: Path, keys: Sheets = None) -> RawTable:

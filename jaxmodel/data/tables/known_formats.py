@@ -61,8 +61,17 @@ def _columns(**kinds: Mapping[str, str]) -> tuple[tuple[re.Pattern[str], str, st
     return tuple(found)
 
 
+# Of both forms of its lines, under the names of `icharger`.
+_OF_ICHARGER = _columns(
+    nothing={
+        r"supply \[mv\]": "mV",
+        r"charger temperature \[degc\]": "degC",
+        r"counted charge \[mah\]": "mA h",
+    }
+)
 _POSITIVE_ON_CHARGE = "Battery Data Format: its current is positive on charge."
 # Sources: the Battery Data Format's list of labels; VESC Tool's `mobile/` and `vescinterface.cpp`, which write the log;
+# the `VescUart` and `PyVESC` libraries, which name the readings of a VESC; the manual of Leaf Spy Pro;
 # blackbox-tools' `blackbox_decode.c` and the Blackbox Explorer's `csv-exporter.js`; EdgeTX's `logs.cpp`.
 FORMATS = (
     KnownFormat(
@@ -101,6 +110,46 @@ FORMATS = (
         'of pole pairs: --column speed_rad_s="erpm * 0.10472 / PAIRS". Of a motor, the voltage is '
         '--column voltage_V="duty_cycle * input_voltage".',
     ),
+    *(
+        KnownFormat(
+            "readings of a VESC",
+            needs,
+            columns=_columns(
+                battery_voltage={"inpvoltage|v_in|input_voltage": "V"},
+                battery_current={"avg_?input_?current": "A"},
+                motor_current={"avg_?motor_?current": "A"},
+                motor_temperature={"temp_?motor": "degC"},
+                duty_cycle={"duty_?cycle_?now": "1"},
+                discharged={"amp_?hours": "A h"},
+                nothing={
+                    "rpm": "", "temp_?(mosfet|fet|mos)s?|mosfet_?temp": "degC", "amp_?hours_?charged": "A h",
+                    "watt_?hours(_?charged)?|tachometer(_?abs)?|avg_i[dq]|fault(_?code)?|error|id": "",
+                },
+            ),
+            current_positive_on="discharge",
+            remark="readings of a VESC: the current of its battery is positive on discharge. Its rpm is the speed "
+            'times the number of pole pairs: --column speed_rad_s="rpm * 0.10472 / PAIRS". Its duty cycle times the '
+            "voltage of the battery is that of the motor.",
+        )
+        for needs in (
+            _all("avgmotorcurrent", "avginputcurrent", "rpm"),
+            _all("avg_motor_current", "avg_input_current", "rpm"),
+        )
+    ),
+    KnownFormat(
+        "Leaf Spy",
+        _all("gids", "pack volts", "pack amps"),
+        columns=_columns(
+            epoch_time={"epoch time": "s"},
+            battery_voltage={"pack volts": "V"},
+            battery_current={"pack amps": "A"},
+            battery_soc={"soc": "ppm"},
+            temperature={"pack t1 c": "degC"},
+            nothing={"date/time|12v.*|pack t. f|pack t[2-4] c|ambient|speed.*|torque nm|motor temp|.*pwr.*|ahr": ""},
+        ),
+        current_positive_on="discharge",
+        remark="Leaf Spy: its current is positive on discharge.",
+    ),
     KnownFormat(
         "blackbox of Betaflight or INAV",
         _all("loopiteration"),
@@ -136,7 +185,33 @@ FORMATS = (
         current_positive_on="discharge",
         remark="OpenTX or EdgeTX: its current is positive on discharge.",
     ),
+    KnownFormat(
+        "iCharger",
+        _all("supply [mv]", "charger temperature [degc]", "time [ms]"),
+        columns=_OF_ICHARGER,
+        current_positive_on="charge",
+        remark="iCharger: its current is positive on charge.",
+    ),
+    KnownFormat(
+        "iCharger at its serial port",
+        _all("supply [mv]", "charger temperature [degc]", "battery voltage [mv]"),
+        columns=_OF_ICHARGER,
+        remark="iCharger at its serial port: it sends a line each second or two and no clock (--seconds-per-row).",
+    ),
 )  # fmt: skip
+
+
+# Makers whose text says in its head who wrote it, and whose current is positive on charge. Their own manuals.
+_HEADS = (
+    (re.compile(r"^(EC|BT)-Lab ASCII FILE"), "BioLogic"),
+    (re.compile(r"Basytec Battery Test System", re.IGNORECASE), "BaSyTec"),
+    (re.compile(r"^Novonix\b", re.IGNORECASE), "Novonix"),
+)
+
+
+def maker_in(head: Iterable[str]) -> str:
+    """Return the maker whose current is positive on charge, by the lines above a table; "" for none that is known."""
+    return next((maker for line in head for pattern, maker in _HEADS if pattern.search(line)), "")
 
 
 def known_format(names: Iterable[str]) -> KnownFormat | None:

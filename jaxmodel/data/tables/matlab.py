@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import json
+import re
 import subprocess
 import sys
 import tempfile
@@ -21,6 +22,8 @@ from jaxmodel.data.tables.keyed_tables import Sheets, matching, patterns_of, put
 from jaxmodel.data.tables.names import matches
 from jaxmodel.data.tables.raw_table import RawTable, unique_names, units_in
 
+# Of a cell array, as `matlab_vectors` names it.
+_ELEMENT = re.compile(r"(?P<name>[^.]+) (?P<number>\d+)")
 _CLOCKS = ("time", "step_time", "stamp")
 
 
@@ -37,7 +40,7 @@ def read_matlab(path: Path, variables: Sheets = None) -> RawTable:
     """Read a MATLAB file; one of v7.3, or with a table, needs the extra `matlab` (mat-io).
 
     Structures and tables with the same fields, such as `run1` and `run2` or the elements of an array of structures, are
-    runs of their own, under their names.
+    runs of their own, under their names; so are the elements of cell arrays of the same lengths.
 
     Args:
         path: the file.
@@ -98,7 +101,7 @@ def _runs(vectors: Sequence[_Vector]) -> dict[str, list[_Vector]]:
     A run has two or more columns beside its time: structures of a time and one signal each are columns of one table.
     """
     groups: dict[str, list[_Vector]] = {}
-    for vector in vectors:
+    for vector in (*vectors, *_of_cell_arrays(vectors)):
         if vector.values.size > 1:
             groups.setdefault(vector.path.rpartition(".")[0], []).append(vector)
     inside = {name: own for name, own in groups.items() if name and _has_columns(own)}
@@ -108,6 +111,28 @@ def _runs(vectors: Sequence[_Vector]) -> dict[str, list[_Vector]]:
         return {}
     labels = short_labels([tuple(name.split(".")) for name in shared])
     return dict(zip(labels, shared.values(), strict=True))
+
+
+def _of_cell_arrays(vectors: Sequence[_Vector]) -> list[_Vector]:
+    """Return the elements of cell arrays with as many vectors, of the same lengths, as fields of runs 'run 1', ...
+
+    The columns of a matrix have one length; the elements of cell arrays, an experiment each, seldom do.
+    """
+    arrays: dict[str, dict[int, _Vector]] = {}
+    for vector in vectors:
+        if found := _ELEMENT.fullmatch(vector.path):
+            arrays.setdefault(found["name"], {})[int(found["number"])] = vector
+    alike: dict[tuple[tuple[int, int], ...], list[str]] = {}
+    for name, elements in arrays.items():
+        lengths = tuple(sorted((number, one.values.size) for number, one in elements.items()))
+        if len({size for _, size in lengths}) > 1:
+            alike.setdefault(lengths, []).append(name)
+    names = max(alike.values(), key=len, default=[])
+    return [
+        one._replace(path=f"run {number}.{name}", name=name)
+        for name in (names if len(names) > 1 else ())
+        for number, one in arrays[name].items()
+    ]
 
 
 def _has_columns(vectors: Sequence[_Vector]) -> bool:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from jaxmodel.data.tables.quantities import ELSEWHERE, HEAT, NOT_MEASURED, QUANTITIES, WANTED, Quantity
+from jaxmodel.data.tables.quantities import ELSEWHERE, HEAT, MEASURED, NOT_MEASURED, QUANTITIES, WANTED, Quantity
 from jaxmodel.data.tables.units import conversion, is_unit, spelled
 
 
@@ -40,6 +40,7 @@ _DIGITS = re.compile(r"\d+$")
 _SLASH = re.compile(r"^(?P<name>.+?)\s*/\s*(?P<unit>[^/\s()\[\]{}]+(/s2?|/min)?)$")
 _ENDING = re.compile(r"^(?P<name>.+?)[_\s](?P<unit>m_s2|rad_s|deg_s|m_s|[^\s_]+)$")
 # A word at the end of a name that is a unit: of one letter only after an underscore, so that 'Ch A' is no current.
+_IN = re.compile(r"^(?P<name>.+?)\s+in\s+(?P<unit>\S+)$", re.IGNORECASE)
 _LETTERS = frozenset("sAVCKFWhd%")
 _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _SEPARATORS = re.compile(r"[\W_]+")
@@ -47,7 +48,7 @@ _SEPARATORS = re.compile(r"[\W_]+")
 
 @functools.lru_cache(maxsize=4096)
 def parse_name(column: str) -> Name:
-    """Return the words and the unit of a column's name: 'Voltage(V)', 'I/mA', 'Test Time / s', 'current_mA'."""
+    """Return the words and the unit of a column's name: 'Voltage(V)', 'I/mA', 'Test Time / s', 'Angle in deg'."""
     text = " ".join(column.split()).strip("# \"'")
     # A column may be called by its unit alone: 'Nm'. 'V' is a name of a voltage first.
     if spelled(text) and not text.isdigit() and _words(text) not in _whole_names():
@@ -55,9 +56,12 @@ def parse_name(column: str) -> Name:
     brackets = list(_BRACKETS.finditer(text))
     for states_unit in (_is_unit, _looks_like_unit):
         for found in brackets:
-            if states_unit(found[1]):
+            at_end = not text[found.end() :].strip()
+            if states_unit(found[1]) and (at_end or states_unit is _is_unit):
                 return Name(_words(f"{text[: found.start()]} {text[found.end() :]}"), found[1])
     if (found := _SLASH.match(text)) and is_unit(found["unit"]):
+        return Name(_words(found["name"]), found["unit"])
+    if (found := _IN.match(text)) and is_unit(found["unit"]) and not found["unit"].isdigit():
         return Name(_words(found["name"]), found["unit"])
     if (found := _ENDING.match(text)) and spelled(unit := found["unit"]) and not unit.isdigit():
         if (len(unit) > 1 or (unit in _LETTERS and "_" in text)) and unit not in ("Volt", "Amp", "C1"):
@@ -118,7 +122,8 @@ def says_another(column: str, quantities: Sequence[str] = (), unit: str = "") ->
 
 def is_set(column: str) -> bool:
     """Return whether a column's name says that it is set or supplied, and not measured."""
-    return bool(_tokens(parse_name(column).words) & NOT_MEASURED)
+    tokens = _tokens(parse_name(column).words)
+    return bool(tokens & NOT_MEASURED) and not tokens & MEASURED
 
 
 def are_units(fields: Sequence[str], above: Sequence[str]) -> bool:
@@ -208,7 +213,8 @@ def _rank(words: str, unit: str, quantity: Quantity) -> int:
         return -1
     if quantity.also and not any(token in quantity.also for token in tokens):
         return -1
-    return (200 if any(token in NOT_MEASURED for token in tokens) else 100) + len(tokens)
+    set_ = any(token in NOT_MEASURED for token in tokens) and not any(token in MEASURED for token in tokens)
+    return (200 if set_ else 100) + len(tokens)
 
 
 def _fits(unit: str, quantity: Quantity) -> bool | None:

@@ -38,6 +38,7 @@ def _names(text: str) -> tuple[str, ...]:
 
 # Words of what is wanted rather than measured.
 NOT_MEASURED = _of("command commanded set drive input applied nominal supply control")
+MEASURED = _of("measured actual sensed gemessen")  # speaks against the words above
 WANTED = _of("setpoint reference ref goal target limit max min maximum minimum desired soll error range cutoff")
 # Words of what no column of a case holds: such a column is never taken for one by its unit or its readings.
 ELSEWHERE = _of(
@@ -50,10 +51,12 @@ _COUNTED = _of("capacity energy charge power density resistance slope dv di dt d
 _AMBIENT = _of("ambient amb chamber room environment environmental air oven umgebung surroundings lab klima outside")
 _WINDING = _of("winding coil copper wicklung phase")
 _HOUSING = _of("case housing stator body gehäuse frame shell")
-HEAT = _of("temperature temp temperatur température thermocouple tc rtd 温度")
+HEAT = _of("temperature temp temperatur température temperatura thermocouple tc rtd 温度")
 # A controller counts the turns of the field: as many times those of the shaft as the motor has pole pairs.
 ELECTRICAL = _of("e erpm electrical")
 _GEARED = _of("motor winding coil stator")
+# Whose voltage is a signal.
+_SENSORS = _of("encoder sensor hall shunt potentiometer pot tacho tach photodiode thermistor ntc signal adc ain")
 _PACK = frozenset(["battery", "bat", "batt", "pack", "bat volt"])  # by its unit, 'Battery (V)' is a voltage
 _ELECTRONICS = _of("mos mosfet mosfets fet fets esc controller inverter driver board pcb cpu mcu imu baro chip tube")
 
@@ -63,11 +66,16 @@ QUANTITIES: dict[str, Quantity] = {
         _names(
             "time, test time, total time, elapsed time, t, time elapsed, run time, running time, prog "
             "time, program time,"
-            "prog time sum, total test time, test, elapsed, relative test time, zeit, prüfzeit, temps, x value,"
-            "time since start, duration, time s, test time second, 总时间, 测试时间, seconds, secs, sec"
+            "prog time sum, total test time, test, elapsed, relative test time, zeit, prüfzeit, temps, x value, x axis,"
+            "time since start, duration, time s, test time second, 总时间, 测试时间, seconds, secs, sec,"
+            "cumulative time, accumulated time, tempo, tiempo, temps écoulé, tempo totale, tempo total, t now, tnow,"
+            "now, millis, micros, milliseconds, t rel, t elapsed, t total, t run, t abs, t sec, t test"
         ),
-        _of("time zeit"),
-        without=_of("step stamp date day clock unix utc real system absolute dpt charge discharge rest relative")
+        _of("time zeit tempo tiempo"),
+        without=_of(
+            "step stamp date day clock unix utc real system absolute dpt charge discharge rest relative start end go "
+            "left remaining"
+        )
         | WANTED,
         with_unit=_of("test"),
     ),
@@ -92,10 +100,11 @@ QUANTITIES: dict[str, Quantity] = {
         _names(
             "current, i, amps, cell current, battery current, measured current, current measured, amp, "
             "amperes, cur, strom,"
-            "stromstärke, courant, corriente, i cell, i batt, i bat, i battery, current ampere, 电流, 电流值, curr,"
+            "stromstärke, courant, corriente, corrente, intensidad, intensité, i cell, i batt, i bat, i battery,"
+            "current ampere, im, 电流, 电流值, curr,"
             "pack current, bat current, batt current, bat curr, ibat, ipack, i pack, battery, bat, batt, pack"
         ),
-        _of("current amps strom 电流 curr"),
+        _of("current amps strom 电流 curr corrente corriente courant"),
         without=WANTED | _COUNTED | _of("range index motor step left right phase"),
         with_unit=_PACK,
     ),
@@ -103,13 +112,14 @@ QUANTITIES: dict[str, Quantity] = {
         "V",
         _names(
             "voltage, cell voltage, terminal voltage, battery voltage, ewe, ecell, ewe ece, volts, u, v, volt, vcell,"
-            "measured voltage, voltage measured, spannung, zellspannung, tension, voltaje, u cell, u batt, "
+            "measured voltage, voltage measured, spannung, zellspannung, tension, tensión, tensao, tensão, tensione,"
+            "voltaje, potential, u cell, u batt, "
             "v batt, v cell,"
-            "voltage volt, 电压, 电压值, ewe v, pack voltage, total voltage, sum voltage, bat voltage,"
+            "voltage volt, vf, 电压, 电压值, ewe v, pack voltage, total voltage, sum voltage, bat voltage,"
             "batt voltage, bat volt, vbat, vbatt, vpack, v pack, battery, bat, batt, pack"
         ),
-        _of("voltage volts spannung 电压 ewe ecell"),
-        without=WANTED | _COUNTED | _of("group aux open ocv"),
+        _of("voltage volts spannung 电压 ewe ecell tension tensión tensao tensão tensione voltaje"),
+        without=WANTED | _COUNTED | _SENSORS | _of("group aux open ocv"),
         with_unit=_PACK,
     ),
     "state": Quantity(
@@ -136,23 +146,31 @@ QUANTITIES: dict[str, Quantity] = {
     ),
     "discharged_charge": Quantity(
         "A h",
-        _names("discharge capacity, discharging capacity, capacity dchg, cap dchg, dchg cap, discharged, 放电容量"),
+        _names(
+            "discharge capacity, discharging capacity, capacity dchg, cap dchg, dchg cap, discharged, q discharge,"
+            "放电容量"
+        ),
         _of("discharge discharged discharging"),
         also=_of("capacity charge ah cap"),
         without=_of("energy spec specific"),
+    ),
+    "charged_charge": Quantity(
+        "A h",
+        _names("charge capacity, charging capacity, capacity chg, cap chg, chg cap, charged, q charge, 充电容量"),
     ),
     "cell_temperature": Quantity(
         "degC",
         _names(
             "cell temperature, surface temperature, temperature, temp, battery temperature, battery temp, cell temp,"
-            "skin temperature, temperature middle, temperatur, zelltemperatur, temperature measured, temperature t1,"
+            "skin temperature, temperature middle, temperatur, temperatura, température, zelltemperatur,"
+            "temperature measured, temperature t1,"
             "aux temperature 1, aux temperature 1 1, temperature 1, temp 1, t1, tc1, t cell, t surf, t surface, evtemp,"
             "cell temp 1, temp1, ntc1, ntc 1, ntc, battery t1, temperature1, aux temperature, 温度, 辅温, celltemp,"
-            "can, temperature t1 celsius, cell, surface, cell surface"
+            "can, temperature t1 celsius, cell, surface, cell surface, aux 1, aux"
         ),
         HEAT | _of("t"),
         without=_AMBIENT | WANTED | _GEARED | _ELECTRONICS,
-        with_unit=frozenset(["cell", "surface", "cell surface"]),
+        with_unit=frozenset(["cell", "surface", "cell surface", "aux 1", "aux"]),
     ),
     "ambient_temperature": Quantity(
         "degC",
@@ -186,17 +204,19 @@ QUANTITIES: dict[str, Quantity] = {
     "motor_voltage": Quantity(
         "V",
         _names(
-            "motor voltage, voltage, terminal voltage, armature voltage, u, v, volts, u motor, v motor, motorspannung"
+            "motor voltage, voltage, terminal voltage, armature voltage, u, v, volts, u motor, v motor, motorspannung,"
+            "tension, tensión, tensao, tensão, tensione, voltaje"
         ),
-        _of("voltage volts spannung"),
-        without=WANTED | _of("battery pack cell deck"),
+        _of("voltage volts spannung tension tensión tensao tensão tensione voltaje"),
+        without=WANTED | _SENSORS | _of("battery pack cell deck bus vbus"),
     ),
     "motor_current": Quantity(
         "A",
         _names(
-            "motor current, current, armature current, i, amps, i motor, motorstrom, phase current, winding current"
+            "motor current, current, armature current, i, amps, i motor, motorstrom, phase current, winding current,"
+            "corrente, corriente, courant"
         ),
-        _of("current amps strom"),
+        _of("current amps strom corrente corriente courant"),
         without=WANTED | _COUNTED | _of("battery pack"),
     ),
     "speed": Quantity(
@@ -204,16 +224,17 @@ QUANTITIES: dict[str, Quantity] = {
         _names(
             "speed, motor speed, shaft speed, angular velocity, angular speed, rotational speed, velocity, "
             "rpm, omega, n,"
-            "drehzahl, rotor speed, speed measured, measured speed, encoder speed, w, vel"
+            "drehzahl, rotor speed, speed measured, measured speed, encoder speed, w, vel, velocidad, velocidade,"
+            "vitesse, velocità"
         ),
-        _of("speed velocity rpm omega drehzahl"),
+        _of("speed velocity vel rpm omega drehzahl velocidad velocidade vitesse velocità"),
         without=WANTED | ELECTRICAL | _of("wheel"),
     ),
     "angle": Quantity(
         "rad",
         _names("position, angle, motor position, motor angle, shaft angle, encoder, encoder position, theta, winkel"),
         _of("position angle encoder winkel"),
-        without=WANTED | _of("speed velocity rpm"),
+        without=WANTED | _of("speed velocity vel rpm"),
     ),
     "load_torque": Quantity(
         "N m",

@@ -21,7 +21,8 @@ class RawTable:
     Attributes:
         frame: the columns under the names of the file; numbers are float64 with NaN where the file has none, and text
             (time stamps, states) is text.
-        units: by column, the unit as the file writes it; a column absent here has none.
+        units: by column, the unit as the file writes it, of columns that were left out too; a column absent here has
+            none.
         source: the file.
         format: in words, such as "text" or "Excel".
         remarks: sentences on how the file was read, and on sheets and variables that were not.

@@ -17,7 +17,8 @@ from jaxmodel.case.measurements import file_label
 from jaxmodel.data.tables.columnar import read_columnar
 from jaxmodel.data.tables.dataflash import is_dataflash, read_dataflash
 from jaxmodel.data.tables.delimited import Keep, read_delimited
-from jaxmodel.data.tables.json_tables import read_json
+from jaxmodel.data.tables.icharger import is_icharger, read_icharger
+from jaxmodel.data.tables.json_tables import is_json, read_json
 from jaxmodel.data.tables.keyed_tables import Sheets
 from jaxmodel.data.tables.known_formats import known_format
 from jaxmodel.data.tables.labelled import is_labelled, read_labelled
@@ -30,6 +31,7 @@ from jaxmodel.data.tables.mcap_messages import is_of_ros, read_mcap
 from jaxmodel.data.tables.raw_table import RawTable
 from jaxmodel.data.tables.ros import SUFFIXES as ROS
 from jaxmodel.data.tables.ros import read_ros
+from jaxmodel.data.tables.serial_monitor import is_serial_monitor, without_arrows
 from jaxmodel.data.tables.spreadsheets import read_spreadsheet
 from jaxmodel.data.tables.ulog import is_ulog, read_ulog
 from jaxmodel.data.tables.unreadable import refuse_unreadable
@@ -98,6 +100,11 @@ def read_table(
             )
         return dataclasses.replace(table, source=path)
     refuse_unreadable(path)
+    if path.suffix.lower() in TEXT and is_serial_monitor(path, encoding):
+        with tempfile.TemporaryDirectory() as folder:
+            inside = without_arrows(path, Path(folder), encoding)
+            table = read_table(inside, columns=columns, rows=rows, sheet=sheet, delimiter=delimiter, decimal=decimal)
+        return dataclasses.replace(table, source=path)
     keep = _keeper(columns, path)
     suffix = _suffix(path)
     if suffix in SPREADSHEETS:
@@ -124,6 +131,8 @@ def read_table(
         table = read_dataflash(path, keep)
     elif is_labview(path):
         table = read_labview(path, encoding)
+    elif delimiter is None and is_icharger(path):
+        table = read_icharger(path)
     elif delimiter is None and (form := form_of_long(path, encoding)) is not None:
         table = read_long(path, form, keep)
     elif delimiter is None and is_labelled(path, encoding):
@@ -167,8 +176,12 @@ def _suffix(path: Path) -> str:
     suffix = path.suffix.lower()
     with path.open("rb") as stream:
         start = stream.read(8)
+    if suffix == ".dat" and start.startswith(b"MDF"):
+        return suffix
+    if suffix in (*TEXT, ".dat") and is_json(path):
+        return ".json"
     if suffix == ".dat":
-        return suffix if start.startswith(b"MDF") else ".txt"
+        return ".txt"
     if suffix in (*TEXT, ".bin", ".wpilog", ".ulg") or suffix not in SUFFIXES:
         return next((ending for mark, ending in _STARTS if start.startswith(mark)), ".txt")
     if suffix in SPREADSHEETS and re.match(rb"[\w#\"\xef]", start) and not start.startswith(b"PK"):

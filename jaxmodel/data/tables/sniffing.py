@@ -13,9 +13,12 @@ from jaxmodel.base.errors import MeasurementError
 from jaxmodel.case.measurements import file_label
 from jaxmodel.data.tables.fields import has_unit, width_of_lists, without_unit
 from jaxmodel.data.tables.names import are_units, of_two_lines
+from jaxmodel.data.tables.units import is_unit
 
 _SAMPLE_BYTES = 4 << 20
 _ENOUGH_LINES = 400
+_MOST_BROKEN = 4  # lines of one row
+_UNIT_COLUMNS = ("unit", "units", "einheit", "单位")
 _HEADER_LINES = 2  # names, and units
 _DELIMITERS = ("\t", ";", ",", "|")
 _BYTE_ORDER_MARKS = (
@@ -44,6 +47,8 @@ _THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?([eE][+-]?\d+)?$")
 _THOUSANDS_POINT = re.compile(r"[+-]?\d{1,3}(\.\d{3})+(,\d*)([eE][+-]?\d+)?$")
 _DURATION = re.compile(r"[+-]?(\d+\s*d(ays?)?\s+)?\d+:\d{1,2}(:\d{1,2}([.,:]\d*)?)?$", re.IGNORECASE)
 _DATE = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}([T ]\s*\d.*)?$")
+_MARK = re.compile(r"\[?\w+\]?[\s,;]*")
+_HEX = re.compile(r"\b0x[\dA-Fa-f]{2,}\b")
 _NO_NUMBER = frozenset("inf -inf +inf infinity".split())
 
 
@@ -64,6 +69,7 @@ class Layout:
         widths: by column, how many numbers each of its fields lists; 0 for a column without lists.
         before: the lines above the header.
         indented: three headers, each one field further in: tables of cycles, steps and records in one file.
+        broken: whether quoted fields go on in the next line, as replies of an instrument that end in one.
     """
 
     encoding: str
@@ -78,6 +84,7 @@ class Layout:
     widths: tuple[int, ...]
     before: tuple[str, ...]
     indented: bool = False
+    broken: bool = False
 
 
 def encoding_of(path: Path) -> str:
@@ -146,6 +153,8 @@ def layout_of(path: Path, encoding: str | None = None, delimiter: str | None = N
     lines = text.splitlines()
     if len(lines) > 1 and path.stat().st_size > _SAMPLE_BYTES:
         lines.pop()  # cut in the middle
+    physical = len(lines)
+    lines, places = _whole_lines(lines)
     best: tuple[float, str, int, int] = (0.0, "", 0, 0)
     for candidate in (delimiter,) if delimiter else (*_DELIMITERS, " "):
         score, start, count = _longest_block(lines, candidate)
@@ -165,11 +174,43 @@ def layout_of(path: Path, encoding: str | None = None, delimiter: str | None = N
         above_it = split(lines[header - 1].lstrip("#%! "), found)
         names = of_two_lines(names, above_it if len(above_it) == count else [])
     texts = tuple(_is_text([row[place] for row in rows], thousands) for place in range(count))
+    units = _units_beside(names, rows, units)
     widths = tuple(width_of_lists([row[place] for row in rows]) for place in range(count))
     before = tuple(lines[: start if header is None else header])
+    at = None if header is None else places[header]
+    first, broken = places[start], len(lines) < physical
     return Layout(
-        encoding, found, decimal, thousands, tuple(names), units, header, start, texts, widths, before, indented
+        encoding, found, decimal, thousands, tuple(names), units, at, first, texts, widths, before, indented, broken
     )  # fmt: skip
+
+
+def _whole_lines(lines: Sequence[str]) -> tuple[list[str], list[int]]:
+    """Return lines in which no quoted field is broken, and the place of each among those of the file."""
+    whole: list[str] = []
+    places: list[int] = []
+    place = 0
+    while place < len(lines):
+        count, line = 1, lines[place]
+        while line.count('"') % 2 and count < _MOST_BROKEN and place + count < len(lines):
+            line = f"{line} {lines[place + count]}"
+            count += 1
+        if line.count('"') % 2:  # a quote that is none
+            count, line = 1, lines[place]
+        whole.append(line)
+        places.append(place)
+        place += count
+    return whole, places
+
+
+def _units_beside(names: Sequence[str], rows: Sequence[Sequence[str]], units: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the units of columns with those that a column called 'Units' beside them has in every row."""
+    found = [*units, *[""] * (len(names) - len(units))]
+    for place, name in enumerate(names):
+        if place and name.lower() in _UNIT_COLUMNS and not found[place - 1]:
+            said = {row[place] for row in rows}
+            unit = said.pop() if len(said) == 1 else ""
+            found[place - 1] = unit if is_unit(unit) else ""
+    return tuple(found) if any(found) else units
 
 
 def split(line: str, delimiter: str) -> list[str]:
@@ -262,6 +303,8 @@ def _header(
 ) -> tuple[int | None, tuple[str, ...], bool]:  # fmt: skip
     """Return the line of the names, the units of a line below it, and whether headers are indented."""
     above = [number for number in range(start - 1, max(start - 6, -1), -1) if lines[number].strip(" \t#%\r\n")]
+    if len(above) > 1 and _MARK.fullmatch(lines[above[0]].strip()) and len(split(lines[above[1]], delimiter)) == count:
+        above = above[1:]  # '[Data]' or 'trace_values' between names and rows
     words = [_words_of(lines[number], count, delimiter) for number in above[:2]]
     if not words or not words[0]:
         return None, (), False
@@ -280,6 +323,8 @@ def _words_of(line: str, count: int, delimiter: str) -> list[str]:
     near = count - 1 <= len(fields) <= count + 1 or (len(fields) <= count and len(named) >= max(2, count // 2))
     if not near or not named or sum(_is_number(field) for field in named) > len(named) // 2:
         return []
+    if any(_HEX.search(field) for field in named):
+        return []  # what a program prints between the rows
     if len(named) < count and any(_DURATION.match(field) or _DATE.match(field) for field in named):
         return []  # 'Time','00:30:00': what is known of the whole table
     return fields

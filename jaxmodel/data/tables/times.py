@@ -13,6 +13,8 @@ from jaxmodel.data.tables.raw_table import to_numbers
 from jaxmodel.data.tables.units import conversion
 
 _DURATION = re.compile(r"^\s*[+-]?(\d+\s*d(ays?)?[\s.]*)?\d+:\d{1,2}(:\d{1,2}([.,:]\d*)?)?\s*$", re.IGNORECASE)
+_COLON_MS = re.compile(r"(\s\d{1,2}:\d\d:\d\d):(\d{1,6})$")  # of a stamp, as loggers of benches write it
+_IN_AN_HOUR = re.compile(r"^\s*[0-5]?\d:[0-5]\d[.,]\d+\s*$")
 _PARTS = r"^\s*(?:(?P<days>\d+)\s*d(?:ays?)?[\s.]*)?(?P<a>\d+):(?P<b>\d{1,2})(?::(?P<c>\d{1,2}(?:[.,:]\d*)?))?\s*$"
 _DATE = re.compile(r"^\s*\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}\s*$")
 _TIME_OF_DAY = re.compile(r"^\s*([01]?\d|2[0-3]):\d{2}(:\d{2}([.,]\d+)?)?(\s*[ap]\.?m\.?)?\s*$", re.IGNORECASE)
@@ -23,6 +25,7 @@ _SERIAL = (29_000.0, 73_500.0)
 _SERIAL_EPOCH_DAYS = 25_569.0
 # Words of a name that tell the unit of whole numbers.
 _IN_NAMES = {
+    "s": ("s", "sec", "secs", "second", "seconds"),
     "ms": ("ms", "msec", "msecs", "milli", "millis", "millisec", "milliseconds", "millisecond"),
     "µs": ("us", "µs", "usec", "usecs", "micro", "micros", "microsec", "microseconds", "microsecond"),
     "ns": ("ns", "nsec", "nano", "nanos", "nanoseconds", "nanosecond"),
@@ -35,7 +38,12 @@ _COUNTED = 1000.0
 # read each 0.1 s to 1000 s, a motor or robot each 0.1 ms to some seconds.
 _MICROS_OF_CELLS, _MICROS_OF_MOTORS = (1e5, 1e6), (5e3, 1e5)
 # Whole numbers that rise by so much per row may be seconds or ms: of a cell and of what moves (assumed).
-_DOUBTFUL_OF_CELLS, _DOUBTFUL_OF_MOTORS = 100.0, 10.0
+_DOUBTFUL_OF_CELLS, _DOUBTFUL_OF_MOTORS = 100.0, 2.0
+
+
+# Elapsed times are in a unit whose size the time stamps beside them have within this share, over so many steps.
+_SIZES = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86_400.0, "ms": 1e-3, "µs": 1e-6}
+_SAME_UNIT, _FEWEST_STEPS = 0.05, 5
 
 
 class Times(NamedTuple):
@@ -86,9 +94,28 @@ def counted_in(values: np.ndarray, moves: bool) -> Counted | None:
     least = _DOUBTFUL_OF_MOTORS if moves else _DOUBTFUL_OF_CELLS
     # Seconds begin at 0 and go by whole minutes; an uptime or the time of day begins anywhere.
     days = float(np.ptp(there)) > 86_400.0
-    if step < least or (minutes and not moves) or not (days or there[0] > _COUNTED):
+    if step < least or (not moves and (minutes or not (days or there[0] > _COUNTED))):
         return None
     return Counted("ms", said, False)
+
+
+def unit_by_stamps(elapsed: np.ndarray, stamps: np.ndarray) -> str | None:
+    """Return the unit of elapsed times that state none, by the time stamps beside them.
+
+    Args:
+        elapsed: of each row; it may begin anew.
+        stamps: of the same rows [s].
+
+    Returns:
+        None where the stamps fit no unit.
+    """
+    both = np.isfinite(elapsed) & np.isfinite(stamps)
+    steps, seconds = np.diff(elapsed[both]), np.diff(stamps[both])
+    on = (steps > 0.0) & (seconds >= 0.0)
+    if on.sum() < _FEWEST_STEPS or not float(seconds[on].sum()) > 0.0:
+        return None
+    ratio = float(seconds[on].sum()) / float(steps[on].sum())
+    return next((unit for unit, size in _SIZES.items() if abs(ratio / size - 1.0) < _SAME_UNIT), None)
 
 
 def parse_times(column: pd.Series, unit: str) -> Times | None:
@@ -104,10 +131,12 @@ def parse_times(column: pd.Series, unit: str) -> Times | None:
         return Times(column.dt.total_seconds().to_numpy(dtype=float), False, "durations")
     if column.dtype.kind in "iufb":
         return _of_numbers(column.to_numpy(dtype=float), unit)
-    text = column.astype("string")
+    text = column.astype("string").str.replace(_COLON_MS, r"\1.\2", regex=True)
     first = text.dropna().head(_SAMPLE)
     if first.empty:
         return None
+    if first.str.match(_IN_AN_HOUR).mean() > 0.99:
+        return Times(_within_hours(text), False, "minutes and seconds, as a spreadsheet shows times; hours are counted")
     if first.str.match(_DURATION).mean() > 0.9:
         return Times(_durations(text), False, "durations as h:min:s")
     return _of_dates(text, first)
@@ -172,6 +201,14 @@ def _durations(text: pd.Series) -> np.ndarray:
     of_hours = first * 3600.0 + second * 60.0 + np.nan_to_num(third)
     seconds = np.where(np.isnan(third), first * 60.0 + second, of_hours)
     return np.nan_to_num(days) * 86_400.0 + seconds
+
+
+def _within_hours(text: pd.Series) -> np.ndarray:
+    """Return times such as '59:58.5' in seconds; where they begin anew, another hour has passed."""
+    parts = text.str.replace(",", ".", regex=False).str.split(":", expand=True)
+    seconds = 60.0 * to_numbers(parts[0]) + to_numbers(parts[1])
+    back = np.nan_to_num(np.diff(pd.Series(seconds).ffill().to_numpy(dtype=float), prepend=seconds[0])) < -1800.0
+    return seconds + 3600.0 * np.cumsum(back)
 
 
 def _of_dates(text: pd.Series, first: pd.Series) -> Times | None:

@@ -19,13 +19,15 @@ SPELLINGS = {
     "a": "ampere", "amp": "ampere", "amps": "ampere", "ampere": "ampere", "amperes": "ampere",
     "ma": "milliampere", "ua": "microampere", "µa": "microampere", "ka": "kiloampere", "milliamps": "milliampere",
     "v": "volt", "volt": "volt", "volts": "volt", "mv": "millivolt", "uv": "microvolt", "µv": "microvolt",
-    "kv": "kilovolt", "millivolts": "millivolt", "vdc": "volt", "adc": "ampere",
+    "kv": "kilovolt", "millivolts": "millivolt", "mvolts": "millivolt", "mvolt": "millivolt",
+    "mamps": "milliampere", "mamp": "milliampere", "milliampere": "milliampere", "mamp-hr": "milliampere*hour",
+    "vdc": "volt", "adc": "ampere",
     "w": "watt", "mw": "milliwatt", "kw": "kilowatt", "watts": "watt",
     "ah": "ampere*hour", "a.h": "ampere*hour", "a*h": "ampere*hour", "a h": "ampere*hour", "amp-hr": "ampere*hour",
     "mah": "milliampere*hour", "ma.h": "milliampere*hour", "ma*h": "milliampere*hour", "ma h": "milliampere*hour",
     "as": "ampere*second", "wh": "watt*hour", "w.h": "watt*hour", "w*h": "watt*hour", "mwh": "milliwatt*hour",
     "c": "degC", "°c": "degC", "degc": "degC", "deg c": "degC", "oc": "degC", "ºc": "degC", "℃": "degC",
-    "@c": "degC", "celsius": "degC", "deg_c": "degC", "degrees c": "degC", "˚c": "degC",
+    "@c": "degC", "\ufffdc": "degC", "celsius": "degC", "deg_c": "degC", "degrees c": "degC", "˚c": "degC",
     "f": "degF", "°f": "degF", "degf": "degF", "fahrenheit": "degF", "℉": "degF", "k": "kelvin", "kelvin": "kelvin",
     "ohm": "ohm", "ohms": "ohm", "ω": "ohm", "mohm": "milliohm", "mω": "milliohm",
     "rpm": "rpm", "1/min": "rpm", "r/min": "rpm", "min-1": "rpm", "rev/min": "rpm", "u/min": "rpm",
@@ -62,6 +64,8 @@ _TARGETS = {
 }
 
 
+# What a potential is measured against: 'V vs. Li/Li+'.
+_AGAINST = re.compile(r"\s+vs\b.*$", re.IGNORECASE)
 # Between the units of a compound one, and powers of them.
 _BETWEEN = re.compile(r"[\s./*·⋅^-]+|[\d²³]+")
 
@@ -76,7 +80,8 @@ class Conversion(NamedTuple):
 def spelled(unit: str) -> str | None:
     """Return pint's spelling of a unit of this list, None if it is not in it."""
     text = " ".join(unit.replace("μ", "µ").replace("Ω", "ω").split()).strip("[](){}")
-    return _MEGA.get(text) or SPELLINGS.get(text.lower())
+    text = _AGAINST.sub("", text)
+    return _MEGA.get(text) or SPELLINGS.get(text.lower()) or SPELLINGS.get(text.lower().removesuffix("."))
 
 
 def is_unit(text: str) -> bool:

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxmodel import import_case
+from jaxmodel.base.errors import MeasurementError
 from jaxmodel.data.importing.ambient import temperature_in
 from jaxmodel.data.tables.times import parse_times
 from tests.data.importing.benches import motor_log
@@ -97,11 +98,32 @@ def test_a_name_states_a_temperature_and_not_a_rate(name: str, first: float | No
     assert temperature_in(name, first) == found
 
 
-def test_whole_numbers_that_are_taken_as_seconds_may_be_milliseconds(tmp_path: Path):
-    log = motor_log(step_s=0.02)
-    log = log.assign(Timestamp=np.arange(len(log)) * 20).drop(columns="time_s")
+@pytest.mark.parametrize(("name", "step_s"), [("Timestamp", 0.02), ("time", 0.01), ("t", 0.002)])
+def test_whole_numbers_of_a_motor_may_be_milliseconds(tmp_path: Path, name: str, step_s: float):
+    log = motor_log(step_s=step_s)
+    log.insert(0, name, np.arange(len(log)) * round(1000 * step_s))
+    log = log.drop(columns="time_s")
     log.to_csv(tmp_path / "log.csv", index=False)
-    (finding,) = [
-        one for one in import_case(tmp_path / "log.csv", "motor", ambient=25.0).findings if one.what == "unit assumed"
-    ]
-    assert '--unit "Timestamp=ms"' in finding.sentence
+    with pytest.raises(MeasurementError, match=f"'{name}' states no unit.* 4 s if in ms.*--unit \"{name}=ms\""):
+        import_case(tmp_path / "log.csv", "motor", ambient=25.0)
+    (run,) = import_case(tmp_path / "log.csv", "motor", ambient=25.0, units={name: "ms"}).runs
+    np.testing.assert_allclose(run.log.time_s, np.arange(len(log)) * step_s)
+
+
+def test_rows_a_second_apart_are_seconds_and_may_be_milliseconds(tmp_path: Path):
+    log = motor_log(step_s=0.02)
+    log.assign(time_s=np.arange(len(log))).rename(columns={"time_s": "time"}).to_csv(tmp_path / "log.csv", index=False)
+    imported = import_case(tmp_path / "log.csv", "motor", ambient=25.0)
+    (finding,) = [one for one in imported.findings if one.what == "unit assumed"]
+    assert '--unit "time=ms"' in finding.sentence
+
+
+@pytest.mark.parametrize(
+    ("name", "factor"), [("s", 1.0), ("[s]", 1.0), ("ms", 1000.0), ("seconds", 1.0), ("t_sec", 1.0)]
+)
+def test_a_clock_called_by_its_unit_is_in_that_unit(tmp_path: Path, name: str, factor: float):
+    log = motor_log()
+    log.assign(time_s=factor * log.time_s).rename(columns={"time_s": name}).to_csv(tmp_path / "log.csv", index=False)
+    imported = import_case(tmp_path / "log.csv", "motor", ambient=25.0)
+    np.testing.assert_allclose(imported.runs[0].log.time_s, log.time_s, atol=1e-9)
+    assert not [one for one in imported.findings if one.what in ("unit assumed", "column by its looks")]

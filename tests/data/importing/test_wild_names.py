@@ -461,3 +461,37 @@ def test_what_a_formula_uses_is_imported(tmp_path: Path):
     )
     left = [one.value for one in found.decisions if one.about == "not imported"]
     assert left == ["humidity"]
+
+
+# Columns called by a unit of temperature alone
+
+
+@pytest.mark.parametrize("name", ["degC", "°C", "C", "[degC]", "Celsius"])
+def test_a_column_called_by_a_unit_of_temperature_is_the_thermometer(tmp_path: Path, name: str):
+    log = cell_log()[["time_s", "current_A", "voltage_V", "temperature_degC"]]
+    imported = import_case(under(tmp_path, f"s,A,V,{name}", log), "cell", ambient=25.0)
+    run = imported.runs[0].log
+    np.testing.assert_allclose(run.columns["cell_temperature_degC"], log.temperature_degC)
+    np.testing.assert_allclose(run.time_s, log.time_s)
+    assert not [one for one in imported.findings if one.what == "column by its looks"]
+
+
+def test_of_a_motor_it_is_the_case(tmp_path: Path):
+    log = motor_log().assign(warmth=25.0)
+    imported = import_case(under(tmp_path, "s,V,A,Nm,rad/s,degC", log), "motor", ambient=25.0)
+    assert columns_of(imported)["case_temperature_degC"] == "column 'degC' in degC"
+
+
+def test_a_letter_that_moves_as_no_temperature_is_asked_about(tmp_path: Path):
+    log = cell_log()[["time_s", "current_A", "voltage_V"]].assign(charge=lambda f: 0.9 * f.time_s)
+    imported = import_case(under(tmp_path, "s,A,V,C", log), "cell", ambient=25.0)
+    assert "cell_temperature_degC" not in imported.runs[0].log.columns
+    (found,) = [one for one in imported.findings if one.what == "column of a unit"]
+    assert '--column cell_temperature_degC="C" --unit "C=degC"' in found.sentence
+
+
+def test_a_capital_t_beside_a_clock_is_a_temperature(tmp_path: Path):
+    log = cell_log()[["time_s", "current_A", "voltage_V", "temperature_degC"]]
+    run = import_case(under(tmp_path, "s,A,V,T", log), "cell", ambient=25.0).runs[0].log
+    np.testing.assert_allclose(run.columns["cell_temperature_degC"], log.temperature_degC)
+    np.testing.assert_allclose(run.time_s, log.time_s)
