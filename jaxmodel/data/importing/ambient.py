@@ -29,6 +29,8 @@ _COLDEST, _WARMEST = -90.0, 200.0
 # An ambient temperature that is stated may differ by so much [K] from a name or a column, and from a thermometer of the
 # hardware at rest.
 _STATED_K, _AT_REST_K = 2.0, 5.0
+# Of runs in one room a cell at rest begins within so much [K]: as a tolerance of a temperature is. Assumed.
+_ONE_ROOM_K = 1.0
 # Below this share of its largest current hardware rests.
 _REST = 0.02
 _CURRENTS = ("current_A", "pack_current_A", "motor_current_A")
@@ -120,6 +122,16 @@ def contradictions(runs: Sequence[Log], stated: float, cells: bool) -> Iterator[
             f"like missing physics; leave --ambient out, and {instead}."
         )
         numbers = {"stated_degC": stated, "runs": float(len(apart))}
+        yield Finding("ambient contradicted", "", sentence, "warning", "ambient_degC", numbers=numbers)
+    first = {run.name: value for run in runs if run.name in begins and (value := at_rest(run)) is not None}
+    if cells and not told and first and max(first.values()) - min(first.values()) > _ONE_ROOM_K:
+        (coldest, low), (warmest, high) = (of(first.items(), key=lambda one: one[1]) for of in (min, max))
+        sentence = (
+            f"--ambient {stated:g} is one temperature for all runs, and their cell rests at {low:.3g} degC when {coldest} "
+            f"begins and at {high:.3g} degC when {warmest} does; leave --ambient out, and each run takes its first "
+            "reading."
+        )
+        numbers = {"lowest_degC": low, "highest_degC": high}
         yield Finding("ambient contradicted", "", sentence, "warning", "ambient_degC", numbers=numbers)
 
 

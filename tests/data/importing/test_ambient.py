@@ -77,3 +77,13 @@ def test_a_motor_may_be_warm_of_an_earlier_run(tmp_path: Path):
     assert not contradicted(tmp_path, {"a": cold, "b": warm}, 22.0, "motor")
     (found,) = contradicted(tmp_path, {"b": warm}, 22.0, "motor")
     assert "the thermometer at rest in b (41 degC)" in found.sentence
+
+
+def test_one_temperature_is_not_that_of_runs_that_begin_apart(tmp_path: Path):
+    logs = {"slow": at(24.5), "middle": at(26.1, 1), "fast": at(24.5, 2)}
+    (found,) = contradicted(tmp_path, logs, 25.0)
+    assert "its cell" not in found.sentence
+    assert "rests at 24.5 degC when " in found.sentence
+    assert "at 26.1 degC when middle does; leave --ambient out" in found.sentence
+    assert not contradicted(tmp_path, logs, None)
+    assert not contradicted(tmp_path, {"slow": at(24.6), "fast": at(25.3, 1)}, 25.0)
