@@ -127,9 +127,9 @@ def contradictions(runs: Sequence[Log], stated: float, cells: bool) -> Iterator[
     if cells and not told and first and max(first.values()) - min(first.values()) > _ONE_ROOM_K:
         (coldest, low), (warmest, high) = (of(first.items(), key=lambda one: one[1]) for of in (min, max))
         sentence = (
-            f"--ambient {stated:g} is one temperature for all runs, and their cell rests at {low:.3g} degC when {coldest} "
-            f"begins and at {high:.3g} degC when {warmest} does; leave --ambient out, and each run takes its first "
-            "reading."
+            f"--ambient {stated:g} is one temperature for all runs, and their cell rests at {low:.3g} degC when "
+            f"{coldest} begins and at {high:.3g} degC when {warmest} does; leave --ambient out, and each run takes its "
+            "first reading."
         )
         numbers = {"lowest_degC": low, "highest_degC": high}
         yield Finding("ambient contradicted", "", sentence, "warning", "ambient_degC", numbers=numbers)
