@@ -6,19 +6,27 @@ A joint model of a young and an old cell needs both: without them what ages is t
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Sequence
 
+import jax.numpy as jnp
 import numpy as np
 
 from jaxmodel.data.importing.balance import comparable
 from jaxmodel.data.importing.charge import Count, Stated, full_discharges
 from jaxmodel.data.importing.findings import Decision
 from jaxmodel.data.importing.logs import Log
+from jaxmodel.model.cell import cycle_resistance
 
 # Fewer cycles do not age a cell by what a log shows; of capacities so far apart an older cell has less. Assumed.
 _LEAST_CYCLES, _FADED = 20.0, 0.03
 # sd of a capacity that was counted, as a share of it: as of a slow discharge. Assumed.
 _COUNTED_SD = 0.02
+# What a column that counts cycles is called: one of runs or tests counts no ageing.
+_NAME = re.compile(r"cyc|zykl|循环", re.IGNORECASE)
+# Resistance of a cell times its capacity, above which eq. 7, which is of a small cell, is none of it. Assumed: that of
+# a new one, which drops 150 mV at 1C.
+_OHM_AH = 0.15
 # Loads within this factor leave alike charge in a cell, and temperatures within so much [K]. Assumed.
 _SAME_RATE, _SAME_K = 1.5, 8.0
 
@@ -30,9 +38,10 @@ def cycles_of(runs: Sequence[Log]) -> list[float | None]:
     """
     found: list[float] = []
     for run in runs:
+        column = next((name for name, target in run.header.items() if target == "cycle"), "")
         marks = run.marks.get("cycle", np.empty(0))
         marks = np.unique(marks[np.isfinite(marks)])
-        if marks.size != 1:
+        if marks.size != 1 or not _NAME.search(column):
             return [None] * len(runs)
         found.append(float(marks[0]))
     apart = max(found, default=0.0) - min(found, default=0.0)
@@ -82,6 +91,12 @@ def capacities_of(
         "file",
     )
     return found, [decision]
+
+
+def has_law(cycles: Sequence[float | None], capacity_Ah: float) -> bool:
+    """Return whether the resistance that cycles add by eq. 7 can be that of a cell of this capacity."""
+    most = max((number for number in cycles if number is not None), default=0.0)
+    return float(cycle_resistance(jnp.asarray(most))) < _OHM_AH / capacity_Ah
 
 
 def told(cycles: Sequence[float | None]) -> list[Decision]:

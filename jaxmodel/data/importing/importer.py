@@ -421,6 +421,8 @@ def _assembled(
         places = [of_run[count.run.name] for count in counts]
         left, faded = ageing.capacities_of(counts, [cycles[n] for n in places], [splits[n] for n in places])
         capacities = [None if n not in places else left[places.index(n)] for n in range(len(warmed))]
+        if not ageing.has_law(cycles, capacity.value):
+            conditions = [dataclasses.replace(one, cycles=None) for one in conditions]
         capacity, apart = (ageing.as_aged(capacity, left), faded) if faded else balance.capacities(counts, capacity)
         first, capacity, unbalanced = balance.starts(counts, first, capacity)
         general += [*apart, *unbalanced]

@@ -64,12 +64,21 @@ def test_a_part_of_a_discharge_has_the_capacity_of_its_neighbours_in_age(tmp_pat
     assert one.runs[3].entries()["capacity_Ah"]["value"] == pytest.approx(2.5 * (1.0 - 0.3 * 120 / 200.0), rel=0.02)
 
 
+def test_a_large_cell_has_its_capacities_and_not_the_resistance_of_a_small_one(tmp_path: Path) -> None:
+    """By eq. 7 two hundred cycles add 21 mohm: ten times what a cell of 100 A h has."""
+    log = life(0.3).assign(current_A=lambda log: 40.0 * log.current_A)
+    entries = [run.entries() for run in imported(tmp_path, log).runs]
+    assert all("cycles" not in one for one in entries)
+    assert entries[-1]["capacity_Ah"]["value"] == pytest.approx(70.0, rel=0.02)
+
+
 @pytest.mark.parametrize(
     ("log", "cycles", "faded"),
     [
         (life(0.3, (1, 2, 3, 4)), False, False),  # no cell ages in four cycles
         (life(0.005), True, False),  # it does not fade
         (life(0.3).drop(columns="cycle"), False, False),
+        (life(0.3).rename(columns={"cycle": "run"}), False, False),  # counts tests, and tells no age
         (life(0.3).assign(cycle=lambda log: np.where(log.index % 2, log.cycle, 1)), False, False),
     ],
 )
