@@ -101,6 +101,11 @@ CODES: Mapping[str, Code] = {
     "refit_error": Code("RMS that the joint refit leaves", "column@run", ("rms",)),
     "readings_correlated": Code("one in so many readings counts", "column", ("readings",)),
     "torque_error": Code("RMS that the torque balance leaves", "", ("rms_Nm",)),
+    "runs_contradict": Code(
+        "one motor of one fit run is fitted, one of all is not; shares of the scatter that are left",
+        "runs",
+        ("alone", "together"),
+    ),
     "never_turns": Code("no run shows the motor turning: friction and inertia are not extracted"),
     # of a simulation
     "reached_cutoff": Code("a simulation ended before its run", "run", ("time_s",)),
