@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from jaxmodel.base.errors import FitError
+from jaxmodel.base.memory import give_back
 from jaxmodel.base.units import unit_of
 from jaxmodel.case.records import Case
 from jaxmodel.effects.curves import CURVES, OF_NO_TABLE
@@ -85,7 +86,8 @@ class FitCache:
         self._scores: dict[Labels, tuple[Scores, Scores]] = {}
 
     def report(self, what: str) -> None:
-        """Report what is being done, if a progress function was given."""
+        """Report what is being done, if a progress function was given; what was done frees its memory."""
+        give_back()
         if self._progress is not None:
             self._progress(what)
 

@@ -77,7 +77,7 @@ def linearised(view: View, problem: Problem, spec: ModelSpec, x: np.ndarray) -> 
         for place in moved:
             run = view.space.layout.runs[place]
             jacobian[:, column[place]] = slope if run < 0 else np.where(view.data.run == run, slope, 0.0)
-    return errors[:, 0], jacobian
+    return errors[:, 0].copy(), jacobian  # a column of a matrix would keep all of it
 
 
 def _lanes_of(view: View, spec: ModelSpec) -> list[list[int]]:
@@ -140,7 +140,7 @@ def descend(
             since, left = 0, left - 1
         else:
             jacobian = jacobian + _learnt(tried[:, best] - errors + jacobian @ moved, moved, precision)
-            errors, since = tried[:, best], since + 1
+            errors, since = tried[:, best].copy(), since + 1
 
 
 def _learnt(missed: np.ndarray, moved: np.ndarray, precision: np.ndarray) -> np.ndarray:
