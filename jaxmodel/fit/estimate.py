@@ -131,7 +131,7 @@ def calibrate(
     likelihood: Likelihood | None = None,
     *,
     rounds: int = ROUNDS,
-    fixed: bool = False,
+    held: Collection[str] = (),
 ) -> Fit:
     """Calibrate a model from one start.
 
@@ -142,7 +142,7 @@ def calibrate(
         tolerances: by channel, in its unit: errors of this size are the first weights.
         likelihood: the first weights, in place of those.
         rounds: at most so many times weights and amplitudes are estimated again.
-        fixed: the weights stay as given.
+        held: channels whose weights stay as given.
     """
     weights = likelihood or from_tolerances(view.data, tolerances)
     channels = view.space.coarse.channels
@@ -150,7 +150,7 @@ def calibrate(
     linear = Linearisation.of(view.data, channels, point.x[list(spec.free)], point.errors, point.jacobian)
     for number in range(rounds):
         before = (weights, spec)
-        weights, spec = _settled(view, spec, weights, linear, point, 1 if fixed else PASSES, fixed=fixed)
+        weights, spec = _settled(view, spec, weights, linear, point, held)
         if number >= DAMPED:
             weights = weights.towards(before[0])
         point = descend(view, spec, weights, point, steps=STEPS, flat=FLAT if number else 0.1)
@@ -168,9 +168,7 @@ def _settled(
     weights: Likelihood,
     linear: Linearisation,
     point: Point,
-    passes: int,
-    *,
-    fixed: bool,
+    held: Collection[str],
 ) -> tuple[Likelihood, ModelSpec]:
     """Return weights and amplitudes for a model that is linear from a point on, each under the other.
 
@@ -178,10 +176,12 @@ def _settled(
     simulation need follow each change.
     """
     errors = point.errors
-    for _ in range(passes):
+    free = set(weights.channels) - set(held)
+    for _ in range(PASSES if free else 1):
         before = (weights, spec)
-        if not fixed:
-            weights = from_errors(view.data, errors, degrees_of_freedom(linear, weights, spec))
+        if free:
+            asked = from_errors(view.data, errors, degrees_of_freedom(linear, weights, spec))
+            weights = Likelihood({**asked.channels, **{name: weights.channels[name] for name in held}})
         spec = best_amplitudes(view, spec, linear, weights)
         if _alike(before, (weights, spec)):
             break

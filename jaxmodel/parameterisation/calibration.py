@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
@@ -63,16 +63,19 @@ def calibrated(first: Case, curves: Sequence[str], tell: Callable[[str], None]) 
     kinetics = [one for one in KINETICS if one not in first.effects]
     cache = FitCache(first, only=(*curves, *kinetics))
     spec, stated = cache.flexible(cache.space.spec(curves)), np.zeros(cache.space.layout.size)
-    fit, held = calibrate(cache.view, spec, stated, cache.tolerances), False
+    fit = calibrate(cache.view, spec, stated, cache.tolerances)
     before = errors_at(cache.view, cache.space.problem(spec), spec, stated[None])[:, 0]
-    if _is_beyond(cache, fit) or not _is_no_worse(cache, fit, before):
-        # Errors that last leave few independent readings. Where much is missed, their weight may fall from round to
-        # round until they count for nothing beside what is stated: errors of a tolerance are the weights.
-        other = calibrate(cache.view, spec, stated, cache.tolerances, fixed=True)
-        held = not _is_no_worse(cache, fit, before) or (
-            _is_no_worse(cache, other, fit.errors) and not _is_no_worse(cache, fit, other.errors)
-        )
-        fit = other if held else fit
+    held: Collection[str] = ()
+    # Errors that last leave few independent readings. Where much is missed, their weight may fall from round to round
+    # until they count for nothing beside what is stated: errors of a tolerance are the weights.
+    worse = _worse(cache, fit, before)
+    if of := _beyond(cache, fit):
+        other = calibrate(cache.view, spec, stated, cache.tolerances, held=of)
+        if worse or (_worse(cache, fit, other.errors) and not _worse(cache, other, fit.errors)):
+            fit, held = other, of
+    if _worse(cache, fit, before):
+        held = list(cache.tolerances)
+        fit = calibrate(cache.view, spec, stated, cache.tolerances, held=held)
     for gain in cache.scores_at(fit, ("effect",)).gains() if kinetics else ():
         if gain.log_evidence > ODDS:
             tell(f"calibration with {gain.label}")
@@ -89,8 +92,8 @@ def calibrated(first: Case, curves: Sequence[str], tell: Callable[[str], None]) 
     return found
 
 
-def _is_no_worse(cache: FitCache, fit: Fit, before: np.ndarray) -> bool:
-    """Return True if no channel pays for another: none has a larger error than before, beyond its tolerance.
+def _worse(cache: FitCache, fit: Fit, before: np.ndarray) -> list[str]:
+    """Return the channels that pay for another: their error is larger than before, and beyond its tolerance.
 
     Args:
         cache: of the case.
@@ -98,27 +101,27 @@ def _is_no_worse(cache: FitCache, fit: Fit, before: np.ndarray) -> bool:
         before: (readings,) errors of the first case.
     """
     then, now = mean_squares(cache.view, before), fit.mean_squares(cache.view)
-    return all(
-        math.sqrt(now[name]) <= max(NO_WORSE * math.sqrt(then[name]), tolerance)
+    return [
+        name
         for name, tolerance in cache.tolerances.items()
-        if name in now
-    )
+        if name in now and math.sqrt(now[name]) > max(NO_WORSE * math.sqrt(then[name]), tolerance)
+    ]
 
 
-def _is_beyond(cache: FitCache, fit: Fit) -> bool:
-    """Return True if a channel's error is beyond its tolerance."""
+def _beyond(cache: FitCache, fit: Fit) -> list[str]:
+    """Return the channels whose error is beyond its tolerance."""
     squares = fit.mean_squares(cache.view)
-    return any(math.sqrt(squares[name]) > size for name, size in cache.tolerances.items() if name in squares)
+    return [name for name, size in cache.tolerances.items() if math.sqrt(squares.get(name, 0.0)) > size]
 
 
-def _with_kinetics(cache: FitCache, before: Fit, label: str, held: bool) -> Fit:
+def _with_kinetics(cache: FitCache, before: Fit, label: str, held: Collection[str]) -> Fit:
     """Return a model with charge transfer or diffusion too, if it has more evidence under the weights of either.
 
     Args:
         cache: of the case.
         before: the model without it.
         label: of the effect.
-        held: the weights stay.
+        held: channels whose weights stay.
     """
     space = cache.space
     spec = space.spec((*before.spec.labels, label), before.spec.amplitudes, before.spec.spreads)
@@ -128,7 +131,7 @@ def _with_kinetics(cache: FitCache, before: Fit, label: str, held: bool) -> Fit:
         x[places] = probe
         points.append(descend(cache.view, spec, before.likelihood, x, steps=STEPS, flat=0.5))
     best = min(points, key=lambda one: one.objective)
-    richer = calibrate(cache.view, spec, best.x, cache.tolerances, before.likelihood, fixed=held)
+    richer = calibrate(cache.view, spec, best.x, cache.tolerances, before.likelihood, held=held)
     weights = (before.likelihood, richer.likelihood)
     gains = [evidence(cache.view, richer, one) - evidence(cache.view, before, one) for one in weights]
     return richer if min(gains) > ODDS else before

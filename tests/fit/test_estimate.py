@@ -114,14 +114,22 @@ def test_weights_are_those_of_the_errors_that_are_left(wrong: FitCache):
 def test_given_weights_stay(wrong: FitCache):
     weights = Likelihood({name: ChannelWeight(3.0 * sd, 2.0, 300) for name, sd in SMALL_NOISE.items()})
     one = wrong.calibrated
-    found = calibrate(wrong.view, one.spec, one.x, wrong.tolerances, weights, fixed=True)
+    found = calibrate(wrong.view, one.spec, one.x, wrong.tolerances, weights, held=weights.channels)
     assert found.likelihood is weights
     assert found.converged
 
 
+def test_the_weight_of_one_channel_can_be_held(wrong: FitCache):
+    weights = Likelihood({name: ChannelWeight(3.0 * sd, 2.0, 300) for name, sd in SMALL_NOISE.items()})
+    one = wrong.calibrated
+    found = calibrate(wrong.view, one.spec, one.x, wrong.tolerances, weights, held=["voltage_V"]).likelihood.channels
+    assert found["voltage_V"] == weights.channels["voltage_V"]
+    assert all(found[name] != weights.channels[name] for name in found if name != "voltage_V")
+
+
 def test_more_unknowns_have_no_larger_objective_under_the_same_weights(wrong: FitCache):
     few, base = wrong.calibrated, wrong.base
-    under = calibrate(wrong.view, base.spec, base.x, wrong.tolerances, few.likelihood, fixed=True)
+    under = calibrate(wrong.view, base.spec, base.x, wrong.tolerances, few.likelihood, held=few.likelihood.channels)
     assert under.objective < few.objective
 
 

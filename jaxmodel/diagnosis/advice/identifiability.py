@@ -252,7 +252,8 @@ def deeper(cache: FitCache, fit: Fit, profiled: Profiled) -> Fit | None:
     """Return the model calibrated again from where a profile was below its minimum; None if it was not."""
     if np.min(profiled.rise) > -_DEEPER:
         return None
-    return calibrate(cache.view, fit.spec, profiled.lowest, cache.tolerances, fit.likelihood, fixed=True)
+    weights = fit.likelihood
+    return calibrate(cache.view, fit.spec, profiled.lowest, cache.tolerances, weights, held=weights.channels)
 
 
 def identifiability(cache: FitCache, fit: Fit, misfit: float = 1.0, assumed: Sequence[str] = ()) -> Identifiability:

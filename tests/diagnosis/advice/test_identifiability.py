@@ -45,7 +45,7 @@ def models_of(case: Case) -> FitCache:
 def as_noise(cache: FitCache, fit: Fit) -> Fit:
     """The model calibrated as if what it leaves were the sensors' noise."""
     weights = {n: ChannelWeight(cache.noise[n].sd, 1.0, one.count) for n, one in fit.likelihood.channels.items()}
-    return calibrate(cache.view, fit.spec, fit.x, cache.tolerances, Likelihood(weights), fixed=True)
+    return calibrate(cache.view, fit.spec, fit.x, cache.tolerances, Likelihood(weights), held=weights)
 
 
 @pytest.fixture(scope="module")
@@ -179,7 +179,7 @@ def test_profile_agrees_with_the_quadratic_or_shows_that_it_is_wrong(plain: FitC
     toys = copy.copy(plain)
     toys.view = view
     size = plain.space.layout.size
-    toy = calibrate(view, model.spec, np.zeros(size), plain.tolerances, weights, fixed=True)
+    toy = calibrate(view, model.spec, np.zeros(size), plain.tolerances, weights, held=weights.channels)
     first, second, third, *_ = names_of(plain)
     curved = profile_likelihood(toys, toy, first)
     x = np.linspace(-3.0, 3.0, 9) * np.sqrt(toy.covariance[0, 0])
