@@ -87,7 +87,7 @@ def _usable(case: Case) -> list[Rows]:
     if not fitted:
         raise FitError(f'{case.label}: there is no fit run; parameters are extracted from runs with split = "fit".')
     without = [run.name for run in fitted if "voltage_V" not in run.measured.outputs]
-    runs = [rows_of(run) for run in fitted if "voltage_V" in run.measured.outputs]
+    runs = [_as_new(case, rows_of(run)) for run in fitted if "voltage_V" in run.measured.outputs]
     if not runs:
         raise FitError(f"{case.label}: no fit run has the reading 'voltage_V' ({', '.join(without)}); add that column.")
     runs = [rows for rows in runs if rows.read.sum() >= LEAST_ROWS and np.ptp(rows.drawn_Ah) > 0.0]
@@ -97,6 +97,17 @@ def _usable(case: Case) -> list[Rows]:
             "give a run with pulses, or a discharge."
         )
     return runs
+
+
+def _as_new(case: Case, rows: Rows) -> Rows:
+    """Return the rows of a run with the charge that a cell of the case's capacity would have passed.
+
+    An aged cell, whose run states what it holds, is empty after less charge; its state of charge is that of the others.
+    """
+    whole, own = case.parameters.get("capacity_Ah"), rows.run.overrides.get("capacity_Ah")
+    if whole is None or own is None:
+        return rows
+    return dataclasses.replace(rows, drawn_Ah=rows.drawn_Ah * (whole.value / own.value))
 
 
 def _noise(runs: Sequence[Rows]) -> list[Extraction]:

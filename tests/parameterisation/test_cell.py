@@ -12,7 +12,9 @@ import pytest
 from jaxmodel import Known, Table, read_case, simulate_case
 from jaxmodel.base.errors import FitError, MeasurementError
 from jaxmodel.parameterisation import Parameterisation, parameterise
+from jaxmodel.parameterisation.cell import _as_new
 from jaxmodel.parameterisation.resistance import typical_ohm
+from jaxmodel.parameterisation.rows import rows_of
 from jaxmodel.parameterisation.thermal_start import bounded
 from jaxmodel.plots.style import new_figure
 from tests.parameterisation import made
@@ -246,3 +248,12 @@ def test_the_gap_between_slow_branches_is_less_the_drop_over_a_cell_that_is_half
     with_pulses = pd.concat([at_the_ends, pd.DataFrame({"soc": [0.4, 0.5, 0.6], "ohm": [0.03, 0.031, 0.034]})])
     assert typical_ohm(with_pulses, 3.0) == pytest.approx(0.031)
     assert typical_ohm(pd.DataFrame(), 3.0) == pytest.approx(0.05)
+
+
+def test_the_charge_of_an_aged_cell_is_counted_by_what_it_holds(found: Parameterisation) -> None:
+    """A run that states 1.4 of 2.0 A h is empty after 1.4: at the same state of charge as a new cell after 2.0."""
+    case = dataclasses.replace(found.case, parameters=found.case.parameters | {"capacity_Ah": Known(2.0)})
+    run = case.runs[0]
+    aged = dataclasses.replace(run, overrides=run.overrides | {"capacity_Ah": Known(1.4, 0.03)})
+    assert _as_new(case, rows_of(aged)).drawn_Ah == pytest.approx(rows_of(run).drawn_Ah / 0.7)
+    assert np.array_equal(_as_new(case, rows_of(run)).drawn_Ah, rows_of(run).drawn_Ah)
