@@ -146,12 +146,10 @@ def _of_one_unit(specimens: Sequence[OneSpecimen], kind: Kind, options: Options)
         if target in MARKS or role.column in known or not all(column.dtype.kind in "iuf" for column in columns):
             continue
         values = np.concatenate([column.to_numpy(dtype=float) for column in columns])
-        change, guessed = guess_unit(values, target_unit(target))
-        if guessed:
-            other = {"V": "mV", "degC": "K", "": "%", "rad/s": "1/min"}
-            unit = target_unit(target)
-            units[role.column] = unit if change == Conversion(1.0) else other[unit]
-            found.append(_unit_assumed(first.label, role, guessed, change, unit))
+        unit, why = guess_unit(values, target_unit(target))
+        if why:
+            units[role.column] = unit
+            found.append(_unit_assumed(first.label, role, unit, why))
     return [
         dataclasses.replace(
             one,
@@ -162,9 +160,10 @@ def _of_one_unit(specimens: Sequence[OneSpecimen], kind: Kind, options: Options)
     ]
 
 
-def _unit_assumed(where: str, role: Role, guessed: str, change: Conversion, target: str) -> Finding:
-    sentence = f"{where}: column '{role.column}' states no unit; {guessed}. Correct it with --unit if it is another."
-    weight = "warning" if change != Conversion(1.0) or target == "rad/s" else "note"
+def _unit_assumed(where: str, role: Role, unit: str, why: str) -> Finding:
+    sentence = f"{where}: column '{role.column}' states no unit; {why}. Correct it with --unit if it is another."
+    target = target_unit(role.target)
+    weight = "warning" if unit != target or target == "rad/s" else "note"
     return Finding("unit assumed", where, sentence, weight, role.target)
 
 
@@ -467,18 +466,16 @@ def _converted(
             f'with --column {role.target}="NAME".'
         ) from None
     if not unit:
-        change, guessed = guess_unit(values, target)
-        if guessed:
-            found.append(_unit_assumed(where, role, guessed, change, target))
-    else:
-        known = conversion(unit, target)
-        if known is None:
-            raise MeasurementError(
-                f"{where}: column '{role.column}' is in '{unit}', which is not a unit of {role.target} "
-                f"({target or 'a fraction'}); "
-                f'state it with --unit "{role.column}={target or 1}", or name another with --column.'
-            )
-        change = known
+        unit, why = guess_unit(values, target)
+        if why:
+            found.append(_unit_assumed(where, role, unit, why))
+    change = Conversion(1.0) if unit == target else conversion(unit, target)
+    if change is None:
+        raise MeasurementError(
+            f"{where}: column '{role.column}' is in '{unit}', which is not a unit of {role.target} "
+            f"({target or 'a fraction'}); "
+            f'state it with --unit "{role.column}={target or 1}", or name another with --column.'
+        )
     if change.factor != 1.0 or change.offset != 0.0:
         with np.errstate(over="ignore"):
             values = values * change.factor + change.offset
@@ -499,24 +496,22 @@ def _converted(
     return values
 
 
-def guess_unit(values: np.ndarray, target: str) -> tuple[Conversion, str]:
-    """Return the conversion of a column whose file states no unit, and what was assumed, by the size of its values."""
+def guess_unit(values: np.ndarray, target: str) -> tuple[str, str]:
+    """Return the unit of a column whose file states none, by the size of its values, and why; "" where it has none."""
     there = np.abs(values[np.isfinite(values)][:: max(values.size // 100_000, 1)])
     middle, largest = (float(np.median(there)), float(there.max())) if there.size else (0.0, 0.0)
     if target == "V" and middle > 1000.0:
-        return Conversion(1e-3), f"its median is {middle:.4g}, taken as mV"
+        return "mV", f"its median is {middle:.4g}, taken as mV"
     if target == "A" and largest > 1000.0:
-        return Conversion(1e-3), f"it goes up to {largest:.4g}, taken as mA"
+        return "mA", f"it goes up to {largest:.4g}, taken as mA"
     if target == "degC" and 200.0 < middle < 420.0:
-        return Conversion(1.0, -273.15), f"its median is {middle:.4g}, taken as K"
+        return "K", f"its median is {middle:.4g}, taken as K"
     if target == "" and largest > 1.5:
-        return Conversion(0.01), f"it goes up to {largest:.4g}, taken as percent"
+        return "%", f"it goes up to {largest:.4g}, taken as percent"
     if target == "rad/s":
-        rpm = largest > 1000.0
-        return Conversion(
-            np.pi / 30.0 if rpm else 1.0
-        ), f"it goes up to {largest:.4g}, taken as {'1/min' if rpm else 'rad/s'}"
-    return Conversion(1.0), f"taken as {target}" if target else ""
+        unit = "1/min" if largest > 1000.0 else target
+        return unit, f"it goes up to {largest:.4g}, taken as {unit}"
+    return target, f"taken as {target}" if target else ""
 
 
 def _marks(column: pd.Series, key: str) -> np.ndarray:

@@ -114,6 +114,18 @@ def test_motors_of_one_log_have_one_unit(tmp_path: Path):
     assert first[0] == pytest.approx(900.0 * np.pi / 30.0)
 
 
+def test_motors_of_one_log_have_one_unit_whatever_is_guessed(tmp_path: Path):
+    """1500 of a current without a unit are mA, of each motor."""
+    path = log(tmp_path, "ride", "left_current", "right_current", "left_speed_rad_s", "right_speed_rad_s", scale=600.0)
+    one = imported(path)
+    left, right = (run.log.columns["current_A"] for run in one.runs)
+    assert np.nanmax(left) == pytest.approx(0.02 * 600.0 * 120.0 / 1000.0, rel=0.01)
+    assert right == pytest.approx(1.01 * left)
+    (said,) = [finding for finding in one.findings if finding.what == "unit assumed"]
+    assert "it goes up to 1454, taken as mA" in said.sentence
+    assert said.weight == "warning"
+
+
 def test_a_current_of_all_motors_is_not_that_of_one(tmp_path: Path):
     path = log(tmp_path, "stand", "motor1_speed_rad_s", "motor2_speed_rad_s", "voltage_V", current_A=4.0)
     found = import_case(path, "motor", ambient=20.0, load="free", progress=False)
