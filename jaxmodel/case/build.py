@@ -15,7 +15,7 @@ import numpy as np
 from jaxmodel.base.errors import EffectError, ParameterError, instead
 from jaxmodel.case.presets import Kind, read_preset, why_not
 from jaxmodel.case.records import Case, Run
-from jaxmodel.case.servo import servo_effects
+from jaxmodel.case.servo import first_of, servo_effects
 from jaxmodel.case.specimens import differences, own_parameters
 from jaxmodel.effects import CATALOGUE, own_effects
 from jaxmodel.effects.differences import DIFFERENCES
@@ -202,10 +202,10 @@ def _motor_tables(case: Case) -> list[Effect]:
 def _first_position(case: Case, run: Run) -> dict[str, dict[str, float | str]]:
     """Return the effect of a weight on an arm with the first position that a run reads, if none is stated."""
     name, field = GravityLoad.name, "initial_position_rad"
-    read = run.measured.outputs.get("position_rad")
-    if name not in case.effects or field in case.effects[name] or read is None or not np.isfinite(read[0]):
+    read = first_of(run, "position_rad")
+    if name not in case.effects or field in case.effects[name] or read is None:
         return {}
-    return {name: case.effects[name] | {field: float(read[0])}}
+    return {name: case.effects[name] | {field: read}}
 
 
 def first_current(run: Run, known: Mapping[str, float]) -> float:

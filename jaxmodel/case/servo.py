@@ -66,15 +66,11 @@ def servo_effects(case: Case, run: Run | None, effects: tuple[Effect, ...]) -> t
     reads = any("position_rad" in one.measured.outputs for one in case.runs)
     if turns or not (reads or case.servo.controller == "position"):
         return told
-    return (*told, ShaftPosition(initial_position_rad=jnp.asarray(_first_position(run))))
+    begin = None if run is None else first_of(run, "position_rad", "reference_position_rad")
+    return (*told, ShaftPosition(initial_position_rad=jnp.asarray(begin or 0.0)))
 
 
-def _first_position(run: Run | None) -> float:
-    """Return the position with which a run begins [rad]: as read, else its reference, else 0."""
-    if run is None:
-        return 0.0
-    measured = run.measured
-    for columns, name in ((measured.outputs, "position_rad"), (measured.inputs, "reference_position_rad")):
-        if name in columns and np.isfinite(columns[name][0]):
-            return float(columns[name][0])
-    return 0.0
+def first_of(run: Run, *names: str) -> float | None:
+    """Return the first value of the first of some columns of a run that begins with one; None if none does."""
+    columns = run.measured.inputs | run.measured.outputs
+    return next((float(columns[name][0]) for name in names if name in columns and np.isfinite(columns[name][0])), None)

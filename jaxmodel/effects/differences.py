@@ -9,12 +9,10 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
-from jaxtyping import Array
 
-from jaxmodel.effects.sensors import ANY, SensorEffect
+from jaxmodel.effects.shifts import TemperatureShift
 from jaxmodel.model.declaration import Scalar, parameter
 from jaxmodel.model.ports import CellContext, Effect, MotorContext
-from jaxmodel.model.sensors import Signal
 
 CELL = ("cell", "robot")
 MOTOR = ("motor", "robot")
@@ -122,20 +120,10 @@ class CellResistanceDifference(Effect):
         return value * jnp.exp(self.s)
 
 
-class ThermometerDifference(SensorEffect):
+class ThermometerDifference(TemperatureShift):
     """The thermometer of this specimen reads c too high."""
 
     name: ClassVar[str] = "thermometer_difference"
-    reads: ClassVar[str] = "temperature_degC"
-    kinds: ClassVar[tuple[str, ...]] = ANY
-    equation: ClassVar[str] = "measured temperature = true temperature + c"
-    c: Scalar = parameter(
-        1.0, unit="K", meaning="shift of the reading", null=0.0, lower=-50.0, upper=50.0, typical=(-1.0, 1.0)
-    )
-
-    def reading(self, value: Array, context: Signal | None) -> Array:
-        """Add the shift."""
-        return value + self.c
 
 
 DIFFERENCES: dict[str, type[Effect]] = {

@@ -21,7 +21,7 @@ from jaxmodel.parameterisation.noise import sensor_noise
 from jaxmodel.parameterisation.numbers import REFIT, Numbers, table_extractions, temperatures
 from jaxmodel.parameterisation.ocv import branches, hysteresis_gap, rested
 from jaxmodel.parameterisation.relaxation import relaxations, time_constants
-from jaxmodel.parameterisation.resistance import USUAL_OHM_AH, first_sample, step_resistances, typical_ohm
+from jaxmodel.parameterisation.resistance import first_sample, median_ohm, step_resistances, typical_ohm
 from jaxmodel.parameterisation.result import Extraction, Parameterisation, absent
 from jaxmodel.parameterisation.rounding import rounded
 from jaxmodel.parameterisation.rows import Rows, rows_of
@@ -56,7 +56,7 @@ def parameterise_cell(case: Case, progress: Callable[[str], None] | None = None)
     steps = step_resistances(runs, drawn.value, next((n.value for n in noise if n.name == "noise of voltage_V"), 1e-3))
     relaxed = relaxations(runs, drawn.value)
     slow = branches(runs, drawn.value)
-    ohm = 2.0 * (float(np.median(steps["ohm"].to_numpy())) if len(steps) else USUAL_OHM_AH / drawn.value)
+    ohm = 2.0 * median_ohm(steps, drawn.value)
     gaps = hysteresis_gap(slow, 2.0 * typical_ohm(steps, drawn.value))
     rests = time_constants(relaxed)
     taus = [(rests[0].value, rests[1].value)] if rests else []

@@ -86,20 +86,23 @@ def parameterise_motor(case: Case, progress: Callable[[str], None] | None = None
         other, less = _extracted(shifted, progress, late_s)
         if less < LATE_GAINED * error:
             found, error = other, less
-    contradicting = _contradicting(case, error)
+    contradicting = _contradicting(case, error, progress)
     return dataclasses.replace(found, remarks=(*found.remarks, *contradicting)) if contradicting else found
 
 
-def _contradicting(case: Case, error: float) -> tuple[Remark, ...]:
+def _contradicting(case: Case, error: float, progress: Callable[[str], None] | None) -> tuple[Remark, ...]:
     """Say that the fit runs contradict each other, if each of them alone is fitted well and all together are not.
 
     Args:
         case: before anything was found.
         error: relative error of the forward model that was fitted to all of them.
+        progress: is told that each run is fitted alone.
     """
     fitted = [run for run in case.runs if run.split == "fit"]
     if not 1 < len(fitted) <= MOST_ALONE or not MISSED < error < math.inf:
         return ()
+    if progress is not None:
+        progress("each fit run alone")
     alone = 0.0
     for run in fitted:
         try:

@@ -7,12 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
+from jaxmodel.case.plausible.ranges import USUAL_OHM_AH
 from jaxmodel.parameterisation.result import Extraction
 from jaxmodel.parameterisation.rows import Rows
 from jaxmodel.parameterisation.segments import steps
-
-# Resistance of a cell times its capacity: 150 mV of drop at 1C. Assumed.
-USUAL_OHM_AH = 0.15
 
 
 def step_resistances(runs: Sequence[Rows], capacity_Ah: float, noise_V: float) -> pd.DataFrame:
@@ -37,8 +35,12 @@ def step_resistances(runs: Sequence[Rows], capacity_Ah: float, noise_V: float) -
 
 def typical_ohm(found: pd.DataFrame, capacity_Ah: float) -> float:
     """Return the resistance of a cell half full: the median of its steps there, or that of a cell of its capacity."""
-    middle = _in_the_middle(found) if len(found) else found
-    return float(np.median(middle["ohm"].to_numpy())) if len(middle) else USUAL_OHM_AH / capacity_Ah
+    return median_ohm(_in_the_middle(found) if len(found) else found, capacity_Ah)
+
+
+def median_ohm(found: pd.DataFrame, capacity_Ah: float) -> float:
+    """Return the median resistance of some steps; without any that of a cell of its capacity."""
+    return float(np.median(found["ohm"].to_numpy())) if len(found) else USUAL_OHM_AH / capacity_Ah
 
 
 def _in_the_middle(found: pd.DataFrame) -> pd.DataFrame:

@@ -114,6 +114,8 @@ def mend_into(channel: str, value: float, low: float, high: float) -> Mend | Non
 # More hold few: those of stationary stores have 280 to 314 A h, some of the newest more (assumed) [A h]. What is beyond
 # may be, and is said.
 LARGEST_CELL_AH = 400.0
+# Resistance of a new cell times its capacity: it drops 150 mV at 1C. Assumed.
+USUAL_OHM_AH = 0.15
 # A single cell, or a pack that is taken for one, has no more [V]; mV of any chemistry are more.
 _MOST_OCV = 1000.0
 

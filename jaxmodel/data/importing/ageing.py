@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 import numpy as np
 
+from jaxmodel.case.plausible.ranges import USUAL_OHM_AH
 from jaxmodel.data.importing.balance import comparable
 from jaxmodel.data.importing.charge import Count, Stated, full_discharges
 from jaxmodel.data.importing.findings import Decision
@@ -24,9 +25,6 @@ _LEAST_CYCLES, _FADED = 20.0, 0.03
 _COUNTED_SD = 0.02
 # What a column that counts cycles is called: one of runs or tests counts no ageing.
 _NAME = re.compile(r"cyc|zykl|循环", re.IGNORECASE)
-# Resistance of a cell times its capacity, above which eq. 7, which is of a small cell, is none of it. Assumed: that of
-# a new one, which drops 150 mV at 1C.
-_OHM_AH = 0.15
 # Loads within this factor leave alike charge in a cell, and temperatures within so much [K]. Assumed.
 _SAME_RATE, _SAME_K = 1.5, 8.0
 
@@ -62,49 +60,60 @@ def capacities_of(
         splits: "fit" or "check" of each.
     """
     nothing: tuple[list[Stated | None], list[Decision]] = ([None] * len(counts), [])
-    measured = {
-        place: max(charge for _, charge in full_discharges(count))
-        for place, count in enumerate(counts)
-        if splits[place] == "fit" and cycles[place] is not None and full_discharges(count)
-    }
-    if len(measured) < 2:
+    ages = np.array([np.nan if number is None else number for number in cycles])
+    whole = [max((charge for _, charge in full_discharges(count)), default=np.nan) for count in counts]
+    measured = np.where([split == "fit" for split in splits], whole, np.nan)
+    there = np.flatnonzero(np.isfinite(measured) & np.isfinite(ages))
+    if there.size < 2 or not _alike([counts[place] for place in there], float(measured[there].max())):
         return nothing
-    largest = max(measured.values())
-    of = [counts[place] for place in measured if comparable(counts[place], largest)]
-    rates = [one.rate_A for one in of]
-    warmth = [one.ambient_degC for one in of if one.ambient_degC is not None]
-    alike = len(of) == len(measured) and max(rates) <= _SAME_RATE * min(rates) and np.ptp(warmth or [0.0]) <= _SAME_K
-    if not alike or largest - min(measured.values()) < _FADED * largest:
+    there = there[np.argsort(ages[there], kind="stable")]
+    if measured[there].max() - measured[there].min() < _FADED * measured[there].max():
         return nothing
-    order = sorted(measured, key=lambda place: float(cycles[place] or 0.0))
-    at, left = (np.array([float(of[place] or 0.0) for place in order]) for of in (cycles, measured))
-    found: list[Stated | None] = []
-    for place, number in enumerate(cycles):
-        value = measured.get(place, float(np.interp(float(number or 0.0), at, left)))
-        why = "its full discharge" if place in measured else "between those of younger and older runs"
-        found.append(Stated(value, _COUNTED_SD * value, why))
+    left = np.where(np.isfinite(measured), measured, np.interp(ages, ages[there], measured[there]))
+    own, between = "its full discharge", "between those of younger and older runs"
+    found = [
+        Stated(value, _COUNTED_SD * value, own if np.isfinite(one) else between)
+        for value, one in zip(left.tolist(), measured, strict=True)
+    ]
+    first, last = there[0], there[-1]
     decision = Decision(
         "capacity of each run",
         "",
-        f"{left[0]:.4g} to {left[-1]:.4g} A h over {at[0]:g} to {at[-1]:g} cycles",
+        f"{left[first]:.4g} to {left[last]:.4g} A h over {ages[first]:g} to {ages[last]:g} cycles",
         "by its own full discharge; of check runs, between those of fit runs",
         "file",
     )
-    return found, [decision]
+    return [*found], [decision]
+
+
+def _alike(counts: Sequence[Count], largest_Ah: float) -> bool:
+    """Return whether the charges of some runs may be held against each other: alike in load and temperature."""
+    rates = [one.rate_A for one in counts]
+    warmth = [one.ambient_degC for one in counts if one.ambient_degC is not None]
+    loads = all(comparable(one, largest_Ah) for one in counts) and max(rates) <= _SAME_RATE * min(rates)
+    return loads and bool(np.ptp(warmth or [0.0]) <= _SAME_K)
 
 
 def has_law(cycles: Sequence[float | None], capacity_Ah: float) -> bool:
     """Return whether the resistance that cycles add by eq. 7 can be that of a cell of this capacity."""
     most = max((number for number in cycles if number is not None), default=0.0)
-    return float(cycle_resistance(jnp.asarray(most))) < _OHM_AH / capacity_Ah
+    return float(cycle_resistance(jnp.asarray(most))) < USUAL_OHM_AH / capacity_Ah
 
 
-def told(cycles: Sequence[float | None]) -> list[Decision]:
-    """Return what is decided on the age of the cell."""
+def told(cycles: Sequence[float | None], stated: Sequence[float | None]) -> list[Decision]:
+    """Return what is decided on the age of the cell.
+
+    Args:
+        cycles: that the files count.
+        stated: that the case states.
+    """
     known = [number for number in cycles if number is not None]
     if not known:
         return []
     span = f"{min(known):g} to {max(known):g}"
+    if all(number is None for number in stated):
+        why = f"the files count {span}, and the resistance that these add by eq. 7 is more than a cell of this size has"
+        return [Decision("cycles of each run", "", "not stated", why, "physics")]
     return [Decision("cycles of each run", "", span, "the files count them: an older cell is another", "file")]
 
 

@@ -408,21 +408,22 @@ def _assembled(
         for (run, ambient), number in zip(warmed, cycles, strict=True)
     ]
     splits, why = splits_of_motors([run for run, _ in warmed], conditions, options.check)
-    general = [*general, *contradicted, *ageing.told(cycles), *why]
+    general = [*general, *contradicted, *why]
     capacity, full = None, False
-    capacities: list[charge.Stated | None] = [None] * len(warmed)
+    capacities: dict[str, charge.Stated | None] = {}
     starts: list[charge.Stated | None] = [None] * len(warmed)
     if kind == "cell":
         counts = charge.counts([run for run, _ in warmed], [one.ambient_degC for one in conditions])
         capacity, full = charge.capacity_of(counts, options.capacity_Ah, _of_preset(options.preset))
         first = charge.starts_of(counts, capacity, full)
         general += charge.against_the_log(counts, first, capacity, full)
-        of_run = {run.name: number for number, (run, _) in enumerate(warmed)}
-        places = [of_run[count.run.name] for count in counts]
-        left, faded = ageing.capacities_of(counts, [cycles[n] for n in places], [splits[n] for n in places])
-        capacities = [None if n not in places else left[places.index(n)] for n in range(len(warmed))]
+        of_run = {run.name: pair for (run, _), pair in zip(warmed, zip(cycles, splits, strict=True), strict=True)}
+        of_counts = [of_run[count.run.name] for count in counts]
+        left, faded = ageing.capacities_of(counts, [number for number, _ in of_counts], [one for _, one in of_counts])
+        capacities = {count.run.name: one for count, one in zip(counts, left, strict=True)}
         if not ageing.has_law(cycles, capacity.value):
             conditions = [dataclasses.replace(one, cycles=None) for one in conditions]
+        general += ageing.told(cycles, [one.cycles for one in conditions])
         capacity, apart = (ageing.as_aged(capacity, left), faded) if faded else balance.capacities(counts, capacity)
         first, capacity, unbalanced = balance.starts(counts, first, capacity)
         general += [*apart, *unbalanced]
@@ -435,14 +436,12 @@ def _assembled(
     if several := specimens([run for run, _ in warmed if not run.specimen]):
         general.append(several)
     done = []
-    for (run, ambient), condition, start, part, left_Ah in zip(
-        warmed, conditions, starts, splits, capacities, strict=True
-    ):
+    for (run, ambient), condition, start, part in zip(warmed, conditions, starts, splits, strict=True):
         of_list = listed.get(run.source.name)
         label = _label(condition, of_list, None if capacity is None else capacity.value)
         rises = {} if kind == "cell" else warm_start.rises_of(run, ambient)
         run = warm_start.told(run if start is None else charge.told(run, start), rises)
-        done.append(ImportedRun(run, part, label, ambient, start, condition, rises, left_Ah))
+        done.append(ImportedRun(run, part, label, ambient, start, condition, rises, capacities.get(run.name)))
     general += _about_capacity(capacity, full, options)
     warmth = [one.ambient_degC for one in done]
     general += odd_units([one.log for one in done], warmth, capacity, full, options)

@@ -41,11 +41,11 @@ def constants_of(runs: Sequence[Log]) -> dict[str, Stated]:
 def _of_rows(runs: Sequence[Log], voltage: np.ndarray, speed: np.ndarray, fast: np.ndarray) -> dict[str, Stated]:
     current, load = _pooled(runs, "current_A"), _pooled(runs, "load_torque_Nm")
     if current is not None and np.isfinite(current[fast]).sum() > 5:
-        resistance, constant = _slopes(voltage, current, speed)
+        resistance, constant = slopes(voltage, current, speed)
         if resistance > 0.0 and constant > 0.0:
             return _both(constant, resistance, _SD, "least squares of V = R_0 i + k_tau w over all rows")
     elif load is not None and (loads := load[fast & np.isfinite(load)]).size and np.ptp(loads) > 0.0:
-        per_torque, constant = _slopes(voltage, load, speed)
+        per_torque, constant = slopes(voltage, load, speed)
         if per_torque > 0.0 and constant > 0.0:
             why = "least squares of V = R_0 T / k_tau + k_tau w over all rows, T the load torque"
             return _both(constant, per_torque * constant, _SD_ALONE, why)
@@ -65,7 +65,7 @@ def _check(name: str, value: float, voltage: float, speed: float) -> None:
         )
 
 
-def _slopes(voltage: np.ndarray, carried: np.ndarray, speed: np.ndarray) -> tuple[float, float]:
+def slopes(voltage: np.ndarray, carried: np.ndarray, speed: np.ndarray) -> tuple[float, float]:
     """Return a and k of V = a x + k w, x being what the motor carries."""
     rows = np.isfinite(voltage) & np.isfinite(carried) & np.isfinite(speed)
     slopes = np.linalg.lstsq(np.stack([carried[rows], speed[rows]], axis=1), voltage[rows], rcond=None)[0]

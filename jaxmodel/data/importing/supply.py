@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 
 from jaxmodel.data.importing.findings import Finding
 from jaxmodel.data.importing.logs import Log
+from jaxmodel.data.importing.motor_constants import slopes
 from jaxmodel.data.importing.options import Options
 
 # Runs from which the others may tell one, and steady rows that each needs. Assumed.
@@ -80,9 +81,13 @@ def _steady(run: Log) -> _Steady | None:
 def _constants(rows: Sequence[_Steady]) -> tuple[float, float]:
     """Return R [ohm] and k [V s/rad] of some runs, by least squares that single bad rows do not move."""
     voltage = np.concatenate([np.full(one.current.size, one.volts) for one in rows])
-    parts = [np.concatenate([one.current for one in rows]), np.concatenate([one.speed for one in rows])]
-    carried = np.stack(parts, axis=1)
-    first = np.linalg.lstsq(carried, voltage, rcond=None)[0]
+    current, speed = np.concatenate([one.current for one in rows]), np.concatenate([one.speed for one in rows])
     scale = _WHITE_V * float(np.median(np.abs(voltage)))
-    found = least_squares(lambda x: carried @ x - voltage, first, loss="cauchy", f_scale=scale, x_scale="jac")
+    found = least_squares(
+        lambda x: x[0] * current + x[1] * speed - voltage,
+        slopes(voltage, current, speed),
+        loss="cauchy",
+        f_scale=scale,
+        x_scale="jac",
+    )
     return float(found.x[0]), float(found.x[1])

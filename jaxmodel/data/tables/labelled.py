@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 from collections import Counter
 from pathlib import Path
@@ -12,7 +11,7 @@ import pandas as pd
 from jaxmodel.base.errors import MeasurementError
 from jaxmodel.case.measurements import file_label
 from jaxmodel.data.tables.raw_table import RawTable, to_numbers, units_in
-from jaxmodel.data.tables.sniffing import encoding_of
+from jaxmodel.data.tables.sniffing import encoding_of, first_lines
 from jaxmodel.data.tables.units import is_unit
 
 _STAMP = re.compile(
@@ -36,11 +35,7 @@ def is_labelled(path: Path, encoding: str | None = None) -> bool:
         path: the file.
         encoding: a codec of Python; by default found.
     """
-    try:
-        with path.open(encoding=encoding or encoding_of(path), errors="replace") as stream:
-            lines = [line for line in itertools.islice(stream, _SAMPLE_LINES) if line.strip()]
-    except (MeasurementError, LookupError):  # said by the reader of tables
-        return False
+    lines = first_lines(path, _SAMPLE_LINES, encoding)
     named = Counter(names for line in lines if len(names := tuple(_pairs(line)[1])) >= _FEWEST_PAIRS)
     return bool(named) and len(lines) > 1 and named.most_common(1)[0][1] >= 0.5 * len(lines) and (
         named.total() >= _SURE * len(lines)

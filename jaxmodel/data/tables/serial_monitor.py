@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 from pathlib import Path
 
-from jaxmodel.base.errors import MeasurementError
-from jaxmodel.data.tables.sniffing import encoding_of
+from jaxmodel.data.tables.sniffing import encoding_of, first_lines
 
 ARRIVAL = "Arrival time"
 _LINE = re.compile(r"^\s*(\d{1,2}:\d\d:\d\d[.,]\d{1,6})\s*->\s*(.*\S)\s*$")
@@ -23,11 +21,7 @@ def is_serial_monitor(path: Path, encoding: str | None = None) -> bool:
         path: the file.
         encoding: a codec of Python; by default found.
     """
-    try:
-        with path.open(encoding=encoding or encoding_of(path), errors="replace") as stream:
-            lines = [line for line in itertools.islice(stream, _SAMPLE_LINES) if line.strip()]
-    except (MeasurementError, LookupError):  # said by the reader of tables
-        return False
+    lines = first_lines(path, _SAMPLE_LINES, encoding)
     found = [one for line in lines if (one := _LINE.match(line)) is not None]
     numbers = sum(one[2][0] in "+-.0123456789" for one in found)
     return len(lines) > 1 and len(found) >= _SURE * len(lines) and numbers >= 0.5 * len(lines)

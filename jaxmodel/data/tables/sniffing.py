@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import csv
 import dataclasses
+import itertools
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -118,6 +119,21 @@ def encoding_of(path: Path) -> str:
     # A degree or micro sign by itself is also half of a character of the east.
     alone = re.search(rb"[\x00-\x7f][\xb0\xb5\xb2\xb3\xba][\x00-\x7f]", lines) is not None
     return "cp1252" if best is None or alone else best.encoding
+
+
+def first_lines(path: Path, most: int, encoding: str | None = None) -> list[str]:
+    """Return the first lines of a text that are not blank; none of a file that the reader of tables will refuse.
+
+    Args:
+        path: the file.
+        most: lines that are read.
+        encoding: a codec of Python; by default found.
+    """
+    try:
+        with path.open(encoding=encoding or encoding_of(path), errors="replace") as stream:
+            return [line for line in itertools.islice(stream, most) if line.strip()]
+    except (MeasurementError, LookupError):
+        return []
 
 
 def _no_table(path: Path, lines: Sequence[str]) -> str:

@@ -67,8 +67,12 @@ def test_a_part_of_a_discharge_has_the_capacity_of_its_neighbours_in_age(tmp_pat
 def test_a_large_cell_has_its_capacities_and_not_the_resistance_of_a_small_one(tmp_path: Path) -> None:
     """By eq. 7 two hundred cycles add 21 mohm: ten times what a cell of 100 A h has."""
     log = life(0.3).assign(current_A=lambda log: 40.0 * log.current_A)
-    entries = [run.entries() for run in imported(tmp_path, log).runs]
+    large = imported(tmp_path, log)
+    entries = [run.entries() for run in large.runs]
     assert all("cycles" not in one for one in entries)
+    assert [(one.value, one.source) for one in large.decisions if one.about == "cycles of each run"] == [
+        ("not stated", "physics")
+    ]
     assert entries[-1]["capacity_Ah"]["value"] == pytest.approx(70.0, rel=0.02)
 
 
