@@ -89,6 +89,9 @@ def _verdict(diagnosis: Diagnosis, plain: bool) -> str:
         case "missing_effect":
             return _capital(f"{doubt}the {model} lacks {named}{_of_another_form(diagnosis)}.")
         case "sensor_fault":
+            if not _is_good_enough(diagnosis):
+                fault = f"a sensor is faulty: {named}; the data show no missing effect, but {exceeding(diagnosis)}"
+                return _capital(f"{doubt}{fault}.")
             fault = f"the model needs no further physics; a sensor is faulty: {named}"
             return _capital(f"{doubt}{fault}{_of_another_form(diagnosis)}.")
         case "unknown_effect":

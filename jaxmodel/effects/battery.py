@@ -76,7 +76,7 @@ class OcvHysteresis(Effect):
 
     name: ClassVar[str] = "ocv_hysteresis"
     kinds: ClassVar[tuple[str, ...]] = CELL
-    equation: ClassVar[str] = "V -= M h; dh/dt = |g i/Q| (sgn(i) - h); h(0) = h_0"
+    equation: ClassVar[str] = "V -= M (1 + b (1 - 2 z)) h; dh/dt = |g i/Q| (sgn(i) - h); h(0) = h_0"
     M_V: Scalar = parameter(
         0.02, unit="V", meaning="half width of the loop", null=0.0, lower=0.0, upper=0.5, typical=(0.005, 0.06)
     )
@@ -90,6 +90,10 @@ class OcvHysteresis(Effect):
         typical=(5.0, 200.0),
         shape_grid=(8.0, 30.0, 120.0),
     )
+    b: Scalar = parameter(
+        0.0, unit="", meaning="how much wider the loop is empty than at half charge, as a share of M",
+        lower=-1.0, upper=1.0, typical=(-0.8, 0.8), shape_grid=(0.0,),
+    )  # fmt: skip
 
     def initial_state(self, parameters, ambient_degC: Scalar) -> State:
         """Start where the run's `initial_hysteresis` says; 0, the default, is the middle of the loop."""
@@ -104,7 +108,8 @@ class OcvHysteresis(Effect):
 
     def overpotential(self, value: Scalar, context: CellContext) -> Scalar:
         """Lose M h; as an overpotential it dissipates, and the heat's V_oc is free of it."""
-        return value + self.M_V * context.state["ocv_hysteresis.h"]
+        width = self.M_V * (1.0 + self.b * (1.0 - 2.0 * context.soc))
+        return value + width * context.state["ocv_hysteresis.h"]
 
 
 class EntropicOcv(Effect):

@@ -16,6 +16,8 @@ _ALL_BUT_ONE = 1.0 - 1e-12
 # Largest distance from the stated value, in sd (assumed), for parameters of one run, and of all runs: a data sheet may
 # state too small an sd.
 REACH_OF_A_RUN, REACH_OF_ALL = 5.0, 10.0
+# What is possible ends near a usual range if it ends within so many of its sd. Assumed.
+_NEAR_SD = 3.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,14 +107,16 @@ def effect_coordinate(name: str, info: ParameterInfo, usual: tuple[float, float]
     """Return the coordinate of an effect's parameter, from its usual range or that of the specimen.
 
     It is logarithmic in the distance from the null if the range is on one side of the null, so that the sign is kept;
-    otherwise it is linear.
+    otherwise it is linear. It stays within what is possible where that ends near the usual range, on either side alike.
     """
     assert info.typical is not None, f"{name} declares no usual range"
     low, high = usual or info.typical
     origin = info.null if info.null is not None and math.isfinite(info.null) else 0.0
     near, far = sorted((abs(low - origin), abs(high - origin)))
     if (low - origin) * (high - origin) <= 0.0:
-        return Coordinate(name, origin, max(abs(low), abs(high)))
+        sd, possible = max(abs(low), abs(high)), info.upper - origin
+        near = possible == origin - info.lower and possible < _NEAR_SD * sd
+        return Coordinate(name, origin, sd, reach=possible / sd if near else math.inf)
     return Coordinate(
         name,
         centre=0.5 * (math.log(near) + math.log(far)),

@@ -34,6 +34,7 @@ TOLD = {
     "self_heating.hA": ("hA", "W/K", "heating and cooling of one node under the losses of the model"),
     "ocv_hysteresis.M_V": ("M_V", "V", f"{REFIT}, effect ocv_hysteresis"),
     "ocv_hysteresis.g": ("g", "", f"{REFIT}, effect ocv_hysteresis"),
+    "ocv_hysteresis.b": ("b", "", f"{REFIT}, effect ocv_hysteresis"),
     "charge_transfer.i_0": ("i_0", "A", f"{REFIT}, effect charge_transfer: the data tell of it"),
     "charge_transfer.E_i": ("E_i", "J/mol", f"{REFIT}, effect charge_transfer"),
     "slow_diffusion.R_3": ("R_3", "ohm", f"{REFIT}, effect slow_diffusion: the data tell of it"),

@@ -35,6 +35,7 @@ EFFECTS_OF_ENERGIES = {
     "arrhenius_long_polarisation": ("E_l", 0.0),
 }
 LEAST_HYSTERESIS_V = 0.005
+TILT_SD = 0.4  # of b: half its usual range. Assumed.
 THERMAL_SD = 0.3  # share of C_th and hA of a linear start. Assumed.
 FIRST_READING_K = 0.3  # sd of the first reading of a thermometer. Assumed.
 
@@ -98,7 +99,7 @@ def first_case(
             put(name, {field: (energy, ENERGY_SD)})
     if hysteresis:
         M_V = max(start.M_V, LEAST_HYSTERESIS_V)
-        put("ocv_hysteresis", {"M_V": (M_V, 0.5 * M_V), "g": (PACE, PACE)})
+        put("ocv_hysteresis", {"M_V": (M_V, 0.5 * M_V), "g": (PACE, PACE), "b": (0.0, TILT_SD)})
     sd = drawn.sd if math.isfinite(drawn.sd) else 0.05 * drawn.value
     found = {"capacity_Ah": Known(drawn.value, sd)} | dict.fromkeys(SCALES, Known(1.0, SCALE_SD))
     found |= dict.fromkeys(AGE, Known(0.0))

@@ -84,9 +84,9 @@ def test_what_is_far_off_enters_first_and_alone_is_refitted():
 def held_to(search: Search, M_V: float) -> list[str]:
     """What held-out runs contradict in a model with a hysteresis of that size."""
     cache, labels = search.cache, ("ocv_hysteresis",)
-    fit, (place, pace) = cache.fit(labels), cache.space.layout.of["ocv_hysteresis"]
+    fit, (place, *rest) = cache.fit(labels), cache.space.layout.of["ocv_hysteresis"]
     coordinate, x = cache.space.layout.coordinates[place], fit.x.copy()
-    x[pace] = 0.0
+    x[rest] = 0.0
     x[place] = (np.log(M_V) - coordinate.centre) / coordinate.spread
     cache._fits[cache.space.key(labels), "base", ()] = dataclasses.replace(fit, x=x)
     found = list(_in_vain(search, labels, labels))

@@ -90,6 +90,18 @@ def test_activated_charge_transfer_is_that_of_the_second_simulator():
     np.testing.assert_allclose(found["voltage_V"], expected["voltage_V"], atol=2e-4)
 
 
+def test_a_loop_that_is_wider_when_full_is_that_of_the_second_simulator():
+    inputs = {"current_A": 4.0 * staircase(3, 60, 1.0), "ambient_degC": np.full(60, 25.0)}
+    given = {"ocv_hysteresis": {"M_V": 0.04, "g": 60.0, "b": -0.5}}
+    profile = Profile(np.arange(60.0) * 20.0, inputs)
+    model = Model("cell", Parameters(initial_soc=0.9), effects=(CATALOGUE["ocv_hysteresis"](M_V=0.04, g=60.0, b=-0.5),))
+    found = readings(model, profile)["voltage_V"]
+    expected = simulate("cell", {}, {"time_s": profile.time_s, **inputs}, given, 0.9)["voltage_V"]
+    np.testing.assert_allclose(found, expected, atol=2e-4)
+    even = simulate("cell", {}, {"time_s": profile.time_s, **inputs}, {"ocv_hysteresis": {"M_V": 0.04, "g": 60.0}}, 0.9)
+    assert np.abs(found - even["voltage_V"]).max() > 5e-3
+
+
 def test_an_energy_of_the_long_pair_is_that_of_its_curve():
     found = of_cell(CATALOGUE["arrhenius_long_polarisation"](E_l=12e3))
     expected = of_cell(CURVES["long_energy"]([12e3]))

@@ -113,23 +113,28 @@ def test_usual_range_of_an_effect_ends_at_one_sd_on_its_side_of_the_null(effect:
     entry = describe(CATALOGUE[effect])[name]
     low, high = entry.typical
     coordinate = effect_coordinate(name, entry)
-    ends = sorted(coordinate.number(x) for x in (-1.0, 1.0))
     if coordinate.logarithmic:
+        ends = sorted(coordinate.number(x) for x in (-1.0, 1.0))
         assert ends == pytest.approx([low, high])
         far = [coordinate.number(x) for x in (-8.0, 8.0)]
         assert all(math.copysign(1.0, number - coordinate.origin) == coordinate.sign for number in far)
         assert (low - coordinate.origin) * coordinate.sign > 0.0
     else:
         assert low <= coordinate.centre <= high
-        assert max(abs(low), abs(high)) == pytest.approx(abs(ends[1] - coordinate.centre))
+        assert max(abs(low), abs(high)) == pytest.approx(coordinate.slope(0.0))
+
+
+def test_bounded_number_stays_within_what_is_possible() -> None:
+    coordinate = effect_coordinate("b", describe(OcvHysteresis())["b"])
+    assert [coordinate.number(x) for x in (-50.0, 0.0, 50.0)] == pytest.approx([-1.0, 0.0, 1.0])
 
 
 def test_candidate_is_tried_at_every_shape_of_its_grid() -> None:
     hysteresis = make_candidate(OcvHysteresis())
-    assert [c.name for c in hysteresis.coordinates] == ["ocv_hysteresis.M_V", "ocv_hysteresis.g"]
+    assert [c.name for c in hysteresis.coordinates] == ["ocv_hysteresis.M_V", "ocv_hysteresis.g", "ocv_hysteresis.b"]
     tried = [[c.number(x) for c, x in zip(hysteresis.coordinates, probe, strict=True)] for probe in hysteresis.probes]
     middle = np.sqrt(0.005 * 0.06)
-    np.testing.assert_allclose(tried, [[middle, 8.0], [middle, 30.0], [middle, 120.0]])
+    np.testing.assert_allclose(tried, [[middle, 8.0, 0.0], [middle, 30.0, 0.0], [middle, 120.0, 0.0]])
     assert len(make_candidate(SelfHeating()).probes) == 4
 
 

@@ -102,7 +102,7 @@ def alone(case: Case, layout: Layout, lane: Lane, number: int) -> dict[str, np.n
     soc = Known(parameters.pop("initial_soc", run.initial_soc.value))
     rest = {name: parameters.pop(name) for name in ("initial_temperature_rise_K", "initial_hysteresis")}
     effects = {
-        "ocv_hysteresis": {"M_V": numbers["ocv_hysteresis.M_V", -1], "g": numbers["ocv_hysteresis.g", -1]},
+        "ocv_hysteresis": {name: numbers[f"ocv_hysteresis.{name}", -1] for name in ("M_V", "g", "b")},
         "voltage_offset": {"column": "voltage_V", "c": numbers["voltage_offset:voltage_V.c", -1]},
     }
     if lane.switches[2]:
@@ -130,11 +130,11 @@ def test_unknowns_are_what_the_case_its_runs_and_the_effects_leave_open(made: tu
     ]
     first = layout.base
     assert layout.of == {
-        "ocv_hysteresis": (first, first + 1),
-        "voltage_offset:voltage_V": (first + 2,),
-        "arrhenius_resistance": (first + 3,),
+        "ocv_hysteresis": (first, first + 1, first + 2),
+        "voltage_offset:voltage_V": (first + 3,),
+        "arrhenius_resistance": (first + 4,),
     }
-    assert layout.places_of(["arrhenius_resistance"]) == [*range(first), first + 3]
+    assert layout.places_of(["arrhenius_resistance"]) == [*range(first), first + 4]
     own = layout.coordinates[3]
     assert (own.number(0.0), own.slope(0.0)) == pytest.approx((1.8, 0.1))
     # The thermometer reads 1 K more than the other: the cell may have been at rest.
@@ -206,7 +206,7 @@ def test_effects_that_are_off_leave_the_base_model_to_the_bit(
 ) -> None:
     problem, layout = made
     off = dataclasses.replace(lane, switches=np.zeros(3))
-    far = dataclasses.replace(off, x=np.concatenate([lane.x[: layout.base], np.full(4, 2.0)]))
+    far = dataclasses.replace(off, x=np.concatenate([lane.x[: layout.base], np.full(5, 2.0)]))
     np.testing.assert_array_equal(predictions(problem, [off]), predictions(problem, [far]))
 
 

@@ -18,7 +18,7 @@ NULL: dict[str, dict[str, float]] = {
     "arrhenius_resistance": {"E_a": 0.0},
     "capacity_temperature": {"a": 0.0},
     "rate_capacity": {"p": 1.0},
-    "ocv_hysteresis": {"M_V": 0.0, "g": 0.0},
+    "ocv_hysteresis": {"M_V": 0.0, "g": 0.0, "b": 0.0},
     "entropic_ocv": {"dU_dT": 0.0},
     "self_heating": {"on": 0.0, "C_th": 1.0, "hA": 0.0},
     "slow_diffusion": {"R_3": 0.0, "tau_3": 1.0e3},

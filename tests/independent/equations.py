@@ -114,7 +114,7 @@ def cell_part(y: dict[str, jax.Array], ambient: jax.Array, p: Tree, e: Tree) -> 
         "temperature": temperature,
         "kelvin": kelvin,
         "charge": usable_charge(temperature, p, e),
-        "slow_drop": y["v_ts"] + y["v_tl"] + y["v_3"] + e["ocv_hysteresis"]["M_V"] * y["hysteresis"],
+        "slow_drop": y["v_ts"] + y["v_tl"] + y["v_3"] + _loop(y["soc"], e["ocv_hysteresis"]) * y["hysteresis"],
         "weak_gain": cell["v_oc_weak"] - cell["v_oc"] - (y["v_ts_weak"] + y["v_tl_weak"] - y["v_ts"] - y["v_tl"]),
         "charge_transfer_volt": 2.0 * GAS_CONSTANT * kelvin / FARADAY,
         "per_exchange_current": _per_exchange_current(kelvin, e),
@@ -259,6 +259,10 @@ def derivative(kind: str, vector: jax.Array, inputs: jax.Array, slide: jax.Array
         rate |= _motor_rates(a, slide, p)
     rate["t_lagged"] = (_lag_target(a, e) - a["y"]["t_lagged"]) / e["temperature_lag"]["tau"]
     return jnp.stack([rate[name] for name in STATES])
+
+
+def _loop(soc: jax.Array, effect: Tree) -> jax.Array:
+    return effect["M_V"] * (1.0 + effect["b"] * (1.0 - 2.0 * soc))
 
 
 def _cell_rates(a: dict[str, Any], p: Tree, e: Tree) -> dict[str, jax.Array]:

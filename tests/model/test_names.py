@@ -26,6 +26,7 @@ NUMBERS = {
     "R_0": 0.103,
     "ocv_hysteresis.M_V": 0.03,
     "ocv_hysteresis.g": 40.0,
+    "ocv_hysteresis.b": 0.0,
     "voltage_offset:voltage_V.c": 0.2,
     "temperature_lag:cell_temperature_degC.tau": 9.0,
 }
