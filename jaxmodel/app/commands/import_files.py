@@ -17,6 +17,13 @@ from jaxmodel.data.importing import Imported, Options, Question, import_case
 from jaxmodel.data.importing.imported import shortened
 
 _MOST_DECISIONS, _MOST_FINDINGS = 40, 40
+_FORMS = {
+    "column": 'NAME="COLUMN"',
+    "unit": "COLUMN=UNIT",
+    "specimen": "NAME=PATTERN",
+    "load": "LAW:NAME=VALUE,NAME=VALUE",
+    "controller": "position:NAME=VALUE,NAME=VALUE",
+}
 
 
 def import_files(
@@ -49,7 +56,6 @@ def import_files(
     """
     if kind not in KINDS:
         raise MeasurementError(f"--kind: there is no '{kind}'; use {', '.join(KINDS)}.{nearest(kind, KINDS)}")
-    constants = [_pair(text, "constant") for text in pairs["constant"]]
     law, of_law = _with_numbers(load, "load")
     loop, gains = _with_numbers(controller, "controller")
     options = Options(
@@ -57,10 +63,12 @@ def import_files(
         load_numbers=of_law,
         controller=loop,
         controller_numbers=gains,
-        columns=dict(_pair(text, "column") for text in pairs["column"]),
-        units=dict(_pair(text, "unit") for text in pairs["unit"]),
-        specimens=dict(_pair(text, "specimen") for text in pairs.get("specimen", ())),
-        constants={name: _number(value, f"--constant {name}") for name, value in constants},
+        columns=_pairs(pairs["column"], "column"),
+        units=_pairs(pairs["unit"], "unit"),
+        specimens=_pairs(pairs.get("specimen", ()), "specimen"),
+        constants={
+            name: _number(value, f"--constant {name}") for name, value in _pairs(pairs["constant"], "constant").items()
+        },
         **decisions,
     )
     paths = files_of(files, out)
@@ -111,18 +119,31 @@ def files_of(files: Sequence[Path], out: Path) -> list[Path]:
     return found
 
 
-def _pair(text: str, option: str) -> tuple[str, str]:
-    name, equals, value = text.partition("=")
-    if not equals or not name.strip():
-        raise MeasurementError(f"--{option} {text}: give NAME=VALUE.")
-    return name.strip(), value.strip().strip("\"'")
+def _pairs(texts: Sequence[str], option: str) -> dict[str, str]:
+    """Return NAME=VALUE as names with values.
+
+    Raises:
+        MeasurementError: one is not of that form, or a name is given twice.
+    """
+    found: dict[str, str] = {}
+    for text in texts:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not equals or not name:
+            raise MeasurementError(f"--{option} {text}: give {_FORMS.get(option, 'NAME=VALUE')}.")
+        if name in found:
+            other = "; a pattern such as 'm[12]_*' is of several files" if option == "specimen" else ""
+            raise MeasurementError(f"--{option}: {name} is given twice{other}; keep one of them.")
+        found[name] = value.strip("\"'")
+    return found
 
 
 def _with_numbers(text: str | None, option: str) -> tuple[str | None, dict[str, float]]:
     """Return the name and the numbers of 'gravity:mass_kg=0.5,arm_m=0.1'; None for none."""
-    name, _, numbers = (text or "").partition(":")
-    pairs = [_pair(one.strip(), option) for one in numbers.split(",") if one.strip()]
-    return name or None, {key: _number(value, f"--{option} {key}") for key, value in pairs}
+    if text is None:
+        return None, {}
+    name, _, numbers = text.partition(":")
+    pairs = _pairs([one for one in numbers.split(",") if one.strip()], option)
+    return name.strip(), {key: _number(value, f"--{option} {key}") for key, value in pairs.items()}
 
 
 def _number(text: str, option: str) -> float:
@@ -165,7 +186,7 @@ def _print(imported: Imported) -> None:
     decided = shortened([one for one in imported.decisions if one.about not in ("reading", "clock", "convention")])
     for line in decided[:_MOST_DECISIONS]:
         terminal.say(f"decided: {line}")
-    warned = list(dict.fromkeys(one.sentence for one in imported.findings if one.weight == "warning"))
+    warned = imported.warned()
     for line in warned[:_MOST_FINDINGS]:
         terminal.say(f"look at: {line}")
     if len(decided) > _MOST_DECISIONS or len(warned) > _MOST_FINDINGS:

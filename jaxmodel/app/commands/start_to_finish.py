@@ -104,7 +104,7 @@ def _stated(decisions: Mapping[str, Any]) -> Iterable[str]:
         if isinstance(value, Mapping):
             yield from _stated(value)
         elif value not in (unstated.get(name), None, [], ()):
-            yield {"capacity_Ah": "capacity"}.get(name, name.replace("_", "-"))
+            yield {"capacity_Ah": "capacity", "motors": "motor"}.get(name, name.replace("_", "-"))
 
 
 def _files_of(case: Path) -> list[Path]:

@@ -241,6 +241,8 @@ def _named(names: Sequence[str], stated: Sequence[str]) -> set[str]:
         found = [name for name in names if fnmatch.fnmatchcase(name, plain)]
         if not found:
             hint = nearest(plain, names) or f" The runs are {', '.join(names[:20])}."
+            if len(parts := plain.replace(",", " ").split()) > 1 and all(part in names for part in parts):
+                hint = f" Give each run an option of its own, as --check {parts[0]} --check {parts[1]}."
             raise MeasurementError(f"check: no run is called '{pattern}'.{hint}")
         check.update(found)
     if len(check) == len(names):

@@ -203,9 +203,15 @@ def test_specimens_in_files_of_their_own_are_stated_by_patterns(tmp_path: Path):
 @pytest.mark.parametrize(
     ("names", "stated", "words"),
     [
-        (("step_a", "step_c"), {"A": "*_a"}, "step_c.csv: specimen: the file is of none of them"),
+        (("step_a", "step_b", "step_c"), {"A": "*_a", "B": "*_b"}, "step_c.csv: specimen: the file is of none of them"),
         (("step_a", "step_b"), {"A": "*_a", "B": "step_*"}, "step_a.csv: specimen: the file is of A and B"),
-        (("step_a",), {"A": "*_a", "B": "*_b"}, "no file is called '*_b'"),
+        (
+            ("step_a",),
+            {"A": "*_a", "B": "*_b"},
+            "no file is called '*_b'; correct the pattern of B. The files are step_a",
+        ),
+        (("step_a", "step_b"), {"A": "*"}, "only A is stated, and there is nothing to compare it with"),
+        (("step_a", "step_b"), {"A": "", "B": "*_b"}, "A has no pattern of files"),
     ],
 )
 def test_specimens_that_do_not_fit_the_files_are_refused(tmp_path: Path, names, stated, words: str):

@@ -25,7 +25,7 @@ from jaxmodel.base.units import readable, split_unit
 from jaxmodel.case.build import case_model
 from jaxmodel.case.records import Case
 from jaxmodel.data.importing import Imported
-from jaxmodel.data.importing.imported import shortened
+from jaxmodel.data.importing.imported import sentences, shortened
 from jaxmodel.diagnosis import Investigation
 from jaxmodel.diagnosis.headline import undetectable
 from jaxmodel.diagnosis.opening import opening
@@ -77,12 +77,11 @@ def case_view(case: Case) -> dict[str, Any]:
 def import_view(imported: Imported) -> dict[str, Any]:
     """Return what an import decided and found, in sentences."""
     decided = shortened([one for one in imported.decisions if one.about not in ("reading", "clock", "convention")])
-    warned = dict.fromkeys(one.sentence for one in imported.findings if one.weight == "warning")
-    noted = dict.fromkeys(one.sentence for one in imported.findings if one.weight != "warning")
+    noted = sentences(one for one in imported.findings if one.weight != "warning")
     return {
         "decided": decided[:_MOST_LINES],
-        "warned": list(warned)[:_MOST_LINES],
-        "noted": list(noted)[:_MOST_LINES],
+        "warned": imported.warned()[:_MOST_LINES],
+        "noted": noted[:_MOST_LINES],
         "missing": imported.missing(),
     }
 
