@@ -217,7 +217,7 @@ def _logs(
         for target in _lacking(chosen, kind, options):
             if target not in elsewhere and target not in options.columns:
                 chosen |= _asked(target, table, chosen, ask)
-    units, told = with_units_of_time(table, chosen, units, kind, ask)
+    table, units, told = with_units_of_time(table, chosen, units, kind, ask)
     header = _header(chosen, seen, units)
     logs = [_log(part, name, kind, chosen, units, header) for name, part in table.tables()]
     return [
