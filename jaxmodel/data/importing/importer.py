@@ -449,11 +449,11 @@ def _of_preset(preset: str | None) -> charge.Stated | None:
 def _about_capacity(capacity: charge.Stated | None, full: bool, options: Options) -> list[Finding | Decision]:
     if capacity is None:
         return []
-    value = f"{capacity.value:.4g} ± {capacity.sd:.2g} A h"
+    value = f"{capacity.value:.4g} ± {capacity.sd:.{2 if capacity.sd < 99.5 else 3}g} A h"
     source = "user" if options.capacity_Ah is not None else "file" if full else "assumed"
     about: list[Finding | Decision] = [Decision("capacity_Ah", "", value, capacity.why, source)]
     if not full and _of_preset(options.preset) is None:
-        sentence = f"The capacity is not known, {capacity.why}: state --capacity ({value} is written)."
+        sentence = f"The capacity is not known ({capacity.why}): state --capacity ({value} is written)."
         about.append(Finding("capacity", "", sentence, "warning"))
     return about
 
